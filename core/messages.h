@@ -1,0 +1,40 @@
+#pragma once
+
+#include <concepts>
+#include <span>
+#include <string>
+
+#include "core/error.h"
+#include "core/middleware.h"
+#include "idl/action.h"
+#include "idl/episode.h"
+#include "idl/observation.h"
+#include "idl/status.h"
+#include "idl/task_settings.h"
+#include "idl/training.h"
+#include "idl/traversal.h"
+
+namespace citylearn {
+
+/// The one action alphabet of the task (TASK: 0 stay, 1 next, 2 previous).
+inline constexpr int kActions = 3;
+enum : std::uint8_t { kStay = 0, kNext = 1, kPrevious = 2, kNoAction = 255 };
+
+/// Topic of a message type. Defined for every message of idl/ (messages.cc); another type does not link.
+template <class Message>
+const Topic& topic_of();
+
+/// CDR bytes of a message, into `bytes` (its capacity is used again). Throws Error when a sequence is over its bound.
+template <class Message>
+void encode(const Message& message, Bytes& bytes);
+
+/// Message from CDR bytes. Throws Error that names the type and the field when the bytes are cut short, another protocol,
+/// over a bound, an unknown enumerator, or sequences that should be of one length are not. Never allocates for more
+/// elements than the bytes can hold.
+template <class Message>
+void decode(std::span<const std::byte> bytes, Message& message);
+
+/// Names of every topic of the project, for tools and tests.
+std::vector<Topic> all_topics();
+
+}  // namespace citylearn

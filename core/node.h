@@ -1,0 +1,106 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+
+#include "core/messages.h"
+#include "core/middleware.h"
+
+namespace citylearn {
+
+/// Counts of a node's traffic, as published in ServiceStatus.
+struct Traffic {
+  std::uint64_t received = 0;
+  std::uint64_t repeated = 0;
+  std::uint64_t resent = 0;
+  std::uint64_t rejected = 0;
+};
+
+/// One service on the wire: its identity in a run, and typed writers and readers over one Middleware.
+/// Used by one thread at a time.
+class Node {
+ public:
+  struct Options {
+    MiddlewareOptions middleware;
+    std::string service;         ///< kind: "env_service"
+    std::string id;              ///< unique within the run, at most 64 characters
+    std::string run = "default"; ///< messages of other runs are ignored, at most 64 characters
+  };
+  explicit Node(Options options);
+  ~Node();
+
+  template <class Message>
+  void publish(Message& message) {  // stamps message.header()
+    Channel& channel = publisher(topic_of<Message>());
+    stamp(message.header(), ++channel.written);
+    encode(message, buffer_);
+    channel.publisher->publish(buffer_);
+  }
+
+  /// Next message of this run, not sent by this very process; false when there is none. Undecodable ones are counted,
+  /// logged once a kind, and skipped.
+  template <class Message>
+  bool take(Message& message) {
+    Channel& channel = subscription(topic_of<Message>());
+    while (channel.subscription->take(buffer_)) {
+      try {
+        decode(std::span<const std::byte>(buffer_), message);
+      } catch (const Error& error) {
+        reject(error);
+        continue;
+      }
+      if (!accept(message.header())) continue;
+      ++traffic.received;
+      return true;
+    }
+    return false;
+  }
+
+  /// Creates the writer or reader ahead of its first use, so that discovery begins now.
+  template <class Message>
+  void announce() { publisher(topic_of<Message>()); }
+  template <class Message>
+  void listen() { subscription(topic_of<Message>()); }
+  template <class Message>
+  int readers() { return publisher(topic_of<Message>()).publisher->matched(); }
+
+  /// Waits until something may be there to take (true) or the deadline has passed. Publishes the heartbeat when it is due,
+  /// and logs the middleware's faults.
+  bool wait(Clock::time_point deadline);
+
+  /// What the next heartbeats say. A changed state is sent at once.
+  void report(msg::State state, const std::string& activity, float rate = 0);
+
+  const Options& options() const { return options_; }
+  std::uint64_t incarnation() const { return incarnation_; }
+  std::string middleware_name() const { return middleware_->name(); }
+  /// Faults of the middleware seen so far (type mismatches), a line each.
+  const std::vector<std::string>& faults() const { return faults_; }
+
+  Traffic traffic;
+
+ private:
+  struct Channel {
+    std::unique_ptr<Publisher> publisher;
+    std::unique_ptr<Subscription> subscription;
+    std::uint64_t written = 0;
+  };
+  Channel& publisher(const Topic& topic);
+  Channel& subscription(const Topic& topic);
+  void stamp(msg::Header& header, std::uint64_t number) const;
+  bool accept(const msg::Header& header);
+  void reject(const Error& error);
+  void heartbeat();
+
+  Options options_;
+  std::uint64_t incarnation_;
+  std::unique_ptr<Middleware> middleware_;
+  std::map<const Topic*, Channel> channels_;
+  Bytes buffer_;
+  msg::ServiceStatus status_;
+  Clock::time_point started_, next_heartbeat_;
+  std::vector<std::string> faults_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,164 @@
+#include "env_service/environment.h"
+
+#include <cstdlib>
+#include <numeric>
+#include <utility>
+
+namespace citylearn {
+
+Environment::Environment(const Traversal& traversal, int agents) : traversal_(traversal) {
+  if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
+    throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
+  if (static_cast<std::size_t>(agents) * traversal.dimension > msg::MAX_FEATURES)
+    throw Error("agents x feature dimension is over " + std::to_string(msg::MAX_FEATURES) + " for one observation",
+                "agents", "host fewer agents in this env_service and start another one");
+  agents_.resize(agents);
+}
+
+void Environment::reset(const msg::TaskSettings& settings) {
+  const std::uint64_t end = std::uint64_t{settings.first_frame()} + settings.frames();
+  if (settings.frames() < 2) throw Error("a route needs at least 2 frames", "TaskSettings.frames");
+  if (end > static_cast<std::uint64_t>(traversal_.frames))
+    throw Error("the route ends at frame " + std::to_string(end) + ", traversal '" + traversal_.name + "' has only " +
+                    std::to_string(traversal_.frames),
+                "TaskSettings.frames", "ask for a shorter route");
+  if (settings.max_steps() == 0) throw Error("must be at least 1", "TaskSettings.max_steps");
+  if (settings.task_mode() == msg::EVALUATE && settings.tasks() == 0)
+    throw Error("must be at least 1", "TaskSettings.tasks");
+  settings_ = settings;
+  step_ = 0;
+  finished_.clear();
+  const int frames = static_cast<int>(settings.frames());
+  for (int index = 0; index < agents(); ++index) {
+    Agent& agent = agents_[index];
+    agent = Agent{};
+    agent.random = Random{settings.seed(), static_cast<std::uint64_t>(index)};
+    if (settings.task_mode() == msg::EVALUATE) {
+      begin_task(agent, index);
+    } else {
+      agent.frame = static_cast<int>(agent.random.below(frames));
+      begin_training_episode(agent);
+    }
+  }
+}
+
+void Environment::begin_training_episode(Agent& agent) {
+  const int frames = static_cast<int>(settings_.frames());
+  agent.start = agent.frame;
+  agent.goal = static_cast<int>(agent.random.below(frames - 1));
+  if (agent.goal >= agent.frame) ++agent.goal;
+  agent.nearest = std::abs(agent.goal - agent.start);
+  agent.steps = 0;
+  agent.episode_reward = 0;
+  agent.previous_action = kNoAction;
+  agent.flags |= msg::FLAG_FIRST;
+  if (settings_.shuffle()) {
+    agent.order.resize(frames);
+    std::iota(agent.order.begin(), agent.order.end(), 0);
+    for (int i = frames - 1; i > 0; --i) std::swap(agent.order[i], agent.order[agent.random.below(i + 1)]);
+  }
+}
+
+void Environment::begin_task(Agent& agent, int task) {
+  agent.task = task;
+  if (task >= static_cast<int>(settings_.tasks())) {
+    agent.flags |= msg::FLAG_IDLE;
+    agent.previous_action = kNoAction;
+    return;
+  }
+  // The task is drawn from (seed, task) alone: whoever is evaluated with this seed gets the very same tasks.
+  agent.random = Random{settings_.seed(), static_cast<std::uint64_t>(task)};
+  agent.frame = static_cast<int>(agent.random.below(settings_.frames()));
+  begin_training_episode(agent);
+}
+
+std::uint8_t Environment::allowed(int frame) const {
+  std::uint8_t mask = 1u << kStay;
+  if (frame + 1 < static_cast<int>(settings_.frames())) mask |= 1u << kNext;
+  if (frame > 0) mask |= 1u << kPrevious;
+  return mask;
+}
+
+void Environment::step(std::span<const std::uint8_t> actions) {
+  if (actions.size() != agents_.size())
+    throw Error(std::to_string(actions.size()) + " actions for " + std::to_string(agents_.size()) + " agents",
+                "Action.choice");
+  for (int index = 0; index < agents(); ++index) {
+    const Agent& agent = agents_[index];
+    if (agent.flags & msg::FLAG_IDLE) continue;
+    if (actions[index] >= kActions || !(allowed(agent.frame) >> actions[index] & 1))
+      throw Error("action " + std::to_string(actions[index]) + " is not allowed at frame " +
+                      std::to_string(settings_.first_frame() + agent.frame),
+                  "Action.choice[" + std::to_string(index) + "]", "the observation's `allowed` says which are");
+  }
+  ++step_;
+  finished_.clear();
+  const int first = static_cast<int>(settings_.first_frame());
+  const int max_steps = static_cast<int>(settings_.max_steps());
+  for (int index = 0; index < agents(); ++index) {
+    Agent& agent = agents_[index];
+    if (agent.flags & msg::FLAG_IDLE) {
+      agent.flags = msg::FLAG_IDLE;
+      agent.reward = 0;
+      continue;
+    }
+    const int distance = std::abs(agent.goal - agent.frame);
+    if (actions[index] == kNext) ++agent.frame;
+    if (actions[index] == kPrevious) --agent.frame;
+    ++agent.steps;
+    agent.previous_action = actions[index];
+    agent.flags = 0;
+    const bool free = std::abs(agent.goal - agent.frame) < distance && distance <= agent.nearest;
+    if (free) --agent.nearest;
+    const bool reached = agent.frame == agent.goal;
+    agent.reward = reached ? 1.0f : (free ? 0.0f : -1.0f / static_cast<float>(max_steps));
+    agent.episode_reward += agent.reward;
+    if (!reached && agent.steps < max_steps) continue;
+    finished_.push_back({index, agent.task, first + agent.start, first + agent.goal, agent.steps,
+                         std::abs(agent.goal - agent.start), agent.episode_reward, reached});
+    agent.flags = reached ? msg::FLAG_TERMINATED : msg::FLAG_TRUNCATED;
+    if (settings_.task_mode() == msg::EVALUATE) {
+      begin_task(agent, agent.task + agents());
+    } else {
+      begin_training_episode(agent);
+    }
+  }
+}
+
+void Environment::observe(msg::Observation& observation) const {
+  const std::size_t count = agents_.size();
+  const std::uint32_t first = settings_.first_frame();
+  observation.settings() = settings_.settings();
+  observation.step() = step_;
+  observation.traversal() = traversal_.name.c_str();
+  observation.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
+  observation.frame().resize(count);
+  observation.position().resize(count);
+  observation.goal().resize(count);
+  observation.previous_action().resize(count);
+  observation.allowed().resize(count);
+  observation.flags().resize(count);
+  observation.reward().resize(count);
+  observation.features().resize(count * traversal_.dimension);
+  for (std::size_t index = 0; index < count; ++index) {
+    const Agent& agent = agents_[index];
+    const std::uint32_t shown = first + (settings_.shuffle() ? agent.order[agent.frame] : agent.frame);
+    observation.frame()[index] = shown;
+    observation.position()[index] = first + agent.frame;
+    observation.goal()[index] = first + agent.goal;
+    observation.previous_action()[index] = agent.previous_action;
+    observation.allowed()[index] = allowed(agent.frame);
+    observation.flags()[index] = agent.flags;
+    observation.reward()[index] = agent.reward;
+    const std::span<const float> feature = traversal_.feature(static_cast<int>(shown));
+    std::copy(feature.begin(), feature.end(), observation.features().begin() + index * traversal_.dimension);
+  }
+}
+
+bool Environment::done() const {
+  for (const Agent& agent : agents_)
+    if (!(agent.flags & msg::FLAG_IDLE)) return false;
+  return settings_.task_mode() == msg::EVALUATE;
+}
+
+}  // namespace citylearn

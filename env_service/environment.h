@@ -1,0 +1,68 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/messages.h"
+#include "core/random.h"
+#include "env_service/traversal.h"
+
+namespace citylearn {
+
+/// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for M agents
+/// on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one.
+///
+/// Reward: +1 on reaching the goal, which ends the episode. A step that shortens the distance to the goal while that
+/// distance is no larger than the best of this episode costs nothing; every other step costs 1 / max_steps. After
+/// max_steps steps the episode is cut (truncated).
+///
+/// No threads, no wire, no clock: the same settings and actions give the same observations.
+class Environment {
+ public:
+  struct Episode {          ///< a finished one
+    int agent, task, start, goal, steps, shortest;
+    float reward;
+    bool completed;
+  };
+
+  /// `traversal` must outlive the environment. 1 <= agents <= msg::MAX_AGENTS.
+  Environment(const Traversal& traversal, int agents);
+
+  /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
+  /// first_frame .. first_frame + frames - 1 does not lie on the traversal, has fewer than 2 frames, or max_steps is 0.
+  void reset(const msg::TaskSettings& settings);
+
+  /// One action per agent. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
+  void step(std::span<const std::uint8_t> actions);
+
+  /// Fills everything but the header.
+  void observe(msg::Observation& observation) const;
+
+  /// Episodes that the last step ended, by agent.
+  const std::vector<Episode>& finished() const { return finished_; }
+  /// EVALUATE: every task has been done.
+  bool done() const;
+  int agents() const { return static_cast<int>(agents_.size()); }
+  const Traversal& traversal() const { return traversal_; }
+
+ private:
+  struct Agent {
+    Random random;
+    int task = 0, start = 0, frame = 0, goal = 0, steps = 0, nearest = 0;
+    float episode_reward = 0, reward = 0;
+    std::uint8_t previous_action = kNoAction, flags = 0;
+    std::vector<int> order;       ///< frame shown at each place of the route, when shuffled
+  };
+  void begin_training_episode(Agent& agent);
+  void begin_task(Agent& agent, int task);
+  std::uint8_t allowed(int frame) const;
+
+  const Traversal& traversal_;
+  msg::TaskSettings settings_;
+  std::vector<Agent> agents_;
+  std::vector<Episode> finished_;
+  std::uint64_t step_ = 0;
+};
+
+}  // namespace citylearn
