@@ -2,6 +2,7 @@
 
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 
 #include "core/messages.h"
@@ -101,6 +102,7 @@ class Node {
   msg::ServiceStatus status_;
   Clock::time_point started_, next_heartbeat_;
   std::vector<std::string> faults_;
+  std::set<std::string> rejected_;  // kinds logged: type and field
 };
 
 }  // namespace citylearn

@@ -1,0 +1,456 @@
+#include "core/messages.h"
+
+#include <fastcdr/Cdr.h>
+#include <fastcdr/exceptions/Exception.h>
+
+#include <cstring>
+#include <type_traits>
+
+// The generated code gives structs and their CDR encoding, but knows no bounds: it would write a sequence over its
+// bound, and reading one it allocates whatever length the bytes claim. So each message's fields are named once more
+// here, in the order of the wire, for a Writer that checks bounds and a Reader that checks lengths before it allocates.
+// A unit test decodes what the generated code encodes, for every message.
+
+namespace citylearn {
+namespace {
+
+using namespace msg;  // NOLINT: every message type and limit below is from idl/
+
+constexpr std::size_t kEncapsulation = 4;
+
+template <std::size_t N>
+using Text = eprosima::fastrtps::fixed_string<N>;  // what fastddsgen makes of string<N>; cuts what is longer
+
+template <class Given, class Wanted>
+concept Of = std::same_as<std::remove_const_t<Given>, Wanted>;
+
+template <Of<SettingsId> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v("incarnation", m.incarnation());
+  v("version", m.version());
+}
+
+template <Of<Header> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.protocol(m.protocol());
+  v("run", m.run());
+  v("sender", m.sender());
+  v("incarnation", m.incarnation());
+  v("message", m.message());
+}
+
+template <Of<Observation> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v.nested("settings", m.settings());
+  v("step", m.step());
+  v("traversal", m.traversal());
+  v("traversal_hash", m.traversal_hash());
+  v("feature_dimension", m.feature_dimension());
+  v("frame", m.frame(), MAX_AGENTS);
+  v("position", m.position(), MAX_AGENTS);
+  v("goal", m.goal(), MAX_AGENTS);
+  v("previous_action", m.previous_action(), MAX_AGENTS);
+  v("allowed", m.allowed(), MAX_AGENTS);
+  v("flags", m.flags(), MAX_AGENTS);
+  v("reward", m.reward(), MAX_AGENTS);
+  v("features", m.features(), MAX_FEATURES);
+}
+
+template <Of<Action> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("environment", m.environment());
+  v("environment_incarnation", m.environment_incarnation());
+  v.nested("settings", m.settings());
+  v("step", m.step());
+  v("choice", m.choice(), MAX_AGENTS);
+}
+
+template <Of<EpisodeStat> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v.nested("settings", m.settings());
+  v("episode", m.episode());
+  v("acknowledged", m.acknowledged());
+  v("agent", m.agent());
+  v("evaluation", m.evaluation());
+  v("task", m.task());
+  v("traversal", m.traversal());
+  v("start", m.start());
+  v("goal", m.goal());
+  v("steps", m.steps());
+  v("shortest", m.shortest());
+  v("reward", m.reward());
+  v("completed", m.completed());
+}
+
+template <Of<EpisodeAcknowledgement> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("environment", m.environment());
+  v("environment_incarnation", m.environment_incarnation());
+  v("episode", m.episode());
+}
+
+template <Of<ServiceStatus> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("service", m.service());
+  v("host", m.host());
+  v("middleware", m.middleware());
+  v("process", m.process());
+  v.enumerator("service_state", m.service_state(), FAILED);
+  v("activity", m.activity());
+  v("uptime", m.uptime());
+  v("rate", m.rate());
+  v("received", m.received());
+  v("repeated", m.repeated());
+  v("resent", m.resent());
+  v("rejected", m.rejected());
+}
+
+template <Of<TaskSettings> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("environment", m.environment());
+  v.nested("settings", m.settings());
+  v.enumerator("task_mode", m.task_mode(), EVALUATE);
+  v("lesson", m.lesson());
+  v("first_frame", m.first_frame());
+  v("frames", m.frames());
+  v("max_steps", m.max_steps());
+  v("seed", m.seed());
+  v("tasks", m.tasks());
+  v("shuffle", m.shuffle());
+}
+
+template <Of<TrainingStat> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("update", m.update());
+  v("steps", m.steps());
+  v("episodes", m.episodes());
+  v("lesson", m.lesson());
+  v("wall", m.wall());
+  v("steps_per_second", m.steps_per_second());
+  v("reward", m.reward());
+  v("spl", m.spl());
+  v("policy_loss", m.policy_loss());
+  v("value_loss", m.value_loss());
+  v("entropy", m.entropy());
+  v("divergence", m.divergence());
+  v("clipped", m.clipped());
+  v("gradient_norm", m.gradient_norm());
+  v("learning_rate", m.learning_rate());
+}
+
+template <Of<PolicyParameters> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("version", m.version());
+  v("agent", m.agent());
+  v("total_bytes", m.total_bytes());
+  v("hash", m.hash());
+  v("chunk", m.chunk());
+  v("chunks", m.chunks());
+  v("data", m.data(), MAX_CHUNK);
+}
+
+template <Of<TraversalInfo> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v.nested("settings", m.settings());
+  v("dataset", m.dataset());
+  v("traversal", m.traversal());
+  v("condition", m.condition());
+  v("hash", m.hash());
+  v("frames", m.frames());
+  v("feature_dimension", m.feature_dimension());
+  v("agents", m.agents());
+  v("chunks", m.chunks());
+}
+
+template <Of<TraversalRequest> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("environment", m.environment());
+  v("hash", m.hash());
+  v("chunks", m.chunks(), MAX_CHUNKS_ASKED);
+}
+
+template <Of<TraversalChunk> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("hash", m.hash());
+  v("chunk", m.chunk());
+  v("first_frame", m.first_frame());
+  v("frames", m.frames());
+  v("data", m.data(), MAX_CHUNK);
+}
+
+/// Where a Reader or Writer stands, for its errors. `Type.field: what`: the part before the colon is the kind of fault.
+class Place {
+ public:
+  explicit Place(const std::string& type) : type_(type) {}
+
+  [[noreturn]] void fail(const std::string& what) const { throw Error(what, type_ + "." + prefix_ + field_); }
+
+ protected:
+  void require_at_most(std::size_t count, std::size_t bound, const char* unit) const {
+    if (count > bound) fail(std::to_string(count) + " " + unit + ", at most " + std::to_string(bound) + " are allowed");
+  }
+  template <class Self, class Message>
+  static void descend(Self& self, const char* name, Message& message) {
+    self.prefix_ = std::string(name) + ".";
+    visit(message, self);
+    self.prefix_.clear();
+  }
+
+  const std::string& type_;
+  std::string prefix_;
+  const char* field_ = "";
+};
+
+/// Checks the bounds of what is about to be written.
+class Checker : public Place {
+ public:
+  using Place::Place;
+
+  template <class Number>
+  void operator()(const char*, const Number&) {}
+  template <class T>
+  void operator()(const char* name, const std::vector<T>& sequence, std::size_t bound) {
+    field_ = name;
+    require_at_most(sequence.size(), bound, "entries");
+  }
+  template <class Enum>
+  void enumerator(const char* name, Enum value, Enum last) {
+    field_ = name;
+    if (value > last) fail("unknown value " + std::to_string(static_cast<std::uint32_t>(value)));
+  }
+  void protocol(std::uint32_t) {}
+  template <class Message>
+  void nested(const char* name, const Message& message) {
+    descend(*this, name, message);
+  }
+};
+
+/// Reads field by field, so that an error can say which one, and asks what is left before it allocates.
+class Reader : public Place {
+ public:
+  Reader(const std::string& type, eprosima::fastcdr::Cdr& cdr, std::size_t size)
+      : Place(type), cdr_(cdr), size_(size) {}
+
+  template <class Number>
+  void operator()(const char* name, Number& number) {
+    field_ = name;
+    cdr_ >> number;
+  }
+  template <std::size_t N>
+  void operator()(const char* name, Text<N>& text) {
+    field_ = name;
+    const std::size_t length = read_length();  // with its terminating zero
+    require_at_most(length, N + 1, "characters with the zero");
+    if (length > left()) fail("cut short");
+    const char* begin = cdr_.getCurrentPosition();
+    if (length == 0 || std::memchr(begin, 0, length) != begin + length - 1)
+      fail("not a string that ends at its first zero");
+    text = begin;
+    cdr_.jump(length);
+  }
+  template <class T>
+  void operator()(const char* name, std::vector<T>& sequence, std::size_t bound) {
+    field_ = name;
+    const std::size_t length = read_length();
+    require_at_most(length, bound, "entries");
+    if (length * sizeof(T) > left()) fail("cut short");
+    sequence.resize(length);
+    if (length > 0) cdr_.deserializeArray(sequence.data(), length);
+  }
+  template <class Enum>
+  void enumerator(const char* name, Enum& value, Enum last) {
+    field_ = name;
+    std::uint32_t number = 0;
+    cdr_ >> number;
+    if (number > static_cast<std::uint32_t>(last)) fail("unknown value " + std::to_string(number));
+    value = static_cast<Enum>(number);
+  }
+  void protocol(std::uint32_t& number) {
+    field_ = "protocol";
+    cdr_ >> number;
+    // At once: what follows in another protocol may be anything.
+    if (number != PROTOCOL)
+      fail("the sender speaks protocol " + std::to_string(number) + ", this program " + std::to_string(PROTOCOL));
+  }
+  template <class Message>
+  void nested(const char* name, Message& message) {
+    descend(*this, name, message);
+  }
+  std::size_t left() const { return size_ - cdr_.getSerializedDataLength(); }
+
+ private:
+  std::size_t read_length() {
+    std::uint32_t length = 0;
+    cdr_ >> length;
+    return length;
+  }
+
+  eprosima::fastcdr::Cdr& cdr_;
+  std::size_t size_;
+};
+
+// What the types alone do not say.
+
+[[noreturn]] void refuse(const std::string& type, const std::string& field, const std::string& what) {
+  throw Error(what, type + "." + field);
+}
+
+std::string counts(std::size_t is, std::size_t should) {
+  return std::to_string(is) + " entries, should be " + std::to_string(should);
+}
+
+template <class Message>
+void check(const Message&, const std::string&) {}
+
+void check(const Observation& m, const std::string& type) {
+  const std::size_t agents = m.frame().size();
+  const auto same = [&](const char* field, std::size_t size) {
+    if (size != agents) refuse(type, field, counts(size, agents) + " as many as frame has");
+  };
+  same("position", m.position().size());
+  same("goal", m.goal().size());
+  same("previous_action", m.previous_action().size());
+  same("allowed", m.allowed().size());
+  same("flags", m.flags().size());
+  same("reward", m.reward().size());
+  const std::size_t features = agents * m.feature_dimension();  // 32 bits times at most 256: no overflow
+  if (m.features().size() != features)
+    refuse(type, "features", counts(m.features().size(), features) + ": agents x feature_dimension");
+  for (std::uint8_t action : m.previous_action())
+    if (action >= kActions && action != kNoAction)
+      refuse(type, "previous_action", "unknown action " + std::to_string(action));
+}
+
+void check(const Action& m, const std::string& type) {
+  for (std::uint8_t action : m.choice())
+    if (action >= kActions) refuse(type, "choice", "unknown action " + std::to_string(action));
+}
+
+void check(const TraversalInfo& m, const std::string& type) {
+  if (m.frames() < 1 || m.frames() > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
+  if (m.agents() < 1 || m.agents() > MAX_AGENTS) refuse(type, "agents", "must be 1.." + std::to_string(MAX_AGENTS));
+}
+
+void check(const TraversalChunk& m, const std::string& type) {
+  // Each frame has its position, so at least one float; the receiver, who knows D, checks the rest.
+  const std::uint64_t unit = std::uint64_t{m.frames()} * sizeof(float);
+  const std::size_t size = m.data().size();
+  if (unit == 0 ? size != 0 : size == 0 || size % unit != 0)
+    refuse(type, "data",
+           std::to_string(size) + " bytes are no whole floats for each of " + std::to_string(m.frames()) + " frames");
+}
+
+void check(const PolicyParameters& m, const std::string& type) {
+  if (m.chunk() >= m.chunks())
+    refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " of " + std::to_string(m.chunks()) + " chunks");
+  if (m.data().size() > m.total_bytes()) refuse(type, "data", "more bytes than total_bytes says");
+}
+
+template <class Message>
+struct Describe;
+#define CITYLEARN_TOPIC(TYPE, NAME, PROFILE)                      \
+  template <>                                                     \
+  struct Describe<TYPE> {                                         \
+    static constexpr const char* name = "citylearn/" NAME;        \
+    static constexpr const char* type = "citylearn::msg::" #TYPE; \
+    static constexpr Profile profile = Profile::PROFILE;          \
+  };
+CITYLEARN_TOPIC(Observation, "observation", kStream)
+CITYLEARN_TOPIC(Action, "action", kStream)
+CITYLEARN_TOPIC(ServiceStatus, "service_status", kState)
+CITYLEARN_TOPIC(TraversalInfo, "traversal_info", kState)
+CITYLEARN_TOPIC(TaskSettings, "task_settings", kCommand)
+CITYLEARN_TOPIC(TraversalRequest, "traversal_request", kCommand)
+CITYLEARN_TOPIC(EpisodeAcknowledgement, "episode_acknowledgement", kCommand)
+CITYLEARN_TOPIC(EpisodeStat, "episode_stat", kDurable)
+CITYLEARN_TOPIC(TraversalChunk, "traversal_chunk", kDurable)
+CITYLEARN_TOPIC(TrainingStat, "training_stat", kDurable)
+CITYLEARN_TOPIC(PolicyParameters, "policy_parameters", kDurable)
+#undef CITYLEARN_TOPIC
+
+}  // namespace
+
+template <class Message>
+const Topic& topic_of() {
+  using D = Describe<Message>;
+  static const Topic topic{D::name, D::type, D::profile, kEncapsulation + Message::getMaxCdrSerializedSize()};
+  return topic;
+}
+
+template <class Message>
+void encode(const Message& message, Bytes& bytes) {
+  Checker checker(topic_of<Message>().type);
+  visit(message, checker);
+  bytes.resize(kEncapsulation + Message::getCdrSerializedSize(message));
+  eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(bytes.data()), bytes.size());
+  eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::LITTLE_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
+  cdr.serialize_encapsulation();
+  message.serialize(cdr);
+  bytes.resize(cdr.getSerializedDataLength());
+}
+
+template <class Message>
+void decode(std::span<const std::byte> bytes, Message& message) {
+  const std::string& type = topic_of<Message>().type;
+  if (bytes.size() < kEncapsulation) throw Error("cut short", type);
+  // FastBuffer wants a pointer to writable bytes; nothing is written through it here.
+  char* data = const_cast<char*>(reinterpret_cast<const char*>(bytes.data()));
+  eprosima::fastcdr::FastBuffer buffer(data, bytes.size());
+  eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::LITTLE_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
+  Reader reader(type, cdr, bytes.size());
+  try {
+    cdr.read_encapsulation();
+    visit(message, reader);
+  } catch (const eprosima::fastcdr::exception::NotEnoughMemoryException&) {
+    reader.fail("cut short");
+  } catch (const eprosima::fastcdr::exception::Exception& exception) {
+    reader.fail(std::string("not CDR: ") + exception.what());
+  }
+  // Payloads are padded to multiples of 4 on the way.
+  if (reader.left() > 3) throw Error(std::to_string(reader.left()) + " bytes left over at its end", type);
+  check(message, type);
+}
+
+#define CITYLEARN_INSTANTIATE(TYPE)                              \
+  template const Topic& topic_of<TYPE>();                        \
+  template void encode<TYPE>(const TYPE& message, Bytes& bytes); \
+  template void decode<TYPE>(std::span<const std::byte> bytes, TYPE & message);
+CITYLEARN_INSTANTIATE(Observation)
+CITYLEARN_INSTANTIATE(Action)
+CITYLEARN_INSTANTIATE(ServiceStatus)
+CITYLEARN_INSTANTIATE(TraversalInfo)
+CITYLEARN_INSTANTIATE(TaskSettings)
+CITYLEARN_INSTANTIATE(TraversalRequest)
+CITYLEARN_INSTANTIATE(EpisodeAcknowledgement)
+CITYLEARN_INSTANTIATE(EpisodeStat)
+CITYLEARN_INSTANTIATE(TraversalChunk)
+CITYLEARN_INSTANTIATE(TrainingStat)
+CITYLEARN_INSTANTIATE(PolicyParameters)
+#undef CITYLEARN_INSTANTIATE
+
+std::vector<Topic> all_topics() {
+  return {topic_of<Observation>(),
+          topic_of<Action>(),
+          topic_of<ServiceStatus>(),
+          topic_of<TraversalInfo>(),
+          topic_of<TaskSettings>(),
+          topic_of<TraversalRequest>(),
+          topic_of<EpisodeAcknowledgement>(),
+          topic_of<EpisodeStat>(),
+          topic_of<TraversalChunk>(),
+          topic_of<TrainingStat>(),
+          topic_of<PolicyParameters>()};
+}
+
+}  // namespace citylearn

@@ -1,0 +1,350 @@
+#include <arpa/inet.h>
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastrtps/utils/IPLocator.h>
+#include <spdlog/spdlog.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
+#include <fastdds/dds/log/Log.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/DataReaderListener.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/Topic.hpp>
+#include <fastdds/dds/topic/TopicDataType.hpp>
+#include <fastdds/dds/topic/TypeSupport.hpp>
+#include <sstream>
+
+#include "core/error.h"
+#include "core/middleware_parts.h"
+
+namespace citylearn::parts {
+namespace {
+
+namespace dds = eprosima::fastdds::dds;
+namespace rtps = eprosima::fastrtps::rtps;
+using eprosima::fastrtps::Duration_t;
+using eprosima::fastrtps::types::ReturnCode_t;
+
+constexpr std::uint32_t kSocketBuffer = 4 << 20;
+
+/// Sample for Fast: bytes to be written, or where to put bytes read.
+struct Raw {
+  std::span<const std::byte> out;
+  Bytes* in = nullptr;
+};
+
+/// Moves bytes that are CDR already.
+class RawType : public dds::TopicDataType {
+ public:
+  explicit RawType(const Topic& topic) {
+    setName(topic.type.c_str());
+    m_typeSize = static_cast<std::uint32_t>(topic.largest + 3);  // other vendors pad to multiples of 4
+    auto_fill_type_object(false);
+    auto_fill_type_information(false);
+  }
+  bool serialize(void* data, rtps::SerializedPayload_t* payload) override {
+    const Raw& raw = *static_cast<Raw*>(data);
+    if (raw.out.size() > payload->max_size) return false;
+    std::memcpy(payload->data, raw.out.data(), raw.out.size());
+    payload->length = static_cast<std::uint32_t>(raw.out.size());
+    payload->encapsulation = CDR_LE;
+    return true;
+  }
+  bool deserialize(rtps::SerializedPayload_t* payload, void* data) override {
+    const std::byte* begin = reinterpret_cast<const std::byte*>(payload->data);
+    static_cast<Raw*>(data)->in->assign(begin, begin + payload->length);
+    return true;
+  }
+  std::function<std::uint32_t()> getSerializedSizeProvider(void* data) override {
+    return [data] { return static_cast<std::uint32_t>(static_cast<Raw*>(data)->out.size()); };
+  }
+  void* createData() override { return new Raw; }
+  void deleteData(void* data) override { delete static_cast<Raw*>(data); }
+  bool getKey(void*, rtps::InstanceHandle_t*, bool) override { return false; }
+};
+
+/// Fast's own warnings and errors, into our log instead of onto standard output.
+class LogForwarder : public dds::LogConsumer {
+ public:
+  void Consume(const dds::Log::Entry& entry) override {
+    if (entry.kind == dds::Log::Kind::Error)
+      spdlog::warn("fastdds: {} ({})", entry.message, entry.context.category);
+    else
+      spdlog::debug("fastdds: {} ({})", entry.message, entry.context.category);
+  }
+};
+
+void forward_log_once() {
+  static const bool done = [] {
+    dds::Log::ClearConsumers();
+    dds::Log::RegisterConsumer(std::make_unique<LogForwarder>());
+    dds::Log::SetVerbosity(dds::Log::Kind::Warning);
+    return true;
+  }();
+  static_cast<void>(done);
+}
+
+template <class Guid>
+std::string text_of(const Guid& guid) {
+  std::ostringstream text;
+  text << guid;
+  return text.str();
+}
+
+/// What discovery tells, on Fast's threads.
+class Discovery : public dds::DomainParticipantListener {
+ public:
+  explicit Discovery(TypeCheck& types) : types_(types) {}
+
+  void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& info) override {
+    const std::string key = text_of(info.info.m_guid.guidPrefix);
+    if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT)
+      types_.participant_found(key, info.info.m_participantName.to_string());
+    else if (info.status != rtps::ParticipantDiscoveryInfo::CHANGED_QOS_PARTICIPANT)
+      types_.participant_lost(key);
+  }
+  void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) override {
+    if (info.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER)
+      found(info.info, true);
+    else if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER)
+      types_.endpoint_lost(text_of(info.info.guid()));
+  }
+  void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& info) override {
+    if (info.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER)
+      found(info.info, false);
+    else if (info.status == rtps::ReaderDiscoveryInfo::REMOVED_READER)
+      types_.endpoint_lost(text_of(info.info.guid()));
+  }
+
+ private:
+  template <class Info>
+  void found(const Info& info, bool writes) {
+    types_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes, info.topicName().to_string(),
+                          info.typeName().to_string());
+  }
+
+  TypeCheck& types_;
+};
+
+class FastPublisher : public Publisher {
+ public:
+  FastPublisher(dds::Publisher* publisher, dds::Topic* dds_topic, const Topic& topic)
+      : publisher_(publisher), topic_(topic) {
+    dds::DataWriterQos qos;
+    const int depth = depth_of(topic.profile).writer;
+    qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
+    qos.reliability().max_blocking_time = Duration_t(0, std::chrono::nanoseconds(kBlocking).count());
+    qos.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    qos.durability_service().history_kind = dds::KEEP_LAST_HISTORY_QOS;
+    qos.durability_service().history_depth = depth;
+    qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
+    qos.history().depth = depth;
+    qos.resource_limits().max_instances = 1;
+    qos.resource_limits().max_samples = depth;
+    qos.resource_limits().max_samples_per_instance = depth;
+    qos.resource_limits().allocated_samples = 1;
+    qos.endpoint().history_memory_policy = rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+    qos.publish_mode().kind = dds::SYNCHRONOUS_PUBLISH_MODE;
+    qos.data_sharing().off();
+    // The defaults (3 s heartbeats, 5 ms answers) make each lost packet cost that much.
+    qos.reliable_writer_qos().times.initialHeartbeatDelay = Duration_t(0, 0u);
+    qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, 20'000'000u);
+    qos.reliable_writer_qos().times.nackResponseDelay = Duration_t(0, 0u);
+    qos.reliable_writer_qos().times.nackSupressionDuration = Duration_t(0, 0u);
+    writer_ = publisher_->create_datawriter(dds_topic, qos);
+    if (!writer_) throw Error("fastdds cannot create a writer", "topic " + topic.name);
+  }
+  ~FastPublisher() override { publisher_->delete_datawriter(writer_); }
+
+  void publish(std::span<const std::byte> sample) override {
+    check_size(topic_, sample.size());
+    Raw raw{sample};
+    // A time-out is a lost sample like any other: the application sends again what is not answered.
+    const ReturnCode_t code = writer_->write(&raw, rtps::InstanceHandle_t());
+    if (code != ReturnCode_t::RETCODE_OK && code != ReturnCode_t::RETCODE_TIMEOUT)
+      throw Error("fastdds cannot write (code " + std::to_string(code()) + ")", "topic " + topic_.name);
+  }
+  int matched() const override {
+    dds::PublicationMatchedStatus status;
+    writer_->get_publication_matched_status(status);
+    return status.current_count;
+  }
+
+ private:
+  dds::Publisher* const publisher_;
+  const Topic topic_;
+  dds::DataWriter* writer_;
+};
+
+class FastSubscription : public Subscription, private dds::DataReaderListener {
+ public:
+  FastSubscription(dds::Subscriber* subscriber, dds::Topic* dds_topic, const Topic& topic, Wakeup& wakeup)
+      : subscriber_(subscriber), flag_(wakeup) {
+    dds::DataReaderQos qos;
+    const int depth = depth_of(topic.profile).reader;
+    qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
+    qos.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
+    qos.history().depth = depth;
+    qos.resource_limits().max_instances = 1;
+    qos.resource_limits().max_samples = depth;
+    qos.resource_limits().max_samples_per_instance = depth;
+    qos.resource_limits().allocated_samples = 1;
+    qos.endpoint().history_memory_policy = rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+    qos.data_sharing().off();
+    qos.reliable_reader_qos().times.initialAcknackDelay = Duration_t(0, 0u);
+    qos.reliable_reader_qos().times.heartbeatResponseDelay = Duration_t(0, 0u);
+    reader_ = subscriber_->create_datareader(dds_topic, qos, this, dds::StatusMask::data_available());
+    if (!reader_) throw Error("fastdds cannot create a reader", "topic " + topic.name);
+  }
+  ~FastSubscription() override {
+    reader_->set_listener(nullptr);
+    subscriber_->delete_datareader(reader_);
+  }
+
+  bool take(Bytes& sample) override {
+    flag_.lower();
+    Raw raw{{}, &sample};
+    dds::SampleInfo info;
+    while (reader_->take_next_sample(&raw, &info) == ReturnCode_t::RETCODE_OK) {
+      if (!info.valid_data) continue;
+      flag_.raise_quietly();  // there may be more
+      return true;
+    }
+    return false;
+  }
+  int matched() const override {
+    dds::SubscriptionMatchedStatus status;
+    reader_->get_subscription_matched_status(status);
+    return status.current_count;
+  }
+
+ private:
+  void on_data_available(dds::DataReader*) override { flag_.raise(); }
+
+  dds::Subscriber* const subscriber_;
+  Wakeup::Flag flag_;
+  dds::DataReader* reader_;
+};
+
+/// First index whose two UDP ports are free on this address. Fast itself would take ports beyond those that others look
+/// at.
+int free_index(const Network& network) {
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  inet_pton(AF_INET, network.address.c_str(), &address.sin_addr);
+  const auto is_free = [&](int port) {
+    const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    const bool bound = handle >= 0 && bind(handle, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+    if (handle >= 0) close(handle);
+    return bound;
+  };
+  for (int index = 0; index < kParticipants; ++index) {
+    const int port = discovery_port(network.domain, index);
+    if (is_free(port) && is_free(port + 1)) return index;
+  }
+  throw Error("all " + std::to_string(kParticipants) + " participants' ports of domain " +
+                  std::to_string(network.domain) + " are taken on " + network.interface,
+              "fastdds", "choose another domain");
+}
+
+rtps::Locator_t locator(const std::string& address, int port) {
+  rtps::Locator_t result;
+  rtps::IPLocator::createLocator(LOCATOR_KIND_UDPv4, address, static_cast<std::uint32_t>(port), result);
+  return result;
+}
+
+class FastMiddleware : public Middleware {
+ public:
+  explicit FastMiddleware(const Network& network) {
+    forward_log_once();
+    dds::DomainParticipantQos qos;
+    qos.name(network.participant);
+    auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+    udp->interfaceWhiteList = {network.address};
+    udp->maxInitialPeersRange = kParticipants;
+    udp->maxMessageSize = 65500;
+    udp->sendBufferSize = kSocketBuffer;
+    udp->receiveBufferSize = kSocketBuffer;
+    qos.transport().use_builtin_transports = false;
+    qos.transport().user_transports = {udp};
+    qos.transport().send_socket_buffer_size = kSocketBuffer;
+    qos.transport().listen_socket_buffer_size = kSocketBuffer;
+
+    const int index = free_index(network);
+    const int port = discovery_port(network.domain, index);
+    auto& wire = qos.wire_protocol();
+    wire.participant_id = index;
+    wire.builtin.metatrafficUnicastLocatorList.push_back(locator(network.address, port));  // and so no multicast
+    wire.default_unicast_locator_list.push_back(locator(network.address, port + 1));
+    for (const Network::Peer& peer : network.peers)
+      wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));
+    wire.builtin.discovery_config.leaseDuration = Duration_t(10, 0u);
+    wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(2, 0u);
+    wire.builtin.typelookup_config.use_client = false;
+    wire.builtin.typelookup_config.use_server = false;
+
+    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(network.domain, qos, &discovery_,
+                                                                                     dds::StatusMask::none());
+    if (!participant_)
+      throw Error("fastdds cannot start a participant in domain " + std::to_string(network.domain) + " on " +
+                  network.interface);
+    publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
+    subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
+  }
+
+  ~FastMiddleware() override {
+    participant_->set_listener(nullptr);
+    participant_->delete_subscriber(subscriber_);
+    participant_->delete_publisher(publisher_);
+    for (const auto& [name, topic] : topics_) participant_->delete_topic(topic);
+    dds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
+  }
+
+  std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
+    return std::make_unique<FastPublisher>(publisher_, own(topic), topic);
+  }
+  std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
+    return std::make_unique<FastSubscription>(subscriber_, own(topic), topic, wakeup_);
+  }
+  bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
+  std::vector<std::string> faults() override { return types_.faults(); }
+  std::string name() const override { return "fastdds"; }
+
+ private:
+  dds::Topic* own(const Topic& topic) {
+    types_.own(topic);
+    dds::Topic*& known = topics_[topic.name];  // Fast refuses a second topic of one name
+    if (!known) {
+      participant_->register_type(dds::TypeSupport(new RawType(topic)));
+      known = participant_->create_topic(topic.name, topic.type, dds::TOPIC_QOS_DEFAULT);
+      if (!known) {
+        topics_.erase(topic.name);
+        throw Error("fastdds cannot create it", "topic " + topic.name);
+      }
+    }
+    return known;
+  }
+
+  TypeCheck types_;
+  Discovery discovery_{types_};
+  Wakeup wakeup_;
+  std::map<std::string, dds::Topic*> topics_;
+  dds::DomainParticipant* participant_ = nullptr;
+  dds::Publisher* publisher_ = nullptr;
+  dds::Subscriber* subscriber_ = nullptr;
+};
+
+}  // namespace
+
+std::unique_ptr<Middleware> create_fastdds(const Network& network) { return std::make_unique<FastMiddleware>(network); }
+
+}  // namespace citylearn::parts

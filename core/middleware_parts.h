@@ -1,0 +1,129 @@
+#pragma once
+
+// What the middlewares share among themselves. Private to core/middleware*.cc.
+
+#include <atomic>
+#include <condition_variable>
+#include <map>
+#include <mutex>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "core/middleware.h"
+
+namespace citylearn::parts {
+
+/// Participants of one domain on one host: each takes a pair of ports, and each is asked for at start. Ports of the
+/// highest domain would allow 62; every further one costs all others a packet at each announcement.
+inline constexpr int kParticipants = 48;
+
+/// Longest that a publisher waits for room; with KEEP_LAST there always is some.
+inline constexpr std::chrono::milliseconds kBlocking{100};
+
+/// Samples kept. A reader is deeper than a writer: topics are keyless, so the samples of all writers share its history,
+/// and each must stay until it is taken.
+struct Depth {
+  int writer;
+  int reader;
+};
+Depth depth_of(Profile profile);
+
+/// First UDP port of the participant with this index (its discovery port; data arrives at the next one).
+/// RTPS 2.2, 9.6.1.
+inline int discovery_port(std::uint32_t domain, int index) {
+  return 7400 + 250 * static_cast<int>(domain) + 10 + 2 * index;
+}
+
+/// MiddlewareOptions with the network resolved and checked.
+struct Network {
+  struct Peer {
+    std::string address;  ///< IPv4
+    int port;             ///< 0: the discovery ports of every index
+  };
+  std::uint32_t domain;
+  std::string participant;
+  std::string interface;    ///< as given, for messages
+  std::string address;      ///< IPv4 address of the interface
+  std::vector<Peer> peers;  ///< this host's own address comes first
+};
+
+/// Throws Error when the sample is larger than its topic allows.
+void check_size(const Topic& topic, std::size_t size);
+
+/// Wakes the one thread that waits in Middleware::wait when a vendor's thread has something.
+///
+/// Each subscription owns a Flag. A vendor's thread raises it when a sample comes; the subscription lowers it before it
+/// looks and finds nothing, so a sample that comes in between is not missed.
+class Wakeup {
+ public:
+  class Flag {
+   public:
+    explicit Flag(Wakeup& wakeup) : wakeup_(wakeup) { wakeup_.flags_.insert(this); }
+    ~Flag() { wakeup_.flags_.erase(this); }
+    Flag(const Flag&) = delete;
+    Flag& operator=(const Flag&) = delete;
+    void raise() {  // by any thread
+      raised_.store(true, std::memory_order_release);
+      wakeup_.wake();
+    }
+    void raise_quietly() { raised_.store(true, std::memory_order_release); }  // by the waiting thread itself
+    void lower() { raised_.store(false, std::memory_order_seq_cst); }
+    bool raised() const { return raised_.load(std::memory_order_acquire); }
+
+   private:
+    Wakeup& wakeup_;
+    std::atomic<bool> raised_{false};
+  };
+
+  /// True once a flag is raised; false when the deadline has passed.
+  bool wait(Clock::time_point deadline);
+
+ private:
+  void wake();
+  bool any_raised() const;
+
+  std::set<Flag*> flags_;  // changed and read by the waiting thread alone
+  std::mutex mutex_;
+  std::condition_variable condition_;
+};
+
+/// Compares the types of remote endpoints with those of our own topics and words the differences, once per endpoint.
+/// All methods may be called from any thread.
+class TypeCheck {
+ public:
+  void participant_found(const std::string& participant, const std::string& name);
+  void participant_lost(const std::string& participant);
+  /// Keys identify endpoint and participant for good (a GUID in any form).
+  void endpoint_found(const std::string& endpoint, const std::string& participant, bool writes,
+                      const std::string& topic, const std::string& type);
+  void endpoint_lost(const std::string& endpoint);
+  /// A topic of our own. Throws Error when we have it with another type already.
+  void own(const Topic& topic);
+  /// Differences found since the last call.
+  std::vector<std::string> faults();
+
+ private:
+  struct Endpoint {
+    std::string participant;
+    bool writes;
+    std::string topic, type;
+    bool reported = false;
+  };
+
+  std::mutex mutex_;
+  std::map<std::string, std::string> participants_;  // key -> name
+  std::map<std::string, Endpoint> endpoints_;
+  std::map<std::string, std::string> own_;  // topic -> type
+  std::atomic<bool> changed_{false};
+};
+
+std::unique_ptr<Middleware> create_fastdds(const Network& network);
+std::unique_ptr<Middleware> create_cyclonedds(const Network& network);
+std::unique_ptr<Middleware> create_inprocess(std::uint32_t domain, const std::string& participant);
+/// `options` is what stands between "lossy" and ":", for example ",drop=0.2".
+std::unique_ptr<Middleware> create_lossy(const std::string& options, std::unique_ptr<Middleware> inner);
+/// Throws Error when create_lossy would; so that a wrong option is told before a vendor starts.
+void check_lossy(const std::string& options);
+
+}  // namespace citylearn::parts

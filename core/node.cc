@@ -1,0 +1,116 @@
+#include "core/node.h"
+
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <algorithm>
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::seconds kHeartbeat{1};
+
+MiddlewareOptions named(MiddlewareOptions options, const std::string& id) {
+  if (options.participant.empty()) options.participant = id;
+  return options;
+}
+
+void require_id(const std::string& value, const std::string& where) {
+  if (value.empty() || value.size() > 64)
+    throw Error("must have 1 to 64 characters, has " + std::to_string(value.size()), where);
+}
+
+std::uint64_t microseconds_since_epoch() {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
+}
+
+std::string host_name() {
+  char name[256] = "";
+  gethostname(name, sizeof name - 1);
+  return std::string(name).substr(0, 64);
+}
+
+}  // namespace
+
+Node::Node(Options options) : options_(std::move(options)), incarnation_(microseconds_since_epoch()) {
+  require_id(options_.id, "id");
+  require_id(options_.run, "run");
+  middleware_ = create_middleware(named(options_.middleware, options_.id));
+  started_ = next_heartbeat_ = Clock::now();
+  status_.service(options_.service);
+  status_.host(host_name());
+  status_.middleware(middleware_->name());
+  status_.process(static_cast<std::uint32_t>(getpid()));
+  status_.service_state(msg::STARTING);
+  announce<msg::ServiceStatus>();
+}
+
+Node::~Node() { channels_.clear(); }  // before the middleware they belong to
+
+Node::Channel& Node::publisher(const Topic& topic) {
+  Channel& channel = channels_[&topic];
+  if (!channel.publisher) channel.publisher = middleware_->create_publisher(topic);
+  return channel;
+}
+
+Node::Channel& Node::subscription(const Topic& topic) {
+  Channel& channel = channels_[&topic];
+  if (!channel.subscription) channel.subscription = middleware_->create_subscription(topic);
+  return channel;
+}
+
+void Node::stamp(msg::Header& header, std::uint64_t number) const {
+  header.protocol(msg::PROTOCOL);
+  header.run(options_.run);
+  header.sender(options_.id);
+  header.incarnation(incarnation_);
+  header.message(number);
+}
+
+bool Node::accept(const msg::Header& header) {
+  if (header.run() != options_.run) return false;
+  return header.incarnation() != incarnation_ || header.sender() != options_.id;
+}
+
+void Node::reject(const Error& error) {
+  ++traffic.rejected;
+  // Once per type and field: a peer that sends nonsense sends a lot of it.
+  const std::string line = error.what();
+  if (rejected_.insert(line.substr(0, line.find(": "))).second)
+    spdlog::warn("rejected a message: {} (more of the kind are counted, not logged)", line);
+}
+
+void Node::heartbeat() {
+  const Clock::time_point now = Clock::now();
+  next_heartbeat_ = now + kHeartbeat;
+  status_.uptime(std::chrono::duration<double>(now - started_).count());
+  status_.received(traffic.received);
+  status_.repeated(traffic.repeated);
+  status_.resent(traffic.resent);
+  status_.rejected(traffic.rejected);
+  publish(status_);
+}
+
+bool Node::wait(Clock::time_point deadline) {
+  while (true) {
+    if (Clock::now() >= next_heartbeat_) heartbeat();
+    const bool ready = middleware_->wait(std::min(deadline, next_heartbeat_));
+    for (const std::string& line : middleware_->faults()) {
+      spdlog::error("{}", line);
+      faults_.push_back(line);
+    }
+    if (ready) return true;
+    if (Clock::now() >= deadline) return false;
+  }
+}
+
+void Node::report(msg::State state, const std::string& activity, float rate) {
+  const bool changed = state != status_.service_state();
+  status_.service_state(state);
+  status_.activity(activity.substr(0, 256));
+  status_.rate(rate);
+  if (changed) heartbeat();
+}
+
+}  // namespace citylearn
