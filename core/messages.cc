@@ -253,11 +253,11 @@ class Reader : public Place {
     const std::size_t length = read_length();  // with its terminating zero
     require_at_most(length, N + 1, "characters with the zero");
     if (length > left()) fail("cut short");
-    const char* begin = cdr_.getCurrentPosition();
-    if (length == 0 || std::memchr(begin, 0, length) != begin + length - 1)
+    char buffer[N + 1];
+    cdr_.deserializeArray(buffer, length);
+    if (length == 0 || std::memchr(buffer, 0, length) != buffer + length - 1)
       fail("not a string that ends at its first zero");
-    text = begin;
-    cdr_.jump(length);
+    text = buffer;
   }
   template <class T>
   void operator()(const char* name, std::vector<T>& sequence, std::size_t bound) {

@@ -1,0 +1,240 @@
+#pragma once
+
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <tuple>
+
+#include "core/messages.h"
+
+namespace citylearn::testing {
+
+/// How full a message is: everything empty or zero, something of everything, or every sequence and string at its bound.
+enum class Size { kLeast, kTypical, kMost };
+
+/// Gives each field a value of its own, so that two fields that change places are noticed.
+class Filler {
+ public:
+  explicit Filler(Size size) : size_(size) {}
+
+  template <class Number>
+  Number number() {
+    ++count_;
+    if (size_ == Size::kLeast) return Number{};
+    if (size_ == Size::kTypical) return static_cast<Number>(count_ * 7 + 1);
+    if constexpr (std::is_floating_point_v<Number>)
+      return static_cast<Number>(-1e30 - count_ * 1e28);
+    else
+      return static_cast<Number>(std::numeric_limits<Number>::max() - static_cast<Number>(count_));
+  }
+  bool boolean() { return size_ != Size::kLeast; }
+  std::string text(std::size_t bound) {
+    ++count_;
+    const std::size_t length = size_ == Size::kLeast ? 0 : size_ == Size::kTypical ? bound / 3 : bound;
+    std::string text(length, static_cast<char>('a' + count_ % 26));
+    if (length > 1) text.replace(0, 2, "\xC3\xA9");  // two bytes, one letter
+    return text;
+  }
+  template <class T>
+  std::vector<T> sequence(std::size_t typical, std::size_t bound) {
+    ++count_;
+    std::vector<T> sequence(size_ == Size::kLeast ? 0 : size_ == Size::kTypical ? typical : bound);
+    for (std::size_t i = 0; i < sequence.size(); ++i) sequence[i] = static_cast<T>((i + 1) * (count_ + 2));
+    return sequence;
+  }
+  std::vector<std::uint8_t> actions(std::size_t typical, std::size_t bound, bool none) {
+    std::vector<std::uint8_t> actions = sequence<std::uint8_t>(typical, bound);
+    for (std::uint8_t& action : actions) action = action % 4 == 3 ? (none ? kNoAction : kStay) : action % 4;
+    return actions;
+  }
+  bool most() const { return size_ == Size::kMost; }
+  bool least() const { return size_ == Size::kLeast; }
+
+ private:
+  Size size_;
+  int count_ = 0;
+};
+
+inline void fill(Filler& f, msg::Header& m) {
+  m.protocol(msg::PROTOCOL);
+  m.run(f.text(64));
+  m.sender(f.text(64));
+  m.incarnation(f.number<std::uint64_t>());
+  m.message(f.number<std::uint64_t>());
+}
+
+inline void fill(Filler& f, msg::SettingsId& m) {
+  m.incarnation(f.number<std::uint64_t>());
+  m.version(f.number<std::uint32_t>());
+}
+
+inline void fill(Filler& f, msg::Observation& m) {
+  fill(f, m.header());
+  fill(f, m.settings());
+  m.step(f.number<std::uint64_t>());
+  m.traversal(f.text(64));
+  m.traversal_hash(f.number<std::uint64_t>());
+  m.frame(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
+  m.position(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
+  m.goal(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
+  m.previous_action(f.actions(16, msg::MAX_AGENTS, true));
+  m.allowed(f.sequence<std::uint8_t>(16, msg::MAX_AGENTS));
+  m.flags(f.sequence<std::uint8_t>(16, msg::MAX_AGENTS));
+  m.reward(f.sequence<float>(16, msg::MAX_AGENTS));
+  m.features(f.sequence<float>(16 * 64, msg::MAX_FEATURES));
+  m.feature_dimension(m.frame().empty() ? 0 : static_cast<std::uint32_t>(m.features().size() / m.frame().size()));
+}
+
+inline void fill(Filler& f, msg::Action& m) {
+  fill(f, m.header());
+  m.environment(f.text(64));
+  m.environment_incarnation(f.number<std::uint64_t>());
+  fill(f, m.settings());
+  m.step(f.number<std::uint64_t>());
+  m.choice(f.actions(16, msg::MAX_AGENTS, false));
+}
+
+inline void fill(Filler& f, msg::EpisodeStat& m) {
+  fill(f, m.header());
+  fill(f, m.settings());
+  m.episode(f.number<std::uint64_t>());
+  m.acknowledged(f.number<std::uint64_t>());
+  m.agent(f.number<std::uint32_t>());
+  m.evaluation(f.boolean());
+  m.task(f.number<std::uint32_t>());
+  m.traversal(f.text(64));
+  m.start(f.number<std::uint32_t>());
+  m.goal(f.number<std::uint32_t>());
+  m.steps(f.number<std::uint32_t>());
+  m.shortest(f.number<std::uint32_t>());
+  m.reward(f.number<float>());
+  m.completed(f.boolean());
+}
+
+inline void fill(Filler& f, msg::EpisodeAcknowledgement& m) {
+  fill(f, m.header());
+  m.environment(f.text(64));
+  m.environment_incarnation(f.number<std::uint64_t>());
+  m.episode(f.number<std::uint64_t>());
+}
+
+inline void fill(Filler& f, msg::ServiceStatus& m) {
+  fill(f, m.header());
+  m.service(f.text(32));
+  m.host(f.text(64));
+  m.middleware(f.text(32));
+  m.process(f.number<std::uint32_t>());
+  m.service_state(f.least() ? msg::STARTING : f.most() ? msg::FAILED : msg::RUNNING);
+  m.activity(f.text(256));
+  m.uptime(f.number<double>());
+  m.rate(f.number<float>());
+  m.received(f.number<std::uint64_t>());
+  m.repeated(f.number<std::uint64_t>());
+  m.resent(f.number<std::uint64_t>());
+  m.rejected(f.number<std::uint64_t>());
+}
+
+inline void fill(Filler& f, msg::TaskSettings& m) {
+  fill(f, m.header());
+  m.environment(f.text(64));
+  fill(f, m.settings());
+  m.task_mode(f.least() ? msg::IDLE : f.most() ? msg::EVALUATE : msg::TRAIN);
+  m.lesson(f.number<std::uint32_t>());
+  m.first_frame(f.number<std::uint32_t>());
+  m.frames(f.number<std::uint32_t>());
+  m.max_steps(f.number<std::uint32_t>());
+  m.seed(f.number<std::uint64_t>());
+  m.tasks(f.number<std::uint32_t>());
+  m.shuffle(f.boolean());
+}
+
+inline void fill(Filler& f, msg::TrainingStat& m) {
+  fill(f, m.header());
+  m.update(f.number<std::uint64_t>());
+  m.steps(f.number<std::uint64_t>());
+  m.episodes(f.number<std::uint64_t>());
+  m.lesson(f.number<std::uint32_t>());
+  m.wall(f.number<double>());
+  m.steps_per_second(f.number<float>());
+  m.reward(std::numeric_limits<float>::quiet_NaN());
+  m.spl(f.number<float>());
+  m.policy_loss(f.number<float>());
+  m.value_loss(f.number<float>());
+  m.entropy(f.number<float>());
+  m.divergence(f.number<float>());
+  m.clipped(f.number<float>());
+  m.gradient_norm(std::numeric_limits<float>::infinity());
+  m.learning_rate(f.number<float>());
+}
+
+inline void fill(Filler& f, msg::PolicyParameters& m) {
+  fill(f, m.header());
+  m.version(f.number<std::uint64_t>());
+  m.agent(f.text(64));
+  m.data(f.sequence<std::uint8_t>(4096, msg::MAX_CHUNK));
+  m.total_bytes(m.data().size() * 3);
+  m.hash(f.number<std::uint64_t>());
+  m.chunk(f.least() ? 0 : 1);
+  m.chunks(f.least() ? 1 : 3);
+}
+
+inline void fill(Filler& f, msg::TraversalInfo& m) {
+  fill(f, m.header());
+  fill(f, m.settings());
+  m.dataset(f.text(64));
+  m.traversal(f.text(64));
+  m.condition(f.text(64));
+  m.hash(f.number<std::uint64_t>());
+  m.frames(f.least() ? 1 : f.most() ? msg::MAX_FRAMES : 500);
+  m.feature_dimension(f.number<std::uint32_t>());
+  m.agents(f.least() ? 1 : f.most() ? msg::MAX_AGENTS : 16);
+  m.chunks(f.number<std::uint32_t>());
+}
+
+inline void fill(Filler& f, msg::TraversalRequest& m) {
+  fill(f, m.header());
+  m.environment(f.text(64));
+  m.hash(f.number<std::uint64_t>());
+  m.chunks(f.sequence<std::uint32_t>(5, msg::MAX_CHUNKS_ASKED));
+}
+
+inline void fill(Filler& f, msg::TraversalChunk& m) {
+  fill(f, m.header());
+  m.hash(f.number<std::uint64_t>());
+  m.chunk(f.number<std::uint32_t>());
+  m.first_frame(f.number<std::uint32_t>());
+  m.data(f.sequence<std::uint8_t>(10 * 65 * 4, msg::MAX_CHUNK));
+  m.frames(m.data().empty() ? 0 : f.most() ? 3 : 10);
+}
+
+template <class Message>
+Message sample_of(Size size) {
+  Filler filler(size);
+  Message message;
+  fill(filler, message);
+  return message;
+}
+
+template <class Message>
+Bytes encoded(const Message& message) {
+  Bytes bytes;
+  encode(message, bytes);
+  return bytes;
+}
+
+/// Equal in every field, NaN included: the same bytes.
+template <class Message>
+bool equal(const Message& a, const Message& b) {
+  return encoded(a) == encoded(b);
+}
+
+/// Calls `visit.template operator()<Message>()` for every message type.
+template <class Visit>
+void for_each_message(Visit visit) {
+  const auto each = [&]<class... Messages>(std::tuple<Messages...>*) { (visit.template operator()<Messages>(), ...); };
+  each(static_cast<std::tuple<msg::Observation, msg::Action, msg::EpisodeStat, msg::EpisodeAcknowledgement,
+                              msg::ServiceStatus, msg::TaskSettings, msg::TrainingStat, msg::PolicyParameters,
+                              msg::TraversalInfo, msg::TraversalRequest, msg::TraversalChunk>*>(nullptr));
+}
+
+}  // namespace citylearn::testing
