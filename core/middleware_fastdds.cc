@@ -279,16 +279,19 @@ class FastMiddleware : public Middleware {
     qos.transport().send_socket_buffer_size = kSocketBuffer;
     qos.transport().listen_socket_buffer_size = kSocketBuffer;
 
-    const int index = free_index(network);
-    const int port = discovery_port(network.domain, index);
+    const int port = discovery_port(network.domain, free_index(network));
     auto& wire = qos.wire_protocol();
-    wire.participant_id = index;
+    // Fast would give a new participant the number, and so the GUID, of one that left; others then take its first
+    // announcements for old ones.
+    static std::atomic<int> started{0};
+    wire.participant_id = started++;
     wire.builtin.metatrafficUnicastLocatorList.push_back(locator(network.address, port));  // and so no multicast
     wire.default_unicast_locator_list.push_back(locator(network.address, port + 1));
     for (const Network::Peer& peer : network.peers)
       wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));
     wire.builtin.discovery_config.leaseDuration = Duration_t(10, 0u);
-    wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(2, 0u);
+    // Two participants that start at once may miss each other's first announcement; then this is how long they wait.
+    wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(1, 0u);
     wire.builtin.typelookup_config.use_client = false;
     wire.builtin.typelookup_config.use_server = false;
 

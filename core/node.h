@@ -39,8 +39,8 @@ class Node {
     channel.publisher->publish(buffer_);
   }
 
-  /// Next message of this run, not sent by this very process; false when there is none. Undecodable ones are counted,
-  /// logged once a kind, and skipped.
+  /// Next message of this run, not sent by this very process; false when there is none (`message` then holds anything).
+  /// Undecodable ones are counted, logged once a kind, and skipped.
   template <class Message>
   bool take(Message& message) {
     Channel& channel = subscription(topic_of<Message>());

@@ -1,0 +1,132 @@
+// Names, domains, interfaces, and what happens when a vendor cannot start: one clear line, soon, never another
+// middleware.
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "core/error.h"
+#include "core/middleware.h"
+#include "core/node.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::uint32_t kDomain = 103;
+constexpr std::uint32_t kFullDomain = 104;
+
+std::string start_error(MiddlewareOptions options) {
+  const Clock::time_point begin = Clock::now();
+  std::string line;
+  try {
+    create_middleware(options);
+  } catch (const Error& error) {
+    line = error.what();
+  }
+  EXPECT_LT(Clock::now() - begin, std::chrono::seconds(5));
+  EXPECT_EQ(line.find('\n'), std::string::npos);
+  return line;
+}
+
+MiddlewareOptions options_of(const std::string& name) {
+  MiddlewareOptions options;
+  options.name = name;
+  options.domain = kDomain;
+  return options;
+}
+
+TEST(Start, UnknownNamesListTheKnown) {
+  EXPECT_EQ(start_error(options_of("opensplice")),
+            "middleware: unknown middleware 'opensplice' (known: cyclonedds, fastdds, inprocess, and lossy:NAME)");
+  EXPECT_NE(start_error(options_of("")), "");
+  EXPECT_NE(start_error(options_of("lossy:")), "");
+  EXPECT_NE(start_error(options_of("lossy:rti")), "");
+  EXPECT_NE(start_error(options_of("perfect:inprocess")), "");
+}
+
+TEST(Start, WrongLossIsAnError) {
+  EXPECT_EQ(start_error(options_of("lossy,drop=2:inprocess")), "middleware lossy, drop: must be 0..1, is 2");
+  EXPECT_EQ(start_error(options_of("lossy,drop=:inprocess")), "middleware lossy, drop: '' is no number");
+  EXPECT_EQ(start_error(options_of("lossy,drop=nan:inprocess")), "middleware lossy, drop: must be 0..1, is nan");
+  EXPECT_EQ(start_error(options_of("lossy,seed=-1:inprocess")), "middleware lossy, seed: '-1' is no number");
+  EXPECT_EQ(start_error(options_of("lossy,delay=1:inprocess")),
+            "middleware lossy: unknown option 'delay' (known: drop, repeat, reorder, seed)");
+  EXPECT_EQ(start_error(options_of("lossy,drop=0.5,seed=9:inprocess")), "");
+}
+
+TEST(Start, AllListedOnesStart) {
+  for (const auto& [name, help] : list_middlewares())
+    EXPECT_EQ(start_error(options_of(name)), "") << name << ": " << help;
+}
+
+TEST(Start, NodesNeedAnIdAndARun) {
+  Node::Options options;
+  options.middleware = options_of("inprocess");
+  options.id = "";
+  EXPECT_THROW(Node{options}, Error);
+  options.id = std::string(65, 'x');
+  EXPECT_THROW(Node{options}, Error);
+  options.id = std::string(64, 'x');
+  EXPECT_NO_THROW(Node{options});
+  options.run = std::string(65, 'x');
+  EXPECT_THROW(Node{options}, Error);
+}
+
+class Vendor : public ::testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(All, Vendor, ::testing::Values("cyclonedds", "fastdds"),
+                         [](const auto& param_info) { return param_info.param; });
+
+TEST_P(Vendor, DomainIsChecked) {
+  MiddlewareOptions options = options_of(GetParam());
+  options.domain = 233;
+  EXPECT_EQ(start_error(options), "domain: must be 0..232, is 233");
+  options.domain = 232;
+  EXPECT_EQ(start_error(options), "");
+}
+
+TEST_P(Vendor, InterfaceIsChecked) {
+  MiddlewareOptions options = options_of(GetParam());
+  options.interface = "wan7";
+  EXPECT_TRUE(start_error(options).starts_with("interface: unknown interface 'wan7' (those with IPv4: "))
+      << start_error(options);
+  options.interface = "203.0.113.9";
+  EXPECT_NE(start_error(options), "");
+  options.interface = "127.0.0.1";
+  EXPECT_EQ(start_error(options), "");
+}
+
+TEST_P(Vendor, PeersAreChecked) {
+  MiddlewareOptions options = options_of(GetParam());
+  options.peers = {"127.0.0.1", "127.0.0.1:17410"};
+  EXPECT_EQ(start_error(options), "");
+  options.peers = {"127.0.0.1:port"};
+  EXPECT_NE(start_error(options), "");
+  options.peers = {"127.0.0.1:70000"};
+  EXPECT_NE(start_error(options), "");
+  options.peers = {"203.0.113.9"};
+  EXPECT_EQ(start_error(options),
+            "peers: '203.0.113.9' cannot be reached through interface 'lo' (name the interface that leads there)");
+}
+
+TEST_P(Vendor, NoFreePortIsAnError) {
+  std::vector<int> sockets;
+  for (int index = 0; index < 62; ++index) {
+    const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    address.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * kFullDomain + 10 + 2 * index));
+    // When a port is taken already, all the better.
+    static_cast<void>(bind(handle, reinterpret_cast<const sockaddr*>(&address), sizeof address));
+    sockets.push_back(handle);
+  }
+  MiddlewareOptions options = options_of(GetParam());
+  options.domain = kFullDomain;
+  const std::string line = start_error(options);
+  EXPECT_NE(line.find("domain 104"), std::string::npos) << line;
+  for (int handle : sockets) close(handle);
+  EXPECT_EQ(start_error(options), "");
+}
+
+}  // namespace
+}  // namespace citylearn

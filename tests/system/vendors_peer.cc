@@ -1,0 +1,52 @@
+// vendors_peer MIDDLEWARE DOMAIN RUN ID: reads every kind of message and sends each back, until its standard input
+// ends.
+#include <poll.h>
+
+#include <cstdio>
+
+#include "core/node.h"
+#include "tests/support/samples.h"
+
+namespace citylearn {
+namespace {
+
+bool input_ended() {
+  pollfd input{0, POLLIN, 0};
+  return poll(&input, 1, 0) > 0;
+}
+
+int run(char** arguments) {
+  Node::Options options;
+  options.middleware.name = arguments[1];
+  options.middleware.domain = static_cast<std::uint32_t>(std::stoul(arguments[2]));
+  options.service = "vendors_peer";
+  options.run = arguments[3];
+  options.id = arguments[4];
+  Node node(options);
+  testing::for_each_message([&]<class Message>() {
+    node.listen<Message>();
+    node.announce<Message>();
+  });
+  while (!input_ended()) {
+    node.wait(Clock::now() + std::chrono::milliseconds(20));
+    testing::for_each_message([&]<class Message>() {
+      Message message;
+      while (node.take(message)) node.publish(message);
+    });
+  }
+  for (const std::string& fault : node.faults()) std::fprintf(stderr, "%s\n", fault.c_str());
+  return node.faults().empty() && node.traffic.rejected == 0 ? 0 : 1;
+}
+
+}  // namespace
+}  // namespace citylearn
+
+int main(int count, char** arguments) {
+  if (count != 5) return 2;
+  try {
+    return citylearn::run(arguments);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "vendors_peer: %s\n", error.what());
+    return 1;
+  }
+}

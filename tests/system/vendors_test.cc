@@ -1,0 +1,117 @@
+// Every pairing of the vendors, in two processes: every message, empty and at its largest, there and back unchanged.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include "core/node.h"
+#include "tests/support/child.h"
+#include "tests/support/samples.h"
+#include "tests/support/wait.h"
+
+namespace citylearn {
+namespace {
+
+using testing::Child;
+using testing::equal;
+using testing::for_each_message;
+using testing::sample_of;
+using testing::Size;
+
+constexpr std::uint32_t kDomain = 110;  // and one for each pairing
+
+/// Names as long as they may be.
+std::string longest(const std::string& begin) {
+  std::string name = begin + std::to_string(getpid());
+  name.resize(64, '-');
+  return name;
+}
+
+class Vendors : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {
+ protected:
+  Node::Options options() {
+    Node::Options options;
+    options.middleware.name = std::get<0>(GetParam());
+    options.middleware.domain = domain();
+    options.service = "vendors_test";
+    options.id = longest("test");
+    options.run = longest("run");
+    return options;
+  }
+  std::uint32_t domain() {
+    return kDomain + (std::get<0>(GetParam()) == "fastdds" ? 2 : 0) + (std::get<1>(GetParam()) == "fastdds" ? 1 : 0);
+  }
+};
+
+const auto kVendors = ::testing::Values("cyclonedds", "fastdds");
+INSTANTIATE_TEST_SUITE_P(All, Vendors, ::testing::Combine(kVendors, kVendors), [](const auto& param_info) {
+  return std::get<0>(param_info.param) + "_" + std::get<1>(param_info.param);
+});
+
+/// Sends `sent` until the peer's copy is here. What still comes of earlier messages is passed over.
+template <class Message>
+void expect_echo(Node& node, const Message& sent) {
+  const Clock::time_point deadline = Clock::now() + testing::kPatience;
+  Clock::time_point send_again{};
+  Message out = sent, back;
+  while (Clock::now() < deadline) {
+    if (Clock::now() >= send_again) {
+      out = sent;
+      node.publish(out);
+      send_again = Clock::now() + std::chrono::milliseconds(200);
+    }
+    node.wait(send_again);
+    while (node.take(back)) {
+      EXPECT_EQ(back.header().sender().to_string(), longest("peer"));
+      EXPECT_EQ(back.header().run().to_string(), longest("run"));
+      back.header(sent.header());
+      if (equal(back, sent)) return;
+    }
+  }
+  FAIL() << topic_of<Message>().type << " did not come back";
+}
+
+TEST_P(Vendors, EveryMessageGoesThereAndBack) {
+  Node node(options());
+  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain()), longest("run"), longest("peer")});
+  for_each_message([&]<class Message>() {
+    node.listen<Message>();
+    node.announce<Message>();
+  });
+  for (Size size : {Size::kLeast, Size::kTypical, Size::kMost})
+    for_each_message([&]<class Message>() { expect_echo(node, sample_of<Message>(size)); });
+  EXPECT_EQ(node.traffic.rejected, 0u);
+  EXPECT_TRUE(node.faults().empty());
+  EXPECT_EQ(peer.finish(std::chrono::seconds(5)), 0);
+}
+
+TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
+  Node node(options());
+  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain()), longest("run"), longest("peer")});
+  MiddlewareOptions raw = options().middleware;
+  raw.participant = "raw";
+  const auto middleware = create_middleware(raw);
+  Topic wrong = topic_of<msg::Action>();
+  wrong.type = "citylearn::msg::Reaction";
+  const auto publisher = middleware->create_publisher(wrong);
+  // The peer's presence is the condition; its fault line is asked for by its exit status.
+  expect_echo(node, sample_of<msg::Observation>(Size::kTypical));
+  std::vector<std::string> faults;
+  EXPECT_TRUE(testing::eventually(
+      *middleware,
+      [&] {
+        for (const std::string& line : middleware->faults())
+          if (line.find(longest("peer")) != std::string::npos) faults.push_back(line);
+        return faults.size() >= 2;
+      },
+      std::chrono::seconds(5)));
+  std::sort(faults.begin(), faults.end());
+  EXPECT_EQ(faults,
+            (std::vector<std::string>{"topic citylearn/action: '" + longest("peer") +
+                                          "' publishes type citylearn::msg::Action, expected citylearn::msg::Reaction",
+                                      "topic citylearn/action: '" + longest("peer") +
+                                          "' reads type citylearn::msg::Action, expected citylearn::msg::Reaction"}));
+  expect_echo(node, sample_of<msg::Action>(Size::kTypical));  // nobody else is disturbed
+  EXPECT_EQ(peer.finish(std::chrono::seconds(5)), 1);
+}
+
+}  // namespace
+}  // namespace citylearn
