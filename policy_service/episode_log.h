@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "core/messages.h"
+
+namespace citylearn {
+
+/// Every finished episode once, in `episodes.csv`. An episode counts as recorded when its row has left this process, so that
+/// whoever is told so may forget it.
+class EpisodeLog {
+ public:
+  /// Goes on with the file when it exists: what it holds is known as recorded, a row cut short by a crash is dropped.
+  /// An empty path records in memory alone. Throws Error naming the file when it is not an episode log or cannot be written.
+  explicit EpisodeLog(const std::string& path);
+  ~EpisodeLog();
+  EpisodeLog(const EpisodeLog&) = delete;
+  EpisodeLog& operator=(const EpisodeLog&) = delete;
+
+  /// True when this episode was new. Order and repetition don't matter.
+  bool record(const msg::EpisodeStat& episode);
+  /// Hands the rows to the operating system and returns the number up to which all of this env_service's episodes are
+  /// recorded. Throws Error when that fails (disk full): nothing is then acknowledged.
+  std::uint64_t recorded(const std::string& environment, std::uint64_t incarnation);
+  std::uint64_t total() const { return total_; }
+
+ private:
+  struct Progress {
+    std::uint64_t contiguous = 0;            ///< all episodes up to this one are recorded
+    std::map<std::uint64_t, bool> beyond;    ///< recorded ones after a gap
+    void add(std::uint64_t episode);
+    void skip_to(std::uint64_t episode);
+  };
+  void load();
+
+  std::string path_;
+  std::FILE* file_ = nullptr;
+  std::map<std::pair<std::string, std::uint64_t>, Progress> progress_;
+  std::uint64_t total_ = 0;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,93 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/node.h"
+
+namespace citylearn {
+
+/// One env_service as a policy_service sees it.
+struct Seat {
+  std::string id;
+  msg::TraversalInfo info;               ///< of the running incarnation
+  msg::TaskSettings settings;            ///< last commanded; version 0 = none
+  bool in_force = false;                 ///< the env_service has confirmed them
+  std::uint64_t next_step = 0;           ///< step of the observation to be answered next, under `settings`
+  bool waiting = false;                  ///< that observation has come and waits for answer()
+  Clock::time_point heard;               ///< last sign of life
+
+  std::string traversal() const { return info.traversal().c_str(); }
+  std::uint64_t incarnation() const { return info.header().incarnation(); }
+};
+
+/// The env_services of a run: finds them, tells them what to do, answers their observations, each exactly once, over a
+/// transport that may lose, repeat and reorder. Used by one thread; seats stay at their addresses.
+class Fleet {
+ public:
+  /// Called for each new observation of a seat whose settings are in force. Fills `choice` and returns true, or returns false
+  /// and calls answer() later.
+  using Decide = std::function<bool(Seat&, const msg::Observation&, std::vector<std::uint8_t>& choice)>;
+  /// Called for each EpisodeStat, repetitions included. Whoever records calls acknowledge().
+  using Finished = std::function<void(Seat&, const msg::EpisodeStat&)>;
+  /// Called when an env_service appears, or comes back as a new incarnation (it then waits for settings).
+  using Joined = std::function<void(Seat&)>;
+
+  explicit Fleet(Node& node);
+
+  Decide decide;
+  Finished finished;
+  Joined joined;
+
+  /// Handles everything that has come, re-sends what is due, then waits for more, at most until `deadline`.
+  void spin(Clock::time_point deadline);
+
+  /// New settings for a seat, under a new SettingsId; sent until confirmed. `settings`' ids are filled here.
+  void command(Seat& seat, msg::TaskSettings settings);
+  /// Answers the observation that waits.
+  void answer(Seat& seat, const std::vector<std::uint8_t>& choice);
+  void acknowledge(const Seat& seat, std::uint64_t episode);
+
+  /// By id.
+  const std::map<std::string, std::unique_ptr<Seat>>& seats() const { return seats_; }
+  /// Heard of within the last `kSilence`.
+  static bool alive(const Seat& seat);
+  static constexpr std::chrono::seconds kSilence{3};
+
+  /// Features of frames first .. first + count - 1 of a seat's traversal (count x D, frame-major), fetched over the wire.
+  /// Throws Error when they are not complete by the deadline, or the range does not lie on the traversal.
+  std::vector<float> fetch_features(Seat& seat, int first, int count, Clock::time_point deadline);
+
+ private:
+  Seat* known(const msg::Header& header);
+  void on_info(const msg::TraversalInfo& info);
+  void on_observation(const msg::Observation& observation);
+  void on_chunk(const msg::TraversalChunk& chunk);
+  void send_due_settings();
+  void send_action(const Seat& seat, const msg::Action& action);
+
+  struct Fetch {                          // one transfer at a time
+    std::uint64_t hash = 0;
+    int total = 0, frames_a_chunk = 0, dimension = 0, first = 0, count = 0;
+    std::vector<std::uint32_t> missing;
+    std::vector<float> features;
+  };
+
+  Node& node_;
+  std::map<std::string, std::unique_ptr<Seat>> seats_;
+  std::map<const Seat*, msg::Action> last_action_;
+  std::map<const Seat*, Clock::time_point> next_settings_;
+  std::uint32_t version_ = 0;
+  Fetch fetch_;
+  msg::Observation observation_;
+  msg::EpisodeStat episode_;
+  msg::TraversalInfo info_;
+  msg::TraversalChunk chunk_;
+  msg::ServiceStatus status_;
+  std::vector<std::uint8_t> choice_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,52 @@
+#include "policy_service/metrics_log.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <cerrno>
+#include <cstring>
+#include <fstream>
+
+#include "policy_service/files.h"
+
+namespace citylearn {
+namespace {
+
+constexpr const char* kHeader =
+    "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,policy_loss,value_loss,entropy,divergence,clipped,"
+    "gradient_norm,learning_rate";
+
+}  // namespace
+
+MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) : path_(path) {
+  std::string kept = std::string(kHeader) + "\n";
+  if (after_update > 0) {
+    std::ifstream in(path);
+    std::string line;
+    while (std::getline(in, line)) {
+      std::uint64_t update = 0, steps, episodes, lesson;
+      double wall = 0;
+      char tail = 0;
+      if (std::sscanf(line.c_str(), "%lu,%lu,%lu,%lu,%lf%c", &update, &steps, &episodes, &lesson, &wall, &tail) != 6 ||
+          update > after_update)
+        continue;
+      kept += line + "\n";
+      wall_ = wall;
+    }
+  }
+  write_file(path, kept);
+  file_ = std::fopen(path.c_str(), "a");
+  if (!file_) throw Error(std::strerror(errno), path, "choose another --output");
+}
+
+MetricsLog::~MetricsLog() {
+  if (file_) std::fclose(file_);
+}
+
+void MetricsLog::write(const msg::TrainingStat& s) {
+  fmt::print(file_, "{},{},{},{},{:.3f},{:.0f},{:.5f},{:.5f},{:.6g},{:.6g},{:.5f},{:.6g},{:.5f},{:.5g},{:.6g}\n", s.update(),
+             s.steps(), s.episodes(), s.lesson(), s.wall(), s.steps_per_second(), s.reward(), s.spl(), s.policy_loss(),
+             s.value_loss(), s.entropy(), s.divergence(), s.clipped(), s.gradient_norm(), s.learning_rate());
+  if (std::fflush(file_) != 0) throw Error(std::strerror(errno), path_, "free some space");
+}
+
+}  // namespace citylearn

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <string>
+
+#include "core/messages.h"
+
+namespace citylearn {
+
+/// One row an update in `metrics.csv`: the figures of TrainingStat under its field names.
+class MetricsLog {
+ public:
+  /// Starts the file anew, or, when `after_update` > 0, keeps its rows up to that update (what a killed process wrote past
+  /// its last checkpoint is computed again). Throws Error naming the file when it cannot be written.
+  MetricsLog(const std::string& path, std::uint64_t after_update);
+  ~MetricsLog();
+  MetricsLog(const MetricsLog&) = delete;
+  MetricsLog& operator=(const MetricsLog&) = delete;
+
+  /// Throws Error when the row cannot be written.
+  void write(const msg::TrainingStat& stat);
+  /// Seconds of training in the last row kept; 0 for a new file.
+  double wall() const { return wall_; }
+
+ private:
+  std::string path_;
+  std::FILE* file_ = nullptr;
+  double wall_ = 0;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,113 @@
+#pragma once
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "core/error.h"
+#include "core/middleware.h"
+
+namespace citylearn::testing {
+
+/// A folder that goes when the test ends.
+class Folder {
+ public:
+  Folder() {
+    std::string name = (std::filesystem::temp_directory_path() / "citylearn-XXXXXX").string();
+    if (!mkdtemp(name.data())) throw Error("no temporary folder");
+    path_ = name;
+  }
+  ~Folder() { std::filesystem::remove_all(path_); }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_;
+};
+
+inline std::string contents(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+/// Asks until `condition` holds; false when it has not within `patience`.
+inline bool poll_until(const std::function<bool()>& condition, std::chrono::milliseconds patience) {
+  const Clock::time_point deadline = Clock::now() + patience;
+  while (!condition()) {
+    if (Clock::now() >= deadline) return false;
+    ::poll(nullptr, 0, 5);
+  }
+  return true;
+}
+
+/// A program of the project, its output caught in a file. Killed when the test leaves it.
+class Service {
+ public:
+  Service(std::vector<std::string> command, const std::string& output) : output_(output) {
+    std::vector<char*> arguments;
+    for (std::string& argument : command) arguments.push_back(argument.data());
+    arguments.push_back(nullptr);
+    const int file = ::open(output.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+    process_ = ::fork();
+    if (process_ == 0) {
+      const int nothing = ::open("/dev/null", O_RDONLY);
+      ::dup2(nothing, STDIN_FILENO);
+      ::dup2(file, STDOUT_FILENO);
+      ::dup2(file, STDERR_FILENO);
+      ::execv(arguments[0], arguments.data());
+      ::_exit(127);
+    }
+    ::close(file);
+    if (process_ < 0) throw Error("cannot fork", command[0]);
+  }
+  ~Service() {
+    if (process_ <= 0) return;
+    ::kill(process_, SIGKILL);
+    ::waitpid(process_, nullptr, 0);
+  }
+  Service(const Service&) = delete;
+  Service& operator=(const Service&) = delete;
+
+  void send(int signal) const {
+    if (process_ > 0) ::kill(process_, signal);
+  }
+  /// Exit status (128 + signal when killed by one), or nothing when it still runs after `patience`.
+  std::optional<int> wait(std::chrono::milliseconds patience) {
+    if (process_ <= 0) return status_;
+    pollfd ended{static_cast<int>(::syscall(SYS_pidfd_open, process_, 0)), POLLIN, 0};
+    const int ready = ::poll(&ended, 1, static_cast<int>(patience.count()));
+    ::close(ended.fd);
+    if (ready != 1) return std::nullopt;
+    int status = 0;
+    ::waitpid(process_, &status, 0);
+    process_ = 0;
+    return status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  }
+  std::string output() const { return contents(output_); }
+  bool says(const std::string& text, std::chrono::milliseconds patience) const {
+    return poll_until([&] { return output().find(text) != std::string::npos; }, patience);
+  }
+
+ private:
+  std::string output_;
+  pid_t process_ = 0;
+  int status_ = -1;
+};
+
+}  // namespace citylearn::testing

@@ -1,0 +1,281 @@
+// Whole runs: real processes over loopback DDS.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include "core/node.h"
+#include "tests/support/service.h"
+
+namespace citylearn::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::seconds;
+using Json = nlohmann::json;
+using Arguments = std::vector<std::string>;
+
+constexpr seconds kLong{120};
+
+/// One run in a domain of its own: a folder, its env_services, its policy_service.
+class Run {
+ public:
+  Run(std::string middleware, int domain) : middleware_(std::move(middleware)), domain_(domain) {}
+
+  std::unique_ptr<Service> env(const std::string& traversal, const Arguments& more = {}) {
+    Arguments command = {CITYLEARN_ENV_SERVICE, "--traversal", traversal, "--synthetic-frames", "160", "--agents", "8"};
+    return start(command, more, traversal + "-" + std::to_string(++count_) + ".log");
+  }
+  std::unique_ptr<Service> policy(const Arguments& more) {
+    return start({CITYLEARN_POLICY_SERVICE, "--wait", "60"}, more, "policy-" + std::to_string(++count_) + ".log");
+  }
+  /// Training of `updates` updates of 8 agents x 64 steps.
+  std::unique_ptr<Service> train(int updates, const std::string& output, Arguments more = {}) {
+    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512), "--checkpoint-every", "4", "--output",
+                             folder_ / output, "--tasks", "16", "--evaluate", "summer"});
+    return policy(more);
+  }
+  /// Name and bytes of the newest checkpoint.
+  std::pair<std::string, std::string> checkpoint(const std::string& output) const {
+    std::vector<std::string> found;
+    if (fs::exists(folder_ / (output + "/checkpoints")))
+      for (const auto& entry : fs::directory_iterator(folder_ / (output + "/checkpoints")))
+        if (entry.path().extension() != ".tmp") found.push_back(entry.path());
+    if (found.empty()) return {};
+    std::sort(found.begin(), found.end());
+    return {fs::path(found.back()).filename(), contents(found.back())};
+  }
+  bool has_checkpoint(const std::string& output, std::chrono::milliseconds patience) const {
+    return poll_until([&] { return !checkpoint(output).first.empty(); }, patience);
+  }
+  const Folder& folder() const { return folder_; }
+
+ private:
+  std::unique_ptr<Service> start(Arguments command, const Arguments& more, const std::string& log) {
+    command.insert(command.end(), {"--domain", std::to_string(domain_), "--middleware", middleware_});
+    command.insert(command.end(), more.begin(), more.end());
+    return std::make_unique<Service>(command, folder_ / log);
+  }
+  Folder folder_;
+  std::string middleware_;
+  int domain_, count_ = 0;
+};
+
+class Vendors : public ::testing::TestWithParam<const char*> {
+ protected:
+  int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 70 : 80) + offset; }
+};
+INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"), [](const auto& info) { return std::string(info.param); });
+
+TEST_P(Vendors, TrainEvaluateAndReport) {
+  Run run(GetParam(), domain(0));
+  const auto summer = run.env("summer"), fall = run.env("fall");
+  const auto policy = run.policy({"--agent", "place_filter", "--steps", "4096", "--output", run.folder() / "out", "--tasks", "300",
+                                  "--evaluate", "summer,fall", "--controls", "all", "--seed", "3"});
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  const Json summary = Json::parse(contents(run.folder() / "out/summary.json"));
+  EXPECT_EQ(summary["agent"], "place_filter");
+  EXPECT_EQ(summary["middleware"], GetParam());
+  EXPECT_EQ(summary["seed"], 3);
+  EXPECT_EQ(summary["train"]["traversal"], "summer");
+  EXPECT_EQ(summary["train"]["steps"], 4096);
+  for (const char* key : {"episodes", "wall_s", "steps_per_s", "reward", "episodes_to_spl95", "wall_s_to_spl95"})
+    EXPECT_TRUE(summary["train"].contains(key)) << key;
+  ASSERT_EQ(summary["evaluate"].size(), 2u);
+  for (const auto& [name, score] : summary["evaluate"].items()) {
+    EXPECT_EQ(score["tasks"], 300) << name;
+    for (const char* key : {"completed", "spl", "excess", "mean_steps", "shortest_mean", "reward"}) EXPECT_TRUE(score[key].is_number()) << key;
+  }
+  ASSERT_EQ(summary["controls"].size(), 4u);
+  const Json& controls = summary["controls"];
+  EXPECT_EQ(controls["shortest_path"]["summer"]["spl"], 1.0);
+  EXPECT_EQ(controls["blind"]["fall"]["completed"], 1.0);
+  EXPECT_NEAR(controls["blind"]["fall"]["spl"], 0.852, 0.04);
+  EXPECT_GT(controls["sequence_filter"]["fall"]["spl"], 0.95);
+  EXPECT_EQ(controls["blind"]["summer"], controls["blind"]["fall"]) << "a blind policy on the same tasks";
+  // Every episode of the evaluations is on record, once.
+  const std::string log = contents(run.folder() / "out/episodes.csv");
+  int evaluated = 0;
+  std::map<std::string, int> seen;
+  std::istringstream lines(log);
+  for (std::string line; std::getline(lines, line);) {
+    evaluated += line.find(",fall,1,") != std::string::npos;
+    std::string::size_type end = 0;
+    for (int comma = 0; comma < 3; ++comma) end = line.find(',', end) + 1;
+    EXPECT_EQ(++seen[line.substr(0, end)], 1) << line;
+  }
+  EXPECT_EQ(evaluated, 5 * 300);
+  EXPECT_TRUE(Json::parse(contents(run.folder() / "out/manifest.json"))["traversals"].contains("summer"));
+  EXPECT_NE(policy->output().find("SPL"), std::string::npos) << "the final table";
+}
+
+TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
+  Run run(GetParam(), domain(1));
+  const auto summer = run.env("summer");
+  const auto straight = run.train(12, "straight");
+  ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
+  {
+    const auto killed = run.train(100000, "killed", {"--place_filter-nothing"});
+    EXPECT_NE(killed->wait(seconds(10)), 0) << "unknown parameters are errors";
+  }
+  // The schedules follow --steps, so the run to be killed is the same run; it is killed as soon as it has a checkpoint.
+  auto killed = run.train(12, "killed");
+  ASSERT_TRUE(run.has_checkpoint("killed", kLong)) << killed->output();
+  killed->send(SIGKILL);
+  killed->wait(seconds(5));
+  const auto resumed = run.train(12, "killed", {"--resume"});
+  ASSERT_TRUE(resumed->says("training ", seconds(10))) << "goes on within 10 s\n" << resumed->output();
+  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  const auto expected = run.checkpoint("straight"), found = run.checkpoint("killed");
+  EXPECT_EQ(found.first, expected.first);
+  EXPECT_TRUE(found.second == expected.second) << "the final checkpoints differ";
+}
+
+TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {
+  Run run(GetParam(), domain(2));
+  auto summer = run.env("summer");
+  const auto policy = run.train(40, "out");
+  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
+  summer->send(SIGKILL);
+  summer->wait(seconds(5));
+  summer = run.env("summer");
+  ASSERT_TRUE(policy->says("restarted env_service", seconds(10))) << policy->output();
+  EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
+}
+
+TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
+  Run run(GetParam(), domain(3));
+  auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
+  const auto policy = run.train(60, "out", {"--environments", "2"});
+  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
+  two->send(SIGKILL);
+  ASSERT_TRUE(policy->says("goes on without it", seconds(20))) << policy->output();
+  EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
+}
+
+TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
+  Run run(GetParam(), domain(4));
+  const auto waiting = run.policy({"--run", "nobody"});
+  ASSERT_TRUE(waiting->says("waiting for env_services", seconds(20))) << waiting->output();
+  waiting->send(SIGTERM);
+  EXPECT_TRUE(waiting->wait(seconds(2)).has_value());
+  const auto summer = run.env("summer");
+  const auto policy = run.train(1000000, "out");
+  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
+  policy->send(SIGTERM);
+  EXPECT_EQ(policy->wait(seconds(2)), 130);
+  summer->send(SIGTERM);
+  EXPECT_EQ(summer->wait(seconds(2)), 0);
+}
+
+TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
+  Run run(GetParam(), domain(5));
+  MiddlewareOptions options;
+  options.name = GetParam();
+  options.domain = static_cast<std::uint32_t>(domain(5));
+  options.participant = "stranger";
+  const auto stranger = create_middleware(options);
+  Topic topic = topic_of<msg::Observation>();
+  topic.type = "other::Picture";
+  const auto publisher = stranger->create_publisher(topic);
+  const auto policy = run.policy({});
+  EXPECT_EQ(policy->wait(seconds(8)), 1);
+  EXPECT_NE(policy->output().find("other::Picture"), std::string::npos) << policy->output();
+  EXPECT_NE(policy->output().find("citylearn/observation"), std::string::npos) << policy->output();
+}
+
+TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
+  std::map<std::string, std::string> bytes;
+  int domain = 90;
+  for (const std::string& middleware : {"fastdds", "cyclonedds", "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:cyclonedds"}) {
+    Run run(middleware, ++domain);
+    const auto summer = run.env("summer");
+    const auto policy = run.train(9, "out", {"--lockstep", "--seed", "5"});
+    ASSERT_EQ(policy->wait(kLong), 0) << middleware << "\n" << policy->output();
+    bytes[middleware] = run.checkpoint("out").second;
+  }
+  {
+    Run run("inprocess", ++domain);
+    Service both({CITYLEARN_INPROCESS_RUN, run.folder() / "out"}, run.folder() / "log");
+    ASSERT_EQ(both.wait(kLong), 0) << both.output();
+    bytes["inprocess"] = run.checkpoint("out").second;
+  }
+  ASSERT_FALSE(bytes["inprocess"].empty());
+  for (const auto& [name, found] : bytes) EXPECT_TRUE(found == bytes["inprocess"]) << name << " differs from inprocess";
+  Run run("cyclonedds", ++domain);
+  const auto summer = run.env("summer");
+  const auto policy = run.train(9, "out", {"--lockstep", "--seed", "6"});
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  EXPECT_FALSE(run.checkpoint("out").second == bytes["inprocess"]) << "another seed is another run";
+}
+
+TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
+  Run run("cyclonedds", 100);
+  const auto summer = run.env("summer");
+  const auto trained = run.train(4, "out");
+  ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
+  const auto [name, bytes] = run.checkpoint("out");
+  const std::string path = run.folder() / ("out/checkpoints/" + name);
+  const auto again = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer", "--output", run.folder() / "again"});
+  ASSERT_EQ(again->wait(kLong), 0) << again->output();
+  EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"], Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
+  const auto refused = [&](const std::string& file, const std::string& what) {
+    std::ofstream(file, std::ios::binary) << what;
+    const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", file});
+    EXPECT_EQ(policy->wait(seconds(10)), 1) << policy->output();
+    EXPECT_NE(policy->output().find(file), std::string::npos) << policy->output();
+  };
+  std::string flipped = bytes;
+  flipped[flipped.size() / 2] = static_cast<char>(flipped[flipped.size() / 2] ^ 1);
+  refused(run.folder() / "flipped", flipped);
+  refused(run.folder() / "short", bytes.substr(0, bytes.size() - 7));
+  refused(run.folder() / "foreign", "PNG, perhaps");
+  refused(run.folder() / "empty", "");
+}
+
+TEST(CommandLine, WrongInputIsOneClearLine) {
+  Run run("cyclonedds", 101);
+  const std::map<std::string, std::pair<Arguments, std::string>> cases = {
+      {"unknown middleware", {{"--middleware", "zeromq"}, "cyclonedds"}},
+      {"domain out of range", {{"--domain", "300"}, "domain"}},
+      {"unknown agent", {{"--agent", "oracle"}, "place_filter"}},
+      {"unknown learner", {{"--learner", "sarsa"}, "ppo"}},
+      {"unknown control", {{"--controls", "drunk"}, "blind"}},
+      {"unknown option", {{"--speed", "9"}, "--speed"}},
+      {"parameter out of range", {{"--ppo-gamma", "1.5"}, "gamma"}},
+      {"nobody there", {{"--wait", "1"}, "summer"}},
+      {"missing checkpoint", {{"--mode", "evaluate", "--checkpoint", "/nonexistent/file"}, "/nonexistent/file"}},
+      {"output is a file", {{"--output", "/dev/null/x"}, "/dev/null/x"}},
+      {"unknown interface", {{"--interface", "nowhere0"}, "nowhere0"}},
+  };
+  for (const auto& [name, wrong] : cases) {
+    const auto policy = run.policy(wrong.first);
+    const auto status = policy->wait(seconds(8));
+    ASSERT_TRUE(status.has_value()) << name;
+    EXPECT_TRUE(*status == 1 || *status == 2) << name << ": " << *status;
+    const std::string output = policy->output();
+    EXPECT_NE(output.find(wrong.second), std::string::npos) << name << ": " << output;
+    std::string line;
+    std::istringstream lines(output);
+    int complaints = 0;
+    while (std::getline(lines, line)) complaints += line.rfind("policy_service: ", 0) == 0;
+    EXPECT_EQ(complaints, 1) << name << ": " << output;
+  }
+  std::ofstream(run.folder() / "wrong.toml") << "agent = \"baseline\"\ncolour = 3\n";
+  const auto policy = run.policy({"--config", run.folder() / "wrong.toml"});
+  EXPECT_EQ(policy->wait(seconds(8)), 2);
+  EXPECT_NE(policy->output().find("colour"), std::string::npos) << policy->output();
+}
+
+TEST(CommandLine, ListNamesEveryPlugin) {
+  Folder folder;
+  Service list({CITYLEARN_POLICY_SERVICE, "--list"}, folder / "log");
+  ASSERT_EQ(list.wait(seconds(10)), 0);
+  for (const char* name : {"baseline", "features", "place_filter", "ppo", "blind", "sequence_filter", "shortest_path", "fastdds", "cyclonedds", "inprocess", "--ppo-gamma"})
+    EXPECT_NE(list.output().find(name), std::string::npos) << name;
+}
+
+}  // namespace
+}  // namespace citylearn::testing
