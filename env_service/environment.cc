@@ -6,7 +6,15 @@
 
 namespace citylearn {
 
-Environment::Environment(const Traversal& traversal, int agents) : traversal_(traversal) {
+namespace {
+
+// Steps and tasks are counted in int.
+constexpr std::uint32_t kMaxCount = 1u << 30;
+
+}  // namespace
+
+Environment::Environment(const Traversal& traversal, int agents)
+    : traversal_(traversal), traversal_hash_(traversal.hash()) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
   if (static_cast<std::size_t>(agents) * traversal.dimension > msg::MAX_FEATURES)
@@ -22,16 +30,25 @@ void Environment::reset(const msg::TaskSettings& settings) {
     throw Error("the route ends at frame " + std::to_string(end) + ", traversal '" + traversal_.name + "' has only " +
                     std::to_string(traversal_.frames),
                 "TaskSettings.frames", "ask for a shorter route");
-  if (settings.max_steps() == 0) throw Error("must be at least 1", "TaskSettings.max_steps");
-  if (settings.task_mode() == msg::EVALUATE && settings.tasks() == 0)
-    throw Error("must be at least 1", "TaskSettings.tasks");
+  const auto require_count = [](std::uint32_t value, const char* where) {
+    if (value < 1 || value > kMaxCount)
+      throw Error("must be 1.." + std::to_string(kMaxCount) + ", is " + std::to_string(value), where);
+  };
+  require_count(settings.max_steps(), "TaskSettings.max_steps");
+  if (settings.task_mode() == msg::IDLE) throw Error("there is no task in mode IDLE", "TaskSettings.task_mode");
+  if (settings.task_mode() == msg::EVALUATE) require_count(settings.tasks(), "TaskSettings.tasks");
   settings_ = settings;
   step_ = 0;
   finished_.clear();
+  finished_.reserve(agents_.size());
   const int frames = static_cast<int>(settings.frames());
   for (int index = 0; index < agents(); ++index) {
     Agent& agent = agents_[index];
     agent = Agent{};
+    if (settings.shuffle()) {
+      agent.order.resize(frames);
+      std::iota(agent.order.begin(), agent.order.end(), 0);
+    }
     agent.random = Random{settings.seed(), static_cast<std::uint64_t>(index)};
     if (settings.task_mode() == msg::EVALUATE) {
       begin_task(agent, index);
@@ -53,7 +70,7 @@ void Environment::begin_training_episode(Agent& agent) {
   agent.previous_action = kNoAction;
   agent.flags |= msg::FLAG_FIRST;
   if (settings_.shuffle()) {
-    agent.order.resize(frames);
+    // From the identity, so that under EVALUATE the order is the task's alone and not of those the agent did before.
     std::iota(agent.order.begin(), agent.order.end(), 0);
     for (int i = frames - 1; i > 0; --i) std::swap(agent.order[i], agent.order[agent.random.below(i + 1)]);
   }
@@ -131,6 +148,7 @@ void Environment::observe(msg::Observation& observation) const {
   observation.settings() = settings_.settings();
   observation.step() = step_;
   observation.traversal() = traversal_.name.c_str();
+  observation.traversal_hash() = traversal_hash_;
   observation.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
   observation.frame().resize(count);
   observation.position().resize(count);

@@ -26,11 +26,13 @@ class Environment {
     bool completed;
   };
 
-  /// `traversal` must outlive the environment. 1 <= agents <= msg::MAX_AGENTS.
+  /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS and
+  /// agents x features fit one observation.
   Environment(const Traversal& traversal, int agents);
 
   /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
-  /// first_frame .. first_frame + frames - 1 does not lie on the traversal, has fewer than 2 frames, or max_steps is 0.
+  /// first_frame .. first_frame + frames - 1 does not lie on the traversal or has fewer than 2 frames, the mode is IDLE, or
+  /// max_steps or (EVALUATE) tasks are not 1..2^30.
   void reset(const msg::TaskSettings& settings);
 
   /// One action per agent. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
@@ -45,10 +47,11 @@ class Environment {
   bool done() const;
   int agents() const { return static_cast<int>(agents_.size()); }
   const Traversal& traversal() const { return traversal_; }
+  std::uint64_t traversal_hash() const { return traversal_hash_; }
 
  private:
   struct Agent {
-    Random random;
+    Random random = Random(0);
     int task = 0, start = 0, frame = 0, goal = 0, steps = 0, nearest = 0;
     float episode_reward = 0, reward = 0;
     std::uint8_t previous_action = kNoAction, flags = 0;
@@ -59,6 +62,7 @@ class Environment {
   std::uint8_t allowed(int frame) const;
 
   const Traversal& traversal_;
+  const std::uint64_t traversal_hash_;
   msg::TaskSettings settings_;
   std::vector<Agent> agents_;
   std::vector<Episode> finished_;

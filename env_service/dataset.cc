@@ -1,0 +1,11 @@
+#include "env_service/dataset.h"
+
+namespace citylearn {
+
+Error unknown_traversal(const std::string& name, const std::string& where, const std::vector<std::string>& known) {
+  std::string list;
+  for (const std::string& one : known) list += (list.empty() ? "" : ", ") + one;
+  return Error("no traversal '" + name + "'", where, list.empty() ? "there is none at all" : "there are: " + list);
+}
+
+}  // namespace citylearn
