@@ -1,5 +1,6 @@
 #include <charconv>
 #include <optional>
+#include <set>
 
 #include "core/error.h"
 #include "core/middleware_parts.h"

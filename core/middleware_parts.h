@@ -6,7 +6,6 @@
 #include <condition_variable>
 #include <map>
 #include <mutex>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -59,8 +58,8 @@ class Wakeup {
  public:
   class Flag {
    public:
-    explicit Flag(Wakeup& wakeup) : wakeup_(wakeup) { wakeup_.flags_.insert(this); }
-    ~Flag() { wakeup_.flags_.erase(this); }
+    explicit Flag(Wakeup& wakeup) : wakeup_(wakeup) { wakeup_.flags_.push_back(this); }
+    ~Flag() { std::erase(wakeup_.flags_, this); }
     Flag(const Flag&) = delete;
     Flag& operator=(const Flag&) = delete;
     void raise() {  // by any thread
@@ -76,14 +75,17 @@ class Wakeup {
     std::atomic<bool> raised_{false};
   };
 
-  /// True once a flag is raised; false when the deadline has passed.
+  /// True once a flag is raised; false when the deadline has passed. Looks for a short while before it sleeps if that
+  /// would have been enough the last time: to be woken costs more than what an answer from the same machine takes.
   bool wait(Clock::time_point deadline);
 
  private:
   void wake();
   bool any_raised() const;
+  bool look(Clock::time_point deadline) const;
 
-  std::set<Flag*> flags_;  // changed and read by the waiting thread alone
+  bool look_first_ = true;
+  std::vector<Flag*> flags_;  // changed and read by the waiting thread alone
   std::mutex mutex_;
   std::condition_variable condition_;
 };

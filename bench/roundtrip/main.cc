@@ -1,0 +1,354 @@
+// Round trips Observation -> Action between two processes over this project's Node, and the same bytes over each
+// vendor's bare API. See README.md.
+#include <fcntl.h>
+#include <poll.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <condition_variable>
+#include <cstdio>
+#include <cstring>
+#include <mutex>
+#include <optional>
+
+#include "bench/roundtrip/bare.h"
+#include "core/node.h"
+
+namespace {
+
+using namespace citylearn;  // NOLINT
+using std::chrono::milliseconds;
+using Seconds = std::chrono::duration<double>;
+
+struct Settings {
+  int agents = 16;
+  int dimension = 64;
+  int trips = 5000;  // measured, after a tenth of them for warming up
+  int rounds = 3;
+  std::uint32_t domain = 120;
+  std::string role = "measure";  // what a child is: "answer:VENDOR:PATH"
+};
+
+const std::vector<std::string> kVendors = {"cyclonedds", "fastdds"};
+const std::vector<std::string> kBare = {"listener", "waitset"};
+const std::vector<std::string> kOurs = {"middleware", "node"};
+
+msg::Observation make_observation(const Settings& settings) {
+  const std::size_t agents = static_cast<std::size_t>(settings.agents);
+  msg::Observation observation;
+  observation.traversal("summer");
+  observation.feature_dimension(static_cast<std::uint32_t>(settings.dimension));
+  observation.frame(std::vector<std::uint32_t>(agents, 1));
+  observation.position(observation.frame());
+  observation.goal(observation.frame());
+  observation.previous_action(std::vector<std::uint8_t>(agents, 1));
+  observation.allowed(std::vector<std::uint8_t>(agents, 7));
+  observation.flags(std::vector<std::uint8_t>(agents, 0));
+  observation.reward(std::vector<float>(agents, 0));
+  observation.features(std::vector<float>(agents * static_cast<std::size_t>(settings.dimension), 0.5f));
+  return observation;
+}
+
+msg::Action make_action(const Settings& settings) {
+  msg::Action action;
+  action.environment("asker");
+  action.choice(std::vector<std::uint8_t>(static_cast<std::size_t>(settings.agents), 1));
+  return action;
+}
+
+template <class Message>
+std::size_t size_of(Message message) {
+  message.header().run("bench");
+  message.header().sender("asker");
+  Bytes bytes;
+  encode(message, bytes);
+  return bytes.size();
+}
+
+/// The number of the trip, in the first bytes after the encapsulation.
+std::uint32_t number_in(std::span<const std::byte> sample) {
+  std::uint32_t number;
+  std::memcpy(&number, sample.data() + 4, sizeof number);
+  return number;
+}
+void set_number(Bytes& sample, std::uint32_t number) { std::memcpy(sample.data() + 4, &number, sizeof number); }
+
+bool input_ended() {
+  pollfd input{STDIN_FILENO, POLLIN, 0};
+  return poll(&input, 1, 0) > 0;
+}
+
+/// Times of the trips asked for, one after another. A question unanswered for 200 ms is sent again.
+class Trips {
+ public:
+  explicit Trips(const Settings& settings) : warm_(settings.trips / 10), last_(warm_ + settings.trips) {
+    times_.reserve(static_cast<std::size_t>(settings.trips));
+  }
+  std::uint32_t number() const { return static_cast<std::uint32_t>(number_); }
+  bool finished() const { return number_ >= last_; }
+  void begin() { begin_ = Clock::now(); }
+  void end() {
+    if (number_ >= warm_) times_.push_back(Seconds(Clock::now() - begin_).count() * 1e6);
+    ++number_;
+  }
+  std::vector<double> times_;
+
+ private:
+  int warm_, last_, number_ = 0;
+  Clock::time_point begin_;
+};
+
+// --- Bare vendors
+// ------------------------------------------------------------------------------------------------------
+
+std::unique_ptr<roundtrip::Port> open_port(const std::string& vendor, const roundtrip::PortOptions& options) {
+  return vendor == "fastdds" ? roundtrip::open_fastdds(options) : roundtrip::open_cyclonedds(options);
+}
+
+roundtrip::PortOptions port_options(const Settings& settings, const std::string& path, bool asks) {
+  return {asks,
+          path == "listener" ? roundtrip::Mode::kListener : roundtrip::Mode::kWaitset,
+          settings.domain,
+          size_of(make_observation(settings)),
+          size_of(make_action(settings)),
+          {}};
+}
+
+void answer_bare(const Settings& settings, const std::string& vendor, const std::string& path) {
+  roundtrip::PortOptions options = port_options(settings, path, false);
+  Bytes answer(options.answer);
+  std::mutex ready;  // the first question may come before open_port returns
+  std::unique_ptr<roundtrip::Port> port;
+  ready.lock();
+  options.received = [&](std::span<const std::byte> question) {
+    std::lock_guard lock(ready);
+    set_number(answer, number_in(question));
+    port->send(answer);
+  };
+  port = open_port(vendor, options);
+  ready.unlock();
+  pollfd input{STDIN_FILENO, POLLIN, 0};
+  poll(&input, 1, -1);
+}
+
+std::vector<double> ask_bare(const Settings& settings, const std::string& vendor, const std::string& path) {
+  roundtrip::PortOptions options = port_options(settings, path, true);
+  Bytes question(options.question);
+  Trips trips(settings);
+  std::mutex mutex;
+  std::condition_variable done;
+  std::unique_ptr<roundtrip::Port> port;
+  const auto ask = [&] {
+    set_number(question, trips.number());
+    trips.begin();
+    port->send(question);
+  };
+  options.received = [&](std::span<const std::byte> answer) {
+    std::lock_guard lock(mutex);
+    if (trips.finished() || number_in(answer) != trips.number()) return;
+    trips.end();
+    if (trips.finished())
+      done.notify_one();
+    else
+      ask();
+  };
+  std::unique_lock lock(mutex);
+  port = open_port(vendor, options);
+  std::uint32_t seen = trips.number();
+  ask();
+  while (!done.wait_for(lock, milliseconds(200), [&] { return trips.finished(); })) {
+    if (trips.number() == seen) ask();
+    seen = trips.number();
+  }
+  lock.unlock();
+  port.reset();
+  return trips.times_;
+}
+
+// --- Ours
+// --------------------------------------------------------------------------------------------------------------
+
+MiddlewareOptions middleware_options(const Settings& settings, const std::string& vendor,
+                                     const std::string& participant) {
+  MiddlewareOptions options;
+  options.name = vendor;
+  options.domain = settings.domain;
+  options.participant = participant;
+  return options;
+}
+
+Topic bytes_topic(const char* name, std::size_t size) {
+  return {name, std::string("Bytes_") + name, Profile::kStream, size};
+}
+
+void answer_middleware(const Settings& settings, const std::string& vendor) {
+  const auto middleware = create_middleware(middleware_options(settings, vendor, "answerer"));
+  const std::size_t size = size_of(make_observation(settings));
+  Bytes question(size), answer(size_of(make_action(settings)));
+  answer[1] = std::byte{1};
+  const auto publisher = middleware->create_publisher(bytes_topic("answer", answer.size()));
+  const auto subscription = middleware->create_subscription(bytes_topic("question", size));
+  while (!input_ended())
+    for (const auto limit = Clock::now() + milliseconds(100); middleware->wait(limit);)
+      while (subscription->take(question)) {
+        set_number(answer, number_in(question));
+        publisher->publish(answer);
+      }
+}
+
+std::vector<double> ask_middleware(const Settings& settings, const std::string& vendor) {
+  const auto middleware = create_middleware(middleware_options(settings, vendor, "asker"));
+  Bytes question(size_of(make_observation(settings))), answer(size_of(make_action(settings)));
+  question[1] = std::byte{1};
+  const auto publisher = middleware->create_publisher(bytes_topic("question", question.size()));
+  const auto subscription = middleware->create_subscription(bytes_topic("answer", answer.size()));
+  Trips trips(settings);
+  while (!trips.finished()) {
+    set_number(question, trips.number());
+    trips.begin();
+    for (bool answered = false; !answered;) {
+      publisher->publish(question);
+      const auto limit = Clock::now() + milliseconds(200);
+      while (!answered && middleware->wait(limit))
+        while (!answered && subscription->take(answer)) answered = number_in(answer) == trips.number();
+    }
+    trips.end();
+  }
+  return trips.times_;
+}
+
+Node::Options node_options(const Settings& settings, const std::string& vendor, const std::string& id) {
+  Node::Options options;
+  options.middleware = middleware_options(settings, vendor, id);
+  options.service = "bench";
+  options.id = id;
+  options.run = "bench";
+  return options;
+}
+
+void answer_node(const Settings& settings, const std::string& vendor) {
+  Node node(node_options(settings, vendor, "answerer"));
+  node.announce<msg::Action>();
+  node.listen<msg::Observation>();
+  msg::Observation question;
+  msg::Action answer = make_action(settings);
+  while (!input_ended())
+    for (const auto limit = Clock::now() + milliseconds(100); node.wait(limit);)
+      while (node.take(question)) {
+        answer.step(question.step());
+        node.publish(answer);
+      }
+}
+
+std::vector<double> ask_node(const Settings& settings, const std::string& vendor) {
+  Node node(node_options(settings, vendor, "asker"));
+  node.announce<msg::Observation>();
+  node.listen<msg::Action>();
+  msg::Observation question = make_observation(settings);
+  msg::Action answer;
+  Trips trips(settings);
+  while (!trips.finished()) {
+    question.step(trips.number());
+    trips.begin();
+    for (bool answered = false; !answered;) {
+      node.publish(question);
+      const auto limit = Clock::now() + milliseconds(200);
+      while (!answered && node.wait(limit))
+        while (!answered && node.take(answer)) answered = answer.step() == trips.number();
+    }
+    trips.end();
+  }
+  return trips.times_;
+}
+
+// --- The measurement
+// ---------------------------------------------------------------------------------------------------
+
+bool is_bare(const std::string& path) { return std::find(kBare.begin(), kBare.end(), path) != kBare.end(); }
+
+void answer(const Settings& settings, const std::string& vendor, const std::string& path) {
+  if (is_bare(path)) return answer_bare(settings, vendor, path);
+  if (path == "middleware") return answer_middleware(settings, vendor);
+  answer_node(settings, vendor);
+}
+
+/// Times in microseconds, of trips to a fresh process and back.
+std::vector<double> measure(const Settings& settings, const std::string& vendor, const std::string& path) {
+  int ends[2];
+  if (pipe2(ends, O_CLOEXEC) != 0) throw Error("no pipe");
+  const pid_t child = fork();
+  if (child == 0) {
+    dup2(ends[0], STDIN_FILENO);
+    const std::string role = "answer:" + vendor + ":" + path, agents = std::to_string(settings.agents),
+                      dimension = std::to_string(settings.dimension), domain = std::to_string(settings.domain);
+    execl("/proc/self/exe", "bench_roundtrip", "--role", role.c_str(), "--agents", agents.c_str(), "--dimension",
+          dimension.c_str(), "--domain", domain.c_str(), nullptr);
+    _exit(127);
+  }
+  close(ends[0]);
+  std::vector<double> times = is_bare(path)          ? ask_bare(settings, vendor, path)
+                              : path == "middleware" ? ask_middleware(settings, vendor)
+                                                     : ask_node(settings, vendor);
+  close(ends[1]);
+  waitpid(child, nullptr, 0);
+  return times;
+}
+
+double quantile(std::vector<double> values, double q) {
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1))];
+}
+
+void compare(const Settings& settings) {
+  std::printf("Observation of %zu bytes there, Action of %zu bytes back; %d rounds of %d trips each; microseconds\n\n",
+              size_of(make_observation(settings)), size_of(make_action(settings)), settings.rounds, settings.trips);
+  std::printf("%-12s %-18s %9s %9s %9s\n", "vendor", "path", "median", "p99", "ratio");
+  std::vector<std::string> paths = kBare;
+  paths.insert(paths.end(), kOurs.begin(), kOurs.end());
+  for (const std::string& vendor : kVendors) {
+    std::map<std::string, std::vector<double>> medians, p99;
+    for (int round = 0; round < settings.rounds; ++round)
+      for (const std::string& path : paths) {  // in turn, so that a change of the machine's load meets all alike
+        const std::vector<double> times = measure(settings, vendor, path);
+        medians[path].push_back(quantile(times, 0.5));
+        p99[path].push_back(quantile(times, 0.99));
+      }
+    const double reference = std::min(quantile(medians[kBare[0]], 0.5), quantile(medians[kBare[1]], 0.5));
+    for (const std::string& path : paths)
+      std::printf("%-12s %-18s %9.1f %9.1f %9.2f\n", vendor.c_str(), (is_bare(path) ? "bare, " + path : path).c_str(),
+                  quantile(medians[path], 0.5), quantile(p99[path], 0.5), quantile(medians[path], 0.5) / reference);
+  }
+  std::printf("\nratio: median against the faster of the two bare ways. Each figure is the median over the rounds.\n");
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+  Settings settings;
+  CLI::App app("Round trips Observation -> Action between two processes, ours against the vendors' bare APIs");
+  app.add_option("--agents", settings.agents, "agents per observation")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--dimension", settings.dimension, "features per agent")
+      ->check(CLI::Range(0, 4096))
+      ->capture_default_str();
+  app.add_option("--trips", settings.trips, "round trips per round")
+      ->check(CLI::Range(10, 1000000))
+      ->capture_default_str();
+  app.add_option("--rounds", settings.rounds, "rounds")->check(CLI::Range(1, 100))->capture_default_str();
+  app.add_option("--domain", settings.domain, "DDS domain")->check(CLI::Range(0, 232))->capture_default_str();
+  app.add_option("--role", settings.role)->group("");
+  CLI11_PARSE(app, count, arguments);
+  try {
+    const std::size_t first = settings.role.find(':'), second = settings.role.rfind(':');
+    if (first == std::string::npos)
+      compare(settings);
+    else
+      answer(settings, settings.role.substr(first + 1, second - first - 1), settings.role.substr(second + 1));
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "bench_roundtrip: %s\n", error.what());
+    return 1;
+  }
+}
