@@ -2,7 +2,6 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <map>
 #include <memory>
 #include <string>
 #include <vector>
@@ -19,40 +18,51 @@ using Vector = Eigen::Matrix<S, Eigen::Dynamic, 1>;
 
 /// What a network is built for.
 struct NetworkTask {
-  int features = 0;                 ///< D
-  int frames = 128;                 ///< N, places on the route (of the last lesson)
-  Matrix<float> reference;          ///< D x N, features of the training traversal's route: the place memory of networks that have one
+  int features = 0;         ///< D
+  int frames = 128;         ///< N, places on the route
+  Matrix<float> reference;  ///< D x N, features of the training traversal's route: the place memory of networks that have one
 };
 
 /// Observations of B agents over T steps; column t * B + b is agent b at step t.
 template <class S>
 struct NetworkInputs {
-  int steps = 0;                    ///< T
-  int agents = 0;                   ///< B
-  Matrix<S> features;               ///< D x TB
-  std::vector<int> goal;            ///< TB, place on the route, 0..N-1
-  std::vector<int> position;        ///< TB, place on the route; for the baseline network and for losses, never for navigators' eyes
+  int steps = 0;                              ///< T
+  int agents = 0;                             ///< B
+  int frames = 0;                             ///< places in use, <= N; fewer in a curriculum's early lessons
+  Matrix<S> features;                         ///< D x TB
+  std::vector<int> goal;                      ///< TB, place on the route, 0..N-1
+  std::vector<int> position;                  ///< TB, place on the route: what the baseline sees, and a target of losses
   std::vector<std::uint8_t> previous_action;  ///< TB, kNoAction at an episode's start
   std::vector<std::uint8_t> allowed;          ///< TB, bit a = action a allowed
-  std::vector<std::uint8_t> first;            ///< TB, 1 = first observation of an episode: the state before it is zeroed
+  std::vector<std::uint8_t> first;            ///< TB, 1 = first observation of an episode: the state before it is wiped
+
   void resize(int feature_dimension, int step_count, int agent_count);
+  /// Copies column `from` of `source` to column `to`.
+  void copy_column(const NetworkInputs& source, std::ptrdiff_t from, std::ptrdiff_t to);
 };
 
-/// One named tensor within the flat vector of parameters.
+/// One named tensor within the flat vector of parameters, column-major.
 struct Tensor {
   std::string name;
-  int rows = 0, cols = 0;
-  std::ptrdiff_t offset = 0;
+  std::ptrdiff_t rows = 0, cols = 0, offset = 0;
 };
 
-/// Results of a forward pass, and whatever the network keeps for the backward pass. Used again and again: no allocation in
-/// steady state.
+/// What a network says of each observation, or a loss's derivatives by it.
+template <class S>
+struct Heads {
+  Matrix<S> logits;  ///< 3 x TB, masked actions at -1e9
+  Matrix<S> values;  ///< 1 x TB
+  Matrix<S> places;  ///< N x TB logits of the place stood at; 0 x 0 where there is no such head or it was not asked for
+};
+
+/// Results of a forward pass, and whatever the network keeps for the backward pass. Used again and again: no allocation
+/// while the sizes stay the same.
 template <class S>
 struct Workspace {
   virtual ~Workspace() = default;
-  Matrix<S> logits;                 ///< 3 x TB, masked actions at -1e9
-  Matrix<S> values;                 ///< 1 x TB
-  Matrix<S> state;                  ///< state_size x B, after the last step
+  bool localise = false;  ///< asks for `heads.places`; only a training loss does
+  Heads<S> heads;
+  Matrix<S> state;  ///< state_size x B, after the last step
 };
 
 /// An agent's network with explicit recurrent state. Stateless itself: parameters, states and caches come from outside, so
@@ -61,22 +71,45 @@ template <class S>
 class AgentNetwork {
  public:
   virtual ~AgentNetwork() = default;
-  /// Tensors in the order of the flat vector.
+  /// Tensors in the order of the flat vector, without gaps.
   virtual const std::vector<Tensor>& tensors() const = 0;
+  /// Resizes and fills `parameters`.
   virtual void initialise(Random& random, Vector<S>& parameters) const = 0;
   virtual int state_size() const = 0;
   virtual std::unique_ptr<Workspace<S>> make_workspace() const = 0;
   /// `state` (state_size x B) is the state before the first step.
   virtual void forward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, const Matrix<S>& state,
                        Workspace<S>& workspace) const = 0;
-  /// Adds to `gradient` (same layout as parameters) for the loss whose derivatives by logits (3 x TB) and values (1 x TB)
-  /// are given. Called after forward with the same arguments. No gradient flows into `state`.
+  /// Adds to `gradient` (same layout as parameters) for the loss with these derivatives by the heads. Called after forward
+  /// with the same arguments. Nothing flows into `state`.
   virtual void backward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, Workspace<S>& workspace,
-                        const Matrix<S>& logits_gradient, const Matrix<S>& values_gradient, Vector<S>& gradient) const = 0;
+                        const Heads<S>& derivative, Vector<S>& gradient) const = 0;
+
+  std::ptrdiff_t parameter_count() const { return tensors().back().offset + tensors().back().rows * tensors().back().cols; }
 };
 
 /// Networks by name; float for work, double for the gradient checks.
 template <class S>
 using NetworkRegistry = Registry<AgentNetwork<S>, const NetworkTask&>;
+
+/// A network file's last lines: registers `Network` in both precisions. `recommended` holds parameters of learner and
+/// trainer with which this network learns well.
+template <template <class> class Network>
+struct NetworkRegistration {
+  NetworkRegistration(const std::string& name, const std::string& help, const std::vector<ParameterSpec>& parameters,
+                      const std::map<std::string, double>& recommended) {
+    add<float>({name, help, parameters, {}, recommended});
+    add<double>({name, help, parameters, {}, recommended});
+  }
+
+ private:
+  template <class S>
+  static void add(typename NetworkRegistry<S>::Entry entry) {
+    entry.create = [](const Parameters& parameters, const NetworkTask& task) -> std::unique_ptr<AgentNetwork<S>> {
+      return std::make_unique<Network<S>>(parameters, task);
+    };
+    typename NetworkRegistry<S>::Registration{std::move(entry)};
+  }
+};
 
 }  // namespace citylearn

@@ -1,0 +1,282 @@
+// How fast, and how well, does an agent learn with nothing between environment and trainer? (README.md)
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <exception>
+#include <string>
+#include <vector>
+
+#include "env_service/dataset.h"
+#include "env_service/environment.h"
+#include "policy_service/network_policy.h"
+#include "policy_service/trainer.h"
+
+namespace citylearn {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+struct Options {
+  TrainerOptions trainer;
+  std::string dataset = "plain", data, train = "summer";
+  std::vector<std::string> evaluate = {"summer", "fall"};
+  std::vector<std::string> set;      ///< name=value, of network, learner or trainer
+  int frames = 128, environments = 1, agents = 0, tasks = 2000, evaluate_every = 0, print_every = 10;
+  double time_limit = 0;
+  bool shuffled = false, products = false;
+  std::string save;
+};
+
+/// Gives each name=value to the part that has such a parameter.
+void give_parameters(const std::vector<std::string>& set, TrainerOptions& options) {
+  const auto known = Trainer::recommended_parameters(options.agent, options.learner);
+  for (const std::string& one : set) {
+    const std::size_t equals = one.find('=');
+    if (equals == std::string::npos) throw Error("is not name=value", "--set " + one);
+    const std::string name = one.substr(0, equals);
+    const double value = std::stod(one.substr(equals + 1));
+    if (known.at("network").contains(name))
+      options.network_parameters[name] = value;
+    else if (known.at("learner").contains(name))
+      options.learner_parameters[name] = value;
+    else if (known.at("trainer").contains(name))
+      options.trainer_parameters[name] = value;
+    else
+      throw Error("no such parameter", "--set " + one);
+  }
+}
+
+struct Figures {
+  double completed = 0, spl = 0, steps = 0, reward = 0;
+};
+
+Figures evaluate(const TrainedAgent& agent, const Traversal& traversal, const Options& options, bool shuffle) {
+  Environment environment(traversal, std::min(256, options.tasks));
+  msg::TaskSettings settings;
+  settings.task_mode() = msg::EVALUATE;
+  settings.first_frame() = static_cast<std::uint32_t>(options.trainer.first_frame);
+  settings.frames() = static_cast<std::uint32_t>(options.frames);
+  settings.max_steps() = static_cast<std::uint32_t>(options.frames);
+  settings.seed() = 4711;
+  settings.tasks() = static_cast<std::uint32_t>(options.tasks);
+  settings.shuffle() = shuffle;
+  environment.reset(settings);
+  NetworkPolicy policy(agent, {});
+  Figures sums;
+  msg::Observation observation;
+  std::vector<std::uint8_t> choice;
+  while (!environment.done()) {
+    environment.observe(observation);
+    policy.act(observation, choice);
+    environment.step(choice);
+    for (const Environment::Episode& episode : environment.finished()) {
+      sums.completed += episode.completed ? 1.0 / options.tasks : 0;
+      sums.steps += static_cast<double>(episode.steps) / options.tasks;
+      sums.reward += static_cast<double>(episode.reward) / options.tasks;
+      if (episode.completed)
+        sums.spl += static_cast<double>(episode.shortest) / std::max(episode.shortest, episode.steps) / options.tasks;
+    }
+  }
+  return sums;
+}
+
+void print_evaluation(const TrainedAgent& agent, const std::vector<Traversal>& traversals, const Options& options) {
+  for (const Traversal& traversal : traversals)
+    for (const bool shuffle : {false, true}) {
+      if (shuffle && !options.shuffled) continue;
+      const Figures f = evaluate(agent, traversal, options, shuffle);
+      std::printf("  %-8s%-9s completed %.4f  SPL %.4f  steps %5.1f  reward %.4f\n", traversal.name.c_str(),
+                  shuffle ? " shuffled" : "", f.completed, f.spl, f.steps, f.reward);
+    }
+  std::fflush(stdout);
+}
+
+void train(const Options& options) {
+  const auto dataset = DatasetRegistry::instance().find("dataset", options.dataset);
+  const auto source = dataset.create(Parameters("dataset", dataset.parameters, {}), options.data);
+  const Traversal route = source->load(options.train);
+  std::vector<Traversal> others;
+  for (const std::string& name : options.evaluate) others.push_back(source->load(name));
+
+  NetworkTask task;
+  task.features = route.dimension;
+  task.frames = options.frames;
+  task.reference = Eigen::Map<const Matrix<float>>(route.features.data(), route.dimension, route.frames)
+                       .middleCols(options.trainer.first_frame, options.frames);
+  Trainer trainer(options.trainer, task);
+  const int agents =
+      options.agents > 0 ? options.agents : static_cast<int>(trainer.parameters()["trainer"]["agents"]) / options.environments;
+  std::vector<Environment> environments(static_cast<std::size_t>(options.environments), Environment(route, agents));
+  for (int i = 0; i < options.environments; ++i) trainer.add(i, agents);
+  for (const auto& [part, values] : trainer.parameters()) {
+    std::printf("%s:", part.c_str());
+    for (const auto& [name, value] : values) std::printf(" %s=%g", name.c_str(), value);
+    std::printf("\n");
+  }
+
+  msg::Observation observation;
+  msg::TaskSettings settings;
+  std::vector<std::uint8_t> choice;
+  std::uint64_t cut = ~std::uint64_t{0};
+  double acting = 0, learning = 0, wall_to_spl95 = 0, judging = 0;
+  const Clock::time_point start = Clock::now();
+  while (!trainer.done() && (options.time_limit <= 0 || since(start) - judging < options.time_limit)) {
+    const bool anew = trainer.cut() != cut;
+    cut = trainer.cut();
+    for (int i = 0; i < options.environments; ++i) {
+      Environment& environment = environments[static_cast<std::size_t>(i)];
+      if (anew) {
+        trainer.settings(i, settings);
+        environment.reset(settings);
+      } else {
+        const Clock::time_point begin = Clock::now();
+        trainer.resume(i, choice);
+        acting += since(begin);
+        environment.step(choice);
+      }
+      while (true) {
+        environment.observe(observation);
+        const Clock::time_point begin = Clock::now();
+        const bool go_on = trainer.act(i, observation, choice);
+        acting += since(begin);
+        if (!go_on) break;
+        environment.step(choice);
+      }
+    }
+    const Clock::time_point begin = Clock::now();
+    const UpdateFigures figures = trainer.update();
+    learning += since(begin);
+    const TrainingProgress& progress = trainer.progress();
+    if (progress.episodes_to_spl95 && wall_to_spl95 == 0) wall_to_spl95 = since(start) - judging;
+    if (progress.updates % static_cast<std::uint64_t>(options.print_every) == 0 || trainer.done()) {
+      const double wall = since(start) - judging;
+      std::printf("%6.1f s  steps %8llu  episodes %6llu  lesson %d  reward %.3f  SPL %.3f | policy %+.4f value %.5f entropy %.3f "
+                  "KL %.4f clipped %.3f place %.3f gradient %.3f | %.0f steps/s\n",
+                  wall, static_cast<unsigned long long>(progress.steps), static_cast<unsigned long long>(progress.episodes),
+                  progress.lesson, progress.reward, progress.spl, figures.policy_loss, figures.value_loss, figures.entropy,
+                  figures.divergence, figures.clipped, figures.localisation_loss, figures.gradient_norm,
+                  static_cast<double>(progress.steps) / wall);
+      std::fflush(stdout);
+    }
+    if (options.evaluate_every > 0 && progress.updates % static_cast<std::uint64_t>(options.evaluate_every) == 0) {
+      const Clock::time_point pause = Clock::now();
+      print_evaluation(trainer.agent(), others, options);
+      judging += since(pause);
+    }
+  }
+  const double wall = since(start) - judging;
+  const TrainingProgress& progress = trainer.progress();
+  std::printf("trained %s, seed %llu: %llu steps, %llu episodes, %.1f s, %.0f steps/s; acting %.0f %%, learning %.0f %% of it\n",
+              options.trainer.agent.c_str(), static_cast<unsigned long long>(options.trainer.seed),
+              static_cast<unsigned long long>(progress.steps), static_cast<unsigned long long>(progress.episodes), wall,
+              static_cast<double>(progress.steps) / wall, 100 * acting / wall, 100 * learning / wall);
+  if (progress.episodes_to_spl95)
+    std::printf("SPL of the last 100 training episodes reached 0.95 after %llu episodes, %llu steps, %.1f s\n",
+                static_cast<unsigned long long>(*progress.episodes_to_spl95),
+                static_cast<unsigned long long>(*progress.steps_to_spl95), wall_to_spl95);
+  print_evaluation(trainer.agent(), others, options);
+  if (!options.save.empty()) write_checkpoint(options.save, trainer.checkpoint());
+}
+
+/// Floating point operations per second of an Eigen product m x k times k x n, and of the same in a network's forward and
+/// backward pass (the paper's sizes).
+void products() {
+  const auto rate = [](double operations, const auto& work) {
+    work();
+    const Clock::time_point start = Clock::now();
+    int times = 0;
+    do {
+      work();
+      ++times;
+    } while (since(start) < 0.3);
+    return operations * times / since(start) * 1e-9;
+  };
+  constexpr int kDimension = 64, kHidden = 512, kCells = 256;
+  NetworkTask task;
+  task.features = kDimension;
+  const auto& entry = NetworkRegistry<float>::instance().find("network", "features");
+  const auto network = entry.create(Parameters("features", entry.parameters, {}), task);
+  Random random{1};
+  Vector<float> parameters, gradient;
+  network->initialise(random, parameters);
+  gradient.setZero(parameters.size());
+  std::printf("%-34s %10s %10s %10s   one thread, GFLOP/s\n", "", "product", "forward", "backward");
+  for (const auto& [steps, agents] : {std::array{1, 8}, std::array{1, 16}, std::array{1, 32}, std::array{32, 32}, std::array{64, 16}}) {
+    const int columns = steps * agents;
+    const Matrix<float> weights = Matrix<float>::Random(4 * kCells, kHidden), right = Matrix<float>::Random(kHidden, columns);
+    Matrix<float> out(4 * kCells, columns);
+    const double plain = rate(2.0 * 4 * kCells * kHidden * columns, [&] { out.noalias() = weights * right; });
+    NetworkInputs<float> inputs;
+    inputs.resize(kDimension, steps, agents);
+    inputs.frames = task.frames;
+    inputs.features.setRandom();
+    std::fill(inputs.goal.begin(), inputs.goal.end(), 0);
+    std::fill(inputs.previous_action.begin(), inputs.previous_action.end(), kStay);
+    std::fill(inputs.allowed.begin(), inputs.allowed.end(), std::uint8_t{7});
+    std::fill(inputs.first.begin(), inputs.first.end(), std::uint8_t{0});
+    const Matrix<float> state = Matrix<float>::Zero(network->state_size(), agents);
+    const auto workspace = network->make_workspace();
+    const double operations =
+        2.0 * columns * (kHidden * (kDimension + 1) + 4 * kCells * (kHidden + 6) + 4 * kCells * kCells + 4 * kCells);
+    const double forward = rate(operations, [&] { network->forward(parameters, inputs, state, *workspace); });
+    Heads<float> derivative;
+    derivative.logits.setRandom(kActions, columns);
+    derivative.values.setRandom(1, columns);
+    const double both = rate(operations, [&] {
+      network->forward(parameters, inputs, state, *workspace);
+      network->backward(parameters, inputs, *workspace, derivative, gradient);
+    });
+    const double backward = 2 / (1 / both - 1 / forward);  // twice the forward pass's operations
+    std::printf("steps %3d, agents %3d               %10.1f %10.1f %10.1f   %.0f %%, %.0f %% of the product's\n", steps, agents,
+                plain, forward, backward, 100 * forward / plain, 100 * backward / plain);
+  }
+}
+
+int run(int argc, char** argv) {
+  Options options;
+  CLI::App app("Trains and evaluates an agent in one process, without the wire");
+  app.add_option("--agent", options.trainer.agent, "network")->capture_default_str();
+  app.add_option("--learner", options.trainer.learner, "learner")->capture_default_str();
+  app.add_option("--seed", options.trainer.seed, "")->capture_default_str();
+  app.add_option("--set", options.set, "name=value: a parameter of network, learner or trainer");
+  app.add_flag("--curriculum", options.trainer.curriculum, "the paper's lessons");
+  app.add_option("--dataset", options.dataset, "")->capture_default_str();
+  app.add_option("--data", options.data, "folder of the dataset");
+  app.add_option("--train", options.train, "traversal")->capture_default_str();
+  app.add_option("--evaluate", options.evaluate, "traversals");
+  app.add_option("--first-frame", options.trainer.first_frame, "")->capture_default_str();
+  app.add_option("--frames", options.frames, "N")->capture_default_str();
+  app.add_option("--environments", options.environments, "")->check(CLI::Range(1, 64))->capture_default_str();
+  app.add_option("--agents", options.agents, "of each environment; 0 = the network's recommendation in all");
+  app.add_option("--tasks", options.tasks, "of each evaluation")->capture_default_str();
+  app.add_option("--evaluate-every", options.evaluate_every, "updates; 0 = at the end");
+  app.add_option("--print-every", options.print_every, "updates")->check(CLI::Range(1, 1000000))->capture_default_str();
+  app.add_option("--time-limit", options.time_limit, "seconds of training; 0 = none");
+  app.add_option("--save", options.save, "checkpoint to write at the end");
+  app.add_flag("--shuffled", options.shuffled, "evaluate on shuffled frames too");
+  app.add_flag("--products", options.products, "measure matrix products and the network's passes, train nothing");
+  CLI11_PARSE(app, argc, argv);
+  if (options.products) {
+    products();
+    return 0;
+  }
+  give_parameters(options.set, options.trainer);
+  train(options);
+  return 0;
+}
+
+}  // namespace
+}  // namespace citylearn
+
+int main(int argc, char** argv) {
+  try {
+    return citylearn::run(argc, argv);
+  } catch (const std::exception& problem) {
+    std::fprintf(stderr, "bench_training: %s\n", problem.what());
+    return 1;
+  }
+}

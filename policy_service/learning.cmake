@@ -1,0 +1,21 @@
+# Networks and learners register themselves by a static object: link the library whole,
+# $<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_learning>.
+add_library(citylearn_learning STATIC
+  agent_network.cc
+  checkpoint.cc
+  files.cc
+  learners/ppo.cc
+  network_policy.cc
+  networks/baseline.cc
+  networks/features.cc
+  networks/place_filter.cc
+  rollout.cc
+  trainer.cc)
+# Eigen shall start no threads of its own: halves of the work are given to two threads here, and results must not vary.
+target_compile_definitions(citylearn_learning PUBLIC EIGEN_DONT_PARALLELIZE)
+target_link_libraries(citylearn_learning
+  PUBLIC citylearn_core Eigen3::Eigen nlohmann_json::nlohmann_json
+  PRIVATE citylearn_warnings OpenSSL::Crypto Threads::Threads)
+if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
+  target_compile_options(citylearn_learning PUBLIC -Wno-maybe-uninitialized)  # false alarms on AVX-512 (GCC bug 105593)
+endif()

@@ -1,0 +1,80 @@
+#include "policy_service/network_policy.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/error.h"
+
+namespace citylearn {
+
+std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Random& random, float& log_probability) {
+  const Eigen::Array3d shifted = logits.cast<double>().array() - static_cast<double>(logits.maxCoeff());
+  const Eigen::Array3d weights = shifted.exp();
+  const double sum = weights.sum();
+  double left = random.uniform() * sum;
+  int action = 0;
+  for (int i = 0; i < kActions; ++i) {
+    if (weights(i) <= 0) continue;
+    action = i;
+    left -= weights(i);
+    if (left < 0) break;
+  }
+  log_probability = static_cast<float>(shifted(action) - std::log(sum));
+  return static_cast<std::uint8_t>(action);
+}
+
+void read_observation(const msg::Observation& observation, int features, int first_frame, int frames,
+                      NetworkInputs<float>& inputs) {
+  const std::size_t agents = observation.frame().size();
+  if (observation.feature_dimension() != static_cast<std::uint32_t>(features))
+    throw Error("is " + std::to_string(observation.feature_dimension()) + ", the agent needs " + std::to_string(features),
+                "Observation.feature_dimension of '" + std::string(observation.traversal().c_str()) + "'");
+  if (observation.features().size() != agents * static_cast<std::size_t>(features))
+    throw Error("are " + std::to_string(observation.features().size()) + " numbers for " + std::to_string(agents) + " agents",
+                "Observation.features");
+  for (const std::size_t size : {observation.position().size(), observation.goal().size(), observation.allowed().size(),
+                                 observation.previous_action().size(), observation.flags().size()})
+    if (size != agents) throw Error("differ in length", "Observation's sequences");
+  inputs.resize(features, 1, static_cast<int>(agents));
+  inputs.frames = frames;
+  const auto place = [&](std::uint32_t frame, const char* field) {
+    const std::int64_t found = std::int64_t{frame} - first_frame;
+    if (found < 0 || found >= frames)
+      throw Error("frame " + std::to_string(frame) + " is beside the route " + std::to_string(first_frame) + ".." +
+                      std::to_string(first_frame + frames - 1),
+                  "Observation." + std::string(field));
+    return static_cast<int>(found);
+  };
+  for (std::size_t a = 0; a < agents; ++a) {
+    inputs.goal[a] = place(observation.goal()[a], "goal");
+    inputs.position[a] = place(observation.position()[a], "position");
+    inputs.previous_action[a] = observation.previous_action()[a];
+    inputs.allowed[a] = observation.allowed()[a];
+    if ((inputs.allowed[a] & ((1u << kActions) - 1)) == 0) throw Error("no action is allowed", "Observation.allowed");
+    inputs.first[a] = (observation.flags()[a] & msg::FLAG_FIRST) != 0;
+  }
+  std::copy(observation.features().begin(), observation.features().end(), inputs.features.data());
+}
+
+NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
+    : agent_(std::move(agent)), options_(options), random_{options.seed}, workspace_(agent_.network->make_workspace()) {}
+
+void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, inputs_);
+  if (state_.cols() != inputs_.agents) state_.setZero(agent_.network->state_size(), inputs_.agents);
+  agent_.network->forward(agent_.parameters, inputs_, state_, *workspace_);
+  state_ = workspace_->state;
+  choice.resize(static_cast<std::size_t>(inputs_.agents));
+  for (std::ptrdiff_t agent = 0; agent < inputs_.agents; ++agent) {
+    const auto logits = workspace_->heads.logits.col(agent);
+    float log_probability = 0;
+    std::ptrdiff_t likeliest = 0;
+    if (options_.greedy)
+      logits.maxCoeff(&likeliest);
+    else
+      likeliest = sample_action(logits, random_, log_probability);
+    choice[static_cast<std::size_t>(agent)] = static_cast<std::uint8_t>(likeliest);
+  }
+}
+
+}  // namespace citylearn

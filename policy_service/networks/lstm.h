@@ -1,0 +1,229 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "policy_service/networks/parts.h"
+
+namespace citylearn {
+
+/// The recurrent agent of the paper (Fig. 4): sensors -> linear `hidden` -> concatenated with the previous action, one-hot
+/// -> LSTM `cells` -> policy (3) and value (1). A subclass says what the sensors are.
+///
+/// A training loss may ask for one more head, the place stood at (N logits); a deployed agent never computes it.
+/// With `mask-input` the actions not allowed stand beside the previous action.
+template <class S>
+class LstmNetwork : public AgentNetwork<S> {
+ public:
+  LstmNetwork(const Parameters& parameters, int sensors, int places)
+      : sensors_(sensors),
+        hidden_(parameters.integer("hidden")),
+        cells_(parameters.integer("cells")),
+        extra_(parameters.flag("mask-input") ? 2 * kActions : kActions),
+        places_(places),
+        rectified_(parameters.flag("relu")) {
+    sensor_weights_ = layout_.add("sensors.weight", hidden_, sensors_);
+    sensor_bias_ = layout_.add("sensors.bias", hidden_, 1);
+    input_weights_ = layout_.add("lstm.input", 4 * cells_, hidden_ + extra_);
+    recurrent_weights_ = layout_.add("lstm.recurrent", 4 * cells_, cells_);
+    gate_bias_ = layout_.add("lstm.bias", 4 * cells_, 1);
+    head_weights_ = layout_.add("heads.weight", kActions + 1, cells_);
+    head_bias_ = layout_.add("heads.bias", kActions + 1, 1);
+    place_weights_ = layout_.add("places.weight", places_, cells_);
+    place_bias_ = layout_.add("places.bias", places_, 1);
+  }
+
+  static std::vector<ParameterSpec> lstm_parameters() {
+    return {{"hidden", "units of the linear layer", 512, 1, 8192, true},
+            {"cells", "cells of the LSTM", 256, 1, 8192, true},
+            {"relu", "nonlinearity of the linear layer: 1 relu, 0 tanh", 1, 0, 1, true},
+            {"mask-input", "1: the agent sees which actions are not allowed", 1, 0, 1, true}};
+  }
+
+  const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }
+  int state_size() const override { return 2 * cells_; }  // h, then c
+  std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(); }
+
+  void initialise(Random& random, Vector<S>& parameters) const override {
+    parameters.setZero(layout_.size());
+    orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, sensor_weights_));
+    orthogonal<S>(random, 1, layout_.view(parameters, input_weights_));
+    orthogonal<S>(random, 1, layout_.view(parameters, recurrent_weights_));
+    orthogonal<S>(random, 1, layout_.view(parameters, head_weights_));
+    layout_.view(parameters, head_weights_).topRows(kActions) *= S(0.01);
+    orthogonal<S>(random, 0.1, layout_.view(parameters, place_weights_));
+    layout_.view(parameters, gate_bias_).middleRows(cells_, cells_).setOnes();  // remember at first
+  }
+
+  void forward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, const Matrix<S>& state,
+               Workspace<S>& workspace) const override {
+    Work& work = static_cast<Work&>(workspace);
+    const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
+    resize(work, agents, columns);
+
+    sense(inputs, work.sensed);
+    auto embedded = work.lstm_input.topRows(hidden_);
+    embedded.noalias() = layout_.view(parameters, sensor_weights_) * work.sensed;
+    embedded.colwise() += layout_.view(parameters, sensor_bias_).col(0);
+    if (rectified_)
+      embedded = embedded.cwiseMax(S(0));
+    else
+      embedded = embedded.array().tanh();
+    append_actions(inputs, work.lstm_input);
+
+    work.gates.noalias() = layout_.view(parameters, input_weights_) * work.lstm_input;
+    work.gates.colwise() += layout_.view(parameters, gate_bias_).col(0);
+    const auto recurrent = layout_.view(parameters, recurrent_weights_);
+    for (std::ptrdiff_t t = 0; t < inputs.steps; ++t) {
+      const std::ptrdiff_t begin = t * agents;
+      auto before_h = work.before_h.middleCols(begin, agents);
+      auto before_c = work.before_c.middleCols(begin, agents);
+      if (t == 0) {
+        before_h = state.topRows(cells_);
+        before_c = state.bottomRows(cells_);
+      } else {
+        before_h = work.h.middleCols(begin - agents, agents);
+        before_c = work.c.middleCols(begin - agents, agents);
+      }
+      for (std::ptrdiff_t b = 0; b < agents; ++b) {
+        if (!inputs.first[static_cast<std::size_t>(begin + b)]) continue;
+        before_h.col(b).setZero();
+        before_c.col(b).setZero();
+      }
+      auto gates = work.gates.middleCols(begin, agents);
+      gates.noalias() += recurrent * before_h;
+      for (std::ptrdiff_t b = 0; b < agents; ++b) {  // column by column: what is just computed is still in the cache
+        auto gate = gates.col(b);
+        gate.head(3 * cells_) = gate.head(3 * cells_).array().logistic();
+        gate.tail(cells_) = gate.tail(cells_).array().tanh();
+        const auto input = gate.segment(0, cells_).array(), forget = gate.segment(cells_, cells_).array();
+        const auto output = gate.segment(2 * cells_, cells_).array(), candidate = gate.tail(cells_).array();
+        auto c = work.c.col(begin + b), tanh_c = work.tanh_c.col(begin + b), h = work.h.col(begin + b);
+        c = forget * before_c.col(b).array() + input * candidate;
+        tanh_c = c.array().tanh();
+        h = output * tanh_c.array();
+      }
+    }
+    work.state.topRows(cells_) = work.h.rightCols(agents);
+    work.state.bottomRows(cells_) = work.c.rightCols(agents);
+
+    work.both.noalias() = layout_.view(parameters, head_weights_) * work.h;
+    work.both.colwise() += layout_.view(parameters, head_bias_).col(0);
+    work.heads.logits = work.both.topRows(kActions);
+    work.heads.values = work.both.bottomRows(1);
+    mask_logits(inputs.allowed, work.heads.logits);
+    if (work.localise) {
+      work.heads.places.noalias() = layout_.view(parameters, place_weights_) * work.h;
+      work.heads.places.colwise() += layout_.view(parameters, place_bias_).col(0);
+    }
+  }
+
+  void backward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, Workspace<S>& workspace,
+                const Heads<S>& derivative, Vector<S>& gradient) const override {
+    Work& work = static_cast<Work&>(workspace);
+    const std::ptrdiff_t agents = inputs.agents;
+    work.both.topRows(kActions) = derivative.logits;
+    work.both.bottomRows(1) = derivative.values;
+    layout_.view(gradient, head_weights_).noalias() += work.both * work.h.transpose();
+    layout_.view(gradient, head_bias_) += work.both.rowwise().sum();
+    work.h_gradient.noalias() = layout_.view(parameters, head_weights_).transpose() * work.both;
+    if (derivative.places.size() > 0) {
+      layout_.view(gradient, place_weights_).noalias() += derivative.places * work.h.transpose();
+      layout_.view(gradient, place_bias_) += derivative.places.rowwise().sum();
+      work.h_gradient.noalias() += layout_.view(parameters, place_weights_).transpose() * derivative.places;
+    }
+
+    const auto recurrent = layout_.view(parameters, recurrent_weights_);
+    work.carried_c.setZero(cells_, agents);
+    work.carried_h.setZero(cells_, agents);
+    for (std::ptrdiff_t t = inputs.steps - 1; t >= 0; --t) {
+      const std::ptrdiff_t begin = t * agents;
+      auto gates = work.gates.middleCols(begin, agents);  // becomes the gradient by what enters the gates
+      for (std::ptrdiff_t b = 0; b < agents; ++b) {
+        auto gate = gates.col(b);
+        auto input = gate.segment(0, cells_).array(), forget = gate.segment(cells_, cells_).array();
+        auto output = gate.segment(2 * cells_, cells_).array(), candidate = gate.tail(cells_).array();
+        const auto tanh_c = work.tanh_c.col(begin + b).array(), before_c = work.before_c.col(begin + b).array();
+        auto dh = work.h_gradient.col(begin + b).array();
+        auto dc = work.carried_c.col(b).array();
+        dh += work.carried_h.col(b).array();
+        dc += dh * output * (S(1) - tanh_c.square());
+        output = dh * tanh_c * output * (S(1) - output);
+        work.column = dc * candidate.matrix().array() * input * (S(1) - input);
+        candidate = dc * input * (S(1) - candidate.square());
+        input = work.column.array();
+        work.column = dc * forget;
+        forget = dc * before_c * forget * (S(1) - forget);
+        if (inputs.first[static_cast<std::size_t>(begin + b)])
+          dc.setZero();
+        else
+          dc = work.column.array();
+      }
+      if (t == 0) break;
+      work.carried_h.noalias() = recurrent.transpose() * gates;
+      for (std::ptrdiff_t b = 0; b < agents; ++b)
+        if (inputs.first[static_cast<std::size_t>(begin + b)]) work.carried_h.col(b).setZero();
+    }
+
+    layout_.view(gradient, recurrent_weights_).noalias() += work.gates * work.before_h.transpose();
+    layout_.view(gradient, input_weights_).noalias() += work.gates * work.lstm_input.transpose();
+    layout_.view(gradient, gate_bias_) += work.gates.rowwise().sum();
+    work.embedded_gradient.noalias() = layout_.view(parameters, input_weights_).leftCols(hidden_).transpose() * work.gates;
+    const auto embedded = work.lstm_input.topRows(hidden_).array();
+    if (rectified_)
+      work.embedded_gradient.array() *= (embedded > S(0)).template cast<S>();
+    else
+      work.embedded_gradient.array() *= S(1) - embedded.square();
+    layout_.view(gradient, sensor_weights_).noalias() += work.embedded_gradient * work.sensed.transpose();
+    layout_.view(gradient, sensor_bias_) += work.embedded_gradient.rowwise().sum();
+  }
+
+ protected:
+  /// Fills `sensed` (sensors x TB, already of that size).
+  virtual void sense(const NetworkInputs<S>& inputs, Matrix<S>& sensed) const = 0;
+
+ private:
+  struct Work : Workspace<S> {
+    Matrix<S> sensed;                         // sensors x TB
+    Matrix<S> lstm_input;                     // hidden + extra x TB
+    Matrix<S> gates;                          // 4 cells x TB: input, forget, output, candidate
+    Matrix<S> before_h, before_c;             // cells x TB: state before the step, zero at an episode's start
+    Matrix<S> h, c, tanh_c;                   // cells x TB
+    Matrix<S> both;                           // 4 x TB: logits and value
+    Matrix<S> h_gradient, embedded_gradient;  // cells x TB, hidden x TB
+    Matrix<S> carried_h, carried_c;           // cells x B: from the later step
+    Vector<S> column;                         // cells
+  };
+
+  void resize(Work& work, std::ptrdiff_t agents, std::ptrdiff_t columns) const {
+    work.sensed.resize(sensors_, columns);
+    work.lstm_input.resize(hidden_ + extra_, columns);
+    work.gates.resize(4 * cells_, columns);
+    for (Matrix<S>* part : {&work.before_h, &work.before_c, &work.h, &work.c, &work.tanh_c}) part->resize(cells_, columns);
+    work.both.resize(kActions + 1, columns);
+    work.state.resize(2 * cells_, agents);
+    if (work.localise) work.heads.places.resize(places_, columns);
+  }
+
+  void append_actions(const NetworkInputs<S>& inputs, Matrix<S>& lstm_input) const {
+    lstm_input.bottomRows(extra_).setZero();
+    for (std::ptrdiff_t column = 0; column < lstm_input.cols(); ++column) {
+      const std::uint8_t previous = inputs.previous_action[static_cast<std::size_t>(column)];
+      if (previous < kActions) lstm_input(hidden_ + previous, column) = 1;
+      if (extra_ == kActions) continue;
+      for (int action = 0; action < kActions; ++action)
+        if (!(inputs.allowed[static_cast<std::size_t>(column)] >> action & 1))
+          lstm_input(hidden_ + kActions + action, column) = 1;
+    }
+  }
+
+  int sensors_, hidden_, cells_, extra_, places_;
+  bool rectified_;
+  TensorLayout layout_;
+  std::size_t sensor_weights_, sensor_bias_, input_weights_, recurrent_weights_, gate_bias_, head_weights_, head_bias_,
+      place_weights_, place_bias_;
+};
+
+}  // namespace citylearn
