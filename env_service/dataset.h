@@ -14,7 +14,8 @@ inline constexpr int kMaxDimension = 4096;  ///< features a frame
 class Dataset {
  public:
   virtual ~Dataset() = default;
-  /// Names of its traversals, sorted unless the dataset has an order of its own. Throws Error when they cannot be listed.
+  /// Names of its traversals, sorted unless the dataset has an order of its own. Throws Error when they cannot be
+  /// listed.
   virtual std::vector<std::string> names() = 0;
   /// Reads or generates one: 2..msg::MAX_FRAMES frames, each of the same 1..kMaxDimension finite features.
   /// Throws Error: an unknown name (listing the known ones), or data that are not so (naming file and line).

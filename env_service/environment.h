@@ -10,8 +10,8 @@
 
 namespace citylearn {
 
-/// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for M agents
-/// on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one.
+/// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for
+/// M agents on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one.
 ///
 /// Reward: +1 on reaching the goal, which ends the episode. A step that shortens the distance to the goal while that
 /// distance is no larger than the best of this episode costs nothing; every other step costs 1 / max_steps. After
@@ -20,7 +20,7 @@ namespace citylearn {
 /// No threads, no wire, no clock: the same settings and actions give the same observations.
 class Environment {
  public:
-  struct Episode {          ///< a finished one
+  struct Episode {  ///< a finished one
     int agent, task, start, goal, steps, shortest;
     float reward;
     bool completed;
@@ -31,8 +31,8 @@ class Environment {
   Environment(const Traversal& traversal, int agents);
 
   /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
-  /// first_frame .. first_frame + frames - 1 does not lie on the traversal or has fewer than 2 frames, the mode is IDLE, or
-  /// max_steps or (EVALUATE) tasks are not 1..2^30.
+  /// first_frame .. first_frame + frames - 1 does not lie on the traversal or has fewer than 2 frames, the mode is
+  /// IDLE, or max_steps or (EVALUATE) tasks are not 1..2^30.
   void reset(const msg::TaskSettings& settings);
 
   /// One action per agent. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
@@ -55,7 +55,7 @@ class Environment {
     int task = 0, start = 0, frame = 0, goal = 0, steps = 0, nearest = 0;
     float episode_reward = 0, reward = 0;
     std::uint8_t previous_action = kNoAction, flags = 0;
-    std::vector<int> order;       ///< frame shown at each place of the route, when shuffled
+    std::vector<int> order;  ///< frame shown at each place of the route, when shuffled
   };
   void begin_training_episode(Agent& agent);
   void begin_task(Agent& agent, int task);

@@ -65,7 +65,8 @@ class Table {
       line_ = empty_line_;
       fail("an empty line between frames", "remove it, or put the missing frame there");
     }
-    if (traversal_.frames == static_cast<int>(msg::MAX_FRAMES)) fail("more than " + std::to_string(msg::MAX_FRAMES) + " frames");
+    if (traversal_.frames == static_cast<int>(msg::MAX_FRAMES))
+      fail("more than " + std::to_string(msg::MAX_FRAMES) + " frames");
     int columns = 0;
     for (const char* at = line.data();;) {
       at = parse_number(at, line.data() + line.size(), ++columns);
