@@ -1,0 +1,57 @@
+#pragma once
+
+#include <cstdlib>
+#include <filesystem>
+#include <limits>
+#include <map>
+#include <memory>
+#include <string>
+
+#include "core/messages.h"
+#include "env_service/dataset.h"
+#include "env_service/environment.h"
+
+namespace citylearn::testing {
+
+/// A route whose frame i shows the vector (i, i + 0.5).
+inline Traversal small_traversal(int frames) {
+  Traversal traversal;
+  traversal.dataset = "test";
+  traversal.name = "line";
+  traversal.frames = frames;
+  traversal.dimension = 2;
+  for (int i = 0; i < frames; ++i) {
+    traversal.features.push_back(static_cast<float>(i));
+    traversal.features.push_back(static_cast<float>(i) + 0.5f);
+    traversal.positions.push_back(10.0f * static_cast<float>(i));
+  }
+  return traversal;
+}
+
+inline msg::TaskSettings settings(msg::Mode mode, std::uint32_t frames, std::uint32_t max_steps,
+                                  std::uint64_t seed = 1) {
+  msg::TaskSettings settings;
+  settings.task_mode() = mode;
+  settings.settings().incarnation() = 1;
+  settings.settings().version() = 1;
+  settings.frames() = frames;
+  settings.max_steps() = max_steps;
+  settings.seed() = seed;
+  settings.tasks() = mode == msg::EVALUATE ? 10 : 0;
+  return settings;
+}
+
+inline std::unique_ptr<Dataset> make_dataset(const std::string& name, const std::string& folder = "",
+                                             const std::map<std::string, double>& parameters = {}) {
+  const auto& entry = DatasetRegistry::instance().find("dataset", name);
+  return entry.create(Parameters(name, entry.parameters, parameters), folder);
+}
+
+/// Folder of the real recordings: $CITYLEARN_DATA, or shared/data beside the sources. Empty where there is none.
+inline std::string real_data(const std::string& source, const std::string& folder) {
+  const char* given = std::getenv("CITYLEARN_DATA");
+  const std::string path = (given ? std::string(given) : source + "/../shared/data") + "/" + folder;
+  return std::filesystem::is_directory(path) ? path : "";
+}
+
+}  // namespace citylearn::testing

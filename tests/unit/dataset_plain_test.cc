@@ -1,0 +1,168 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "tests/support/env.h"
+
+namespace citylearn {
+namespace {
+
+namespace fs = std::filesystem;
+
+class Plain : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "citylearn-plain-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder_ = name;
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  std::string write(const std::string& name, const std::string& text) const {
+    const std::string path = (folder_ / name).string();
+    std::ofstream(path, std::ios::binary) << text;
+    return path;
+  }
+  Traversal load(const std::string& text) const {
+    write("x.csv", text);
+    return testing::make_dataset("plain", folder_.string())->load("x");
+  }
+  /// The one line that loading `text` ends in, less the folder.
+  std::string complaint(const std::string& text) const {
+    try {
+      load(text);
+    } catch (const Error& error) {
+      const std::string line = error.what();
+      EXPECT_EQ(line.find('\n'), line.npos);
+      EXPECT_EQ(line.rfind(folder_.string() + "/", 0), 0u) << line;
+      return line.substr(folder_.string().size() + 1);
+    }
+    return "accepted";
+  }
+
+  fs::path folder_;
+};
+
+TEST_F(Plain, ReadsAFrameALine) {
+  const Traversal traversal = load("1,2.5,-3e-2\n4,+5,6\n");
+  EXPECT_EQ(traversal.dataset, "plain");
+  EXPECT_EQ(traversal.name, "x");
+  EXPECT_EQ(traversal.condition, "x");
+  EXPECT_EQ(traversal.frames, 2);
+  EXPECT_EQ(traversal.dimension, 3);
+  EXPECT_EQ(traversal.features, (std::vector<float>{1, 2.5f, -3e-2f, 4, 5, 6}));
+  ASSERT_EQ(traversal.positions.size(), 2u);
+  EXPECT_TRUE(std::isnan(traversal.positions[0]));
+}
+
+TEST_F(Plain, LineEndsAndBlanksDoNotMatter) {
+  const std::vector<float> expected{1, 2, 3, 4, 5, 6};
+  const std::uint64_t hash = load("1,2\n3,4\n5,6\n").hash();
+  for (const std::string text : {"1,2\n3,4\n5,6", "1,2\r\n3,4\r\n5,6\r\n", "1,2\r3,4\r5,6", "1,2\r3,4\r5,6\r",
+                                 " 1 ,\t2 \n3, 4\n5,6  \n", "1,2\n3,4\n5,6\n\n\r\n  \n",
+                                 "\xEF\xBB\xBF"
+                                 "1,2\n3,4\n5,6\n"}) {
+    const Traversal traversal = load(text);
+    EXPECT_EQ(traversal.features, expected) << text;
+    EXPECT_EQ(traversal.hash(), hash);
+  }
+}
+
+TEST_F(Plain, TinyNumbersAreZero) {
+  EXPECT_EQ(load("1e-60,1\n-1e-400,1\n").features, (std::vector<float>{0, 1, 0, 1}));
+}
+
+TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {
+  EXPECT_EQ(complaint("1,2\n3\n"), "x.csv:2: 1 columns, the lines before have 2");
+  EXPECT_EQ(complaint("1,2\r3,4,5\r"), "x.csv:2: 3 columns, the lines before have 2");
+  EXPECT_EQ(complaint("1,2\n3,four\n"), "x.csv:2: 'four' in column 2 is not a number");
+  EXPECT_EQ(complaint("1,2\n3,4x\n"), "x.csv:2: '4x' in column 2 is not a number");
+  EXPECT_EQ(complaint("1 2\n3 4\n"), "x.csv:1: '1 2' in column 1 is not a number");
+  EXPECT_EQ(complaint("1;2\n3;4\n"), "x.csv:1: '1;2' in column 1 is not a number");
+  EXPECT_EQ(complaint("a,b\n3,4\n"), "x.csv:1: 'a' in column 1 is not a number");
+  EXPECT_EQ(complaint("1,2\n3,\n"), "x.csv:2: nothing in column 2");
+  EXPECT_EQ(complaint("1,2\n,3\n"), "x.csv:2: nothing in column 1");
+  EXPECT_EQ(complaint("1,2\n3,,4\n"), "x.csv:2: nothing in column 2");
+  EXPECT_EQ(complaint("1,2\n3,+-4\n"), "x.csv:2: '+-4' in column 2 is not a number");
+  EXPECT_EQ(complaint("1,2\nnan,4\n"), "x.csv:2: a number that is not finite in column 1");
+  EXPECT_EQ(complaint("1,2\n3,-inf\n"), "x.csv:2: a number that is not finite in column 2");
+  EXPECT_EQ(complaint("1,2\n3,1e39\n"), "x.csv:2: a number that is not finite in column 2");
+  EXPECT_EQ(complaint("1,2\n3,1e999\n"), "x.csv:2: a number that is not finite in column 2");
+  EXPECT_EQ(complaint(""), "x.csv: has no frames");
+  EXPECT_EQ(complaint("\n\n"), "x.csv: has no frames");
+  EXPECT_EQ(complaint("1,2\n"), "x.csv: has only one frame, a route needs two");
+  EXPECT_EQ(complaint("1,2\n\n3,4\n"),
+            "x.csv:2: an empty line between frames (remove it, or put the missing frame there)");
+  EXPECT_EQ(complaint(std::string("1,2\n3,\0\x1b[2J\n", 12)), "x.csv:2: '??[2J' in column 2 is not a number");
+}
+
+TEST_F(Plain, RefusesMoreColumnsThanMessagesHold) {
+  std::string row = "1";
+  for (int i = 1; i < 4096; ++i) row += ",1";
+  EXPECT_EQ(load(row + "\n" + row + "\n").dimension, 4096);
+  row += ",1\n";
+  EXPECT_EQ(complaint(row + row), "x.csv:1: more than 4096 columns");
+}
+
+TEST_F(Plain, RefusesMoreFramesThanMessagesHold) {
+  std::string text;
+  for (unsigned i = 0; i < msg::MAX_FRAMES; ++i) text += "1\n";
+  EXPECT_EQ(load(text).frames, static_cast<int>(msg::MAX_FRAMES));
+  EXPECT_EQ(complaint(text + "1\n"), "x.csv:1048577: more than 1048576 frames");
+}
+
+TEST_F(Plain, ListsTraversalsAndNamesThemWhenOneIsMissing) {
+  write("night.csv", "1\n2\n");
+  write("day.csv", "1\n2\n");
+  write("notes.txt", "hello");
+  write(".hidden.csv", "1\n2\n");
+  fs::create_directory(folder_ / "folder.csv");
+  const auto dataset = testing::make_dataset("plain", folder_.string());
+  EXPECT_EQ(dataset->names(), (std::vector<std::string>{"day", "night"}));
+  for (const std::string name : {"summer", "", "../day", "folder"}) try {
+      dataset->load(name);
+      ADD_FAILURE() << name;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.what(), folder_.string() + ": no traversal '" + name + "' (there are: day, night)");
+    }
+}
+
+TEST_F(Plain, MissingFolder) {
+  EXPECT_THROW(testing::make_dataset("plain"), Error);
+  const std::string missing = (folder_ / "missing").string();
+  try {
+    testing::make_dataset("plain", missing)->names();
+    ADD_FAILURE();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.what(),
+              missing + ": No such file or directory (--data names the folder that holds the NAME.csv files)");
+  }
+  try {
+    testing::make_dataset("plain", folder_.string())->load("x");
+    ADD_FAILURE();
+  } catch (const Error& error) {
+    EXPECT_EQ(error.what(), folder_.string() + ": no traversal 'x' (there is none at all)");
+  }
+}
+
+TEST(PlainReal, NordlandFeatures) {
+  const std::string folder = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-netvlad64");
+  if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
+  const auto dataset = testing::make_dataset("plain", folder);
+  EXPECT_EQ(dataset->names(), (std::vector<std::string>{"fall", "summer"}));
+  for (const std::string& name : dataset->names()) {
+    const Traversal traversal = dataset->load(name);
+    EXPECT_EQ(traversal.frames, 1000);
+    EXPECT_EQ(traversal.dimension, 64);
+    for (int frame = 0; frame < 1000; ++frame) {
+      double sum = 0;
+      for (const float value : traversal.feature(frame)) sum += value * value;
+      ASSERT_NEAR(sum, 1, 1e-3) << name << " frame " << frame;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace citylearn

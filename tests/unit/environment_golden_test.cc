@@ -1,0 +1,91 @@
+// Whole episodes as text, in tests/golden/environment_*.txt. A changed line is a changed task: agents and figures from
+// before no longer compare. Written anew with CITYLEARN_GOLDEN=write in the environment.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+
+#include "tests/support/env.h"
+
+namespace citylearn {
+namespace {
+
+std::string flags_text(std::uint8_t flags) {
+  std::string text;
+  if (flags & msg::FLAG_TERMINATED) text += " terminated";
+  if (flags & msg::FLAG_TRUNCATED) text += " truncated";
+  if (flags & msg::FLAG_FIRST) text += " first";
+  if (flags & msg::FLAG_IDLE) text += " idle";
+  return text;
+}
+
+/// Walks for `ticks` with a fixed, aimless choice among the allowed actions.
+std::string trace(const msg::TaskSettings& with, int agents, int ticks) {
+  const Traversal traversal = testing::small_traversal(12);
+  Environment environment(traversal, agents);
+  environment.reset(with);
+  msg::Observation seen;
+  std::ostringstream text;
+  std::vector<std::uint8_t> choice(agents);
+  Random random(2024);
+  for (int tick = 0; tick < ticks && !environment.done(); ++tick) {
+    environment.observe(seen);
+    text << "step " << seen.step() << "\n";
+    for (int agent = 0; agent < agents; ++agent) {
+      text << "  agent " << agent << " at " << seen.position()[agent] << " sees " << seen.frame()[agent] << " goal "
+           << seen.goal()[agent] << " allowed" << (seen.allowed()[agent] & 1 ? " stay" : "")
+           << (seen.allowed()[agent] & 2 ? " next" : "") << (seen.allowed()[agent] & 4 ? " previous" : "") << " after ";
+      const int previous = seen.previous_action()[agent];
+      text << (previous == kNoAction ? "-"
+               : previous == kStay   ? "stay"
+               : previous == kNext   ? "next"
+                                     : "previous")
+           << " reward " << seen.reward()[agent] << flags_text(seen.flags()[agent]) << "\n";
+      // Mostly towards the goal, so that both endings occur.
+      const std::uint8_t towards = seen.position()[agent] < seen.goal()[agent] ? kNext : kPrevious;
+      choice[agent] = towards;
+      if (random.below(10) >= 6) do
+          choice[agent] = static_cast<std::uint8_t>(random.below(3));
+        while (!(seen.allowed()[agent] >> choice[agent] & 1));
+      if (seen.flags()[agent] & msg::FLAG_IDLE) choice[agent] = kStay;
+    }
+    environment.step(choice);
+    for (const auto& episode : environment.finished())
+      text << "  episode of agent " << episode.agent << " task " << episode.task << ": " << episode.start << " -> "
+           << episode.goal << (episode.completed ? " completed" : " failed") << " in " << episode.steps
+           << " steps (shortest " << episode.shortest << "), reward " << episode.reward << "\n";
+  }
+  return text.str();
+}
+
+void compare(const std::string& name, const std::string& text) {
+  const std::string path = std::string(CITYLEARN_SOURCE_DIR) + "/tests/golden/" + name;
+  const char* mode = std::getenv("CITYLEARN_GOLDEN");
+  if (mode && std::string(mode) == "write") std::ofstream(path) << text;
+  std::ifstream file(path);
+  ASSERT_TRUE(file) << path;
+  std::istringstream now(text);
+  std::string expected, got;
+  for (int line = 1; std::getline(file, expected); ++line) {
+    ASSERT_TRUE(std::getline(now, got)) << path << ":" << line << ": the trace ends early";
+    ASSERT_EQ(got, expected) << path << ":" << line;
+  }
+  EXPECT_FALSE(std::getline(now, got)) << "the trace goes on: " << got;
+}
+
+TEST(EnvironmentGolden, Training) {
+  msg::TaskSettings with = testing::settings(msg::TRAIN, 6, 8, 3);
+  with.first_frame() = 4;
+  compare("environment_training.txt", trace(with, 2, 40));
+}
+
+TEST(EnvironmentGolden, EvaluationOnShuffledFrames) {
+  msg::TaskSettings with = testing::settings(msg::EVALUATE, 12, 12, 4);
+  with.tasks() = 5;
+  with.shuffle() = true;
+  compare("environment_evaluation_shuffled.txt", trace(with, 2, 1000));
+}
+
+}  // namespace
+}  // namespace citylearn
