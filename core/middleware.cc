@@ -50,6 +50,9 @@ bool Wakeup::any_raised() const {
 }
 
 void Wakeup::wake() {
+  // The flag was raised before this look at asleep_, and wait() sets asleep_ before its last look at the flags: one of
+  // the two sees the other (all of these are sequentially consistent).
+  if (!asleep_) return;
   // Empty on purpose: whoever waits is now either before its last look at the flags, or asleep and to be woken.
   { std::lock_guard lock(mutex_); }
   condition_.notify_one();
@@ -69,7 +72,9 @@ bool Wakeup::wait(Clock::time_point deadline) {
   const Clock::time_point patience = begin + kLook;
   if (look_first_ && look(std::min(deadline, patience))) return true;
   std::unique_lock lock(mutex_);
+  asleep_ = true;
   const bool raised = condition_.wait_until(lock, deadline, [this] { return any_raised(); });
+  asleep_ = false;
   look_first_ = raised && Clock::now() < patience;
   return raised;
 }

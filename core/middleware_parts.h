@@ -63,12 +63,12 @@ class Wakeup {
     Flag(const Flag&) = delete;
     Flag& operator=(const Flag&) = delete;
     void raise() {  // by any thread
-      raised_.store(true, std::memory_order_release);
+      raised_.store(true);
       wakeup_.wake();
     }
-    void raise_quietly() { raised_.store(true, std::memory_order_release); }  // by the waiting thread itself
-    void lower() { raised_.store(false, std::memory_order_seq_cst); }
-    bool raised() const { return raised_.load(std::memory_order_acquire); }
+    void raise_quietly() { raised_.store(true); }  // by the waiting thread itself
+    void lower() { raised_.store(false); }
+    bool raised() const { return raised_.load(); }
 
    private:
     Wakeup& wakeup_;
@@ -86,6 +86,7 @@ class Wakeup {
 
   bool look_first_ = true;
   std::vector<Flag*> flags_;  // changed and read by the waiting thread alone
+  std::atomic<bool> asleep_{false};
   std::mutex mutex_;
   std::condition_variable condition_;
 };
