@@ -3,10 +3,12 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <deque>
-#include <map>
+#include <string>
+#include <tuple>
+#include <utility>
 
 #include "env_service/environment.h"
 
@@ -14,326 +16,415 @@ namespace citylearn {
 namespace {
 
 using std::chrono::milliseconds;
+using std::chrono::seconds;
 
-constexpr milliseconds kSlice{50};  // the longest wait: stop and timers are looked at this often
-constexpr milliseconds kObservationAgain{50}, kObservationSlowest{1000};
-constexpr milliseconds kEpisodesAgain{200}, kEpisodesSlowest{2000};
-constexpr milliseconds kSilence{3000};  // without an answer for so long, the policy_service counts as away
+constexpr milliseconds kObservationAgain{50}, kObservationAgainAtMost{1000};
+constexpr milliseconds kEpisodesAgain{200}, kEpisodesAgainAtMost{2000};
 constexpr std::size_t kEpisodesAtOnce = 64;
+constexpr seconds kInfoAgain{1};
+constexpr seconds kSilence{3};         // without an Action: the policy_service is gone or busy
+constexpr milliseconds kLeaving{500};  // for outstanding acknowledgements
+constexpr milliseconds kStopCheck{50};
+
+Node::Options named(Node::Options options, const Traversal& traversal) {
+  for (const auto& [what, text] : {std::pair{"name", traversal.name}, {"condition", traversal.condition}})
+    if (text.size() > 64) throw Error("has more than 64 characters: " + text, std::string(what) + " of the traversal");
+  options.service = "env_service";
+  if (options.id.empty()) options.id = ("env-" + traversal.name).substr(0, 64);
+  return options;
+}
+
+bool newer(const msg::SettingsId& a, const msg::SettingsId& b) {
+  return std::make_tuple(a.incarnation(), a.version()) > std::make_tuple(b.incarnation(), b.version());
+}
 
 bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
   return a.incarnation() == b.incarnation() && a.version() == b.version();
 }
 
-/// A time to do something again, later each time.
-struct Repetition {
-  milliseconds first, slowest;
-  milliseconds pause = first;
-  Clock::time_point next = Clock::time_point::max();
+std::string route(const msg::TaskSettings& settings) {
+  return "frames " + std::to_string(settings.first_frame()) + ".." +
+         std::to_string(std::uint64_t{settings.first_frame()} + settings.frames() - 1);
+}
 
-  void start() { pause = first, next = Clock::now() + pause; }
-  void stop() { next = Clock::time_point::max(); }
-  bool due() {
-    if (Clock::now() < next) return false;
-    pause = std::min(2 * pause, slowest);
-    next = Clock::now() + pause;
-    return true;
-  }
-};
-
+/// One Environment on the wire. Tells what it hosts, does what a policy_service's TaskSettings say, publishes one
+/// Observation a tick and waits for its Action, keeps each EpisodeStat until it is acknowledged. Every message may be
+/// lost, repeated or late: whatever is waited for is asked for again, whatever comes twice is dropped
+/// (docs/decisions/0003-step-protocol.md). Used by one thread.
 class EnvService {
  public:
-  EnvService(const EnvServiceOptions& options, const Traversal& traversal);
+  EnvService(const Traversal& traversal, const EnvServiceOptions& options);
   void run(const std::function<bool()>& stop);
 
  private:
-  void announce_traversal();
+  using Duration = Clock::duration;
+
+  void take_all();
   void on_settings(const msg::TaskSettings& settings);
   void on_action(const msg::Action& action);
   void on_request(const msg::TraversalRequest& request);
   void on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement);
   void on_status(const msg::ServiceStatus& status);
-  void take_everything();
-  void repeat_what_is_due();
-  void send_observation();
-  void send_episodes();
-  void tell_state();
-  bool mine(const auto& message) const { return options_.node.id == message.environment().c_str(); }
 
-  EnvServiceOptions options_;
-  Environment environment_;
+  void send_info();
+  void send_observation();
+  void record_episodes();
+  void send_episodes_again();
+  void do_what_is_due();
+  Clock::time_point next_due() const;
+  void report();
+  void leave();
+
+  bool running() const { return awaiting_action_; }
+  int frames_a_chunk() const;
+
+  const Traversal& traversal_;
   Node node_;
-  int frames_a_chunk_;
-  msg::TraversalInfo info_;
-  msg::Observation observation_;
-  msg::SettingsId in_force_;
-  msg::SettingsId refused_;
-  msg::Mode mode_ = msg::IDLE;
-  bool answered_ = true;       ///< no observation waits for its action
-  std::uint64_t episode_ = 0;  ///< number of the last finished one
-  std::uint64_t acknowledged_ = 0;
+  Environment environment_;
+
+  msg::TraversalInfo info_;       // its `settings` are those in force
+  msg::SettingsId newest_;        // settings seen, in force or refused
+  msg::TaskSettings settings_;    // in force when info_.settings().version() != 0
+  msg::Observation observation_;  // the last one sent
+  std::string refusal_;           // why the newest settings are not in force
+  bool awaiting_action_ = false;
+  bool silent_ = false;  // no Action for long
+  bool masked_action_logged_ = false;
+
   std::deque<msg::EpisodeStat> unacknowledged_;
-  Repetition observation_again_{kObservationAgain, kObservationSlowest};
-  Repetition episodes_again_{kEpisodesAgain, kEpisodesSlowest};
-  Repetition info_again_{milliseconds(1000), milliseconds(1000)};
-  Clock::time_point heard_ = Clock::now();  ///< last word of a policy_service
-  Clock::time_point rate_since_ = Clock::now();
-  std::uint64_t ticks_ = 0, ticks_before_ = 0;
-  std::map<std::uint64_t, int> predecessor_beats_;  ///< heartbeats heard of older processes with our id, by incarnation
-  msg::TaskSettings settings_;
+  std::uint64_t episodes_ = 0, acknowledged_ = 0;
+
+  Clock::time_point now_;
+  Clock::time_point next_info_, next_observation_, next_episodes_, next_report_, last_action_, last_report_;
+  Duration observation_interval_{}, episodes_interval_{};
+  std::uint64_t steps_ = 0;  // of agents since last_report_
+  std::uint64_t tasks_done_ = 0;
+
+  // Taken into again and again, so that a tick allocates nothing.
   msg::Action action_;
+  msg::TaskSettings taken_settings_;
   msg::TraversalRequest request_;
+  msg::TraversalChunk chunk_;
   msg::EpisodeAcknowledgement acknowledgement_;
   msg::ServiceStatus status_;
 };
 
-EnvServiceOptions named(EnvServiceOptions options, const Traversal& traversal) {
-  if (options.node.id.empty()) options.node.id = ("env-" + traversal.name).substr(0, 64);
-  options.node.service = "env_service";
-  return options;
-}
-
-EnvService::EnvService(const EnvServiceOptions& options, const Traversal& traversal)
-    : options_(named(options, traversal)),
-      environment_(traversal, options.agents),
-      node_(options_.node),
-      frames_a_chunk_(static_cast<int>(msg::MAX_CHUNK / (4 * (1 + static_cast<std::uint32_t>(traversal.dimension))))) {
-  for (const auto& [what, text] : {std::pair{"traversal's name", traversal.name}, {"condition", traversal.condition}})
-    if (text.size() > 64) throw Error("has more than 64 characters: " + text, what, "rename it");
-  node_.announce<msg::TraversalInfo>();
-  node_.announce<msg::Observation>();
-  node_.announce<msg::EpisodeStat>();
-  node_.announce<msg::TraversalChunk>();
+EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& options)
+    : traversal_(traversal), node_(named(options.node, traversal_)), environment_(traversal_, options.agents) {
+  const int each = frames_a_chunk();
+  info_.dataset() = traversal_.dataset.c_str();
+  info_.traversal() = traversal_.name.c_str();
+  info_.condition() = traversal_.condition.c_str();
+  info_.hash() = environment_.traversal_hash();
+  info_.frames() = static_cast<std::uint32_t>(traversal_.frames);
+  info_.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
+  info_.agents() = static_cast<std::uint32_t>(environment_.agents());
+  info_.chunks() = static_cast<std::uint32_t>((traversal_.frames + each - 1) / each);
+  node_.listen<msg::ServiceStatus>();
   node_.listen<msg::TaskSettings>();
   node_.listen<msg::Action>();
   node_.listen<msg::TraversalRequest>();
   node_.listen<msg::EpisodeAcknowledgement>();
-  node_.listen<msg::ServiceStatus>();
-  info_.dataset() = traversal.dataset.c_str();
-  info_.traversal() = traversal.name.c_str();
-  info_.condition() = traversal.condition.c_str();
-  info_.hash() = environment_.traversal_hash();
-  info_.frames() = static_cast<std::uint32_t>(traversal.frames);
-  info_.feature_dimension() = static_cast<std::uint32_t>(traversal.dimension);
-  info_.agents() = static_cast<std::uint32_t>(environment_.agents());
-  info_.chunks() = static_cast<std::uint32_t>((traversal.frames + frames_a_chunk_ - 1) / frames_a_chunk_);
+  node_.announce<msg::TraversalInfo>();
+  node_.announce<msg::TraversalChunk>();
+  node_.announce<msg::Observation>();
+  node_.announce<msg::EpisodeStat>();
+}
+
+int EnvService::frames_a_chunk() const {
+  return static_cast<int>(msg::MAX_CHUNK / (sizeof(float) * (1 + static_cast<std::size_t>(traversal_.dimension))));
 }
 
 void EnvService::run(const std::function<bool()>& stop) {
-  spdlog::info("{}: {} agents on '{}' of {}, {} frames x {} features, {}, domain {}", options_.node.id,
-               environment_.agents(), info_.traversal().c_str(), info_.dataset().c_str(), info_.frames(),
-               info_.feature_dimension(), node_.middleware_name(), options_.node.middleware.domain);
-  node_.report(msg::WAITING, "waiting for a policy_service");
-  announce_traversal();
-  info_again_.start();
+  now_ = last_report_ = next_report_ = next_info_ = Clock::now();
+  spdlog::info("'{}' in run '{}': traversal {} of {}, {} frames x {} features, {} agents, hash {:016x}, over {}",
+               node_.options().id, node_.options().run, traversal_.name, traversal_.dataset, traversal_.frames,
+               traversal_.dimension, environment_.agents(), environment_.traversal_hash(), node_.middleware_name());
   while (!stop()) {
-    Clock::time_point until = Clock::now() + kSlice;
-    for (const Repetition* each : {&observation_again_, &episodes_again_, &info_again_})
-      until = std::min(until, each->next);
-    node_.wait(until);
-    take_everything();
-    repeat_what_is_due();
-    tell_state();
+    take_all();
+    now_ = Clock::now();
+    do_what_is_due();
+    node_.wait(std::min(next_due(), now_ + kStopCheck));
   }
-  node_.report(msg::STOPPING, "stopping");
-  // What is on its way gets a chance to be acknowledged; a recorder that comes later finds a gap it can see.
-  const Clock::time_point deadline = Clock::now() + milliseconds(500);
-  while (!unacknowledged_.empty() && node_.readers<msg::EpisodeStat>() > 0 && Clock::now() < deadline) {
-    node_.wait(Clock::now() + milliseconds(20));
-    while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
-    if (episodes_again_.due()) send_episodes();
-  }
-  if (!unacknowledged_.empty())
-    spdlog::warn("{} finished episodes were not acknowledged by anybody", unacknowledged_.size());
+  leave();
 }
 
-void EnvService::announce_traversal() {
-  info_.settings() = in_force_;
-  node_.publish(info_);
-}
-
-void EnvService::take_everything() {
-  while (node_.take(settings_)) on_settings(settings_);
+void EnvService::take_all() {
+  now_ = Clock::now();
   while (node_.take(action_)) on_action(action_);
+  while (node_.take(taken_settings_)) on_settings(taken_settings_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   while (node_.take(request_)) on_request(request_);
   while (node_.take(status_)) on_status(status_);
 }
 
-void EnvService::repeat_what_is_due() {
-  if (!answered_ && observation_again_.due()) {
-    ++node_.traffic.resent;
-    node_.publish(observation_);
-  }
-  if (!unacknowledged_.empty() && episodes_again_.due()) send_episodes();
-  // Nobody commands: whoever comes must learn that we are here, though the first word may get lost.
-  if (info_again_.due() && (in_force_.version() == 0 || mode_ == msg::IDLE || Clock::now() - heard_ > kSilence))
-    announce_traversal();
-}
-
 void EnvService::on_settings(const msg::TaskSettings& settings) {
-  if (!mine(settings)) return;
-  heard_ = Clock::now();
-  const msg::SettingsId& id = settings.settings();
-  if (same(id, in_force_)) {  // our confirmation was lost
-    ++node_.traffic.repeated;
-    announce_traversal();
+  if (settings.environment() != node_.options().id) return;
+  if (settings.settings().version() == 0) {
+    ++node_.traffic.rejected;
     return;
   }
-  const bool newer = id.incarnation() > in_force_.incarnation() ||
-                     (id.incarnation() == in_force_.incarnation() && id.version() > in_force_.version());
-  if (!newer || same(id, refused_)) {
+  if (!newer(settings.settings(), newest_)) {
     ++node_.traffic.repeated;
+    // Whoever sends them again has not seen that they are in force. Observations tell it too, but not while idle.
+    if (same(settings.settings(), info_.settings())) send_info();
     return;
   }
+  newest_ = settings.settings();
+  info_.settings() = msg::SettingsId();
+  settings_ = settings;
+  awaiting_action_ = silent_ = masked_action_logged_ = false;
+  tasks_done_ = 0;
+  refusal_.clear();
   if (settings.task_mode() != msg::IDLE) {
     try {
       environment_.reset(settings);
     } catch (const Error& error) {
-      refused_ = id;
-      spdlog::error("settings of {} refused: {}", settings.header().sender().c_str(), error.what());
-      node_.report(msg::FAILED, std::string("settings refused: ") + error.what());
+      refusal_ = error.what();
+      ++node_.traffic.rejected;
+      spdlog::error("settings {} of '{}' refused: {}", newest_.version(), settings.header().sender().c_str(), refusal_);
+      send_info();
+      report();
       return;
     }
   }
-  in_force_ = id;
-  refused_ = msg::SettingsId();
-  mode_ = settings.task_mode();
-  answered_ = true;
-  announce_traversal();
-  if (mode_ == msg::IDLE) {
-    observation_again_.stop();
+  info_.settings() = newest_;
+  send_info();
+  if (settings.task_mode() == msg::IDLE) {
+    spdlog::info("settings {}: idle", newest_.version());
   } else {
+    spdlog::info(
+        "settings {}: {}, {}, at most {} steps, seed {}{}", newest_.version(),
+        settings.task_mode() == msg::TRAIN ? "training" : std::to_string(settings.tasks()) + " evaluation tasks",
+        route(settings), settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
+    last_action_ = now_;
     send_observation();
   }
-}
-
-void EnvService::send_observation() {
-  environment_.observe(observation_);
-  node_.publish(observation_);
-  // An observation in which nobody has a task left needs no answer.
-  answered_ = environment_.done();
-  if (answered_) {
-    observation_again_.stop();
-  } else {
-    observation_again_.start();
-  }
+  report();
 }
 
 void EnvService::on_action(const msg::Action& action) {
-  if (!mine(action)) return;
-  if (action.environment_incarnation() != node_.incarnation() || !same(action.settings(), in_force_) || answered_ ||
-      action.step() != observation_.step()) {
+  if (action.environment() != node_.options().id) return;
+  if (!awaiting_action_ || action.environment_incarnation() != node_.incarnation() ||
+      action.step() != observation_.step() || !same(action.settings(), observation_.settings())) {
     ++node_.traffic.repeated;
     return;
   }
-  heard_ = Clock::now();
   try {
     environment_.step(action.choice());
   } catch (const Error& error) {
-    if (++node_.traffic.rejected == 1)
-      spdlog::error("action of {} rejected: {}", action.header().sender().c_str(), error.what());
+    ++node_.traffic.rejected;
+    if (!std::exchange(masked_action_logged_, true))
+      spdlog::warn("rejected an action of '{}': {} (more under these settings are counted, not logged)",
+                   action.header().sender().c_str(), error.what());
     return;
   }
-  ++ticks_;
-  for (const Environment::Episode& finished : environment_.finished()) {
-    msg::EpisodeStat& stat = unacknowledged_.emplace_back();
-    stat.settings() = in_force_;
-    stat.episode() = ++episode_;
-    stat.acknowledged() = acknowledged_;
-    stat.agent() = static_cast<std::uint32_t>(finished.agent);
-    stat.evaluation() = mode_ == msg::EVALUATE;
-    stat.task() = static_cast<std::uint32_t>(finished.task);
-    stat.traversal() = info_.traversal();
-    stat.start() = static_cast<std::uint32_t>(finished.start);
-    stat.goal() = static_cast<std::uint32_t>(finished.goal);
-    stat.steps() = static_cast<std::uint32_t>(finished.steps);
-    stat.shortest() = static_cast<std::uint32_t>(finished.shortest);
-    stat.reward() = finished.reward;
-    stat.completed() = finished.completed;
-    if (unacknowledged_.size() == 1) episodes_again_.start();
-    node_.publish(stat);
+  last_action_ = now_;
+  steps_ += action.choice().size();
+  send_observation();  // first: the policy_service waits for it
+  record_episodes();
+  if (std::exchange(silent_, false)) {
+    spdlog::info("policy_service is back");
+    report();
   }
-  send_observation();
+  if (!awaiting_action_) {
+    spdlog::info("evaluation of settings {} done", newest_.version());
+    report();
+  }
 }
 
-void EnvService::send_episodes() {
-  const std::size_t count = std::min(unacknowledged_.size(), kEpisodesAtOnce);
-  for (std::size_t i = 0; i < count; ++i) {
-    unacknowledged_[i].acknowledged() = acknowledged_;
-    ++node_.traffic.resent;
-    node_.publish(unacknowledged_[i]);
+void EnvService::on_request(const msg::TraversalRequest& request) {
+  if (request.environment() != node_.options().id || request.hash() != environment_.traversal_hash()) return;
+  send_info();
+  const std::uint32_t each = static_cast<std::uint32_t>(frames_a_chunk());
+  const std::size_t width = 1 + static_cast<std::size_t>(traversal_.dimension);
+  for (const std::uint32_t index : request.chunks()) {
+    if (index >= info_.chunks()) {
+      ++node_.traffic.rejected;
+      continue;
+    }
+    chunk_.hash() = environment_.traversal_hash();
+    chunk_.chunk() = index;
+    chunk_.first_frame() = index * each;
+    chunk_.frames() = std::min(each, info_.frames() - chunk_.first_frame());
+    chunk_.data().resize(chunk_.frames() * width * sizeof(float));
+    auto* to = chunk_.data().data();
+    for (std::uint32_t frame = chunk_.first_frame(); frame < chunk_.first_frame() + chunk_.frames(); ++frame) {
+      const std::span<const float> feature = traversal_.feature(static_cast<int>(frame));
+      std::memcpy(to, &traversal_.positions[frame], sizeof(float));
+      std::memcpy(to + sizeof(float), feature.data(), feature.size_bytes());
+      to += width * sizeof(float);
+    }
+    node_.publish(chunk_);
   }
 }
 
 void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement) {
-  if (!mine(acknowledgement) || acknowledgement.environment_incarnation() != node_.incarnation() ||
-      acknowledgement.episode() > episode_) {
+  if (acknowledgement.environment() != node_.options().id ||
+      acknowledgement.environment_incarnation() != node_.incarnation())
+    return;
+  if (acknowledgement.episode() > episodes_) {
+    ++node_.traffic.rejected;
     return;
   }
   if (acknowledgement.episode() <= acknowledged_) {
     ++node_.traffic.repeated;
     return;
   }
+  unacknowledged_.erase(
+      unacknowledged_.begin(),
+      unacknowledged_.begin() + static_cast<std::ptrdiff_t>(acknowledgement.episode() - acknowledged_));
   acknowledged_ = acknowledgement.episode();
-  while (!unacknowledged_.empty() && unacknowledged_.front().episode() <= acknowledged_) unacknowledged_.pop_front();
-  episodes_again_.start();
-}
-
-void EnvService::on_request(const msg::TraversalRequest& request) {
-  if (!mine(request) || request.hash() != info_.hash()) return;
-  heard_ = Clock::now();
-  const Traversal& traversal = environment_.traversal();
-  const std::size_t width = 1 + static_cast<std::size_t>(traversal.dimension);
-  msg::TraversalChunk chunk;
-  chunk.hash() = info_.hash();
-  for (const std::uint32_t index : request.chunks()) {
-    if (index >= info_.chunks()) continue;
-    const int first = static_cast<int>(index) * frames_a_chunk_;
-    const int count = std::min(frames_a_chunk_, traversal.frames - first);
-    chunk.chunk() = index;
-    chunk.first_frame() = static_cast<std::uint32_t>(first);
-    chunk.frames() = static_cast<std::uint32_t>(count);
-    chunk.data().resize(static_cast<std::size_t>(count) * width * sizeof(float));
-    for (int i = 0; i < count; ++i) {
-      std::uint8_t* row = chunk.data().data() + static_cast<std::size_t>(i) * width * sizeof(float);
-      const float position =
-          traversal.positions.empty() ? std::nanf("") : traversal.positions[static_cast<std::size_t>(first + i)];
-      std::memcpy(row, &position, sizeof position);
-      std::memcpy(row + sizeof(float), traversal.feature(first + i).data(), traversal.dimension * sizeof(float));
-    }
-    node_.publish(chunk);
-  }
+  episodes_interval_ = kEpisodesAgain;
+  next_episodes_ = now_ + episodes_interval_;
 }
 
 void EnvService::on_status(const msg::ServiceStatus& status) {
-  if (options_.node.id != status.header().sender().c_str() || status.header().incarnation() >= node_.incarnation())
-    return;
-  // A dead predecessor's last heartbeat may still be delivered once; a living one goes on sending.
-  if (status.service_state() == msg::STOPPING || ++predecessor_beats_[status.header().incarnation()] < 3) return;
-  throw Error("another one with this id is alive in run '" + options_.node.run + "'",
-              "env_service '" + options_.node.id + "'", "give this one another --id or --run");
+  if (status.header().sender() != node_.options().id || status.service_state() == msg::STOPPING) return;
+  // The incarnation is the time of the start, so of two only one gives way.
+  if (status.header().incarnation() < node_.incarnation())
+    throw Error("already runs in run '" + node_.options().run + "' on " + status.host().c_str() + " (process " +
+                    std::to_string(status.process()) + ")",
+                "id '" + node_.options().id + "'", "choose another --id or --run");
 }
 
-void EnvService::tell_state() {
-  const Clock::time_point now = Clock::now();
-  if (now - rate_since_ < milliseconds(1000)) return;
-  const double elapsed = std::chrono::duration<double>(now - rate_since_).count();
-  const float rate = static_cast<float>(static_cast<double>(ticks_ - ticks_before_) * environment_.agents() / elapsed);
-  rate_since_ = now;
-  ticks_before_ = ticks_;
-  if (refused_.version() != 0) return;  // FAILED stays until settings that can be kept
-  if (mode_ == msg::IDLE || now - heard_ > kSilence) {
-    node_.report(msg::WAITING, "waiting for a policy_service", rate);
-  } else {
-    node_.report(msg::RUNNING, mode_ == msg::TRAIN ? "training" : "evaluation", rate);
+void EnvService::send_info() {
+  node_.publish(info_);
+  next_info_ = now_ + kInfoAgain;
+}
+
+void EnvService::send_observation() {
+  environment_.observe(observation_);
+  node_.publish(observation_);
+  // After the last task the observation tells that all agents are idle; nobody needs to answer it.
+  awaiting_action_ = !environment_.done();
+  observation_interval_ = kObservationAgain;
+  next_observation_ = now_ + observation_interval_;
+}
+
+void EnvService::record_episodes() {
+  for (const Environment::Episode& episode : environment_.finished()) {
+    if (unacknowledged_.empty()) {
+      episodes_interval_ = kEpisodesAgain;
+      next_episodes_ = now_ + episodes_interval_;
+    }
+    msg::EpisodeStat& stat = unacknowledged_.emplace_back();
+    stat.settings() = newest_;
+    stat.episode() = ++episodes_;
+    stat.acknowledged() = acknowledged_;
+    stat.agent() = static_cast<std::uint32_t>(episode.agent);
+    stat.evaluation() = settings_.task_mode() == msg::EVALUATE;
+    stat.task() = static_cast<std::uint32_t>(episode.task);
+    stat.traversal() = traversal_.name.c_str();
+    stat.start() = static_cast<std::uint32_t>(episode.start);
+    stat.goal() = static_cast<std::uint32_t>(episode.goal);
+    stat.steps() = static_cast<std::uint32_t>(episode.steps);
+    stat.shortest() = static_cast<std::uint32_t>(episode.shortest);
+    stat.reward() = episode.reward;
+    stat.completed() = episode.completed;
+    node_.publish(stat);
+    ++tasks_done_;
   }
+}
+
+void EnvService::send_episodes_again() {
+  const std::size_t count = std::min(unacknowledged_.size(), kEpisodesAtOnce);
+  for (std::size_t i = 0; i < count; ++i) {
+    unacknowledged_[i].acknowledged() = acknowledged_;
+    node_.publish(unacknowledged_[i]);
+    ++node_.traffic.resent;
+  }
+  episodes_interval_ = std::min<Duration>(2 * episodes_interval_, kEpisodesAgainAtMost);
+  next_episodes_ = now_ + episodes_interval_;
+}
+
+void EnvService::do_what_is_due() {
+  if (running() && now_ >= next_observation_) {
+    node_.publish(observation_);
+    ++node_.traffic.resent;
+    observation_interval_ = std::min<Duration>(2 * observation_interval_, kObservationAgainAtMost);
+    next_observation_ = now_ + observation_interval_;
+  }
+  if (running() && !silent_ && now_ >= last_action_ + kSilence) {
+    silent_ = true;
+    spdlog::warn("no action for {} s: waiting for policy_service", kSilence.count());
+    report();
+  }
+  // While a policy_service is at work it knows; another one may come when it is not.
+  if ((!running() || silent_) && now_ >= next_info_) send_info();
+  if (!unacknowledged_.empty() && now_ >= next_episodes_) send_episodes_again();
+  if (now_ >= next_report_) report();
+}
+
+Clock::time_point EnvService::next_due() const {
+  Clock::time_point due = next_report_;
+  if (running()) due = std::min(due, next_observation_);
+  if (running() && !silent_) due = std::min(due, last_action_ + kSilence);
+  if (!running() || silent_) due = std::min(due, next_info_);
+  if (!unacknowledged_.empty()) due = std::min(due, next_episodes_);
+  return due;
+}
+
+void EnvService::report() {
+  const double elapsed = std::chrono::duration<double>(now_ - last_report_).count();
+  const float rate = elapsed > 0 ? static_cast<float>(static_cast<double>(steps_) / elapsed) : 0;
+  steps_ = 0;
+  last_report_ = now_;
+  next_report_ = now_ + seconds(1);
+  msg::State state = msg::WAITING;
+  std::string activity = "waiting for a policy_service";
+  if (!refusal_.empty()) {
+    state = msg::FAILED;
+    activity = "refused settings: " + refusal_;
+  } else if (silent_) {
+    activity = "waiting for policy_service";
+  } else if (info_.settings().version() != 0 && settings_.task_mode() == msg::IDLE) {
+    activity = "idle, as policy_service asked";
+  } else if (info_.settings().version() != 0) {
+    if (running()) state = msg::RUNNING;
+    activity = settings_.task_mode() == msg::TRAIN
+                   ? "training on " + traversal_.name + ", " + route(settings_)
+                   : "evaluation on " + traversal_.name + ": " + std::to_string(tasks_done_) + " of " +
+                         std::to_string(settings_.tasks()) + " tasks";
+  }
+  node_.report(state, activity, rate);
+}
+
+void EnvService::leave() {
+  const Clock::time_point deadline = Clock::now() + kLeaving;
+  node_.report(msg::STOPPING, "stopping");
+  awaiting_action_ = false;
+  const auto worth_waiting = [&] {
+    return !unacknowledged_.empty() && Clock::now() < deadline && node_.readers<msg::EpisodeStat>() > 0;
+  };
+  next_episodes_ = Clock::now();
+  episodes_interval_ = kEpisodesAgain / 4;
+  while (worth_waiting()) {
+    now_ = Clock::now();
+    if (now_ >= next_episodes_) send_episodes_again();
+    node_.wait(std::min(deadline, next_episodes_));
+    now_ = Clock::now();
+    while (node_.take(acknowledgement_)) {
+      on_acknowledgement(acknowledgement_);
+      next_episodes_ = now_;  // what is left goes out at once
+    }
+    // Nothing else matters any more, but what is not taken would wake the wait again and again.
+    while (node_.take(action_)) continue;
+    while (node_.take(taken_settings_)) continue;
+    while (node_.take(request_)) continue;
+    while (node_.take(status_)) continue;
+  }
+  if (unacknowledged_.empty())
+    spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, episodes_);
+  else
+    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged", node_.options().id, episodes_,
+                 unacknowledged_.size());
 }
 
 }  // namespace
 
 void run_env_service(const EnvServiceOptions& options, const Traversal& traversal, const std::function<bool()>& stop) {
-  EnvService(options, traversal).run(stop);
+  EnvService(traversal, options).run(stop);
 }
 
 }  // namespace citylearn

@@ -214,7 +214,11 @@ const DatasetRegistry::Registration registration({
     {{"frames", "frames of the route, about 10 m apart", 1000, 2, msg::MAX_FRAMES, true},
      {"dimension", "features a frame", 64, 8, kMaxDimension, true},
      {"seed", "another seed, another city", 1, 0, 1e9, true}},
-    [](const Parameters& parameters, const std::string&) { return std::make_unique<Synthetic>(parameters); },
+    [](const Parameters& parameters, const std::string& folder) {
+      if (!folder.empty())
+        throw Error("reads no folder", "dataset synthetic", "leave --data out, or say --dataset plain");
+      return std::make_unique<Synthetic>(parameters);
+    },
 });
 
 }  // namespace
