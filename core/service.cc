@@ -127,6 +127,7 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     spdlog::set_default_logger(spdlog::stderr_color_mt(program));
     spdlog::set_pattern("%H:%M:%S.%e %^%L%$ [%n] %v");
     CLI::App app(summary, program);
+    app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);  // scripts append their user's options
     app.set_version_flag("--version", version());
     app.set_config("--config", "", "TOML file with the same options, names without dashes");
     app.allow_config_extras(CLI::config_extras_mode::error);

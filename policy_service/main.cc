@@ -19,7 +19,7 @@ void print_list() {
   std::cout << "\nLearners (--learner):\n";
   for (const auto* entry : LearnerRegistry::instance().entries())
     std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
-  std::cout << "\nTraining, whatever the learner:\n" << describe("trainer", "", Trainer::parameter_specs(), "trainer");
+  std::cout << "\nTraining, whatever the learner:\n" << describe("trainer", "collects what is learned from", Trainer::parameter_specs(), "trainer");
   std::cout << "\nControls (--controls, or --agent with --mode evaluate):\n";
   for (const auto* entry : ControlRegistry::instance().entries())
     std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
@@ -35,10 +35,11 @@ int main(int argc, char** argv) {
   options.node.service = "policy_service";
   options.node.id = "policy";
   std::map<std::string, std::map<std::string, double>> plugins;   // parameters given, by plug-in
-  bool list = false;
+  bool list = false, agents = false;
 
   const auto setup = [&](CLI::App& app) {
     app.add_flag("--list", list, "Print networks, learners, controls and middlewares with their parameters, and exit");
+    app.add_flag("--recommended-agents", agents, "Print how many agents --agent trains best with, and exit");
     app.add_option("--mode", options.mode, "train (and evaluate at the end), or evaluate")
         ->capture_default_str()->check(CLI::IsMember({"train", "evaluate"}));
     app.add_option("--agent", options.agent, "Network to train; with --mode evaluate and no --checkpoint, a control")
@@ -96,6 +97,10 @@ int main(int argc, char** argv) {
   const auto body = [&] {
     if (list) {
       print_list();
+      return 0;
+    }
+    if (agents) {
+      std::cout << Trainer::recommended_parameters(options.agent, options.learner).at("trainer").at("agents") << "\n";
       return 0;
     }
     options.network_parameters = plugins[options.agent];

@@ -31,6 +31,7 @@ MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) : pa
         continue;
       kept += line + "\n";
       wall_ = wall;
+      kept_.emplace_back(episodes, wall);
     }
   }
   write_file(path, kept);
@@ -40,6 +41,12 @@ MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) : pa
 
 MetricsLog::~MetricsLog() {
   if (file_) std::fclose(file_);
+}
+
+double MetricsLog::wall_at(std::uint64_t episodes) const {
+  for (const auto& [finished, wall] : kept_)
+    if (finished >= episodes) return wall;
+  return 0;
 }
 
 void MetricsLog::write(const msg::TrainingStat& s) {

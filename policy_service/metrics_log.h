@@ -3,6 +3,8 @@
 #include <cstdint>
 #include <cstdio>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "core/messages.h"
 
@@ -22,11 +24,14 @@ class MetricsLog {
   void write(const msg::TrainingStat& stat);
   /// Seconds of training in the last row kept; 0 for a new file.
   double wall() const { return wall_; }
+  /// Seconds of training in the first row kept that has at least so many episodes; 0 when there is none.
+  double wall_at(std::uint64_t episodes) const;
 
  private:
   std::string path_;
   std::FILE* file_ = nullptr;
   double wall_ = 0;
+  std::vector<std::pair<std::uint64_t, double>> kept_;   ///< episodes and wall of each row kept
 };
 
 }  // namespace citylearn

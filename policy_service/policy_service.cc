@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 #include <iostream>
+#include <optional>
 #include <set>
 
 #include "core/service.h"
@@ -17,6 +18,7 @@
 #include "policy_service/files.h"
 #include "policy_service/fleet.h"
 #include "policy_service/metrics_log.h"
+#include "policy_service/network_policy.h"
 #include "policy_service/progress.h"
 #include "policy_service/report.h"
 #include "policy_service/score.h"
@@ -26,11 +28,24 @@ namespace citylearn {
 namespace {
 
 // Purposes of random streams: (seed, purpose, ...) names a stream.
-enum : std::uint64_t { kTrainingTasks = 101, kEvaluationTasks = 102, kEvaluationChoices = 103 };
+enum : std::uint64_t { kEvaluationTasks = 102, kEvaluationChoices = 103 };
 
 double seconds_since(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
 }
+
+/// Adds the time of its life to `seconds`.
+class Stopwatch {
+ public:
+  explicit Stopwatch(double& seconds) : seconds_(seconds) {}
+  ~Stopwatch() { seconds_ += seconds_since(start_); }
+  Stopwatch(const Stopwatch&) = delete;
+  Stopwatch& operator=(const Stopwatch&) = delete;
+
+ private:
+  double& seconds_;
+  Clock::time_point start_ = Clock::now();
+};
 
 /// Thrown to leave whatever is going on when a signal asks the service to stop.
 struct Stopped {};
@@ -49,16 +64,21 @@ class Run {
 
   void build_trainer();
   void train();
+  void train_until_done();
   void enroll(Seat& seat);
-  void cut();
   void drop_lost_seats();
-  void after_update(const UpdateFigures& figures);
+  void after_update(const UpdateFigures& figures, std::uint64_t steps_before);
+  void evaluate_others();
   void save_checkpoint();
+  double training_wall() const { return wall_before_ + seconds_since(training_since_); }
+  std::string checkpoints() const { return options_.output + "/checkpoints"; }
+  std::map<std::string, std::string> hashes() const;
 
   void load_agent();
   void evaluate_all();
   void evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make, const std::vector<Seat*>& seats);
-  std::vector<float> reference();
+  Evaluation::MakePolicy agent_policy() const;
+  const std::vector<float>& reference();
   void write_summary();
 
   PolicyServiceOptions options_;
@@ -70,15 +90,14 @@ class Run {
   Progress progress_;
   std::set<Seat*> to_acknowledge_;
   std::unique_ptr<Trainer> trainer_;
-  std::unique_ptr<TrainedAgent> agent_;
-  std::map<const Seat*, int> slots_;        ///< training seats, and the index of each
-  std::map<const Seat*, int> restarts_;
+  std::optional<TrainedAgent> agent_;
+  std::map<const Seat*, int> slots_;        ///< number of each training environment, which names its random streams
+  std::set<Seat*> taking_part_;             ///< training environments that are not lost
   Clock::time_point training_since_, last_update_;
   double wall_before_ = 0;
   TrainingReport report_;
   std::vector<ScoreRow> rows_;
   std::vector<float> reference_;
-  std::map<std::string, std::string> hashes_;
 };
 
 PolicyServiceOptions checked(PolicyServiceOptions options) {
@@ -137,6 +156,12 @@ Seat* Run::seat_on(const std::string& traversal) const {
   return found.empty() ? nullptr : found.front();
 }
 
+std::map<std::string, std::string> Run::hashes() const {
+  std::map<std::string, std::string> found;
+  for (const auto& [id, seat] : fleet_.seats()) found[seat->traversal()] = fmt::format("{:016x}", seat->info.hash());
+  return found;
+}
+
 void Run::await(const std::set<std::string>& traversals, int training_environments) {
   const Clock::time_point since = Clock::now();
   Clock::time_point next_word = since + std::chrono::seconds(5);
@@ -178,91 +203,82 @@ void Run::build_trainer() {
   trainer.network_parameters = options_.network_parameters;
   trainer.learner_parameters = options_.learner_parameters;
   trainer.trainer_parameters = options_.trainer_parameters;
+  if (options_.steps > 0) trainer.trainer_parameters["steps"] = static_cast<double>(options_.steps);
   trainer.seed = options_.seed;
-  trainer.steps = options_.steps;
   trainer.first_frame = options_.first_frame;
   trainer.max_steps = options_.max_steps;
   trainer.curriculum = options_.curriculum;
-  trainer.task.frames = options_.frames;
-  trainer.task.features = static_cast<int>(first.info.feature_dimension());
-  reference_ = reference();
-  if (!reference_.empty())
-    trainer.task.reference = Eigen::Map<const Matrix<float>>(reference_.data(), trainer.task.features, options_.frames);
-  trainer_ = std::make_unique<Trainer>(trainer);
-  const std::string folder = options_.output.empty() ? "" : options_.output + "/checkpoints";
-  std::string newest = options_.resume ? newest_checkpoint(folder) : "";
-  if (!newest.empty()) {
-    trainer_->load(newest);
-    spdlog::info("going on after update {} ({} steps) of {}", trainer_->updates(), trainer_->steps(), newest);
-  } else if (options_.resume) {
-    spdlog::info("no checkpoint in {}: beginning", folder);
+  NetworkTask task;
+  task.frames = options_.frames;
+  task.features = static_cast<int>(first.info.feature_dimension());
+  const std::vector<float>& features = reference();
+  if (!features.empty()) task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, options_.frames);
+  trainer_ = std::make_unique<Trainer>(trainer, task);
+  if (options_.resume) {
+    if (const auto newest = newest_checkpoint(checkpoints())) {
+      trainer_->load(read_checkpoint(*newest));
+      spdlog::info("going on after update {} ({} steps) of {}", trainer_->progress().updates, trainer_->progress().steps, *newest);
+    } else {
+      spdlog::info("no checkpoint in {}: beginning", checkpoints());
+    }
   }
   if (!options_.output.empty()) {
-    metrics_ = std::make_unique<MetricsLog>(options_.output + "/metrics.csv", trainer_->updates());
+    metrics_ = std::make_unique<MetricsLog>(options_.output + "/metrics.csv", trainer_->progress().updates);
     wall_before_ = metrics_->wall();
-    write_file(options_.output + "/manifest.json",
-               manifest_json(options_, trainer_->effective_parameters(), hashes_, node_.middleware_name()));
+    if ((report_.episodes_to_spl95 = trainer_->progress().episodes_to_spl95))
+      report_.wall_to_spl95 = metrics_->wall_at(*report_.episodes_to_spl95);
+    write_file(options_.output + "/manifest.json", manifest_json(options_, trainer_->parameters(), hashes(), node_.middleware_name()));
   }
 }
 
+/// A training environment begins anew: at the start, after a restart of its process, and at each cut.
 void Run::enroll(Seat& seat) {
-  if (!slots_.contains(&seat)) slots_[&seat] = static_cast<int>(slots_.size());
-  const int slot = slots_[&seat];
-  trainer_->enroll(slot, static_cast<int>(seat.info.agents()));
-  const Lesson lesson = trainer_->lesson();
+  const int slot = slots_.emplace(&seat, static_cast<int>(slots_.size())).first->second;
+  trainer_->add(slot, static_cast<int>(seat.info.agents()));
+  taking_part_.insert(&seat);
   msg::TaskSettings settings;
-  settings.task_mode() = msg::TRAIN;
-  settings.lesson() = static_cast<std::uint32_t>(lesson.index);
-  settings.first_frame() = static_cast<std::uint32_t>(options_.first_frame);
-  settings.frames() = static_cast<std::uint32_t>(lesson.frames);
-  settings.max_steps() = static_cast<std::uint32_t>(lesson.max_steps);
-  settings.seed() = mix_seeds({options_.seed, kTrainingTasks, trainer_->cuts(), static_cast<std::uint64_t>(slot),
-                               static_cast<std::uint64_t>(restarts_[&seat])});
+  trainer_->settings(slot, settings);
   fleet_.command(seat, settings);
-}
-
-/// After a checkpoint or a change of lesson every environment begins anew: docs/decisions/0003-step-protocol.md.
-void Run::cut() {
-  for (const auto& [seat, slot] : slots_)
-    if (trainer_->enrolled(slot)) enroll(const_cast<Seat&>(*seat));
 }
 
 void Run::drop_lost_seats() {
   if (options_.lockstep) return;
-  int alive = 0;
-  for (const auto& [seat, slot] : slots_) alive += trainer_->enrolled(slot) && Fleet::alive(*seat);
-  if (alive == 0) return;   // nobody to go on without them
-  for (const auto& [seat, slot] : slots_) {
-    if (!trainer_->enrolled(slot) || Fleet::alive(*seat)) continue;
+  std::vector<Seat*> lost;
+  for (Seat* seat : taking_part_)
+    if (!Fleet::alive(*seat)) lost.push_back(seat);
+  if (lost.size() == taking_part_.size()) return;   // nobody to go on with
+  for (Seat* seat : lost) {
     spdlog::warn("env_service '{}' went silent: training goes on without it", seat->id);
-    trainer_->drop(slot);
+    trainer_->remove(slots_.at(seat));
+    taking_part_.erase(seat);
   }
 }
 
 void Run::save_checkpoint() {
+  const Checkpoint checkpoint = trainer_->checkpoint();
   if (options_.output.empty()) return;
   try {
-    trainer_->save(options_.output + "/checkpoints");
+    write_checkpoint_of_update(checkpoints(), trainer_->progress().updates, checkpoint);
   } catch (const Error& error) {
     // A full disk must not end the training: the last checkpoints are still there, and the next one may fit.
-    spdlog::error("no checkpoint of update {}: {}", trainer_->updates(), error.what());
+    spdlog::error("no checkpoint of update {}: {}", trainer_->progress().updates, error.what());
   }
 }
 
-void Run::after_update(const UpdateFigures& figures) {
-  const double wall = wall_before_ + seconds_since(training_since_);
-  const double rate = static_cast<double>(figures.steps) / std::max(1e-9, seconds_since(last_update_));
+void Run::after_update(const UpdateFigures& figures, std::uint64_t steps_before) {
+  const TrainingProgress& progress = trainer_->progress();
+  const double wall = training_wall();
+  const double rate = static_cast<double>(progress.steps - steps_before) / std::max(1e-9, seconds_since(last_update_));
   last_update_ = Clock::now();
-  const Lesson lesson = trainer_->lesson();
   msg::TrainingStat stat;
-  stat.update() = trainer_->updates();
-  stat.steps() = trainer_->steps();
-  stat.episodes() = trainer_->episodes();
-  stat.lesson() = static_cast<std::uint32_t>(lesson.index);
+  stat.update() = progress.updates;
+  stat.steps() = progress.steps;
+  stat.episodes() = progress.episodes;
+  stat.lesson() = static_cast<std::uint32_t>(progress.lesson);
   stat.wall() = wall;
   stat.steps_per_second() = static_cast<float>(rate);
-  stat.reward() = static_cast<float>(trainer_->mean_reward());
-  stat.spl() = static_cast<float>(trainer_->mean_spl());
+  stat.reward() = static_cast<float>(progress.reward);
+  stat.spl() = static_cast<float>(progress.spl);
   stat.policy_loss() = static_cast<float>(figures.policy_loss);
   stat.value_loss() = static_cast<float>(figures.value_loss);
   stat.entropy() = static_cast<float>(figures.entropy);
@@ -272,17 +288,64 @@ void Run::after_update(const UpdateFigures& figures) {
   stat.learning_rate() = static_cast<float>(figures.learning_rate);
   node_.publish(stat);
   if (metrics_) metrics_->write(stat);
-  if (!report_.episodes_to_spl95 && trainer_->episodes_to_spl95() > 0) {
-    report_.episodes_to_spl95 = trainer_->episodes_to_spl95();
+  if (!report_.episodes_to_spl95 && progress.episodes_to_spl95) {
+    report_.episodes_to_spl95 = progress.episodes_to_spl95;
     report_.wall_to_spl95 = wall;
   }
-  const double share = std::max(static_cast<double>(trainer_->steps()) / static_cast<double>(trainer_->total_steps()),
+  const double share = std::max(static_cast<double>(progress.steps) / static_cast<double>(trainer_->total_steps()),
                                 options_.time_limit > 0 ? wall / options_.time_limit : 0.0);
-  node_.report(msg::RUNNING, fmt::format("training {}, update {}", options_.agent, trainer_->updates()), static_cast<float>(rate));
-  const double left = share > 0.01 ? (wall - wall_before_) * (1 - share) / share : -1;
-  progress_.show("training " + options_.agent, share, static_cast<double>(trainer_->steps()) / std::max(wall, 1e-9), left,
-                 fmt::format("reward {:.3f}  SPL {:.3f}{}", trainer_->mean_reward(), trainer_->mean_spl(),
-                             options_.curriculum ? fmt::format("  lesson {}", lesson.index + 1) : ""));
+  node_.report(msg::RUNNING, fmt::format("training {}, update {}", options_.agent, progress.updates), static_cast<float>(rate));
+  const double left = share > 0.01 ? wall * (1 - share) / share : -1;
+  progress_.show("training " + options_.agent, share, static_cast<double>(progress.steps) / std::max(wall, 1e-9), left,
+                 fmt::format("reward {:.3f}  SPL {:.3f}{}", progress.reward, progress.spl,
+                             options_.curriculum ? fmt::format("  lesson {}", progress.lesson + 1) : ""));
+}
+
+/// Between two updates; the training environments wait meanwhile, so what they do is the same with and without it.
+void Run::evaluate_others() {
+  std::vector<Seat*> others;
+  for (Seat* seat : evaluation_seats())
+    if (seat->traversal() != options_.train) others.push_back(seat);
+  if (others.empty()) return;
+  agent_ = trainer_->agent();
+  evaluate(options_.agent, false, agent_policy(), others);
+  for (const ScoreRow& row : rows_)
+    spdlog::info("update {} on '{}': completed {:.1f} %, SPL {:.3f}", trainer_->progress().updates, row.traversal,
+                 100 * row.score.completed, row.score.spl);
+  rows_.clear();
+}
+
+/// Updates until all steps are learned from or the time is up.
+void Run::train_until_done() {
+  std::vector<std::uint8_t> choice;
+  while (!trainer_->done()) {
+    spin();
+    drop_lost_seats();
+    if (!trainer_->ready()) continue;
+    const std::uint64_t cut_before = trainer_->cut(), steps_before = trainer_->progress().steps;
+    UpdateFigures figures;
+    {
+      const Stopwatch watch(report_.update);
+      figures = trainer_->update();
+    }
+    after_update(figures, steps_before);
+    if (trainer_->done() || (options_.time_limit > 0 && training_wall() >= options_.time_limit)) return;
+    const std::uint64_t updates = trainer_->progress().updates;
+    if (updates % static_cast<std::uint64_t>(options_.checkpoint_every) == 0) save_checkpoint();
+    if (options_.evaluate_every > 0 && updates % static_cast<std::uint64_t>(options_.evaluate_every) == 0) evaluate_others();
+    // After a checkpoint or at a new lesson all begin anew (docs/decisions/0003-step-protocol.md), else all go on.
+    for (Seat* seat : std::set<Seat*>(taking_part_)) {
+      if (trainer_->cut() != cut_before) {
+        enroll(*seat);
+      } else if (seat->waiting) {
+        {
+          const Stopwatch watch(report_.inference);
+          trainer_->resume(slots_.at(seat), choice);
+        }
+        fleet_.answer(*seat, choice);
+      }
+    }
+  }
 }
 
 void Run::train() {
@@ -291,79 +354,48 @@ void Run::train() {
   spdlog::info("training {} on '{}': {} steps, seed {}, {}", options_.agent, options_.train, trainer_->total_steps(), options_.seed,
                node_.middleware_name());
   fleet_.joined = [this](Seat& seat) {
-    if (seat.traversal() != options_.train) return;
-    ++restarts_[&seat];
-    enroll(seat);
+    if (seat.traversal() == options_.train) enroll(seat);
   };
   fleet_.decide = [this](Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-    const auto slot = slots_.find(&seat);
-    return slot != slots_.end() && trainer_->observe(slot->second, observation, choice);
+    const Stopwatch watch(report_.inference);
+    return taking_part_.contains(&seat) && trainer_->act(slots_.at(&seat), observation, choice);
   };
   training_since_ = last_update_ = Clock::now();
   for (Seat* seat : seats_on(options_.train)) enroll(*seat);
-  bool stopped = false;
-  std::vector<std::uint8_t> choice;
-  while (!trainer_->finished()) {
-    try {
-      spin();
-    } catch (const Stopped&) {
-      stopped = true;
-      break;
-    }
-    drop_lost_seats();
-    if (!trainer_->ready()) continue;
-    const UpdateFigures figures = trainer_->update();
-    after_update(figures);
-    if (trainer_->finished() || (options_.time_limit > 0 && wall_before_ + seconds_since(training_since_) >= options_.time_limit)) break;
-    const bool due = trainer_->updates() % static_cast<std::uint64_t>(options_.checkpoint_every) == 0;
-    if (due) save_checkpoint();
-    if (due || figures.new_lesson) {
-      trainer_->cut();
-      cut();
-      continue;
-    }
-    if (options_.evaluate_every > 0 && trainer_->updates() % static_cast<std::uint64_t>(options_.evaluate_every) == 0) {
-      // Those on other traversals only: the training environments wait, and their order of events stays what it is.
-      agent_ = trainer_->agent();
-      std::vector<Seat*> others;
-      for (Seat* seat : evaluation_seats())
-        if (seat->traversal() != options_.train) others.push_back(seat);
-      const auto decide = fleet_.decide;
-      if (!others.empty())
-        evaluate(options_.agent, false, [this](const Seat& seat) { return agent_->policy(mix_seeds({options_.seed, kEvaluationChoices}), seat.info.agents()); }, others);
-      for (const ScoreRow& row : rows_)
-        spdlog::info("update {} on {}: completed {:.1f} %, SPL {:.3f}", trainer_->updates(), row.traversal, 100 * row.score.completed, row.score.spl);
-      rows_.clear();
-      fleet_.decide = decide;
-    }
-    for (const auto& [seat, slot] : slots_)
-      if (seat->waiting && trainer_->act(slot, choice)) fleet_.answer(const_cast<Seat&>(*seat), choice);
-  }
+  train_until_done();
   progress_.finish();
-  report_.traversal = options_.train;
-  report_.episodes = trainer_->episodes();
-  report_.steps = trainer_->steps();
-  report_.wall = wall_before_ + seconds_since(training_since_);
-  report_.reward = trainer_->mean_reward();
-  report_.spl = trainer_->mean_spl();
   fleet_.joined = nullptr;
   fleet_.decide = nullptr;
-  // A stop in the middle of a segment keeps the last regular checkpoint: only cuts can be gone on from byte for byte.
-  if (stopped) throw Stopped();
+  const TrainingProgress& progress = trainer_->progress();
+  report_.traversal = options_.train;
+  report_.episodes = progress.episodes;
+  report_.steps = progress.steps;
+  report_.wall = training_wall();
+  report_.reward = progress.reward;
+  report_.spl = progress.spl;
   save_checkpoint();
   agent_ = trainer_->agent();
-  spdlog::info("trained {} episodes, {} steps in {:.1f} s ({:.0f} steps/s)", report_.episodes, report_.steps, report_.wall,
-               static_cast<double>(report_.steps) / report_.wall);
+  const double here = std::max(seconds_since(training_since_), 1e-9);
+  spdlog::info("trained {} episodes, {} steps in {:.1f} s ({:.0f} steps/s): {:.0f} % inference, {:.0f} % update, {:.0f} % waiting for environments and transport",
+               report_.episodes, report_.steps, report_.wall, static_cast<double>(report_.steps) / std::max(report_.wall, 1e-9),
+               100 * report_.inference / here, 100 * report_.update / here,
+               100 * std::max(0.0, 1 - (report_.inference + report_.update) / here));
 }
 
 // -------------------------------------------------------------------------------------------------- evaluation
 
 void Run::load_agent() {
-  agent_ = load_agent_file(options_.checkpoint);
-  options_.agent = agent_->name();
-  options_.first_frame = agent_->first_frame();
-  options_.frames = agent_->frames();
-  if (options_.max_steps == 0 || options_.max_steps == 128) options_.max_steps = agent_->frames();
+  agent_ = trained_agent(read_checkpoint(options_.checkpoint));
+  if (options_.max_steps == options_.frames) options_.max_steps = agent_->task.frames;
+  options_.agent = agent_->name;
+  options_.first_frame = agent_->first_frame;
+  options_.frames = agent_->task.frames;
+}
+
+Evaluation::MakePolicy Run::agent_policy() const {
+  NetworkPolicy::Options how;
+  how.seed = mix_seeds({options_.seed, kEvaluationChoices});
+  return [agent = *agent_, how](const Seat&) { return std::make_unique<NetworkPolicy>(agent, how); };
 }
 
 std::vector<Seat*> Run::evaluation_seats() {
@@ -378,10 +410,10 @@ std::vector<Seat*> Run::evaluation_seats() {
 }
 
 /// Features of the training traversal's route, once; empty when it has none or is not there.
-std::vector<float> Run::reference() {
+const std::vector<float>& Run::reference() {
   if (!reference_.empty()) return reference_;
   Seat* seat = seat_on(options_.train);
-  if (!seat || seat->info.feature_dimension() == 0) return {};
+  if (!seat || seat->info.feature_dimension() == 0) return reference_;
   return reference_ = fleet_.fetch_features(*seat, options_.first_frame, options_.frames, Clock::now() + std::chrono::seconds(30));
 }
 
@@ -400,8 +432,10 @@ void Run::evaluate(const std::string& name, bool shuffle, const Evaluation::Make
     record(seat, episode);
     evaluation.add(seat, episode);
   };
+  const auto decide = fleet_.decide;
   fleet_.decide = [&](Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-    return evaluation.takes_part(seat) && evaluation.decide(seat, observation, choice);
+    if (evaluation.takes_part(seat)) return evaluation.decide(seat, observation, choice);
+    return decide && decide(seat, observation, choice);
   };
   const auto joined = fleet_.joined;
   fleet_.joined = [&](Seat& seat) {
@@ -411,7 +445,7 @@ void Run::evaluate(const std::string& name, bool shuffle, const Evaluation::Make
   const auto restore = [&] {
     fleet_.finished = record;
     fleet_.joined = joined;
-    fleet_.decide = nullptr;
+    fleet_.decide = decide;
   };
   try {
     const Clock::time_point since = Clock::now();
@@ -435,7 +469,7 @@ void Run::evaluate(const std::string& name, bool shuffle, const Evaluation::Make
 
 void Run::evaluate_all() {
   const std::vector<Seat*> seats = evaluation_seats();
-  const auto make_control = [this](const std::string& name) {
+  const auto make_control = [this](const std::string& name) -> Evaluation::MakePolicy {
     const auto& entry = ControlRegistry::instance().find("control", name);
     const Parameters parameters(name, entry.parameters, options_.control_parameters[name]);
     ControlTask task{options_.first_frame, options_.frames, 0, {}};
@@ -445,14 +479,12 @@ void Run::evaluate_all() {
     }
     return [&entry, parameters, task](const Seat&) { return entry.create(parameters, task); };
   };
-  const Evaluation::MakePolicy make_agent = [this](const Seat& seat) {
-    return agent_->policy(mix_seeds({options_.seed, kEvaluationChoices}), static_cast<int>(seat.info.agents()));
-  };
-  evaluate(options_.agent, false, control_alone_ ? Evaluation::MakePolicy(make_control(options_.agent)) : make_agent, seats);
+  const Evaluation::MakePolicy agent = control_alone_ ? make_control(options_.agent) : agent_policy();
+  evaluate(options_.agent, false, agent, seats);
   for (const std::string& name : options_.controls) {
     if (name == options_.agent) continue;
     if (name == "shuffled") {
-      evaluate(name, true, control_alone_ ? Evaluation::MakePolicy(make_control(options_.agent)) : make_agent, seats);
+      evaluate(name, true, agent, seats);
     } else if (name == "sequence_filter" && reference().empty()) {
       spdlog::warn("no sequence_filter: traversal '{}' has no features or no env_service", options_.train);
     } else {

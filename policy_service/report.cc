@@ -31,6 +31,8 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
                         {"steps", training->steps},
                         {"wall_s", training->wall},
                         {"steps_per_s", training->wall > 0 ? static_cast<double>(training->steps) / training->wall : 0.0},
+                        {"inference_s", training->inference},
+                        {"update_s", training->update},
                         {"reward", training->reward},
                         {"spl", training->spl},
                         {"episodes_to_spl95", or_null(training->episodes_to_spl95)},

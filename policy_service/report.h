@@ -16,6 +16,7 @@ struct TrainingReport {
   std::uint64_t episodes = 0;
   std::uint64_t steps = 0;
   double wall = 0;                                 ///< seconds
+  double inference = 0, update = 0;                ///< seconds of this process's training; the rest waits for environments
   double reward = 0, spl = 0;                      ///< means over the last 100 training episodes
   std::optional<std::uint64_t> episodes_to_spl95;  ///< when the mean SPL of the last 100 training episodes reached 0.95
   std::optional<double> wall_to_spl95;

@@ -20,9 +20,9 @@ using Arguments = std::vector<std::string>;
 constexpr seconds kLong{120};
 
 /// One run in a domain of its own: a folder, its env_services, its policy_service.
-class Run {
+class Trial {
  public:
-  Run(std::string middleware, int domain) : middleware_(std::move(middleware)), domain_(domain) {}
+  Trial(std::string middleware, int domain) : middleware_(std::move(middleware)), domain_(domain) {}
 
   std::unique_ptr<Service> env(const std::string& traversal, const Arguments& more = {}) {
     Arguments command = {CITYLEARN_ENV_SERVICE, "--traversal", traversal, "--synthetic-frames", "160", "--agents", "8"};
@@ -33,7 +33,7 @@ class Run {
   }
   /// Training of `updates` updates of 8 agents x 64 steps.
   std::unique_ptr<Service> train(int updates, const std::string& output, Arguments more = {}) {
-    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512), "--checkpoint-every", "4", "--output",
+    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512), "--checkpoint-every", "20", "--output",
                              folder_ / output, "--tasks", "16", "--evaluate", "summer"});
     return policy(more);
   }
@@ -67,10 +67,10 @@ class Vendors : public ::testing::TestWithParam<const char*> {
  protected:
   int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 70 : 80) + offset; }
 };
-INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"), [](const auto& info) { return std::string(info.param); });
+INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"), [](const auto& vendor) { return std::string(vendor.param); });
 
 TEST_P(Vendors, TrainEvaluateAndReport) {
-  Run run(GetParam(), domain(0));
+  Trial run(GetParam(), domain(0));
   const auto summer = run.env("summer"), fall = run.env("fall");
   const auto policy = run.policy({"--agent", "place_filter", "--steps", "4096", "--output", run.folder() / "out", "--tasks", "300",
                                   "--evaluate", "summer,fall", "--controls", "all", "--seed", "3"});
@@ -112,21 +112,23 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
 }
 
 TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
-  Run run(GetParam(), domain(1));
+  Trial run(GetParam(), domain(1));
   const auto summer = run.env("summer");
-  const auto straight = run.train(12, "straight");
+  constexpr int kUpdates = 300;   // some seconds, so that the first checkpoint is far from the end
+  const auto straight = run.train(kUpdates, "straight");
   ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
   {
     const auto killed = run.train(100000, "killed", {"--place_filter-nothing"});
     EXPECT_NE(killed->wait(seconds(10)), 0) << "unknown parameters are errors";
   }
   // The schedules follow --steps, so the run to be killed is the same run; it is killed as soon as it has a checkpoint.
-  auto killed = run.train(12, "killed");
+  auto killed = run.train(kUpdates, "killed");
   ASSERT_TRUE(run.has_checkpoint("killed", kLong)) << killed->output();
   killed->send(SIGKILL);
-  killed->wait(seconds(5));
-  const auto resumed = run.train(12, "killed", {"--resume"});
-  ASSERT_TRUE(resumed->says("training ", seconds(10))) << "goes on within 10 s\n" << resumed->output();
+  ASSERT_EQ(killed->wait(seconds(5)), 128 + SIGKILL) << "it had ended before";
+  ASSERT_NE(run.checkpoint("killed").first, run.checkpoint("straight").first) << "it had finished training before";
+  const auto resumed = run.train(kUpdates, "killed", {"--resume"});
+  ASSERT_TRUE(resumed->says("going on after update", seconds(10))) << "goes on within 10 s\n" << resumed->output();
   ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
   const auto expected = run.checkpoint("straight"), found = run.checkpoint("killed");
   EXPECT_EQ(found.first, expected.first);
@@ -134,21 +136,22 @@ TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
 }
 
 TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {
-  Run run(GetParam(), domain(2));
+  Trial run(GetParam(), domain(2));
   auto summer = run.env("summer");
-  const auto policy = run.train(40, "out");
+  const auto policy = run.train(1500, "out");
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
   summer->send(SIGKILL);
   summer->wait(seconds(5));
+  ASSERT_FALSE(policy->says("trained ", std::chrono::milliseconds(1))) << "it had finished training before";
   summer = run.env("summer");
   ASSERT_TRUE(policy->says("restarted env_service", seconds(10))) << policy->output();
   EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
 }
 
 TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
-  Run run(GetParam(), domain(3));
+  Trial run(GetParam(), domain(3));
   auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
-  const auto policy = run.train(60, "out", {"--environments", "2"});
+  const auto policy = run.train(1500, "out", {"--environments", "2"});
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
   two->send(SIGKILL);
   ASSERT_TRUE(policy->says("goes on without it", seconds(20))) << policy->output();
@@ -156,7 +159,7 @@ TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
 }
 
 TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
-  Run run(GetParam(), domain(4));
+  Trial run(GetParam(), domain(4));
   const auto waiting = run.policy({"--run", "nobody"});
   ASSERT_TRUE(waiting->says("waiting for env_services", seconds(20))) << waiting->output();
   waiting->send(SIGTERM);
@@ -171,7 +174,7 @@ TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
 }
 
 TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
-  Run run(GetParam(), domain(5));
+  Trial run(GetParam(), domain(5));
   MiddlewareOptions options;
   options.name = GetParam();
   options.domain = static_cast<std::uint32_t>(domain(5));
@@ -189,30 +192,30 @@ TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
 TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
   std::map<std::string, std::string> bytes;
   int domain = 90;
-  for (const std::string& middleware : {"fastdds", "cyclonedds", "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:cyclonedds"}) {
-    Run run(middleware, ++domain);
+  for (const std::string middleware : {"fastdds", "cyclonedds", "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:cyclonedds"}) {
+    Trial run(middleware, ++domain);
     const auto summer = run.env("summer");
-    const auto policy = run.train(9, "out", {"--lockstep", "--seed", "5"});
+    const auto policy = run.train(50, "out", {"--lockstep", "--seed", "5"});
     ASSERT_EQ(policy->wait(kLong), 0) << middleware << "\n" << policy->output();
     bytes[middleware] = run.checkpoint("out").second;
   }
   {
-    Run run("inprocess", ++domain);
+    Trial run("inprocess", ++domain);
     Service both({CITYLEARN_INPROCESS_RUN, run.folder() / "out"}, run.folder() / "log");
     ASSERT_EQ(both.wait(kLong), 0) << both.output();
     bytes["inprocess"] = run.checkpoint("out").second;
   }
   ASSERT_FALSE(bytes["inprocess"].empty());
   for (const auto& [name, found] : bytes) EXPECT_TRUE(found == bytes["inprocess"]) << name << " differs from inprocess";
-  Run run("cyclonedds", ++domain);
+  Trial run("cyclonedds", ++domain);
   const auto summer = run.env("summer");
-  const auto policy = run.train(9, "out", {"--lockstep", "--seed", "6"});
+  const auto policy = run.train(50, "out", {"--lockstep", "--seed", "6"});
   ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
   EXPECT_FALSE(run.checkpoint("out").second == bytes["inprocess"]) << "another seed is another run";
 }
 
 TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
-  Run run("cyclonedds", 100);
+  Trial run("cyclonedds", 100);
   const auto summer = run.env("summer");
   const auto trained = run.train(4, "out");
   ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
@@ -236,7 +239,7 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
 }
 
 TEST(CommandLine, WrongInputIsOneClearLine) {
-  Run run("cyclonedds", 101);
+  Trial run("cyclonedds", 101);
   const std::map<std::string, std::pair<Arguments, std::string>> cases = {
       {"unknown middleware", {{"--middleware", "zeromq"}, "cyclonedds"}},
       {"domain out of range", {{"--domain", "300"}, "domain"}},

@@ -53,18 +53,22 @@ TEST(Floors, CoreKnowsNoService) {
 }
 
 TEST(Floors, VendorHeadersStayInTheirOwnMiddlewareFile) {
-  for (const std::string& folder : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools"})
+  for (const std::string folder : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools"})
     for (const Include& include : includes_below(folder)) {
-      if (begins(include.target, "fastdds/") || begins(include.target, "fastrtps/"))
+      if (begins(include.target, "fastdds/") || begins(include.target, "fastrtps/")) {
         EXPECT_EQ(include.file, "core/middleware_fastdds.cc") << include.line;
-      if (begins(include.target, "dds/") || begins(include.target, "ddsi/"))
+      }
+      if (begins(include.target, "dds/") || begins(include.target, "ddsi/")) {
         EXPECT_EQ(include.file, "core/middleware_cyclonedds.cc") << include.line;
-      if (begins(include.target, "fastcdr/")) EXPECT_EQ(include.file, "core/messages.cc") << include.line;
+      }
+      if (begins(include.target, "fastcdr/")) {
+        EXPECT_EQ(include.file, "core/messages.cc") << include.line;
+      }
     }
 }
 
 TEST(Floors, NumbersInEigenPicturesInDatasetsAndEncoders) {
-  for (const std::string& folder : {"core", "policy_service"})
+  for (const std::string folder : {"core", "policy_service"})
     for (const Include& include : includes_below(folder))
       EXPECT_FALSE(begins(include.target, "opencv2/")) << include.file << ": " << include.line;
 }

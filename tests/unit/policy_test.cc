@@ -4,29 +4,20 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/random.h"
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
 #include "policy_service/files.h"
 #include "policy_service/metrics_log.h"
 #include "policy_service/score.h"
+#include "tests/support/service.h"
 
 namespace citylearn {
 namespace {
 
 namespace fs = std::filesystem;
 
-class Folder {
- public:
-  Folder() {
-    std::string name = (fs::temp_directory_path() / "citylearn-XXXXXX").string();
-    path_ = mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path_); }
-  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
-
- private:
-  std::string path_;
-};
+using testing::Folder;
 
 msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest, std::uint32_t steps, bool completed) {
   msg::EpisodeStat e;
@@ -190,7 +181,9 @@ TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
       for (int goal : {0, 1, 11, 12, 22, 23}) {
         const int steps = walk(*policy, first, frames, start, goal, task.reference, dimension);
         ASSERT_GE(steps, 0) << entry->name << ": " << start << " -> " << goal;
-        if (entry->name != "blind") EXPECT_EQ(steps, std::abs(goal - start)) << entry->name;
+        if (entry->name != "blind") {
+          EXPECT_EQ(steps, std::abs(goal - start)) << entry->name;
+        }
       }
   }
 }
