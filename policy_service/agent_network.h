@@ -1,6 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -18,20 +20,21 @@ using Vector = Eigen::Matrix<S, Eigen::Dynamic, 1>;
 
 /// What a network is built for.
 struct NetworkTask {
-  int features = 0;         ///< D
-  int frames = 128;         ///< N, places on the route
-  Matrix<float> reference;  ///< D x N, features of the training traversal's route: the place memory of networks that have one
+  int features = 0;  ///< D
+  int frames = 128;  ///< N, places on the route
+  Matrix<float>
+      reference;  ///< D x N, features of the training traversal's route: the place memory of networks that have one
 };
 
 /// Observations of B agents over T steps; column t * B + b is agent b at step t.
 template <class S>
 struct NetworkInputs {
-  int steps = 0;                              ///< T
-  int agents = 0;                             ///< B
-  int frames = 0;                             ///< places in use, <= N; fewer in a curriculum's early lessons
-  Matrix<S> features;                         ///< D x TB
-  std::vector<int> goal;                      ///< TB, place on the route, 0..N-1
-  std::vector<int> position;                  ///< TB, place on the route: what the baseline sees, and a target of losses
+  int steps = 0;              ///< T
+  int agents = 0;             ///< B
+  int frames = 0;             ///< places in use, <= N; fewer in a curriculum's early lessons
+  Matrix<S> features;         ///< D x TB
+  std::vector<int> goal;      ///< TB, place on the route, 0..N-1
+  std::vector<int> position;  ///< TB, place on the route: what the baseline sees, and a target of losses
   std::vector<std::uint8_t> previous_action;  ///< TB, kNoAction at an episode's start
   std::vector<std::uint8_t> allowed;          ///< TB, bit a = action a allowed
   std::vector<std::uint8_t> first;            ///< TB, 1 = first observation of an episode: the state before it is wiped
@@ -52,21 +55,31 @@ template <class S>
 struct Heads {
   Matrix<S> logits;  ///< 3 x TB, masked actions at -1e9
   Matrix<S> values;  ///< 1 x TB
-  Matrix<S> places;  ///< N x TB logits of the place stood at; 0 x 0 where there is no such head or it was not asked for
+  /// 2 x TB: the place stood at and the way to the goal (see whereabouts()), as told from the recurrent state. A
+  /// training loss alone looks at it; 0 x 0 where there is no such head or it was not asked for.
+  Matrix<S> whereabouts;
 };
+
+/// What `Heads::whereabouts` should say of an agent at `position` with this goal, on a route of N places: 4 (position /
+/// N - 1/2) and 2 tanh((goal - position) / 8). Scalars, so that a linear policy can read them off the state.
+template <class S>
+std::array<S, 2> whereabouts(int position, int goal, int frames) {
+  return {S(4) * (static_cast<S>(position) / static_cast<S>(frames) - S(0.5)),
+          S(2) * std::tanh(static_cast<S>(goal - position) / S(8))};
+}
 
 /// Results of a forward pass, and whatever the network keeps for the backward pass. Used again and again: no allocation
 /// while the sizes stay the same.
 template <class S>
 struct Workspace {
   virtual ~Workspace() = default;
-  bool localise = false;  ///< asks for `heads.places`; only a training loss does
+  bool localise = false;  ///< asks for `heads.whereabouts`; only a training loss does
   Heads<S> heads;
   Matrix<S> state;  ///< state_size x B, after the last step
 };
 
-/// An agent's network with explicit recurrent state. Stateless itself: parameters, states and caches come from outside, so
-/// that threads share one network with a workspace each.
+/// An agent's network with explicit recurrent state. Stateless itself: parameters, states and caches come from outside,
+/// so that threads share one network with a workspace each.
 template <class S>
 class AgentNetwork {
  public:
@@ -80,12 +93,14 @@ class AgentNetwork {
   /// `state` (state_size x B) is the state before the first step.
   virtual void forward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, const Matrix<S>& state,
                        Workspace<S>& workspace) const = 0;
-  /// Adds to `gradient` (same layout as parameters) for the loss with these derivatives by the heads. Called after forward
-  /// with the same arguments. Nothing flows into `state`.
+  /// Adds to `gradient` (same layout as parameters) for the loss with these derivatives by the heads. Called after
+  /// forward with the same arguments. Nothing flows into `state`.
   virtual void backward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, Workspace<S>& workspace,
                         const Heads<S>& derivative, Vector<S>& gradient) const = 0;
 
-  std::ptrdiff_t parameter_count() const { return tensors().back().offset + tensors().back().rows * tensors().back().cols; }
+  std::ptrdiff_t parameter_count() const {
+    return tensors().back().offset + tensors().back().rows * tensors().back().cols;
+  }
 };
 
 /// Networks by name; float for work, double for the gradient checks.

@@ -114,8 +114,9 @@ Checkpoint read_checkpoint(const std::string& path) {
   reader.take(kMagic.size());
   const auto version = reader.number<std::uint32_t>();
   if (version > kVersion)
-    throw Error("is a checkpoint of version " + std::to_string(version) + ", this program knows " + std::to_string(kVersion),
-                path, "use the newer program");
+    throw Error(
+        "is a checkpoint of version " + std::to_string(version) + ", this program knows " + std::to_string(kVersion),
+        path, "use the newer program");
   if (bytes.size() < kMagic.size() + 12 + SHA256_DIGEST_LENGTH) throw reader.damaged("is cut short");
   const std::string_view body(bytes.data(), bytes.size() - SHA256_DIGEST_LENGTH);
   if (digest(body) != std::string_view(bytes).substr(body.size())) throw reader.damaged("is damaged or cut short");
@@ -138,7 +139,8 @@ Checkpoint read_checkpoint(const std::string& path) {
   return checkpoint;
 }
 
-std::string write_checkpoint_of_update(const std::string& folder, std::uint64_t update, const Checkpoint& checkpoint, int keep) {
+std::string write_checkpoint_of_update(const std::string& folder, std::uint64_t update, const Checkpoint& checkpoint,
+                                       int keep) {
   std::error_code problem;
   std::filesystem::create_directories(folder, problem);
   if (problem) throw Error("cannot be made: " + problem.message(), folder);

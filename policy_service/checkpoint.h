@@ -10,8 +10,8 @@
 
 namespace citylearn {
 
-/// Everything a training run needs to go on, and everything an agent needs to act. One file: magic, version, JSON header,
-/// tensors (little-endian floats, column-major), SHA-256 of all that. The same contents give the same bytes.
+/// Everything a training run needs to go on, and everything an agent needs to act. One file: magic, version, JSON
+/// header, tensors (little-endian floats, column-major), SHA-256 of all that. The same contents give the same bytes.
 struct Checkpoint {
   nlohmann::json header;                         ///< agent, parameters, task, counters ... (Trainer::checkpoint)
   std::map<std::string, Matrix<float>> tensors;  ///< "learner.parameters", "learner.adam.first", "reference" ...
@@ -23,8 +23,8 @@ void write_checkpoint(const std::string& path, const Checkpoint& checkpoint);
 /// Throws Error naming the file when it is no checkpoint, of a newer program, cut short or damaged.
 Checkpoint read_checkpoint(const std::string& path);
 
-/// Writes `folder`/checkpoint-<update>.clk (making the folder), then removes all but the newest `keep`. Returns the path.
-/// Throws Error naming the file; the old ones are then all still there.
+/// Writes `folder`/checkpoint-<update>.clk (making the folder), then removes all but the newest `keep`. Returns the
+/// path. Throws Error naming the file; the old ones are then all still there.
 std::string write_checkpoint_of_update(const std::string& folder, std::uint64_t update, const Checkpoint& checkpoint,
                                        int keep = 3);
 
@@ -33,9 +33,9 @@ std::optional<std::string> newest_checkpoint(const std::string& folder);
 
 /// An agent that acts and learns no more.
 struct TrainedAgent {
-  std::string name;                                 ///< of its network
-  NetworkTask task;                                 ///< what it was built for
-  int first_frame = 0;                              ///< where the route of its places begins on the traversal
+  std::string name;     ///< of its network
+  NetworkTask task;     ///< what it was built for
+  int first_frame = 0;  ///< where the route of its places begins on the traversal
   std::shared_ptr<const AgentNetwork<float>> network;
   Vector<float> parameters;
 };

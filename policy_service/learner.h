@@ -13,6 +13,7 @@ namespace citylearn {
 /// What a learner is built for.
 struct LearnerTask {
   const AgentNetwork<float>& network;  ///< must outlive the learner
+  int frames = 128;                    ///< N, places on the route
   std::uint64_t seed = 1;              ///< of the parameters' start and of the learner's own draws
   std::uint64_t total_steps = 0;       ///< environment steps of the whole run, for schedules
 };
@@ -24,7 +25,8 @@ struct UpdateFigures {
   double entropy = 0;            ///< nats
   double divergence = 0;         ///< approximate KL(old || new), nats
   double clipped = 0;            ///< share of samples outside the clip range, 0..1
-  double localisation_loss = 0;  ///< nats; 0 where it is not used
+  double localisation_loss = 0;  ///< squared error of telling one's place; 0 where it is not asked for
+  double orientation_loss = 0;   ///< squared error of telling the way to the goal, likewise
   double gradient_norm = 0;      ///< before clipping
   double learning_rate = 0;
 };
@@ -35,8 +37,8 @@ struct LearnerState {
   std::map<std::string, Vector<float>> tensors;  ///< "parameters" among them
 };
 
-/// Improves the parameters of a network from what its agents saw and did. Sees tensors, never topics or images. Used by one
-/// thread; may use threads of its own, but the same rollouts give the same bits.
+/// Improves the parameters of a network from what its agents saw and did. Sees tensors, never topics or images. Used by
+/// one thread; may use threads of its own, but the same rollouts give the same bits.
 class Learner {
  public:
   virtual ~Learner() = default;

@@ -17,5 +17,5 @@ target_link_libraries(citylearn_learning
   PUBLIC citylearn_core Eigen3::Eigen nlohmann_json::nlohmann_json
   PRIVATE citylearn_warnings OpenSSL::Crypto Threads::Threads)
 if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)
-  target_compile_options(citylearn_learning PUBLIC -Wno-maybe-uninitialized)  # false alarms on AVX-512 (GCC bug 105593)
+  target_compile_options(citylearn_learning PUBLIC -Wno-uninitialized)  # false alarms on AVX-512 (GCC bug 105593)
 endif()

@@ -27,11 +27,13 @@ void read_observation(const msg::Observation& observation, int features, int fir
                       NetworkInputs<float>& inputs) {
   const std::size_t agents = observation.frame().size();
   if (observation.feature_dimension() != static_cast<std::uint32_t>(features))
-    throw Error("is " + std::to_string(observation.feature_dimension()) + ", the agent needs " + std::to_string(features),
-                "Observation.feature_dimension of '" + std::string(observation.traversal().c_str()) + "'");
+    throw Error(
+        "is " + std::to_string(observation.feature_dimension()) + ", the agent needs " + std::to_string(features),
+        "Observation.feature_dimension of '" + std::string(observation.traversal().c_str()) + "'");
   if (observation.features().size() != agents * static_cast<std::size_t>(features))
-    throw Error("are " + std::to_string(observation.features().size()) + " numbers for " + std::to_string(agents) + " agents",
-                "Observation.features");
+    throw Error(
+        "are " + std::to_string(observation.features().size()) + " numbers for " + std::to_string(agents) + " agents",
+        "Observation.features");
   for (const std::size_t size : {observation.position().size(), observation.goal().size(), observation.allowed().size(),
                                  observation.previous_action().size(), observation.flags().size()})
     if (size != agents) throw Error("differ in length", "Observation's sequences");
@@ -57,7 +59,10 @@ void read_observation(const msg::Observation& observation, int features, int fir
 }
 
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
-    : agent_(std::move(agent)), options_(options), random_{options.seed}, workspace_(agent_.network->make_workspace()) {}
+    : agent_(std::move(agent)),
+      options_(options),
+      random_{options.seed},
+      workspace_(agent_.network->make_workspace()) {}
 
 void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
   read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, inputs_);

@@ -13,10 +13,10 @@ namespace {
 
 /// What a random stream is for. Further numbers of its name: environment, cut, and those given here.
 enum Purpose : std::uint64_t {
-  kEnvironment = 101,      // starts and goals
-  kAction = 102,           // step
+  kEnvironment = 101,        // starts and goals
+  kAction = 102,             // step
   kEpisodeAppearance = 103,  // agent, episode of the agent
-  kFrameAppearance = 104,  // step, agent
+  kFrameAppearance = 104,    // step, agent
 };
 
 constexpr int kRecent = 100;  // episodes in the running means
@@ -34,7 +34,7 @@ std::vector<Lesson> curriculum_of(int frames, int max_steps) {
   lessons.push_back({frames, max_steps});
   return lessons;
 }
-constexpr double kLessonReward = 0.95;   // smoothed, to pass a lesson
+constexpr double kLessonReward = 0.95;  // smoothed, to pass a lesson
 constexpr std::uint64_t kLessonEpisodes = 100;
 
 struct FinishedEpisode {
@@ -42,7 +42,8 @@ struct FinishedEpisode {
   double reward = 0, spl = 0;
 };
 
-/// Fills `out` with numbers of mean 0 and deviation 1, nearly normal: sums of four uniform ones, a draw of 64 bits each.
+/// Fills `out` with numbers of mean 0 and deviation 1, nearly normal: sums of four uniform ones, a draw of 64 bits
+/// each.
 void fill_noise(Random& random, Eigen::Ref<Vector<float>> out) {
   constexpr float kScale = 1.7320508f / 65536.0f;  // a uniform number of 16 bits has deviation 65536 / sqrt(12)
   for (float& value : out) {
@@ -58,26 +59,26 @@ struct Trainer::Parts {
   struct Agent {
     int start = 0, goal = 0, steps = 0;
     double reward = 0;
-    std::uint64_t episode = 0;   // of this agent in this cut
-    float strength = 0;          // of the episode's appearance
+    std::uint64_t episode = 0;  // of this agent in this cut
+    float strength = 0;         // of the episode's appearance
   };
-  struct Half {                  // of an environment's agents
+  struct Half {  // of an environment's agents
     NetworkInputs<float> inputs;
     Matrix<float> state;
     std::unique_ptr<Workspace<float>> workspace;
   };
   struct Seat {
     int id = 0, agents = 0, tick = 0;
-    std::uint64_t step = 0;      // of the next observation
+    std::uint64_t step = 0;  // of the next observation
     bool full = false;
     Rollout rollout;
-    NetworkInputs<float> seen;   // the last observation, in the episode's appearance
-    Matrix<float> state;         // before it
-    Matrix<float> appearance;    // D x agents, of the episode
+    NetworkInputs<float> seen;  // the last observation, in the episode's appearance
+    Matrix<float> state;        // before it
+    Matrix<float> appearance;   // D x agents, of the episode
     std::vector<Agent> agent;
     std::vector<FinishedEpisode> finished;
     std::array<Half, 2> halves;
-    Half single;                 // for values of truncated episodes
+    Half single;  // for values of truncated episodes
   };
 
   TrainerOptions options;
@@ -97,7 +98,7 @@ struct Trainer::Parts {
   std::uint64_t lesson_episodes = 0;          // finished in the present lesson
   std::vector<std::array<double, 2>> recent;  // reward and SPL of the last episodes, a ring
   std::size_t recent_next = 0;
-  Vector<float> noise;                        // of one frame
+  Vector<float> noise;  // of one frame
   Worker worker;
 
   const Lesson& lesson() const { return lessons[static_cast<std::size_t>(progress.lesson)]; }
@@ -199,7 +200,8 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts
   if (options.curriculum) p.lessons = curriculum_of(task.frames, p.options.max_steps);
   p.network = chosen.network->create(p.network_parameters, p.task);
   p.shared_network = chosen.network->create(p.network_parameters, p.task);
-  p.learner = chosen.learner->create(p.learner_parameters, LearnerTask{*p.network, options.seed, p.total_steps});
+  p.learner =
+      chosen.learner->create(p.learner_parameters, LearnerTask{*p.network, task.frames, options.seed, p.total_steps});
   p.progress.reward = p.progress.spl = std::numeric_limits<double>::quiet_NaN();
 }
 
@@ -295,10 +297,12 @@ void Trainer::Parts::check(const Seat& seat, const msg::Observation& observation
   const std::string where = "environment " + std::to_string(seat.id);
   if (observation.frame().size() != static_cast<std::size_t>(seat.agents) ||
       observation.reward().size() != static_cast<std::size_t>(seat.agents))
-    throw Error("has " + std::to_string(observation.frame().size()) + " agents, " + std::to_string(seat.agents) + " were added",
-                where);
+    throw Error(
+        "has " + std::to_string(observation.frame().size()) + " agents, " + std::to_string(seat.agents) + " were added",
+        where);
   if (observation.step() != seat.step)
-    throw Error("sent step " + std::to_string(observation.step()) + " in the place of " + std::to_string(seat.step), where);
+    throw Error("sent step " + std::to_string(observation.step()) + " in the place of " + std::to_string(seat.step),
+                where);
 }
 
 /// Reward and end of the action before this observation.
@@ -331,15 +335,16 @@ void Trainer::Parts::end_action(Seat& seat, const msg::Observation& observation)
   }
 }
 
-float Trainer::Parts::final_value(Seat& seat, std::ptrdiff_t agent, std::uint8_t action, const Vector<float>& features) {
+float Trainer::Parts::final_value(Seat& seat, std::ptrdiff_t agent, std::uint8_t action,
+                                  const Vector<float>& features) {
   NetworkInputs<float>& inputs = seat.single.inputs;
   inputs.frames = lesson().frames;
   inputs.features = features;
   inputs.goal[0] = seat.agent[static_cast<std::size_t>(agent)].goal;
   inputs.previous_action[0] = action;
   inputs.first[0] = 0;
-  Random random{options.seed, kFrameAppearance, static_cast<std::uint64_t>(seat.id), cut, seat.step,
-                static_cast<std::uint64_t>(agent)};
+  Random random{options.seed, kFrameAppearance, static_cast<std::uint64_t>(seat.id),
+                cut,          seat.step,        static_cast<std::uint64_t>(agent)};
   disguise(seat, agent, random, inputs.features.col(0));
   seat.single.state = seat.state.col(agent);
   network->forward(learner->parameters(), inputs, seat.single.state, *seat.single.workspace);
@@ -360,7 +365,8 @@ void Trainer::Parts::begin_episode(Seat& seat, std::size_t index) {
 }
 
 /// x' = x + u f n + u e m, brought back to the length of x: n is noise of the frame, m and u are the episode's.
-void Trainer::Parts::disguise(const Seat& seat, std::ptrdiff_t index, Random& random, Eigen::Ref<Vector<float>> features) {
+void Trainer::Parts::disguise(const Seat& seat, std::ptrdiff_t index, Random& random,
+                              Eigen::Ref<Vector<float>> features) {
   if (noise_episode <= 0 && noise_frame <= 0) return;
   const float length = features.norm(), strength = seat.agent[static_cast<std::size_t>(index)].strength * length;
   noise.resize(features.size());
@@ -396,7 +402,8 @@ void Trainer::Parts::decide(Seat& seat, std::vector<std::uint8_t>& choice) {
     for (std::ptrdiff_t column = 0; column < half.inputs.agents; ++column, ++agent) {
       const auto index = static_cast<std::size_t>(row + agent);
       rollout.inputs.copy_column(seat.seen, agent, row + agent);
-      const std::uint8_t action = sample_action(half.workspace->heads.logits.col(column), random, rollout.log_probability[index]);
+      const std::uint8_t action =
+          sample_action(half.workspace->heads.logits.col(column), random, rollout.log_probability[index]);
       rollout.action[index] = choice[static_cast<std::size_t>(agent)] = action;
       rollout.value[index] = half.workspace->heads.values(0, column);
       seat.state.col(agent) = half.workspace->state.col(column);
@@ -496,7 +503,9 @@ Checkpoint Trainer::checkpoint(const std::string& manifest) {
   for (const Tensor& tensor : p.network->tensors())
     layout.push_back({{"name", tensor.name}, {"rows", tensor.rows}, {"cols", tensor.cols}, {"offset", tensor.offset}});
   checkpoint.header["layout"] = layout;
-  const auto optional = [](const std::optional<std::uint64_t>& value) { return value ? nlohmann::json(*value) : nlohmann::json(); };
+  const auto optional = [](const std::optional<std::uint64_t>& value) {
+    return value ? nlohmann::json(*value) : nlohmann::json();
+  };
   checkpoint.header["progress"] = {{"updates", p.progress.updates},
                                    {"steps", p.progress.steps},
                                    {"episodes", p.progress.episodes},
@@ -531,7 +540,8 @@ void Trainer::load(const Checkpoint& checkpoint) {
           now = value.dump();
           break;
         }
-    throw Error(what + " was " + was + ", now it is " + now, "checkpoint", "go on with the same options, or start a new run");
+    throw Error(what + " was " + was + ", now it is " + now, "checkpoint",
+                "go on with the same options, or start a new run");
   }
   const auto reference = checkpoint.tensors.find("reference");
   if (reference == checkpoint.tensors.end() || reference->second != p.task.reference)

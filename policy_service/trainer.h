@@ -36,11 +36,11 @@ struct TrainingProgress {
   std::optional<std::uint64_t> steps_to_spl95;
 };
 
-/// Trains one agent on any number of environments, each with agents of its own. No wire and no clock: the same observations
-/// give the same bits, in whatever order the environments' observations come. Used by one thread.
+/// Trains one agent on any number of environments, each with agents of its own. No wire and no clock: the same
+/// observations give the same bits, in whatever order the environments' observations come. Used by one thread.
 ///
-/// Collects `segment` ticks of every environment, then waits for update(). An environment whose segment is full gets its next
-/// actions from resume(), after the update.
+/// Collects `segment` ticks of every environment, then waits for update(). An environment whose segment is full gets
+/// its next actions from resume(), after the update.
 class Trainer {
  public:
   /// Throws Error: unknown plug-ins or parameters, or a `task` that they cannot work with.
@@ -56,8 +56,8 @@ class Trainer {
   /// What the environment shall do, under the present cut: all fields but header, environment and settings id.
   void settings(int environment, msg::TaskSettings& settings) const;
 
-  /// Takes in the next observation; the first one must be of step 0. True: `choice` has the actions. False: the segment is
-  /// full; resume() will tell them. Throws Error when the observation does not fit.
+  /// Takes in the next observation; the first one must be of step 0. True: `choice` has the actions. False: the segment
+  /// is full; resume() will tell them. Throws Error when the observation does not fit.
   bool act(int environment, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
   bool full(int environment) const;
   /// All environments are full; false when there is none.
@@ -82,7 +82,8 @@ class Trainer {
   TrainedAgent agent() const;         ///< with a copy of the present parameters
   /// Effective parameters by "network", "learner" and "trainer", for manifests.
   std::map<std::string, std::map<std::string, double>> parameters() const;
-  /// Those of `agent` and `learner` without options given: `recommended_parameters("features", "ppo")["trainer"]["agents"]`.
+  /// Those of `agent` and `learner` without options given: `recommended_parameters("features",
+  /// "ppo")["trainer"]["agents"]`.
   static std::map<std::string, std::map<std::string, double>> recommended_parameters(const std::string& agent,
                                                                                      const std::string& learner);
 

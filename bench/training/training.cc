@@ -24,7 +24,7 @@ struct Options {
   TrainerOptions trainer;
   std::string dataset = "plain", data, train = "summer";
   std::vector<std::string> evaluate = {"summer", "fall"};
-  std::vector<std::string> set;      ///< name=value, of network, learner or trainer
+  std::vector<std::string> set;  ///< name=value, of network, learner or trainer
   int frames = 128, environments = 1, agents = 0, tasks = 2000, evaluate_every = 0, print_every = 10;
   double time_limit = 0;
   bool shuffled = false, products = false;
@@ -108,8 +108,9 @@ void train(const Options& options) {
   task.reference = Eigen::Map<const Matrix<float>>(route.features.data(), route.dimension, route.frames)
                        .middleCols(options.trainer.first_frame, options.frames);
   Trainer trainer(options.trainer, task);
-  const int agents =
-      options.agents > 0 ? options.agents : static_cast<int>(trainer.parameters()["trainer"]["agents"]) / options.environments;
+  const int agents = options.agents > 0
+                         ? options.agents
+                         : static_cast<int>(trainer.parameters()["trainer"]["agents"]) / options.environments;
   std::vector<Environment> environments(static_cast<std::size_t>(options.environments), Environment(route, agents));
   for (int i = 0; i < options.environments; ++i) trainer.add(i, agents);
   for (const auto& [part, values] : trainer.parameters()) {
@@ -154,12 +155,14 @@ void train(const Options& options) {
     if (progress.episodes_to_spl95 && wall_to_spl95 == 0) wall_to_spl95 = since(start) - judging;
     if (progress.updates % static_cast<std::uint64_t>(options.print_every) == 0 || trainer.done()) {
       const double wall = since(start) - judging;
-      std::printf("%6.1f s  steps %8llu  episodes %6llu  lesson %d  reward %.3f  SPL %.3f | policy %+.4f value %.5f entropy %.3f "
-                  "KL %.4f clipped %.3f place %.3f gradient %.3f | %.0f steps/s\n",
-                  wall, static_cast<unsigned long long>(progress.steps), static_cast<unsigned long long>(progress.episodes),
-                  progress.lesson, progress.reward, progress.spl, figures.policy_loss, figures.value_loss, figures.entropy,
-                  figures.divergence, figures.clipped, figures.localisation_loss, figures.gradient_norm,
-                  static_cast<double>(progress.steps) / wall);
+      std::printf(
+          "%6.1f s  steps %8llu  episodes %6llu  lesson %d  reward %.3f  SPL %.3f | policy %+.4f value %.5f entropy "
+          "%.3f "
+          "KL %.4f clipped %.3f place %.3f way %.3f gradient %.3f | %.0f steps/s\n",
+          wall, static_cast<unsigned long long>(progress.steps), static_cast<unsigned long long>(progress.episodes),
+          progress.lesson, progress.reward, progress.spl, figures.policy_loss, figures.value_loss, figures.entropy,
+          figures.divergence, figures.clipped, figures.localisation_loss, figures.orientation_loss,
+          figures.gradient_norm, static_cast<double>(progress.steps) / wall);
       std::fflush(stdout);
     }
     if (options.evaluate_every > 0 && progress.updates % static_cast<std::uint64_t>(options.evaluate_every) == 0) {
@@ -170,10 +173,12 @@ void train(const Options& options) {
   }
   const double wall = since(start) - judging;
   const TrainingProgress& progress = trainer.progress();
-  std::printf("trained %s, seed %llu: %llu steps, %llu episodes, %.1f s, %.0f steps/s; acting %.0f %%, learning %.0f %% of it\n",
-              options.trainer.agent.c_str(), static_cast<unsigned long long>(options.trainer.seed),
-              static_cast<unsigned long long>(progress.steps), static_cast<unsigned long long>(progress.episodes), wall,
-              static_cast<double>(progress.steps) / wall, 100 * acting / wall, 100 * learning / wall);
+  std::printf(
+      "trained %s, seed %llu: %llu steps, %llu episodes, %.1f s, %.0f steps/s; acting %.0f %%, learning %.0f %% of "
+      "it\n",
+      options.trainer.agent.c_str(), static_cast<unsigned long long>(options.trainer.seed),
+      static_cast<unsigned long long>(progress.steps), static_cast<unsigned long long>(progress.episodes), wall,
+      static_cast<double>(progress.steps) / wall, 100 * acting / wall, 100 * learning / wall);
   if (progress.episodes_to_spl95)
     std::printf("SPL of the last 100 training episodes reached 0.95 after %llu episodes, %llu steps, %.1f s\n",
                 static_cast<unsigned long long>(*progress.episodes_to_spl95),
@@ -182,8 +187,8 @@ void train(const Options& options) {
   if (!options.save.empty()) write_checkpoint(options.save, trainer.checkpoint());
 }
 
-/// Floating point operations per second of an Eigen product m x k times k x n, and of the same in a network's forward and
-/// backward pass (the paper's sizes).
+/// Floating point operations per second of an Eigen product m x k times k x n, and of the same in a network's forward
+/// and backward pass (the paper's sizes).
 void products() {
   const auto rate = [](double operations, const auto& work) {
     work();
@@ -205,9 +210,11 @@ void products() {
   network->initialise(random, parameters);
   gradient.setZero(parameters.size());
   std::printf("%-34s %10s %10s %10s   one thread, GFLOP/s\n", "", "product", "forward", "backward");
-  for (const auto& [steps, agents] : {std::array{1, 8}, std::array{1, 16}, std::array{1, 32}, std::array{32, 32}, std::array{64, 16}}) {
+  for (const auto& [steps, agents] :
+       {std::array{1, 8}, std::array{1, 16}, std::array{1, 32}, std::array{32, 32}, std::array{64, 16}}) {
     const int columns = steps * agents;
-    const Matrix<float> weights = Matrix<float>::Random(4 * kCells, kHidden), right = Matrix<float>::Random(kHidden, columns);
+    const Matrix<float> weights = Matrix<float>::Random(4 * kCells, kHidden),
+                        right = Matrix<float>::Random(kHidden, columns);
     Matrix<float> out(4 * kCells, columns);
     const double plain = rate(2.0 * 4 * kCells * kHidden * columns, [&] { out.noalias() = weights * right; });
     NetworkInputs<float> inputs;
@@ -231,8 +238,8 @@ void products() {
       network->backward(parameters, inputs, *workspace, derivative, gradient);
     });
     const double backward = 2 / (1 / both - 1 / forward);  // twice the forward pass's operations
-    std::printf("steps %3d, agents %3d               %10.1f %10.1f %10.1f   %.0f %%, %.0f %% of the product's\n", steps, agents,
-                plain, forward, backward, 100 * forward / plain, 100 * backward / plain);
+    std::printf("steps %3d, agents %3d               %10.1f %10.1f %10.1f   %.0f %%, %.0f %% of the product's\n", steps,
+                agents, plain, forward, backward, 100 * forward / plain, 100 * backward / plain);
   }
 }
 

@@ -1,11 +1,10 @@
-#include "policy_service/learners/ppo_loss.h"
-
 #include <array>
 #include <cmath>
 #include <memory>
 #include <numeric>
 
 #include "policy_service/learner.h"
+#include "policy_service/learners/ppo_loss.h"
 #include "policy_service/worker.h"
 
 namespace citylearn {
@@ -13,13 +12,14 @@ namespace {
 
 enum Purpose : std::uint64_t { kInitialise = 1, kShuffle = 2 };  // of a random stream
 
-/// Proximal policy optimisation (Schulman et al., 2017) for recurrent networks: minibatches of whole sequences, gradients
-/// through each from the recurrent state it was collected with. Each minibatch is halved by sequence, one half a thread, and
-/// the two gradients are added in this order: results don't depend on timing.
+/// Proximal policy optimisation (Schulman et al., 2017) for recurrent networks: minibatches of whole sequences,
+/// gradients through each from the recurrent state it was collected with. Each minibatch is halved by sequence, one
+/// half a thread, and the two gradients are added in this order: results don't depend on timing.
 class Ppo : public Learner {
  public:
   Ppo(const Parameters& parameters, const LearnerTask& task)
       : network_(task.network),
+        frames_(task.frames),
         seed_(task.seed),
         total_steps_(static_cast<double>(task.total_steps)),
         learning_rate_(parameters["learning-rate"]),
@@ -37,33 +37,36 @@ class Ppo : public Learner {
     weights_.value_clip = parameters["value-clip"];
     weights_.value = parameters["value-weight"];
     weights_.localisation = parameters["localisation"];
+    weights_.orientation = parameters["orientation"];
     Random random{seed_, kInitialise};
     network_.initialise(random, parameters_);
     first_moment_.setZero(parameters_.size());
     second_moment_.setZero(parameters_.size());
     for (Half& half : halves_) {
       half.workspace = network_.make_workspace();
-      half.workspace->localise = weights_.localisation > 0;
+      half.workspace->localise = weights_.localisation > 0 || weights_.orientation > 0;
       half.gradient.resize(parameters_.size());
     }
   }
 
   static std::vector<ParameterSpec> parameter_specs() {
-    return {{"learning-rate", "of Adam, at the start; falls linearly", 1e-3, 1e-8, 1},
-            {"learning-rate-end", "learning rate at the end, as a share of that at the start", 0, 0, 1},
-            {"epochs", "times an update goes through its samples", 3, 1, 100, true},
-            {"minibatch", "sequences in a minibatch", 4, 1, 65536, true},
-            {"gamma", "discount a step", 0.99, 0, 1},
-            {"lambda", "of generalised advantage estimation", 0.95, 0, 1},
-            {"clip", "of the ratio of probabilities", 0.2, 0.01, 10},
-            {"value-clip", "of a value's change; 0 = not clipped", 0.2, 0, 1000},
-            {"value-weight", "of the value loss", 0.5, 0, 1000},
-            {"entropy", "weight of the entropy bonus at the start", 0.02, 0, 10},
-            {"entropy-until", "share of the run after which it has fallen to 0, linearly; 0 = it does not fall", 0, 0, 1},
-            {"localisation", "weight of telling one's place, a loss of training alone; 0 = none", 0, 0, 1000},
-            {"gradient-norm", "the gradient is scaled down to this length", 0.5, 1e-6, 1e6},
-            {"adam-epsilon", "of Adam", 1e-5, 1e-12, 1},
-            {"normalise-advantages", "1: an update's advantages get mean 0 and deviation 1", 1, 0, 1, true}};
+    return {
+        {"learning-rate", "of Adam, at the start; falls linearly", 1e-3, 1e-8, 1},
+        {"learning-rate-end", "learning rate at the end, as a share of that at the start", 0, 0, 1},
+        {"epochs", "times an update goes through its samples", 3, 1, 100, true},
+        {"minibatch", "sequences in a minibatch", 4, 1, 65536, true},
+        {"gamma", "discount a step", 0.99, 0, 1},
+        {"lambda", "of generalised advantage estimation", 0.95, 0, 1},
+        {"clip", "of the ratio of probabilities", 0.2, 0.01, 10},
+        {"value-clip", "of a value's change; 0 = not clipped", 0.2, 0, 1000},
+        {"value-weight", "of the value loss", 0.5, 0, 1000},
+        {"entropy", "weight of the entropy bonus at the start", 0.02, 0, 10},
+        {"entropy-until", "share of the run after which it has fallen to 0, linearly; 0 = it does not fall", 0, 0, 1},
+        {"localisation", "weight of telling one's place, a loss of training alone; 0 = none", 0, 0, 1000},
+        {"orientation", "weight of telling the way to the goal, likewise", 0, 0, 1000},
+        {"gradient-norm", "the gradient is scaled down to this length", 0.5, 1e-6, 1e6},
+        {"adam-epsilon", "of Adam", 1e-5, 1e-12, 1},
+        {"normalise-advantages", "1: an update's advantages get mean 0 and deviation 1", 1, 0, 1, true}};
   }
 
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
@@ -96,6 +99,7 @@ class Ppo : public Learner {
     figures.divergence = sums.divergence / samples;
     figures.clipped = sums.clipped / samples;
     figures.localisation_loss = sums.localisation / samples;
+    figures.orientation_loss = sums.orientation / samples;
     figures.gradient_norm = norms / static_cast<double>(batches) / epochs_;
     figures.learning_rate = learning_rate;
     return figures;
@@ -115,8 +119,8 @@ class Ppo : public Learner {
       const auto found = state.tensors.find(name);
       if (found == state.tensors.end()) throw Error("has no tensor '" + std::string(name) + "'", "learner ppo");
       if (found->second.size() != parameters_.size())
-        throw Error("tensor '" + std::string(name) + "' has " + std::to_string(found->second.size()) + " numbers, not " +
-                        std::to_string(parameters_.size()),
+        throw Error("tensor '" + std::string(name) + "' has " + std::to_string(found->second.size()) +
+                        " numbers, not " + std::to_string(parameters_.size()),
                     "learner ppo");
     }
     updates_ = state.counters.at("updates");
@@ -160,7 +164,8 @@ class Ppo : public Learner {
     if (!normalise_) return;
     const double mean = sum / count, deviation = std::sqrt(std::max(0.0, squares / count - mean * mean));
     for (Rollout* rollout : rollouts)
-      for (float& advantage : rollout->advantage) advantage = static_cast<float>((advantage - mean) / (deviation + 1e-8));
+      for (float& advantage : rollout->advantage)
+        advantage = static_cast<float>((advantage - mean) / (deviation + 1e-8));
   }
 
   /// One step of Adam on a minibatch. Returns the gradient's length before clipping.
@@ -197,13 +202,14 @@ class Ppo : public Learner {
     return norm;
   }
 
-  void differentiate(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen, float share, Half& half) const {
+  void differentiate(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen, float share,
+                     Half& half) const {
     half.gradient.setZero();
     half.sums = {};
     if (chosen.empty()) return;
     gather(rollouts, chosen, half);
     network_.forward(parameters_, half.inputs, half.state, *half.workspace);
-    half.sums = ppo_loss(weights_, half.samples, half.inputs.position, half.workspace->heads, share, half.derivative);
+    half.sums = ppo_loss(weights_, half.samples, half.inputs, frames_, half.workspace->heads, share, half.derivative);
     network_.backward(parameters_, half.inputs, *half.workspace, half.derivative, half.gradient);
   }
 
@@ -235,6 +241,7 @@ class Ppo : public Learner {
   static constexpr double kBeta1 = 0.9, kBeta2 = 0.999;
 
   const AgentNetwork<float>& network_;
+  const int frames_;
   const std::uint64_t seed_;
   const double total_steps_, learning_rate_, learning_rate_end_;
   const int epochs_, minibatch_;

@@ -3,13 +3,13 @@
 namespace citylearn {
 namespace {
 
-/// The paper's baseline: sees its position p_t = frame / N in the place of the frame's features, and the goal destination
-/// g_t = goal / N (section IV).
+/// The paper's baseline: sees its position p_t = frame / N in the place of the frame's features, and the goal
+/// destination g_t = goal / N (section IV).
 template <class S>
 class Baseline : public LstmNetwork<S> {
  public:
   Baseline(const Parameters& parameters, const NetworkTask& task)
-      : LstmNetwork<S>(parameters, 2, task.frames), frames_(task.frames), scale_(static_cast<S>(parameters["scale"])) {}
+      : LstmNetwork<S>(parameters, 2), frames_(task.frames), scale_(static_cast<S>(parameters["scale"])) {}
 
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = LstmNetwork<S>::lstm_parameters();

@@ -3,22 +3,23 @@
 namespace citylearn {
 namespace {
 
-/// The paper's agent: sees the bimodal vector b_t = [x_t, g_t], the frame's features and the goal destination g_t = goal / N
-/// (section III). Features of unit length have small components, hence the scale.
+/// The paper's agent: sees the bimodal vector b_t = [x_t, g_t], the frame's features and the goal destination g_t =
+/// goal / N (section III). Features of unit length have small components, hence the scale.
 template <class S>
 class Features : public LstmNetwork<S> {
  public:
   Features(const Parameters& parameters, const NetworkTask& task)
-      : LstmNetwork<S>(parameters, task.features + 1, task.frames),
+      : LstmNetwork<S>(parameters, task.features + 1),
         frames_(task.frames),
-        scale_(static_cast<S>(parameters["scale"] * std::sqrt(static_cast<double>(task.features)))),
+        scale_(static_cast<S>(parameters["scale"])),
         goal_scale_(static_cast<S>(parameters["goal-scale"])) {
-    if (task.features < 1) throw Error("needs features", "features", "give the env_service a features file or start an encoder_service");
+    if (task.features < 1)
+      throw Error("needs features", "features", "give the env_service a features file or start an encoder_service");
   }
 
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = LstmNetwork<S>::lstm_parameters();
-    specs.push_back({"scale", "features are multiplied by this and by the root of their number", 1, 1e-3, 1e3});
+    specs.push_back({"scale", "features are multiplied by this", 4, 1e-3, 1e3});
     specs.push_back({"goal-scale", "the goal destination, moved to -0.5..0.5, is multiplied by this", 4, 1e-3, 1e3});
     return specs;
   }
@@ -28,7 +29,8 @@ class Features : public LstmNetwork<S> {
     sensed.topRows(sensed.rows() - 1) = scale_ * inputs.features;
     for (std::ptrdiff_t column = 0; column < sensed.cols(); ++column)
       sensed(sensed.rows() - 1, column) =
-          goal_scale_ * (static_cast<S>(inputs.goal[static_cast<std::size_t>(column)]) / static_cast<S>(frames_) - S(0.5));
+          goal_scale_ *
+          (static_cast<S>(inputs.goal[static_cast<std::size_t>(column)]) / static_cast<S>(frames_) - S(0.5));
   }
 
  private:
@@ -36,11 +38,10 @@ class Features : public LstmNetwork<S> {
   S scale_, goal_scale_;
 };
 
-const NetworkRegistration<Features> registration{
-    "features",
-    "the paper's agent: frame features and goal -> linear 512 -> LSTM 256",
-    Features<float>::parameters(),
-    {}};
+const NetworkRegistration<Features> registration{"features",
+                                                 "the paper's agent: frame features and goal -> linear 512 -> LSTM 256",
+                                                 Features<float>::parameters(),
+                                                 {}};
 
 }  // namespace
 }  // namespace citylearn

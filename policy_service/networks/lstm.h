@@ -9,20 +9,20 @@
 
 namespace citylearn {
 
-/// The recurrent agent of the paper (Fig. 4): sensors -> linear `hidden` -> concatenated with the previous action, one-hot
+/// The recurrent agent of the paper (Fig. 4): sensors -> linear `hidden` -> concatenated with the previous action,
+/// one-hot
 /// -> LSTM `cells` -> policy (3) and value (1). A subclass says what the sensors are.
 ///
-/// A training loss may ask for one more head, the place stood at (N logits); a deployed agent never computes it.
+/// A training loss may ask for one more head, the agent's whereabouts (2); a deployed agent never computes it.
 /// With `mask-input` the actions not allowed stand beside the previous action.
 template <class S>
 class LstmNetwork : public AgentNetwork<S> {
  public:
-  LstmNetwork(const Parameters& parameters, int sensors, int places)
+  LstmNetwork(const Parameters& parameters, int sensors)
       : sensors_(sensors),
         hidden_(parameters.integer("hidden")),
         cells_(parameters.integer("cells")),
         extra_(parameters.flag("mask-input") ? 2 * kActions : kActions),
-        places_(places),
         rectified_(parameters.flag("relu")) {
     sensor_weights_ = layout_.add("sensors.weight", hidden_, sensors_);
     sensor_bias_ = layout_.add("sensors.bias", hidden_, 1);
@@ -31,8 +31,8 @@ class LstmNetwork : public AgentNetwork<S> {
     gate_bias_ = layout_.add("lstm.bias", 4 * cells_, 1);
     head_weights_ = layout_.add("heads.weight", kActions + 1, cells_);
     head_bias_ = layout_.add("heads.bias", kActions + 1, 1);
-    place_weights_ = layout_.add("places.weight", places_, cells_);
-    place_bias_ = layout_.add("places.bias", places_, 1);
+    whereabouts_weights_ = layout_.add("whereabouts.weight", 2, cells_);
+    whereabouts_bias_ = layout_.add("whereabouts.bias", 2, 1);
   }
 
   static std::vector<ParameterSpec> lstm_parameters() {
@@ -53,7 +53,7 @@ class LstmNetwork : public AgentNetwork<S> {
     orthogonal<S>(random, 1, layout_.view(parameters, recurrent_weights_));
     orthogonal<S>(random, 1, layout_.view(parameters, head_weights_));
     layout_.view(parameters, head_weights_).topRows(kActions) *= S(0.01);
-    orthogonal<S>(random, 0.1, layout_.view(parameters, place_weights_));
+    orthogonal<S>(random, 1, layout_.view(parameters, whereabouts_weights_));
     layout_.view(parameters, gate_bias_).middleRows(cells_, cells_).setOnes();  // remember at first
   }
 
@@ -115,8 +115,8 @@ class LstmNetwork : public AgentNetwork<S> {
     work.heads.values = work.both.bottomRows(1);
     mask_logits(inputs.allowed, work.heads.logits);
     if (work.localise) {
-      work.heads.places.noalias() = layout_.view(parameters, place_weights_) * work.h;
-      work.heads.places.colwise() += layout_.view(parameters, place_bias_).col(0);
+      work.heads.whereabouts.noalias() = layout_.view(parameters, whereabouts_weights_) * work.h;
+      work.heads.whereabouts.colwise() += layout_.view(parameters, whereabouts_bias_).col(0);
     }
   }
 
@@ -129,10 +129,10 @@ class LstmNetwork : public AgentNetwork<S> {
     layout_.view(gradient, head_weights_).noalias() += work.both * work.h.transpose();
     layout_.view(gradient, head_bias_) += work.both.rowwise().sum();
     work.h_gradient.noalias() = layout_.view(parameters, head_weights_).transpose() * work.both;
-    if (derivative.places.size() > 0) {
-      layout_.view(gradient, place_weights_).noalias() += derivative.places * work.h.transpose();
-      layout_.view(gradient, place_bias_) += derivative.places.rowwise().sum();
-      work.h_gradient.noalias() += layout_.view(parameters, place_weights_).transpose() * derivative.places;
+    if (derivative.whereabouts.size() > 0) {
+      layout_.view(gradient, whereabouts_weights_).noalias() += derivative.whereabouts * work.h.transpose();
+      layout_.view(gradient, whereabouts_bias_) += derivative.whereabouts.rowwise().sum();
+      work.h_gradient.noalias() += layout_.view(parameters, whereabouts_weights_).transpose() * derivative.whereabouts;
     }
 
     const auto recurrent = layout_.view(parameters, recurrent_weights_);
@@ -170,7 +170,8 @@ class LstmNetwork : public AgentNetwork<S> {
     layout_.view(gradient, recurrent_weights_).noalias() += work.gates * work.before_h.transpose();
     layout_.view(gradient, input_weights_).noalias() += work.gates * work.lstm_input.transpose();
     layout_.view(gradient, gate_bias_) += work.gates.rowwise().sum();
-    work.embedded_gradient.noalias() = layout_.view(parameters, input_weights_).leftCols(hidden_).transpose() * work.gates;
+    work.embedded_gradient.noalias() =
+        layout_.view(parameters, input_weights_).leftCols(hidden_).transpose() * work.gates;
     const auto embedded = work.lstm_input.topRows(hidden_).array();
     if (rectified_)
       work.embedded_gradient.array() *= (embedded > S(0)).template cast<S>();
@@ -201,10 +202,11 @@ class LstmNetwork : public AgentNetwork<S> {
     work.sensed.resize(sensors_, columns);
     work.lstm_input.resize(hidden_ + extra_, columns);
     work.gates.resize(4 * cells_, columns);
-    for (Matrix<S>* part : {&work.before_h, &work.before_c, &work.h, &work.c, &work.tanh_c}) part->resize(cells_, columns);
+    for (Matrix<S>* part : {&work.before_h, &work.before_c, &work.h, &work.c, &work.tanh_c})
+      part->resize(cells_, columns);
     work.both.resize(kActions + 1, columns);
     work.state.resize(2 * cells_, agents);
-    if (work.localise) work.heads.places.resize(places_, columns);
+    if (work.localise) work.heads.whereabouts.resize(2, columns);
   }
 
   void append_actions(const NetworkInputs<S>& inputs, Matrix<S>& lstm_input) const {
@@ -219,11 +221,11 @@ class LstmNetwork : public AgentNetwork<S> {
     }
   }
 
-  int sensors_, hidden_, cells_, extra_, places_;
+  int sensors_, hidden_, cells_, extra_;
   bool rectified_;
   TensorLayout layout_;
   std::size_t sensor_weights_, sensor_bias_, input_weights_, recurrent_weights_, gate_bias_, head_weights_, head_bias_,
-      place_weights_, place_bias_;
+      whereabouts_weights_, whereabouts_bias_;
 };
 
 }  // namespace citylearn

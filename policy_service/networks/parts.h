@@ -40,7 +40,8 @@ class TensorLayout {
   std::ptrdiff_t size_ = 0;
 };
 
-/// Fills `weights` with a random matrix whose shorter side is orthonormal, times `gain` (Saxe, McClelland & Ganguli, 2014).
+/// Fills `weights` with a random matrix whose shorter side is orthonormal, times `gain` (Saxe, McClelland & Ganguli,
+/// 2014).
 template <class S>
 void orthogonal(Random& random, double gain, Eigen::Map<Matrix<S>> weights) {
   const bool tall = weights.rows() >= weights.cols();

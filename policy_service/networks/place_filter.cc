@@ -5,24 +5,26 @@
 namespace citylearn {
 namespace {
 
-/// A differentiable Bayes filter over the route's places with a decision head, both trained by the learner's loss (after the
-/// histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu & Lee, 2018). It is given as knowledge: the reference
-/// frames' features K, the motion of each action, and which actions are masked where.
+/// A differentiable Bayes filter over the route's places with a decision head, both trained by the learner's loss
+/// (after the histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu & Lee, 2018). It is given as knowledge:
+/// the reference frames' features K, the motion of each action, and which actions are masked where.
 ///
 /// Belief p over the N places, uniform at an episode's start. Each step:
 ///   q = p moved by the previous action (what falls off is dropped), q' = (1 - k) q + k / N,
-///   e_i = s_f (x . K_i) - s_m |mask - mask of place i|_1 - s_g [i = goal]   (standing at the goal would have ended it),
-///   p = softmax(c log q' + e).
+///   e_i = s_f (x . K_i) - s_m |mask - mask of place i|_1 - s_g [i = goal]   (standing at the goal would have ended
+///   it), p = softmax(c log q' + e).
 /// Head: [2 P(place < goal), 2 P(place > goal), 1 - mask (3), half the previous action one-hot (3)] -> tanh -> tanh ->
 /// policy (3) and value (1).
 template <class S>
 class PlaceFilter : public AgentNetwork<S> {
  public:
   PlaceFilter(const Parameters& parameters, const NetworkTask& task)
-      : places_(task.frames), units_(parameters.integer("units")), keys_(task.reference.template cast<S>().transpose()) {
+      : places_(task.frames),
+        units_(parameters.integer("units")),
+        keys_(task.reference.template cast<S>().transpose()) {
     if (task.features < 1 || task.reference.rows() != task.features || task.reference.cols() != task.frames)
-      throw Error("needs the features of all " + std::to_string(task.frames) + " frames of the training route", "reference",
-                  "train where the env_service has features, or give it an encoder_service");
+      throw Error("needs the features of all " + std::to_string(task.frames) + " frames of the training route",
+                  "reference", "train where the env_service has features, or give it an encoder_service");
     scalars_ = layout_.add("filter.scalars", kScalars, 1);
     weights1_ = layout_.add("head.1.weight", units_, kInputs);
     bias1_ = layout_.add("head.1.bias", units_, 1);
@@ -58,7 +60,8 @@ class PlaceFilter : public AgentNetwork<S> {
                Workspace<S>& workspace) const override {
     Work& work = static_cast<Work&>(workspace);
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
-    for (Matrix<S>* part : {&work.similarity, &work.moved, &work.log_prior, &work.belief}) part->resize(places_, columns);
+    for (Matrix<S>* part : {&work.similarity, &work.moved, &work.log_prior, &work.belief})
+      part->resize(places_, columns);
     work.head_input.setZero(kInputs, columns);
     const Scalars s = scalars(parameters);
 
@@ -82,7 +85,8 @@ class PlaceFilter : public AgentNetwork<S> {
       belief = s.persistence * log_prior + s.features * work.similarity.col(column);
       belief.array() -= s.mask * static_cast<S>(mask_distance(allowed, kInside));
       belief(0) += s.mask * static_cast<S>(mask_distance(allowed, kInside) - mask_distance(allowed, kFirstPlace));
-      belief(inputs.frames - 1) += s.mask * static_cast<S>(mask_distance(allowed, kInside) - mask_distance(allowed, kLastPlace));
+      belief(inputs.frames - 1) +=
+          s.mask * static_cast<S>(mask_distance(allowed, kInside) - mask_distance(allowed, kLastPlace));
       belief(inputs.goal[index]) -= s.goal;
       belief = (belief.array() - belief.maxCoeff()).exp();
       belief /= belief.sum();
@@ -168,7 +172,8 @@ class PlaceFilter : public AgentNetwork<S> {
  private:
   enum { kFeatureScale, kMaskScale, kPersistence, kFloor, kGoalScale, kScalars };
   enum { kInputs = 2 + 2 * kActions };
-  static constexpr double kStretch = 3;  ///< scalars are stored divided by this: their learning rate is that much larger
+  static constexpr double kStretch =
+      3;  ///< scalars are stored divided by this: their learning rate is that much larger
   static constexpr std::uint8_t kInside = 0b111, kFirstPlace = 0b011, kLastPlace = 0b101;  ///< actions allowed there
 
   struct Scalars {
@@ -188,7 +193,8 @@ class PlaceFilter : public AgentNetwork<S> {
     const auto logistic = [](S x) { return S(1) / (S(1) + std::exp(-x)); };
     const S stretch = static_cast<S>(kStretch);
     return {std::exp(stretch * stored(kFeatureScale)), std::exp(stretch * stored(kMaskScale)),
-            logistic(stretch * stored(kPersistence)), logistic(stretch * stored(kFloor)), std::exp(stretch * stored(kGoalScale))};
+            logistic(stretch * stored(kPersistence)), logistic(stretch * stored(kFloor)),
+            std::exp(stretch * stored(kGoalScale))};
   }
 
   static int mask_distance(std::uint8_t one, std::uint8_t other) {

@@ -1,0 +1,84 @@
+#pragma once
+
+#include <map>
+#include <vector>
+
+#include "env_service/environment.h"
+#include "policy_service/trainer.h"
+
+namespace citylearn {
+
+/// A route of frames that look nothing like one another.
+inline Traversal small_city(int frames = 16, int dimension = 12) {
+  Traversal city;
+  city.dataset = "test";
+  city.name = "city";
+  city.frames = frames;
+  city.dimension = dimension;
+  Random random{77};
+  for (int frame = 0; frame < frames; ++frame) {
+    Vector<float> feature(dimension);
+    for (float& value : feature) value = static_cast<float>(random.normal());
+    feature.normalize();
+    city.features.insert(city.features.end(), feature.begin(), feature.end());
+  }
+  city.positions.assign(static_cast<std::size_t>(frames), 0.0f);
+  return city;
+}
+
+inline NetworkTask task_of(const Traversal& city) {
+  return {city.dimension, city.frames,
+          Eigen::Map<const Matrix<float>>(city.features.data(), city.dimension, city.frames)};
+}
+
+/// Environments and the trainer that they serve, joined without a wire.
+class Loop {
+ public:
+  Loop(const Traversal& city, const TrainerOptions& options, int environments = 1, int agents = 4)
+      : trainer(options, task_of(city)) {
+    for (int id = 0; id < environments; ++id) {
+      environments_.try_emplace(id, city, agents);
+      trainer.add(id, agents);
+    }
+  }
+
+  /// Collects one segment and learns from it. `backwards`: the last environment's observations come first.
+  UpdateFigures update(bool backwards = false) {
+    const bool anew = trainer.cut() != cut_ || !begun_;
+    cut_ = trainer.cut();
+    begun_ = true;
+    if (backwards)
+      for (auto entry = environments_.rbegin(); entry != environments_.rend(); ++entry)
+        collect(entry->first, entry->second, anew);
+    else
+      for (auto& [id, environment] : environments_) collect(id, environment, anew);
+    return trainer.update();
+  }
+
+  Trainer trainer;
+
+ private:
+  void collect(int id, Environment& environment, bool anew) {
+    msg::Observation observation;
+    std::vector<std::uint8_t> choice;
+    if (anew) {
+      msg::TaskSettings settings;
+      trainer.settings(id, settings);
+      environment.reset(settings);
+    } else {
+      trainer.resume(id, choice);
+      environment.step(choice);
+    }
+    while (true) {
+      environment.observe(observation);
+      if (!trainer.act(id, observation, choice)) return;
+      environment.step(choice);
+    }
+  }
+
+  std::map<int, Environment> environments_;
+  std::uint64_t cut_ = 0;
+  bool begun_ = false;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,289 @@
+#include "policy_service/trainer.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+#include "core/error.h"
+#include "policy_service/files.h"
+#include "policy_service/network_policy.h"
+#include "tests/support/small_city.h"
+
+namespace citylearn {
+namespace {
+
+TrainerOptions small(const std::string& agent, std::uint64_t seed = 1) {
+  TrainerOptions options;
+  options.agent = agent;
+  options.seed = seed;
+  if (agent != "place_filter") options.network_parameters = {{"hidden", 24}, {"cells", 16}};
+  options.learner_parameters = {{"minibatch", 3}, {"epochs", 2}};
+  options.trainer_parameters = {{"segment", 24}, {"sequence", 12}, {"steps", 20000}};
+  return options;
+}
+
+class EachNetwork : public testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Networks, EachNetwork, testing::Values("baseline", "features", "place_filter"),
+                         [](const auto& tested) { return tested.param; });
+
+TEST_P(EachNetwork, SameSeedSameBitsWhoeverComesFirst) {
+  const Traversal city = small_city();
+  Loop one(city, small(GetParam()), 2), other(city, small(GetParam()), 2), third(city, small(GetParam(), 2), 2);
+  for (int i = 0; i < 6; ++i) {
+    one.update();
+    other.update(/*backwards=*/i % 2 == 0);
+    third.update();
+  }
+  EXPECT_EQ(one.trainer.agent().parameters, other.trainer.agent().parameters);
+  EXPECT_NE(one.trainer.agent().parameters, third.trainer.agent().parameters);
+  EXPECT_EQ(one.trainer.progress().episodes, other.trainer.progress().episodes);
+  EXPECT_EQ(one.trainer.progress().spl, other.trainer.progress().spl);
+  EXPECT_EQ(one.trainer.progress().steps, 6u * 2 * 4 * 24);
+}
+
+TEST_P(EachNetwork, GoesOnFromACheckpointByteForByte) {
+  const Traversal city = small_city();
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / ("go_on_" + GetParam());
+  std::filesystem::create_directories(folder);
+  const std::string middle = folder / "middle", straight = folder / "straight", resumed = folder / "resumed";
+  Loop loop(city, small(GetParam()), 2);
+  for (int i = 0; i < 5; ++i) loop.update();
+  write_checkpoint(middle, loop.trainer.checkpoint("{\"note\": 1}"));
+  for (int i = 0; i < 5; ++i) loop.update();
+  write_checkpoint(straight, loop.trainer.checkpoint("{\"note\": 1}"));
+
+  Loop again(city, small(GetParam()), 2);
+  again.trainer.load(read_checkpoint(middle));
+  EXPECT_EQ(again.trainer.progress().updates, 5u);
+  for (int i = 0; i < 5; ++i) again.update();
+  write_checkpoint(resumed, again.trainer.checkpoint("{\"note\": 1}"));
+  EXPECT_EQ(read_file(straight), read_file(resumed));
+  EXPECT_NE(read_file(straight), read_file(middle));
+}
+
+TEST(Trainer, RefusesACheckpointOfOtherOptions) {
+  const Traversal city = small_city();
+  Loop loop(city, small("baseline"));
+  const Checkpoint checkpoint = loop.trainer.checkpoint();
+  TrainerOptions options = small("baseline");
+  options.learner_parameters["gamma"] = 0.5;
+  Loop other(city, options);
+  try {
+    other.trainer.load(checkpoint);
+    FAIL() << "was not refused";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("learner_parameters.gamma was 0.99, now it is 0.5"), std::string::npos)
+        << error.what();
+  }
+  Traversal changed = city;
+  changed.features[3] += 1;
+  Loop elsewhere(changed, small("baseline"));
+  EXPECT_THROW(elsewhere.trainer.load(checkpoint), Error);
+}
+
+TEST(Trainer, SaysWhatIsWrong) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("baseline");
+  options.trainer_parameters["sequence"] = 7;
+  EXPECT_THROW(Trainer(options, task_of(city)), Error);
+  options = small("baseline");
+  options.learner_parameters["speed"] = 7;
+  EXPECT_THROW(Trainer(options, task_of(city)), Error);
+  options = small("nobody");
+  EXPECT_THROW(Trainer(options, task_of(city)), Error);
+  EXPECT_THROW(Trainer(small("place_filter"), NetworkTask{12, 16, {}}), Error);
+
+  Trainer trainer(small("baseline"), task_of(city));
+  EXPECT_FALSE(trainer.ready());
+  EXPECT_THROW(trainer.update(), Error);
+  Environment environment(city, 3);
+  msg::TaskSettings settings;
+  trainer.settings(0, settings);
+  environment.reset(settings);
+  msg::Observation observation;
+  environment.observe(observation);
+  std::vector<std::uint8_t> choice;
+  EXPECT_THROW(trainer.act(0, observation, choice), Error);  // never added
+  trainer.add(0, 4);
+  EXPECT_THROW(trainer.act(0, observation, choice), Error);  // another number of agents
+  trainer.add(0, 3);
+  EXPECT_TRUE(trainer.act(0, observation, choice));
+  EXPECT_THROW(trainer.act(0, observation, choice), Error);  // the same step again
+  EXPECT_THROW(trainer.resume(0, choice), Error);
+}
+
+/// Keeps what it is given.
+class Recorder : public Learner {
+ public:
+  explicit Recorder(const LearnerTask& task) {
+    Random random{3};
+    task.network.initialise(random, parameters_);
+  }
+  UpdateFigures update(std::span<Rollout* const> rollouts) override {
+    last = *rollouts[0];
+    return {};
+  }
+  const Vector<float>& parameters() const override { return parameters_; }
+  void save(LearnerState&) const override {}
+  void load(const LearnerState&) override {}
+  static inline Rollout last;
+
+ private:
+  Vector<float> parameters_;
+};
+const LearnerRegistry::Registration recorder{
+    {"recorder", "for tests", {}, [](const Parameters&, const LearnerTask& task) {
+       return std::make_unique<Recorder>(task);
+     }}};
+
+/// The rollout says what the environment did, and values a truncated episode as if it had gone on.
+TEST(Trainer, CollectsWhatHappened) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("features");
+  options.learner = "recorder";
+  options.learner_parameters.clear();
+  options.max_steps = 6;
+  options.trainer_parameters["noise-frame"] = options.trainer_parameters["noise-episode"] = 0;
+  Loop loop(city, options);
+  loop.update();
+  loop.update();  // the second segment begins in the midst of episodes
+  const Rollout& r = Recorder::last;
+  const TrainedAgent agent = loop.trainer.agent();
+  const auto workspace = agent.network->make_workspace();
+  int terminated = 0, truncated = 0;
+  for (int a = 0; a < 4; ++a) {
+    Matrix<float> state = r.states.col(a);
+    for (int t = 0; t < 24; ++t) {
+      const std::size_t i = static_cast<std::size_t>(t * 4 + a), next = i + 4;
+      NetworkInputs<float> one;
+      one.resize(city.dimension, 1, 1);
+      one.frames = city.frames;
+      one.copy_column(r.inputs, t * 4 + a, 0);
+      if (t == 12) {
+        EXPECT_TRUE(r.states.col(4 + a).isApprox(state, 1e-5f));
+      }
+      agent.network->forward(agent.parameters, one, state, *workspace);
+      EXPECT_NEAR(workspace->heads.values(0), r.value[i], 1e-5);
+      state = workspace->state;
+      if (t == 23) break;
+      const bool ended = r.ended[i] != Rollout::kGoesOn;
+      EXPECT_EQ(r.inputs.first[next] != 0, ended);
+      EXPECT_EQ(r.inputs.previous_action[next], ended ? std::uint8_t{kNoAction} : r.action[i]);
+      const int moved = r.action[i] == kNext ? 1 : r.action[i] == kPrevious ? -1 : 0;
+      EXPECT_EQ(r.inputs.position[next], r.inputs.position[i] + moved);
+      if (r.ended[i] == Rollout::kTerminated) {
+        ++terminated;
+        EXPECT_EQ(r.inputs.position[next], r.inputs.goal[i]);
+        EXPECT_EQ(r.reward[i], 1.0f);
+      } else {
+        EXPECT_LE(r.reward[i], 0.0f);
+      }
+      if (r.ended[i] != Rollout::kTruncated) continue;
+      ++truncated;
+      one.copy_column(r.inputs, t * 4 + a + 4, 0);
+      one.goal[0] = r.inputs.goal[i];
+      one.previous_action[0] = r.action[i];
+      one.first[0] = 0;
+      agent.network->forward(agent.parameters, one, state, *workspace);
+      EXPECT_NEAR(workspace->heads.values(0), r.final_value[i], 1e-5);
+    }
+  }
+  EXPECT_GT(terminated, 0);
+  EXPECT_GT(truncated, 0);
+}
+
+TEST(Trainer, DisguisesFramesTheSameWayAllThroughAnEpisode) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("features");
+  options.learner = "recorder";
+  options.learner_parameters.clear();
+  options.trainer_parameters["noise-frame"] = 0;
+  options.trainer_parameters["noise-episode"] = 2;
+  Loop loop(city, options);
+  loop.update();
+  const Rollout& r = Recorder::last;
+  bool differs = false;
+  for (int column = 0; column < 96; ++column) {
+    EXPECT_NEAR(r.inputs.features.col(column).norm(), 1, 1e-5);
+    for (int earlier = column % 4; earlier < column; earlier += 4) {
+      const auto c = static_cast<std::size_t>(column), e = static_cast<std::size_t>(earlier);
+      if (r.inputs.position[c] != r.inputs.position[e]) continue;
+      bool same_episode = true;
+      for (int between = earlier + 4; between <= column; between += 4)
+        same_episode &= !r.inputs.first[static_cast<std::size_t>(between)];
+      const bool alike = r.inputs.features.col(column).isApprox(r.inputs.features.col(earlier), 1e-5f);
+      if (same_episode) {
+        EXPECT_TRUE(alike);
+      }
+      differs |= !alike;
+    }
+  }
+  EXPECT_TRUE(differs);
+}
+
+TEST(Trainer, GoesThroughTheLessons) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("baseline");
+  options.curriculum = true;
+  options.learner_parameters["learning-rate"] = 3e-3;
+  Loop loop(city, options, 2, 8);
+  msg::TaskSettings settings;
+  loop.trainer.settings(0, settings);
+  EXPECT_EQ(settings.frames(), 4u);
+  EXPECT_EQ(settings.max_steps(), 16u);
+  const std::uint64_t first_seed = settings.seed();
+  for (int i = 0; i < 300 && loop.trainer.progress().lesson == 0; ++i) loop.update();
+  ASSERT_EQ(loop.trainer.progress().lesson, 1);
+  EXPECT_EQ(loop.trainer.cut(), 1u);
+  EXPECT_GT(loop.trainer.progress().smoothed_reward, 0.95);
+  EXPECT_GE(loop.trainer.progress().episodes, 100u);
+  loop.trainer.settings(0, settings);
+  EXPECT_EQ(settings.lesson(), 1u);
+  EXPECT_EQ(settings.frames(), 8u);
+  EXPECT_NE(settings.seed(), first_seed);
+  loop.update();
+  EXPECT_TRUE(std::isfinite(loop.trainer.progress().reward));
+}
+
+double spl(const TrainedAgent& agent, const Traversal& city, bool greedy) {
+  Environment environment(city, 50);
+  msg::TaskSettings settings;
+  settings.task_mode() = msg::EVALUATE;
+  settings.frames() = static_cast<std::uint32_t>(city.frames);
+  settings.max_steps() = static_cast<std::uint32_t>(city.frames);
+  settings.tasks() = 200;
+  environment.reset(settings);
+  NetworkPolicy policy(agent, {.seed = 5, .greedy = greedy});
+  msg::Observation observation;
+  std::vector<std::uint8_t> choice;
+  double sum = 0;
+  while (!environment.done()) {
+    environment.observe(observation);
+    policy.act(observation, choice);
+    environment.step(choice);
+    for (const auto& episode : environment.finished())
+      if (episode.completed) sum += static_cast<double>(episode.shortest) / std::max(episode.shortest, episode.steps);
+  }
+  return sum / 200;
+}
+
+/// Each network learns the small city, looking at it, within its budget of steps. (A blind sweep has SPL 0.85 or less.)
+TEST_P(EachNetwork, LearnsTheSmallCity) {
+  const Traversal city = small_city();
+  TrainerOptions options = small(GetParam());
+  if (GetParam() != "place_filter") options.network_parameters = {{"hidden", 64}, {"cells", 32}};
+  options.learner_parameters = {{"learning-rate", 3e-3}, {"minibatch", 8}, {"entropy-until", 0.7}, {"gamma", 0.95}};
+  options.trainer_parameters = {
+      {"segment", 32}, {"sequence", 16}, {"steps", 80000}, {"noise-frame", 0.3}, {"noise-episode", 0.3}};
+  Loop loop(city, options, 1, 16);
+  while (!loop.trainer.done()) loop.update();
+  EXPECT_GT(spl(loop.trainer.agent(), city, false), 0.95);
+  EXPECT_GT(spl(loop.trainer.agent(), city, true), 0.95);
+  EXPECT_EQ(spl(loop.trainer.agent(), city, false), spl(loop.trainer.agent(), city, false));
+  ASSERT_TRUE(loop.trainer.progress().episodes_to_spl95 || GetParam() != "baseline");
+}
+
+}  // namespace
+}  // namespace citylearn
