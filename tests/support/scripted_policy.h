@@ -1,0 +1,192 @@
+#pragma once
+
+#include <cmath>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/node.h"
+#include "tests/support/localisers.h"
+#include "tests/support/wait.h"
+
+namespace citylearn::testing {
+
+inline bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
+  return a.incarnation() == b.incarnation() && a.version() == b.version();
+}
+
+/// Drives one env_service with a Walker, and misbehaves as asked. Keeps all it heard.
+class ScriptedPolicy {
+ public:
+  ScriptedPolicy(const MiddlewareOptions& middleware, const std::string& run, const std::string& environment)
+      : environment_(environment), node([&] {
+          Node::Options options;
+          options.middleware = middleware;
+          options.service = "policy_service";
+          options.id = "policy";
+          options.run = run;
+          return options;
+        }()) {
+    node.announce<msg::TaskSettings>();
+    node.announce<msg::Action>();
+    node.announce<msg::TraversalRequest>();
+    node.announce<msg::EpisodeAcknowledgement>();
+    node.listen<msg::TraversalInfo>();
+    node.listen<msg::TraversalChunk>();
+    node.listen<msg::Observation>();
+    node.listen<msg::EpisodeStat>();
+    node.listen<msg::ServiceStatus>();
+  }
+
+ private:
+  std::string environment_;
+
+ public:
+  Node node;
+
+  // How to behave.
+  Walker* walker = nullptr;                 ///< none: observations are not answered
+  int copies = 1;                           ///< of each Action
+  int ignore_every = 0;                     ///< each so many-th observation is not answered before it comes again
+  bool acknowledge = true;                  ///< EpisodeStats, up to the first gap
+  std::function<void(msg::Action&)> spoil;  ///< changes an Action before it goes out
+
+  // What was heard.
+  msg::TraversalInfo info;
+  int infos = 0;
+  msg::Observation seen;  ///< the newest
+  int observations = 0, repeated = 0;
+  std::map<std::uint64_t, msg::EpisodeStat> episodes;  ///< by number
+  int episode_messages = 0;
+  std::uint64_t recorded = 0;  ///< all up to this one are in `episodes`
+  std::map<std::uint32_t, msg::TraversalChunk> chunks;
+  msg::ServiceStatus status;
+  int statuses = 0;
+
+  /// New settings; sent until an Observation or a TraversalInfo carries them.
+  void command(msg::TaskSettings settings) {
+    settings.environment() = environment_;
+    settings.settings().incarnation() = node.incarnation();
+    settings.settings().version() = ++version_;
+    commanded_ = settings;
+    in_force_ = false;
+    next_step_ = 0;
+    next_send_ = Clock::now();
+  }
+  bool in_force() const { return in_force_; }
+  const msg::TaskSettings& commanded() const { return commanded_; }
+  std::uint64_t steps() const { return next_step_; }
+  void give_up() { version_ = 0; }
+
+  bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience = kPatience) {
+    const Clock::time_point deadline = Clock::now() + patience;
+    while (!condition()) {
+      if (Clock::now() >= deadline) return false;
+      spin();
+    }
+    return true;
+  }
+
+  void spin() {
+    const Clock::time_point now = Clock::now();
+    if (version_ > 0 && !in_force_ && now >= next_send_) {
+      node.publish(commanded_);
+      next_send_ = now + std::chrono::milliseconds(100);
+    }
+    node.wait(now + std::chrono::milliseconds(20));
+    while (node.take(taken_info_))
+      if (taken_info_.header().sender() == environment_ &&
+          taken_info_.header().incarnation() >= info.header().incarnation()) {
+        info = taken_info_;
+        ++infos;
+        if (version_ > 0 && same(info.settings(), commanded_.settings())) in_force_ = true;
+      }
+    while (node.take(taken_observation_)) on_observation();
+    while (node.take(taken_episode_)) {
+      ++episode_messages;
+      episodes.emplace(taken_episode_.episode(), taken_episode_);
+      while (episodes.contains(recorded + 1)) ++recorded;
+      if (acknowledge) send_acknowledgement(recorded);
+    }
+    while (node.take(taken_chunk_)) chunks[taken_chunk_.chunk()] = taken_chunk_;
+    while (node.take(taken_status_))
+      if (taken_status_.header().sender() == environment_) {
+        status = taken_status_;
+        ++statuses;
+      }
+  }
+
+  void send_acknowledgement(std::uint64_t episode) {
+    msg::EpisodeAcknowledgement message;
+    message.environment() = environment_;
+    message.environment_incarnation() = info.header().incarnation();
+    message.episode() = episode;
+    node.publish(message);
+  }
+  void request(std::uint64_t hash, const std::vector<std::uint32_t>& wanted) {
+    msg::TraversalRequest message;
+    message.environment() = environment_;
+    message.hash() = hash;
+    message.chunks() = wanted;
+    node.publish(message);
+  }
+  /// `seen`, answered by hand.
+  void answer(const std::vector<std::uint8_t>& choice) {
+    msg::Action action;
+    action.environment() = environment_;
+    action.environment_incarnation() = seen.header().incarnation();
+    action.settings() = seen.settings();
+    action.step() = seen.step();
+    action.choice() = choice;
+    if (spoil) spoil(action);
+    last_action_ = action;
+    for (int copy = 0; copy < copies; ++copy) node.publish(action);
+  }
+
+ private:
+  void on_observation() {
+    if (taken_observation_.header().sender() != environment_) return;
+    ++observations;
+    if (version_ == 0 || !same(taken_observation_.settings(), commanded_.settings())) return;
+    in_force_ = true;
+    const std::uint64_t step = taken_observation_.step();
+    if (step < next_step_) {
+      ++repeated;
+      if (step + 1 == next_step_ && last_action_.step() == step) node.publish(last_action_);
+      return;
+    }
+    if (step > next_step_) return;
+    seen = taken_observation_;
+    if (!walker) return;
+    if (ignore_every > 0 && step % ignore_every == 0 && ignored_ != step + 1) {
+      ignored_ = step + 1;
+      return;
+    }
+    choice_.resize(seen.goal().size());
+    bool all_idle = true;
+    for (std::size_t agent = 0; agent < choice_.size(); ++agent) {
+      const bool idle = seen.flags()[agent] & msg::FLAG_IDLE;
+      choice_[agent] = idle ? std::uint8_t{kStay} : walker->act(seen, agent);
+      all_idle = all_idle && idle;
+    }
+    ++next_step_;
+    if (!all_idle) answer(choice_);
+  }
+
+  std::uint32_t version_ = 0;
+  msg::TaskSettings commanded_;
+  bool in_force_ = false;
+  std::uint64_t next_step_ = 0, ignored_ = 0;
+  Clock::time_point next_send_;
+  std::vector<std::uint8_t> choice_;
+  msg::Action last_action_;
+  msg::TraversalInfo taken_info_;
+  msg::Observation taken_observation_;
+  msg::EpisodeStat taken_episode_;
+  msg::TraversalChunk taken_chunk_;
+  msg::ServiceStatus taken_status_;
+};
+
+}  // namespace citylearn::testing

@@ -1,0 +1,199 @@
+// The program env_service: command line, exit status, one line for a person, signals.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+
+#include "tests/support/env.h"
+#include "tests/support/scripted_policy.h"
+#include "tests/support/service.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using Arguments = std::vector<std::string>;
+
+class EnvProcess : public ::testing::Test {
+ protected:
+  std::unique_ptr<Service> start(Arguments arguments, const std::string& log = "log") const {
+    arguments.insert(arguments.begin(), CITYLEARN_ENV_SERVICE);
+    return std::make_unique<Service>(arguments, folder_ / log);
+  }
+  std::string write(const std::string& name, const std::string& text) const {
+    std::ofstream(folder_ / name, std::ios::binary) << text;
+    return folder_ / name;
+  }
+  /// What it prints; it must end by itself with `status`.
+  std::string output(const Arguments& arguments, int status) const {
+    const auto service = start(arguments);
+    EXPECT_EQ(service->wait(seconds(10)), status);
+    return service->output();
+  }
+  /// Its one line, less the program's name.
+  std::string complaint(const Arguments& arguments, int status = 1) const {
+    const std::string text = output(arguments, status);
+    EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << text;
+    const std::string program = "env_service: ";
+    EXPECT_EQ(text.rfind(program, 0), 0u) << text;
+    return text.substr(program.size(), text.size() - program.size() - 1);
+  }
+  Arguments plain(const std::string& traversal) const {
+    return {"--dataset", "plain", "--data", folder_.path(), "--traversal", traversal};
+  }
+
+  Folder folder_;
+};
+
+TEST_F(EnvProcess, ListsWhatThereIs) {
+  const std::string list = output({"--list"}, 0);
+  for (const char* word : {"plain", "synthetic", "--synthetic-frames", "--synthetic-dimension", "--synthetic-seed",
+                           "cyclonedds", "fastdds", "inprocess"})
+    EXPECT_NE(list.find(word), list.npos) << word;
+  EXPECT_EQ(output({"--list-traversals"}, 0), "summer\nfall\nwinter\nnight\n");
+  write("b.csv", "1\n2\n");
+  write("a.csv", "1\n2\n");
+  EXPECT_EQ(output({"--list-traversals", "--dataset", "plain", "--data", folder_.path()}, 0), "a\nb\n");
+  EXPECT_NE(output({"--help"}, 0).find("--synthetic-frames"), std::string::npos);
+  EXPECT_FALSE(output({"--version"}, 0).empty());
+}
+
+TEST_F(EnvProcess, BadDataEndWithOneLineThatNamesFileAndLine) {
+  const std::string ragged = write("ragged.csv", "1,2\n3,4\n5\n");
+  EXPECT_EQ(complaint(plain("ragged")), ragged + ":3: 1 columns, the lines before have 2");
+  const std::string words = write("words.csv", "1,2\r3,x\r");
+  EXPECT_EQ(complaint(plain("words")), words + ":2: 'x' in column 2 is not a number");
+  const std::string empty = write("empty.csv", "");
+  EXPECT_EQ(complaint(plain("empty")), empty + ": has no frames");
+  EXPECT_EQ(complaint(plain("spring")), folder_.path() + ": no traversal 'spring' (there are: empty, ragged, words)");
+  EXPECT_EQ(complaint({"--dataset", "plain", "--data", folder_ / "none"}),
+            folder_ / "none" + ": No such file or directory (--data names the folder that holds the NAME.csv files)");
+  EXPECT_EQ(complaint({"--dataset", "plain"}),
+            "dataset plain: needs a folder of NAME.csv files (give it with --data DIR)");
+}
+
+TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
+  EXPECT_NE(complaint({"--traversal", "spring"}).find("there are: summer, fall, winter, night"), std::string::npos);
+  EXPECT_NE(complaint({"--dataset", "oxford"}).find("unknown dataset 'oxford' (known: plain, synthetic)"),
+            std::string::npos);
+  EXPECT_NE(complaint({"--data", folder_.path()}).find("dataset synthetic: reads no folder"), std::string::npos);
+  EXPECT_EQ(complaint({"--dataset", "plain", "--data", folder_.path(), "--synthetic-seed", "3"}),
+            "--synthetic-seed: is for dataset synthetic, but the dataset is plain");
+  EXPECT_NE(complaint({"--synthetic-frames", "1"}, 2).find("--synthetic-frames"), std::string::npos);
+  EXPECT_NE(complaint({"--synthetic-frames", "2.5"}).find("whole number"), std::string::npos);
+  EXPECT_NE(complaint({"--agents", "0"}, 2).find("--agents"), std::string::npos);
+  EXPECT_NE(complaint({"--agents", "257"}, 2).find("--agents"), std::string::npos);
+  EXPECT_NE(complaint({"--agents", "65", "--synthetic-dimension", "4096", "--synthetic-frames", "10"}).find("agents"),
+            std::string::npos);
+  EXPECT_NE(complaint({"--synthetic-colour", "3"}, 2).find("--synthetic-colour"), std::string::npos);
+  EXPECT_NE(complaint({"--middleware", "rtps"}).find("rtps"), std::string::npos);
+  EXPECT_NE(complaint({"--domain", "233"}, 2).find("--domain"), std::string::npos);
+}
+
+TEST_F(EnvProcess, ReadsAConfigurationFileAndRefusesUnknownKeys) {
+  const std::string good =
+      write("good.toml", "traversal = \"night\"\nagents = 3\nsynthetic-frames = 30\ndomain = 45\n");
+  const auto service = start({"--config", good}, "good.log");
+  ASSERT_TRUE(service->says("traversal night of synthetic, 30 frames x 64 features, 3 agents", seconds(10)))
+      << service->output();
+  service->send(SIGTERM);
+  EXPECT_EQ(service->wait(seconds(2)), 0);
+  const std::string bad = write("bad.toml", "agens = 3\n");
+  EXPECT_NE(complaint({"--config", bad}, 2).find("agens"), std::string::npos);
+  EXPECT_NE(complaint({"--config", folder_ / "missing.toml"}, 2).find("missing.toml"), std::string::npos);
+}
+
+class EnvSignals : public EnvProcess, public ::testing::WithParamInterface<std::string> {
+ protected:
+  Arguments wire() const {
+    return {"--middleware", GetParam(), "--domain",           std::to_string(domain()),
+            "--run",        run_,       "--synthetic-frames", "100"};
+  }
+  int domain() const { return GetParam() == "fastdds" ? 47 : 46; }
+  std::unique_ptr<ScriptedPolicy> policy() const {
+    MiddlewareOptions options;
+    options.name = GetParam();
+    options.domain = static_cast<std::uint32_t>(domain());
+    return std::make_unique<ScriptedPolicy>(options, run_, "env-summer");
+  }
+
+  const std::string run_ = "env-signals-" + std::to_string(getpid());
+};
+
+TEST_P(EnvSignals, TerminateWhileNobodyIsThere) {
+  for (const int signal : {SIGTERM, SIGINT}) {
+    const auto service = start(wire());
+    ASSERT_TRUE(service->says("'env-summer' in run", seconds(10)));
+    service->send(signal);
+    EXPECT_EQ(service->wait(seconds(2)), 0) << service->output();
+  }
+}
+
+TEST_P(EnvSignals, TerminateAtWorkWithEpisodesNobodyAcknowledges) {
+  const auto service = start(wire());
+  const auto driver = policy();
+  BlindSweep blind(32);
+  driver->walker = &blind;
+  driver->acknowledge = false;
+  driver->command(evaluation(200, 32, 64));
+  ASSERT_TRUE(driver->until([&] { return driver->recorded > 20; }));
+  service->send(SIGTERM);
+  EXPECT_EQ(service->wait(seconds(2)), 0) << service->output();
+  EXPECT_NE(service->output().find("not acknowledged"), std::string::npos) << service->output();
+}
+
+TEST_P(EnvSignals, TerminateWaitsShortlyForAcknowledgements) {
+  const auto service = start(wire());
+  const auto driver = policy();
+  BlindSweep blind(32);
+  driver->walker = &blind;
+  driver->acknowledge = false;
+  driver->command(evaluation(30, 32, 64));
+  ASSERT_TRUE(driver->until([&] { return driver->recorded == 30; }));
+  service->send(SIGTERM);
+  ASSERT_TRUE(driver->until([&] { return driver->status.service_state() == msg::STOPPING; }));
+  driver->send_acknowledgement(30);
+  EXPECT_EQ(service->wait(seconds(2)), 0) << service->output();
+  EXPECT_NE(service->output().find("30 episodes, all acknowledged"), std::string::npos) << service->output();
+}
+
+TEST_P(EnvSignals, KilledOneIsReplacedByAnother) {
+  const auto driver = policy();
+  BlindSweep blind(32);
+  driver->walker = &blind;
+  auto service = start(wire(), "first.log");
+  driver->command(settings(msg::TRAIN, 32, 64));
+  ASSERT_TRUE(driver->until([&] { return driver->steps() > 50; }));
+  const std::uint64_t first = driver->info.header().incarnation();
+  service->send(SIGKILL);
+  EXPECT_EQ(service->wait(seconds(2)), 128 + SIGKILL);
+  service = start(wire(), "second.log");
+  ASSERT_TRUE(driver->until([&] { return driver->info.header().incarnation() > first; })) << service->output();
+  EXPECT_EQ(driver->info.settings().version(), 0u) << "a new one has no settings";
+  driver->command(settings(msg::TRAIN, 32, 64));
+  EXPECT_TRUE(driver->until([&] { return driver->steps() > 50; })) << service->output();
+}
+
+TEST_P(EnvSignals, OfTwoWithOneIdTheLaterGivesWay) {
+  const auto first = start(wire(), "first.log");
+  const auto driver = policy();
+  BlindSweep blind(32);
+  driver->walker = &blind;
+  driver->command(settings(msg::TRAIN, 32, 64));
+  ASSERT_TRUE(driver->until([&] { return driver->steps() > 10; }));
+  const auto second = start(wire(), "second.log");
+  EXPECT_EQ(second->wait(seconds(10)), 1);
+  EXPECT_NE(second->output().find("env_service: id 'env-summer': already runs in run '" + run_ + "'"),
+            std::string::npos)
+      << second->output();
+  const std::uint64_t steps = driver->steps();
+  EXPECT_TRUE(driver->until([&] { return driver->steps() > steps + 10; })) << "the first goes on";
+  EXPECT_FALSE(first->wait(milliseconds(0)).has_value());
+}
+
+INSTANTIATE_TEST_SUITE_P(Vendors, EnvSignals, ::testing::Values("cyclonedds", "fastdds"),
+                         [](const auto& vendor) { return vendor.param; });
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,428 @@
+// One env_service and a scripted policy: over each vendor with the real program, over a transport that loses, repeats
+// and reorders, and within this process. Whatever happens on the way, the episodes are those of an Environment walked
+// by hand.
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+
+#include <atomic>
+#include <cstring>
+#include <thread>
+
+#include "env_service/env_service.h"
+#include "tests/support/env.h"
+#include "tests/support/scripted_policy.h"
+#include "tests/support/service.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr int kFrames = 200, kAgents = 8;
+constexpr char kLoss[] = "lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=";
+
+struct Wire {
+  const char* name;
+  const char* middleware;
+  int domain;
+  bool lossy;
+};
+
+/// An env_service on traversal `summer` of a small synthetic city, as a program or (inprocess) as a thread.
+class Host {
+ public:
+  Host(const Wire& wire, const std::string& run) {
+    if (std::string(wire.middleware) != "inprocess") {
+      service_ = std::make_unique<Service>(
+          std::vector<std::string>{CITYLEARN_ENV_SERVICE, "--run", run, "--domain", std::to_string(wire.domain),
+                                   "--middleware", middleware(wire, 1).name, "--agents", std::to_string(kAgents),
+                                   "--synthetic-frames", std::to_string(kFrames)},
+          folder_ / "log");
+      return;
+    }
+    traversal_ = make_dataset("synthetic", "", {{"frames", kFrames}})->load("summer");
+    EnvServiceOptions options;
+    options.agents = kAgents;
+    options.node.run = run;
+    options.node.middleware = middleware(wire, 1);
+    thread_ = std::thread([this, options] { run_env_service(options, traversal_, [this] { return stop_.load(); }); });
+  }
+  ~Host() {
+    stop_ = true;
+    if (thread_.joinable()) thread_.join();
+    if (service_) {
+      service_->send(SIGTERM);
+      EXPECT_EQ(service_->wait(seconds(3)), 0) << service_->output();
+    }
+  }
+  static MiddlewareOptions middleware(const Wire& wire, int seed) {
+    MiddlewareOptions options;
+    options.name = (wire.lossy ? kLoss + std::to_string(seed) + ":" : "") + wire.middleware;
+    options.domain = static_cast<std::uint32_t>(wire.domain);
+    return options;
+  }
+
+ private:
+  Folder folder_;
+  Traversal traversal_;
+  std::atomic<bool> stop_ = false;
+  std::thread thread_;
+  std::unique_ptr<Service> service_;
+};
+
+class EnvProtocol : public ::testing::TestWithParam<Wire> {
+ protected:
+  EnvProtocol() : run_("env-protocol-" + std::to_string(getpid())), host_(GetParam(), run_), policy_(new_policy()) {
+    spdlog::set_level(spdlog::level::warn);
+  }
+
+  std::unique_ptr<ScriptedPolicy> new_policy() const {
+    return std::make_unique<ScriptedPolicy>(Host::middleware(GetParam(), 2), run_, "env-summer");
+  }
+
+  /// The same settings and walker without any wire.
+  static std::map<int, Environment::Episode> reference(const msg::TaskSettings& settings, Walker& walker) {
+    const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}})->load("summer");
+    Environment environment(traversal, kAgents);
+    environment.reset(settings);
+    std::map<int, Environment::Episode> episodes;
+    msg::Observation seen;
+    std::vector<std::uint8_t> choice(kAgents);
+    while (!environment.done()) {
+      environment.observe(seen);
+      for (int agent = 0; agent < kAgents; ++agent)
+        choice[agent] = seen.flags()[agent] & msg::FLAG_IDLE ? std::uint8_t{kStay} : walker.act(seen, agent);
+      environment.step(choice);
+      for (const auto& episode : environment.finished()) episodes[episode.task] = episode;
+    }
+    return episodes;
+  }
+
+  void expect_as_reference(const ScriptedPolicy& policy, const msg::TaskSettings& settings) {
+    BlindSweep walker(64);
+    const auto expected = reference(settings, walker);
+    ASSERT_EQ(policy.episodes.size(), expected.size());
+    std::uint64_t number = 0;
+    for (const auto& [episode, stat] : policy.episodes) {
+      EXPECT_EQ(episode, ++number) << "without gaps, from 1";
+      ASSERT_TRUE(expected.contains(static_cast<int>(stat.task())));
+      const Environment::Episode& other = expected.at(static_cast<int>(stat.task()));
+      EXPECT_TRUE(same(stat.settings(), policy.commanded().settings()));
+      EXPECT_TRUE(stat.evaluation());
+      EXPECT_EQ(std::string(stat.traversal().c_str()), "summer");
+      EXPECT_EQ(static_cast<int>(stat.agent()), other.agent);
+      EXPECT_EQ(static_cast<int>(stat.start()), other.start);
+      EXPECT_EQ(static_cast<int>(stat.goal()), other.goal);
+      EXPECT_EQ(static_cast<int>(stat.steps()), other.steps);
+      EXPECT_EQ(static_cast<int>(stat.shortest()), other.shortest);
+      EXPECT_EQ(stat.reward(), other.reward);
+      EXPECT_EQ(stat.completed(), other.completed);
+    }
+  }
+
+  static msg::TaskSettings tasks(std::uint32_t count) { return evaluation(count, 64, 64); }
+  static msg::TaskSettings idle() {
+    msg::TaskSettings settings;
+    settings.task_mode() = msg::IDLE;
+    return settings;
+  }
+
+  const std::string run_;
+  Host host_;
+  std::unique_ptr<ScriptedPolicy> policy_;
+  BlindSweep blind_{64};
+};
+
+TEST_P(EnvProtocol, TellsWhatItHosts) {
+  ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0 && policy_->statuses > 0; }));
+  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}})->load("summer");
+  const msg::TraversalInfo& info = policy_->info;
+  EXPECT_EQ(std::string(info.dataset().c_str()), "synthetic");
+  EXPECT_EQ(std::string(info.traversal().c_str()), "summer");
+  EXPECT_EQ(std::string(info.condition().c_str()), "summer");
+  EXPECT_EQ(info.hash(), traversal.hash());
+  EXPECT_EQ(info.frames(), 200u);
+  EXPECT_EQ(info.feature_dimension(), 64u);
+  EXPECT_EQ(info.agents(), 8u);
+  EXPECT_EQ(info.chunks(), 2u) << "189 frames fit one chunk";
+  EXPECT_EQ(info.settings().version(), 0u) << "nobody has commanded it";
+  const int before = policy_->infos;
+  ASSERT_TRUE(policy_->until([&] { return policy_->infos >= before + 2; })) << "again every second";
+  EXPECT_EQ(policy_->status.service_state(), msg::WAITING);
+  EXPECT_EQ(policy_->observations, 0) << "nothing to see before settings";
+}
+
+TEST_P(EnvProtocol, HandsOutItsTraversal) {
+  ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
+  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}})->load("summer");
+  policy_->request(traversal.hash() + 1, {0, 1});
+  policy_->until([&] { return !policy_->chunks.empty(); }, milliseconds(100));
+  EXPECT_TRUE(policy_->chunks.empty()) << "another traversal was asked for";
+  Clock::time_point again = Clock::now();
+  ASSERT_TRUE(policy_->until([&] {
+    if (Clock::now() >= again) {
+      policy_->request(traversal.hash(), {1, 0, 77});
+      again = Clock::now() + milliseconds(200);
+    }
+    return policy_->chunks.size() == 2;
+  }));
+  std::uint32_t frame = 0;
+  for (const auto& [index, chunk] : policy_->chunks) {
+    EXPECT_EQ(chunk.hash(), traversal.hash());
+    EXPECT_EQ(chunk.first_frame(), frame);
+    ASSERT_EQ(chunk.data().size(), chunk.frames() * 65 * 4);
+    EXPECT_LE(chunk.data().size(), std::size_t{msg::MAX_CHUNK});
+    for (std::uint32_t i = 0; i < chunk.frames(); ++i, ++frame) {
+      float row[65];
+      std::memcpy(row, chunk.data().data() + i * sizeof row, sizeof row);
+      EXPECT_EQ(row[0], traversal.positions[frame]);
+      EXPECT_EQ(std::memcmp(row + 1, traversal.feature(static_cast<int>(frame)).data(), 64 * sizeof(float)), 0);
+    }
+  }
+  EXPECT_EQ(frame, 200u);
+}
+
+TEST_P(EnvProtocol, WholeEvaluation) {
+  const std::uint32_t count = GetParam().lossy ? 20 : 100;  // each loss costs 50 ms
+  policy_->walker = &blind_;
+  policy_->command(tasks(count));
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
+  expect_as_reference(*policy_, tasks(count));
+}
+
+TEST_P(EnvProtocol, LostActionsOnlyCostTime) {
+  policy_->walker = &blind_;
+  policy_->ignore_every = 7;
+  policy_->command(tasks(16));
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 16; }));
+  expect_as_reference(*policy_, tasks(16));
+  ASSERT_TRUE(policy_->until([&] { return policy_->status.resent() > 5; }));
+}
+
+TEST_P(EnvProtocol, RepeatedActionsChangeNothing) {
+  policy_->walker = &blind_;
+  policy_->copies = 3;
+  policy_->command(tasks(24));
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 24; }));
+  expect_as_reference(*policy_, tasks(24));
+  ASSERT_TRUE(policy_->until([&] { return policy_->status.repeated() > 50; }));
+}
+
+TEST_P(EnvProtocol, ActionsOfOtherSettingsStepsAndIncarnationsChangeNothing) {
+  policy_->walker = &blind_;
+  policy_->command(tasks(16));
+  int count = 0;
+  policy_->spoil = [&](msg::Action& action) {
+    // A wrong one first; the right one follows when the observation comes again.
+    msg::Action wrong = action;
+    switch (++count % 4) {
+      case 0:
+        wrong.step() += 1;
+        break;
+      case 1:
+        wrong.settings().version() += 1;
+        break;
+      case 2:
+        wrong.environment_incarnation() += 1;
+        break;
+      case 3:
+        wrong.environment() = "env-winter";
+        break;
+    }
+    policy_->node.publish(wrong);
+  };
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 16; }));
+  expect_as_reference(*policy_, tasks(16));
+}
+
+TEST_P(EnvProtocol, MaskedActionsAreRejectedAndTheGoodOneStillCounts) {
+  policy_->walker = &blind_;
+  policy_->command(tasks(8));
+  int spoiled = 0;
+  policy_->spoil = [&](msg::Action& action) {
+    if (action.step() % 10 != 0) return;
+    msg::Action bad = action;
+    switch (++spoiled % 3) {
+      case 0:
+        bad.choice().pop_back();
+        break;
+      case 1:
+        bad.choice().push_back(kStay);
+        break;
+      case 2:
+        for (std::size_t agent = 0; agent < bad.choice().size(); ++agent) {
+          const std::uint8_t allowed = policy_->seen.allowed()[agent];
+          if (!(allowed >> kPrevious & 1)) bad.choice()[agent] = kPrevious;
+          if (!(allowed >> kNext & 1)) bad.choice()[agent] = kNext;
+        }
+        break;
+    }
+    if (bad.choice() != action.choice()) policy_->node.publish(bad);
+  };
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 8; }));
+  expect_as_reference(*policy_, tasks(8));
+  ASSERT_TRUE(policy_->until([&] { return policy_->status.rejected() > 0; }));
+}
+
+TEST_P(EnvProtocol, TrainingGoesOnForEver) {
+  policy_->walker = &blind_;
+  policy_->command(settings(msg::TRAIN, 32, 64));
+  const std::uint64_t enough = GetParam().lossy ? 20 : 100;
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded >= enough; }));
+  for (const auto& [number, stat] : policy_->episodes) {
+    EXPECT_FALSE(stat.evaluation());
+    EXPECT_LT(stat.start(), 32u);
+    EXPECT_LT(stat.goal(), 32u);
+  }
+  ASSERT_TRUE(
+      policy_->until([&] { return policy_->status.service_state() == msg::RUNNING && policy_->status.rate() > 0; }));
+}
+
+TEST_P(EnvProtocol, RestartedPolicyTakesOverMidEpisode) {
+  policy_->walker = &blind_;
+  policy_->command(settings(msg::TRAIN, 64, 64));
+  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 30; }));
+  const std::uint64_t last = policy_->recorded;
+  const msg::Observation old = policy_->seen;
+  policy_.reset();
+  policy_ = new_policy();
+  policy_->walker = &blind_;
+  policy_->command(tasks(24));
+  ASSERT_TRUE(policy_->until([&] { return policy_->in_force() && policy_->steps() > 10; })) << "its settings win";
+  // What its predecessor had on the way comes late.
+  msg::TaskSettings stale = settings(msg::TRAIN, 64, 64);
+  stale.environment() = "env-summer";
+  stale.settings() = old.settings();
+  stale.settings().version() = 99;
+  policy_->node.publish(stale);
+  const auto evaluated = [&] {
+    std::size_t count = 0;
+    for (const auto& [number, stat] : policy_->episodes)
+      count += same(stat.settings(), policy_->commanded().settings());
+    return count;
+  };
+  // It does not know the episodes its predecessor acknowledged; the first it hears says how far that went.
+  policy_->acknowledge = false;
+  ASSERT_TRUE(policy_->until([&] { return evaluated() == 24; }));
+  EXPECT_GT(policy_->episodes.rbegin()->first, last);
+  const std::uint64_t from = policy_->episodes.begin()->first;
+  EXPECT_EQ(policy_->episodes.rbegin()->first - from + 1, policy_->episodes.size()) << "no gap";
+  policy_->send_acknowledgement(policy_->episodes.rbegin()->first);
+}
+
+TEST_P(EnvProtocol, OlderSettingsAreIgnoredAndRepeatedOnesConfirmedAgain) {
+  policy_->command(idle());
+  ASSERT_TRUE(policy_->until([&] { return policy_->in_force(); }));
+  policy_->command(idle());
+  ASSERT_TRUE(policy_->until([&] { return policy_->in_force(); }));
+  EXPECT_EQ(policy_->info.settings().version(), 2u);
+  msg::TaskSettings old = policy_->commanded();
+  old.settings().version() = 1;
+  old.task_mode() = msg::TRAIN;
+  old.frames() = 10;
+  old.max_steps() = 10;
+  policy_->node.publish(old);
+  msg::TaskSettings again = policy_->commanded();
+  const int before = policy_->infos;
+  policy_->node.publish(again);
+  ASSERT_TRUE(policy_->until([&] { return policy_->infos > before; }));
+  EXPECT_EQ(policy_->info.settings().version(), 2u);
+  EXPECT_EQ(policy_->observations, 0);
+}
+
+TEST_P(EnvProtocol, IdleIsConfirmedAndSilent) {
+  policy_->walker = &blind_;
+  policy_->command(settings(msg::TRAIN, 32, 64));
+  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 5; }));
+  policy_->command(idle());
+  ASSERT_TRUE(policy_->until([&] { return policy_->in_force(); }));
+  EXPECT_EQ(policy_->info.settings().version(), 2u);
+  ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() == msg::WAITING; }));
+  const int before = policy_->observations, infos = policy_->infos;
+  ASSERT_TRUE(policy_->until([&] { return policy_->infos >= infos + 2; })) << "who comes next must find it";
+  EXPECT_EQ(policy_->observations, before);
+}
+
+TEST_P(EnvProtocol, RefusedSettingsAreToldAndNotInForce) {
+  policy_->walker = &blind_;
+  policy_->command(settings(msg::TRAIN, 32, 64));
+  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 5; }));
+  policy_->command(settings(msg::TRAIN, 201, 64));
+  ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() == msg::FAILED; }));
+  EXPECT_NE(std::string(policy_->status.activity()).find("TaskSettings.frames: the route ends at frame 201"),
+            std::string::npos)
+      << policy_->status.activity();
+  ASSERT_TRUE(policy_->until([&] { return policy_->info.settings().version() == 0; }));
+  EXPECT_FALSE(policy_->in_force());
+  policy_->command(tasks(8));
+  ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() != msg::FAILED && policy_->steps() > 5; }));
+}
+
+TEST_P(EnvProtocol, EpisodesAreRepeatedUntilAcknowledgedAndThenNoMore) {
+  // No more than are repeated at once, or those lost after the first 64 would wait for an acknowledgement.
+  const std::uint32_t count = GetParam().lossy ? 16 : 60, part = count * 2 / 3;
+  policy_->walker = &blind_;
+  policy_->acknowledge = false;
+  policy_->command(tasks(count));
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
+  const int before = policy_->episode_messages;
+  ASSERT_TRUE(policy_->until([&] { return policy_->episode_messages >= before + static_cast<int>(count); })) << "again";
+  // Acknowledged in part: only the rest is repeated, once what was on its way has come.
+  const auto only_the_rest = [&] {
+    return policy_->episodes.size() == count - part && policy_->episodes.begin()->first == part + 1;
+  };
+  const Clock::time_point deadline = Clock::now() + kPatience;
+  while (!only_the_rest() && Clock::now() < deadline) {
+    if (!policy_->episodes.empty() && policy_->episodes.begin()->first <= part) policy_->episodes.clear();
+    policy_->send_acknowledgement(part);
+    policy_->until(only_the_rest, milliseconds(500));
+  }
+  ASSERT_TRUE(only_the_rest());
+  EXPECT_EQ(policy_->episodes.rbegin()->second.acknowledged(), part);
+  // A wrong acknowledgement covers nothing.
+  policy_->send_acknowledgement(count + 1);
+  policy_->episodes.clear();
+  ASSERT_TRUE(policy_->until([&] { return policy_->episodes.size() == count - part; }));
+  // All acknowledged: the counter of repetitions stands still over three heartbeats.
+  Clock::time_point again = Clock::now();
+  std::uint64_t resent = 0;
+  int quiet = 0, statuses = policy_->statuses;
+  ASSERT_TRUE(policy_->until([&] {
+    if (Clock::now() >= again) {
+      policy_->send_acknowledgement(count);
+      again = Clock::now() + milliseconds(500);
+    }
+    if (policy_->statuses != statuses) {
+      statuses = policy_->statuses;
+      quiet = policy_->status.resent() == resent ? quiet + 1 : 0;
+      resent = policy_->status.resent();
+    }
+    return quiet >= 3;
+  }));
+}
+
+TEST_P(EnvProtocol, SilentPolicyIsWaitedFor) {
+  policy_->walker = &blind_;
+  policy_->command(tasks(16));
+  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 10; }));
+  policy_->walker = nullptr;
+  ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() == msg::WAITING; }));
+  EXPECT_EQ(std::string(policy_->status.activity()), "waiting for policy_service");
+  const int infos = policy_->infos;
+  ASSERT_TRUE(policy_->until([&] { return policy_->infos > infos; })) << "who comes next must find it";
+  policy_->walker = &blind_;
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 16; })) << "and goes on where it was";
+  expect_as_reference(*policy_, tasks(16));
+}
+
+INSTANTIATE_TEST_SUITE_P(Wires, EnvProtocol,
+                         ::testing::Values(Wire{"cyclonedds", "cyclonedds", 40, false},
+                                           Wire{"fastdds", "fastdds", 41, false},
+                                           Wire{"inprocess", "inprocess", 42, false},
+                                           Wire{"lossy_cyclonedds", "cyclonedds", 43, true},
+                                           Wire{"lossy_inprocess", "inprocess", 44, true}),
+                         [](const auto& wire) { return std::string(wire.param.name); });
+
+}  // namespace
+}  // namespace citylearn::testing
