@@ -8,13 +8,17 @@
 
 namespace citylearn {
 
-Progress::Progress() : terminal_(isatty(STDERR_FILENO) == 1), next_(Clock::now()) {}
+std::chrono::milliseconds Progress::pause() const {
+  return terminal_ ? std::chrono::milliseconds(200) : std::chrono::milliseconds(5000);
+}
+
+Progress::Progress() : terminal_(isatty(STDERR_FILENO) == 1) { finish(); }
 
 void Progress::show(const std::string& what, double share, double rate, double left, const std::string& note) {
   const Clock::time_point now = Clock::now();
   share = std::clamp(share, 0.0, 1.0);
   if (now < next_ && (terminal_ ? share < 1 : true)) return;
-  next_ = now + (terminal_ ? std::chrono::milliseconds(200) : std::chrono::milliseconds(5000));
+  next_ = now + pause();
   std::string line = fmt::format(" {:3.0f} %  {:.0f} steps/s  {}", 100 * share, rate, note);
   if (left >= 0) line += fmt::format("  {:.0f} s left", left);
   if (!terminal_) {
@@ -34,7 +38,8 @@ void Progress::show(const std::string& what, double share, double rate, double l
 void Progress::finish() {
   if (open_) fmt::print(stderr, "\n");
   open_ = false;
-  next_ = Clock::now();
+  // What is done in a moment needs no line in a log.
+  next_ = Clock::now() + (terminal_ ? std::chrono::milliseconds(0) : pause());
 }
 
 }  // namespace citylearn

@@ -16,6 +16,8 @@ class Progress {
   void finish();
 
  private:
+  std::chrono::milliseconds pause() const;
+
   bool terminal_;
   bool open_ = false;
   Clock::time_point next_;
