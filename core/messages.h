@@ -28,9 +28,9 @@ const Topic& topic_of();
 template <class Message>
 void encode(const Message& message, Bytes& bytes);
 
-/// Message from CDR bytes. Throws Error that names the type and the field when the bytes are cut short, another protocol,
-/// over a bound, an unknown enumerator, or sequences that should be of one length are not. Never allocates for more
-/// elements than the bytes can hold.
+/// Message from CDR bytes. Throws Error that names the type and the field when the bytes are cut short, another
+/// protocol, over a bound, an unknown enumerator, or sequences that should be of one length are not. Never allocates
+/// for more elements than the bytes can hold.
 template <class Message>
 void decode(std::span<const std::byte> bytes, Message& message);
 

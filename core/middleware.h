@@ -13,8 +13,8 @@ namespace citylearn {
 using Clock = std::chrono::steady_clock;
 using Bytes = std::vector<std::byte>;
 
-/// Named quality of service. All are RELIABLE, TRANSIENT_LOCAL and KEEP_LAST: what ran without loss in every pairing of the
-/// vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer keeps for late or slow readers.
+/// Named quality of service. All are RELIABLE, TRANSIENT_LOCAL and KEEP_LAST: what ran without loss in every pairing of
+/// the vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer keeps for late or slow readers.
 enum class Profile {
   kStream,   ///< observations and actions: 16
   kState,    ///< the newest alone counts: 1
@@ -22,20 +22,21 @@ enum class Profile {
   kDurable,  ///< chunks and records: 256
 };
 
-/// Everything a vendor needs to know of a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the middleware
-/// moves bytes, core/messages.h gives them types.
+/// Everything a vendor needs to know of a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the
+/// middleware moves bytes, core/messages.h gives them types.
 struct Topic {
-  std::string name;      ///< "citylearn/observation"
-  std::string type;      ///< IDL type, "citylearn::msg::Observation"
+  std::string name;  ///< "citylearn/observation"
+  std::string type;  ///< IDL type, "citylearn::msg::Observation"
   Profile profile;
-  std::size_t largest;   ///< bytes of the largest sample, encapsulation included
+  std::size_t largest;  ///< bytes of the largest sample, encapsulation included
 };
 
 /// Sends samples of one topic. Used by one thread at a time. Must not outlive its Middleware.
 class Publisher {
  public:
   virtual ~Publisher() = default;
-  /// Copies the sample and returns; delivery goes on behind. Throws Error when the sample is larger than Topic::largest.
+  /// Copies the sample and returns; delivery goes on behind. Throws Error when the sample is larger than
+  /// Topic::largest.
   virtual void publish(std::span<const std::byte> sample) = 0;
   /// Subscriptions that match now.
   virtual int matched() const = 0;
@@ -66,11 +67,11 @@ class Middleware {
 };
 
 struct MiddlewareOptions {
-  std::string name = "cyclonedds";    ///< strictly this one: unknown or failing is an Error, never another one
-  std::uint32_t domain = 0;           ///< 0..232
-  std::string interface = "lo";       ///< name or IPv4 address; "lo" keeps everything on this machine
-  std::vector<std::string> peers;     ///< hosts (or host:port) asked for participants beside this machine's own
-  std::string participant;            ///< name shown to other participants
+  std::string name = "cyclonedds";  ///< strictly this one: unknown or failing is an Error, never another one
+  std::uint32_t domain = 0;         ///< 0..232
+  std::string interface = "lo";     ///< name or IPv4 address; "lo" keeps everything on this machine
+  std::vector<std::string> peers;   ///< hosts (or host:port) asked for participants beside this machine's own
+  std::string participant;          ///< name shown to other participants
 };
 
 /// Creates the middleware `options.name`: `fastdds`, `cyclonedds`, `inprocess`, or a decorator in front of one:

@@ -24,9 +24,9 @@ class Node {
  public:
   struct Options {
     MiddlewareOptions middleware;
-    std::string service;         ///< kind: "env_service"
-    std::string id;              ///< unique within the run, at most 64 characters
-    std::string run = "default"; ///< messages of other runs are ignored, at most 64 characters
+    std::string service;          ///< kind: "env_service"
+    std::string id;               ///< unique within the run, at most 64 characters
+    std::string run = "default";  ///< messages of other runs are ignored, at most 64 characters
   };
   explicit Node(Options options);
   ~Node();
@@ -60,14 +60,20 @@ class Node {
 
   /// Creates the writer or reader ahead of its first use, so that discovery begins now.
   template <class Message>
-  void announce() { publisher(topic_of<Message>()); }
+  void announce() {
+    publisher(topic_of<Message>());
+  }
   template <class Message>
-  void listen() { subscription(topic_of<Message>()); }
+  void listen() {
+    subscription(topic_of<Message>());
+  }
   template <class Message>
-  int readers() { return publisher(topic_of<Message>()).publisher->matched(); }
+  int readers() {
+    return publisher(topic_of<Message>()).publisher->matched();
+  }
 
-  /// Waits until something may be there to take (true) or the deadline has passed. Publishes the heartbeat when it is due,
-  /// and logs the middleware's faults.
+  /// Waits until something may be there to take (true) or the deadline has passed. Publishes the heartbeat when it is
+  /// due, and logs the middleware's faults.
   bool wait(Clock::time_point deadline);
 
   /// What the next heartbeats say. A changed state is sent at once.

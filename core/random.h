@@ -19,8 +19,8 @@ inline std::uint64_t mix_seeds(std::initializer_list<std::uint64_t> parts) {
   return seed;
 }
 
-/// SplitMix64 (Steele, Lea & Flood, OOPSLA 2014). The whole state is one number, so a checkpoint holds it and a stream can be
-/// named instead of stored. The standard library's distributions differ between implementations; these do not.
+/// SplitMix64 (Steele, Lea & Flood, OOPSLA 2014). The whole state is one number, so a checkpoint holds it and a stream
+/// can be named instead of stored. The standard library's distributions differ between implementations; these do not.
 class Random {
  public:
   explicit Random(std::uint64_t seed = 0) : state_(seed) {}

@@ -13,9 +13,9 @@ namespace citylearn {
 
 /// One parameter of a plug-in: a number with default and range. Booleans are 0 or 1; whole numbers say `integer`.
 struct ParameterSpec {
-  std::string name;      ///< as on the command line and in TOML: "learning-rate"
-  std::string help;      ///< one line, with its unit
-  double standard = 0;   ///< default value
+  std::string name;     ///< as on the command line and in TOML: "learning-rate"
+  std::string help;     ///< one line, with its unit
+  double standard = 0;  ///< default value
   double minimum = 0;
   double maximum = 0;
   bool integer = false;
@@ -25,9 +25,10 @@ struct ParameterSpec {
 class Parameters {
  public:
   Parameters() = default;
-  /// Defaults from `specs`, then `values` over them. Throws Error naming `owner` and the parameter when one is unknown, out
-  /// of its range, or not whole where it should be.
-  Parameters(const std::string& owner, const std::vector<ParameterSpec>& specs, const std::map<std::string, double>& values);
+  /// Defaults from `specs`, then `values` over them. Throws Error naming `owner` and the parameter when one is unknown,
+  /// out of its range, or not whole where it should be.
+  Parameters(const std::string& owner, const std::vector<ParameterSpec>& specs,
+             const std::map<std::string, double>& values);
   /// Throws Error when the plug-in never declared `name`.
   double operator[](const std::string& name) const;
   int integer(const std::string& name) const { return static_cast<int>((*this)[name]); }
@@ -38,7 +39,8 @@ class Parameters {
   std::map<std::string, double> values_;
 };
 
-/// All plug-ins of one kind. A plug-in is one file that ends in a static Registration; unknown names list the known ones.
+/// All plug-ins of one kind. A plug-in is one file that ends in a static Registration; unknown names list the known
+/// ones.
 template <class Product, class... Arguments>
 class Registry {
  public:
@@ -48,7 +50,8 @@ class Registry {
     std::string help;
     std::vector<ParameterSpec> parameters;
     Factory create;
-    std::map<std::string, double> recommended = {};  ///< values for plug-ins used with this one (a network's for its learner)
+    std::map<std::string, double> recommended =
+        {};  ///< values for plug-ins used with this one (a network's for its learner)
   };
   struct Registration {
     explicit Registration(Entry entry) { instance().entries_.push_back(std::move(entry)); }

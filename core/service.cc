@@ -66,21 +66,37 @@ void add_node_options(CLI::App& app, Node::Options& options) {
       },
       "", "");
   app.add_option("--run", options.run, "Run this service belongs to; services of other runs are ignored")
-      ->capture_default_str()->envname("CITYLEARN_RUN")->check(name_length)->group(group);
-  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the run")->check(name_length)->group(group);
+      ->capture_default_str()
+      ->envname("CITYLEARN_RUN")
+      ->check(name_length)
+      ->group(group);
+  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the run")
+                 ->check(name_length)
+                 ->group(group);
   if (!options.id.empty()) id->capture_default_str();
   app.add_option("--middleware", middleware.name, "One of " + names + "; lossy:NAME loses messages, for tests")
-      ->capture_default_str()->envname("CITYLEARN_MIDDLEWARE")->group(group);
+      ->capture_default_str()
+      ->envname("CITYLEARN_MIDDLEWARE")
+      ->group(group);
   app.add_option("--domain", middleware.domain, "DDS domain, 0..232")
-      ->capture_default_str()->envname("CITYLEARN_DOMAIN")->check(CLI::Range(0, 232))->group(group);
-  app.add_option("--interface", middleware.interface, "Network interface, by name or IPv4 address; lo stays on this machine")
-      ->capture_default_str()->envname("CITYLEARN_INTERFACE")->group(group);
+      ->capture_default_str()
+      ->envname("CITYLEARN_DOMAIN")
+      ->check(CLI::Range(0, 232))
+      ->group(group);
+  app.add_option("--interface", middleware.interface,
+                 "Network interface, by name or IPv4 address; lo stays on this machine")
+      ->capture_default_str()
+      ->envname("CITYLEARN_INTERFACE")
+      ->group(group);
   app.add_option("--peers", middleware.peers, "Other hosts to find services on: HOST[:PORT],...")
-      ->delimiter(',')->envname("CITYLEARN_PEERS")->group(group);
+      ->delimiter(',')
+      ->envname("CITYLEARN_PEERS")
+      ->group(group);
   app.add_option_function<std::string>(
          "--log-level", [](const std::string& level) { spdlog::set_level(spdlog::level::from_str(level)); },
          "trace, debug, info, warn, error or off; info unless told")
-      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))->group(group);
+      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
+      ->group(group);
   app.add_option_function<std::string>(
          "--log-format",
          [&options](const std::string& format) {
@@ -89,7 +105,8 @@ void add_node_options(CLI::App& app, Node::Options& options) {
                                  R"(","service":")" + options.service + R"(","text":"%v"})");
          },
          "text or json (one object a line)")
-      ->check(CLI::IsMember({"text", "json"}))->group(group);
+      ->check(CLI::IsMember({"text", "json"}))
+      ->group(group);
 }
 
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
@@ -99,7 +116,9 @@ void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<
                        short_number(spec.maximum) + "]";
     app.add_option_function<double>(
            "--" + prefix + "-" + spec.name, [&values, name = spec.name](double value) { values[name] = value; }, help)
-        ->check(CLI::Range(spec.minimum, spec.maximum))->group(prefix)->type_name(spec.integer ? "INT" : "FLOAT");
+        ->check(CLI::Range(spec.minimum, spec.maximum))
+        ->group(prefix)
+        ->type_name(spec.integer ? "INT" : "FLOAT");
   }
 }
 
@@ -127,7 +146,8 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     spdlog::set_default_logger(spdlog::stderr_color_mt(program));
     spdlog::set_pattern("%H:%M:%S.%e %^%L%$ [%n] %v");
     CLI::App app(summary, program);
-    app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);  // scripts append their user's options
+    app.option_defaults()->multi_option_policy(
+        CLI::MultiOptionPolicy::TakeLast);  // scripts append their user's options
     app.set_version_flag("--version", version());
     app.set_config("--config", "", "TOML file with the same options, names without dashes");
     app.allow_config_extras(CLI::config_extras_mode::error);

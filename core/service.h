@@ -32,8 +32,8 @@ std::string describe(const std::string& name, const std::string& help, const std
                      const std::string& prefix);
 
 /// What every `main` is: builds the command line with `setup`, parses it, runs `body` and returns its exit status.
-/// SIGTERM and SIGINT set stop_requested(). A wrong command line or an Error becomes one line on standard error and status 2
-/// or 1. `summary` is the first line of --help.
+/// SIGTERM and SIGINT set stop_requested(). A wrong command line or an Error becomes one line on standard error and
+/// status 2 or 1. `summary` is the first line of --help.
 int service_main(int argc, char** argv, const std::string& summary, const std::function<void(CLI::App&)>& setup,
                  const std::function<int()>& body);
 

@@ -10,10 +10,10 @@ namespace citylearn {
 
 /// The route a control walks on. Places are counted from the route's first frame.
 struct ControlTask {
-  int first_frame = 0;            ///< of the route, index on the traversal
-  int frames = 0;                 ///< N, places on the route
-  int dimension = 0;              ///< D of `reference`
-  std::vector<float> reference;   ///< N x D, place-major: features of the training traversal's route
+  int first_frame = 0;           ///< of the route, index on the traversal
+  int frames = 0;                ///< N, places on the route
+  int dimension = 0;             ///< D of `reference`
+  std::vector<float> reference;  ///< N x D, place-major: features of the training traversal's route
 };
 
 /// Policies that learn nothing: the yardsticks beside every figure of a learned agent.

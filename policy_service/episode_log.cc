@@ -47,7 +47,7 @@ void EpisodeLog::load() {
   std::ifstream in(path_);
   if (!in) return;
   std::string line;
-  std::uintmax_t whole = 0;   // bytes up to the last complete row
+  std::uintmax_t whole = 0;  // bytes up to the last complete row
   bool first = true;
   while (std::getline(in, line) && !in.eof()) {
     if (first && line != kHeader) throw Error("is not an episode log", path_, "choose another --output");
@@ -81,7 +81,8 @@ bool EpisodeLog::record(const msg::EpisodeStat& episode) {
 }
 
 std::uint64_t EpisodeLog::recorded(const std::string& environment, std::uint64_t incarnation) {
-  if (file_ && (std::fflush(file_) != 0 || std::ferror(file_))) throw Error(std::strerror(errno), path_, "free some space");
+  if (file_ && (std::fflush(file_) != 0 || std::ferror(file_)))
+    throw Error(std::strerror(errno), path_, "free some space");
   const auto found = progress_.find({environment, incarnation});
   return found == progress_.end() ? 0 : found->second.contiguous;
 }

@@ -10,12 +10,13 @@
 
 namespace citylearn {
 
-/// Every finished episode once, in `episodes.csv`. An episode counts as recorded when its row has left this process, so that
-/// whoever is told so may forget it.
+/// Every finished episode once, in `episodes.csv`. An episode counts as recorded when its row has left this process, so
+/// that whoever is told so may forget it.
 class EpisodeLog {
  public:
   /// Goes on with the file when it exists: what it holds is known as recorded, a row cut short by a crash is dropped.
-  /// An empty path records in memory alone. Throws Error naming the file when it is not an episode log or cannot be written.
+  /// An empty path records in memory alone. Throws Error naming the file when it is not an episode log or cannot be
+  /// written.
   explicit EpisodeLog(const std::string& path);
   ~EpisodeLog();
   EpisodeLog(const EpisodeLog&) = delete;
@@ -30,8 +31,8 @@ class EpisodeLog {
 
  private:
   struct Progress {
-    std::uint64_t contiguous = 0;            ///< all episodes up to this one are recorded
-    std::map<std::uint64_t, bool> beyond;    ///< recorded ones after a gap
+    std::uint64_t contiguous = 0;          ///< all episodes up to this one are recorded
+    std::map<std::uint64_t, bool> beyond;  ///< recorded ones after a gap
     void add(std::uint64_t episode);
     void skip_to(std::uint64_t episode);
   };

@@ -15,12 +15,12 @@ namespace citylearn {
 /// The tasks of one evaluation. The same seed gives every policy the very same tasks, on whichever traversal.
 struct EvaluationOptions {
   int first_frame = 0;
-  int frames = 128;                      ///< N
+  int frames = 128;  ///< N
   int max_steps = 128;
   int tasks = 2000;
   std::uint64_t seed = 1;
-  bool shuffle = false;                  ///< show the frames in a random order
-  std::chrono::seconds patience{30};     ///< how long a vanished env_service is waited for
+  bool shuffle = false;               ///< show the frames in a random order
+  std::chrono::seconds patience{30};  ///< how long a vanished env_service is waited for
 };
 
 /// Walks all tasks of `options` on each seat at once. Holds the fleet's handlers while it runs.
@@ -51,7 +51,7 @@ class Evaluation {
  private:
   struct Part {
     std::unique_ptr<Policy> policy;
-    std::map<std::uint32_t, msg::EpisodeStat> episodes;   ///< by task
+    std::map<std::uint32_t, msg::EpisodeStat> episodes;  ///< by task
   };
   Fleet& fleet_;
   EvaluationOptions options_;

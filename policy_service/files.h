@@ -6,8 +6,9 @@
 
 namespace citylearn {
 
-/// Writes a whole file so that a crash or a full disk leaves either the old one or the new one: a temporary file beside it,
-/// fsync, rename, fsync of the folder. Throws Error naming the file; the old file is then untouched and the temporary gone.
+/// Writes a whole file so that a crash or a full disk leaves either the old one or the new one: a temporary file beside
+/// it, fsync, rename, fsync of the folder. Throws Error naming the file; the old file is then untouched and the
+/// temporary gone.
 void write_file(const std::string& path, std::string_view contents);
 
 /// The whole file. Throws Error naming it when it cannot be read.

@@ -59,7 +59,8 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
   seat.heard = Clock::now();
   seat.info = info;
   if (fresh) {
-    spdlog::info("{} '{}' joins: traversal {} of {}, {} frames x {} features, {} agents", seat.settings.settings().version() == 0 ? "env_service" : "restarted env_service",
+    spdlog::info("{} '{}' joins: traversal {} of {}, {} frames x {} features, {} agents",
+                 seat.settings.settings().version() == 0 ? "env_service" : "restarted env_service",
                  info.header().sender().c_str(), info.traversal().c_str(), info.dataset().c_str(), info.frames(),
                  info.feature_dimension(), info.agents());
     seat.id = info.header().sender().c_str();
@@ -137,8 +138,8 @@ std::vector<float> Fleet::fetch_features(Seat& seat, int first, int count, Clock
   const std::string where = "traversal '" + seat.traversal() + "'";
   if (dimension == 0) throw Error("has no features", where, "choose another agent, or a traversal with features");
   if (first < 0 || count < 1 || static_cast<std::uint32_t>(first + count) > seat.info.frames())
-    throw Error("has " + std::to_string(seat.info.frames()) + " frames, the route needs frames " + std::to_string(first) +
-                    ".." + std::to_string(first + count - 1),
+    throw Error("has " + std::to_string(seat.info.frames()) + " frames, the route needs frames " +
+                    std::to_string(first) + ".." + std::to_string(first + count - 1),
                 where, "choose fewer --frames");
   fetch_ = Fetch{};
   fetch_.hash = seat.info.hash();
@@ -151,7 +152,7 @@ std::vector<float> Fleet::fetch_features(Seat& seat, int first, int count, Clock
     fetch_.missing.push_back(static_cast<std::uint32_t>(chunk));
   fetch_.total = static_cast<int>(seat.info.frames());
   Clock::time_point again = Clock::now();
-  std::size_t left_of_window = 0;   // how many will be missing when all asked for have come
+  std::size_t left_of_window = 0;  // how many will be missing when all asked for have come
   while (!fetch_.missing.empty()) {
     const Clock::time_point now = Clock::now();
     if (now >= deadline)
@@ -168,7 +169,8 @@ std::vector<float> Fleet::fetch_features(Seat& seat, int first, int count, Clock
       again = now + kRequestAgain;
     }
     spin(std::min(deadline, again));
-    if (fetch_.missing.size() == left_of_window) again = Clock::now();  // the whole window has come: ask for the next at once
+    if (fetch_.missing.size() == left_of_window)
+      again = Clock::now();  // the whole window has come: ask for the next at once
   }
   fetch_.hash = 0;
   return std::move(fetch_.features);

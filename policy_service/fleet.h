@@ -13,12 +13,12 @@ namespace citylearn {
 /// One env_service as a policy_service sees it.
 struct Seat {
   std::string id;
-  msg::TraversalInfo info;               ///< of the running incarnation
-  msg::TaskSettings settings;            ///< last commanded; version 0 = none
-  bool in_force = false;                 ///< the env_service has confirmed them
-  std::uint64_t next_step = 0;           ///< step of the observation to be answered next, under `settings`
-  bool waiting = false;                  ///< that observation has come and waits for answer()
-  Clock::time_point heard;               ///< last sign of life
+  msg::TraversalInfo info;      ///< of the running incarnation
+  msg::TaskSettings settings;   ///< last commanded; version 0 = none
+  bool in_force = false;        ///< the env_service has confirmed them
+  std::uint64_t next_step = 0;  ///< step of the observation to be answered next, under `settings`
+  bool waiting = false;         ///< that observation has come and waits for answer()
+  Clock::time_point heard;      ///< last sign of life
 
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }
@@ -28,8 +28,8 @@ struct Seat {
 /// transport that may lose, repeat and reorder. Used by one thread; seats stay at their addresses.
 class Fleet {
  public:
-  /// Called for each new observation of a seat whose settings are in force. Fills `choice` and returns true, or returns false
-  /// and calls answer() later.
+  /// Called for each new observation of a seat whose settings are in force. Fills `choice` and returns true, or returns
+  /// false and calls answer() later.
   using Decide = std::function<bool(Seat&, const msg::Observation&, std::vector<std::uint8_t>& choice)>;
   /// Called for each EpisodeStat, repetitions included. Whoever records calls acknowledge().
   using Finished = std::function<void(Seat&, const msg::EpisodeStat&)>;
@@ -57,8 +57,8 @@ class Fleet {
   static bool alive(const Seat& seat);
   static constexpr std::chrono::seconds kSilence{3};
 
-  /// Features of frames first .. first + count - 1 of a seat's traversal (count x D, frame-major), fetched over the wire.
-  /// Throws Error when they are not complete by the deadline, or the range does not lie on the traversal.
+  /// Features of frames first .. first + count - 1 of a seat's traversal (count x D, frame-major), fetched over the
+  /// wire. Throws Error when they are not complete by the deadline, or the range does not lie on the traversal.
   std::vector<float> fetch_features(Seat& seat, int first, int count, Clock::time_point deadline);
 
  private:
@@ -67,9 +67,8 @@ class Fleet {
   void on_observation(const msg::Observation& observation);
   void on_chunk(const msg::TraversalChunk& chunk);
   void send_due_settings();
-  void send_action(const Seat& seat, const msg::Action& action);
 
-  struct Fetch {                          // one transfer at a time
+  struct Fetch {  // one transfer at a time
     std::uint64_t hash = 0;
     int total = 0, frames_a_chunk = 0, dimension = 0, first = 0, count = 0;
     std::vector<std::uint32_t> missing;

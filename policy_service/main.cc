@@ -19,7 +19,8 @@ void print_list() {
   std::cout << "\nLearners (--learner):\n";
   for (const auto* entry : LearnerRegistry::instance().entries())
     std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
-  std::cout << "\nTraining, whatever the learner:\n" << describe("trainer", "collects what is learned from", Trainer::parameter_specs(), "trainer");
+  std::cout << "\nTraining, whatever the learner:\n"
+            << describe("trainer", "collects what is learned from", Trainer::parameter_specs(), "trainer");
   std::cout << "\nControls (--controls, or --agent with --mode evaluate):\n";
   for (const auto* entry : ControlRegistry::instance().entries())
     std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
@@ -34,55 +35,81 @@ int main(int argc, char** argv) {
   PolicyServiceOptions options;
   options.node.service = "policy_service";
   options.node.id = "policy";
-  std::map<std::string, std::map<std::string, double>> plugins;   // parameters given, by plug-in
+  std::map<std::string, std::map<std::string, double>> plugins;  // parameters given, by plug-in
   bool list = false, agents = false;
 
   const auto setup = [&](CLI::App& app) {
     app.add_flag("--list", list, "Print networks, learners, controls and middlewares with their parameters, and exit");
     app.add_flag("--recommended-agents", agents, "Print how many agents --agent trains best with, and exit");
     app.add_option("--mode", options.mode, "train (and evaluate at the end), or evaluate")
-        ->capture_default_str()->check(CLI::IsMember({"train", "evaluate"}));
+        ->capture_default_str()
+        ->check(CLI::IsMember({"train", "evaluate"}));
     app.add_option("--agent", options.agent, "Network to train; with --mode evaluate and no --checkpoint, a control")
         ->capture_default_str();
     app.add_option("--learner", options.learner, "Learner")->capture_default_str();
     app.add_option("--checkpoint", options.checkpoint, "File to act from (--mode evaluate)");
     app.add_flag("--resume", options.resume, "Go on with the newest checkpoint in --output; begin where there is none");
     app.add_option("--seed", options.seed, "Everything random follows from it")->capture_default_str();
-    app.add_option("--output", options.output,
-                   "Folder for summary.json, metrics.csv, episodes.csv, manifest.json and checkpoints/; none: nothing is written");
+    app.add_option(
+        "--output", options.output,
+        "Folder for summary.json, metrics.csv, episodes.csv, manifest.json and checkpoints/; none: nothing is written");
 
     const std::string task = "Task";
     app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str()->group(task);
     app.add_option("--evaluate", options.evaluate, "Traversals to evaluate on, A,B,...; all that are there unless told")
-        ->delimiter(',')->group(task);
+        ->delimiter(',')
+        ->group(task);
     app.add_option("--first-frame", options.first_frame, "The route begins at this frame of the traversal")
-        ->capture_default_str()->check(CLI::NonNegativeNumber)->group(task);
+        ->capture_default_str()
+        ->check(CLI::NonNegativeNumber)
+        ->group(task);
     app.add_option("--frames", options.frames, "Places on the route, N")
-        ->capture_default_str()->check(CLI::Range(2, 100000))->group(task);
+        ->capture_default_str()
+        ->check(CLI::Range(2, 100000))
+        ->group(task);
     app.add_option("--max-steps", options.max_steps, "Step limit of an episode; 0 = N")
-        ->capture_default_str()->check(CLI::NonNegativeNumber)->group(task);
-    app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8 ... 128 frames")->group(task);
+        ->capture_default_str()
+        ->check(CLI::NonNegativeNumber)
+        ->group(task);
+    app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8 ... 128 frames")
+        ->group(task);
     app.add_option("--environments", options.environments, "env_services on the training traversal to begin with")
-        ->capture_default_str()->check(CLI::Range(1, 1000))->group(task);
-    app.add_flag("--lockstep", options.lockstep, "Wait for a lost training env_service instead of going on without it")->group(task);
+        ->capture_default_str()
+        ->check(CLI::Range(1, 1000))
+        ->group(task);
+    app.add_flag("--lockstep", options.lockstep, "Wait for a lost training env_service instead of going on without it")
+        ->group(task);
     app.add_option("--wait", options.wait, "Seconds until missing env_services are an error; 0 = wait for ever")
-        ->capture_default_str()->check(CLI::NonNegativeNumber)->group(task);
+        ->capture_default_str()
+        ->check(CLI::NonNegativeNumber)
+        ->group(task);
 
     const std::string length = "Length";
     app.add_option("--steps", options.steps, "Environment steps to learn from; 0 = as recommended for the agent")
-        ->capture_default_str()->group(length);
+        ->capture_default_str()
+        ->group(length);
     app.add_option("--time-limit", options.time_limit, "End training after so many seconds; 0 = never")
-        ->capture_default_str()->check(CLI::NonNegativeNumber)->group(length);
+        ->capture_default_str()
+        ->check(CLI::NonNegativeNumber)
+        ->group(length);
     app.add_option("--checkpoint-every", options.checkpoint_every, "Updates between checkpoints")
-        ->capture_default_str()->check(CLI::PositiveNumber)->group(length);
+        ->capture_default_str()
+        ->check(CLI::PositiveNumber)
+        ->group(length);
     app.add_option("--evaluate-every", options.evaluate_every,
                    "Updates between evaluations on the other traversals; 0 = at the end only")
-        ->capture_default_str()->check(CLI::NonNegativeNumber)->group(length);
+        ->capture_default_str()
+        ->check(CLI::NonNegativeNumber)
+        ->group(length);
     app.add_option("--tasks", options.tasks, "Evaluation tasks on each traversal")
-        ->capture_default_str()->check(CLI::Range(1, 1000000))->group(length);
-    app.add_option("--controls", options.controls,
-                   "Controls evaluated on the same tasks: all, or some of blind, sequence_filter, shortest_path, shuffled")
-        ->delimiter(',')->group(length);
+        ->capture_default_str()
+        ->check(CLI::Range(1, 1000000))
+        ->group(length);
+    app.add_option(
+           "--controls", options.controls,
+           "Controls evaluated on the same tasks: all, or some of blind, sequence_filter, shortest_path, shuffled")
+        ->delimiter(',')
+        ->group(length);
 
     add_node_options(app, options.node);
     for (const auto* entry : NetworkRegistry<float>::instance().entries())
@@ -109,5 +136,6 @@ int main(int argc, char** argv) {
     options.control_parameters = plugins;
     return run_policy_service(options);
   };
-  return service_main(argc, argv, "Trains and evaluates navigation agents on the env_services of its run.", setup, body);
+  return service_main(argc, argv, "Trains and evaluates navigation agents on the env_services of its run.", setup,
+                      body);
 }

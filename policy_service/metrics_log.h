@@ -13,8 +13,8 @@ namespace citylearn {
 /// One row an update in `metrics.csv`: the figures of TrainingStat under its field names.
 class MetricsLog {
  public:
-  /// Starts the file anew, or, when `after_update` > 0, keeps its rows up to that update (what a killed process wrote past
-  /// its last checkpoint is computed again). Throws Error naming the file when it cannot be written.
+  /// Starts the file anew, or, when `after_update` > 0, keeps its rows up to that update (what a killed process wrote
+  /// past its last checkpoint is computed again). Throws Error naming the file when it cannot be written.
   MetricsLog(const std::string& path, std::uint64_t after_update);
   ~MetricsLog();
   MetricsLog(const MetricsLog&) = delete;
@@ -31,7 +31,7 @@ class MetricsLog {
   std::string path_;
   std::FILE* file_ = nullptr;
   double wall_ = 0;
-  std::vector<std::pair<std::uint64_t, double>> kept_;   ///< episodes and wall of each row kept
+  std::vector<std::pair<std::uint64_t, double>> kept_;  ///< episodes and wall of each row kept
 };
 
 }  // namespace citylearn

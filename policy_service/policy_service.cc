@@ -30,9 +30,7 @@ namespace {
 // Purposes of random streams: (seed, purpose, ...) names a stream.
 enum : std::uint64_t { kEvaluationTasks = 102, kEvaluationChoices = 103 };
 
-double seconds_since(Clock::time_point start) {
-  return std::chrono::duration<double>(Clock::now() - start).count();
-}
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 /// Adds the time of its life to `seconds`.
 class Stopwatch {
@@ -76,13 +74,14 @@ class Run {
 
   void load_agent();
   void evaluate_all();
-  void evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make, const std::vector<Seat*>& seats);
+  void evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
+                const std::vector<Seat*>& seats);
   Evaluation::MakePolicy agent_policy() const;
   const std::vector<float>& reference();
   void write_summary();
 
   PolicyServiceOptions options_;
-  bool control_alone_ = false;      ///< mode evaluate without a checkpoint: the agent is a control
+  bool control_alone_ = false;  ///< mode evaluate without a checkpoint: the agent is a control
   Node node_;
   Fleet fleet_;
   std::unique_ptr<EpisodeLog> episodes_;
@@ -91,8 +90,8 @@ class Run {
   std::set<Seat*> to_acknowledge_;
   std::unique_ptr<Trainer> trainer_;
   std::optional<TrainedAgent> agent_;
-  std::map<const Seat*, int> slots_;        ///< number of each training environment, which names its random streams
-  std::set<Seat*> taking_part_;             ///< training environments that are not lost
+  std::map<const Seat*, int> slots_;  ///< number of each training environment, which names its random streams
+  std::set<Seat*> taking_part_;       ///< training environments that are not lost
   Clock::time_point training_since_, last_update_;
   double wall_before_ = 0;
   TrainingReport report_;
@@ -111,12 +110,14 @@ PolicyServiceOptions checked(PolicyServiceOptions options) {
   if (options.mode == "train") {
     NetworkRegistry<float>::instance().find("agent", options.agent);
     LearnerRegistry::instance().find("learner", options.learner);
-    if (!options.checkpoint.empty()) throw Error("only for --mode evaluate", "--checkpoint", "to go on training use --resume");
+    if (!options.checkpoint.empty())
+      throw Error("only for --mode evaluate", "--checkpoint", "to go on training use --resume");
     if (options.resume && options.output.empty()) throw Error("needs --output", "--resume");
   } else if (options.checkpoint.empty()) {
     ControlRegistry::instance().find("control", options.agent);
   }
-  if (options.curriculum && options.frames != 128) throw Error("the paper's lessons end with 128 frames", "--curriculum", "leave --frames out");
+  if (options.curriculum && options.frames != 128)
+    throw Error("the paper's lessons end with 128 frames", "--curriculum", "leave --frames out");
   return options;
 }
 
@@ -183,7 +184,8 @@ void Run::await(const std::set<std::string>& traversals, int training_environmen
     const std::string found = here.empty() ? "none was found" : "found: " + here;
     if (options_.wait > 0 && seconds_since(since) > options_.wait)
       throw Error(fmt::format("no env_service on {} within {:.0f} s ({})", missing, options_.wait, found), "",
-                  fmt::format("same --run '{}', --domain {} and --interface there?", options_.node.run, options_.node.middleware.domain));
+                  fmt::format("same --run '{}', --domain {} and --interface there?", options_.node.run,
+                              options_.node.middleware.domain));
     if (Clock::now() > next_word) {
       spdlog::info("waiting for env_services on {} ({})", missing, found);
       next_word += std::chrono::seconds(10);
@@ -212,12 +214,14 @@ void Run::build_trainer() {
   task.frames = options_.frames;
   task.features = static_cast<int>(first.info.feature_dimension());
   const std::vector<float>& features = reference();
-  if (!features.empty()) task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, options_.frames);
+  if (!features.empty())
+    task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, options_.frames);
   trainer_ = std::make_unique<Trainer>(trainer, task);
   if (options_.resume) {
     if (const auto newest = newest_checkpoint(checkpoints())) {
       trainer_->load(read_checkpoint(*newest));
-      spdlog::info("going on after update {} ({} steps) of {}", trainer_->progress().updates, trainer_->progress().steps, *newest);
+      spdlog::info("going on after update {} ({} steps) of {}", trainer_->progress().updates,
+                   trainer_->progress().steps, *newest);
     } else {
       spdlog::info("no checkpoint in {}: beginning", checkpoints());
     }
@@ -227,7 +231,8 @@ void Run::build_trainer() {
     wall_before_ = metrics_->wall();
     if ((report_.episodes_to_spl95 = trainer_->progress().episodes_to_spl95))
       report_.wall_to_spl95 = metrics_->wall_at(*report_.episodes_to_spl95);
-    write_file(options_.output + "/manifest.json", manifest_json(options_, trainer_->parameters(), hashes(), node_.middleware_name()));
+    write_file(options_.output + "/manifest.json",
+               manifest_json(options_, trainer_->parameters(), hashes(), node_.middleware_name()));
   }
 }
 
@@ -246,7 +251,7 @@ void Run::drop_lost_seats() {
   std::vector<Seat*> lost;
   for (Seat* seat : taking_part_)
     if (!Fleet::alive(*seat)) lost.push_back(seat);
-  if (lost.size() == taking_part_.size()) return;   // nobody to go on with
+  if (lost.size() == taking_part_.size()) return;  // nobody to go on with
   for (Seat* seat : lost) {
     spdlog::warn("env_service '{}' went silent: training goes on without it", seat->id);
     trainer_->remove(slots_.at(seat));
@@ -294,7 +299,8 @@ void Run::after_update(const UpdateFigures& figures, std::uint64_t steps_before)
   }
   const double share = std::max(static_cast<double>(progress.steps) / static_cast<double>(trainer_->total_steps()),
                                 options_.time_limit > 0 ? wall / options_.time_limit : 0.0);
-  node_.report(msg::RUNNING, fmt::format("training {}, update {}", options_.agent, progress.updates), static_cast<float>(rate));
+  node_.report(msg::RUNNING, fmt::format("training {}, update {}", options_.agent, progress.updates),
+               static_cast<float>(rate));
   const double left = share > 0.01 ? wall * (1 - share) / share : -1;
   progress_.show("training " + options_.agent, share, static_cast<double>(progress.steps) / std::max(wall, 1e-9), left,
                  fmt::format("reward {:.3f}  SPL {:.3f}{}", progress.reward, progress.spl,
@@ -332,7 +338,8 @@ void Run::train_until_done() {
     if (trainer_->done() || (options_.time_limit > 0 && training_wall() >= options_.time_limit)) return;
     const std::uint64_t updates = trainer_->progress().updates;
     if (updates % static_cast<std::uint64_t>(options_.checkpoint_every) == 0) save_checkpoint();
-    if (options_.evaluate_every > 0 && updates % static_cast<std::uint64_t>(options_.evaluate_every) == 0) evaluate_others();
+    if (options_.evaluate_every > 0 && updates % static_cast<std::uint64_t>(options_.evaluate_every) == 0)
+      evaluate_others();
     // After a checkpoint or at a new lesson all begin anew (docs/decisions/0003-step-protocol.md), else all go on.
     for (Seat* seat : std::set<Seat*>(taking_part_)) {
       if (trainer_->cut() != cut_before) {
@@ -351,8 +358,8 @@ void Run::train_until_done() {
 void Run::train() {
   await({options_.train}, options_.environments);
   build_trainer();
-  spdlog::info("training {} on '{}': {} steps, seed {}, {}", options_.agent, options_.train, trainer_->total_steps(), options_.seed,
-               node_.middleware_name());
+  spdlog::info("training {} on '{}': {} steps, seed {}, {}", options_.agent, options_.train, trainer_->total_steps(),
+               options_.seed, node_.middleware_name());
   fleet_.joined = [this](Seat& seat) {
     if (seat.traversal() == options_.train) enroll(seat);
   };
@@ -376,10 +383,12 @@ void Run::train() {
   save_checkpoint();
   agent_ = trainer_->agent();
   const double here = std::max(seconds_since(training_since_), 1e-9);
-  spdlog::info("trained {} episodes, {} steps in {:.1f} s ({:.0f} steps/s): {:.0f} % inference, {:.0f} % update, {:.0f} % waiting for environments and transport",
-               report_.episodes, report_.steps, report_.wall, static_cast<double>(report_.steps) / std::max(report_.wall, 1e-9),
-               100 * report_.inference / here, 100 * report_.update / here,
-               100 * std::max(0.0, 1 - (report_.inference + report_.update) / here));
+  spdlog::info(
+      "trained {} episodes, {} steps in {:.1f} s ({:.0f} steps/s): {:.0f} % inference, {:.0f} % update, {:.0f} % "
+      "waiting for environments and transport",
+      report_.episodes, report_.steps, report_.wall, static_cast<double>(report_.steps) / std::max(report_.wall, 1e-9),
+      100 * report_.inference / here, 100 * report_.update / here,
+      100 * std::max(0.0, 1 - (report_.inference + report_.update) / here));
 }
 
 // -------------------------------------------------------------------------------------------------- evaluation
@@ -414,10 +423,12 @@ const std::vector<float>& Run::reference() {
   if (!reference_.empty()) return reference_;
   Seat* seat = seat_on(options_.train);
   if (!seat || seat->info.feature_dimension() == 0) return reference_;
-  return reference_ = fleet_.fetch_features(*seat, options_.first_frame, options_.frames, Clock::now() + std::chrono::seconds(30));
+  return reference_ = fleet_.fetch_features(*seat, options_.first_frame, options_.frames,
+                                            Clock::now() + std::chrono::seconds(30));
 }
 
-void Run::evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make, const std::vector<Seat*>& seats) {
+void Run::evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
+                   const std::vector<Seat*>& seats) {
   EvaluationOptions what;
   what.first_frame = options_.first_frame;
   what.frames = options_.frames;
@@ -508,7 +519,9 @@ int Run::execute() {
     evaluate_all();
   } catch (const Stopped&) {
     progress_.finish();
-    spdlog::info("stopped by a signal{}", options_.mode == "train" && !options_.output.empty() ? "; --resume goes on after the last checkpoint" : "");
+    spdlog::info("stopped by a signal{}", options_.mode == "train" && !options_.output.empty()
+                                              ? "; --resume goes on after the last checkpoint"
+                                              : "");
     return 130;
   }
   write_summary();
@@ -521,9 +534,8 @@ int Run::execute() {
     if (Fleet::alive(*seat)) fleet_.command(*seat, idle);
   const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(500);
   const auto pending = [this] {
-    return std::any_of(fleet_.seats().begin(), fleet_.seats().end(), [](const auto& entry) {
-      return Fleet::alive(*entry.second) && !entry.second->in_force;
-    });
+    return std::any_of(fleet_.seats().begin(), fleet_.seats().end(),
+                       [](const auto& entry) { return Fleet::alive(*entry.second) && !entry.second->in_force; });
   };
   while (pending() && Clock::now() < deadline && !stop_requested()) fleet_.spin(deadline);
   return 0;

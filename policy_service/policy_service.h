@@ -13,39 +13,39 @@ struct PolicyServiceOptions {
   Node::Options node;
 
   // What to do.
-  std::string mode = "train";           ///< "train" (then evaluate), or "evaluate"
-  std::string agent = "place_filter";   ///< a network, or with mode "evaluate" a control
+  std::string mode = "train";          ///< "train" (then evaluate), or "evaluate"
+  std::string agent = "place_filter";  ///< a network, or with mode "evaluate" a control
   std::string learner = "ppo";
   std::map<std::string, double> network_parameters, learner_parameters, trainer_parameters;  ///< those given
-  std::string checkpoint;               ///< mode "evaluate": the file to act from
-  bool resume = false;                  ///< go on with the newest checkpoint of `output`, or start where there is none
+  std::string checkpoint;  ///< mode "evaluate": the file to act from
+  bool resume = false;     ///< go on with the newest checkpoint of `output`, or start where there is none
   std::uint64_t seed = 1;
 
   // Where.
-  std::string train = "summer";         ///< traversal learned from
-  std::vector<std::string> evaluate;    ///< traversals evaluated on; empty: all that are there
-  int environments = 1;                 ///< env_services on `train` to begin with
-  bool lockstep = false;                ///< wait for lost ones instead of going on without them
-  double wait = 0;                      ///< seconds until missing env_services are an error; 0 = for ever
+  std::string train = "summer";       ///< traversal learned from
+  std::vector<std::string> evaluate;  ///< traversals evaluated on; empty: all that are there
+  int environments = 1;               ///< env_services on `train` to begin with
+  bool lockstep = false;              ///< wait for lost ones instead of going on without them
+  double wait = 0;                    ///< seconds until missing env_services are an error; 0 = for ever
 
   // The task.
   int first_frame = 0;
-  int frames = 128;                     ///< N
-  int max_steps = 0;                    ///< 0 = N
-  bool curriculum = false;              ///< the paper's lessons, ending with N = 128
+  int frames = 128;         ///< N
+  int max_steps = 0;        ///< 0 = N
+  bool curriculum = false;  ///< the paper's lessons, ending with N = 128
 
   // How long.
-  std::uint64_t steps = 0;              ///< environment steps to learn from; 0 = the agent's recommendation
-  double time_limit = 0;                ///< seconds of training; 0 = none
-  int checkpoint_every = 50;            ///< updates
-  int evaluate_every = 0;               ///< updates; 0 = at the end only
+  std::uint64_t steps = 0;    ///< environment steps to learn from; 0 = the agent's recommendation
+  double time_limit = 0;      ///< seconds of training; 0 = none
+  int checkpoint_every = 50;  ///< updates
+  int evaluate_every = 0;     ///< updates; 0 = at the end only
 
   // Evaluation.
-  int tasks = 2000;                     ///< on each traversal
-  std::vector<std::string> controls;    ///< evaluated on the same tasks; "shuffled" is the agent on shuffled frames
+  int tasks = 2000;                   ///< on each traversal
+  std::vector<std::string> controls;  ///< evaluated on the same tasks; "shuffled" is the agent on shuffled frames
   std::map<std::string, std::map<std::string, double>> control_parameters;
 
-  std::string output;                   ///< folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/
+  std::string output;  ///< folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/
 };
 
 /// Trains and evaluates agents on the env_services of its run, over the wire. Returns the exit status. Throws Error.

@@ -30,7 +30,8 @@ void Progress::show(const std::string& what, double share, double rate, double l
   const int width = std::clamp(columns - static_cast<int>(what.size() + line.size()) - 4, 0, 40);
   const int filled = static_cast<int>(share * width);
   std::string bar = width > 4 ? " [" + std::string(filled, '#') + std::string(width - filled, '.') + "]" : "";
-  fmt::print(stderr, "\r\033[K{}{}{}", what, bar, line.substr(0, std::max(0, columns - 1 - static_cast<int>(what.size() + bar.size()))));
+  fmt::print(stderr, "\r\033[K{}{}{}", what, bar,
+             line.substr(0, std::max(0, columns - 1 - static_cast<int>(what.size() + bar.size()))));
   std::fflush(stderr);
   open_ = true;
 }

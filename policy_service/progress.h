@@ -6,11 +6,13 @@
 
 namespace citylearn {
 
-/// Progress for people on standard error: a bar that stays on its line on a terminal, plain lines every few seconds elsewhere.
+/// Progress for people on standard error: a bar that stays on its line on a terminal, plain lines every few seconds
+/// elsewhere.
 class Progress {
  public:
   Progress();
-  /// `share` 0..1, `rate` in steps per second, `left` in seconds (negative: unknown), `note` with the figures of the moment.
+  /// `share` 0..1, `rate` in steps per second, `left` in seconds (negative: unknown), `note` with the figures of the
+  /// moment.
   void show(const std::string& what, double share, double rate, double left, const std::string& note);
   /// Ends the bar's line.
   void finish();

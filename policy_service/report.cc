@@ -11,9 +11,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 Json score_json(const Score& s) {
-  return {{"tasks", s.tasks},           {"completed", s.completed},         {"failed", 1 - s.completed},
-          {"spl", s.spl},               {"excess", s.excess},               {"mean_steps", s.mean_steps},
-          {"shortest_mean", s.shortest_mean}, {"reward", s.reward}};
+  return {{"tasks", s.tasks},   {"completed", s.completed},   {"failed", 1 - s.completed},        {"spl", s.spl},
+          {"excess", s.excess}, {"mean_steps", s.mean_steps}, {"shortest_mean", s.shortest_mean}, {"reward", s.reward}};
 }
 
 template <class T>
@@ -23,20 +22,22 @@ Json or_null(const std::optional<T>& value) {
 
 }  // namespace
 
-std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training, const std::vector<ScoreRow>& rows) {
+std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training,
+                         const std::vector<ScoreRow>& rows) {
   Json summary = {{"agent", options.agent}, {"middleware", options.node.middleware.name}, {"seed", options.seed}};
   if (training)
-    summary["train"] = {{"traversal", training->traversal},
-                        {"episodes", training->episodes},
-                        {"steps", training->steps},
-                        {"wall_s", training->wall},
-                        {"steps_per_s", training->wall > 0 ? static_cast<double>(training->steps) / training->wall : 0.0},
-                        {"inference_s", training->inference},
-                        {"update_s", training->update},
-                        {"reward", training->reward},
-                        {"spl", training->spl},
-                        {"episodes_to_spl95", or_null(training->episodes_to_spl95)},
-                        {"wall_s_to_spl95", or_null(training->wall_to_spl95)}};
+    summary["train"] = {
+        {"traversal", training->traversal},
+        {"episodes", training->episodes},
+        {"steps", training->steps},
+        {"wall_s", training->wall},
+        {"steps_per_s", training->wall > 0 ? static_cast<double>(training->steps) / training->wall : 0.0},
+        {"inference_s", training->inference},
+        {"update_s", training->update},
+        {"reward", training->reward},
+        {"spl", training->spl},
+        {"episodes_to_spl95", or_null(training->episodes_to_spl95)},
+        {"wall_s_to_spl95", or_null(training->wall_to_spl95)}};
   summary["evaluate"] = Json::object();
   summary["controls"] = Json::object();
   for (const ScoreRow& row : rows) {
@@ -49,7 +50,8 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
   return summary.dump(2) + "\n";
 }
 
-std::string manifest_json(const PolicyServiceOptions& options, const std::map<std::string, std::map<std::string, double>>& agent,
+std::string manifest_json(const PolicyServiceOptions& options,
+                          const std::map<std::string, std::map<std::string, double>>& agent,
                           const std::map<std::string, std::string>& hashes, const std::string& middleware) {
   std::string vendor;
   for (const auto& [name, help] : list_middlewares())
@@ -57,7 +59,8 @@ std::string manifest_json(const PolicyServiceOptions& options, const std::map<st
   Json manifest = {
       {"program", "policy_service " + version()},
       {"compiler", __VERSION__},
-      {"eigen", std::to_string(EIGEN_WORLD_VERSION) + "." + std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION)},
+      {"eigen", std::to_string(EIGEN_WORLD_VERSION) + "." + std::to_string(EIGEN_MAJOR_VERSION) + "." +
+                    std::to_string(EIGEN_MINOR_VERSION)},
       {"instructions", Eigen::SimdInstructionSetsInUse()},
       {"middleware", middleware},
       {"vendor", vendor},

@@ -15,19 +15,21 @@ struct TrainingReport {
   std::string traversal;
   std::uint64_t episodes = 0;
   std::uint64_t steps = 0;
-  double wall = 0;                                 ///< seconds
-  double inference = 0, update = 0;                ///< seconds of this process's training; the rest waits for environments
-  double reward = 0, spl = 0;                      ///< means over the last 100 training episodes
+  double wall = 0;                   ///< seconds
+  double inference = 0, update = 0;  ///< seconds of this process's training; the rest waits for environments
+  double reward = 0, spl = 0;        ///< means over the last 100 training episodes
   std::optional<std::uint64_t> episodes_to_spl95;  ///< when the mean SPL of the last 100 training episodes reached 0.95
   std::optional<double> wall_to_spl95;
 };
 
 /// Text of summary.json. `rows` of the agent go under "evaluate", all others under "controls".
-std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training, const std::vector<ScoreRow>& rows);
+std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training,
+                         const std::vector<ScoreRow>& rows);
 
-/// Text of manifest.json: what one needs to know to run this again. `agent` holds the effective parameters of network, learner
-/// and trainer; `hashes` the traversals seen.
-std::string manifest_json(const PolicyServiceOptions& options, const std::map<std::string, std::map<std::string, double>>& agent,
+/// Text of manifest.json: what one needs to know to run this again. `agent` holds the effective parameters of network,
+/// learner and trainer; `hashes` the traversals seen.
+std::string manifest_json(const PolicyServiceOptions& options,
+                          const std::map<std::string, std::map<std::string, double>>& agent,
                           const std::map<std::string, std::string>& hashes, const std::string& middleware);
 
 }  // namespace citylearn

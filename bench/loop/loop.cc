@@ -21,10 +21,22 @@ std::string run(Service& service, const std::string& what) {
 /// The "train" part of summary.json after training over DDS.
 Json train_over(const std::string& middleware, const std::string& steps, const std::string& agents) {
   const Folder folder;
-  const std::vector<std::string> wire = {"--middleware", middleware, "--domain", "150", "--run", "bench-" + std::to_string(getpid())};
+  const std::vector<std::string> wire = {"--middleware", middleware, "--domain",
+                                         "150",          "--run",    "bench-" + std::to_string(getpid())};
   std::vector<std::string> env = {CITYLEARN_ENV_SERVICE, "--agents", agents};
-  std::vector<std::string> policy = {CITYLEARN_POLICY_SERVICE, "--agent", "features", "--steps", steps, "--tasks", "1",
-                                     "--evaluate", "summer", "--wait", "30", "--output", folder / "out"};
+  std::vector<std::string> policy = {CITYLEARN_POLICY_SERVICE,
+                                     "--agent",
+                                     "features",
+                                     "--steps",
+                                     steps,
+                                     "--tasks",
+                                     "1",
+                                     "--evaluate",
+                                     "summer",
+                                     "--wait",
+                                     "30",
+                                     "--output",
+                                     folder / "out"};
   env.insert(env.end(), wire.begin(), wire.end());
   policy.insert(policy.end(), wire.begin(), wire.end());
   const Service host(env, folder / "env.log");
@@ -36,7 +48,8 @@ Json train_over(const std::string& middleware, const std::string& steps, const s
 /// Steps per second of the same training in one process.
 double train_inside(const std::string& steps) {
   const Folder folder;
-  Service training({CITYLEARN_BENCH_TRAINING, "--agent", "features", "--set", "steps=" + steps, "--tasks", "1", "--print-every", "1000000"},
+  Service training({CITYLEARN_BENCH_TRAINING, "--agent", "features", "--set", "steps=" + steps, "--tasks", "1",
+                    "--print-every", "1000000"},
                    folder / "log");
   const std::string output = run(training, "bench_training");
   const std::string::size_type end = output.find(" steps/s");
@@ -54,13 +67,15 @@ int main(int argc, char** argv) try {
   const std::string agents = std::to_string(std::stoi(run(ask, "policy_service")));
   const double reference = train_inside(steps);
   std::printf("features (512 -> LSTM 256), %s agents, %s steps\n", agents.c_str(), steps.c_str());
-  std::printf("%-12s %9s %10s %8s %8s %14s\n", "middleware", "steps/s", "inference", "update", "rest", "of one process");
+  std::printf("%-12s %9s %10s %8s %8s %14s\n", "middleware", "steps/s", "inference", "update", "rest",
+              "of one process");
   std::printf("%-12s %9.0f %10s %8s %8s %14s\n", "(none)", reference, "", "", "", "1.00");
   for (const std::string middleware : {"cyclonedds", "fastdds"}) {
     const Json train = train_over(middleware, steps, agents);
-    const double wall = train["wall_s"], inference = train["inference_s"], update = train["update_s"], rate = train["steps_per_s"];
-    std::printf("%-12s %9.0f %8.0f %% %6.0f %% %6.0f %% %14.2f\n", middleware.c_str(), rate, 100 * inference / wall, 100 * update / wall,
-                100 * (1 - (inference + update) / wall), rate / reference);
+    const double wall = train["wall_s"], inference = train["inference_s"], update = train["update_s"],
+                 rate = train["steps_per_s"];
+    std::printf("%-12s %9.0f %8.0f %% %6.0f %% %6.0f %% %14.2f\n", middleware.c_str(), rate, 100 * inference / wall,
+                100 * update / wall, 100 * (1 - (inference + update) / wall), rate / reference);
     std::fflush(stdout);
   }
   Service products({CITYLEARN_BENCH_TRAINING, "--products"}, folder / "products");

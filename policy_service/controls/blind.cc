@@ -15,7 +15,8 @@ class Blind : public Policy {
     choice.resize(agents);
     for (std::size_t i = 0; i < agents; ++i) {
       if (observation.flags()[i] & msg::FLAG_FIRST)
-        heading_[i] = static_cast<int>(observation.goal()[i]) - task_.first_frame < task_.frames / 2 ? kPrevious : kNext;
+        heading_[i] =
+            static_cast<int>(observation.goal()[i]) - task_.first_frame < task_.frames / 2 ? kPrevious : kNext;
       choice[i] = heading_[i] = allowed_or_turn(heading_[i], observation.allowed()[i]);
     }
   }

@@ -7,8 +7,8 @@ namespace citylearn {
 namespace {
 
 /// A Bayes filter over the places of the route, without anything learned: uniform at first, moved by the known action,
-/// weighed by exp(-|x - x_ref|^2 / (2 sigma^2)) for each place's reference features, and zero at the goal while the episode
-/// lasts. Walks to the heavier side of the goal.
+/// weighed by exp(-|x - x_ref|^2 / (2 sigma^2)) for each place's reference features, and zero at the goal while the
+/// episode lasts. Walks to the heavier side of the goal.
 class SequenceFilter : public Policy {
  public:
   SequenceFilter(const ControlTask& task, double sigma) : task_(task), sigma_(sigma) {

@@ -44,7 +44,8 @@ class Filler {
   }
   std::vector<std::uint8_t> actions(std::size_t typical, std::size_t bound, bool none) {
     std::vector<std::uint8_t> actions = sequence<std::uint8_t>(typical, bound);
-    for (std::uint8_t& action : actions) action = static_cast<std::uint8_t>(action % 4 == 3 ? (none ? kNoAction : kStay) : action % 4);
+    for (std::uint8_t& action : actions)
+      action = static_cast<std::uint8_t>(action % 4 == 3 ? (none ? kNoAction : kStay) : action % 4);
     return actions;
   }
   bool most() const { return size_ == Size::kMost; }

@@ -1,5 +1,5 @@
-// One env_service and one policy_service in one process over the inprocess middleware, with the options of the lockstep test:
-// the reference that every vendor's run must equal byte for byte.
+// One env_service and one policy_service in one process over the inprocess middleware, with the options of the lockstep
+// test: the reference that every vendor's run must equal byte for byte.
 #include <atomic>
 #include <iostream>
 #include <thread>
@@ -16,7 +16,8 @@ int main(int argc, char** argv) {
   }
   try {
     const auto& entry = DatasetRegistry::instance().find("dataset", "synthetic");
-    const Traversal summer = entry.create(Parameters("synthetic", entry.parameters, {{"frames", 160}}), "")->load("summer");
+    const Traversal summer =
+        entry.create(Parameters("synthetic", entry.parameters, {{"frames", 160}}), "")->load("summer");
     EnvServiceOptions environment;
     environment.agents = 8;
     environment.node.middleware.name = "inprocess";

@@ -33,8 +33,8 @@ class Trial {
   }
   /// Training of `updates` updates of 8 agents x 64 steps.
   std::unique_ptr<Service> train(int updates, const std::string& output, Arguments more = {}) {
-    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512), "--checkpoint-every", "20", "--output",
-                             folder_ / output, "--tasks", "16", "--evaluate", "summer"});
+    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512), "--checkpoint-every",
+                             "20", "--output", folder_ / output, "--tasks", "16", "--evaluate", "summer"});
     return policy(more);
   }
   /// Name and bytes of the newest checkpoint.
@@ -67,13 +67,14 @@ class Vendors : public ::testing::TestWithParam<const char*> {
  protected:
   int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 70 : 80) + offset; }
 };
-INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"), [](const auto& vendor) { return std::string(vendor.param); });
+INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
 
 TEST_P(Vendors, TrainEvaluateAndReport) {
   Trial run(GetParam(), domain(0));
   const auto summer = run.env("summer"), fall = run.env("fall");
-  const auto policy = run.policy({"--agent", "place_filter", "--steps", "4096", "--output", run.folder() / "out", "--tasks", "300",
-                                  "--evaluate", "summer,fall", "--controls", "all", "--seed", "3"});
+  const auto policy = run.policy({"--agent", "place_filter", "--steps", "4096", "--output", run.folder() / "out",
+                                  "--tasks", "300", "--evaluate", "summer,fall", "--controls", "all", "--seed", "3"});
   ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
   const Json summary = Json::parse(contents(run.folder() / "out/summary.json"));
   EXPECT_EQ(summary["agent"], "place_filter");
@@ -86,7 +87,8 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
   ASSERT_EQ(summary["evaluate"].size(), 2u);
   for (const auto& [name, score] : summary["evaluate"].items()) {
     EXPECT_EQ(score["tasks"], 300) << name;
-    for (const char* key : {"completed", "spl", "excess", "mean_steps", "shortest_mean", "reward"}) EXPECT_TRUE(score[key].is_number()) << key;
+    for (const char* key : {"completed", "spl", "excess", "mean_steps", "shortest_mean", "reward"})
+      EXPECT_TRUE(score[key].is_number()) << key;
   }
   ASSERT_EQ(summary["controls"].size(), 4u);
   const Json& controls = summary["controls"];
@@ -114,7 +116,7 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
 TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
   Trial run(GetParam(), domain(1));
   const auto summer = run.env("summer");
-  constexpr int kUpdates = 300;   // some seconds, so that the first checkpoint is far from the end
+  constexpr int kUpdates = 300;  // some seconds, so that the first checkpoint is far from the end
   const auto straight = run.train(kUpdates, "straight");
   ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
   {
@@ -192,7 +194,8 @@ TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
 TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
   std::map<std::string, std::string> bytes;
   int domain = 90;
-  for (const std::string middleware : {"fastdds", "cyclonedds", "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:cyclonedds"}) {
+  for (const std::string middleware :
+       {"fastdds", "cyclonedds", "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:cyclonedds"}) {
     Trial run(middleware, ++domain);
     const auto summer = run.env("summer");
     const auto policy = run.train(50, "out", {"--lockstep", "--seed", "5"});
@@ -221,9 +224,11 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
   ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
   const auto [name, bytes] = run.checkpoint("out");
   const std::string path = run.folder() / ("out/checkpoints/" + name);
-  const auto again = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer", "--output", run.folder() / "again"});
+  const auto again = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer",
+                                 "--output", run.folder() / "again"});
   ASSERT_EQ(again->wait(kLong), 0) << again->output();
-  EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"], Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
+  EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"],
+            Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
   const auto refused = [&](const std::string& file, const std::string& what) {
     std::ofstream(file, std::ios::binary) << what;
     const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", file});
@@ -276,7 +281,8 @@ TEST(CommandLine, ListNamesEveryPlugin) {
   Folder folder;
   Service list({CITYLEARN_POLICY_SERVICE, "--list"}, folder / "log");
   ASSERT_EQ(list.wait(seconds(10)), 0);
-  for (const char* name : {"baseline", "features", "place_filter", "ppo", "blind", "sequence_filter", "shortest_path", "fastdds", "cyclonedds", "inprocess", "--ppo-gamma"})
+  for (const char* name : {"baseline", "features", "place_filter", "ppo", "blind", "sequence_filter", "shortest_path",
+                           "fastdds", "cyclonedds", "inprocess", "--ppo-gamma"})
     EXPECT_NE(list.output().find(name), std::string::npos) << name;
 }
 

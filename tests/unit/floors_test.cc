@@ -29,8 +29,7 @@ std::vector<Include> includes_below(const std::string& folder) {
     std::string line;
     std::smatch match;
     while (std::getline(in, line))
-      if (std::regex_search(line, match, pattern))
-        found.push_back({fs::relative(entry.path(), root), line, match[1]});
+      if (std::regex_search(line, match, pattern)) found.push_back({fs::relative(entry.path(), root), line, match[1]});
   }
   return found;
 }

@@ -33,7 +33,8 @@ msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest, std::uint
 }
 
 TEST(Score, IsWhatItsNamesSay) {
-  const Score s = score({episode(1, 10, 10, true), episode(2, 10, 20, true), episode(3, 40, 128, false), episode(4, 4, 16, true)});
+  const Score s =
+      score({episode(1, 10, 10, true), episode(2, 10, 20, true), episode(3, 40, 128, false), episode(4, 4, 16, true)});
   EXPECT_EQ(s.tasks, 4);
   EXPECT_DOUBLE_EQ(s.completed, 0.75);
   EXPECT_DOUBLE_EQ(s.spl, (1 + 0.5 + 0 + 0.25) / 4);
@@ -130,7 +131,7 @@ TEST(Files, AFailedWriteLeavesTheOldFile) {
   Folder folder;
   const std::string path = folder / "file";
   write_file(path, "old");
-  fs::create_directory(path + ".tmp");   // in the way of the temporary file
+  fs::create_directory(path + ".tmp");  // in the way of the temporary file
   EXPECT_THROW(write_file(path, "new"), Error);
   EXPECT_EQ(read_file(path), "old");
 }
@@ -151,7 +152,8 @@ msg::Observation observation(int position, int goal, std::uint8_t flags, int fra
   return o;
 }
 
-int walk(Policy& policy, int first, int frames, int position, int goal, const std::vector<float>& features, int dimension) {
+int walk(Policy& policy, int first, int frames, int position, int goal, const std::vector<float>& features,
+         int dimension) {
   std::vector<std::uint8_t> choice;
   std::uint8_t flags = msg::FLAG_FIRST, previous = kNoAction;
   for (int step = 0; step < 4 * frames; ++step) {
