@@ -261,8 +261,8 @@ bool Trainer::act(int environment, const msg::Observation& observation, std::vec
   if (seat.full) throw Error("its segment is full", "environment " + std::to_string(environment));
   p.check(seat, observation);
   const auto agents = static_cast<std::size_t>(seat.agents);
-  if (seat.step > 0) p.end_action(seat, observation);
   read_observation(observation, p.task.features, p.options.first_frame, p.lesson().frames, seat.seen);
+  if (seat.step > 0) p.end_action(seat, observation);  // only now: what does not fit has changed nothing
   for (std::size_t agent = 0; agent < agents; ++agent) {
     if (seat.seen.first[agent]) p.begin_episode(seat, agent);
     Random random{p.options.seed, kFrameAppearance, static_cast<std::uint64_t>(seat.id), p.cut, seat.step, agent};

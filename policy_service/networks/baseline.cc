@@ -35,7 +35,20 @@ const NetworkRegistration<Baseline> registration{
     "baseline",
     "the paper's baseline: sees its position and the goal -> linear 512 -> LSTM 256",
     Baseline<float>::parameters(),
-    {}};
+    {{"agents", 16},
+     {"segment", 64},
+     {"sequence", 32},
+     {"steps", 100000},
+     {"noise-frame", 0},
+     {"noise-episode", 0},
+     {"minibatch", 16},
+     {"epochs", 3},
+     {"learning-rate", 1e-3},
+     {"gamma", 0.9},
+     {"lambda", 0.8},
+     {"value-clip", 0},
+     {"entropy", 0.02},
+     {"entropy-until", 1}}};
 
 }  // namespace
 }  // namespace citylearn

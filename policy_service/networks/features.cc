@@ -41,7 +41,22 @@ class Features : public LstmNetwork<S> {
 const NetworkRegistration<Features> registration{"features",
                                                  "the paper's agent: frame features and goal -> linear 512 -> LSTM 256",
                                                  Features<float>::parameters(),
-                                                 {}};
+                                                 {{"agents", 32},
+                                                  {"segment", 64},
+                                                  {"sequence", 32},
+                                                  {"steps", 400000},
+                                                  {"noise-frame", 0.4},
+                                                  {"noise-episode", 0.4},
+                                                  {"minibatch", 16},
+                                                  {"epochs", 3},
+                                                  {"learning-rate", 1e-3},
+                                                  {"gamma", 0.9},
+                                                  {"lambda", 0.8},
+                                                  {"value-clip", 0},
+                                                  {"entropy", 0.02},
+                                                  {"entropy-until", 1},
+                                                  {"localisation", 3},
+                                                  {"orientation", 1}}};
 
 }  // namespace
 }  // namespace citylearn

@@ -237,7 +237,20 @@ const NetworkRegistration<PlaceFilter> registration{
     "place_filter",
     "a differentiable Bayes filter over the training route's places with a decision head",
     PlaceFilter<float>::parameters(),
-    {}};
+    {{"agents", 8},
+     {"segment", 64},
+     {"sequence", 64},
+     {"steps", 160000},
+     {"noise-frame", 1},
+     {"noise-episode", 1},
+     {"minibatch", 4},
+     {"epochs", 3},
+     {"learning-rate", 6e-3},
+     {"gamma", 0.9},
+     {"lambda", 0.8},
+     {"value-clip", 0.2},
+     {"entropy", 0.02},
+     {"entropy-until", 1}}};
 
 }  // namespace
 }  // namespace citylearn
