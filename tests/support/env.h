@@ -50,7 +50,7 @@ inline std::unique_ptr<Dataset> make_dataset(const std::string& name, const std:
 /// Folder of the real recordings: $CITYLEARN_DATA, or shared/data beside the sources. Empty where there is none.
 inline std::string real_data(const std::string& source, const std::string& folder) {
   const char* given = std::getenv("CITYLEARN_DATA");
-  const std::string path = (given ? std::string(given) : source + "/../shared/data") + "/" + folder;
+  const std::string path = (given && *given ? std::string(given) : source + "/../shared/data") + "/" + folder;
   return std::filesystem::is_directory(path) ? path : "";
 }
 
