@@ -39,6 +39,7 @@ void check_processor() {
 
 std::string short_number(double value) {
   std::ostringstream text;
+  text.precision(10);
   text << value;
   return text.str();
 }

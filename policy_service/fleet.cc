@@ -52,7 +52,9 @@ void Fleet::spin(Clock::time_point deadline) {
 
 void Fleet::on_info(const msg::TraversalInfo& info) {
   std::unique_ptr<Seat>& slot = seats_[info.header().sender().c_str()];
-  if (slot && slot->incarnation() > info.header().incarnation()) return;  // of a dead process, kept for late joiners
+  // Of a process that is dead, kept by the middleware for late joiners; unless it is the newer one that went away (an
+  // env_service ends when it finds another one with its id).
+  if (slot && slot->incarnation() > info.header().incarnation() && alive(*slot)) return;
   const bool fresh = !slot || slot->incarnation() != info.header().incarnation();
   if (!slot) slot = std::make_unique<Seat>();
   Seat& seat = *slot;

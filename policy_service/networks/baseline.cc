@@ -13,7 +13,7 @@ class Baseline : public LstmNetwork<S> {
 
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = LstmNetwork<S>::lstm_parameters();
-    specs.push_back({"scale", "position and goal, moved to -0.5..0.5, are multiplied by this", 4, 1e-3, 1e3});
+    specs.push_back({"scale", "position and goal, moved to -0.5..0.5, are multiplied by this", 64, 1e-3, 1e3});
     return specs;
   }
 
@@ -37,18 +37,19 @@ const NetworkRegistration<Baseline> registration{
     Baseline<float>::parameters(),
     {{"agents", 16},
      {"segment", 64},
-     {"sequence", 32},
-     {"steps", 100000},
+     {"sequence", 64},
+     {"steps", 160000},
      {"noise-frame", 0},
      {"noise-episode", 0},
-     {"minibatch", 16},
+     {"minibatch", 8},
      {"epochs", 3},
      {"learning-rate", 1e-3},
      {"gamma", 0.9},
-     {"lambda", 0.8},
+     {"lambda", 0.9},
      {"value-clip", 0},
      {"entropy", 0.02},
-     {"entropy-until", 1}}};
+     {"entropy-until", 1},
+     {"orientation", 1}}};
 
 }  // namespace
 }  // namespace citylearn

@@ -20,7 +20,7 @@ class Features : public LstmNetwork<S> {
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = LstmNetwork<S>::lstm_parameters();
     specs.push_back({"scale", "features are multiplied by this", 4, 1e-3, 1e3});
-    specs.push_back({"goal-scale", "the goal destination, moved to -0.5..0.5, is multiplied by this", 4, 1e-3, 1e3});
+    specs.push_back({"goal-scale", "the goal destination, moved to -0.5..0.5, is multiplied by this", 16, 1e-3, 1e3});
     return specs;
   }
 
@@ -43,12 +43,12 @@ const NetworkRegistration<Features> registration{"features",
                                                  Features<float>::parameters(),
                                                  {{"agents", 32},
                                                   {"segment", 64},
-                                                  {"sequence", 32},
+                                                  {"sequence", 64},
                                                   {"steps", 400000},
-                                                  {"noise-frame", 0.4},
+                                                  {"noise-frame", 0.5},
                                                   {"noise-episode", 0.4},
-                                                  {"minibatch", 16},
-                                                  {"epochs", 3},
+                                                  {"minibatch", 8},
+                                                  {"epochs", 2},
                                                   {"learning-rate", 1e-3},
                                                   {"gamma", 0.9},
                                                   {"lambda", 0.8},
