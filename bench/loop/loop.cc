@@ -48,8 +48,8 @@ Json train_over(const std::string& middleware, const std::string& steps, const s
 /// Steps per second of the same training in one process.
 double train_inside(const std::string& steps) {
   const Folder folder;
-  Service training({CITYLEARN_BENCH_TRAINING, "--agent", "features", "--set", "steps=" + steps, "--tasks", "1",
-                    "--print-every", "1000000"},
+  Service training({CITYLEARN_BENCH_TRAINING, "--dataset", "synthetic", "--evaluate", "summer", "--agent", "features",
+                    "--set", "steps=" + steps, "--tasks", "1", "--print-every", "1000000"},
                    folder / "log");
   const std::string output = run(training, "bench_training");
   const std::string::size_type end = output.find(" steps/s");
