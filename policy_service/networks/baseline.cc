@@ -41,7 +41,7 @@ const NetworkRegistration<Baseline> registration{
      {"steps", 160000},
      {"noise-frame", 0},
      {"noise-episode", 0},
-     {"minibatch", 8},
+     {"minibatch", 4},
      {"epochs", 3},
      {"learning-rate", 1e-3},
      {"gamma", 0.9},
