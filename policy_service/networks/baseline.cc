@@ -38,7 +38,7 @@ const NetworkRegistration<Baseline> registration{
     {{"agents", 16},
      {"segment", 64},
      {"sequence", 64},
-     {"steps", 160000},
+     {"steps", 220000},
      {"noise-frame", 0},
      {"noise-episode", 0},
      {"minibatch", 4},
