@@ -3,6 +3,7 @@
 #include <fastcdr/Cdr.h>
 #include <fastcdr/exceptions/Exception.h>
 
+#include <algorithm>
 #include <cstring>
 #include <type_traits>
 
@@ -169,6 +170,10 @@ void visit(M& m, Visitor& v) {
   v("feature_dimension", m.feature_dimension());
   v("agents", m.agents());
   v("chunks", m.chunks());
+  v("images", m.images());
+  v("encoder", m.encoder());
+  v("encoder_service", m.encoder_service());
+  v("encoder_incarnation", m.encoder_incarnation());
 }
 
 template <Of<TraversalRequest> M, class Visitor>
@@ -176,6 +181,7 @@ void visit(M& m, Visitor& v) {
   v.nested("header", m.header());
   v("environment", m.environment());
   v("hash", m.hash());
+  v("feature_dimension", m.feature_dimension());
   v("chunks", m.chunks(), MAX_CHUNKS_ASKED);
 }
 
@@ -183,9 +189,30 @@ template <Of<TraversalChunk> M, class Visitor>
 void visit(M& m, Visitor& v) {
   v.nested("header", m.header());
   v("hash", m.hash());
+  v("feature_dimension", m.feature_dimension());
   v("chunk", m.chunk());
   v("first_frame", m.first_frame());
   v("frames", m.frames());
+  v("data", m.data(), MAX_CHUNK);
+}
+
+template <Of<ImageRequest> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("environment", m.environment());
+  v("hash", m.hash());
+  v("frames", m.frames(), MAX_FRAMES_ASKED);
+  v("first_chunk", m.first_chunk());
+}
+
+template <Of<ImageChunk> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("hash", m.hash());
+  v("frame", m.frame());
+  v("total_bytes", m.total_bytes());
+  v("chunk", m.chunk());
+  v("name", m.name());
   v("data", m.data(), MAX_CHUNK);
 }
 
@@ -343,12 +370,18 @@ void check(const TraversalInfo& m, const std::string& type) {
 }
 
 void check(const TraversalChunk& m, const std::string& type) {
-  // Each frame has its position, so at least one float; the receiver, who knows D, checks the rest.
-  const std::uint64_t unit = std::uint64_t{m.frames()} * sizeof(float);
-  const std::size_t size = m.data().size();
-  if (unit == 0 ? size != 0 : size == 0 || size % unit != 0)
-    refuse(type, "data",
-           std::to_string(size) + " bytes are no whole floats for each of " + std::to_string(m.frames()) + " frames");
+  if (m.frames() > MAX_FRAMES) refuse(type, "frames", "must be at most " + std::to_string(MAX_FRAMES));
+  const std::uint64_t bytes = std::uint64_t{m.frames()} * (1 + std::uint64_t{m.feature_dimension()}) * sizeof(float);
+  if (m.data().size() != bytes) refuse(type, "data", counts(m.data().size(), bytes));
+}
+
+void check(const ImageChunk& m, const std::string& type) {
+  if (m.total_bytes() > MAX_IMAGE) refuse(type, "total_bytes", "must be at most " + std::to_string(MAX_IMAGE));
+  const std::uint64_t before = std::uint64_t{m.chunk()} * MAX_CHUNK;
+  const std::uint64_t size =
+      before > m.total_bytes() ? 0 : std::min<std::uint64_t>(m.total_bytes() - before, MAX_CHUNK);
+  if (m.chunk() > 0 && size == 0) refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " is beyond the image");
+  if (m.data().size() != size) refuse(type, "data", counts(m.data().size(), size));
 }
 
 void check(const PolicyParameters& m, const std::string& type) {
@@ -375,6 +408,8 @@ CITYLEARN_TOPIC(TraversalRequest, "traversal_request", kCommand)
 CITYLEARN_TOPIC(EpisodeAcknowledgement, "episode_acknowledgement", kCommand)
 CITYLEARN_TOPIC(EpisodeStat, "episode_stat", kDurable)
 CITYLEARN_TOPIC(TraversalChunk, "traversal_chunk", kDurable)
+CITYLEARN_TOPIC(ImageRequest, "image_request", kCommand)
+CITYLEARN_TOPIC(ImageChunk, "image_chunk", kDurable)
 CITYLEARN_TOPIC(TrainingStat, "training_stat", kDurable)
 CITYLEARN_TOPIC(PolicyParameters, "policy_parameters", kDurable)
 #undef CITYLEARN_TOPIC
@@ -435,6 +470,8 @@ CITYLEARN_INSTANTIATE(TraversalRequest)
 CITYLEARN_INSTANTIATE(EpisodeAcknowledgement)
 CITYLEARN_INSTANTIATE(EpisodeStat)
 CITYLEARN_INSTANTIATE(TraversalChunk)
+CITYLEARN_INSTANTIATE(ImageRequest)
+CITYLEARN_INSTANTIATE(ImageChunk)
 CITYLEARN_INSTANTIATE(TrainingStat)
 CITYLEARN_INSTANTIATE(PolicyParameters)
 #undef CITYLEARN_INSTANTIATE
@@ -449,6 +486,8 @@ std::vector<Topic> all_topics() {
           topic_of<EpisodeAcknowledgement>(),
           topic_of<EpisodeStat>(),
           topic_of<TraversalChunk>(),
+          topic_of<ImageRequest>(),
+          topic_of<ImageChunk>(),
           topic_of<TrainingStat>(),
           topic_of<PolicyParameters>()};
 }

@@ -8,6 +8,7 @@
 #include "core/middleware.h"
 #include "idl/action.h"
 #include "idl/episode.h"
+#include "idl/image.h"
 #include "idl/observation.h"
 #include "idl/status.h"
 #include "idl/task_settings.h"

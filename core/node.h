@@ -39,6 +39,13 @@ class Node {
     channel.publisher->publish(buffer_);
   }
 
+  /// Publishes somebody else's message as it is, header and all.
+  template <class Message>
+  void forward(const Message& message) {
+    encode(message, buffer_);
+    publisher(topic_of<Message>()).publisher->publish(buffer_);
+  }
+
   /// Next message of this run, not sent by this very process; false when there is none (`message` then holds anything).
   /// Undecodable ones are counted, logged once a kind, and skipped.
   template <class Message>

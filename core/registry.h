@@ -52,6 +52,7 @@ class Registry {
     Factory create;
     std::map<std::string, double> recommended =
         {};  ///< values for plug-ins used with this one (a network's for its learner)
+    std::vector<std::pair<std::string, std::string>> about = {};  ///< more for --list: {"licence", "MIT"}
   };
   struct Registration {
     explicit Registration(Entry entry) { instance().entries_.push_back(std::move(entry)); }

@@ -8,4 +8,8 @@ Error unknown_traversal(const std::string& name, const std::string& where, const
   return Error("no traversal '" + name + "'", where, list.empty() ? "there is none at all" : "there are: " + list);
 }
 
+std::vector<std::pair<int, int>> Dataset::matches(const std::string& a, const std::string& b) {
+  throw Error("no match file for '" + a + "' and '" + b + "'", "", "align by index, distance or gps");
+}
+
 }  // namespace citylearn

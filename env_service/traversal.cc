@@ -54,6 +54,8 @@ std::uint64_t Traversal::hash() const {
   sha.add(static_cast<std::uint64_t>(dimension));
   sha.add(features);
   sha.add(positions);
+  if (images)
+    for (int frame = 0; frame < frames; ++frame) sha.add(images->fingerprint(frame));
   return sha.first_8_bytes();
 }
 

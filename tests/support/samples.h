@@ -190,12 +190,17 @@ inline void fill(Filler& f, msg::TraversalInfo& m) {
   m.feature_dimension(f.number<std::uint32_t>());
   m.agents(f.least() ? 1 : f.most() ? msg::MAX_AGENTS : 16);
   m.chunks(f.number<std::uint32_t>());
+  m.images(f.boolean());
+  m.encoder(f.text(200));
+  m.encoder_service(f.text(64));
+  m.encoder_incarnation(f.number<std::uint64_t>());
 }
 
 inline void fill(Filler& f, msg::TraversalRequest& m) {
   fill(f, m.header());
   m.environment(f.text(64));
   m.hash(f.number<std::uint64_t>());
+  m.feature_dimension(f.number<std::uint32_t>());
   m.chunks(f.sequence<std::uint32_t>(5, msg::MAX_CHUNKS_ASKED));
 }
 
@@ -206,6 +211,25 @@ inline void fill(Filler& f, msg::TraversalChunk& m) {
   m.first_frame(f.number<std::uint32_t>());
   m.data(f.sequence<std::uint8_t>(10 * 65 * 4, msg::MAX_CHUNK));
   m.frames(m.data().empty() ? 0 : f.most() ? 3 : 10);
+  m.feature_dimension(m.data().empty() ? 0 : static_cast<std::uint32_t>(m.data().size() / 4 / m.frames() - 1));
+}
+
+inline void fill(Filler& f, msg::ImageRequest& m) {
+  fill(f, m.header());
+  m.environment(f.text(64));
+  m.hash(f.number<std::uint64_t>());
+  m.frames(f.sequence<std::uint32_t>(5, msg::MAX_FRAMES_ASKED));
+  m.first_chunk(f.number<std::uint32_t>());
+}
+
+inline void fill(Filler& f, msg::ImageChunk& m) {
+  fill(f, m.header());
+  m.hash(f.number<std::uint64_t>());
+  m.frame(f.number<std::uint32_t>());
+  m.data(f.sequence<std::uint8_t>(5000, msg::MAX_CHUNK));
+  m.chunk(f.least() ? 0 : 2);
+  m.total_bytes(f.least() ? 0 : static_cast<std::uint32_t>(2 * msg::MAX_CHUNK + m.data().size()));
+  m.name(f.text(200));
 }
 
 template <class Message>
@@ -233,9 +257,10 @@ bool equal(const Message& a, const Message& b) {
 template <class Visit>
 void for_each_message(Visit visit) {
   const auto each = [&]<class... Messages>(std::tuple<Messages...>*) { (visit.template operator()<Messages>(), ...); };
-  each(static_cast<std::tuple<msg::Observation, msg::Action, msg::EpisodeStat, msg::EpisodeAcknowledgement,
-                              msg::ServiceStatus, msg::TaskSettings, msg::TrainingStat, msg::PolicyParameters,
-                              msg::TraversalInfo, msg::TraversalRequest, msg::TraversalChunk>*>(nullptr));
+  each(static_cast<
+       std::tuple<msg::Observation, msg::Action, msg::EpisodeStat, msg::EpisodeAcknowledgement, msg::ServiceStatus,
+                  msg::TaskSettings, msg::TrainingStat, msg::PolicyParameters, msg::TraversalInfo,
+                  msg::TraversalRequest, msg::TraversalChunk, msg::ImageRequest, msg::ImageChunk>*>(nullptr));
 }
 
 }  // namespace citylearn::testing

@@ -177,7 +177,13 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   EXPECT_EQ(error_after<msg::TraversalInfo>([](auto& m) { m.agents(257); }),
             "citylearn::msg::TraversalInfo.agents: must be 1..256");
   EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.data().pop_back(); }),
-            "citylearn::msg::TraversalChunk.data: 2599 bytes are no whole floats for each of 10 frames");
+            "citylearn::msg::TraversalChunk.data: 2599 entries, should be 2600");
+  EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.data().pop_back(); }),
+            "citylearn::msg::ImageChunk.data: 4999 entries, should be 5000");
+  EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.chunk(3); }),
+            "citylearn::msg::ImageChunk.chunk: index 3 is beyond the image");
+  EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.total_bytes(msg::MAX_IMAGE + 1); }),
+            "citylearn::msg::ImageChunk.total_bytes: must be at most 67108864");
   EXPECT_EQ(error_after<msg::PolicyParameters>([](auto& m) { m.chunk(3); }),
             "citylearn::msg::PolicyParameters.chunk: index 3 of 3 chunks");
   EXPECT_EQ(error_after<msg::PolicyParameters>([](auto& m) { m.total_bytes(7); }),
