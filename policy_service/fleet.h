@@ -53,6 +53,10 @@ class Fleet {
 
   /// By id.
   const std::map<std::string, std::unique_ptr<Seat>>& seats() const { return seats_; }
+  /// Env_services with images that no encoder_service has completed yet, with the traversal of each; they have no seat.
+  std::map<std::string, std::string> unencoded() const;
+  /// What the encoder_services of the run say they do ("summer: 120 of 3576 frames"), those heard of lately.
+  std::vector<std::string> encoders() const;
   /// Heard of within the last `kSilence`.
   static bool alive(const Seat& seat);
   static constexpr std::chrono::seconds kSilence{3};
@@ -63,6 +67,7 @@ class Fleet {
 
  private:
   Seat* known(const msg::Header& header);
+  void on_status(const msg::ServiceStatus& status);
   void on_info(const msg::TraversalInfo& info);
   void on_observation(const msg::Observation& observation);
   void on_chunk(const msg::TraversalChunk& chunk);
@@ -77,6 +82,12 @@ class Fleet {
 
   Node& node_;
   std::map<std::string, std::unique_ptr<Seat>> seats_;
+  struct Heard {
+    std::string what;
+    Clock::time_point when;
+  };
+  std::map<std::string, Heard> unencoded_;  ///< traversal, by id of the env_service
+  std::map<std::string, Heard> encoders_;   ///< activity, by id
   std::map<const Seat*, msg::Action> last_action_;
   std::map<const Seat*, Clock::time_point> next_settings_;
   std::uint32_t version_ = 0;
