@@ -48,6 +48,7 @@ void visit(M& m, Visitor& v) {
   v("traversal", m.traversal());
   v("traversal_hash", m.traversal_hash());
   v("feature_dimension", m.feature_dimension());
+  v("encoder_incarnation", m.encoder_incarnation());
   v("frame", m.frame(), MAX_AGENTS);
   v("position", m.position(), MAX_AGENTS);
   v("goal", m.goal(), MAX_AGENTS);

@@ -63,6 +63,7 @@ class EnvService {
   void on_settings(const msg::TaskSettings& settings);
   void on_action(const msg::Action& action);
   void on_request(const msg::TraversalRequest& request);
+  void on_request(const msg::ImageRequest& request);
   void on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement);
   void on_status(const msg::ServiceStatus& status);
 
@@ -100,11 +101,16 @@ class EnvService {
   std::uint64_t steps_ = 0;  // of agents since last_report_
   std::uint64_t tasks_done_ = 0;
 
+  Bytes image_;           // file of the frame asked for last: a large one is asked for in several requests
+  int image_frame_ = -1;  // whose it is; -1: nobody's
+
   // Taken into again and again, so that a tick allocates nothing.
   msg::Action action_;
   msg::TaskSettings taken_settings_;
   msg::TraversalRequest request_;
   msg::TraversalChunk chunk_;
+  msg::ImageRequest image_request_;
+  msg::ImageChunk image_chunk_;
   msg::EpisodeAcknowledgement acknowledgement_;
   msg::ServiceStatus status_;
 };
@@ -120,11 +126,16 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   info_.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
   info_.agents() = static_cast<std::uint32_t>(environment_.agents());
   info_.chunks() = static_cast<std::uint32_t>((traversal_.frames + each - 1) / each);
+  info_.images() = traversal_.images != nullptr;
   node_.listen<msg::ServiceStatus>();
   node_.listen<msg::TaskSettings>();
   node_.listen<msg::Action>();
   node_.listen<msg::TraversalRequest>();
   node_.listen<msg::EpisodeAcknowledgement>();
+  if (traversal_.images) {
+    node_.listen<msg::ImageRequest>();
+    node_.announce<msg::ImageChunk>();
+  }
   node_.announce<msg::TraversalInfo>();
   node_.announce<msg::TraversalChunk>();
   node_.announce<msg::Observation>();
@@ -137,9 +148,10 @@ int EnvService::frames_a_chunk() const {
 
 void EnvService::run(const std::function<bool()>& stop) {
   now_ = last_report_ = next_report_ = next_info_ = Clock::now();
-  spdlog::info("'{}' in run '{}': traversal {} of {}, {} frames x {} features, {} agents, hash {:016x}, over {}",
+  spdlog::info("'{}' in run '{}': traversal {} of {}, {} frames {}, {} agents, hash {:016x}, over {}",
                node_.options().id, node_.options().run, traversal_.name, traversal_.dataset, traversal_.frames,
-               traversal_.dimension, environment_.agents(), environment_.traversal_hash(), node_.middleware_name());
+               traversal_.images ? "of images" : "x " + std::to_string(traversal_.dimension) + " features",
+               environment_.agents(), environment_.traversal_hash(), node_.middleware_name());
   while (!stop()) {
     take_all();
     now_ = Clock::now();
@@ -155,6 +167,7 @@ void EnvService::take_all() {
   while (node_.take(taken_settings_)) on_settings(taken_settings_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   while (node_.take(request_)) on_request(request_);
+  while (traversal_.images && node_.take(image_request_)) on_request(image_request_);
   while (node_.take(status_)) on_status(status_);
 }
 
@@ -234,7 +247,9 @@ void EnvService::on_action(const msg::Action& action) {
 }
 
 void EnvService::on_request(const msg::TraversalRequest& request) {
-  if (request.environment() != node_.options().id || request.hash() != environment_.traversal_hash()) return;
+  if (request.environment() != node_.options().id || request.hash() != environment_.traversal_hash() ||
+      request.feature_dimension() != info_.feature_dimension())  // then it is for the encoder_service
+    return;
   send_info();
   const std::uint32_t each = static_cast<std::uint32_t>(frames_a_chunk());
   const std::size_t width = 1 + static_cast<std::size_t>(traversal_.dimension);
@@ -244,6 +259,7 @@ void EnvService::on_request(const msg::TraversalRequest& request) {
       continue;
     }
     chunk_.hash() = environment_.traversal_hash();
+    chunk_.feature_dimension() = info_.feature_dimension();
     chunk_.chunk() = index;
     chunk_.first_frame() = index * each;
     chunk_.frames() = std::min(each, info_.frames() - chunk_.first_frame());
@@ -256,6 +272,44 @@ void EnvService::on_request(const msg::TraversalRequest& request) {
       to += width * sizeof(float);
     }
     node_.publish(chunk_);
+  }
+}
+
+void EnvService::on_request(const msg::ImageRequest& request) {
+  if (request.environment() != node_.options().id || request.hash() != environment_.traversal_hash()) return;
+  std::uint32_t first_chunk = request.first_chunk(), budget = msg::MAX_CHUNKS_ASKED;
+  for (const std::uint32_t frame : request.frames()) {
+    if (frame >= info_.frames()) {
+      ++node_.traffic.rejected;
+      continue;
+    }
+    image_chunk_.hash() = environment_.traversal_hash();
+    image_chunk_.frame() = frame;
+    std::string name = traversal_.images->name(static_cast<int>(frame));
+    if (image_frame_ != static_cast<int>(frame)) {
+      image_frame_ = static_cast<int>(frame);
+      try {
+        traversal_.images->read(image_frame_, image_);
+      } catch (const Error& error) {
+        name = error.what();
+        spdlog::error("frame {}: {}", frame, name);
+        image_.clear();
+        image_frame_ = -1;
+      }
+    }
+    image_chunk_.name() = name.substr(0, 200).c_str();
+    image_chunk_.total_bytes() = static_cast<std::uint32_t>(image_.size());
+    const std::uint32_t chunks =
+        std::max<std::uint32_t>(1, (image_chunk_.total_bytes() + msg::MAX_CHUNK - 1) / msg::MAX_CHUNK);
+    for (std::uint32_t chunk = std::exchange(first_chunk, 0); chunk < chunks; ++chunk) {
+      if (budget-- == 0) return;
+      const std::byte* from = image_.data() + std::size_t{chunk} * msg::MAX_CHUNK;
+      const std::size_t size = std::min<std::size_t>(msg::MAX_CHUNK, image_.data() + image_.size() - from);
+      image_chunk_.chunk() = chunk;
+      image_chunk_.data().resize(size);
+      if (size > 0) std::memcpy(image_chunk_.data().data(), from, size);
+      node_.publish(image_chunk_);
+    }
   }
 }
 
@@ -412,6 +466,7 @@ void EnvService::leave() {
     while (node_.take(action_)) continue;
     while (node_.take(taken_settings_)) continue;
     while (node_.take(request_)) continue;
+    while (traversal_.images && node_.take(image_request_)) continue;
     while (node_.take(status_)) continue;
   }
   if (unacknowledged_.empty())

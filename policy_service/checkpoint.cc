@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "core/error.h"
-#include "policy_service/files.h"
+#include "core/files.h"
 
 namespace citylearn {
 namespace {

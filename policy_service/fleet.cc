@@ -43,14 +43,41 @@ void Fleet::spin(Clock::time_point deadline) {
   // Settings and requests are re-sent by this loop, so it never sleeps past their time.
   node_.wait(std::min(deadline, Clock::now() + std::chrono::milliseconds(50)));
   while (node_.take(info_)) on_info(info_);
-  while (node_.take(status_)) known(status_.header());
+  while (node_.take(status_)) on_status(status_);
   while (node_.take(chunk_)) on_chunk(chunk_);
   while (node_.take(observation_)) on_observation(observation_);
   while (node_.take(episode_))
     if (Seat* seat = known(episode_.header()); seat && finished) finished(*seat, episode_);
 }
 
+void Fleet::on_status(const msg::ServiceStatus& status) {
+  known(status.header());
+  const std::string id = status.header().sender().c_str();
+  if (const auto found = unencoded_.find(id); found != unencoded_.end()) found->second.when = Clock::now();
+  if (std::string(status.service().c_str()) == "encoder_service")
+    encoders_[id] = {id + ": " + status.activity().c_str(), Clock::now()};
+}
+
+std::map<std::string, std::string> Fleet::unencoded() const {
+  std::map<std::string, std::string> found;
+  for (const auto& [id, traversal] : unencoded_)
+    if (Clock::now() - traversal.when < kSilence) found[id] = traversal.what;
+  return found;
+}
+
+std::vector<std::string> Fleet::encoders() const {
+  std::vector<std::string> found;
+  for (const auto& [id, activity] : encoders_)
+    if (Clock::now() - activity.when < kSilence) found.push_back(activity.what);
+  return found;
+}
+
 void Fleet::on_info(const msg::TraversalInfo& info) {
+  if (info.images() && info.feature_dimension() == 0) {  // an encoder_service will send it again, complete
+    if (!known(info.header())) unencoded_[info.header().sender().c_str()] = {info.traversal().c_str(), Clock::now()};
+    return;
+  }
+  unencoded_.erase(info.header().sender().c_str());
   std::unique_ptr<Seat>& slot = seats_[info.header().sender().c_str()];
   // Of a process that is dead, kept by the middleware for late joiners; unless it is the newer one that went away (an
   // env_service ends when it finds another one with its id).
@@ -76,6 +103,8 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
 
 void Fleet::on_observation(const msg::Observation& observation) {
   Seat* seat = known(observation.header());
+  // Images: what counts is the same observation with features.
+  if (seat && observation.feature_dimension() != seat->info.feature_dimension()) return;
   if (!seat || seat->settings.settings().version() == 0 || !same(observation.settings(), seat->settings.settings())) {
     ++node_.traffic.repeated;
     return;
@@ -84,7 +113,7 @@ void Fleet::on_observation(const msg::Observation& observation) {
   if (observation.step() + 1 == seat->next_step) {  // our answer was lost, or crossed this repetition
     ++node_.traffic.repeated;
     ++node_.traffic.resent;
-    node_.publish(last_action_[seat]);
+    node_.publish(seat->last_action);
     return;
   }
   if (observation.step() != seat->next_step || seat->waiting || observation.goal().size() != seat->info.agents()) {
@@ -96,7 +125,7 @@ void Fleet::on_observation(const msg::Observation& observation) {
 }
 
 void Fleet::answer(Seat& seat, const std::vector<std::uint8_t>& choice) {
-  msg::Action& action = last_action_[&seat];
+  msg::Action& action = seat.last_action;
   action.environment() = seat.id.c_str();
   action.environment_incarnation() = seat.incarnation();
   action.settings() = seat.settings.settings();
@@ -114,16 +143,16 @@ void Fleet::command(Seat& seat, msg::TaskSettings settings) {
   seat.settings = settings;
   seat.in_force = seat.waiting = false;
   seat.next_step = 0;
-  next_settings_[&seat] = Clock::now();
+  seat.next_settings = Clock::now();
   send_due_settings();
 }
 
 void Fleet::send_due_settings() {
   const Clock::time_point now = Clock::now();
   for (const auto& [id, seat] : seats_) {
-    if (seat->in_force || seat->settings.settings().version() == 0 || now < next_settings_[seat.get()]) continue;
+    if (seat->in_force || seat->settings.settings().version() == 0 || now < seat->next_settings) continue;
     node_.publish(seat->settings);
-    next_settings_[seat.get()] = now + kSettingsAgain;
+    seat->next_settings = now + kSettingsAgain;
   }
 }
 
@@ -165,6 +194,7 @@ std::vector<float> Fleet::fetch_features(Seat& seat, int first, int count, Clock
       const std::size_t window = std::min<std::size_t>(fetch_.missing.size(), msg::MAX_CHUNKS_ASKED);
       request.environment() = seat.id.c_str();
       request.hash() = fetch_.hash;
+      request.feature_dimension() = static_cast<std::uint32_t>(fetch_.dimension);
       request.chunks().assign(fetch_.missing.begin(), fetch_.missing.begin() + window);
       left_of_window = fetch_.missing.size() - window;
       node_.publish(request);
@@ -180,7 +210,9 @@ std::vector<float> Fleet::fetch_features(Seat& seat, int first, int count, Clock
 
 void Fleet::on_chunk(const msg::TraversalChunk& chunk) {
   const auto wanted = std::find(fetch_.missing.begin(), fetch_.missing.end(), chunk.chunk());
-  if (chunk.hash() != fetch_.hash || wanted == fetch_.missing.end()) return;
+  if (chunk.hash() != fetch_.hash || static_cast<int>(chunk.feature_dimension()) != fetch_.dimension ||
+      wanted == fetch_.missing.end())
+    return;
   const std::size_t width = 1 + static_cast<std::size_t>(fetch_.dimension);
   const int start = static_cast<int>(chunk.chunk()) * fetch_.frames_a_chunk;
   if (static_cast<int>(chunk.first_frame()) != start ||

@@ -13,12 +13,14 @@ namespace citylearn {
 /// One env_service as a policy_service sees it.
 struct Seat {
   std::string id;
-  msg::TraversalInfo info;      ///< of the running incarnation
-  msg::TaskSettings settings;   ///< last commanded; version 0 = none
-  bool in_force = false;        ///< the env_service has confirmed them
-  std::uint64_t next_step = 0;  ///< step of the observation to be answered next, under `settings`
-  bool waiting = false;         ///< that observation has come and waits for answer()
-  Clock::time_point heard;      ///< last sign of life
+  msg::TraversalInfo info;            ///< of the running incarnation
+  msg::TaskSettings settings;         ///< last commanded; version 0 = none
+  bool in_force = false;              ///< the env_service has confirmed them
+  std::uint64_t next_step = 0;        ///< step of the observation to be answered next, under `settings`
+  bool waiting = false;               ///< that observation has come and waits for answer()
+  Clock::time_point heard;            ///< last sign of life
+  msg::Action last_action;            ///< sent again when the observation it answers is repeated
+  Clock::time_point next_settings{};  ///< when they are sent again, while not in force
 
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }
@@ -53,6 +55,10 @@ class Fleet {
 
   /// By id.
   const std::map<std::string, std::unique_ptr<Seat>>& seats() const { return seats_; }
+  /// Env_services with images that no encoder_service has completed yet, with the traversal of each; they have no seat.
+  std::map<std::string, std::string> unencoded() const;
+  /// What the encoder_services of the run say they do ("summer: 120 of 3576 frames"), those heard of lately.
+  std::vector<std::string> encoders() const;
   /// Heard of within the last `kSilence`.
   static bool alive(const Seat& seat);
   static constexpr std::chrono::seconds kSilence{3};
@@ -63,6 +69,7 @@ class Fleet {
 
  private:
   Seat* known(const msg::Header& header);
+  void on_status(const msg::ServiceStatus& status);
   void on_info(const msg::TraversalInfo& info);
   void on_observation(const msg::Observation& observation);
   void on_chunk(const msg::TraversalChunk& chunk);
@@ -77,8 +84,12 @@ class Fleet {
 
   Node& node_;
   std::map<std::string, std::unique_ptr<Seat>> seats_;
-  std::map<const Seat*, msg::Action> last_action_;
-  std::map<const Seat*, Clock::time_point> next_settings_;
+  struct Heard {
+    std::string what;
+    Clock::time_point when;
+  };
+  std::map<std::string, Heard> unencoded_;  ///< traversal, by id of the env_service
+  std::map<std::string, Heard> encoders_;   ///< activity, by id
   std::uint32_t version_ = 0;
   Fetch fetch_;
   msg::Observation observation_;

@@ -3,7 +3,6 @@
 add_library(citylearn_learning STATIC
   agent_network.cc
   checkpoint.cc
-  files.cc
   learners/ppo.cc
   network_policy.cc
   networks/baseline.cc

@@ -6,7 +6,7 @@
 #include <cstring>
 #include <fstream>
 
-#include "policy_service/files.h"
+#include "core/files.h"
 
 namespace citylearn {
 namespace {

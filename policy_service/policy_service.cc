@@ -10,12 +10,12 @@
 #include <optional>
 #include <set>
 
+#include "core/files.h"
 #include "core/service.h"
 #include "policy_service/checkpoint.h"
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
 #include "policy_service/evaluation.h"
-#include "policy_service/files.h"
 #include "policy_service/fleet.h"
 #include "policy_service/metrics_log.h"
 #include "policy_service/network_policy.h"
@@ -164,8 +164,7 @@ std::map<std::string, std::string> Run::hashes() const {
 }
 
 void Run::await(const std::set<std::string>& traversals, int training_environments) {
-  const Clock::time_point since = Clock::now();
-  Clock::time_point next_word = since + std::chrono::seconds(5);
+  Clock::time_point since = Clock::now(), next_word = since + std::chrono::seconds(5);
   while (true) {
     std::string missing;
     for (const std::string& traversal : traversals) {
@@ -181,13 +180,23 @@ void Run::await(const std::set<std::string>& traversals, int training_environmen
       throw Error("no env_service on " + missing + "; " + node_.faults().front());
     std::string here;
     for (const auto& [id, seat] : fleet_.seats()) here += (here.empty() ? "" : ", ") + id + " on " + seat->traversal();
+    const auto unencoded = fleet_.unencoded();
+    const auto encoders = fleet_.encoders();
+    for (const auto& [id, traversal] : unencoded)
+      here += (here.empty() ? "" : ", ") + id + " on " + traversal +
+              (encoders.empty() ? ", whose images wait for an encoder_service" : ", being encoded");
     const std::string found = here.empty() ? "none was found" : "found: " + here;
+    // Encoding takes its time, and tells how far it is.
+    if (!unencoded.empty() && !encoders.empty()) since = Clock::now();
     if (options_.wait > 0 && seconds_since(since) > options_.wait)
       throw Error(fmt::format("no env_service on {} within {:.0f} s ({})", missing, options_.wait, found), "",
                   fmt::format("same --run '{}', --domain {} and --interface there?", options_.node.run,
                               options_.node.middleware.domain));
     if (Clock::now() > next_word) {
-      spdlog::info("waiting for env_services on {} ({})", missing, found);
+      if (unencoded.empty() || encoders.empty())
+        spdlog::info("waiting for env_services on {} ({})", missing, found);
+      else
+        for (const std::string& activity : encoders) spdlog::info("waiting for {}", activity);
       next_word += std::chrono::seconds(10);
     }
     node_.report(msg::WAITING, "waiting for env_services");

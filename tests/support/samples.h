@@ -75,6 +75,7 @@ inline void fill(Filler& f, msg::Observation& m) {
   m.step(f.number<std::uint64_t>());
   m.traversal(f.text(64));
   m.traversal_hash(f.number<std::uint64_t>());
+  m.encoder_incarnation(f.number<std::uint64_t>());
   m.frame(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
   m.position(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
   m.goal(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));

@@ -129,6 +129,7 @@ class ScriptedPolicy {
     msg::TraversalRequest message;
     message.environment() = environment_;
     message.hash() = hash;
+    message.feature_dimension() = info.feature_dimension();
     message.chunks() = wanted;
     node.publish(message);
   }

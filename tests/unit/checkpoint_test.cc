@@ -1,12 +1,13 @@
 #include "policy_service/checkpoint.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
 
 #include "core/error.h"
-#include "policy_service/files.h"
+#include "core/files.h"
 
 namespace citylearn {
 namespace {
@@ -98,8 +99,8 @@ TEST_F(CheckpointFile, AFailedWriteLeavesTheOldOnes) {
   const std::string kept = folder_ / "run";
   const std::string old = write_checkpoint_of_update(kept, 1, checkpoint_);
   const std::string bytes = read_file(old);
-  std::filesystem::create_directory(std::filesystem::path(kept) /
-                                    "checkpoint-2.clk.tmp");  // nothing can be written there
+  // Nothing can be written there.
+  std::filesystem::create_directory(kept + "/checkpoint-2.clk." + std::to_string(::getpid()) + ".tmp");
   EXPECT_THROW(write_checkpoint_of_update(kept, 2, checkpoint_, 1), Error);
   EXPECT_EQ(newest_checkpoint(kept), old);
   EXPECT_EQ(read_file(old), bytes);

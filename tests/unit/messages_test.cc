@@ -139,7 +139,8 @@ TEST(Messages, OtherProtocolIsRefusedAtOnce) {
   Bytes bytes = encoded(message);
   bytes.resize(12);  // whatever follows
   EXPECT_EQ(decode_error<msg::Action>(bytes),
-            "citylearn::msg::Action.header.protocol: the sender speaks protocol 2, this program 1");
+            "citylearn::msg::Action.header.protocol: the sender speaks protocol " + std::to_string(msg::PROTOCOL + 1) +
+                ", this program " + std::to_string(msg::PROTOCOL));
 }
 
 TEST(Messages, OverBoundIsNotEncoded) {

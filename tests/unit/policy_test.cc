@@ -1,13 +1,14 @@
 // The policy_service's parts that need no wire: scores, records, files, controls.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <filesystem>
 #include <fstream>
 
+#include "core/files.h"
 #include "core/random.h"
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
-#include "policy_service/files.h"
 #include "policy_service/metrics_log.h"
 #include "policy_service/score.h"
 #include "tests/support/service.h"
@@ -131,7 +132,7 @@ TEST(Files, AFailedWriteLeavesTheOldFile) {
   Folder folder;
   const std::string path = folder / "file";
   write_file(path, "old");
-  fs::create_directory(path + ".tmp");  // in the way of the temporary file
+  fs::create_directory(path + "." + std::to_string(::getpid()) + ".tmp");  // in the way of the temporary file
   EXPECT_THROW(write_file(path, "new"), Error);
   EXPECT_EQ(read_file(path), "old");
 }

@@ -7,7 +7,7 @@
 #include <filesystem>
 
 #include "core/error.h"
-#include "policy_service/files.h"
+#include "core/files.h"
 #include "policy_service/network_policy.h"
 #include "tests/support/small_city.h"
 

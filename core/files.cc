@@ -1,4 +1,4 @@
-#include "policy_service/files.h"
+#include "core/files.h"
 
 #include <fcntl.h>
 #include <unistd.h>
@@ -14,7 +14,7 @@
 namespace citylearn {
 
 void write_file(const std::string& path, std::string_view contents) {
-  const std::string temporary = path + ".tmp";
+  const std::string temporary = path + "." + std::to_string(::getpid()) + ".tmp";  // several processes may write it
   int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
   const auto fail = [&](const char* doing) {
     const std::string why = std::strerror(errno);

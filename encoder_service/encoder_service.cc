@@ -1,0 +1,695 @@
+#include "encoder_service/encoder_service.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <limits>
+#include <opencv2/core.hpp>
+#include <set>
+
+#include "core/files.h"
+#include "core/random.h"
+#include "encoder_service/background.h"
+#include "encoder_service/image_fetch.h"
+#include "encoder_service/traversal_work.h"
+
+namespace citylearn {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr seconds kSilence{3};     // without a sign of life: gone
+constexpr milliseconds kIdle{50};  // between looks at `stop`
+constexpr milliseconds kBusy{5};   // between looks at what is done behind
+constexpr milliseconds kAskAgain{300};
+constexpr seconds kProgress{2};
+
+std::uint64_t hash_of(const std::string& text) {
+  std::uint64_t hash = 0;
+  for (const char c : text) hash = mix_seeds({hash, static_cast<unsigned char>(c)});
+  return hash;
+}
+
+std::string duration(double length) {
+  if (length < 90) return fmt::format("{:.0f} s", length);
+  return length < 5400 ? fmt::format("{:.0f} min", length / 60) : fmt::format("{:.1f} h", length / 3600);
+}
+
+/// Pictures that came over the wire, for the thread behind.
+struct Batch {
+  std::uint64_t traversal = 0;
+  std::vector<FetchedImage> images;
+  std::vector<int> frames;  // of those encoded: a column each of
+  Eigen::MatrixXf descriptors;
+  std::vector<std::pair<int, std::string>> faults;  // frame, why
+};
+
+/// One traversal on its way from pictures to features.
+struct Route {
+  Route(Node& node, const msg::TraversalInfo& info)
+      : name(info.traversal().c_str()),
+        hash(info.hash()),
+        frames(static_cast<int>(info.frames())),
+        images(node, hash, frames),
+        positions(frames, std::numeric_limits<float>::quiet_NaN()) {
+    const auto chunks = static_cast<std::uint32_t>((frames + kPositionsAChunk - 1) / kPositionsAChunk);
+    for (std::uint32_t chunk = 0; chunk < chunks; ++chunk) missing_positions.push_back(chunk);
+  }
+  static constexpr int kPositionsAChunk = msg::MAX_CHUNK / sizeof(float);
+
+  std::string name;
+  std::uint64_t hash;
+  int frames;
+  ImageFetch images;
+  std::vector<float> positions;
+  std::vector<std::uint32_t> missing_positions;
+  Clock::time_point ask_positions{};
+
+  std::unique_ptr<TraversalWork> work;
+  Clock::time_point since{}, next_word{};
+  int behind = 0;  // pictures given to the thread behind
+  bool reducing = false;
+  std::string fault;         // why it is refused
+  Eigen::MatrixXf features;  // d x F once ready
+  bool ready = false;
+};
+
+/// An env_service whose traversal has images.
+struct Environment {
+  msg::TraversalInfo info;  // as it sent it
+  Clock::time_point heard;
+  std::uint64_t server = 0;  // incarnation of the encoder_service that completes its observations; 0: nobody yet
+  Clock::time_point unserved{};
+};
+
+class EncoderService {
+ public:
+  explicit EncoderService(const EncoderServiceOptions& options);
+  void run(const std::function<bool()>& stop);
+
+ private:
+  void take_all();
+  void on_info(const msg::TraversalInfo& info);
+  void on_observation(msg::Observation& observation);
+  void on_request(const msg::TraversalRequest& request);
+  void on_positions(const msg::TraversalChunk& chunk);
+  void on_image(const msg::ImageChunk& chunk);
+  void on_status(const msg::ServiceStatus& status);
+
+  void learn_encoder();
+  void finish_lessons();
+  void advance();
+  void feed();
+  void feed(Route& route);
+  void flush(Route& route, bool all);
+  void encoded(Batch& batch);
+  void reduce(Route& route);
+  void ask();
+  void decide_who_serves();
+  void send_info(const Environment& environment);
+  void report();
+
+  bool needs_reference() const {
+    return options_.reduction.dimension > 0 || options_.reduction.centring == Centring::kReference ||
+           options_.reduction.centring == Centring::kRunning;
+  }
+  Route* reference();
+  const Environment* host(const Route& route) const;
+  bool alive(const Environment& environment) const { return now_ - environment.heard < kSilence; }
+  bool serving(const Environment& environment) const { return environment.server == node_.incarnation(); }
+  bool busy() const;
+  std::string learned_path(const std::string& what, const std::string& suffix) const;
+
+  EncoderServiceOptions options_;
+  Node node_;
+  std::unique_ptr<Encoder> encoder_;  // used by the thread behind, but for its spec
+  std::string recipe_;                // the encoder's name and parameters, before it has learned anything
+  bool learning_ = false, learned_ = false;
+  Encoder::Spec spec_;  // once learned_
+  std::vector<FetchedImage> lessons_;
+  std::shared_ptr<const Reduction> reduction_;
+  bool reduction_loaded_ = false;  // from a file: no reference is needed
+
+  std::map<std::uint64_t, std::unique_ptr<Route>> routes_;
+  std::map<std::string, Environment> environments_;
+  struct Peer {
+    std::string id;
+    Clock::time_point heard;
+  };
+  std::map<std::uint64_t, Peer> peers_;                         // other encoder_services, by incarnation
+  std::map<std::uint64_t, std::vector<FetchedImage>> waiting_;  // pictures that wait for a full batch, by traversal
+
+  Clock::time_point now_, next_report_{};
+  std::uint64_t encoded_ = 0;  // frames since the last report
+
+  msg::TraversalInfo info_;
+  msg::Observation observation_;
+  msg::TraversalRequest request_, own_request_;
+  msg::TraversalChunk chunk_, own_chunk_;
+  msg::ImageChunk image_;
+  msg::ServiceStatus status_;
+
+  Background background_;  // last: its thread ends before what it uses
+};
+
+Node::Options named(Node::Options options) {
+  options.service = "encoder_service";
+  if (options.id.empty()) options.id = "encoder";
+  return options;
+}
+
+EncoderService::EncoderService(const EncoderServiceOptions& options) : options_(options), node_(named(options.node)) {
+  const auto& entry = EncoderRegistry::instance().find("encoder", options_.encoder);
+  const Parameters parameters("encoder " + entry.name, entry.parameters, options_.parameters);
+  encoder_ = entry.create(parameters, options_.files);
+  recipe_ = entry.name;
+  for (const auto& [name, value] : parameters.values()) recipe_ += fmt::format(" {}={:g}", name, value);
+  for (const std::string& file :
+       {options_.files.model, options_.files.layer, options_.files.preset, options_.files.head})
+    recipe_ += " " + file;
+  if (encoder_->lessons() == 0) {
+    learned_ = true;
+    spec_ = encoder_->spec();
+    spdlog::info("encoder {}: {} numbers a picture", spec_.name, spec_.dimension);
+  }
+  if (!options_.store.empty()) {
+    std::error_code error;
+    std::filesystem::create_directories(options_.store, error);
+    if (error) throw Error(error.message(), options_.store, "choose another --store");
+  }
+  node_.listen<msg::ServiceStatus>();
+  node_.listen<msg::TraversalInfo>();
+  node_.listen<msg::Observation>();
+  node_.listen<msg::TraversalRequest>();
+  node_.listen<msg::TraversalChunk>();
+  node_.listen<msg::ImageChunk>();
+  node_.announce<msg::TraversalInfo>();
+  node_.announce<msg::Observation>();
+  node_.announce<msg::TraversalRequest>();
+  node_.announce<msg::TraversalChunk>();
+  node_.announce<msg::ImageRequest>();
+}
+
+void EncoderService::run(const std::function<bool()>& stop) {
+  spdlog::info("'{}' in run '{}': encoder {}, {}, over {}", node_.options().id, node_.options().run, options_.encoder,
+               options_.store.empty() ? "nothing is kept on disk" : "store " + options_.store, node_.middleware_name());
+  while (!stop()) {
+    take_all();
+    now_ = Clock::now();
+    background_.finished();
+    advance();
+    ask();
+    decide_who_serves();
+    if (now_ >= next_report_) report();
+    node_.wait(now_ + (busy() ? kBusy : kIdle));
+  }
+  // What the thread behind has at hand is still worth keeping.
+  background_.finished();
+  int kept = 0;
+  for (const auto& [hash, route] : routes_)
+    if (route->work) kept += route->work->made();
+  node_.report(msg::STOPPING, "stopping");
+  spdlog::info("'{}' stops: {} frames encoded{}", node_.options().id, kept,
+               options_.store.empty() ? "" : ", all of them in the store");
+}
+
+void EncoderService::take_all() {
+  now_ = Clock::now();
+  while (node_.take(observation_)) on_observation(observation_);
+  while (node_.take(info_)) on_info(info_);
+  while (node_.take(status_)) on_status(status_);
+  while (node_.take(request_)) on_request(request_);
+  while (node_.take(chunk_)) on_positions(chunk_);
+  while (node_.take(image_)) on_image(image_);
+}
+
+// ------------------------------------------------------------------------------------------------ what is heard
+
+void EncoderService::on_info(const msg::TraversalInfo& info) {
+  if (!info.images()) return;
+  const std::string id = info.header().sender().c_str();
+  if (info.encoder_incarnation() != 0) {
+    if (info.encoder_incarnation() == node_.incarnation()) return;
+    // Another encoder_service completed it. Two of one kind share the work; of two kinds the later one is a mistake.
+    if (learned_ && info.encoder().c_str() != spec_.name && info.encoder_incarnation() < node_.incarnation() &&
+        peers_.count(info.encoder_incarnation()))
+      throw Error(fmt::format("'{}' already encodes with {}, this one would with {}", info.encoder_service().c_str(),
+                              info.encoder().c_str(), spec_.name),
+                  "run '" + node_.options().run + "'", "give both the same encoder, or choose another --run");
+    if (const auto found = environments_.find(id); found != environments_.end()) {
+      Environment& environment = found->second;
+      // Of two that serve the same one, the earlier goes on.
+      if (!serving(environment) || info.encoder_incarnation() < node_.incarnation())
+        environment.server = info.encoder_incarnation();
+    }
+    return;
+  }
+  Environment& environment = environments_[id];
+  if (environment.info.header().incarnation() > info.header().incarnation() && alive(environment)) return;
+  const bool fresh = environment.info.header().incarnation() != info.header().incarnation();
+  environment.info = info;
+  environment.heard = now_;
+  if (fresh) {
+    environment.server = 0;
+    environment.unserved = now_;
+  }
+  if (!routes_.count(info.hash())) {
+    spdlog::info("traversal {} of {}: {} frames, from '{}'", info.traversal().c_str(), info.dataset().c_str(),
+                 info.frames(), id);
+    routes_[info.hash()] = std::make_unique<Route>(node_, info);
+  }
+  if (serving(environment)) send_info(environment);
+}
+
+void EncoderService::on_observation(msg::Observation& observation) {
+  const auto found = environments_.find(observation.header().sender().c_str());
+  if (found == environments_.end()) return;
+  Environment& environment = found->second;
+  if (observation.header().incarnation() != environment.info.header().incarnation()) return;
+  environment.heard = now_;
+  if (observation.encoder_incarnation() != 0 || !serving(environment)) return;
+  const auto route = routes_.find(observation.traversal_hash());
+  if (route == routes_.end() || !route->second->ready) return;
+  const Eigen::MatrixXf& features = route->second->features;
+  const auto dimension = static_cast<std::size_t>(features.rows());
+  observation.encoder_incarnation() = node_.incarnation();
+  observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
+  observation.features().resize(observation.frame().size() * dimension);
+  float* to = observation.features().data();
+  for (const std::uint32_t frame : observation.frame()) {
+    if (frame >= static_cast<std::uint32_t>(features.cols())) {
+      ++node_.traffic.rejected;
+      return;
+    }
+    to = std::copy_n(features.col(frame).data(), dimension, to);
+  }
+  node_.forward(observation);
+}
+
+void EncoderService::on_request(const msg::TraversalRequest& request) {
+  const auto found = environments_.find(request.environment().c_str());
+  if (found == environments_.end() || !serving(found->second) || request.feature_dimension() == 0) return;
+  const auto place = routes_.find(request.hash());
+  if (place == routes_.end() || !place->second->ready) return;
+  const Route& route = *place->second;
+  const auto dimension = static_cast<std::size_t>(route.features.rows());
+  if (request.feature_dimension() != dimension) return;
+  const auto each = static_cast<std::uint32_t>(msg::MAX_CHUNK / (sizeof(float) * (1 + dimension)));
+  send_info(found->second);
+  for (const std::uint32_t index : request.chunks()) {
+    if (std::uint64_t{index} * each >= static_cast<std::uint64_t>(route.frames)) {
+      ++node_.traffic.rejected;
+      continue;
+    }
+    own_chunk_.hash() = route.hash;
+    own_chunk_.feature_dimension() = static_cast<std::uint32_t>(dimension);
+    own_chunk_.chunk() = index;
+    own_chunk_.first_frame() = index * each;
+    own_chunk_.frames() = std::min(each, static_cast<std::uint32_t>(route.frames) - index * each);
+    own_chunk_.data().resize(own_chunk_.frames() * (1 + dimension) * sizeof(float));
+    auto* to = own_chunk_.data().data();
+    for (std::uint32_t frame = index * each; frame < index * each + own_chunk_.frames(); ++frame) {
+      std::memcpy(to, &route.positions[frame], sizeof(float));
+      std::memcpy(to + sizeof(float), route.features.col(frame).data(), dimension * sizeof(float));
+      to += (1 + dimension) * sizeof(float);
+    }
+    node_.publish(own_chunk_);
+  }
+}
+
+void EncoderService::on_positions(const msg::TraversalChunk& chunk) {
+  const auto found = routes_.find(chunk.hash());
+  if (found == routes_.end() || chunk.feature_dimension() != 0) return;
+  Route& route = *found->second;
+  const auto wanted = std::find(route.missing_positions.begin(), route.missing_positions.end(), chunk.chunk());
+  if (wanted == route.missing_positions.end()) return;
+  const std::uint64_t first = std::uint64_t{chunk.chunk()} * Route::kPositionsAChunk;
+  const std::uint64_t count =
+      std::min<std::uint64_t>(Route::kPositionsAChunk, static_cast<std::uint64_t>(route.frames) - first);
+  if (chunk.first_frame() != first || chunk.frames() != count) {
+    ++node_.traffic.rejected;
+    return;
+  }
+  std::memcpy(route.positions.data() + first, chunk.data().data(), chunk.data().size());
+  route.missing_positions.erase(wanted);
+}
+
+void EncoderService::on_image(const msg::ImageChunk& chunk) {
+  const auto found = routes_.find(chunk.hash());
+  if (found == routes_.end()) return;
+  Route& route = *found->second;
+  std::vector<FetchedImage> images;
+  route.images.on_chunk(chunk, images);
+  auto& waiting = learned_ ? waiting_[route.hash] : lessons_;
+  std::move(images.begin(), images.end(), std::back_inserter(waiting));
+}
+
+void EncoderService::on_status(const msg::ServiceStatus& status) {
+  if (const auto found = environments_.find(status.header().sender().c_str()); found != environments_.end())
+    if (found->second.info.header().incarnation() == status.header().incarnation()) found->second.heard = now_;
+  if (std::string(status.service().c_str()) != "encoder_service") return;
+  if (status.service_state() == msg::STOPPING)
+    peers_.erase(status.header().incarnation());
+  else
+    peers_[status.header().incarnation()] = {status.header().sender().c_str(), now_};
+}
+
+// ------------------------------------------------------------------------------------------------ what is done
+
+Route* EncoderService::reference() {
+  for (const auto& [hash, route] : routes_)
+    if (route->name == options_.reference && (host(*route) || route->ready)) return route.get();
+  return nullptr;
+}
+
+const Environment* EncoderService::host(const Route& route) const {
+  for (const auto& [id, environment] : environments_)
+    if (environment.info.hash() == route.hash && alive(environment)) return &environment;
+  return nullptr;
+}
+
+std::string EncoderService::learned_path(const std::string& what, const std::string& suffix) const {
+  return fmt::format("{}/{:016x}.{}", options_.store, hash_of(what), suffix);
+}
+
+void EncoderService::learn_encoder() {
+  Route* route = reference();
+  if (learning_ || !route) return;
+  const int wanted = std::min(encoder_->lessons(), route->frames);
+  const std::string path = learned_path(fmt::format("{} {:016x}", recipe_, route->hash), "encoder");
+  if (!options_.store.empty() && std::filesystem::exists(path)) {
+    const std::string state = read_file(path);
+    try {
+      encoder_->restore(std::as_bytes(std::span(state)));
+      learned_ = true;
+      spec_ = encoder_->spec();
+      spdlog::info("encoder {}: {} numbers a picture, learned before ({})", spec_.name, spec_.dimension, path);
+      return;
+    } catch (const Error& error) {
+      spdlog::warn("{}: {}; learning anew", path, error.what());
+    }
+  }
+  learning_ = true;
+  std::vector<int> frames;
+  for (int i = 0; i < wanted; ++i)
+    frames.push_back(static_cast<int>((2 * std::int64_t{i} + 1) * route->frames / (2 * std::int64_t{wanted})));
+  spdlog::info("encoder {} learns from {} of {} frames of {}", options_.encoder, wanted, route->frames, route->name);
+  route->images.want(frames);
+}
+
+void EncoderService::finish_lessons() {
+  Route* route = reference();
+  if (!learning_ || learned_ || !route || route->images.missing() > 0 || lessons_.empty()) return;
+  auto images = std::make_shared<std::vector<FetchedImage>>(std::move(lessons_));
+  lessons_.clear();
+  const std::uint64_t hash = route->hash;
+  background_.post(
+      [this, images] {
+        std::vector<cv::Mat> pictures;
+        for (const FetchedImage& image : *images) {
+          try {
+            if (!image.file.empty()) pictures.push_back(decode_picture(image.file, image.name));
+          } catch (const Error& error) {
+            spdlog::warn("{}", error.what());
+          }
+        }
+        if (pictures.empty()) throw Error("not one picture could be read", "reference '" + options_.reference + "'");
+        encoder_->learn(pictures);
+      },
+      [this, hash] {
+        learned_ = true;
+        spec_ = encoder_->spec();
+        spdlog::info("encoder {}: {} numbers a picture", spec_.name, spec_.dimension);
+        if (options_.store.empty()) return;
+        const Bytes state = encoder_->state();
+        write_file(learned_path(fmt::format("{} {:016x}", recipe_, hash), "encoder"),
+                   {reinterpret_cast<const char*>(state.data()), state.size()});
+      });
+}
+
+void EncoderService::advance() {
+  if (!learned_) {
+    learn_encoder();
+    finish_lessons();
+    if (!learned_) return;
+  }
+  if (!reduction_ && !options_.reduction_file.empty()) {
+    const std::string bytes = read_file(options_.reduction_file);
+    reduction_ = std::make_shared<Reduction>(
+        Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, options_.reduction_file));
+    reduction_loaded_ = true;
+  }
+  feed();
+  for (const auto& [hash, route] : routes_)
+    if (route->work && !route->reducing && !route->ready && route->fault.empty() && route->work->complete())
+      reduce(*route);
+}
+
+void EncoderService::feed() {
+  std::vector<Route*> order;
+  for (const auto& [hash, route] : routes_)
+    if (!route->ready && !route->reducing && route->fault.empty() && host(*route)) order.push_back(route.get());
+  // What others wait for comes first.
+  std::stable_partition(order.begin(), order.end(), [this](Route* route) { return route->name == options_.reference; });
+  int ahead = 0;
+  for (Route* route : order)
+    ahead += route->images.missing() + route->behind + static_cast<int>(waiting_[route->hash].size());
+  for (Route* route : order) {
+    if (!route->work) {
+      FeatureStore::Key key{spec_.name, spec_.dimension, route->hash, route->frames};
+      route->work = std::make_unique<TraversalWork>(options_.store, key);
+      route->since = now_;
+      route->next_word = now_ + kProgress;
+      if (route->work->done() > 0)
+        spdlog::info("{}: {} of {} frames were encoded before", route->name, route->work->done(), route->frames);
+    }
+    // Enough pictures on their way that neither the wire nor the processor waits for the other.
+    while (!route->work->complete() && ahead < TraversalWork::kBlock + 2 * spec_.batch) {
+      // Several services begin at different places.
+      const auto begin = static_cast<int>(mix_seeds({node_.incarnation()}) % static_cast<std::uint64_t>(route->frames));
+      const auto frames = route->work->reserve(peers_.empty() ? 0 : begin);
+      if (!frames) break;
+      route->images.want(*frames);
+      ahead += static_cast<int>(frames->size());
+    }
+    flush(*route, route->images.missing() == 0);
+    if (now_ >= route->next_word && !route->work->complete()) {
+      route->next_word = now_ + kProgress;
+      const double elapsed = std::chrono::duration<double>(now_ - route->since).count();
+      const int left = route->frames - route->work->done();
+      if (route->work->made() > 0)
+        spdlog::info("{}: {} of {} frames encoded, {} left", route->name, route->work->done(), route->frames,
+                     duration(elapsed / route->work->made() * left));
+    }
+  }
+}
+
+void EncoderService::flush(Route& route, bool all) {
+  std::vector<FetchedImage>& waiting = waiting_[route.hash];
+  while (!waiting.empty() && (all || static_cast<int>(waiting.size()) >= spec_.batch)) {
+    auto batch = std::make_shared<Batch>();
+    batch->traversal = route.hash;
+    const auto count = std::min<std::ptrdiff_t>(spec_.batch, static_cast<std::ptrdiff_t>(waiting.size()));
+    std::move(waiting.begin(), waiting.begin() + count, std::back_inserter(batch->images));
+    waiting.erase(waiting.begin(), waiting.begin() + count);
+    route.behind += static_cast<int>(count);
+    background_.post(
+        [this, batch] {
+          std::vector<cv::Mat> pictures;
+          for (const FetchedImage& image : batch->images) {
+            try {
+              if (image.file.empty()) throw Error(image.name);
+              pictures.push_back(decode_picture(image.file, image.name));
+              batch->frames.push_back(image.frame);
+            } catch (const Error& error) {
+              batch->faults.emplace_back(image.frame, error.what());
+            }
+          }
+          if (!pictures.empty()) batch->descriptors = encoder_->encode(pictures);
+        },
+        [this, batch] { encoded(*batch); });
+  }
+}
+
+void EncoderService::encoded(Batch& batch) {
+  Route& route = *routes_.at(batch.traversal);
+  route.behind -= static_cast<int>(batch.images.size());
+  for (std::size_t i = 0; i < batch.frames.size(); ++i)
+    route.work->put(batch.frames[i], batch.descriptors.col(static_cast<Eigen::Index>(i)));
+  encoded_ += batch.frames.size();
+  for (const auto& [frame, why] : batch.faults) {
+    spdlog::error("{}, frame {}: {}", route.name, frame, why);
+    route.work->put_bad(frame);
+    if (!options_.skip_bad_frames && route.fault.empty())
+      route.fault = fmt::format("{} is refused: frame {}: {} (--on-bad-frame skip puts its neighbour in its place)",
+                                route.name, frame, why);
+  }
+  if (!route.fault.empty()) spdlog::error("{}", route.fault);
+}
+
+void EncoderService::reduce(Route& route) {
+  const bool is_reference = route.name == options_.reference;
+  if (needs_reference() && !reduction_ && !is_reference) return;  // the reference's turn is first
+  if (!route.missing_positions.empty()) return;
+  route.reducing = true;
+  const double elapsed = std::chrono::duration<double>(now_ - route.since).count();
+  spdlog::info("{}: all {} frames encoded ({} of them now, in {:.1f} s)", route.name, route.frames, route.work->made(),
+               elapsed);
+  auto features = std::make_shared<Eigen::MatrixXf>();
+  auto learned = std::make_shared<std::shared_ptr<const Reduction>>(reduction_);
+  const std::string path =
+      options_.store.empty() || !needs_reference()
+          ? ""
+          : learned_path(fmt::format("{} {:016x} {} {} {:g}", spec_.name, route.hash, options_.reduction.dimension,
+                                     static_cast<int>(options_.reduction.centring), options_.reduction.whitening),
+                         "reduction");
+  TraversalWork* work = route.work.get();
+  background_.post(
+      [this, work, features, learned, path] {
+        const Eigen::MatrixXf descriptors = work->take_descriptors();
+        if (!*learned && !path.empty() && std::filesystem::exists(path)) {
+          const std::string bytes = read_file(path);
+          try {
+            *learned = std::make_shared<Reduction>(Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, path));
+          } catch (const Error& error) {
+            spdlog::warn("{}; learning it anew", error.what());
+          }
+        }
+        if (!*learned) {
+          *learned = std::make_shared<Reduction>(Reduction::learn(descriptors, options_.reduction));
+          if (!path.empty()) {
+            const Bytes bytes = (*learned)->save(spec_.name);
+            write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+          }
+        }
+        *features = (*learned)->apply(descriptors);
+      },
+      [this, &route, features, learned] {
+        if (needs_reference()) reduction_ = *learned;
+        route.features = std::move(*features);
+        route.work.reset();
+        route.reducing = false;
+        route.ready = true;
+        spdlog::info("{}: ready, {} features a frame", route.name, route.features.rows());
+      });
+}
+
+void EncoderService::ask() {
+  for (const auto& [hash, route] : routes_) {
+    const Environment* environment = host(*route);
+    if (!environment || route->ready) continue;
+    const std::string id = environment->info.header().sender().c_str();
+    route->images.ask(id);
+    if (route->missing_positions.empty() || now_ < route->ask_positions) continue;
+    route->ask_positions = now_ + kAskAgain;
+    own_request_.environment() = id.c_str();
+    own_request_.hash() = route->hash;
+    own_request_.feature_dimension() = 0;
+    const auto count =
+        std::min<std::ptrdiff_t>(msg::MAX_CHUNKS_ASKED, static_cast<std::ptrdiff_t>(route->missing_positions.size()));
+    own_request_.chunks().assign(route->missing_positions.begin(), route->missing_positions.begin() + count);
+    node_.publish(own_request_);
+  }
+}
+
+/// Each env_service is served by one encoder_service: the one that serves it already, as long as it lives; else, of
+/// those that live, the one that the hash of both ids favours, so that several divide many env_services; else, when
+/// that one has not begun, whoever is ready.
+void EncoderService::decide_who_serves() {
+  for (auto peer = peers_.begin(); peer != peers_.end();)
+    peer = now_ - peer->second.heard >= kSilence ? peers_.erase(peer) : std::next(peer);
+  for (auto& [id, environment] : environments_) {
+    if (environment.server != 0 && (serving(environment) || peers_.count(environment.server))) continue;
+    if (environment.server != 0) {
+      spdlog::warn("the encoder_service of '{}' went silent", id);
+      environment.server = 0;
+      environment.unserved = now_;
+    }
+    const auto route = routes_.find(environment.info.hash());
+    if (!alive(environment) || route == routes_.end() || !route->second->ready) continue;
+    const std::uint64_t environment_hash = hash_of(id);
+    const std::uint64_t own = mix_seeds({environment_hash, node_.incarnation()});
+    bool favoured = true;
+    for (const auto& [incarnation, peer] : peers_) favoured &= own > mix_seeds({environment_hash, incarnation});
+    if (!favoured && now_ < environment.unserved + kSilence) continue;
+    if (std::uint64_t{environment.info.agents()} * static_cast<std::uint64_t>(route->second->features.rows()) >
+        msg::MAX_FEATURES) {
+      spdlog::error(
+          "'{}' has {} agents: with {} features each that is too much for one observation (fewer --agents, or a "
+          "smaller --dimension)",
+          id, environment.info.agents(), route->second->features.rows());
+      environment.unserved = now_ + std::chrono::hours(1);
+      continue;
+    }
+    environment.server = node_.incarnation();
+    spdlog::info("serves '{}'", id);
+    send_info(environment);
+  }
+}
+
+void EncoderService::send_info(const Environment& environment) {
+  msg::TraversalInfo info = environment.info;
+  const Route& route = *routes_.at(info.hash());
+  const auto each = msg::MAX_CHUNK / (sizeof(float) * (1 + static_cast<std::size_t>(route.features.rows())));
+  info.feature_dimension() = static_cast<std::uint32_t>(route.features.rows());
+  info.chunks() = static_cast<std::uint32_t>((static_cast<std::size_t>(route.frames) + each - 1) / each);
+  info.encoder() = spec_.name.c_str();
+  info.encoder_service() = node_.options().id.c_str();
+  info.encoder_incarnation() = node_.incarnation();
+  node_.forward(info);
+}
+
+bool EncoderService::busy() const {
+  for (const auto& [hash, route] : routes_)
+    if (!route->ready && route->fault.empty()) return true;
+  return false;
+}
+
+void EncoderService::report() {
+  next_report_ = now_ + seconds(1);
+  msg::State state = msg::WAITING;
+  std::string activity;
+  int served = 0;
+  for (const auto& [id, environment] : environments_) served += serving(environment) && alive(environment);
+  for (const auto& [hash, route] : routes_) {
+    if (!route->fault.empty()) {
+      state = msg::FAILED;
+      activity = route->fault;
+      break;
+    }
+    if (!host(*route) || route->ready || !activity.empty()) continue;
+    state = msg::RUNNING;
+    if (route->work) {
+      const double elapsed = std::chrono::duration<double>(now_ - route->since).count();
+      const int left = route->frames - route->work->done();
+      activity = fmt::format("{}: {} of {} frames encoded", route->name, route->work->done(), route->frames);
+      if (route->work->made() > 0 && left > 0)
+        activity += ", " + duration(elapsed / route->work->made() * left) + " left";
+      if (left == 0 && needs_reference() && !reduction_ && route->name != options_.reference)
+        activity = fmt::format("{}: waiting for the reference '{}'", route->name, options_.reference);
+    } else {
+      activity =
+          learning_ ? "learning from " + options_.reference : "waiting for the reference '" + options_.reference + "'";
+    }
+  }
+  if (activity.empty() && served > 0) {
+    state = msg::RUNNING;
+    activity = fmt::format("completes the observations of {} env_service{}", served, served == 1 ? "" : "s");
+  }
+  if (activity.empty()) activity = routes_.empty() ? "waiting for an env_service with images" : "ready; others serve";
+  node_.report(state, activity, static_cast<float>(encoded_));
+  encoded_ = 0;
+}
+
+}  // namespace
+
+void run_encoder_service(const EncoderServiceOptions& options, const std::function<bool()>& stop) {
+  EncoderService(options).run(stop);
+}
+
+}  // namespace citylearn

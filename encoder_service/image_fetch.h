@@ -1,0 +1,56 @@
+#pragma once
+
+#include <deque>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "core/node.h"
+
+namespace citylearn {
+
+/// A frame's picture as it came over the wire.
+struct FetchedImage {
+  int frame = 0;
+  std::string name;  ///< for people
+  Bytes file;        ///< empty when the env_service could not read it; `name` then says why
+};
+
+/// Gets pictures of one traversal from an env_service: asks, puts chunks together in whatever order they come, asks
+/// again for what did not come.
+class ImageFetch {
+ public:
+  ImageFetch(Node& node, std::uint64_t hash, int frames) : node_(node), hash_(hash), frames_(frames) {}
+
+  /// Frames to be fetched next, after those already wanted.
+  void want(const std::vector<int>& frames);
+  /// Frames wanted that have not come.
+  int missing() const { return static_cast<int>(wanted_.size()); }
+
+  /// A chunk from the wire; when it completes a wanted picture, that goes to `images`. Chunks of other traversals, or
+  /// of frames not wanted, are left alone.
+  void on_chunk(const msg::ImageChunk& chunk, std::vector<FetchedImage>& images);
+  /// Asks `environment` for what is missing when it is time to.
+  void ask(const std::string& environment);
+  /// When ask() should be called again at the latest.
+  Clock::time_point due() const { return missing() == 0 ? Clock::time_point::max() : again_; }
+
+ private:
+  struct Part {
+    Bytes file;
+    std::vector<bool> chunks;  // those that have come
+    std::uint32_t left = 0;    // those that have not
+  };
+
+  Node& node_;
+  std::uint64_t hash_;
+  int frames_;
+  std::deque<int> wanted_;     // in the order they are asked for
+  std::map<int, Part> parts_;  // of wanted frames
+  int expected_ = 0;           // chunks that answer the last request, at most
+  int asked_ = 0;              // frames of the last request that have not come
+  Clock::time_point again_{};
+  msg::ImageRequest request_;
+};
+
+}  // namespace citylearn
