@@ -1,0 +1,30 @@
+#include <opencv2/core.hpp>
+
+#include "core/image_header.h"
+#include "encoder_service/encoder.h"
+#include "tests/fuzz/targets.h"
+
+namespace citylearn::fuzz {
+
+void picture(Input input) {
+  // Large ones are slow to decode and no different; the limit itself has its unit tests.
+  constexpr std::int64_t kPixels = 2 << 20;
+  bool decodable = false;
+  const bool readable = accepted([&] {
+    const ImageHeader header = read_image_header(input, "picture");
+    require(header.width > 0 && header.height > 0, "sides");
+    require(std::int64_t{header.width} * header.height <= kMaxPixels, "too many pixels");
+    decodable = std::int64_t{header.width} * header.height <= kPixels;
+  });
+  require(readable || image_fault(input).has_value(), "an unreadable header is a fault");
+  if (!decodable && readable) return;
+  const bool decoded = accepted([&] {
+    const cv::Mat picture = decode_picture(input, "picture");
+    require(picture.type() == CV_8UC3, "8-bit BGR");
+    const ImageHeader header = read_image_header(input, "picture");
+    require(picture.cols == header.width && picture.rows == header.height, "the header's sides");
+  });
+  require(readable || !decoded, "only what has a header is decoded");
+}
+
+}  // namespace citylearn::fuzz
