@@ -64,7 +64,7 @@ void check(const Traversal& traversal) {
 
 }  // namespace
 
-void dataset_folder(Input input) {
+bool dataset_folder(Input input) {
   std::string_view text(reinterpret_cast<const char*>(input.data()), input.size());
   const auto line = [&text] {
     const std::string_view first = text.substr(0, text.find('\n'));
@@ -74,7 +74,7 @@ void dataset_folder(Input input) {
   const std::string name = line();
   const std::vector<const DatasetRegistry::Entry*> entries = DatasetRegistry::instance().entries();
   const auto entry = std::find_if(entries.begin(), entries.end(), [&](auto* known) { return known->name == name; });
-  if (entry == entries.end() || name == "synthetic") return;
+  if (entry == entries.end() || name == "synthetic") return false;
 
   static const testing::Folder root;
   const fs::path folder = root / "data";
@@ -87,17 +87,19 @@ void dataset_folder(Input input) {
     if (head.starts_with("=== ") && usable(head.substr(4))) write(folder / head.substr(4), contents);
   }
 
-  accepted([&] {
+  bool all = true;
+  const bool opened = accepted([&] {
     const Parameters parameters("dataset " + name, (*entry)->parameters, {});
     const std::unique_ptr<Dataset> dataset = (*entry)->create(parameters, folder.string());
     std::vector<std::string> names = dataset->names();
     names.resize(std::min<std::size_t>(names.size(), 3));
     for (const std::string& one : names) {
       accepted([&] { dataset->condition(one); });
-      accepted([&] { check(dataset->load(one)); });
+      all &= accepted([&] { check(dataset->load(one)); });
       for (const std::string& other : names) accepted([&] { dataset->matches(one, other); });
     }
   });
+  return opened && all;
 }
 
 }  // namespace citylearn::fuzz

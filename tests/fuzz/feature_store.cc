@@ -16,13 +16,13 @@ namespace {
 constexpr int kDimension = 5, kFrames = 9;
 constexpr std::size_t kHeader = 512;
 
-void open_and_use(const std::string& bytes) {
+bool open_and_use(const std::string& bytes) {
   static const testing::Folder folder;
   static const FeatureStore::Key key{"seed-1 size=8", kDimension, 0x0123456789ABCDEF, kFrames};
   static const std::string path = FeatureStore(folder.path(), key).path();
   std::filesystem::remove(path);
   std::ofstream(path, std::ios::binary) << bytes;
-  accepted([&] {
+  return accepted([&] {
     FeatureStore store(folder.path(), key);
     require(store.present().size() == kFrames, "present");
     for (int frame = 0; frame < kFrames; ++frame) {
@@ -40,14 +40,15 @@ void open_and_use(const std::string& bytes) {
 
 }  // namespace
 
-void feature_store(Input input) {
+bool feature_store(Input input) {
   std::string bytes(reinterpret_cast<const char*>(input.data()), input.size());
-  open_and_use(bytes);
-  if (bytes.size() < kHeader) return;
+  const bool good = open_and_use(bytes);
+  if (bytes.size() < kHeader) return good;
   const auto checksum = static_cast<std::uint32_t>(
       ::crc32_z(0, reinterpret_cast<const unsigned char*>(bytes.data()), kHeader - sizeof(std::uint32_t)));
   std::memcpy(bytes.data() + kHeader - sizeof checksum, &checksum, sizeof checksum);
   open_and_use(bytes);
+  return good;
 }
 
 }  // namespace citylearn::fuzz

@@ -8,7 +8,7 @@
 
 namespace citylearn::fuzz {
 
-void features_csv(Input input) {
+bool features_csv(Input input) {
   static const testing::Folder folder;
   static const std::unique_ptr<Dataset> dataset =
       DatasetRegistry::instance().find("dataset", "plain").create(Parameters(), folder.path());
@@ -16,7 +16,7 @@ void features_csv(Input input) {
     std::ofstream file(folder / "x.csv", std::ios::binary);
     file.write(reinterpret_cast<const char*>(input.data()), static_cast<std::streamsize>(input.size()));
   }
-  accepted([] {
+  return accepted([] {
     const Traversal traversal = dataset->load("x");
     require(traversal.frames >= 2 && traversal.dimension >= 1 && traversal.dimension <= kMaxDimension, "shape");
     require(traversal.features.size() == std::size_t(traversal.frames) * std::size_t(traversal.dimension), "size");

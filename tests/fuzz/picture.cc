@@ -6,7 +6,7 @@
 
 namespace citylearn::fuzz {
 
-void picture(Input input) {
+bool picture(Input input) {
   // Large ones are slow to decode and no different; the limit itself has its unit tests.
   constexpr std::int64_t kPixels = 2 << 20;
   bool decodable = false;
@@ -17,7 +17,7 @@ void picture(Input input) {
     decodable = std::int64_t{header.width} * header.height <= kPixels;
   });
   require(readable || image_fault(input).has_value(), "an unreadable header is a fault");
-  if (!decodable && readable) return;
+  if (!decodable && readable) return true;
   const bool decoded = accepted([&] {
     const cv::Mat picture = decode_picture(input, "picture");
     require(picture.type() == CV_8UC3, "8-bit BGR");
@@ -25,6 +25,7 @@ void picture(Input input) {
     require(picture.cols == header.width && picture.rows == header.height, "the header's sides");
   });
   require(readable || !decoded, "only what has a header is decoded");
+  return decoded;
 }
 
 }  // namespace citylearn::fuzz

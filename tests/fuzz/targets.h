@@ -10,25 +10,25 @@
 
 // Readers of what comes from outside, each as one function of arbitrary bytes. libFuzzer calls them with inputs it
 // invents (tests/fuzz/README.md), a unit test with the seeds. Whatever the bytes are, a reader either takes them or
-// throws an Error of one line; all else is a finding.
+// throws an Error of one line; all else is a finding. Each function tells whether they were taken.
 
 namespace citylearn::fuzz {
 
 using Input = std::span<const std::byte>;
 
 /// NAME.csv of the dataset plain.
-void features_csv(Input input);
+bool features_csv(Input input);
 /// A folder of files for any dataset: the first line names the dataset, then each line "=== NAME" begins a file, whose
 /// contents go on to the next such line. Everything in it is loaded, read, matched, aligned.
-void dataset_folder(Input input);
+bool dataset_folder(Input input);
 /// A file of the feature store: as it is, and again with its header's checksum put right.
-void feature_store(Input input);
+bool feature_store(Input input);
 /// An image file: its header, image_fault(), and decoded when it has at most 2 megapixels.
-void picture(Input input);
+bool picture(Input input);
 
 struct Target {
   std::string_view name;
-  void (*run)(Input);
+  bool (*run)(Input);
 };
 inline constexpr Target kTargets[] = {
     {"features_csv", features_csv},
