@@ -2,6 +2,7 @@
 
 #include "core/image_header.h"
 #include "encoder_service/encoder.h"
+#include "env_service/datasets/parts.h"
 #include "tests/fuzz/targets.h"
 
 namespace citylearn::fuzz {
@@ -25,6 +26,12 @@ bool picture(Input input) {
     require(picture.cols == header.width && picture.rows == header.height, "the header's sides");
   });
   require(readable || !decoded, "only what has a header is decoded");
+  // The datasets' own decoder also refuses files without an end.
+  accepted([&] {
+    const cv::Mat other = decode_image(Bytes(input.begin(), input.end()), "picture");
+    require(decoded && !image_fault(input).has_value(), "both decoders agree");
+    require(other.size() == decode_picture(input, "picture").size(), "both decoders agree on the sides");
+  });
   return decoded;
 }
 

@@ -18,6 +18,8 @@ using Input = std::span<const std::byte>;
 
 /// NAME.csv of the dataset plain.
 bool features_csv(Input input);
+/// A text file of fields; the first byte chooses the separator and whether there is a header.
+bool text_table(Input input);
 /// A folder of files for any dataset: the first line names the dataset, then each line "=== NAME" begins a file, whose
 /// contents go on to the next such line. Everything in it is loaded, read, matched, aligned.
 bool dataset_folder(Input input);
@@ -31,10 +33,8 @@ struct Target {
   bool (*run)(Input);
 };
 inline constexpr Target kTargets[] = {
-    {"features_csv", features_csv},
-    {"dataset_folder", dataset_folder},
-    {"feature_store", feature_store},
-    {"picture", picture},
+    {"features_csv", features_csv},   {"text_table", text_table}, {"dataset_folder", dataset_folder},
+    {"feature_store", feature_store}, {"picture", picture},
 };
 
 /// Ends the process when something does not hold.

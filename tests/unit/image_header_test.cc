@@ -115,6 +115,8 @@ TEST(ImageHeader, ReadsPnmAsPeopleWriteIt) {
 }
 
 TEST(ImageHeader, RefusesBrokenPnms) {
+  EXPECT_EQ(fault_of("P5#12 34 255\n"), "here.png: neither a JPEG, PNG, PNM nor BMP file");
+  EXPECT_EQ(fault_of("P512 34 255\n"), "here.png: neither a JPEG, PNG, PNM nor BMP file");
   EXPECT_EQ(fault_of("P5"), "here.png: neither a JPEG, PNG, PNM nor BMP file");
   EXPECT_EQ(fault_of("P5 12"), "here.png: the image file is cut short in its header");
   EXPECT_EQ(fault_of("P5 # no end"), "here.png: the image file is cut short in its header");
