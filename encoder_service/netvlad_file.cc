@@ -1,11 +1,10 @@
 // NetvladHead as a safetensors file: 8 bytes (little-endian) with the length of a JSON header, the header, the numbers.
-#include <array>
 #include <bit>
 #include <cstring>
-#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <vector>
 
 #include "core/error.h"
 #include "encoder_service/netvlad_head.h"
@@ -25,6 +24,13 @@ const char* const kWeight = "conv.weight";
 const char* const kBias = "conv.bias";
 const char* const kProjection = "wpca.weight";
 const char* const kOffset = "wpca.bias";
+const std::set<std::string> kTensors = {kCentroids, kWeight, kBias, kProjection, kOffset};
+
+std::string list_tensors() {
+  std::string names;
+  for (const std::string& name : kTensors) names += (names.empty() ? "" : ", ") + name;
+  return names;
+}
 
 struct Tensor {
   std::uint64_t rows = 0, columns = 0;  // a vector has one column
@@ -49,21 +55,15 @@ class Reader {
     }
     const Json header = Json::parse(text, text + length, nullptr, false);
     if (!header.is_object()) fail("is no safetensors file: its header is no JSON object");
-    for (const auto& [name, entry] : header.items())
-      if (name != "__metadata__" && !tensors_.emplace(name, read_entry(name, entry)).second)
-        fail("has tensor '" + name + "' twice");
+    for (const auto& [name, entry] : header.items()) {
+      if (name == "__metadata__") continue;
+      if (!kTensors.contains(name)) fail("unknown tensor " + Json(name).dump(), "known: " + list_tensors());
+      tensors_[name] = read_entry(name, entry);
+    }
     check_coverage();
   }
 
   bool has(const std::string& name) const { return tensors_.contains(name); }
-  void only(const std::set<std::string>& names) const {
-    for (const auto& [name, tensor] : tensors_)
-      if (!names.contains(name)) {
-        std::string known;
-        for (const std::string& one : names) known += (known.empty() ? "" : ", ") + one;
-        fail("unknown tensor '" + name + "'", "known: " + known);
-      }
-  }
   /// rows x columns; 0 stands for any.
   RowMajor matrix(const std::string& name, Eigen::Index rows, Eigen::Index columns) const {
     const auto found = tensors_.find(name);
@@ -135,7 +135,6 @@ class Reader {
 
 NetvladHead NetvladHead::parse(std::span<const std::byte> bytes, const std::string& where) {
   const Reader reader(bytes, where);
-  reader.only({kCentroids, kWeight, kBias, kProjection, kOffset});
   NetvladHead head;
   head.centroids = reader.matrix(kCentroids, 0, 0).transpose();
   const Eigen::Index clusters = head.centroids.cols();

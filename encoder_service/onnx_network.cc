@@ -54,6 +54,13 @@ class Silence {
   cv::utils::logging::LogLevel before_;
 };
 
+/// Names inside a file may hold anything; messages are one line.
+std::string one_line(std::string text) {
+  for (char& c : text)
+    if (static_cast<unsigned char>(c) < ' ' || c == 127) c = ' ';
+  return text;
+}
+
 /// The innermost reason of an exception that OpenCV wrapped in others, in one line.
 std::string reason_of(const std::exception& exception) {
   const auto* own = dynamic_cast<const cv::Exception*>(&exception);
@@ -62,8 +69,7 @@ std::string reason_of(const std::exception& exception) {
   std::smatch match;
   while (std::regex_search(text, match, kFrame)) text = match.suffix();
   text.resize(std::min(text.find(" in function '"), text.size()));
-  for (char& c : text)
-    if (static_cast<unsigned char>(c) < ' ') c = ' ';
+  text = one_line(text);
   while (!text.empty() && (text.front() == ' ' || text.front() == '>')) text.erase(0, 1);
   while (!text.empty() && text.back() == ' ') text.pop_back();
   if (text.size() > 160) text = text.substr(0, 160) + " ...";
@@ -76,7 +82,7 @@ std::string import_fault(const std::exception& exception, std::int64_t opset) {
   const std::string text = exception.what();
   if (!std::regex_search(text, match, kNode))
     return "OpenCV cannot import it: " + reason_of(exception) + " (opset " + std::to_string(opset) + ")";
-  const std::string what = "layer '" + match[2].str() + "', operator " + match[1].str();
+  const std::string what = one_line("layer '" + match[2].str() + "', operator " + match[1].str());
   if (text.find("Can't create layer") != std::string::npos) return "OpenCV has no such operator: " + what;
   return "OpenCV cannot import " + what + ": " + reason_of(exception);
 }
@@ -219,7 +225,7 @@ void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
   const std::vector<std::string>& shown = close.empty() ? names : close;
   std::string list;
   for (std::size_t i = shown.size() - std::min<std::size_t>(shown.size(), 5); i < shown.size(); ++i)
-    list += (list.empty() ? "" : ", ") + shown[i];
+    list += (list.empty() ? "" : ", ") + one_line(shown[i]);
   throw Error("has no layer '" + wanted + "'", path_, (close.empty() ? "its last are " : "it has ") + list);
 }
 
