@@ -37,6 +37,8 @@ class OnnxNetwork {
   /// For Encoder::Spec::name: hash of the model, layer, and everything that is done to a picture before.
   std::string description() const;
   const std::string& model() const { return path_; }
+  /// As OpenCV calls it.
+  const std::string& layer() const { return layer_; }
 
  private:
   void choose_layer(const std::string& wanted, bool pooled);
