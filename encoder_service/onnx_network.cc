@@ -68,8 +68,10 @@ std::string reason_of(const std::exception& exception) {
   static const std::regex kFrame(R"(OpenCV\([^)]*\)[^\n]*? error: \([^)]*\) )");
   std::smatch match;
   while (std::regex_search(text, match, kFrame)) text = match.suffix();
-  text.resize(std::min(text.find(" in function '"), text.size()));
   text = one_line(text);
+  // What it says goes before the function's name, or after that when it compared two numbers.
+  static const std::regex kFunction("^[ >]*in function '[^']*'"), kRest("( in function '|, where >).*");
+  text = std::regex_replace(std::regex_replace(text, kFunction, ""), kRest, "");
   while (!text.empty() && (text.front() == ' ' || text.front() == '>')) text.erase(0, 1);
   while (!text.empty() && text.back() == ' ') text.pop_back();
   if (text.size() > 160) text = text.substr(0, 160) + " ...";

@@ -255,6 +255,12 @@ TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
                                       .node("Conv", "conv", {"kernel"}, {{"kernel_shape", {3, 3}}}));
   EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
   EXPECT_TRUE(has(wrong, "a.onnx: ") && wrong.find('\n') == std::string::npos) << wrong;
+
+  // OpenCV 4.6 wants the bounds of Clip as attributes (opset 10), not as inputs (docs/onnx.md).
+  const std::string clip =
+      error(TinyOnnx().input({1, 3, 6, 8}).weights("least", {}, {0}).node("Clip", "clip", {"least"}));
+  EXPECT_TRUE(has(clip, "clip', operator Clip: ") && has(clip, "input_size") && clip.find('\n') == std::string::npos)
+      << clip;
 }
 
 TEST(Onnx, NumbersAreFiniteOrAnError) {
