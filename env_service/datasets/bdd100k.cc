@@ -122,6 +122,8 @@ class Bdd100k : public Dataset {
       });
     } catch (const json::parse_error& error) {
       throw Error("is not JSON: broken at byte " + std::to_string(error.byte), path, "fetch the file again");
+    } catch (const json::exception&) {
+      throw Error("holds a number that is too large", path, "fetch the file again");
     }
   }
 

@@ -17,11 +17,11 @@ constexpr double kGap = 0.5;  // seconds without a frame after which GPS tells t
 ///   leftImg8bit_sequence/<split>/<city>/<city>_<sequence>_<frame>_leftImg8bit.png (two numbers of 6 digits)
 ///   vehicle_sequence/<split>/<city>/..._vehicle.json: "gpsLatitude", "gpsLongitude" (degrees), "speed" (m/s),
 ///   "yawRate" timestamp_sequence/<split>/<city>/..._timestamp.txt: nanoseconds
-/// also below a folder named like the archive, and likewise leftImg8bit/ with vehicle/ (demoVideo; the single frames of
-/// the other splits are no routes), and leftImg8bit_allFrames. A traversal is a city's sequence, "aachen_000000": in
-/// most cities a snippet of 30 frames (1.8 s), in some (hamburg, hanover, frankfurt ...) a long drive of many snippets
-/// with gaps between. Positions: speed times time, which is smooth where GPS jumps; over gaps, GPS. Without vehicle
-/// data they are unknown, without timestamps frames are 1/17 s apart.
+/// also below a folder named like the archive, and likewise leftImg8bit_allFrames, and leftImg8bit/ with vehicle/
+/// (demoVideo; of the single frames of the other splits only the long drives are routes, coarse ones). A traversal is a
+/// city's sequence, "aachen_000000": in most cities a snippet of 30 frames (1.8 s), in some (hamburg, hanover,
+/// frankfurt ...) a long drive of many snippets with gaps between. Positions: speed times time, which is smooth where
+/// GPS jumps; over gaps, GPS. Without vehicle data they are unknown, without timestamps frames are 1/17 s apart.
 /// Unsure: the layout of the allFrames archives (taken to be that of the sequences).
 class Cityscapes : public Dataset {
  public:

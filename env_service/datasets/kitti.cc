@@ -119,16 +119,18 @@ class Kitti : public Dataset {
 
     const std::string oxts = below(drive, "oxts");
     if (!is_folder(oxts)) return traversal;
-    std::vector<double> latitude, longitude;
+    std::vector<double> latitude, longitude, when;
     const std::vector<double> packets = read_times(below(oxts, "timestamps.txt"));
     for (std::size_t packet = 0; packet < packets.size(); ++packet) {
+      if (!when.empty() && packets[packet] < when.back()) continue;  // some _extract drives hold late ones
       const std::string path = below(oxts, "data/" + padded(static_cast<int>(packet), 10) + ".txt");
       const TextTable table(path, {' ', false});
       if (table.rows() != 1 || table.columns(0) < 2) throw Error("is not an OXTS packet of one line", path);
+      when.push_back(packets[packet]);
       latitude.push_back(table.number(0, 0));
       longitude.push_back(table.number(0, 1));
     }
-    locate(traversal, interpolate(packets, latitude, times, kReach), interpolate(packets, longitude, times, kReach));
+    locate(traversal, interpolate(when, latitude, times, kReach), interpolate(when, longitude, times, kReach));
     return traversal;
   }
 

@@ -187,6 +187,8 @@ nlohmann::json read_json(const std::string& path) {
     return nlohmann::json::parse(text);
   } catch (const nlohmann::json::parse_error& error) {
     throw Error("is not JSON: broken at byte " + std::to_string(error.byte), path, "fetch the file again");
+  } catch (const nlohmann::json::exception&) {
+    throw Error("holds a number that is too large", path, "fetch the file again");
   }
 }
 

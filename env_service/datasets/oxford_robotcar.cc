@@ -29,6 +29,7 @@ constexpr std::array<Camera, 6> kCameras{{
 }};
 
 constexpr char kForm[] = "0000-00-00-00-00-00";
+constexpr char kMicrosecondsForm[] = "0000000000000000";
 constexpr double kMicroseconds = 1e-6;
 /// A frame has a position when a measurement is as near, in seconds: the slowest (GPS) comes at 5 Hz.
 constexpr double kReach = 1.0;
@@ -69,8 +70,7 @@ class OxfordRobotcar : public Dataset {
     const std::string path = first_file(folder_, {"tags/" + name + ".yaml", name + "/tags/" + name + ".yaml",
                                                   name + "/" + name + ".yaml", name + ".yaml"});
     if (path.empty()) return "";
-    TextTable::Options options{' ', false};
-    const TextTable tags(path, options);
+    const TextTable tags(path, {' ', false});
     std::string condition;
     for (int row = 0; row < tags.rows(); ++row) {
       const std::string tag(tags.columns(row) > 1 ? tags.text(row, 1) : tags.text(row, 0));
@@ -84,12 +84,11 @@ class OxfordRobotcar : public Dataset {
   Traversal load(const std::string& name) override {
     require_known(name, folder_, names());
     const std::string drive = below(folder_, name), pictures = below(drive, camera_.folder);
-    const std::vector<double> stamps = picture_stamps(drive, pictures);
     std::vector<std::string> paths;
     std::vector<double> times;
-    for (const double stamp : stamps) {
-      paths.push_back(below(pictures, std::to_string(static_cast<long>(stamp)) + ".png"));
-      times.push_back(stamp * kMicroseconds);
+    for (const std::string& stamp : picture_stamps(drive, pictures)) {
+      paths.push_back(below(pictures, stamp + ".png"));
+      times.push_back(std::stod(stamp) * kMicroseconds);
     }
     std::shared_ptr<Images> images = image_files(paths, folder_);
     if (raw_)
@@ -108,31 +107,31 @@ class OxfordRobotcar : public Dataset {
   }
 
  private:
-  /// Microseconds of the frames: those of the chunks that were fetched, or the files' own without a .timestamps.
-  std::vector<double> picture_stamps(const std::string& drive, const std::string& pictures) const {
-    std::set<double> there;
+  /// Microseconds of the frames, as written: those of the chunks that were fetched, or the files' own without a
+  /// .timestamps.
+  std::vector<std::string> picture_stamps(const std::string& drive, const std::string& pictures) const {
+    std::set<std::string> there;
     for (const std::string& file : files_in(pictures, {".png"}))
-      if (has_form(stem_of(file), "0000000000000000")) there.insert(std::stod(stem_of(file)));
+      if (has_form(stem_of(file), kMicrosecondsForm)) there.insert(stem_of(file));
     const std::string path = first_file(drive, {camera_.timestamps});
     if (path.empty()) return {there.begin(), there.end()};
 
-    TextTable::Options options{' ', false};
-    const TextTable table(path, options);
-    std::map<int, std::pair<int, int>> chunks;  // pictures that are there, pictures in all
-    const auto chunk = [&](int row) { return table.columns(row) > 1 ? static_cast<int>(table.number(row, 1)) : 1; };
-    std::vector<double> all;
+    const TextTable table(path, {' ', false});
+    std::vector<std::string> all, stamps;
+    std::map<std::string, std::pair<int, int>> chunks;  // pictures that are there, pictures in all
+    const auto chunk = [&](int row) { return std::string(table.columns(row) > 1 ? table.text(row, 1) : ""); };
     for (int row = 0; row < table.rows(); ++row) {
-      all.push_back(table.number(row, 0));
-      if (row > 0 && all[static_cast<std::size_t>(row)] <= all[static_cast<std::size_t>(row) - 1])
-        table.fail(row, "a time that is not later than the one before");
+      const std::string stamp(table.text(row, 0));
+      if (!has_form(stamp, kMicrosecondsForm)) table.fail(row, "not a time of 16 digits (microseconds)");
+      if (!all.empty() && stamp <= all.back()) table.fail(row, "a time that is not later than the one before");
+      all.push_back(stamp);
       auto& [present, wanted] = chunks[chunk(row)];
       ++wanted;
-      present += there.contains(all.back());
+      present += there.contains(stamp);
     }
-    std::vector<double> stamps;
     for (int row = 0; row < table.rows(); ++row) {
       const auto& [present, wanted] = chunks[chunk(row)];
-      const double stamp = all[static_cast<std::size_t>(row)];
+      const std::string& stamp = all[static_cast<std::size_t>(row)];
       if (2 * present >= wanted || there.contains(stamp)) stamps.push_back(stamp);
     }
     return stamps;

@@ -113,13 +113,14 @@ class StreetLearn : public Dataset {
 
  private:
   void read_graph() {
-    if (!routes_.empty()) return;
+    if (read_) return;
     const std::string nodes = first_file(folder_, {"nodes.txt", "graph/nodes.txt"});
     const std::string links = first_file(folder_, {"links.txt", "graph/links.txt"});
     if (nodes.empty() || links.empty()) not_recognised("streetlearn", folder_, "nodes.txt and links.txt in it");
     if (!is_folder(below(folder_, "panos"))) not_recognised("streetlearn", folder_, "panos/ in it");
     nodes_.clear();
     index_.clear();
+    routes_.clear();
     const TextTable node_table(nodes, {',', false});
     for (int row = 0; row < node_table.rows(); ++row) {
       if (node_table.columns(row) != 4) node_table.fail(row, "not a panorama's id, yaw, latitude and longitude");
@@ -146,6 +147,7 @@ class StreetLearn : public Dataset {
     else
       find_routes();
     if (routes_.empty()) throw Error("has no two panoramas that are linked", links);
+    read_ = true;
   }
 
   int known(const TextTable& table, int row, int column) const {
@@ -158,9 +160,12 @@ class StreetLearn : public Dataset {
     const TextTable table(path, {',', false});
     for (int row = 0; row < table.rows(); ++row) {
       if (table.columns(row) < 3) table.fail(row, "not a name and two or more ids");
+      const std::string name(table.text(row, 0));
+      if (std::any_of(routes_.begin(), routes_.end(), [&](auto& route) { return route.first == name; }))
+        table.fail(row, "a second route " + name);
       std::vector<int> stops;
       for (int column = 1; column < table.columns(row); ++column) stops.push_back(known(table, row, column));
-      routes_.emplace_back(std::string(table.text(row, 0)), stops);
+      routes_.emplace_back(name, stops);
     }
   }
 
@@ -235,6 +240,7 @@ class StreetLearn : public Dataset {
   std::string folder_;
   View view_;
   int wanted_;
+  bool read_ = false;
   std::vector<Node> nodes_;
   std::map<std::string, int> index_;  // of nodes_, by id
   std::vector<std::pair<std::string, std::vector<int>>> routes_;

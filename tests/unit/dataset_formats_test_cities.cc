@@ -261,8 +261,13 @@ TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
   Bytes bytes;
   EXPECT_TRUE(holds(complaint([&] { street.images->read(2, bytes); }), "panos/c.png"));
 
-  write_text(folder_ / "routes.txt", "street,a,z\n");
-  EXPECT_TRUE(holds(complaint([&] { dataset()->names(); }), "routes.txt:1"));
+  write_text(folder_ / "routes.txt", "street,a,d\nother,a,z\n");
+  const auto one = dataset();
+  for (int again = 0; again < 2; ++again) EXPECT_TRUE(holds(complaint([&] { one->names(); }), "routes.txt:2: id z"));
+  write_text(folder_ / "routes.txt", "street,a,d\nstreet,d,a\n");
+  EXPECT_TRUE(holds(complaint([&] { dataset()->names(); }), "routes.txt:2: a second route street"));
+  write_text(folder_ / "routes.txt", "street,a,a\n");
+  EXPECT_TRUE(holds(complaint([&] { dataset()->load("street"); }), "0 pictures"));
   fs::remove(folder_ / "routes.txt");
   write_text(folder_ / "links.txt", "a,90,b\nb,east,c\n");
   EXPECT_TRUE(holds(complaint([&] { dataset()->names(); }), "links.txt:2"));
