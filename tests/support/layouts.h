@@ -3,8 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
-#include <fstream>
-#include <functional>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
@@ -13,16 +11,12 @@
 
 #include "env_service/datasets/parts.h"
 #include "tests/support/env.h"
+#include "tests/support/pictures.h"
 #include "tests/support/service.h"
 
 // Small trees in the layouts of published datasets.
 
 namespace citylearn::testing {
-
-inline void write_text(const std::string& path, const std::string& text) {
-  std::filesystem::create_directories(std::filesystem::path(path).parent_path());
-  std::ofstream(path, std::ios::binary) << text;
-}
 
 /// A picture of one colour; the file's suffix says how it is stored.
 inline void write_picture(const std::string& path, const cv::Scalar& colour = {40, 90, 160},
@@ -32,7 +26,7 @@ inline void write_picture(const std::string& path, const cv::Scalar& colour = {4
 }
 
 /// A video (Motion JPEG in AVI, whatever the suffix) whose frame i is grey of 20 i.
-inline void write_video(const std::string& path, int frames, double rate) {
+inline void write_avi(const std::string& path, int frames, double rate) {
   std::filesystem::create_directories(std::filesystem::path(path).parent_path());
   const std::string avi = path + ".avi";
   {
@@ -49,24 +43,9 @@ inline cv::Mat picture_of(const Traversal& traversal, int frame) {
   return decode_image(bytes, traversal.images->name(frame));
 }
 
-/// The one line of the Error that `action` ends in.
-inline std::string complaint(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    const std::string line = error.what();
-    EXPECT_EQ(line.find('\n'), line.npos) << line;
-    return line;
-  } catch (const std::exception& error) {
-    ADD_FAILURE() << "not an Error: " << error.what();
-    return error.what();
-  }
-  ADD_FAILURE() << "no Error";
-  return "";
-}
-
 /// Whether `text` holds `part`; says both when it does not.
 inline ::testing::AssertionResult holds(const std::string& text, const std::string& part) {
+  if (text.find('\n') != text.npos) return ::testing::AssertionFailure() << "more than a line: " << text;
   if (text.find(part) != text.npos) return ::testing::AssertionSuccess();
   return ::testing::AssertionFailure() << "no '" << part << "' in '" << text << "'";
 }
