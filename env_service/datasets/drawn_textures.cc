@@ -264,7 +264,7 @@ Skin Painter::house(float width, float height, Random shape, Random mood) const 
   const Colour tiles = kRoofs[shape.below(kRoofs.size())] * in(shape, 0.85, 1.15);
   const Colour roof = mix(tiles, kSnow, look_.snow);
   const int columns = whole(width * kDetail), rows = whole(height * kDetail);
-  const int eaves = whole(rows * in(shape, 0.34, 0.46));
+  const int eaves = whole(static_cast<float>(rows) * in(shape, 0.34, 0.46));
   cv::Mat picture = canvas(columns, rows, roof);
   box(picture, 3, static_cast<float>(eaves), static_cast<float>(columns) - 6, static_cast<float>(rows - eaves),
       opaque(wall));
@@ -301,7 +301,7 @@ Skin Painter::house(float width, float height, Random shape, Random mood) const 
 Skin Painter::gable(bool pitched, Random shape) const {
   const Colour wall = wall_colour(shape) * 0.92f;
   cv::Mat picture = canvas(32, 32, wall);
-  box(picture, 0, pitched ? 14 : 0, 32, 32, opaque(wall));
+  box(picture, 0, pitched ? 14.f : 0.f, 32, 32, opaque(wall));
   if (pitched) triangle(picture, {16, 0}, {0, 14}, {31, 14}, opaque(wall));
   if (look_.snow > 0 && !pitched) box(picture, 0, 0, 32, 1, opaque(kSnow));
   box(picture, 10, 18, 4, 5, opaque({60, 56, 52}));
