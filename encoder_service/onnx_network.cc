@@ -260,12 +260,12 @@ const cv::Mat& OnnxNetwork::prepare(const cv::Mat& picture) {
 }
 
 cv::Mat OnnxNetwork::run(const cv::Mat& input) {
+  const Silence silence;
   cv::Mat output;
   try {
     parts_->net.setInput(input);
     output = parts_->net.forward(layer_);
   } catch (const std::exception& exception) {
-    const Silence silence;
     throw Error("OpenCV cannot run it on a picture of " + std::to_string(width_) + " x " + std::to_string(height_) +
                     " up to layer '" + layer_ + "': " + reason_of(exception),
                 path_, "is that the size it was made for? docs/onnx.md says how to export");
