@@ -173,7 +173,7 @@ const DatasetRegistry::Registration registration({
     {{"paper", "Yu et al.: BDD100K: A Diverse Driving Dataset for Heterogeneous Multitask Learning, CVPR 2020"},
      {"address", "https://bdd-data.berkeley.edu"},
      {"licence", "BDD100K licence: free for education, research and not-for-profit; commercial use by agreement"},
-     {"size", "videos 1.8 TB in 100 archives, info 3.9 GB"}},
+     {"size", "videos 1.8 TB in 100 archives"}},
 });
 
 }  // namespace

@@ -208,7 +208,7 @@ const DatasetRegistry::Registration registration({
     {{"paper", "Maddern, Pascoe, Linegar, Newman: 1 Year, 1000 km: The Oxford RobotCar Dataset, IJRR 2017"},
      {"address", "https://robotcar-dataset.robots.ox.ac.uk"},
      {"licence", "CC BY-NC-SA 4.0"},
-     {"size", "23 TB in all; the stereo centre pictures of one drive about 30 GB"}},
+     {"size", "23 TB in all, each sensor of each drive in archives of up to 5 GB"}},
 });
 
 }  // namespace
