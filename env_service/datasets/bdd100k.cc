@@ -3,6 +3,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 
 #include "env_service/datasets/layout.h"
 #include "env_service/datasets/parts.h"
@@ -41,7 +42,7 @@ class Bdd100k : public Dataset {
   }
 
   std::string condition(const std::string& name) override {
-    for (const auto& [split, folder] : folders_of(videos()))
+    for (const std::string& split : splits())
       if (const std::string path = first_file(
               folder_, {"labels/100k/" + split + "/" + name + ".json", "labels/" + split + "/" + name + ".json"});
           !path.empty())
@@ -103,14 +104,11 @@ class Bdd100k : public Dataset {
     return *paths;
   }
 
-  /// The folders that hold files, by their last names ("train", "val", "test").
-  static std::map<std::string, std::string> folders_of(const Paths& paths) {
-    std::map<std::string, std::string> folders;
-    for (const auto& [name, path] : paths) {
-      const fs::path folder = fs::path(path).parent_path();
-      folders.emplace(folder.filename().string(), folder.string());
-    }
-    return folders;
+  /// Names of the folders that hold videos: "train", "val", "test".
+  const std::set<std::string>& splits() {
+    if (splits_.empty())
+      for (const auto& [name, path] : videos()) splits_.insert(fs::path(path).parent_path().filename().string());
+    return splits_;
   }
 
   /// A file of labels without the many boxes and outlines, which would fill the memory.
@@ -159,6 +157,7 @@ class Bdd100k : public Dataset {
   std::string folder_;
   double seconds_;
   std::optional<Paths> videos_, infos_;
+  std::set<std::string> splits_;
   std::optional<std::map<std::string, std::string>> conditions_;
 };
 
