@@ -21,7 +21,8 @@ constexpr double kReach = 1.5;  // seconds; the phones told where they were once
 ///   videos/**/<id>.mov: 720p at 30 Hz
 ///   info/**/<id>.json: "startTime" (milliseconds since 1970) and "locations", each with "timestamp" (milliseconds),
 ///     "latitude" and "longitude" in degrees, about one a second
-///   labels/**/<id>.json, or lists like labels/bdd100k_labels_images_train.json and labels/det_20/det_train.json of
+///   labels/100k/<split>/<id>.json, or lists like labels/bdd100k_labels_images_train.json and
+///   labels/det_20/det_train.json of
 ///     {"name": "<id>.jpg", "attributes": {"weather": ..., "timeofday": ...}}: the condition, "night+rainy"
 /// A ride is a traversal when its video has an info file. Whether that tells enough is seen when it is loaded (100,000
 /// files of 0.3 MB are not opened to list them): at least two locations that cover `seconds` of the ride. Where

@@ -96,12 +96,12 @@ class OxfordRobotcar : public Dataset {
       std::string recipe = raw_ ? std::string("demosaic bilinear ") + camera_.pattern : "as it is";
       if (reduce_ > 1) recipe += ", reduced " + std::to_string(reduce_) + " times";
       images = cached(
-          changed(images, recipe, [raw = raw_, code = camera_.demosaic, times = reduce_](const cv::Mat& picture) {
+          changed(images, recipe, [raw = raw_, code = camera_.demosaic, factor = reduce_](const cv::Mat& picture) {
             cv::Mat mosaic = picture, colours = picture, small;
             if (raw && picture.channels() == 3) cv::extractChannel(picture, mosaic, 0);
             if (raw) cv::cvtColor(mosaic, colours, code);
-            if (times == 1) return colours;
-            const cv::Size size(std::max(1, colours.cols / times), std::max(1, colours.rows / times));
+            if (factor == 1) return colours;
+            const cv::Size size(std::max(1, colours.cols / factor), std::max(1, colours.rows / factor));
             cv::resize(colours, small, size, 0, 0, cv::INTER_AREA);
             return small;
           }));

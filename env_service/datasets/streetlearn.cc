@@ -3,7 +3,6 @@
 #include <cstring>
 #include <limits>
 #include <map>
-#include <opencv2/imgproc.hpp>
 #include <queue>
 
 #include "env_service/datasets/layout.h"
