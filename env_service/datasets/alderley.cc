@@ -100,7 +100,7 @@ const DatasetRegistry::Registration registration({
       "ICRA 2012"},
      {"address", "https://wiki.qut.edu.au/pages/viewpage.action?pageId=181178395"},
      {"licence", "none stated; the page asks to cite the paper"},
-     {"size", "about 2 GB: 14,607 day and 16,960 night pictures of 640 x 260"}},
+     {"size", "14,607 day and 16,960 night pictures of 640 x 260"}},
 });
 
 }  // namespace

@@ -3,6 +3,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 
 #include "env_service/datasets/layout.h"
 #include "env_service/datasets/parts.h"
@@ -20,7 +21,8 @@ constexpr double kReach = 1.5;  // seconds; the phones told where they were once
 ///   videos/**/<id>.mov: 720p at 30 Hz
 ///   info/**/<id>.json: "startTime" (milliseconds since 1970) and "locations", each with "timestamp" (milliseconds),
 ///     "latitude" and "longitude" in degrees, about one a second
-///   labels/**/<id>.json, or lists like labels/bdd100k_labels_images_train.json and labels/det_20/det_train.json of
+///   labels/100k/<split>/<id>.json, or lists like labels/bdd100k_labels_images_train.json and
+///   labels/det_20/det_train.json of
 ///     {"name": "<id>.jpg", "attributes": {"weather": ..., "timeofday": ...}}: the condition, "night+rainy"
 /// A ride is a traversal when its video has an info file. Whether that tells enough is seen when it is loaded (100,000
 /// files of 0.3 MB are not opened to list them): at least two locations that cover `seconds` of the ride. Where
@@ -41,7 +43,7 @@ class Bdd100k : public Dataset {
   }
 
   std::string condition(const std::string& name) override {
-    for (const auto& [split, folder] : folders_of(videos()))
+    for (const std::string& split : splits())
       if (const std::string path = first_file(
               folder_, {"labels/100k/" + split + "/" + name + ".json", "labels/" + split + "/" + name + ".json"});
           !path.empty())
@@ -103,14 +105,11 @@ class Bdd100k : public Dataset {
     return *paths;
   }
 
-  /// The folders that hold files, by their last names ("train", "val", "test").
-  static std::map<std::string, std::string> folders_of(const Paths& paths) {
-    std::map<std::string, std::string> folders;
-    for (const auto& [name, path] : paths) {
-      const fs::path folder = fs::path(path).parent_path();
-      folders.emplace(folder.filename().string(), folder.string());
-    }
-    return folders;
+  /// Names of the folders that hold videos: "train", "val", "test".
+  const std::set<std::string>& splits() {
+    if (splits_.empty())
+      for (const auto& [name, path] : videos()) splits_.insert(fs::path(path).parent_path().filename().string());
+    return splits_;
   }
 
   /// A file of labels without the many boxes and outlines, which would fill the memory.
@@ -159,6 +158,7 @@ class Bdd100k : public Dataset {
   std::string folder_;
   double seconds_;
   std::optional<Paths> videos_, infos_;
+  std::set<std::string> splits_;
   std::optional<std::map<std::string, std::string>> conditions_;
 };
 
@@ -173,7 +173,7 @@ const DatasetRegistry::Registration registration({
     {{"paper", "Yu et al.: BDD100K: A Diverse Driving Dataset for Heterogeneous Multitask Learning, CVPR 2020"},
      {"address", "https://bdd-data.berkeley.edu"},
      {"licence", "BDD100K licence: free for education, research and not-for-profit; commercial use by agreement"},
-     {"size", "videos 1.8 TB in 100 archives, info 3.9 GB"}},
+     {"size", "videos 1.8 TB in 100 archives"}},
 });
 
 }  // namespace

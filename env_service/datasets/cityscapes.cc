@@ -142,7 +142,7 @@ const DatasetRegistry::Registration registration({
     {{"paper", "Cordts et al.: The Cityscapes Dataset for Semantic Urban Scene Understanding, CVPR 2016"},
      {"address", "https://www.cityscapes-dataset.com"},
      {"licence", "Cityscapes licence: non-commercial research and teaching, no redistribution"},
-     {"size", "leftImg8bit_sequence 324 GB; vehicle_sequence and timestamp_sequence below 100 MB"}},
+     {"size", "leftImg8bit_sequence 324 GB"}},
 });
 
 }  // namespace

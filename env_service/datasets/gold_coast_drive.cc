@@ -73,7 +73,7 @@ const DatasetRegistry::Registration registration({
     {{"paper",
       "Milford et al.: Sequence Searching With Deep-Learnt Depth for Condition- and Viewpoint-Invariant "
       "Route-Based Place Recognition, CVPR workshops 2015"},
-     {"address", "https://research.qut.edu.au/qcr/datasets/"},
+     {"address", "https://qcr.github.io"},
      {"licence", "none stated; the page asks to cite the paper"},
      {"size", "15.2 GB; in low resolution 257 MB; a sample 315 MB"}},
 });

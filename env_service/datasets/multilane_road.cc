@@ -113,7 +113,7 @@ const DatasetRegistry::Registration registration({
     {{"paper",
       "Pepperell, Corke, Milford: Automatic Image Scaling for Place Recognition in Changing Environments, ICRA "
       "2015"},
-     {"address", "https://research.qut.edu.au/qcr/datasets/"},
+     {"address", "https://qcr.github.io"},
      {"licence", "none stated; the page asks to cite the paper"},
      {"size", "761 MB"}},
 });

@@ -52,7 +52,8 @@ class OxfordRobotcar : public Dataset {
   OxfordRobotcar(const std::string& folder, const Parameters& parameters)
       : folder_(folder),
         camera_(kCameras.at(static_cast<std::size_t>(parameters.integer("camera")))),
-        raw_(parameters.flag("raw")) {
+        raw_(parameters.flag("raw")),
+        reduce_(parameters.integer("reduce")) {
     require_data("oxford_robotcar", folder, "<YYYY-MM-DD-HH-MM-SS> folders");
   }
 
@@ -91,14 +92,20 @@ class OxfordRobotcar : public Dataset {
       times.push_back(std::stod(stamp) * kMicroseconds);
     }
     std::shared_ptr<Images> images = image_files(paths, folder_);
-    if (raw_)
-      images = cached(changed(images, std::string("demosaic bilinear ") + camera_.pattern,
-                              [code = camera_.demosaic](const cv::Mat& picture) {
-                                cv::Mat mosaic = picture, colours;
-                                if (picture.channels() == 3) cv::extractChannel(picture, mosaic, 0);
-                                cv::cvtColor(mosaic, colours, code);
-                                return colours;
-                              }));
+    if (raw_ || reduce_ > 1) {
+      std::string recipe = raw_ ? std::string("demosaic bilinear ") + camera_.pattern : "as it is";
+      if (reduce_ > 1) recipe += ", reduced " + std::to_string(reduce_) + " times";
+      images = cached(
+          changed(images, recipe, [raw = raw_, code = camera_.demosaic, factor = reduce_](const cv::Mat& picture) {
+            cv::Mat mosaic = picture, colours = picture, small;
+            if (raw && picture.channels() == 3) cv::extractChannel(picture, mosaic, 0);
+            if (raw) cv::cvtColor(mosaic, colours, code);
+            if (factor == 1) return colours;
+            const cv::Size size(std::max(1, colours.cols / factor), std::max(1, colours.rows / factor));
+            cv::resize(colours, small, size, 0, 0, cv::INTER_AREA);
+            return small;
+          }));
+    }
     Traversal traversal = pictured("oxford_robotcar", name, images, pictures);
     traversal.condition = condition(name);
     traversal.times = times;
@@ -193,6 +200,7 @@ class OxfordRobotcar : public Dataset {
   std::string folder_;
   Camera camera_;
   bool raw_;
+  int reduce_;
 };
 
 const DatasetRegistry::Registration registration({
@@ -200,7 +208,8 @@ const DatasetRegistry::Registration registration({
     "Oxford RobotCar: drives of one route through Oxford over a year, in all weather",
     {{"camera", "0 stereo centre, 1 stereo left, 2 stereo right, 3 mono left, 4 mono right, 5 mono rear", 0, 0, 5,
       true},
-     {"raw", "1: pictures are raw Bayer as published; 0: they were given colours already", 1, 0, 1, true}},
+     {"raw", "1: pictures are raw Bayer as published; 0: they were given colours already", 1, 0, 1, true},
+     {"reduce", "how many times smaller pictures become, in width and in height", 1, 1, 16, true}},
     [](const Parameters& parameters, const std::string& folder) {
       return std::make_unique<OxfordRobotcar>(folder, parameters);
     },
@@ -208,7 +217,7 @@ const DatasetRegistry::Registration registration({
     {{"paper", "Maddern, Pascoe, Linegar, Newman: 1 Year, 1000 km: The Oxford RobotCar Dataset, IJRR 2017"},
      {"address", "https://robotcar-dataset.robots.ox.ac.uk"},
      {"licence", "CC BY-NC-SA 4.0"},
-     {"size", "23 TB in all; the stereo centre pictures of one drive about 30 GB"}},
+     {"size", "23 TB in all, each sensor of each drive in archives of up to 5 GB"}},
 });
 
 }  // namespace

@@ -96,7 +96,7 @@ const DatasetRegistry::Registration registration({
       "ICRA 2010"},
      {"address", "https://wiki.qut.edu.au/display/cyphy/St+Lucia+Multiple+Times+of+Day"},
      {"licence", "none stated; the page asks to cite the paper"},
-     {"size", "about 1 GB a drive, ten drives"}},
+     {"size", "ten drives, each a video of 640 x 480 at 15 Hz in an archive of its own"}},
 });
 
 }  // namespace

@@ -3,7 +3,6 @@
 #include <cstring>
 #include <limits>
 #include <map>
-#include <opencv2/imgproc.hpp>
 #include <queue>
 
 #include "env_service/datasets/layout.h"
@@ -261,7 +260,7 @@ const DatasetRegistry::Registration registration({
       "and Dataset, arXiv:1903.01292"},
      {"address", "https://sites.google.com/view/streetlearn"},
      {"licence", "by agreement with the authors (Google Street View imagery); free for research"},
-     {"size", "143,000 panoramas; 114,000 of them in two LevelDB files for Manhattan and Pittsburgh"}},
+     {"size", "114,000 panoramas, in two LevelDB files: Manhattan and Pittsburgh"}},
 });
 
 }  // namespace

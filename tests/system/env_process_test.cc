@@ -75,8 +75,9 @@ TEST_F(EnvProcess, BadDataEndWithOneLineThatNamesFileAndLine) {
 
 TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
   EXPECT_NE(complaint({"--traversal", "spring"}).find("there are: summer, fall, winter, night"), std::string::npos);
-  EXPECT_NE(complaint({"--dataset", "oxford"}).find("unknown dataset 'oxford' (known: plain, synthetic)"),
-            std::string::npos);
+  const std::string unknown = complaint({"--dataset", "oxford"});
+  EXPECT_NE(unknown.find("unknown dataset 'oxford' (known: "), std::string::npos);
+  EXPECT_NE(unknown.find("oxford_robotcar"), std::string::npos);
   EXPECT_NE(complaint({"--data", folder_.path()}).find("dataset synthetic: reads no folder"), std::string::npos);
   EXPECT_EQ(complaint({"--dataset", "plain", "--data", folder_.path(), "--synthetic-seed", "3"}),
             "--synthetic-seed: is for dataset synthetic, but the dataset is plain");

@@ -109,6 +109,10 @@ TEST_F(Robotcar, RawPicturesBecomeColours) {
     const cv::Vec3b pixel = testing::picture_of(load({{"camera", camera}}), 0).at<cv::Vec3b>(8, 8);
     EXPECT_EQ(pixel, cv::Vec3b(0, 0, 200)) << camera;
   }
+  const cv::Mat reduced = testing::picture_of(load({{"reduce", 2}}), 0);
+  EXPECT_EQ(reduced.size(), cv::Size(8, 8));
+  EXPECT_EQ(reduced.at<cv::Vec3b>(4, 4), cv::Vec3b(0, 0, 200));
+  EXPECT_EQ(testing::picture_of(load({{"raw", 0}, {"reduce", 4}}), 0).at<cv::Vec3b>(2, 2), cv::Vec3b(50, 50, 50));
   const cv::Mat grey = testing::picture_of(load({{"raw", 0}}), 0);
   EXPECT_EQ(grey.at<cv::Vec3b>(1, 0), cv::Vec3b(200, 200, 200));
   EXPECT_EQ(grey.at<cv::Vec3b>(0, 0), cv::Vec3b(0, 0, 0));
@@ -120,6 +124,7 @@ TEST_F(Robotcar, FingerprintsFollowPicturesAndDemosaicing) {
   EXPECT_NE(before, load().images->fingerprint(1));
   EXPECT_EQ(before, load().images->fingerprint(0));
   EXPECT_NE(before, load({{"raw", 0}}).images->fingerprint(0));
+  EXPECT_NE(before, load({{"reduce", 2}}).images->fingerprint(0));
   write_picture(drive_ + "/stereo/centre/1400075172000000.png", {1, 2, 3});
   EXPECT_NE(before, load().images->fingerprint(0));
 }
