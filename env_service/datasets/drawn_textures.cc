@@ -108,7 +108,7 @@ Skin Painter::draw_tree(Random random) const {
              opaque(bark * (1 - 0.08f * static_cast<float>(branch.order))), thick);
     if (look_.snow > 0 && branch.order > 0 && branch.order < 4)
       cv::line(picture, cv::Point2f(branch.x, branch.y - 1), cv::Point2f(x, y - 1), opaque(kSnow), 1);
-    if (branch.order == 5) continue;
+    if (branch.order == (look_.leaves == 2 ? 5 : 2)) continue;  // leaves hide the finer ones
     for (int child = 0; child < (branch.order < 2 ? 3 : 2); ++child)
       branches.push_back(
           {x, y, branch.angle + in(random, -0.75, 0.75), branch.length * in(random, 0.62, 0.85), branch.order + 1});
