@@ -180,7 +180,13 @@ cv::Vec3i Camera::light(float direct, Point at) const {
 void Camera::draw_ground(float s) {
   const Colour far = look_.horizon;
   float along = s + 1;
-  const float up = std::sin(look_.sun_elevation), reach = 1 / std::tan(look_.sun_elevation);
+  const auto lit = [&](float share) {
+    return cv::Vec3i(static_cast<int>(look_.light[0] * share), static_cast<int>(look_.light[1] * share),
+                     static_cast<int>(look_.light[2] * share));
+  };
+  const cv::Vec3i dim = lit(1 - look_.sun),
+                  sunlit = lit(1 - look_.sun + 1.35f * look_.sun * std::sin(look_.sun_elevation));
+  const float reach = 1 / std::tan(look_.sun_elevation);
   for (int y = height_ - 1; y > horizon_; --y) {
     const float z = focal_ * kEye / (static_cast<float>(y - horizon_) - 0.3f);
     if (z >= kAhead - 4) break;
@@ -199,7 +205,7 @@ void Camera::draw_ground(float s) {
     const int keep = 256 - haze_[static_cast<std::size_t>(z)];
     const float rough = std::min(1.f, 18 / z) * (look_.snow > 0 ? 8.f : 14.f);
     auto* out = buffer_.ptr<cv::Vec4b>(y);
-    const float across = z / focal_;
+    const float across = z / focal_, ahead = 1.15f * std::exp(-z / 24);
     for (int x = 0; x < width_; ++x) {
       const float aside = (static_cast<float>(x) + 0.5f - centre_) * across, dx = aside - centre.x;
       const float lateral = dx * cosine, way = along + dx * sine;
@@ -219,17 +225,15 @@ void Camera::draw_ground(float s) {
       const int bump = static_cast<int>(rough * (static_cast<float>((grain * 2654435761u) >> 24) * 0x1p-7f - 1));
       const float toward = sunny == 1 ? lateral : -lateral;
       const bool shaded = toward > shade && toward < edge;
-      cv::Vec3i l;
+      cv::Vec3i l = shaded ? dim : sunlit;
       if (look_.night) {
-        l = light(0, {aside, z});
+        const float off = aside / (2.5f + 0.16f * z);
+        const float beam = off * off < 6 ? ahead * std::exp(-off * off) : 0.f;
+        l += cv::Vec3i(static_cast<int>(150 * beam), static_cast<int>(190 * beam), static_cast<int>(205 * beam));
         if (cell.zone != Zone::kCountry) {
           const float pool = 90 * beat * beat * std::exp(-(away - 3.6f) * (away - 3.6f) / 9);
           l += cv::Vec3i(static_cast<int>(pool * 0.55f), static_cast<int>(pool * 0.85f), static_cast<int>(pool));
         }
-      } else {
-        const float share = 1 - look_.sun + (shaded ? 0.f : 1.35f * look_.sun * up);
-        l = cv::Vec3i(static_cast<int>(look_.light[0] * share), static_cast<int>(look_.light[1] * share),
-                      static_cast<int>(look_.light[2] * share));
       }
       for (int k = 0; k < 3; ++k) out[x][k] = byte(((((c[k] + bump) * l[k]) >> 8) * keep + haze[k]) >> 8);
       out[x][3] = c[3];

@@ -35,11 +35,11 @@ const std::vector<Look>& looks() {
     winter.horizon = {232, 226, 220};
     winter.cloud = {225, 222, 220};
     winter.clouds = 0.7f;
-    winter.sight = 120;
-    winter.noise = 4;
-    winter.snowfall = 0.8f;
+    winter.sight = 95;
+    winter.noise = 5;
+    winter.snowfall = 1;
     winter.gain = {1.04f, 0.99f, 0.95f};
-    winter.sway = 3;
+    winter.sway = 4.5f;
     winter.lateral = -0.15f;
 
     Look& night = looks[3];
@@ -52,8 +52,8 @@ const std::vector<Look>& looks() {
     night.cloud = {54, 42, 36};
     night.clouds = 0.4f;
     night.sight = 200;
-    night.noise = 9;
-    night.sway = 3;
+    night.noise = 12;
+    night.sway = 5;
     night.lateral = 0.15f;
 
     Look& overcast = looks[4];
@@ -72,15 +72,15 @@ const std::vector<Look>& looks() {
     rain.name = "rain";
     rain.sun = 0;
     rain.wet = 0.75f;
-    rain.rain = 1;
+    rain.rain = 1.5f;
     rain.light = {160, 156, 148};
     rain.zenith = {150, 142, 134};
     rain.horizon = {172, 168, 162};
     rain.cloud = {124, 118, 112};
     rain.clouds = 0.9f;
     rain.sight = 85;
-    rain.noise = 6;
-    rain.sway = 3;
+    rain.noise = 8;
+    rain.sway = 4.5f;
     rain.lateral = 0.2f;
 
     Look& shifted = looks[6];

@@ -149,7 +149,7 @@ TEST(Drawn, NeighboursLookAlike) {
 }
 
 TEST(Drawn, ConditionsAreHarderOrEasierToRecognise) {
-  const auto dataset = city({{"frames", 160}});
+  const auto dataset = city({{"frames", 128}});
   const cv::Mat summer = descriptors(dataset->load("summer"));
   std::map<std::string, double> share;
   for (const std::string& name : dataset->names())
@@ -164,19 +164,22 @@ TEST(Drawn, ConditionsAreHarderOrEasierToRecognise) {
 }
 
 TEST(Drawn, PixelsAloneDoNotTellPlacesUnderAnotherCondition) {
-  const auto dataset = city({{"frames", 160}});
+  const auto dataset = city({{"frames", 128}});
   const auto pixels = [&](const std::string& name) {
     std::vector<cv::Mat> pictures;
     const Traversal traversal = dataset->load(name);
-    for (int frame = 0; frame < traversal.frames; ++frame) pictures.push_back(picture(traversal, frame));
+    for (int frame = 0; frame < traversal.frames; ++frame) {
+      pictures.emplace_back();
+      cv::resize(picture(traversal, frame), pictures.back(), {}, 0.5, 0.5, cv::INTER_AREA);
+    }
     return pictures;
   };
   const std::vector<cv::Mat> summer = pixels("summer");
   for (const std::string& name : dataset->names()) {
     const std::vector<cv::Mat> pictures = pixels(name);
-    cv::Mat similarity(160, 160, CV_64F);
-    for (int i = 0; i < 160; ++i)
-      for (int j = 0; j < 160; ++j)
+    cv::Mat similarity(128, 128, CV_64F);
+    for (int i = 0; i < 128; ++i)
+      for (int j = 0; j < 128; ++j)
         similarity.at<double>(i, j) =
             -difference(pictures[static_cast<std::size_t>(i)], summer[static_cast<std::size_t>(j)]);
     if (name == "summer")
