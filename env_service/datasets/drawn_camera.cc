@@ -10,7 +10,7 @@ namespace {
 constexpr float kStep = 2, kBehind = 26, kAhead = 216;  // metres of the route that are surveyed
 constexpr float kNear = 0.6f, kEye = 1.9f, kLane = 1.6f;
 constexpr float kFade = 40;  // over so many metres things appear
-enum Field : std::uint64_t { kClouds = 41, kHills, kSway, kStars };
+enum Field : std::uint64_t { kClouds = 41, kHills, kSway, kStars, kTraffic };
 
 uchar byte(int value) { return static_cast<uchar>(std::clamp(value, 0, 255)); }
 cv::Vec4b pixel(const Colour& c) {
@@ -26,7 +26,8 @@ Camera::Camera(const DrawnOptions& options, const Look& look, std::uint64_t look
       world_(options, look, look_index),
       width_(2 * options.width),
       height_(2 * options.height),
-      horizon_(static_cast<int>(0.92 * options.height)),
+      level_(static_cast<int>(0.92 * options.height)),
+      horizon_(level_),
       focal_(1.3f * static_cast<float>(options.width)),
       centre_(static_cast<float>(options.width)) {
   for (int metre = 0; metre <= 256; ++metre) {
@@ -38,6 +39,8 @@ Camera::Camera(const DrawnOptions& options, const Look& look, std::uint64_t look
   for (int k = 0; k < 256; ++k) grain_.push_back(static_cast<int>(std::lround(look.noise * random.normal())));
   buffer_.create(height_, width_, CV_8UC4);
   picture_.create(options.height, options.width, CV_8UC3);
+  for (std::uint64_t k = 0; k < traffic_.size(); ++k)
+    traffic_[k] = world_.painter().car(k < 3 ? Painter::View::kBack : Painter::View::kFront, Random{44, look_index, k});
   paint_sky();
 }
 
@@ -54,8 +57,12 @@ const cv::Mat& Camera::draw(float s) {
 }
 
 void Camera::survey(float s) {
-  const float yaw = look_.yaw + 0.008f * noise(mix_seeds({kSway, look_index_, 1}), s / 30);
-  const float lateral = kLane + look_.lateral + 0.12f * noise(mix_seeds({kSway, look_index_, 2}), s / 35);
+  const auto sway = [&](std::uint64_t what, float length) {
+    return look_.sway * noise(mix_seeds({kSway, look_index_, what}), s / length);
+  };
+  const float yaw = look_.yaw + 0.010f * sway(1, 23) + 0.006f * sway(2, 7);
+  const float lateral = kLane + look_.lateral + 0.12f * sway(3, 35);
+  horizon_ = level_ + static_cast<int>(std::lround(focal_ * 0.006f * sway(4, 6)));
   begin_ = s - kBehind;
   heading_ = world_.heading(s) + yaw;
   const int count = static_cast<int>((kBehind + kAhead) / kStep) + 2, here = static_cast<int>(kBehind / kStep);
@@ -100,11 +107,11 @@ Camera::Point Camera::beside(float s, float lateral) const {
 
 void Camera::paint_sky() {
   const int around = static_cast<int>(2 * std::numbers::pi_v<float> * focal_);
-  sky_.create(horizon_ + 1, around, CV_8UC4);
+  sky_.create(level_ + 1, around, CV_8UC4);
   const std::uint64_t clouds = mix_seeds({kClouds, options_.seed, look_index_});
   Random stars{kStars, options_.seed};
   for (int y = 0; y < sky_.rows; ++y) {
-    const float elevation = static_cast<float>(horizon_ - y) / focal_;
+    const float elevation = static_cast<float>(level_ - y) / focal_;
     const Colour clear =
         look_.horizon + (look_.zenith - look_.horizon) * std::min(1.f, std::pow(2.1f * elevation, 0.7f));
     for (int x = 0; x < around; ++x) {
@@ -116,10 +123,10 @@ void Camera::paint_sky() {
       const float cover =
           std::clamp(2.2f * (thick + 1.5f * look_.clouds - 0.85f), 0.f, 1.f) * std::min(1.f, elevation * 9);
       Colour colour = clear + (look_.cloud * (1 - 0.14f * std::max(0.f, thick)) - clear) * (cover * 0.9f);
-      const float away = std::hypot(azimuth - look_.sun_azimuth, elevation - std::min(look_.sun_elevation, 0.36f));
+      const float away = std::hypot(azimuth - look_.sun_azimuth, elevation - look_.sun_elevation);
       if (look_.sun > 0.2f)
         colour +=
-            (Colour(225, 250, 255) - colour) * std::min(1.f, 0.75f * std::exp(-away * 7) + (away < 0.05f ? 1.f : 0.f));
+            (Colour(225, 250, 255) - colour) * std::min(1.f, 0.8f * std::exp(-away * 5) + (away < 0.05f ? 1.f : 0.f));
       if (look_.night && stars.uniform() < 0.004)
         colour += Colour(150, 150, 150) * ((1 - cover) * static_cast<float>(stars.uniform()));
       if (look_.night && std::hypot(azimuth + 0.35f, elevation - 0.3f) < 0.035f) colour = {200, 232, 240};
@@ -132,7 +139,7 @@ void Camera::draw_sky(float s) {
   const int start = static_cast<int>((heading_ + std::numbers::pi_v<float>)*focal_ - centre_);
   const int left = ((start % sky_.cols) + sky_.cols) % sky_.cols, first = std::min(width_, sky_.cols - left);
   for (int y = 0; y < height_; ++y) {
-    const auto* row = sky_.ptr<cv::Vec4b>(std::min(y, horizon_));
+    const auto* row = sky_.ptr<cv::Vec4b>(std::clamp(y - horizon_ + level_, 0, level_));
     auto* out = buffer_.ptr<cv::Vec4b>(y);
     std::copy_n(row + left, first, out);
     std::copy_n(row, width_ - first, out + first);
@@ -173,7 +180,13 @@ cv::Vec3i Camera::light(float direct, Point at) const {
 void Camera::draw_ground(float s) {
   const Colour far = look_.horizon;
   float along = s + 1;
-  const float up = std::sin(look_.sun_elevation), reach = 1 / std::tan(look_.sun_elevation);
+  const auto lit = [&](float share) {
+    return cv::Vec3i(static_cast<int>(look_.light[0] * share), static_cast<int>(look_.light[1] * share),
+                     static_cast<int>(look_.light[2] * share));
+  };
+  const cv::Vec3i dim = lit(1 - look_.sun),
+                  sunlit = lit(1 - look_.sun + 1.35f * look_.sun * std::sin(look_.sun_elevation));
+  const float reach = 1 / std::tan(look_.sun_elevation);
   for (int y = height_ - 1; y > horizon_; --y) {
     const float z = focal_ * kEye / (static_cast<float>(y - horizon_) - 0.3f);
     if (z >= kAhead - 4) break;
@@ -192,7 +205,7 @@ void Camera::draw_ground(float s) {
     const int keep = 256 - haze_[static_cast<std::size_t>(z)];
     const float rough = std::min(1.f, 18 / z) * (look_.snow > 0 ? 8.f : 14.f);
     auto* out = buffer_.ptr<cv::Vec4b>(y);
-    const float across = z / focal_;
+    const float across = z / focal_, ahead = 1.15f * std::exp(-z / 24);
     for (int x = 0; x < width_; ++x) {
       const float aside = (static_cast<float>(x) + 0.5f - centre_) * across, dx = aside - centre.x;
       const float lateral = dx * cosine, way = along + dx * sine;
@@ -207,22 +220,20 @@ void Camera::draw_ground(float s) {
         marked = within > 4 && within < 7.5f && (static_cast<int>((lateral + 10) * 2) & 1) != 0;
       }
       if (marked && look_.snow < 0.5f) c = {222, 226, 226, c[3]};
-      const auto grain = static_cast<unsigned>(static_cast<int>(std::floor(lateral * 3)) * 73856093 ^
-                                               static_cast<int>(std::floor(way * 2)) * 19349663);
+      const auto grain = static_cast<unsigned>(static_cast<int>(std::floor(lateral * 6)) * 73856093 ^
+                                               static_cast<int>(std::floor(way * 3)) * 19349663);
       const int bump = static_cast<int>(rough * (static_cast<float>((grain * 2654435761u) >> 24) * 0x1p-7f - 1));
       const float toward = sunny == 1 ? lateral : -lateral;
       const bool shaded = toward > shade && toward < edge;
-      cv::Vec3i l;
+      cv::Vec3i l = shaded ? dim : sunlit;
       if (look_.night) {
-        l = light(0, {aside, z});
+        const float off = aside / (2.5f + 0.16f * z);
+        const float beam = off * off < 6 ? ahead * std::exp(-off * off) : 0.f;
+        l += cv::Vec3i(static_cast<int>(150 * beam), static_cast<int>(190 * beam), static_cast<int>(205 * beam));
         if (cell.zone != Zone::kCountry) {
           const float pool = 90 * beat * beat * std::exp(-(away - 3.6f) * (away - 3.6f) / 9);
           l += cv::Vec3i(static_cast<int>(pool * 0.55f), static_cast<int>(pool * 0.85f), static_cast<int>(pool));
         }
-      } else {
-        const float share = 1 - look_.sun + (shaded ? 0.f : 1.35f * look_.sun * up);
-        l = cv::Vec3i(static_cast<int>(look_.light[0] * share), static_cast<int>(look_.light[1] * share),
-                      static_cast<int>(look_.light[2] * share));
       }
       for (int k = 0; k < 3; ++k) out[x][k] = byte(((((c[k] + bump) * l[k]) >> 8) * keep + haze[k]) >> 8);
       out[x][3] = c[3];
@@ -236,6 +247,7 @@ void Camera::draw_things(float s) {
   for (long index = last; index >= first; --index) {
     const Cell& cell = world_.cell(index);
     for (const Thing& thing : cell.things) draw_shadow(thing);
+    draw_traffic(s, index);
     for (const Thing& thing : cell.things) draw_thing(thing);
   }
 }
@@ -269,6 +281,25 @@ void Camera::draw_shadow(const Thing& thing) {
     for (int x = std::max(0, left); x < std::min(width_, right); ++x)
       if (out[x][3] > 0)
         for (int k = 0; k < 3; ++k) out[x][k] = static_cast<uchar>(out[x][k] * 168 >> 8);
+  }
+}
+
+/// One car ahead for some of the time, others that come towards the camera.
+void Camera::draw_traffic(float s, long cell) {
+  const std::uint64_t stream = mix_seeds({kTraffic, options_.seed, look_index_});
+  const auto draw = [&](float at, float lateral, const Skin& skin) {
+    if (static_cast<long>(std::floor(at / kCell)) != cell || at < s + 3) return;
+    draw_thing({Thing::kUpright, at, 0, lateral, 1.8f, 0, 1.5f, 1, skin});
+  };
+  const float ahead = noise(stream, s / 90);
+  if (ahead > -0.1f) draw(s + 48 - 36 * ahead, kLane, traffic_[static_cast<std::size_t>(std::floor(s / 400)) % 3]);
+  // One meets the camera in every second stretch or so, at a place that the recording decides.
+  constexpr float kStretch = 70;
+  for (float stretch = std::floor(s / kStretch); stretch < (s + kAhead) / kStretch; ++stretch) {
+    const std::uint64_t stretch_bits = static_cast<std::uint64_t>(static_cast<std::int64_t>(stretch));
+    Random random{stream, stretch_bits};
+    const float meeting = kStretch * (stretch + static_cast<float>(random.uniform()));
+    if (random.uniform() < 0.6) draw(s + 2 * (meeting - s), -kLane, traffic_[3 + random.below(3)]);
   }
 }
 

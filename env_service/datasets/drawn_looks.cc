@@ -20,6 +20,7 @@ const std::vector<Look>& looks() {
     fall.horizon = {205, 222, 240};
     fall.clouds = 0.55f;
     fall.gain = {0.92f, 0.98f, 1.04f};
+    fall.sway = 1.5f;
     fall.lateral = 0.1f;
 
     Look& winter = looks[2];
@@ -34,22 +35,25 @@ const std::vector<Look>& looks() {
     winter.horizon = {232, 226, 220};
     winter.cloud = {225, 222, 220};
     winter.clouds = 0.7f;
-    winter.sight = 170;
-    winter.snowfall = 0.5f;
+    winter.sight = 95;
+    winter.noise = 5;
+    winter.snowfall = 1;
     winter.gain = {1.04f, 0.99f, 0.95f};
+    winter.sway = 4.5f;
     winter.lateral = -0.15f;
 
     Look& night = looks[3];
     night.name = "night";
     night.night = true;
     night.sun = 0;
-    night.light = {70, 54, 44};
-    night.zenith = {34, 16, 8};
-    night.horizon = {62, 40, 28};
+    night.light = {78, 62, 52};
+    night.zenith = {44, 22, 12};
+    night.horizon = {74, 50, 36};
     night.cloud = {54, 42, 36};
     night.clouds = 0.4f;
     night.sight = 200;
-    night.noise = 7;
+    night.noise = 12;
+    night.sway = 5;
     night.lateral = 0.15f;
 
     Look& overcast = looks[4];
@@ -61,20 +65,22 @@ const std::vector<Look>& looks() {
     overcast.cloud = {178, 174, 170};
     overcast.clouds = 0.9f;
     overcast.sight = 190;
+    overcast.sway = 1.5f;
     overcast.lateral = -0.1f;
 
     Look& rain = looks[5];
     rain.name = "rain";
     rain.sun = 0;
     rain.wet = 0.75f;
-    rain.rain = 1;
+    rain.rain = 1.5f;
     rain.light = {160, 156, 148};
     rain.zenith = {150, 142, 134};
     rain.horizon = {172, 168, 162};
     rain.cloud = {124, 118, 112};
     rain.clouds = 0.9f;
-    rain.sight = 110;
-    rain.noise = 5;
+    rain.sight = 85;
+    rain.noise = 8;
+    rain.sway = 4.5f;
     rain.lateral = 0.2f;
 
     Look& shifted = looks[6];
@@ -83,6 +89,7 @@ const std::vector<Look>& looks() {
     shifted.sun_elevation = 0.7f;
     shifted.clouds = 0.25f;
     shifted.light = {246, 252, 255};
+    shifted.sway = 1.5f;
     shifted.yaw = -0.035f;
     return looks;
   }();

@@ -35,6 +35,7 @@ struct Look {
   float noise = 3;               ///< standard deviation of a pixel, of 255
   Colour gain{1, 1, 1};          ///< white balance and exposure
   float rain = 0, snowfall = 0;  ///< streaks and flakes, 0..1
+  float sway = 1;                ///< how unsteadily it is driven
   float lateral = 0, yaw = 0;    ///< of the camera: metres, radians
 };
 const std::vector<Look>& looks();
@@ -57,7 +58,8 @@ class Painter {
   Skin house(float width, float height, Random shape, Random mood) const;
   Skin gable(bool pitched, Random shape) const;
   Skin sign(Random shape) const;
-  Skin car(bool side, Random mood) const;
+  enum class View { kSide, kBack, kFront };
+  Skin car(View view, Random mood) const;
   const Skin& tree(Random& shape) const { return trees_[shape.below(trees_.size())]; }
   const Skin& conifer(Random& shape) const { return conifers_[shape.below(conifers_.size())]; }
   const Skin& bush(Random& shape) const { return bushes_[shape.below(bushes_.size())]; }
@@ -114,6 +116,7 @@ class World {
   Zone zone(long cell) const;
   /// Valid until the next call.
   const Cell& cell(long index);
+  const Painter& painter() const { return painter_; }
 
  private:
   Cell make(long index) const;
@@ -141,6 +144,7 @@ float noise(std::uint64_t stream, float x, float y);
 class Camera {
  public:
   Camera(const DrawnOptions& options, const Look& look, std::uint64_t look_index);
+  /// Valid until the next call.
   const cv::Mat& draw(float s);
 
  private:
@@ -160,6 +164,7 @@ class Camera {
   void draw_ground(float s);
   void draw_things(float s);
   void draw_shadow(const Thing& thing);
+  void draw_traffic(float s, long cell);
   void draw_thing(const Thing& thing);
   void draw_wall(const Thing& thing, Point a, Point b, float direct);
   void mirror();
@@ -170,12 +175,13 @@ class Camera {
   const Look& look_;
   const std::uint64_t look_index_;
   World world_;
-  int width_, height_, horizon_;  // of the buffer
+  int width_, height_, level_, horizon_;  // of the buffer; the horizon of a level camera, and now
   float focal_, centre_;
   float begin_ = 0, heading_ = 0;
   std::vector<Place> route_;
   std::vector<int> haze_, fade_;  // by metres, of 256
   std::vector<int> grain_;
+  std::array<Skin, 6> traffic_;  // from behind three times, from the front three times
   cv::Mat sky_, buffer_, picture_;
 };
 

@@ -108,7 +108,7 @@ Skin Painter::draw_tree(Random random) const {
              opaque(bark * (1 - 0.08f * static_cast<float>(branch.order))), thick);
     if (look_.snow > 0 && branch.order > 0 && branch.order < 4)
       cv::line(picture, cv::Point2f(branch.x, branch.y - 1), cv::Point2f(x, y - 1), opaque(kSnow), 1);
-    if (branch.order == 5) continue;
+    if (branch.order == (look_.leaves == 2 ? 5 : 2)) continue;  // leaves hide the finer ones
     for (int child = 0; child < (branch.order < 2 ? 3 : 2); ++child)
       branches.push_back(
           {x, y, branch.angle + in(random, -0.75, 0.75), branch.length * in(random, 0.62, 0.85), branch.order + 1});
@@ -326,7 +326,8 @@ Skin Painter::sign(Random shape) const {
   return std::make_shared<Texture>(picture);
 }
 
-Skin Painter::car(bool side, Random mood) const {
+Skin Painter::car(View view, Random mood) const {
+  const bool side = view == View::kSide;
   static const std::array<Colour, 7> kPaints{
       {{50, 50, 56}, {190, 190, 190}, {230, 230, 230}, {50, 45, 165}, {140, 80, 45}, {110, 110, 110}, {70, 100, 60}}};
   const Colour paint = kPaints[mood.below(kPaints.size())], glass{70, 60, 52},
@@ -350,13 +351,16 @@ Skin Painter::car(bool side, Random mood) const {
     box(picture, 6, 1, 24, 10, opaque(roof));
     box(picture, 8, 3, 20, 8, opaque(glass));
     box(picture, 2, 11, 32, 12, opaque(paint));
-    box(picture, 3, 13, 5, 3, opaque({40, 40, 200}));
-    box(picture, 28, 13, 5, 3, opaque({40, 40, 200}));
+    const bool front = view == View::kFront;
+    const cv::Scalar lights = look_.night ? (front ? opaque({225, 245, 255}, kGlow) : opaque({40, 40, 235}, kGlow))
+                                          : (front ? opaque({225, 230, 230}) : opaque({40, 40, 200}));
+    box(picture, 3, 13, 6, 4, lights);
+    box(picture, 27, 13, 6, 4, lights);
     box(picture, 13, 16, 10, 3, opaque({220, 220, 220}));
     box(picture, 4, 23, 5, 5, tyre);
     box(picture, 27, 23, 5, 5, tyre);
   }
-  return std::make_shared<Texture>(picture);
+  return std::make_shared<Texture>(picture, look_.night && !side);
 }
 
 }  // namespace citylearn::drawn

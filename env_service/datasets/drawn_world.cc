@@ -264,9 +264,10 @@ void World::roadside(Cell& cell, long index, int side) const {
     if (mood_now.uniform() >= parked || cell.crossing) continue;
     const float from = s + slot + in(mood_now, 0, 0.8), inner = hand * 3.75f;
     const Random paint(mood_now.next());
-    cell.things.push_back({Thing::kAlong, from, from + 4.3f, inner, inner, 0, 1.45f, 1, painter_.car(true, paint)});
+    cell.things.push_back(
+        {Thing::kAlong, from, from + 4.3f, inner, inner, 0, 1.45f, 1, painter_.car(Painter::View::kSide, paint)});
     cell.things.push_back({Thing::kAcross, from, 0, hand > 0 ? inner : inner - 1.75f, hand > 0 ? inner + 1.75f : inner,
-                           0, 1.45f, 1, painter_.car(false, paint)});
+                           0, 1.45f, 1, painter_.car(Painter::View::kBack, paint)});
   }
 }
 
