@@ -290,4 +290,15 @@ cv::Mat decode_image(const Bytes& file, const std::string& where) {
   return picture;
 }
 
+std::string decoding_fault(Images& images, int frame, Bytes& bytes) {
+  if (const std::string fault = images.fault(frame); !fault.empty()) return fault;
+  try {
+    images.read(frame, bytes);
+    decode_image(bytes, "");
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
 }  // namespace citylearn

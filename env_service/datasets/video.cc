@@ -4,6 +4,7 @@
 #include <fstream>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
+#include <opencv2/videoio/registry.hpp>
 
 #include "core/error.h"
 #include "core/image_header.h"
@@ -54,7 +55,10 @@ class VideoFrames : public Images {
     try {
       // The processor's own decoder gives the same pictures on every machine.
       const std::vector<int> options{cv::CAP_PROP_HW_ACCELERATION, cv::VIDEO_ACCELERATION_NONE};
-      if (!capture_.open(path_, cv::CAP_FFMPEG, options)) capture_.open(path_, cv::CAP_ANY);
+      if (cv::videoio_registry::hasBackend(cv::CAP_FFMPEG))
+        capture_.open(path_, cv::CAP_FFMPEG, options);
+      else
+        capture_.open(path_, cv::CAP_ANY);
     } catch (const cv::Exception& error) {
       throw Error("the video cannot be opened: " + error.err, name_);
     }
