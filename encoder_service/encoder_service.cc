@@ -138,14 +138,15 @@ class EncoderService {
   std::map<std::uint64_t, std::unique_ptr<Route>> routes_;
   std::map<std::string, Environment> environments_;
   struct Peer {
-    std::string id;
     Clock::time_point heard;
+    bool beats = false;  // its heartbeat was heard, so it lives; what it sent may be older
   };
   std::map<std::uint64_t, Peer> peers_;                         // other encoder_services, by incarnation
   std::map<std::uint64_t, std::vector<FetchedImage>> waiting_;  // pictures that wait for a full batch, by traversal
 
   Clock::time_point now_, next_report_{};
-  std::uint64_t encoded_ = 0;  // frames since the last report
+  std::uint64_t encoded_ = 0;   // frames
+  std::uint64_t reported_ = 0;  // of them, before the last report
 
   msg::TraversalInfo info_;
   msg::Observation observation_;
@@ -154,7 +155,8 @@ class EncoderService {
   msg::ImageChunk image_;
   msg::ServiceStatus status_;
 
-  Background background_;  // last: its thread ends before what it uses
+  // Last: their threads end before what they use. Reductions are learned while other traversals are encoded.
+  Background encoding_, reducing_;
 };
 
 Node::Options named(Node::Options options) {
@@ -201,7 +203,8 @@ void EncoderService::run(const std::function<bool()>& stop) {
   while (!stop()) {
     take_all();
     now_ = Clock::now();
-    background_.finished();
+    encoding_.finished();
+    reducing_.finished();
     advance();
     ask();
     decide_who_serves();
@@ -209,12 +212,9 @@ void EncoderService::run(const std::function<bool()>& stop) {
     node_.wait(now_ + (busy() ? kBusy : kIdle));
   }
   // What the thread behind has at hand is still worth keeping.
-  background_.finished();
-  int kept = 0;
-  for (const auto& [hash, route] : routes_)
-    if (route->work) kept += route->work->made();
+  encoding_.finished();
   node_.report(msg::STOPPING, "stopping");
-  spdlog::info("'{}' stops: {} frames encoded{}", node_.options().id, kept,
+  spdlog::info("'{}' stops: {} frames encoded{}", node_.options().id, encoded_,
                options_.store.empty() ? "" : ", all of them in the store");
 }
 
@@ -236,8 +236,10 @@ void EncoderService::on_info(const msg::TraversalInfo& info) {
   if (info.encoder_incarnation() != 0) {
     if (info.encoder_incarnation() == node_.incarnation()) return;
     // Another encoder_service completed it. Two of one kind share the work; of two kinds the later one is a mistake.
-    if (learned_ && info.encoder().c_str() != spec_.name && info.encoder_incarnation() < node_.incarnation() &&
-        peers_.count(info.encoder_incarnation()))
+    Peer& peer = peers_[info.encoder_incarnation()];
+    peer.heard = now_;
+    if (peer.beats && learned_ && info.encoder().c_str() != spec_.name &&
+        info.encoder_incarnation() < node_.incarnation())
       throw Error(fmt::format("'{}' already encodes with {}, this one would with {}", info.encoder_service().c_str(),
                               info.encoder().c_str(), spec_.name),
                   "run '" + node_.options().run + "'", "give both the same encoder, or choose another --run");
@@ -356,7 +358,7 @@ void EncoderService::on_status(const msg::ServiceStatus& status) {
   if (status.service_state() == msg::STOPPING)
     peers_.erase(status.header().incarnation());
   else
-    peers_[status.header().incarnation()] = {status.header().sender().c_str(), now_};
+    peers_[status.header().incarnation()] = {now_, true};
 }
 
 // ------------------------------------------------------------------------------------------------ what is done
@@ -408,7 +410,7 @@ void EncoderService::finish_lessons() {
   auto images = std::make_shared<std::vector<FetchedImage>>(std::move(lessons_));
   lessons_.clear();
   const std::uint64_t hash = route->hash;
-  background_.post(
+  encoding_.post(
       [this, images] {
         std::vector<cv::Mat> pictures;
         for (const FetchedImage& image : *images) {
@@ -498,7 +500,7 @@ void EncoderService::flush(Route& route, bool all) {
     std::move(waiting.begin(), waiting.begin() + count, std::back_inserter(batch->images));
     waiting.erase(waiting.begin(), waiting.begin() + count);
     route.behind += static_cast<int>(count);
-    background_.post(
+    encoding_.post(
         [this, batch] {
           std::vector<cv::Mat> pictures;
           for (const FetchedImage& image : batch->images) {
@@ -549,7 +551,7 @@ void EncoderService::reduce(Route& route) {
                                      static_cast<int>(options_.reduction.centring), options_.reduction.whitening),
                          "reduction");
   TraversalWork* work = route.work.get();
-  background_.post(
+  reducing_.post(
       [this, work, features, learned, path] {
         const Eigen::MatrixXf descriptors = work->take_descriptors();
         if (!*learned && !path.empty() && std::filesystem::exists(path)) {
@@ -682,8 +684,8 @@ void EncoderService::report() {
     activity = fmt::format("completes the observations of {} env_service{}", served, served == 1 ? "" : "s");
   }
   if (activity.empty()) activity = routes_.empty() ? "waiting for an env_service with images" : "ready; others serve";
-  node_.report(state, activity, static_cast<float>(encoded_));
-  encoded_ = 0;
+  node_.report(state, activity, static_cast<float>(encoded_ - reported_));
+  reported_ = encoded_;
 }
 
 }  // namespace

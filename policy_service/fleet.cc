@@ -113,7 +113,7 @@ void Fleet::on_observation(const msg::Observation& observation) {
   if (observation.step() + 1 == seat->next_step) {  // our answer was lost, or crossed this repetition
     ++node_.traffic.repeated;
     ++node_.traffic.resent;
-    node_.publish(last_action_[seat]);
+    node_.publish(seat->last_action);
     return;
   }
   if (observation.step() != seat->next_step || seat->waiting || observation.goal().size() != seat->info.agents()) {
@@ -125,7 +125,7 @@ void Fleet::on_observation(const msg::Observation& observation) {
 }
 
 void Fleet::answer(Seat& seat, const std::vector<std::uint8_t>& choice) {
-  msg::Action& action = last_action_[&seat];
+  msg::Action& action = seat.last_action;
   action.environment() = seat.id.c_str();
   action.environment_incarnation() = seat.incarnation();
   action.settings() = seat.settings.settings();
@@ -143,16 +143,16 @@ void Fleet::command(Seat& seat, msg::TaskSettings settings) {
   seat.settings = settings;
   seat.in_force = seat.waiting = false;
   seat.next_step = 0;
-  next_settings_[&seat] = Clock::now();
+  seat.next_settings = Clock::now();
   send_due_settings();
 }
 
 void Fleet::send_due_settings() {
   const Clock::time_point now = Clock::now();
   for (const auto& [id, seat] : seats_) {
-    if (seat->in_force || seat->settings.settings().version() == 0 || now < next_settings_[seat.get()]) continue;
+    if (seat->in_force || seat->settings.settings().version() == 0 || now < seat->next_settings) continue;
     node_.publish(seat->settings);
-    next_settings_[seat.get()] = now + kSettingsAgain;
+    seat->next_settings = now + kSettingsAgain;
   }
 }
 

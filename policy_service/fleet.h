@@ -13,12 +13,14 @@ namespace citylearn {
 /// One env_service as a policy_service sees it.
 struct Seat {
   std::string id;
-  msg::TraversalInfo info;      ///< of the running incarnation
-  msg::TaskSettings settings;   ///< last commanded; version 0 = none
-  bool in_force = false;        ///< the env_service has confirmed them
-  std::uint64_t next_step = 0;  ///< step of the observation to be answered next, under `settings`
-  bool waiting = false;         ///< that observation has come and waits for answer()
-  Clock::time_point heard;      ///< last sign of life
+  msg::TraversalInfo info;            ///< of the running incarnation
+  msg::TaskSettings settings;         ///< last commanded; version 0 = none
+  bool in_force = false;              ///< the env_service has confirmed them
+  std::uint64_t next_step = 0;        ///< step of the observation to be answered next, under `settings`
+  bool waiting = false;               ///< that observation has come and waits for answer()
+  Clock::time_point heard;            ///< last sign of life
+  msg::Action last_action;            ///< sent again when the observation it answers is repeated
+  Clock::time_point next_settings{};  ///< when they are sent again, while not in force
 
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }
@@ -88,8 +90,6 @@ class Fleet {
   };
   std::map<std::string, Heard> unencoded_;  ///< traversal, by id of the env_service
   std::map<std::string, Heard> encoders_;   ///< activity, by id
-  std::map<const Seat*, msg::Action> last_action_;
-  std::map<const Seat*, Clock::time_point> next_settings_;
   std::uint32_t version_ = 0;
   Fetch fetch_;
   msg::Observation observation_;

@@ -17,7 +17,7 @@ int main(int argc, char** argv) {
   try {
     const auto& entry = DatasetRegistry::instance().find("dataset", "synthetic");
     const Traversal summer =
-        entry.create(Parameters("synthetic", entry.parameters, {{"frames", 160}}), "")->load("summer");
+        entry.create(Parameters("synthetic", entry.parameters, {{"frames", 160}, {"images", 0}}), "")->load("summer");
     EnvServiceOptions environment;
     environment.agents = 8;
     environment.node.middleware.name = "inprocess";

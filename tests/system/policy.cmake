@@ -3,10 +3,7 @@ target_link_libraries(inprocess_run PRIVATE
   "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_env>" "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_policy>" citylearn_warnings)
 
 add_executable(policy_system_test system/policy_test.cc)
-target_compile_definitions(policy_system_test PRIVATE
-  CITYLEARN_ENV_SERVICE="$<TARGET_FILE:env_service>"
-  CITYLEARN_POLICY_SERVICE="$<TARGET_FILE:policy_service>"
-  CITYLEARN_INPROCESS_RUN="$<TARGET_FILE:inprocess_run>")
+target_compile_definitions(policy_system_test PRIVATE CITYLEARN_INPROCESS_RUN="$<TARGET_FILE:inprocess_run>")
 target_link_libraries(policy_system_test PRIVATE citylearn_core citylearn_warnings nlohmann_json::nlohmann_json GTest::gtest_main)
 add_dependencies(policy_system_test env_service policy_service inprocess_run)
 gtest_discover_tests(policy_system_test PROPERTIES TIMEOUT 600 RUN_SERIAL ON)

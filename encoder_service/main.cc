@@ -1,0 +1,130 @@
+#include <CLI/CLI.hpp>
+#include <cstdlib>
+#include <iostream>
+#include <opencv2/core.hpp>
+
+#include "core/service.h"
+#include "encoder_service/encoder_service.h"
+
+namespace {
+
+using namespace citylearn;
+
+struct CommandLine {
+  EncoderServiceOptions service;
+  std::map<std::string, std::map<std::string, double>> parameters;  // those given, by encoder
+  std::string centring = "running";
+  std::string on_bad_frame = "refuse";
+  int threads = 0;
+  bool list = false;
+};
+
+/// Where a user's programs keep what can be made again (XDG Base Directory Specification).
+std::string default_store() {
+  const auto variable = [](const char* name) {
+    const char* value = std::getenv(name);
+    return std::string(value ? value : "");
+  };
+  if (const std::string cache = variable("XDG_CACHE_HOME"); !cache.empty()) return cache + "/citylearn";
+  if (const std::string home = variable("HOME"); !home.empty()) return home + "/.cache/citylearn";
+  return "none";
+}
+
+void add_options(CLI::App& app, CommandLine& line) {
+  const std::string encoding = "Encoding";
+  std::string names;
+  for (const auto* entry : EncoderRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
+  EncoderServiceOptions& service = line.service;
+  app.add_option("--encoder", service.encoder, "One of " + names)->capture_default_str()->group(encoding);
+  app.add_option("--model", service.files.model, "Network of the encoder, an ONNX file")
+      ->type_name("FILE")
+      ->group(encoding);
+  app.add_option("--layer", service.files.layer, "Its output layer, by name (its last one)")->group(encoding);
+  app.add_option("--preset", service.files.preset, "Input size, mean, deviation and layer of a known network")
+      ->group(encoding);
+  app.add_option("--head", service.files.head, "Weights of what follows the network (encoder netvlad)")
+      ->type_name("FILE")
+      ->group(encoding);
+  app.add_option("--threads", line.threads, "Threads of OpenCV's networks; 0: all processors")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 1024))
+      ->group(encoding);
+  app.add_option("--on-bad-frame", line.on_bad_frame,
+                 "Broken pictures: refuse their traversal, or skip: a neighbour stands in")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"refuse", "skip"}))
+      ->group(encoding);
+  app.add_option("--store", service.store, "Folder that keeps what was encoded and learned; none: memory alone")
+      ->type_name("DIR")
+      ->envname("CITYLEARN_STORE")
+      ->capture_default_str()
+      ->group(encoding);
+
+  const std::string reducing = "Reduction";
+  app.add_option("--reference", service.reference, "Traversal that the encoder and the reduction learn from")
+      ->capture_default_str()
+      ->group(reducing);
+  app.add_option("--dimension", service.reduction.dimension,
+                 "Features a frame, by PCA; 0: as many as the encoder gives")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 4096))
+      ->group(reducing);
+  app.add_option("--whitening", service.reduction.whitening, "Exponent: 0 none, 0.5 full")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 0.5))
+      ->group(reducing);
+  app.add_option(
+         "--centring", line.centring,
+         "Mean taken off first: of the reference, of the traversal's own frames, of those so far (running), none")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"reference", "own", "running", "none"}))
+      ->group(reducing);
+  app.add_option("--reduction", service.reduction_file,
+                 "A reduction learned before, instead of one learned on --reference")
+      ->type_name("FILE")
+      ->group(reducing);
+  app.add_flag("--list", line.list, "Print encoders and middlewares, and exit")->configurable(false)->group(encoding);
+  for (const auto* entry : EncoderRegistry::instance().entries())
+    add_parameters(app, entry->name, entry->parameters, line.parameters[entry->name]);
+  service.node.service = "encoder_service";
+  service.node.id = "encoder";
+  add_node_options(app, service.node);
+}
+
+void list() {
+  std::cout << "encoders (--encoder):\n";
+  for (const auto* entry : EncoderRegistry::instance().entries())
+    std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
+  std::cout << "middlewares (--middleware):\n";
+  for (const auto& [name, help] : list_middlewares()) std::cout << describe(name, help, {}, "");
+}
+
+int serve(CommandLine& line) {
+  if (line.list) {
+    list();
+    return 0;
+  }
+  EncoderRegistry::instance().find("encoder", line.service.encoder);
+  for (const auto& [name, given] : line.parameters)
+    if (name != line.service.encoder && !given.empty())
+      throw Error("is for encoder " + name + ", but the encoder is " + line.service.encoder,
+                  "--" + name + "-" + given.begin()->first);
+  line.service.parameters = line.parameters[line.service.encoder];
+  line.service.reduction.centring = centring_of(line.centring);
+  line.service.skip_bad_frames = line.on_bad_frame == "skip";
+  if (line.service.store == "none") line.service.store.clear();
+  cv::setNumThreads(line.threads == 0 ? cv::getNumberOfCPUs() : line.threads);
+  run_encoder_service(line.service, stop_requested);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CommandLine line;
+  line.service.store = default_store();
+  return service_main(
+      argc, argv,
+      "Turns the pictures of env_services into features, each frame once, and completes their observations.",
+      [&](CLI::App& app) { add_options(app, line); }, [&] { return serve(line); });
+}

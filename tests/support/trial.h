@@ -1,0 +1,66 @@
+#pragma once
+
+#include <algorithm>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "tests/support/service.h"
+
+namespace citylearn::testing {
+
+using Arguments = std::vector<std::string>;
+
+/// One run in a domain of its own: a folder, its env_services, its policy_service.
+class Trial {
+ public:
+  Trial(std::string middleware, int domain) : middleware_(std::move(middleware)), domain_(domain) {}
+
+  std::unique_ptr<Service> env(const std::string& traversal, const Arguments& more = {}) {
+    Arguments command = {CITYLEARN_ENV_SERVICE, "--traversal", traversal, "--agents", "8"};
+    if (std::find(more.begin(), more.end(), "--dataset") == more.end())
+      command.insert(command.end(), {"--synthetic-images", "0", "--synthetic-frames", "160"});
+    return start(command, more, traversal + "-" + std::to_string(++count_) + ".log");
+  }
+  std::unique_ptr<Service> encoder(const Arguments& more) {
+    return start({CITYLEARN_ENCODER_SERVICE, "--store", folder_ / "store"}, more,
+                 "encoder-" + std::to_string(++count_) + ".log");
+  }
+  std::unique_ptr<Service> policy(const Arguments& more) {
+    return start({CITYLEARN_POLICY_SERVICE, "--wait", "60"}, more, "policy-" + std::to_string(++count_) + ".log");
+  }
+  /// Training of `updates` updates of 8 agents x 64 steps.
+  std::unique_ptr<Service> train(int updates, const std::string& output, Arguments more = {}) {
+    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512), "--checkpoint-every",
+                             "20", "--output", folder_ / output, "--tasks", "16", "--evaluate", "summer"});
+    return policy(more);
+  }
+  /// Name and bytes of the newest checkpoint.
+  std::pair<std::string, std::string> checkpoint(const std::string& output) const {
+    std::vector<std::string> found;
+    if (std::filesystem::exists(folder_ / (output + "/checkpoints")))
+      for (const auto& entry : std::filesystem::directory_iterator(folder_ / (output + "/checkpoints")))
+        if (entry.path().extension() != ".tmp") found.push_back(entry.path());
+    if (found.empty()) return {};
+    std::sort(found.begin(), found.end());
+    return {std::filesystem::path(found.back()).filename(), contents(found.back())};
+  }
+  bool has_checkpoint(const std::string& output, std::chrono::milliseconds patience) const {
+    return poll_until([&] { return !checkpoint(output).first.empty(); }, patience);
+  }
+  const Folder& folder() const { return folder_; }
+
+ private:
+  std::unique_ptr<Service> start(Arguments command, const Arguments& more, const std::string& log) {
+    command.insert(command.end(), {"--domain", std::to_string(domain_), "--middleware", middleware_});
+    command.insert(command.end(), more.begin(), more.end());
+    return std::make_unique<Service>(command, folder_ / log);
+  }
+  Folder folder_;
+  std::string middleware_;
+  int domain_, count_ = 0;
+};
+
+}  // namespace citylearn::testing

@@ -1,0 +1,164 @@
+// Pictures through all services: real processes over loopback DDS.
+#include <gtest/gtest.h>
+#include <spdlog/fmt/fmt.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/trial.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using Json = nlohmann::json;
+
+constexpr seconds kLong{120};
+constexpr seconds kSoon{30};
+
+const Arguments kDrawn = {"--dataset", "synthetic", "--frames", "0:128"};
+
+/// Number in front of `word` in the last line of `text` that has it; -1 without such a line.
+int number_before(const std::string& text, const std::string& word) {
+  const std::size_t at = text.rfind(word);
+  if (at == std::string::npos) return -1;
+  const std::size_t from = text.find_last_not_of("0123456789", at - 1) + 1;
+  return std::atoi(text.substr(from, at - from).c_str());
+}
+
+class Encoding : public ::testing::TestWithParam<const char*> {
+ protected:
+  int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 110 : 120) + offset; }
+};
+INSTANTIATE_TEST_SUITE_P(, Encoding, ::testing::Values("fastdds", "cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+
+TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
+  Trial run(GetParam(), domain(0));
+  const auto summer = run.env("summer", kDrawn), fall = run.env("fall", kDrawn);
+  const auto encoder = run.encoder({});
+  const auto policy = run.policy({"--agent", "place_filter", "--steps", "16384", "--output", run.folder() / "out",
+                                  "--tasks", "300", "--evaluate", "summer,fall", "--controls", "all"});
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << encoder->output();
+  const Json summary = Json::parse(contents(run.folder() / "out/summary.json"));
+  EXPECT_GT(summary["evaluate"]["summer"]["spl"], 0.9);
+  EXPECT_EQ(summary["controls"]["shortest_path"]["fall"]["spl"], 1.0);
+  EXPECT_GT(summary["controls"]["sequence_filter"]["fall"]["spl"], 0.9) << "fall is recognised";
+  // What was encoded is kept: the next encoder_service needs no picture.
+  encoder->send(SIGTERM);
+  EXPECT_EQ(encoder->wait(seconds(5)), 0) << encoder->output();
+  EXPECT_TRUE(encoder->says("256 frames encoded", seconds(1))) << encoder->output();
+  const auto second = run.encoder({});
+  ASSERT_TRUE(second->says("summer: ready", kSoon)) << second->output();
+  ASSERT_TRUE(second->says("fall: ready", kSoon)) << second->output();
+  second->send(SIGTERM);
+  ASSERT_EQ(second->wait(seconds(5)), 0);
+  EXPECT_TRUE(second->says(" 0 frames encoded", seconds(1))) << second->output();
+}
+
+TEST_P(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
+  Trial run(GetParam(), domain(1));
+  const auto summer = run.env("summer", kDrawn);
+  auto encoder = run.encoder({});
+  constexpr int kUpdates = 300;
+  const auto straight = run.train(kUpdates, "straight", {"--lockstep"});
+  ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
+  const auto disturbed = run.train(kUpdates, "disturbed", {"--lockstep"});
+  ASSERT_TRUE(run.has_checkpoint("disturbed", kLong)) << disturbed->output();
+  encoder->send(SIGKILL);
+  ASSERT_EQ(encoder->wait(seconds(5)), 128 + SIGKILL);
+  ASSERT_FALSE(disturbed->says("trained ", milliseconds(1))) << "it had finished training before";
+  encoder = run.encoder({});
+  ASSERT_EQ(disturbed->wait(kLong), 0) << disturbed->output() << encoder->output();
+  EXPECT_EQ(run.checkpoint("disturbed").first, run.checkpoint("straight").first);
+  EXPECT_TRUE(run.checkpoint("disturbed").second == run.checkpoint("straight").second) << "the checkpoints differ";
+}
+
+TEST_P(Encoding, TwoShareTheWorkAndOneTakesOver) {
+  Trial run(GetParam(), domain(2));
+  const Arguments drawn = {"--dataset", "synthetic", "--frames", "0:1000"};
+  const auto one = run.encoder({"--id", "one"}), two = run.encoder({"--id", "two"});
+  const auto summer = run.env("summer", drawn);
+  const auto policy = run.train(1500, "out");
+  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output() << one->output() << two->output();
+  // The one that serves goes; the other one has all it needs.
+  const bool first = one->says("serves 'env-summer'", milliseconds(1));
+  ASSERT_NE(first, two->says("serves 'env-summer'", milliseconds(1))) << "exactly one serves";
+  const auto& serving = first ? one : two;
+  const auto& other = first ? two : one;
+  ASSERT_TRUE(other->says("summer: ready", kSoon)) << other->output();
+  serving->send(SIGKILL);
+  ASSERT_EQ(serving->wait(seconds(5)), 128 + SIGKILL);
+  ASSERT_TRUE(other->says("serves 'env-summer'", kSoon)) << other->output();
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << other->output();
+  const int by_serving = number_before(serving->output(), " of them now"),
+            by_other = number_before(other->output(), " of them now");
+  EXPECT_EQ(by_serving + by_other, 1000) << "each frame once: " << by_serving << " + " << by_other;
+}
+
+TEST_P(Encoding, KilledInTheMiddleItLosesNothing) {
+  Trial run(GetParam(), domain(3));
+  const auto summer = run.env("summer", {"--dataset", "synthetic", "--synthetic-frames", "4000"});
+  auto encoder = run.encoder({"--encoder", "vlad"});
+  ASSERT_TRUE(encoder->says("frames encoded, ", kLong)) << encoder->output();  // its progress, with the time left
+  encoder->send(SIGKILL);
+  ASSERT_EQ(encoder->wait(seconds(5)), 128 + SIGKILL);
+  const int seen = number_before(encoder->output(), " of 4000 frames encoded, ");
+  ASSERT_GT(seen, 0) << encoder->output();
+  encoder = run.encoder({"--encoder", "vlad"});
+  ASSERT_TRUE(encoder->says("were encoded before", kSoon)) << encoder->output();
+  EXPECT_GE(number_before(encoder->output(), " of 4000 frames were encoded before"), seen) << encoder->output();
+  encoder->send(SIGINT);
+  EXPECT_EQ(encoder->wait(seconds(5)), 0) << encoder->output();
+}
+
+TEST_P(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
+  Trial run(GetParam(), domain(4));
+  const auto summer = run.env("summer", kDrawn);
+  const auto hog = run.encoder({"--id", "hog", "--encoder", "hog"});
+  ASSERT_TRUE(hog->says("serves 'env-summer'", kSoon)) << hog->output();
+  const auto other = run.encoder({"--id", "other", "--encoder", "patchnorm"});
+  ASSERT_EQ(other->wait(kSoon), 1) << other->output();
+  EXPECT_NE(other->output().find("'hog' already encodes with"), std::string::npos) << other->output();
+}
+
+TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
+  Trial run("cyclonedds", 119);
+  // A route of 30 tiny pictures; one of them passes for a PNG file until it is decoded.
+  const std::string route = run.folder() / "data/summer";
+  std::filesystem::create_directories(route);
+  for (int i = 0; i < 30; ++i) {
+    std::ofstream out(fmt::format("{}/{:03}.ppm", route, i), std::ios::binary);
+    out << "P6 8 8 255\n";
+    for (int k = 0; k < 8 * 8 * 3; ++k) out.put(static_cast<char>((k * (i + 3)) % 251));
+  }
+  std::filesystem::resize_file(route + "/007.ppm", 60);
+  const auto summer = run.env("summer", {"--dataset", "plain", "--data", run.folder() / "data"});
+  const auto strict = run.encoder({"--dimension", "8"});
+  ASSERT_TRUE(strict->says("summer is refused", kSoon)) << strict->output() << summer->output();
+  EXPECT_NE(strict->output().find("007.ppm"), std::string::npos) << strict->output();
+  strict->send(SIGTERM);
+  ASSERT_EQ(strict->wait(seconds(5)), 0);
+  const auto lenient = run.encoder({"--dimension", "8", "--on-bad-frame", "skip"});
+  EXPECT_TRUE(lenient->says("serves 'env-summer'", kSoon)) << lenient->output();
+}
+
+TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
+  Trial run("lossy:cyclonedds", 118);
+  const auto summer = run.env("summer", kDrawn);
+  const auto encoder = run.encoder({});
+  const auto policy = run.train(20, "out");
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << encoder->output();
+}
+
+TEST(EncodingFaults, WithoutAnEncoderServiceThePolicyServiceSaysWhatIsMissing) {
+  Trial run("cyclonedds", 117);
+  const auto summer = run.env("summer", kDrawn);
+  const auto policy = run.policy({"--wait", "3"});
+  ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
+  EXPECT_NE(policy->output().find("whose images wait for an encoder_service"), std::string::npos) << policy->output();
+}
+
+}  // namespace
+}  // namespace citylearn::testing
