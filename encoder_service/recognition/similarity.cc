@@ -31,7 +31,8 @@ Eigen::VectorXf mean_of_largest(const Eigen::Ref<const Eigen::MatrixXf>& matrix,
 Measure measure_of(const std::string& name) {
   if (name == "cosine") return Measure::kCosine;
   if (name == "l2") return Measure::kL2;
-  throw Error("unknown measure '" + name + "'", "", "known: cosine, l2");
+  if (name == "l1") return Measure::kL1;
+  throw Error("unknown measure '" + name + "'", "", "known: cosine, l2, l1");
 }
 
 Eigen::MatrixXf similarity(const Eigen::Ref<const Eigen::MatrixXf>& reference,
@@ -44,6 +45,15 @@ Eigen::MatrixXf similarity(const Eigen::Ref<const Eigen::MatrixXf>& reference,
     result.noalias() = reference.transpose() * query;
     result.array().colwise() *= inverse_norms(reference).array();
     result.array().rowwise() *= inverse_norms(query).transpose().array();
+    return result;
+  }
+  if (measure == Measure::kL1) {
+    // No product of matrices: blocks that stay in the cache keep the memory from being what counts.
+    constexpr Eigen::Index kBlock = 16;
+    for (Eigen::Index from = 0; from < reference.cols(); from += kBlock)
+      for (Eigen::Index q = 0; q < query.cols(); ++q)
+        for (Eigen::Index r = from; r < std::min(from + kBlock, reference.cols()); ++r)
+          result(r, q) = -(reference.col(r) - query.col(q)).lpNorm<1>();
     return result;
   }
   // |a - b|^2 = |a|^2 + |b|^2 - 2ab cancels; about a common centre the terms are no larger than the distances.
