@@ -54,9 +54,11 @@ FrameClassifier::FrameClassifier(const Eigen::Ref<const Eigen::MatrixXf>& refere
   if (options.hidden < 1 || options.epochs < 1 || options.batch < 1 || !(options.learning_rate > 0))
     throw Error("hidden units, epochs, batch and learning rate of a classifier must be more than 0");
   // Components of a unit vector are about 1/sqrt(D): brought to about 1, where the layer's start expects them.
-  const double length = reference.colwise().norm().mean();
+  mean_ = reference.rowwise().mean();
+  Eigen::MatrixXf inputs = reference.colwise() - mean_;
+  const double length = inputs.colwise().norm().mean();
   scale_ = length > 0 ? static_cast<float>(std::sqrt(static_cast<double>(dimension)) / length) : 1;
-  const Eigen::MatrixXf inputs = scale_ * reference;
+  inputs *= scale_;
 
   Random random{options.seed, 0x4D4C50ull};
   hidden_weight_ = normal_matrix(options.hidden, dimension, std::sqrt(2.0 / static_cast<double>(dimension)), random);
@@ -66,6 +68,9 @@ FrameClassifier::FrameClassifier(const Eigen::Ref<const Eigen::MatrixXf>& refere
   Adam hidden_weight(hidden_weight_.size()), output_weight(output_weight_.size()), hidden_bias(options.hidden),
       output_bias(frames);
 
+  // Drawing fresh noise would take longer than learning: each feature takes a stretch of a long strip of it.
+  const Eigen::Index strip = dimension + 65536;
+  const Eigen::MatrixXf noise = normal_matrix(strip, 1, options.noise, random);
   std::vector<int> order(static_cast<std::size_t>(frames));
   std::iota(order.begin(), order.end(), 0);
   const int batches = static_cast<int>((frames + options.batch - 1) / options.batch);
@@ -76,8 +81,11 @@ FrameClassifier::FrameClassifier(const Eigen::Ref<const Eigen::MatrixXf>& refere
     for (std::size_t i = order.size() - 1; i > 0; --i) std::swap(order[i], order[random.below(i + 1)]);
     for (Eigen::Index first = 0; first < frames; first += options.batch) {
       const Eigen::Index size = std::min<Eigen::Index>(options.batch, frames - first);
-      Eigen::MatrixXf input = normal_matrix(dimension, size, options.noise, random);
-      for (Eigen::Index i = 0; i < size; ++i) input.col(i) += inputs.col(order[first + i]);
+      Eigen::MatrixXf input(dimension, size);
+      for (Eigen::Index i = 0; i < size; ++i) {
+        const auto from = static_cast<Eigen::Index>(random.below(static_cast<std::uint64_t>(strip - dimension)));
+        input.col(i) = inputs.col(order[first + i]) + noise.col(0).segment(from, dimension);
+      }
       Eigen::MatrixXf hidden = hidden_weight_ * input;
       hidden.colwise() += hidden_bias_;
       hidden = hidden.cwiseMax(0);
@@ -105,7 +113,7 @@ Eigen::MatrixXf FrameClassifier::probabilities(const Eigen::Ref<const Eigen::Mat
   if (features.rows() != hidden_weight_.cols())
     throw Error("the classifier learned features of " + std::to_string(hidden_weight_.cols()) +
                 " dimensions, these have " + std::to_string(features.rows()));
-  Eigen::MatrixXf hidden = hidden_weight_ * (scale_ * features);
+  Eigen::MatrixXf hidden = hidden_weight_ * (scale_ * (features.colwise() - mean_));
   hidden.colwise() += hidden_bias_;
   hidden = hidden.cwiseMax(0);
   Eigen::MatrixXf output = output_weight_ * hidden;

@@ -11,7 +11,7 @@ struct FrameClassifierOptions {
   int epochs = 200;
   int batch = 64;
   double learning_rate = 3e-3;  ///< of Adam, falling linearly to 0
-  double noise = 0.1;  ///< deviation of the noise on a training feature of length 1, spread over its components
+  double noise = 2;             ///< mean length of the noise on a training feature, relative to the feature's own
   std::uint64_t seed = 1;
   std::function<bool()> stop = nullptr;  ///< asked once an epoch: end early
 };
@@ -27,6 +27,7 @@ class FrameClassifier {
   Eigen::MatrixXf probabilities(const Eigen::Ref<const Eigen::MatrixXf>& features) const;
 
  private:
+  Eigen::VectorXf mean_;  ///< D
   float scale_ = 1;
   Eigen::MatrixXf hidden_weight_, output_weight_;  ///< H x D, R x H
   Eigen::VectorXf hidden_bias_, output_bias_;
