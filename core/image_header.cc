@@ -133,13 +133,15 @@ ImageHeader read_image_header(std::span<const std::byte> bytes, const std::strin
   return header;
 }
 
-std::optional<std::string> image_fault(std::span<const std::byte> file) {
+std::optional<std::string> image_fault(std::span<const std::byte> file) { return image_fault(file, file); }
+
+std::optional<std::string> image_fault(std::span<const std::byte> head, std::span<const std::byte> tail) {
   using namespace std::string_view_literals;
   try {
-    const std::string format = read_image_header(file, "").format;
+    const std::string format = read_image_header(head, "").format;
     // Cameras pad JPEG files with zeros; 4 KiB of them are passed over.
-    if (format == "jpeg" && !ends_with(file, "\xFF\xD9"sv, 4096)) return "the JPEG file is cut short";
-    if (format == "png" && !ends_with(file, "IEND"sv, 64)) return "the PNG file is cut short";
+    if (format == "jpeg" && !ends_with(tail, "\xFF\xD9"sv, 4096)) return "the JPEG file is cut short";
+    if (format == "png" && !ends_with(tail, "IEND"sv, 64)) return "the PNG file is cut short";
   } catch (const Error& error) {
     return error.what();
   }

@@ -26,5 +26,7 @@ ImageHeader read_image_header(std::span<const std::byte> bytes, const std::strin
 /// Why a whole image file is certainly broken, as far as its structure tells without decoding it (an unreadable header,
 /// a JPEG without its end marker, a PNG without IEND); nothing when it looks complete.
 std::optional<std::string> image_fault(std::span<const std::byte> file);
+/// The same from a file's first bytes (as read_image_header() wants them) and its last ones, 4 KiB or more.
+std::optional<std::string> image_fault(std::span<const std::byte> head, std::span<const std::byte> tail);
 
 }  // namespace citylearn

@@ -1,10 +1,10 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
-#include <map>
 
 #include "core/service.h"
 #include "env_service/dataset.h"
 #include "env_service/env_service.h"
+#include "env_service/selection.h"
 
 namespace {
 
@@ -12,33 +12,28 @@ using namespace citylearn;
 
 struct CommandLine {
   EnvServiceOptions service;
-  std::string dataset = "synthetic";
-  std::string folder;
-  std::string traversal = "summer";
-  std::map<std::string, std::map<std::string, double>> parameters;  // those given, by dataset
+  Source source;
   bool list = false;
   bool list_traversals = false;
 };
 
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string group = "Environment";
-  std::string names;
-  for (const auto* entry : DatasetRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
-  app.add_option("--dataset", line.dataset, "Where traversals come from: " + names)
-      ->capture_default_str()
+  add_dataset_options(app, line.source, group);
+  CLI::Option* traversal =
+      app.add_option("--traversal", line.source.traversal, "Traversal to host")->capture_default_str()->group(group);
+  app.add_option("--condition", line.source.condition, "Host the one traversal recorded under it")
+      ->excludes(traversal)
       ->group(group);
-  app.add_option("--data", line.folder, "Folder of the dataset's files")->type_name("DIR")->group(group);
-  app.add_option("--traversal", line.traversal, "Traversal to host")->capture_default_str()->group(group);
   app.add_option("--agents", line.service.agents, "Agents on it")
       ->capture_default_str()
       ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)))
       ->group(group);
+  add_selection_options(app, line.source.selection, "Part of the traversal");
   app.add_flag("--list", line.list, "Print datasets and middlewares, and exit")->configurable(false)->group(group);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, and exit")
       ->configurable(false)
       ->group(group);
-  for (const auto* entry : DatasetRegistry::instance().entries())
-    add_parameters(app, entry->name, entry->parameters, line.parameters[entry->name]);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
 }
@@ -56,18 +51,12 @@ int serve(CommandLine& line) {
     list();
     return 0;
   }
-  const auto& entry = DatasetRegistry::instance().find("dataset", line.dataset);
-  for (const auto& [name, given] : line.parameters)
-    if (name != line.dataset && !given.empty())
-      throw Error("is for dataset " + name + ", but the dataset is " + line.dataset,
-                  "--" + name + "-" + given.begin()->first);
-  const std::unique_ptr<Dataset> dataset =
-      entry.create(Parameters("dataset " + entry.name, entry.parameters, line.parameters[entry.name]), line.folder);
+  const std::unique_ptr<Dataset> dataset = open_dataset(line.source);
   if (line.list_traversals) {
     for (const std::string& name : dataset->names()) std::cout << name << "\n";
     return 0;
   }
-  const Traversal traversal = dataset->load(line.traversal);
+  const Traversal traversal = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);
   run_env_service(line.service, traversal, stop_requested);
   return 0;
 }

@@ -26,15 +26,18 @@ struct Selection {
   double step_metres = 0;  ///< --step-metres: the next frame at least so far on, 0.05 or more; 0 = not by metres
 
   // Which place each frame is.
-  std::string align;           ///< --align-to: sibling whose frame i shall be the same place; empty: none
+  std::string align = {};      ///< --align-to: sibling whose frame i shall be the same place; empty: none
   std::string by = "dataset";  ///< --align-by: dataset (its natural way), index, matches, distance, gps
   double tolerance = 25;       ///< --align-within, metres: a place without a frame as near is an Error (gps, distance)
 
   bool skip_bad_frames = false;  ///< --on-bad-frame skip: the nearest good frame stands in; else they are an Error
 };
 
-/// Loads traversal `name`, drops or refuses broken frames (logging each by name; more than 20 are counted), aligns it
-/// to its sibling, cuts it out and thins it, in this order. Throws Error that names the option or the frame.
+/// Loads traversal `name`, cuts it out and thins it; or, when it is to be aligned, does that to its sibling and picks
+/// for each of its frames the one at the same place. Then each broken frame among them is refused, or the nearest good
+/// one of the recording stands in (logging each by name; more than 20 are counted); a frame's position remains its own.
+/// With nothing selected and nothing broken the traversal is as the dataset loads it, hash() included.
+/// Throws Error that names the option or the frame.
 Traversal select(Dataset& dataset, const std::string& name, const Selection& selection);
 
 /// What a person says to get a traversal: a dataset, its folder and parameters, a traversal by name or condition, a
@@ -54,5 +57,7 @@ void add_dataset_options(CLI::App& app, Source& source, const std::string& group
 void add_selection_options(CLI::App& app, Selection& selection, const std::string& group);
 /// The dataset asked for. Throws Error: unknown, or parameters of another one were given.
 std::unique_ptr<Dataset> open_dataset(const Source& source);
+/// Name of the traversal asked for. Throws Error: none was, or several were, recorded under the condition.
+std::string chosen_traversal(Dataset& dataset, const Source& source);
 
 }  // namespace citylearn

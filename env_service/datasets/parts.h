@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "env_service/images.h"
+#include "env_service/traversal.h"
 
 namespace cv {
 class Mat;
@@ -56,6 +57,10 @@ class TextTable {
   std::shared_ptr<const Parts> parts_;
 };
 
+/// Features of a file without header: a frame a line, numbers between commas. Fills frames, dimension and features.
+/// Throws Error naming the line: no number, not as many columns as before, an empty line between frames.
+void read_features(const std::string& path, Traversal& traversal);
+
 /// Images of one file a frame. Looks at each file's first and last bytes at once: for its fingerprint and fault().
 /// `paths` may name files that are missing: those have a fault. `root` is what names leave out.
 std::shared_ptr<Images> image_files(std::vector<std::string> paths, const std::string& root);
@@ -92,5 +97,7 @@ std::vector<double> interpolate(const std::vector<double>& times, const std::vec
 void encode_png(const cv::Mat& picture, Bytes& bytes);
 /// The picture in an image file, 3 channels, BGR. Throws Error naming `where`: too large, broken, unknown.
 cv::Mat decode_image(const Bytes& file, const std::string& where);
+/// Reads and decodes a frame; why that cannot be done, empty when it can. `bytes` is room to work in.
+std::string decoding_fault(Images& images, int frame, Bytes& bytes);
 
 }  // namespace citylearn

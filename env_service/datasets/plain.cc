@@ -1,124 +1,27 @@
 #include <algorithm>
-#include <cerrno>
-#include <charconv>
-#include <cmath>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <limits>
-#include <string_view>
+#include <map>
 
 #include "core/messages.h"
 #include "env_service/dataset.h"
+#include "env_service/datasets/parts.h"
+#include "env_service/datasets/poses.h"
 
 namespace citylearn {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kSuffix = ".csv";
+const std::string kMatches = "matches.csv";
+const std::string kPoses = ".poses.csv";
 
-std::string read_file(const std::string& path) {
-  std::ifstream file(path, std::ios::binary | std::ios::ate);
-  if (!file) throw Error(std::strerror(errno), path);
-  std::string text(static_cast<std::size_t>(file.tellg()), '\0');
-  file.seekg(0);
-  if (!file.read(text.data(), static_cast<std::streamsize>(text.size()))) throw Error("cannot be read", path);
-  return text;
-}
-
-bool blank(char c) { return c == ' ' || c == '\t'; }
-
-/// A table of numbers, one frame a line.
-class Table {
- public:
-  Table(const std::string& path, Traversal& traversal) : path_(path), traversal_(traversal) {}
-
-  void parse(std::string_view text) {
-    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // a byte order mark
-    while (!text.empty()) {
-      ++line_;
-      const std::size_t end = std::min(text.find_first_of("\r\n"), text.size());
-      parse_line(text.substr(0, end));
-      text.remove_prefix(end);
-      if (text.starts_with("\r\n")) text.remove_prefix(1);
-      if (!text.empty()) text.remove_prefix(1);
-    }
-    if (traversal_.frames == 0) throw Error("has no frames", path_);
-    if (traversal_.frames == 1) throw Error("has only one frame, a route needs two", path_);
-  }
-
- private:
-  [[noreturn]] void fail(const std::string& what, const std::string& remedy = "") const {
-    throw Error(what, path_ + ":" + std::to_string(line_), remedy);
-  }
-
-  void parse_line(std::string_view line) {
-    while (!line.empty() && blank(line.front())) line.remove_prefix(1);
-    while (!line.empty() && blank(line.back())) line.remove_suffix(1);
-    if (line.empty()) {
-      if (!empty_line_) empty_line_ = line_;
-      return;
-    }
-    // Empty lines may end a file. Between frames they mean that one is missing, and that would move all that follow.
-    if (empty_line_) {
-      line_ = empty_line_;
-      fail("an empty line between frames", "remove it, or put the missing frame there");
-    }
-    if (traversal_.frames == static_cast<int>(msg::MAX_FRAMES))
-      fail("more than " + std::to_string(msg::MAX_FRAMES) + " frames");
-    int columns = 0;
-    for (const char* at = line.data();;) {
-      at = parse_number(at, line.data() + line.size(), ++columns);
-      if (at == line.data() + line.size()) break;
-      ++at;  // the comma
-    }
-    if (traversal_.frames == 0) traversal_.dimension = columns;
-    if (columns != traversal_.dimension)
-      fail(std::to_string(columns) + " columns, the lines before have " + std::to_string(traversal_.dimension));
-    ++traversal_.frames;
-  }
-
-  /// Returns where the number's column ends: at a comma, or at `end`.
-  const char* parse_number(const char* at, const char* end, int column) {
-    const auto where = [column] { return " in column " + std::to_string(column); };
-    if (column > kMaxDimension) fail("more than " + std::to_string(kMaxDimension) + " columns");
-    while (at != end && blank(*at)) ++at;
-    float value = 0;
-    const bool plus = at + 1 < end && *at == '+' && at[1] != '-';  // from_chars knows no plus sign
-    auto [after, error] = std::from_chars(at + plus, end, value);
-    if (error == std::errc::result_out_of_range) {
-      // Too small for a float is zero; too large is an error.
-      double wide = 0;
-      after = std::from_chars(at + plus, end, wide).ptr;
-      const std::string_view digits(at, after);
-      const bool small = digits.find("e-") != digits.npos || digits.find("E-") != digits.npos ||
-                         (digits.find_first_of("eE") == digits.npos && std::abs(wide) < 1);
-      value = small ? 0.0f : std::numeric_limits<float>::infinity();
-    }
-    while (error != std::errc::invalid_argument && after != end && blank(*after)) ++after;
-    if (error == std::errc::invalid_argument || (after != end && *after != ',')) {
-      const std::string_view token(at, std::min<std::size_t>(std::find(at, end, ',') - at, 20));
-      fail(token.empty() ? "nothing" + where() : "'" + printable(token) + "'" + where() + " is not a number");
-    }
-    if (!std::isfinite(value)) fail("a number that is not finite" + where());
-    traversal_.features.push_back(value);
-    return after;
-  }
-
-  static std::string printable(std::string_view token) {
-    std::string text;
-    for (const char c : token) text += c >= ' ' && c <= '~' ? c : '?';
-    return text;
-  }
-
-  const std::string& path_;
-  Traversal& traversal_;
-  int line_ = 0;
-  int empty_line_ = 0;  // the first empty line since the last frame; 0 = none
-};
-
-/// A folder in which each traversal is NAME.csv: a frame a line, its features separated by commas, no header.
+/// Traversals of one's own. Each is one of
+///   NAME.csv           features: a frame a line, separated by commas, no header
+///   NAME/              a folder of pictures, in natural order of their names
+///   NAME.mp4, .avi ... a video
+/// Beside it NAME.poses.csv (or NAME/poses.csv) may tell where frames are, and matches.csv which frames of two
+/// traversals are the same place (poses.h).
 class Plain : public Dataset {
  public:
   explicit Plain(const std::string& folder) : folder_(folder) {
@@ -126,46 +29,97 @@ class Plain : public Dataset {
   }
 
   std::vector<std::string> names() override {
-    std::error_code error;
     std::vector<std::string> names;
-    for (const fs::directory_entry& entry : fs::directory_iterator(folder_, error)) {
-      const std::string file = entry.path().filename().string();
-      std::error_code ignored;
-      if (file.size() > kSuffix.size() && file.ends_with(kSuffix) && !file.starts_with('.') &&
-          entry.is_regular_file(ignored))
-        names.push_back(file.substr(0, file.size() - kSuffix.size()));
-    }
-    if (error) throw Error(error.message(), folder_, "--data names the folder that holds the NAME.csv files");
-    std::sort(names.begin(), names.end());
+    for (const auto& [name, path] : sources()) names.push_back(name);
     return names;
   }
 
   Traversal load(const std::string& name) override {
-    const std::vector<std::string> known = names();
-    if (!std::binary_search(known.begin(), known.end(), name)) throw unknown_traversal(name, folder_, known);
-    if (name.size() > 64) throw Error("the name of a traversal may have 64 characters", folder_ + "/" + name + ".csv");
-    const std::string path = (fs::path(folder_) / (name + std::string(kSuffix))).string();
+    const std::map<std::string, std::string> known = sources();
+    const auto found = known.find(name);
+    if (found == known.end()) throw unknown_traversal(name, folder_, names());
+    const std::string& path = found->second;
+    if (name.size() > 64) throw Error("the name of a traversal may have 64 characters", path);
     Traversal traversal;
     traversal.dataset = "plain";
     traversal.name = name;
     traversal.condition = name;
-    const std::string text = read_file(path);
-    traversal.features.reserve(text.size() / 8);
-    Table(path, traversal).parse(text);
-    traversal.features.shrink_to_fit();
-    traversal.positions.assign(traversal.frames, std::numeric_limits<float>::quiet_NaN());
+    if (fs::is_directory(path)) {
+      std::vector<std::string> paths = files_in(path, image_suffixes());
+      for (std::string& file : paths) file.insert(0, path + "/");
+      show(traversal, image_files(std::move(paths), folder_), path);
+    } else if (path.ends_with(".csv")) {
+      read_features(path, traversal);
+    } else {
+      double rate = 0;
+      show(traversal, video_frames(path, folder_, &rate), path);
+      for (int frame = 0; rate > 0 && frame < traversal.frames; ++frame) traversal.times.push_back(frame / rate);
+    }
+    traversal.positions.assign(static_cast<std::size_t>(traversal.frames), std::numeric_limits<float>::quiet_NaN());
+    const std::string beside = folder_ + "/" + name + kPoses, inside = folder_ + "/" + name + "/poses.csv";
+    const bool is_beside = fs::is_regular_file(beside), is_inside = fs::is_regular_file(inside);
+    if (is_beside && is_inside) throw Error("there is " + inside + " too", beside, "remove one of them");
+    if (is_beside || is_inside) read_poses(is_beside ? beside : inside, traversal);
     return traversal;
   }
 
+  Correspondence correspondence() const override {
+    return fs::is_regular_file(folder_ + "/" + kMatches) ? Correspondence::kMatches : Correspondence::kIndex;
+  }
+
+  std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
+    const std::string path = folder_ + "/" + kMatches;
+    if (!fs::is_regular_file(path)) return Dataset::matches(a, b);
+    return read_matches(path, a, b);
+  }
+
  private:
+  static void show(Traversal& traversal, std::shared_ptr<Images> images, const std::string& path) {
+    if (images->frames() < 2) throw Error("has only one frame, a route needs two", path);
+    if (images->frames() > static_cast<int>(msg::MAX_FRAMES))
+      throw Error("more than " + std::to_string(msg::MAX_FRAMES) + " frames", path);
+    traversal.frames = images->frames();
+    traversal.images = std::move(images);
+  }
+
+  /// Path of each traversal, by name.
+  std::map<std::string, std::string> sources() const {
+    std::map<std::string, std::string> found;
+    const auto add = [&](const std::string& name, const std::string& file) {
+      const auto [at, added] = found.emplace(name, folder_ + "/" + file);
+      if (!added)
+        throw Error("traversal '" + name + "' is both " + fs::path(at->second).filename().string() + " and " + file,
+                    folder_, "rename or remove one of them");
+    };
+    try {
+      for (const std::string& file : files_in(folder_, {".csv"}))
+        if (file.ends_with(".csv") && file != kMatches && !file.ends_with(kPoses))
+          add(file.substr(0, file.size() - 4), file);
+      for (const std::string& file : files_in(folder_, video_suffixes())) add(fs::path(file).stem().string(), file);
+      for (const std::string& name : folders_in(folder_))
+        if (!files_in(folder_ + "/" + name, image_suffixes()).empty()) add(name, name);
+    } catch (const Error& error) {
+      if (fs::is_directory(folder_)) throw;
+      throw Error(error.what(), "", "--data names the folder that holds the NAME.csv files");
+    }
+    if (found.empty() && !files_in(folder_, image_suffixes()).empty())
+      throw Error("holds pictures itself", folder_,
+                  "--data names the folder above, in which each folder is a traversal");
+    return found;
+  }
+
   std::string folder_;
 };
 
 const DatasetRegistry::Registration registration({
     "plain",
-    "a folder (--data) of NAME.csv files: one frame a line, comma-separated features, no header",
+    "a folder (--data) of traversals: NAME.csv (one frame a line, comma-separated features, no header), a folder NAME "
+    "of "
+    "pictures, or a video NAME.mp4; NAME.poses.csv and matches.csv may tell places",
     {},
     [](const Parameters&, const std::string& folder) { return std::make_unique<Plain>(folder); },
+    {},
+    {{"paper", "none"}, {"address", "your own recordings"}, {"licence", "yours"}, {"size", "any"}},
 });
 
 }  // namespace

@@ -1,0 +1,126 @@
+// The command line's side of selection.h.
+#include <CLI/CLI.hpp>
+#include <charconv>
+
+#include "core/service.h"
+#include "env_service/selection.h"
+
+namespace citylearn {
+namespace {
+
+/// "A:B", either may be left out, into two numbers that are there already.
+template <class Number>
+void read_range(const std::string& option, const std::string& text, Number& from, Number& to) {
+  const std::size_t colon = text.find(':');
+  const auto read = [&](std::string_view part, Number& number) {
+    if (part.empty()) return;
+    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), number);
+    if (error != std::errc() || end != part.data() + part.size())
+      throw CLI::ValidationError(option, "'" + std::string(part) + "' is not a number");
+  };
+  if (colon == text.npos || text.size() == 1)
+    throw CLI::ValidationError(option, "'" + text + "' is not a range FROM:TO, one of which may be left out");
+  read(std::string_view(text).substr(0, colon), from);
+  read(std::string_view(text).substr(colon + 1), to);
+  if (!(from < to)) throw CLI::ValidationError(option, "'" + text + "' is an empty range");
+}
+
+}  // namespace
+
+void add_dataset_options(CLI::App& app, Source& source, const std::string& group) {
+  std::string names;
+  for (const auto* entry : DatasetRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
+  app.add_option("--dataset", source.dataset, "Where traversals come from: " + names)
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--data", source.folder, "Folder of the dataset's files")->type_name("DIR")->group(group);
+  for (const auto* entry : DatasetRegistry::instance().entries())
+    add_parameters(app, entry->name, entry->parameters, source.parameters[entry->name]);
+}
+
+void add_selection_options(CLI::App& app, Selection& selection, const std::string& group) {
+  app.add_option_function<std::string>(
+         "--frames",
+         [&selection](const std::string& text) {
+           selection.first = 0;
+           selection.end = std::numeric_limits<int>::max();
+           read_range("--frames", text, selection.first, selection.end);
+           if (selection.first < 0) throw CLI::ValidationError("--frames", "begins before frame 0");
+         },
+         "Frames of the recording, the last one not included; either may be left out")
+      ->type_name("FIRST:END")
+      ->group(group);
+  app.add_option_function<std::string>(
+         "--metres",
+         [&selection](const std::string& text) {
+           selection.from = -std::numeric_limits<double>::infinity();
+           selection.to = std::numeric_limits<double>::infinity();
+           read_range("--metres", text, selection.from, selection.to);
+         },
+         "Part of the route, by metres from its beginning; either may be left out")
+      ->type_name("FROM:TO")
+      ->group(group);
+  CLI::Option* step = app.add_option("--step", selection.step, "Take every so many-th frame")
+                          ->capture_default_str()
+                          ->check(CLI::Range(1, 1 << 20))
+                          ->group(group);
+  app.add_option("--step-metres", selection.step_metres, "Take the next frame at least so many metres on")
+      ->check(CLI::Range(0.05, 1e6))
+      ->excludes(step)
+      ->group(group);
+  app.add_option("--align-to", selection.align,
+                 "Sibling traversal whose frame i shall be the same place; --frames, --metres and --step are its")
+      ->type_name("NAME")
+      ->group(group);
+  app.add_option("--align-by", selection.by, "How frames find each other: dataset (its natural way) or another")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"dataset", "index", "matches", "distance", "gps"}))
+      ->group(group);
+  app.add_option("--align-within", selection.tolerance, "Metres to the nearest frame at most (distance, gps)")
+      ->capture_default_str()
+      ->check(CLI::Range(0.01, 1e5))
+      ->group(group);
+  app.add_option_function<std::string>(
+         "--on-bad-frame", [&selection](const std::string& text) { selection.skip_bad_frames = text == "skip"; },
+         "refuse the traversal, or skip: the nearest good frame stands in")
+      ->check(CLI::IsMember({"refuse", "skip"}))
+      ->default_str("refuse")
+      ->group(group);
+}
+
+std::unique_ptr<Dataset> open_dataset(const Source& source) {
+  const auto& entry = DatasetRegistry::instance().find("dataset", source.dataset);
+  for (const auto& [name, given] : source.parameters)
+    if (name != source.dataset && !given.empty())
+      throw Error("is for dataset " + name + ", but the dataset is " + source.dataset,
+                  "--" + name + "-" + given.begin()->first);
+  const auto given = source.parameters.find(source.dataset);
+  return entry.create(Parameters("dataset " + entry.name, entry.parameters,
+                                 given == source.parameters.end() ? std::map<std::string, double>() : given->second),
+                      source.folder);
+}
+
+std::string chosen_traversal(Dataset& dataset, const Source& source) {
+  if (source.condition.empty()) return source.traversal;
+  std::vector<std::string> found, conditions;
+  for (const std::string& name : dataset.names()) {
+    const std::string condition = dataset.condition(name);
+    if (condition == source.condition) found.push_back(name);
+    if (!condition.empty() && std::find(conditions.begin(), conditions.end(), condition) == conditions.end())
+      conditions.push_back(condition);
+  }
+  const auto listed = [](const std::vector<std::string>& names) {
+    std::string list;
+    for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+    return list;
+  };
+  if (found.empty())
+    throw Error("no traversal was recorded under '" + source.condition + "'", "--condition",
+                conditions.empty() ? "none tells its condition" : "there are: " + listed(conditions));
+  if (found.size() > 1)
+    throw Error(std::to_string(found.size()) + " traversals were recorded under '" + source.condition + "'",
+                "--condition", "name one with --traversal: " + listed(found));
+  return found.front();
+}
+
+}  // namespace citylearn
