@@ -1,0 +1,259 @@
+#include "encoder_service/reduction.h"
+
+#include <spdlog/spdlog.h>
+#include <zlib.h>
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#include "core/error.h"
+#include "core/random.h"
+
+namespace citylearn {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::MatrixXf;
+using Eigen::VectorXd;
+using Eigen::VectorXf;
+
+constexpr double kPrior = 20;                 // frames the reference's mean is worth in a running mean
+constexpr double kSmallestEigenvalue = 1e-7;  // of the largest; what is below is rounding
+constexpr char kMagic[8] = {'C', 'L', 'R', 'E', 'D', 'U', 'C', '1'};
+
+struct Eigenpairs {
+  VectorXf values;   ///< decreasing
+  MatrixXf vectors;  ///< a column each
+};
+
+/// The `count` largest of a positive semidefinite matrix.
+Eigenpairs all_eigenpairs(const MatrixXf& matrix, Index count) {
+  const Eigen::SelfAdjointEigenSolver<MatrixXf> solver(matrix);
+  if (solver.info() != Eigen::Success) throw Error("the eigenvalues of the descriptors cannot be found");
+  return {solver.eigenvalues().tail(count).reverse(), solver.eigenvectors().rightCols(count).rowwise().reverse()};
+}
+
+/// The same by subspace iteration with half as many vectors again as wanted (Halko, Martinsson & Tropp, SIAM Review
+/// 2011): far quicker when few are wanted.
+Eigenpairs leading_eigenpairs(const MatrixXf& matrix, Index count) {
+  const Index width = count + std::max<Index>(16, count / 2);
+  Random random{0x5EED, static_cast<std::uint64_t>(matrix.rows())};
+  MatrixXf basis(matrix.rows(), width);
+  for (Index i = 0; i < basis.size(); ++i) basis.data()[i] = static_cast<float>(random.normal());
+  const auto orthonormalise = [&](const MatrixXf& vectors) {
+    const Eigen::HouseholderQR<MatrixXf> qr(vectors);
+    basis = qr.householderQ() * MatrixXf::Identity(matrix.rows(), width);
+  };
+  orthonormalise(basis);
+  VectorXf before = VectorXf::Zero(count);
+  for (int round = 0;; ++round) {
+    const MatrixXf image = matrix * basis;
+    const MatrixXf small = basis.transpose() * image;
+    Eigenpairs inner = all_eigenpairs(0.5f * (small + small.transpose()), width);
+    const VectorXf values = inner.values.head(count);
+    if (round == 60 || (values - before).cwiseAbs().maxCoeff() <= 1e-6f * values[0])
+      return {values, basis * inner.vectors.leftCols(count)};
+    before = values;
+    orthonormalise(image);
+  }
+}
+
+Eigenpairs largest_eigenpairs(const MatrixXf& matrix, Index count) {
+  return count * 6 < matrix.rows() ? leading_eigenpairs(matrix, count) : all_eigenpairs(matrix, count);
+}
+
+VectorXf mean_of(const Eigen::Ref<const MatrixXf>& descriptors) {
+  VectorXd sum = VectorXd::Zero(descriptors.rows());
+  for (Index i = 0; i < descriptors.cols(); ++i) sum += descriptors.col(i).cast<double>();
+  return (sum / static_cast<double>(descriptors.cols())).cast<float>();
+}
+
+/// d x D principal axes of centred descriptors (D x F), each divided by its eigenvalue^exponent.
+MatrixXf whitened_axes(const MatrixXf& centred, Index count, double exponent) {
+  const float frames = static_cast<float>(centred.cols());
+  const bool wide = centred.rows() > centred.cols();
+  const Index size = std::min(centred.rows(), centred.cols());
+  // With more numbers than frames the F x F products of frames have the same eigenvalues, and their eigenvectors give
+  // the axes.
+  MatrixXf products = MatrixXf::Zero(size, size);
+  if (wide)
+    products.selfadjointView<Eigen::Lower>().rankUpdate(centred.transpose(), 1 / frames);
+  else
+    products.selfadjointView<Eigen::Lower>().rankUpdate(centred, 1 / frames);
+  products.triangularView<Eigen::StrictlyUpper>() = products.transpose();
+
+  const Eigenpairs pairs = largest_eigenpairs(products, count);
+  MatrixXf axes = pairs.vectors.transpose();
+  if (wide) axes *= centred.transpose();
+  for (Index i = 0; i < count; ++i) {
+    // Fewer independent frames than axes: the surplus axes are rounding, which whitening would blow up.
+    if (!(pairs.values[i] > kSmallestEigenvalue * pairs.values[0]))
+      axes.row(i).setZero();
+    else
+      axes.row(i) *= static_cast<float>(std::pow(pairs.values[i], -exponent)) / axes.row(i).norm();
+  }
+  return axes;
+}
+
+void check_options(const ReductionOptions& options, Index rows, Index columns) {
+  if (rows < 1 || columns < 1) throw Error("no descriptors to learn a reduction from", "reference");
+  const Index most = std::min(rows, columns - 1);
+  if (options.dimension < 0 || options.dimension > most)
+    throw Error("is " + std::to_string(options.dimension), "dimension",
+                "0 to " + std::to_string(most) + ": the reference has " + std::to_string(columns) + " frames of " +
+                    std::to_string(rows) + " numbers");
+  if (!(options.whitening >= 0 && options.whitening <= 1))
+    throw Error("is " + std::to_string(options.whitening), "whitening",
+                "an exponent from 0 to 1; 0.5 is full whitening");
+}
+
+class Writer {
+ public:
+  template <class T>
+  void put(const T* values, std::size_t count) {
+    const auto* first = reinterpret_cast<const std::byte*>(values);
+    bytes.insert(bytes.end(), first, first + count * sizeof(T));
+  }
+  template <class T>
+  void put(T value) {
+    put(&value, 1);
+  }
+  Bytes bytes;
+};
+
+class Reader {
+ public:
+  Reader(std::span<const std::byte> bytes, const std::string& where) : bytes_(bytes), where_(where) {}
+  template <class T>
+  void get(T* values, std::size_t count) {
+    if (count > bytes_.size() / sizeof(T)) fail();
+    if (count > 0) std::memcpy(values, bytes_.data(), count * sizeof(T));
+    bytes_ = bytes_.subspan(count * sizeof(T));
+  }
+  template <class T>
+  T get() {
+    T value{};
+    get(&value, 1);
+    return value;
+  }
+  std::size_t left() const { return bytes_.size(); }
+  [[noreturn]] void fail() const { throw Error("a broken reduction", where_, "learn it again"); }
+
+ private:
+  std::span<const std::byte> bytes_;
+  std::string where_;
+};
+
+std::uint32_t checksum(std::span<const std::byte> bytes) {
+  return static_cast<std::uint32_t>(::crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
+}
+
+}  // namespace
+
+Centring centring_of(const std::string& name) {
+  if (name == "none") return Centring::kNone;
+  if (name == "reference") return Centring::kReference;
+  if (name == "own") return Centring::kOwn;
+  if (name == "running") return Centring::kRunning;
+  throw Error("unknown centring '" + name + "'", "", "known: none, reference, own, running");
+}
+
+Reduction Reduction::learn(const Eigen::Ref<const MatrixXf>& reference, const ReductionOptions& options) {
+  check_options(options, reference.rows(), reference.cols());
+  if (!reference.allFinite()) throw Error("a descriptor that is not finite", "reference");
+  if (options.dimension > 0 && options.whitening >= 0.5 && 2 * options.dimension > reference.cols() - 1)
+    spdlog::warn(
+        "full whitening to {} dimensions from {} frames: the last ones are noise; take fewer or an exponent of 0.2",
+        options.dimension, reference.cols());
+  Reduction reduction;
+  reduction.options_ = options;
+  reduction.mean_ = options.centring == Centring::kNone ? VectorXf::Zero(reference.rows()).eval() : mean_of(reference);
+  if (options.dimension > 0)
+    reduction.projection_ = whitened_axes(reference.colwise() - reduction.mean_, options.dimension, options.whitening);
+  return reduction;
+}
+
+int Reduction::dimension() const { return options_.dimension > 0 ? options_.dimension : input_dimension(); }
+
+MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
+  if (descriptors.rows() != mean_.size())
+    throw Error("descriptors of " + std::to_string(descriptors.rows()) + " numbers, the reduction was learned on " +
+                std::to_string(mean_.size()));
+  MatrixXf centred;
+  if (options_.centring == Centring::kRunning) {
+    centred.resize(descriptors.rows(), descriptors.cols());
+    VectorXd sum = kPrior * mean_.cast<double>();
+    for (Index i = 0; i < descriptors.cols(); ++i) {
+      sum += descriptors.col(i).cast<double>();
+      centred.col(i) = descriptors.col(i) - (sum / (kPrior + static_cast<double>(i + 1))).cast<float>();
+    }
+  } else if (options_.centring == Centring::kOwn && descriptors.cols() > 0) {
+    centred = descriptors.colwise() - mean_of(descriptors);
+  } else {
+    centred = descriptors.colwise() - mean_;
+  }
+  // A column's features must not depend on how many others there are, so no threads and no blocking by their number.
+  MatrixXf features = options_.dimension > 0 ? (projection_ * centred).eval() : std::move(centred);
+  for (auto column : features.colwise()) {
+    const float length = column.stableNorm();
+    if (length > 0) column /= length;
+  }
+  return features;
+}
+
+Bytes Reduction::save(const std::string& encoder) const {
+  Writer out;
+  out.put(kMagic, sizeof kMagic);
+  out.put(static_cast<std::uint32_t>(encoder.size()));
+  out.put(encoder.data(), encoder.size());
+  out.put(static_cast<std::uint32_t>(options_.centring));
+  out.put(static_cast<std::uint32_t>(options_.dimension));
+  out.put(options_.whitening);
+  out.put(static_cast<std::uint32_t>(mean_.size()));
+  out.put(mean_.data(), static_cast<std::size_t>(mean_.size()));
+  out.put(projection_.data(), static_cast<std::size_t>(projection_.size()));
+  out.put(checksum(out.bytes));
+  return std::move(out.bytes);
+}
+
+Reduction Reduction::load(std::span<const std::byte> bytes, const std::string& encoder, const std::string& where) {
+  Reader in(bytes, where);
+  char magic[sizeof kMagic];
+  if (bytes.size() < sizeof magic) throw Error("not a reduction", where);
+  in.get(magic, sizeof magic);
+  if (std::memcmp(magic, kMagic, sizeof magic) != 0) throw Error("not a reduction, or one of another version", where);
+  if (in.left() < sizeof(std::uint32_t)) in.fail();
+  const std::size_t body = bytes.size() - sizeof(std::uint32_t);
+  if (Reader(bytes.subspan(body), where).get<std::uint32_t>() != checksum(bytes.first(body))) in.fail();
+
+  const auto length = in.get<std::uint32_t>();
+  if (length > in.left()) in.fail();
+  std::string name(length, '\0');
+  in.get(name.data(), length);
+  if (name != encoder)
+    throw Error("belongs to the encoder '" + name + "', not to '" + encoder + "'", where, "learn one for this encoder");
+  Reduction reduction;
+  const auto centring = in.get<std::uint32_t>();
+  const auto dimension = in.get<std::uint32_t>();
+  reduction.options_.whitening = in.get<double>();
+  const auto rows = in.get<std::uint32_t>();
+  const std::uint64_t numbers = static_cast<std::uint64_t>(rows) * (1 + static_cast<std::uint64_t>(dimension));
+  if (centring > static_cast<std::uint32_t>(Centring::kRunning) || dimension > rows || rows == 0 ||
+      rows > static_cast<std::uint32_t>(INT32_MAX) || numbers * sizeof(float) != in.left() - sizeof(std::uint32_t))
+    in.fail();
+  reduction.options_.centring = static_cast<Centring>(centring);
+  reduction.options_.dimension = static_cast<int>(dimension);
+  reduction.mean_.resize(rows);
+  in.get(reduction.mean_.data(), rows);
+  if (dimension > 0) reduction.projection_.resize(dimension, rows);
+  in.get(reduction.projection_.data(), static_cast<std::size_t>(reduction.projection_.size()));
+  if (!reduction.mean_.allFinite() || !reduction.projection_.allFinite()) in.fail();
+  return reduction;
+}
+
+}  // namespace citylearn
