@@ -1,17 +1,16 @@
 #include "encoder_service/reduction.h"
 
 #include <spdlog/spdlog.h>
-#include <zlib.h>
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 
 #include "core/error.h"
 #include "core/random.h"
+#include "encoder_service/byte_stream.h"
 
 namespace citylearn {
 namespace {
@@ -24,7 +23,7 @@ using Eigen::VectorXf;
 
 constexpr double kPrior = 20;                 // frames the reference's mean is worth in a running mean
 constexpr double kSmallestEigenvalue = 1e-7;  // of the largest; what is below is rounding
-constexpr char kMagic[8] = {'C', 'L', 'R', 'E', 'D', 'U', 'C', '1'};
+const std::string kFormat = "citylearn reduction 1";
 
 struct Eigenpairs {
   VectorXf values;   ///< decreasing
@@ -112,47 +111,6 @@ void check_options(const ReductionOptions& options, Index rows, Index columns) {
                 "an exponent from 0 to 1; 0.5 is full whitening");
 }
 
-class Writer {
- public:
-  template <class T>
-  void put(const T* values, std::size_t count) {
-    const auto* first = reinterpret_cast<const std::byte*>(values);
-    bytes.insert(bytes.end(), first, first + count * sizeof(T));
-  }
-  template <class T>
-  void put(T value) {
-    put(&value, 1);
-  }
-  Bytes bytes;
-};
-
-class Reader {
- public:
-  Reader(std::span<const std::byte> bytes, const std::string& where) : bytes_(bytes), where_(where) {}
-  template <class T>
-  void get(T* values, std::size_t count) {
-    if (count > bytes_.size() / sizeof(T)) fail();
-    if (count > 0) std::memcpy(values, bytes_.data(), count * sizeof(T));
-    bytes_ = bytes_.subspan(count * sizeof(T));
-  }
-  template <class T>
-  T get() {
-    T value{};
-    get(&value, 1);
-    return value;
-  }
-  std::size_t left() const { return bytes_.size(); }
-  [[noreturn]] void fail() const { throw Error("a broken reduction", where_, "learn it again"); }
-
- private:
-  std::span<const std::byte> bytes_;
-  std::string where_;
-};
-
-std::uint32_t checksum(std::span<const std::byte> bytes) {
-  return static_cast<std::uint32_t>(::crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
-}
-
 }  // namespace
 
 Centring centring_of(const std::string& name) {
@@ -197,7 +155,6 @@ MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
   } else {
     centred = descriptors.colwise() - mean_;
   }
-  // A column's features must not depend on how many others there are, so no threads and no blocking by their number.
   MatrixXf features = options_.dimension > 0 ? (projection_ * centred).eval() : std::move(centred);
   for (auto column : features.colwise()) {
     const float length = column.stableNorm();
@@ -207,47 +164,35 @@ MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
 }
 
 Bytes Reduction::save(const std::string& encoder) const {
-  Writer out;
-  out.put(kMagic, sizeof kMagic);
-  out.put(static_cast<std::uint32_t>(encoder.size()));
-  out.put(encoder.data(), encoder.size());
+  ByteWriter out;
+  out.put_text(kFormat);
+  out.put_text(encoder);
   out.put(static_cast<std::uint32_t>(options_.centring));
   out.put(static_cast<std::uint32_t>(options_.dimension));
   out.put(options_.whitening);
   out.put(static_cast<std::uint32_t>(mean_.size()));
   out.put(mean_.data(), static_cast<std::size_t>(mean_.size()));
   out.put(projection_.data(), static_cast<std::size_t>(projection_.size()));
-  out.put(checksum(out.bytes));
-  return std::move(out.bytes);
+  return out.finish();
 }
 
 Reduction Reduction::load(std::span<const std::byte> bytes, const std::string& encoder, const std::string& where) {
-  Reader in(bytes, where);
-  char magic[sizeof kMagic];
-  if (bytes.size() < sizeof magic) throw Error("not a reduction", where);
-  in.get(magic, sizeof magic);
-  if (std::memcmp(magic, kMagic, sizeof magic) != 0) throw Error("not a reduction, or one of another version", where);
-  if (in.left() < sizeof(std::uint32_t)) in.fail();
-  const std::size_t body = bytes.size() - sizeof(std::uint32_t);
-  if (Reader(bytes.subspan(body), where).get<std::uint32_t>() != checksum(bytes.first(body))) in.fail();
-
-  const auto length = in.get<std::uint32_t>();
-  if (length > in.left()) in.fail();
-  std::string name(length, '\0');
-  in.get(name.data(), length);
+  ByteReader in(bytes, "reduction", where);
+  if (in.get_text() != kFormat) throw Error("not a reduction, or one of another version", where, "learn it again");
+  const std::string name = in.get_text();
   if (name != encoder)
     throw Error("belongs to the encoder '" + name + "', not to '" + encoder + "'", where, "learn one for this encoder");
   Reduction reduction;
   const auto centring = in.get<std::uint32_t>();
   const auto dimension = in.get<std::uint32_t>();
-  reduction.options_.whitening = in.get<double>();
+  const auto whitening = in.get<double>();
   const auto rows = in.get<std::uint32_t>();
+  // Sizes are checked against what is there before anything is allocated.
   const std::uint64_t numbers = static_cast<std::uint64_t>(rows) * (1 + static_cast<std::uint64_t>(dimension));
-  if (centring > static_cast<std::uint32_t>(Centring::kRunning) || dimension > rows || rows == 0 ||
-      rows > static_cast<std::uint32_t>(INT32_MAX) || numbers * sizeof(float) != in.left() - sizeof(std::uint32_t))
+  if (centring > static_cast<std::uint32_t>(Centring::kRunning) || !(whitening >= 0 && whitening <= 1) || rows == 0 ||
+      rows > INT32_MAX || dimension > rows || in.left() % sizeof(float) != 0 || numbers != in.left() / sizeof(float))
     in.fail();
-  reduction.options_.centring = static_cast<Centring>(centring);
-  reduction.options_.dimension = static_cast<int>(dimension);
+  reduction.options_ = {static_cast<Centring>(centring), static_cast<int>(dimension), whitening};
   reduction.mean_.resize(rows);
   in.get(reduction.mean_.data(), rows);
   if (dimension > 0) reduction.projection_.resize(dimension, rows);

@@ -1,0 +1,154 @@
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+
+#include "core/random.h"
+#include "encoder_service/byte_stream.h"
+#include "encoder_service/dense_sift.h"
+#include "encoder_service/kmeans.h"
+#include "encoder_service/picture_encoder.h"
+
+namespace citylearn {
+namespace {
+
+constexpr int kLocal = 128;         // numbers of a local descriptor
+constexpr int kLessons = 256;       // pictures to learn the words from
+constexpr int kFromEach = 128;      // local descriptors of each
+constexpr std::uint64_t kSeed = 1;  // of the words
+const std::string kFormat = "citylearn vlad 1";
+
+/// Vectors of locally aggregated descriptors (Jegou et al., CVPR 2010): to each visual word the sum of differences of
+/// the local descriptors nearest to it, each sum of length 1 (intra-normalised: Arandjelovic & Zisserman, CVPR 2013).
+/// With a spatial grid each of its cells has sums of its own.
+class Vlad final : public PictureEncoder {
+ public:
+  Vlad(const std::string& name, const Parameters& parameters, int across, int down)
+      : name_(encoder_name(name + "-1", parameters)),
+        words_(parameters.integer("words")),
+        side_(parameters.integer("size")),
+        local_{.step = parameters.integer("step"), .bin = parameters.integer("bin")},
+        across_(across),
+        down_(down) {}
+
+  Spec spec() const override { return {name_ + " learned=" + learned_, across_ * down_ * words_ * kLocal, 16}; }
+
+  int lessons() const override { return kLessons; }
+
+  void learn(std::span<const cv::Mat> pictures) override {
+    if (pictures.empty()) throw Error("no pictures to learn from", name_);
+    try {
+      Eigen::MatrixXf sample(kLocal, static_cast<Eigen::Index>(pictures.size()) * kFromEach);
+      Random random{kSeed};
+      Eigen::Index taken = 0;
+      for (const cv::Mat& picture : pictures) {
+        check_picture(picture);
+        const Eigen::MatrixXf found = local_descriptors(picture).values;
+        for (int i = 0; i < kFromEach; ++i)
+          sample.col(taken++) =
+              found.col(static_cast<Eigen::Index>(random.below(static_cast<std::uint64_t>(found.cols()))));
+      }
+      vocabulary_ = kmeans(sample, words_, 25, kSeed);
+    } catch (const cv::Exception& exception) {
+      throw Error("OpenCV: " + exception.err, name_);
+    }
+    name_state();
+  }
+
+  Bytes state() const override {
+    if (vocabulary_.size() == 0) return {};
+    ByteWriter out;
+    out.put_text(kFormat);
+    out.put_text(name_);
+    out.put(vocabulary_.data(), static_cast<std::size_t>(vocabulary_.size()));
+    return out.finish();
+  }
+
+  void restore(std::span<const std::byte> state) override {
+    ByteReader in(state, "vocabulary", name_);
+    if (in.get_text() != kFormat) throw Error("not a vocabulary, or one of another version", name_, "learn it again");
+    const std::string name = in.get_text();
+    if (name != name_) throw Error("a vocabulary of '" + name + "'", name_, "learn one with these parameters");
+    Eigen::MatrixXf vocabulary(kLocal, words_);
+    if (in.left() != static_cast<std::size_t>(vocabulary.size()) * sizeof(float)) in.fail();
+    in.get(vocabulary.data(), static_cast<std::size_t>(vocabulary.size()));
+    if (!vocabulary.allFinite()) in.fail();
+    vocabulary_ = std::move(vocabulary);
+    name_state();
+  }
+
+ private:
+  /// The words change the numbers, so they belong into the name.
+  void name_state() {
+    const auto* first = reinterpret_cast<const std::byte*>(vocabulary_.data());
+    char text[16];
+    std::snprintf(text, sizeof text, "%08x",
+                  checksum({first, static_cast<std::size_t>(vocabulary_.size()) * sizeof(float)}));
+    learned_ = text;
+  }
+
+  LocalDescriptors local_descriptors(const cv::Mat& picture) {
+    // The longer side is brought to one length, so that a bin sees the same part of pictures of any size.
+    const double scale = static_cast<double>(side_) / std::max(picture.cols, picture.rows);
+    const int least = 4 * local_.bin;
+    const int width = std::max(least, static_cast<int>(std::lround(picture.cols * scale)));
+    const int height = std::max(least, static_cast<int>(std::lround(picture.rows * scale)));
+    size_ = {width, height};
+    return dense_root_sift(scaled_grey(picture, width, height), local_);
+  }
+
+  void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) override {
+    if (vocabulary_.size() == 0) throw Error("has not learned its words yet", name_, "learn() or restore() first");
+    const LocalDescriptors local = local_descriptors(picture);
+    const std::vector<int> word = nearest(local.values, vocabulary_);
+    Eigen::Map<Eigen::MatrixXf> sums(descriptor.data(), kLocal, static_cast<Eigen::Index>(across_) * down_ * words_);
+    for (std::size_t i = 0; i < word.size(); ++i) {
+      const cv::Point2f centre = local.centres[i];
+      const int column = std::min(across_ - 1, static_cast<int>(centre.x * static_cast<float>(across_)) / size_.width);
+      const int row = std::min(down_ - 1, static_cast<int>(centre.y * static_cast<float>(down_)) / size_.height);
+      sums.col((row * across_ + column) * words_ + word[i]) +=
+          local.values.col(static_cast<Eigen::Index>(i)) - vocabulary_.col(word[i]);
+    }
+    for (auto sum : sums.colwise()) {
+      const float length = sum.norm();
+      if (length > 1e-6f) sum /= length;
+    }
+    const float length = descriptor.norm();
+    if (length > 0) descriptor /= length;
+  }
+
+  std::string name_, learned_ = "nothing";
+  int words_, side_;
+  DenseSiftOptions local_;
+  int across_, down_;           // cells of the spatial grid
+  Eigen::MatrixXf vocabulary_;  // kLocal x words
+  cv::Size size_;               // of the scaled picture
+};
+
+std::vector<ParameterSpec> parameters(double words) {
+  return {{"words", "visual words", words, 1, 4096, true},
+          {"size", "longer side of the scaled picture, pixels", 160, 16, 2048, true},
+          {"step", "pixels between local descriptors", 4, 1, 64, true},
+          {"bin", "pixels of a bin of a local descriptor, which has 4 x 4", 8, 2, 64, true}};
+}
+
+const EncoderRegistry::Registration plain({
+    .name = "vlad",
+    .help = "dense RootSIFT in VLAD: for changes of viewpoint; learns its words on the reference",
+    .parameters = parameters(64),
+    .create = [](const Parameters& values, const EncoderFiles&) -> std::unique_ptr<Encoder> {
+      return std::make_unique<Vlad>("vlad", values, 1, 1);
+    },
+});
+
+const EncoderRegistry::Registration spatial({
+    .name = "vlad_spatial",
+    .help = "the same in each of 4 x 2 parts of the picture: between vlad and hog",
+    .parameters = parameters(16),
+    .create = [](const Parameters& values, const EncoderFiles&) -> std::unique_ptr<Encoder> {
+      return std::make_unique<Vlad>("vlad_spatial", values, 4, 2);
+    },
+});
+
+}  // namespace
+}  // namespace citylearn
