@@ -1,0 +1,26 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <string>
+
+namespace citylearn {
+
+/// How alike two features are. Larger is nearer, always.
+enum class Measure {
+  kCosine,  ///< of the angle between them, -1..1; a feature of zeros is 0 from everything
+  kL2,      ///< minus their Euclidean distance
+  kL1,      ///< minus the sum of their absolute differences: what SeqSLAM compares images by
+};
+/// "cosine", "l2", "l1". Throws Error listing them.
+Measure measure_of(const std::string& name);
+
+/// R x Q similarities of D x R reference features and D x Q query features. Throws Error when the dimensions differ.
+Eigen::MatrixXf similarity(const Eigen::Ref<const Eigen::MatrixXf>& reference,
+                           const Eigen::Ref<const Eigen::MatrixXf>& query, Measure measure);
+
+/// Cross-domain similarity local scaling (Conneau et al., ICLR 2018, section 2.3): 2 s(r, q) - m(r) - m(q), where m is
+/// a frame's mean similarity to its `neighbours` nearest ones on the other side. A reference frame that is near to many
+/// queries (a hub) loses. Needs all queries at once. `neighbours` beyond R or Q counts as R or Q.
+Eigen::MatrixXf csls(const Eigen::Ref<const Eigen::MatrixXf>& similarity, int neighbours = 10);
+
+}  // namespace citylearn

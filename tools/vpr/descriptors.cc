@@ -1,0 +1,81 @@
+#include "tools/vpr/descriptors.h"
+
+#include <algorithm>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <vector>
+
+#include "core/service.h"
+#include "encoder_service/feature_store.h"
+#include "tools/vpr/progress.h"
+
+namespace citylearn::vpr {
+namespace {
+
+cv::Mat picture(const Traversal& traversal, int frame, Bytes& bytes) {
+  if (stop_requested()) throw Stopped{};
+  traversal.images->read(frame, bytes);
+  return decode_picture(bytes, traversal.images->name(frame));
+}
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+}  // namespace
+
+void teach(Encoder& encoder, const Traversal& reference) {
+  const int lessons = std::min(encoder.lessons(), reference.frames);
+  if (lessons <= 0) return;
+  Progress progress("learning from " + reference.name, lessons);
+  std::vector<cv::Mat> pictures;
+  Bytes bytes;
+  for (int i = 0; i < lessons; ++i) {
+    const auto frame = static_cast<int>(static_cast<long>(i) * reference.frames / lessons);
+    pictures.push_back(picture(reference, frame, bytes));
+    progress.done(1);
+  }
+  encoder.learn(pictures);
+}
+
+Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store) {
+  const Clock::time_point start = Clock::now();
+  const Encoder::Spec spec = encoder.spec();
+  Descriptors result;
+  result.matrix.resize(spec.dimension, traversal.frames);
+  std::optional<FeatureStore> kept;
+  if (!store.empty())
+    kept.emplace(store, FeatureStore::Key{spec.name, spec.dimension, traversal.hash(), traversal.frames});
+  const auto column = [&](int frame) {
+    return std::span<float>(result.matrix.col(frame).data(), static_cast<std::size_t>(spec.dimension));
+  };
+  std::vector<int> missing;
+  for (int frame = 0; frame < traversal.frames; ++frame)
+    if (!kept || !kept->read(frame, column(frame))) missing.push_back(frame);
+
+  Progress progress(label + " " + traversal.name, static_cast<int>(missing.size()));
+  const std::size_t batch = static_cast<std::size_t>(std::max(1, spec.batch));
+  std::vector<cv::Mat> pictures;
+  Bytes bytes;
+  for (std::size_t first = 0; first < missing.size(); first += batch) {
+    const std::size_t size = std::min(batch, missing.size() - first);
+    pictures.clear();
+    for (std::size_t i = 0; i < size; ++i) pictures.push_back(picture(traversal, missing[first + i], bytes));
+    const Eigen::MatrixXf columns = encoder.encode(pictures);
+    for (std::size_t i = 0; i < size; ++i) {
+      const int frame = missing[first + i];
+      result.matrix.col(frame) = columns.col(static_cast<Eigen::Index>(i));
+      if (kept) kept->write(frame, column(frame));
+    }
+    progress.done(static_cast<int>(size));
+  }
+  result.encoded = static_cast<int>(missing.size());
+  result.seconds = seconds_since(start);
+  return result;
+}
+
+Descriptors features_of(const Traversal& traversal) {
+  Descriptors result;
+  result.matrix = Eigen::MatrixXf::Map(traversal.features.data(), traversal.dimension, traversal.frames);
+  return result;
+}
+
+}  // namespace citylearn::vpr

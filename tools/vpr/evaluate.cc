@@ -1,0 +1,230 @@
+#include "tools/vpr/evaluate.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <iostream>
+#include <memory>
+
+#include "core/files.h"
+#include "core/service.h"
+#include "env_service/datasets/parts.h"
+#include "tools/vpr/descriptors.h"
+#include "tools/vpr/plot.h"
+
+namespace citylearn::vpr {
+namespace {
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+class Evaluation {
+ public:
+  explicit Evaluation(const Options& options) : options_(options) {
+    for (const std::string& chain : options.methods) methods_.emplace_back(chain);
+    for (const std::string& name : options.centrings) centring_of(name);
+    create_folder();
+    load();
+    make_encoders();
+    setting_ = {options.command,
+                options.source.dataset,
+                options.source.folder,
+                options.source.traversal,
+                options.matches.empty() ? "frame i of the query shows the place of frame i of the reference"
+                                        : "pairs of " + options.matches,
+                options.matching.measure == Measure::kCosine ? "cosine"
+                : options.matching.measure == Measure::kL2   ? "l2"
+                                                             : "l1"};
+  }
+
+  int run() {
+    bool stopped = false;
+    try {
+      if (reference_.images)
+        for (std::size_t i = 0; i < encoders_.size(); ++i) run_encoder(options_.encoders[i], *encoders_[i]);
+      else
+        run_features();
+    } catch (const Stopped&) {
+      stopped = true;
+    }
+    if (rows_.empty() && !stopped)
+      throw Error("none of these is possible", "--dimension", "0 takes the descriptors as they are");
+    if (!rows_.empty()) {
+      write_plots(options_.output, setting_, rows_);
+      std::cout << table(rows_);
+    }
+    std::cerr << (stopped ? "stopped early; " : "") << rows_.size() << " rows in " << options_.output << std::endl;
+    return stopped ? 130 : 0;
+  }
+
+ private:
+  void create_folder() {
+    std::error_code error;
+    std::filesystem::create_directories(options_.output, error);
+    if (error) throw Error("cannot create '" + options_.output + "': " + error.message(), "--output");
+  }
+
+  void load() {
+    const std::unique_ptr<Dataset> dataset = open_dataset(options_.source);
+    const std::string& reference = options_.source.traversal;
+    std::vector<std::string> queries = options_.queries;
+    if (queries.empty())
+      for (const std::string& name : dataset->names())
+        if (name != reference) queries.push_back(name);
+    if (queries.empty())
+      throw Error("the dataset has one traversal only", "--query", "name the reference to compare it to itself");
+    if (!options_.matches.empty() && queries.size() > 1)
+      throw Error("holds for one query, but there are " + std::to_string(queries.size()), "--matches");
+    Selection selection = options_.source.selection;
+    const std::string sibling = !selection.align.empty() ? selection.align : options_.matches.empty() ? reference : "";
+    const auto get = [&](const std::string& name) {
+      selection.align = name == sibling ? "" : sibling;
+      return select(*dataset, name, selection);
+    };
+    reference_ = get(reference);
+    for (const std::string& name : queries) {
+      queries_.push_back(get(name));
+      if ((queries_.back().images == nullptr) != (reference_.images == nullptr))
+        throw Error("one has features and the other pictures", reference + " and " + name);
+      truths_.push_back(truth(queries_.back()));
+    }
+  }
+
+  GroundTruth truth(const Traversal& query) const {
+    if (options_.matches.empty()) return GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
+    const TextTable file(options_.matches, {});
+    std::vector<std::pair<int, int>> matches;
+    for (int row = 0; row < file.rows(); ++row) {
+      const double reference = file.number(row, "reference"), other = file.number(row, "query");
+      if (!(reference >= 0 && reference < reference_.frames && other >= 0 && other < query.frames))
+        file.fail(row, "a frame outside of the recordings",
+                  "frames are counted from 0, after the selection; there are " + std::to_string(reference_.frames) +
+                      " and " + std::to_string(query.frames));
+      matches.push_back({static_cast<int>(reference), static_cast<int>(other)});
+    }
+    return GroundTruth::by_matches(matches, reference_.frames, query.frames, options_.tolerance);
+  }
+
+  /// All of them before the first picture is encoded, so that a wrong option does not show after hours.
+  void make_encoders() {
+    if (!reference_.images) {
+      if (!options_.encoders.empty())
+        throw Error("dataset " + options_.source.dataset + " has features already", "--encoder", "leave it out");
+      return;
+    }
+    const auto& asked = options_.encoders;
+    for (const auto& [name, given] : options_.parameters)
+      if (!given.empty() && std::find(asked.begin(), asked.end(), name) == asked.end())
+        throw Error("is for encoder " + name + ", which is not among --encoder",
+                    "--" + name + "-" + given.begin()->first);
+    for (const std::string& name : asked) {
+      const auto& entry = EncoderRegistry::instance().find("encoder", name);
+      const auto given = options_.parameters.find(name);
+      const Parameters parameters("encoder " + name, entry.parameters,
+                                  given == options_.parameters.end() ? std::map<std::string, double>() : given->second);
+      encoders_.push_back(entry.create(parameters, options_.files));
+    }
+    if (encoders_.empty()) throw Error("is missing: this dataset has pictures", "--encoder", "--list names them");
+  }
+
+  void run_encoder(const std::string& label, Encoder& encoder) {
+    teach(encoder, reference_);
+    const Descriptors reference = encode(encoder, reference_, label, options_.store);
+    std::vector<Descriptors> queries;
+    for (const Traversal& query : queries_) queries.push_back(encode(encoder, query, label, options_.store));
+    run_descriptors(label, encoder.spec().name, reference, queries);
+  }
+
+  void run_features() {
+    std::vector<Descriptors> queries;
+    for (const Traversal& query : queries_) queries.push_back(features_of(query));
+    run_descriptors("features", "features of " + options_.source.dataset, features_of(reference_), queries);
+  }
+
+  void run_descriptors(const std::string& label, const std::string& name, const Descriptors& reference,
+                       const std::vector<Descriptors>& queries) {
+    const Eigen::Index most = std::min<Eigen::Index>(reference.matrix.rows(), reference.matrix.cols() - 1);
+    for (const std::string& centring : options_.centrings)
+      for (const int dimension : options_.dimensions) {
+        if (stop_requested()) throw Stopped{};
+        if (dimension > most) {
+          spdlog::warn("{}: no PCA to {} dimensions from {} of {} frames: left out", label, dimension,
+                       reference.matrix.rows(), reference.matrix.cols());
+          continue;
+        }
+        const Clock::time_point start = Clock::now();
+        // Neither a mean nor a PCA: the descriptors as they are, lengths and all.
+        const bool raw = centring == "none" && dimension == 0;
+        Reduction reduction;
+        if (!raw)
+          reduction = Reduction::learn(
+              reference.matrix,
+              {.centring = centring_of(centring), .dimension = dimension, .whitening = options_.whitening});
+        const auto reduce = [&](const Eigen::MatrixXf& all) { return raw ? all : reduction.apply(all); };
+        const Eigen::MatrixXf reduced = reduce(reference.matrix);
+        const double learning = seconds_since(start);
+        for (std::size_t i = 0; i < queries.size(); ++i) {
+          const Clock::time_point began = Clock::now();
+          const Eigen::MatrixXf query = reduce(queries[i].matrix);
+          Row row;
+          row.encoder = label;
+          row.name = name;
+          row.dimension = static_cast<int>(reduced.rows());
+          row.reduced = dimension > 0;
+          row.centring = centring;
+          row.whitening = dimension > 0 ? options_.whitening : 0;
+          row.encode_seconds = reference.seconds + queries[i].seconds;
+          row.seconds = learning + seconds_since(began);
+          for (const Method& method : methods_) run_method(row, method, reduced, query, i);
+        }
+      }
+  }
+
+  void run_method(Row row, const Method& method, const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query,
+                  std::size_t index) {
+    const Clock::time_point start = Clock::now();
+    const Method::Result result = method.run(reference, query, truths_[index], options_.matching);
+    row.seconds += seconds_since(start);
+    const Answers& found = result.answers;
+    row.method = method.name();
+    row.query = queries_[index].name;
+    row.condition = queries_[index].condition;
+    row.references = static_cast<int>(reference.cols());
+    row.queries = found.queries();
+    row.tolerance = options_.tolerance;
+    row.recall_1 = recall_at(found, 1);
+    row.recall_5 = recall_at(found, 5);
+    row.recall_10 = recall_at(found, 10);
+    const auto answerable = static_cast<double>(std::count(found.answerable.begin(), found.answerable.end(), true));
+    row.recall_1_interval = wilson_interval(row.recall_1 * answerable, answerable);
+    row.curve = precision_recall(found);
+    row.auc = row.curve.auc;
+    row.recall_at_full_precision = row.curve.recall_at_full_precision;
+    row.auc_interval = auc_interval(found, options_.matching.seed);
+    if (stop_requested()) throw Stopped{};
+    if (options_.pictures)
+      write_file(options_.output + "/similarity-" + slug(row.encoder) + "-" + std::to_string(row.dimension) + "-" +
+                     row.centring + "-" + slug(row.query) + "-" + slug(row.method) + ".png",
+                 matrix_png(result.similarity));
+    spdlog::info("{} {} {} {} {}: recall@1 {:.3f}, AUC {:.3f}", row.encoder, row.dimension, row.centring, row.method,
+                 row.query, row.recall_1, row.auc);
+    rows_.push_back(std::move(row));
+    write_file(options_.output + "/results.csv", results_csv(rows_));
+    write_file(options_.output + "/results.json", results_json(setting_, rows_));
+  }
+
+  const Options& options_;
+  Setting setting_;
+  std::vector<Method> methods_;
+  std::vector<std::unique_ptr<Encoder>> encoders_;
+  Traversal reference_;
+  std::vector<Traversal> queries_;
+  std::vector<GroundTruth> truths_;
+  std::vector<Row> rows_;
+};
+
+}  // namespace
+
+int evaluate(const Options& options) { return Evaluation(options).run(); }
+
+}  // namespace citylearn::vpr

@@ -1,0 +1,42 @@
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "encoder_service/encoder.h"
+#include "encoder_service/reduction.h"
+#include "env_service/selection.h"
+#include "tools/vpr/methods.h"
+#include "tools/vpr/report.h"
+
+namespace citylearn::vpr {
+
+struct Options {
+  std::string command;  ///< as typed, for the record
+  // Recordings.
+  Source source;  ///< its traversal is the reference
+  std::vector<std::string> queries;
+  std::string matches;  ///< file of a CSV with columns reference, query; empty: frame i shows the place of frame i
+  // Encoding.
+  std::vector<std::string> encoders;
+  std::map<std::string, std::map<std::string, double>> parameters;  ///< those given, by encoder
+  EncoderFiles files;
+  std::string store;
+  // Features.
+  std::vector<int> dimensions = {0};
+  std::vector<std::string> centrings = {"running"};
+  double whitening = 0.2;
+  // Matching and evaluation.
+  std::vector<std::string> methods = {"nearest"};
+  MatchingOptions matching;
+  int tolerance = 2;
+  bool pictures = true;
+  std::string output;
+};
+
+/// Every encoder x centring x dimension x query x method, a row each. results.csv and results.json in `output` are
+/// whole after each row; Ctrl-C ends after the rows that are complete. Returns the exit status. Throws Error.
+int evaluate(const Options& options);
+
+}  // namespace citylearn::vpr

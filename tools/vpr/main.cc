@@ -1,0 +1,169 @@
+#include <CLI/CLI.hpp>
+#include <ctime>
+#include <iostream>
+
+#include "core/service.h"
+#include "tools/vpr/evaluate.h"
+
+namespace {
+
+using namespace citylearn;
+
+struct CommandLine {
+  vpr::Options options;
+  std::string measure = "cosine";
+  std::string store = "none";
+  bool list = false;
+  bool no_pictures = false;
+};
+
+template <class List>
+CLI::Option* add_list(CLI::App& app, const std::string& name, List& list, const std::string& help) {
+  return app.add_option(name, list, help)->delimiter(',')->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+}
+
+void add_encoding(CLI::App& app, vpr::Options& options, CommandLine& line) {
+  const std::string group = "Encoding";
+  std::string names;
+  for (const auto* entry : EncoderRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
+  add_list(app, "--encoder", options.encoders, "Of " + names + "; left out when the dataset has features")
+      ->group(group);
+  app.add_option("--model", options.files.model, "Network of the encoder, an ONNX file")
+      ->type_name("FILE")
+      ->group(group);
+  app.add_option("--layer", options.files.layer, "Its output layer, by name (its last one)")->group(group);
+  app.add_option("--preset", options.files.preset, "Input size, mean, deviation and layer of a known network")
+      ->group(group);
+  app.add_option("--head", options.files.head, "Weights of what follows the network (encoder netvlad)")
+      ->type_name("FILE")
+      ->group(group);
+  app.add_option("--store", line.store, "Folder that keeps what was encoded; none: memory alone")
+      ->type_name("DIR")
+      ->envname("CITYLEARN_STORE")
+      ->capture_default_str()
+      ->group(group);
+}
+
+void add_matching(CLI::App& app, vpr::Options& options, CommandLine& line) {
+  const std::string features = "Features";
+  add_list(app, "--dimension", options.dimensions, "Features a frame, by PCA on the reference; 0: no PCA")
+      ->capture_default_str()
+      ->check(CLI::Range(0, kMaxDimension))
+      ->group(features);
+  add_list(app, "--centring", options.centrings, "Mean taken off first: own, running, reference, none")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"own", "running", "reference", "none"}))
+      ->group(features);
+  app.add_option("--whitening", options.whitening, "Exponent: 0 none, 0.5 full")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 0.5))
+      ->group(features);
+
+  const std::string matching = "Matching";
+  vpr::MatchingOptions& match = options.matching;
+  add_list(app, "--method", options.methods,
+           "nearest or mlp, then any of csls, contrast, sequence, seqslam, joined by +: csls+sequence")
+      ->capture_default_str()
+      ->group(matching);
+  app.add_option("--measure", line.measure, "How features are compared: cosine, l2, l1")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"cosine", "l2", "l1"}))
+      ->group(matching);
+  app.add_option("--sequence", match.sequence, "Frames of a sequence, odd")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 999))
+      ->group(matching);
+  app.add_option("--slowest", match.slowest, "Least reference frames per query frame, of sequence")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 10.0))
+      ->group(matching);
+  app.add_option("--fastest", match.fastest, "Most of them")
+      ->capture_default_str()
+      ->check(CLI::Range(0.1, 10.0))
+      ->group(matching);
+  app.add_option("--contrast-window", match.window, "Reference frames that contrast and seqslam look at")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 100000))
+      ->group(matching);
+  app.add_option("--csls-neighbours", match.neighbours, "Nearest frames that csls takes the mean of")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 100000))
+      ->group(matching);
+  app.add_option("--mlp-hidden", match.hidden, "Hidden units of mlp")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 4096))
+      ->group(matching);
+  app.add_option("--mlp-epochs", match.epochs, "Times that mlp sees the reference")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 100000))
+      ->group(matching);
+  app.add_option("--seed", match.seed, "Of mlp and of the intervals")->capture_default_str()->group(matching);
+}
+
+void add_options(CLI::App& app, CommandLine& line) {
+  vpr::Options& options = line.options;
+  const std::string recordings = "Recordings";
+  add_dataset_options(app, options.source, recordings);
+  app.add_option("--reference", options.source.traversal, "Traversal whose frames are the places")
+      ->capture_default_str()
+      ->group(recordings);
+  add_list(app, "--query", options.queries, "Traversals to be recognised (all others)")->group(recordings);
+  app.add_option("--matches", options.matches,
+                 "CSV with columns reference and query: frames of the same place (the traversals are not aligned then)")
+      ->type_name("FILE")
+      ->check(CLI::ExistingFile)
+      ->group(recordings);
+  add_selection_options(app, options.source.selection, "Selection");
+  add_encoding(app, options, line);
+  add_matching(app, options, line);
+
+  const std::string results = "Results";
+  app.add_option("--tolerance", options.tolerance, "Frames by which a right answer may be off")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 100000))
+      ->group(results);
+  app.add_option("--output", options.output,
+                 "Folder for results.csv, results.json, pr-*.svg, similarity-*.png (runs/vpr-TIME)")
+      ->type_name("DIR")
+      ->group(results);
+  app.add_flag("--no-pictures", line.no_pictures, "No similarity-*.png")->group(results);
+  app.add_flag("--list", line.list, "Print encoders, and exit")->configurable(false)->group(results);
+  for (const auto* entry : EncoderRegistry::instance().entries())
+    add_parameters(app, entry->name, entry->parameters, options.parameters[entry->name]);
+}
+
+std::string folder_of_now() {
+  const std::time_t now = std::time(nullptr);
+  std::tm local{};
+  localtime_r(&now, &local);
+  char text[64];
+  std::strftime(text, sizeof(text), "runs/vpr-%Y%m%d-%H%M%S", &local);
+  return text;
+}
+
+int run(CommandLine& line) {
+  if (line.list) {
+    std::cout << "encoders (--encoder):\n";
+    for (const auto* entry : EncoderRegistry::instance().entries())
+      std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
+    return 0;
+  }
+  vpr::Options& options = line.options;
+  if (options.matching.sequence % 2 == 0) throw Error("must be odd", "--sequence");
+  if (options.matching.slowest > options.matching.fastest) throw Error("is more than --fastest", "--slowest");
+  options.matching.measure = measure_of(line.measure);
+  options.store = line.store == "none" ? "" : line.store;
+  options.pictures = !line.no_pictures;
+  if (options.output.empty()) options.output = folder_of_now();
+  return vpr::evaluate(options);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CommandLine line;
+  for (int i = 0; i < argc; ++i) line.options.command += (i ? " " : "") + std::string(argv[i]);
+  return service_main(
+      argc, argv, "Evaluates place recognition: which frames of a query traversal show which place of a reference.",
+      [&](CLI::App& app) { add_options(app, line); }, [&] { return run(line); });
+}

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "encoder_service/recognition/evaluation.h"
+#include "encoder_service/recognition/similarity.h"
+
+namespace citylearn::vpr {
+
+/// How features become answers.
+struct MatchingOptions {
+  Measure measure = Measure::kCosine;
+  int sequence = 21;   ///< frames of "sequence"; "seqslam" has one less before and after, as its length is even
+  double slowest = 1;  ///< reference frames per query frame, for "sequence"
+  double fastest = 1;
+  int window = 10;      ///< of the local contrast
+  int neighbours = 10;  ///< of CSLS
+  int hidden = 64;      ///< of the classifier
+  int epochs = 200;
+  std::uint64_t seed = 1;
+};
+
+/// A chain of steps, "csls+sequence": a source of similarities (nearest or mlp; nearest when none is named), then any
+/// of csls, contrast, sequence in the order given, then perhaps seqslam.
+class Method {
+ public:
+  /// Throws Error: unknown steps, or a step where it cannot stand.
+  explicit Method(const std::string& chain);
+
+  const std::string& name() const { return name_; }
+  struct Result {
+    Eigen::MatrixXf similarity;  ///< R x Q after all steps
+    Answers answers;
+  };
+  /// `reference` D x R, `query` D x Q. Throws Error, Stopped.
+  Result run(const Eigen::MatrixXf& reference, const Eigen::MatrixXf& query, const GroundTruth& truth,
+             const MatchingOptions& options) const;
+
+ private:
+  std::string name_;
+  std::vector<std::string> steps_;  // the first is nearest or mlp
+};
+
+}  // namespace citylearn::vpr

@@ -1,0 +1,46 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "encoder_service/recognition/evaluation.h"
+
+namespace citylearn::vpr {
+
+/// One line of the table: an encoder's features of one dimension, matched by one method, under one condition.
+struct Row {
+  std::string encoder;   ///< as asked for: "hog"; "features" when the traversals had them
+  std::string name;      ///< Encoder::Spec::name, with version and parameters
+  int dimension = 0;     ///< of the features compared
+  bool reduced = false;  ///< by PCA
+  std::string centring;
+  double whitening = 0;
+  std::string method, query, condition;
+  int references = 0, queries = 0, tolerance = 0;
+  double recall_1 = 0, recall_5 = 0, recall_10 = 0;
+  Interval recall_1_interval, auc_interval;
+  double auc = 0, recall_at_full_precision = 0;
+  double encode_seconds = 0;  ///< for both traversals, of frames that were not in the store
+  double seconds = 0;         ///< reduction, matching
+  PrecisionRecall curve;
+};
+
+/// What is true of all rows.
+struct Setting {
+  std::string command, dataset, folder, reference, ground_truth, measure;
+};
+
+/// A table for people, columns aligned.
+std::string table(const std::vector<Row>& rows);
+/// One line a row, with a header; fields that need it are quoted (RFC 4180).
+std::string results_csv(const std::vector<Row>& rows);
+/// The setting, what the figures mean, and the rows.
+std::string results_json(const Setting& setting, const std::vector<Row>& rows);
+
+/// `text` as part of a file's name: everything but letters, digits, '.', '_' becomes '-'.
+std::string slug(const std::string& text);
+
+/// Writes pr-QUERY-METHOD.svg files into `folder`, one curve a row. Throws Error.
+void write_plots(const std::string& folder, const Setting& setting, const std::vector<Row>& rows);
+
+}  // namespace citylearn::vpr
