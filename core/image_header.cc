@@ -85,6 +85,13 @@ void find_jpeg_size(Cursor& cursor, std::int64_t& width, std::int64_t& height) {
   }
 }
 
+/// A blank follows the type: of other files that begin so, OpenCV thinks they could be DICOM, whose decoder crashes.
+bool is_pnm(std::span<const std::byte> bytes) {
+  if (bytes.size() < 3 || bytes[0] != std::byte{'P'} || bytes[1] < std::byte{'1'} || bytes[1] > std::byte{'6'})
+    return false;
+  return bytes[2] == std::byte{' '} || (bytes[2] >= std::byte{'\t'} && bytes[2] <= std::byte{'\r'});
+}
+
 bool ends_with(std::span<const std::byte> file, std::string_view text, std::size_t within) {
   const std::size_t size = std::min(file.size(), within);
   const std::string_view tail(reinterpret_cast<const char*>(file.data() + file.size() - size), size);
@@ -115,7 +122,7 @@ ImageHeader read_image_header(std::span<const std::byte> bytes, const std::strin
     width = static_cast<std::int32_t>(cursor.little32());
     height = static_cast<std::int32_t>(cursor.little32());
     if (height < 0) height = -height;  // stored from the top
-  } else if (bytes.size() > 2 && cursor.begins("P"sv) && bytes[1] >= std::byte{'1'} && bytes[1] <= std::byte{'6'}) {
+  } else if (is_pnm(bytes)) {
     header.format = "pnm";
     cursor.skip(2);
     width = static_cast<std::int64_t>(cursor.decimal());

@@ -22,7 +22,8 @@ Parameters::Parameters(const std::string& owner, const std::vector<ParameterSpec
     known += (known.empty() ? "" : ", ") + spec.name;
   }
   for (const auto& [name, value] : values) {
-    const auto spec = std::find_if(specs.begin(), specs.end(), [&](const ParameterSpec& s) { return s.name == name; });
+    const auto spec =
+        std::find_if(specs.begin(), specs.end(), [&wanted = name](const ParameterSpec& s) { return s.name == wanted; });
     if (spec == specs.end())
       throw Error("unknown parameter '" + name + "'", owner, known.empty() ? "it has none" : "known: " + known);
     if (!(value >= spec->minimum && value <= spec->maximum))  // so written, NaN is refused

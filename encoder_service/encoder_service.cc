@@ -124,6 +124,7 @@ class EncoderService {
   bool serving(const Environment& environment) const { return environment.server == node_.incarnation(); }
   bool busy() const;
   std::string learned_path(const std::string& what, const std::string& suffix) const;
+  std::string recipe_of_features() const;
 
   EncoderServiceOptions options_;
   Node node_;
@@ -238,10 +239,10 @@ void EncoderService::on_info(const msg::TraversalInfo& info) {
     // Another encoder_service completed it. Two of one kind share the work; of two kinds the later one is a mistake.
     Peer& peer = peers_[info.encoder_incarnation()];
     peer.heard = now_;
-    if (peer.beats && learned_ && info.encoder().c_str() != spec_.name &&
+    if (peer.beats && learned_ && info.encoder().c_str() != recipe_of_features() &&
         info.encoder_incarnation() < node_.incarnation())
       throw Error(fmt::format("'{}' already encodes with {}, this one would with {}", info.encoder_service().c_str(),
-                              info.encoder().c_str(), spec_.name),
+                              info.encoder().c_str(), recipe_of_features()),
                   "run '" + node_.options().run + "'", "give both the same encoder, or choose another --run");
     if (const auto found = environments_.find(id); found != environments_.end()) {
       Environment& environment = found->second;
@@ -377,6 +378,15 @@ const Environment* EncoderService::host(const Route& route) const {
 
 std::string EncoderService::learned_path(const std::string& what, const std::string& suffix) const {
   return fmt::format("{}/{:016x}.{}", options_.store, hash_of(what), suffix);
+}
+
+/// What features are made by: the same words, the same features.
+std::string EncoderService::recipe_of_features() const {
+  const std::string reduction = options_.reduction_file.empty()
+                                    ? fmt::format("{} {} {:g}", options_.reduction.dimension,
+                                                  name_of(options_.reduction.centring), options_.reduction.whitening)
+                                    : std::filesystem::path(options_.reduction_file).filename().string();
+  return (spec_.name + " | " + reduction).substr(0, 256);
 }
 
 void EncoderService::learn_encoder() {
@@ -640,7 +650,7 @@ void EncoderService::send_info(const Environment& environment) {
   const auto each = msg::MAX_CHUNK / (sizeof(float) * (1 + static_cast<std::size_t>(route.features.rows())));
   info.feature_dimension() = static_cast<std::uint32_t>(route.features.rows());
   info.chunks() = static_cast<std::uint32_t>((static_cast<std::size_t>(route.frames) + each - 1) / each);
-  info.encoder() = spec_.name.c_str();
+  info.encoder() = recipe_of_features().c_str();
   info.encoder_service() = node_.options().id.c_str();
   info.encoder_incarnation() = node_.incarnation();
   node_.forward(info);

@@ -121,6 +121,20 @@ Centring centring_of(const std::string& name) {
   throw Error("unknown centring '" + name + "'", "", "known: none, reference, own, running");
 }
 
+std::string name_of(Centring centring) {
+  switch (centring) {
+    case Centring::kNone:
+      return "none";
+    case Centring::kReference:
+      return "reference";
+    case Centring::kOwn:
+      return "own";
+    case Centring::kRunning:
+      break;
+  }
+  return "running";
+}
+
 Reduction Reduction::learn(const Eigen::Ref<const MatrixXf>& reference, const ReductionOptions& options) {
   check_options(options, reference.rows(), reference.cols());
   if (!reference.allFinite()) throw Error("a descriptor that is not finite", "reference");

@@ -17,6 +17,7 @@ enum class Centring {
 };
 /// "none", "reference", "own", "running". Throws Error listing them.
 Centring centring_of(const std::string& name);
+std::string name_of(Centring centring);
 
 struct ReductionOptions {
   Centring centring = Centring::kRunning;

@@ -70,7 +70,7 @@ class Run {
   void save_checkpoint();
   double training_wall() const { return wall_before_ + seconds_since(training_since_); }
   std::string checkpoints() const { return options_.output + "/checkpoints"; }
-  std::map<std::string, std::string> hashes() const;
+  std::map<std::string, msg::TraversalInfo> traversals() const;
 
   void load_agent();
   void evaluate_all();
@@ -157,9 +157,9 @@ Seat* Run::seat_on(const std::string& traversal) const {
   return found.empty() ? nullptr : found.front();
 }
 
-std::map<std::string, std::string> Run::hashes() const {
-  std::map<std::string, std::string> found;
-  for (const auto& [id, seat] : fleet_.seats()) found[seat->traversal()] = fmt::format("{:016x}", seat->info.hash());
+std::map<std::string, msg::TraversalInfo> Run::traversals() const {
+  std::map<std::string, msg::TraversalInfo> found;
+  for (const auto& [id, seat] : fleet_.seats()) found[seat->traversal()] = seat->info;
   return found;
 }
 
@@ -241,7 +241,7 @@ void Run::build_trainer() {
     if ((report_.episodes_to_spl95 = trainer_->progress().episodes_to_spl95))
       report_.wall_to_spl95 = metrics_->wall_at(*report_.episodes_to_spl95);
     write_file(options_.output + "/manifest.json",
-               manifest_json(options_, trainer_->parameters(), hashes(), node_.middleware_name()));
+               manifest_json(options_, trainer_->parameters(), traversals(), node_.middleware_name()));
   }
 }
 

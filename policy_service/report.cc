@@ -1,5 +1,7 @@
 #include "policy_service/report.h"
 
+#include <spdlog/fmt/fmt.h>
+
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
 
@@ -52,10 +54,17 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
 
 std::string manifest_json(const PolicyServiceOptions& options,
                           const std::map<std::string, std::map<std::string, double>>& agent,
-                          const std::map<std::string, std::string>& hashes, const std::string& middleware) {
+                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware) {
   std::string vendor;
   for (const auto& [name, help] : list_middlewares())
     if (name == middleware) vendor = help;
+  Json data;
+  for (const auto& [name, info] : traversals)
+    data[name] = {{"dataset", info.dataset().c_str()},
+                  {"hash", fmt::format("{:016x}", info.hash())},
+                  {"frames", info.frames()},
+                  {"features", info.feature_dimension()},
+                  {"encoder", info.encoder().c_str()}};
   Json manifest = {
       {"program", "policy_service " + version()},
       {"compiler", __VERSION__},
@@ -83,7 +92,7 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"tasks", options.tasks},
       {"controls", options.controls},
       {"parameters", agent},
-      {"traversals", hashes},
+      {"traversals", data},
   };
   return manifest.dump(2) + "\n";
 }

@@ -27,9 +27,9 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
                          const std::vector<ScoreRow>& rows);
 
 /// Text of manifest.json: what one needs to know to run this again. `agent` holds the effective parameters of network,
-/// learner and trainer; `hashes` the traversals seen.
+/// learner and trainer; `traversals` what the env_services announced, by name.
 std::string manifest_json(const PolicyServiceOptions& options,
                           const std::map<std::string, std::map<std::string, double>>& agent,
-                          const std::map<std::string, std::string>& hashes, const std::string& middleware);
+                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware);
 
 }  // namespace citylearn

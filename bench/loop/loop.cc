@@ -23,7 +23,7 @@ Json train_over(const std::string& middleware, const std::string& steps, const s
   const Folder folder;
   const std::vector<std::string> wire = {"--middleware", middleware, "--domain",
                                          "150",          "--run",    "bench-" + std::to_string(getpid())};
-  std::vector<std::string> env = {CITYLEARN_ENV_SERVICE, "--agents", agents};
+  std::vector<std::string> env = {CITYLEARN_ENV_SERVICE, "--agents", agents, "--synthetic-images", "0"};
   std::vector<std::string> policy = {CITYLEARN_POLICY_SERVICE,
                                      "--agent",
                                      "features",

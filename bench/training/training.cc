@@ -97,7 +97,9 @@ void print_evaluation(const TrainedAgent& agent, const std::vector<Traversal>& t
 
 void train(const Options& options) {
   const auto dataset = DatasetRegistry::instance().find("dataset", options.dataset);
-  const auto source = dataset.create(Parameters("dataset", dataset.parameters, {}), options.data);
+  const std::map<std::string, double> features =
+      options.dataset == "synthetic" ? std::map<std::string, double>{{"images", 0}} : std::map<std::string, double>{};
+  const auto source = dataset.create(Parameters("dataset", dataset.parameters, features), options.data);
   const Traversal route = source->load(options.train);
   std::vector<Traversal> others;
   for (const std::string& name : options.evaluate) others.push_back(source->load(name));

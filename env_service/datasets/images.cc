@@ -172,7 +172,7 @@ class Changed : public Images {
     images_->read(frame, bytes);
     read_image_header(bytes, name(frame));  // too many pixels are refused before they are allocated
     try {
-      const cv::Mat picture = cv::imdecode(file_of(bytes), cv::IMREAD_ANYCOLOR);
+      const cv::Mat picture = cv::imdecode(file_of(bytes), cv::IMREAD_ANYCOLOR | cv::IMREAD_IGNORE_ORIENTATION);
       if (picture.empty()) throw Error("the picture cannot be decoded", name(frame), "replace the file");
       encode_png(change_(picture), bytes);
     } catch (const cv::Exception& error) {
@@ -275,17 +275,18 @@ void encode_png(const cv::Mat& picture, Bytes& bytes) {
 }
 
 cv::Mat decode_image(const Bytes& file, const std::string& where) {
-  read_image_header(file, where);
+  const ImageHeader header = read_image_header(file, where);
   if (const auto reason = image_fault(file)) throw Error(*reason, where, "replace the file");
   cv::Mat picture;
   try {
     // OpenCV only reads from it.
     const cv::Mat bytes(1, static_cast<int>(file.size()), CV_8UC1, const_cast<std::byte*>(file.data()));
-    picture = cv::imdecode(bytes, cv::IMREAD_COLOR);
+    picture = cv::imdecode(bytes, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);  // as pixels lie
   } catch (const cv::Exception& error) {
     throw Error("the picture cannot be decoded: " + error.err, where, "replace the file");
   }
-  if (picture.empty()) throw Error("the picture cannot be decoded", where, "replace the file");
+  if (picture.cols != header.width || picture.rows != header.height)
+    throw Error("the picture cannot be decoded", where, "replace the file");
   return picture;
 }
 

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <memory>
@@ -5,6 +6,7 @@
 #include "core/messages.h"
 #include "core/random.h"
 #include "env_service/dataset.h"
+#include "env_service/datasets/drawn_world.h"
 
 // The same bits on every machine: whole-number random lanes, + - * / and square roots, which IEEE 754 rounds in one
 // way, and no fused multiply-add (this file is compiled with -ffp-contract=off). Nothing of libm but sqrt.
@@ -31,6 +33,8 @@ constexpr std::array<Condition, 4> kConditions{{
 constexpr double kShared = 0.190;  // variance of what a place shows under every condition
 constexpr double kMean = 0.74;     // length of the mean vector
 constexpr double kCut = 0.10;      // a scene ends here: tunnel, station, bend. Probability per frame
+
+constexpr double kFeatureSpacing = 10;  // metres between frames, as on the recordings
 
 constexpr double kTunnel = 0.05;      // a tunnel begins here. Probability per frame
 constexpr double kTunnelEnds = 0.45;  // its length is geometric
@@ -116,23 +120,33 @@ Vector direction(int dimension, double length, Random random) {
   return vector;
 }
 
-/// A generated route under four conditions. A place is what all conditions share plus what each has of its own; both
-/// drift along the route, and have a part that belongs to the single frame.
+/// A generated route, as pictures or as features under four conditions. A place of features is what all conditions
+/// share plus what each has of its own; both drift along the route, and have a part that belongs to the single frame.
 class Synthetic : public Dataset {
  public:
   explicit Synthetic(const Parameters& parameters)
       : frames_(parameters.integer("frames")),
         dimension_(parameters.integer("dimension")),
-        seed_(static_cast<std::uint64_t>(parameters["seed"])) {}
+        seed_(static_cast<std::uint64_t>(parameters["seed"])),
+        images_(parameters.flag("images")),
+        spacing_(parameters["spacing"]) {
+    drawn_.width = parameters.integer("width");
+    drawn_.height = parameters.integer("height");
+    drawn_.seed = seed_;
+    drawn_.countryside = parameters["countryside"];
+    drawn_.viewpoint = parameters["viewpoint"];
+  }
 
-  /// From the easiest to the hardest.
+  /// The first four from the easiest to the hardest.
   std::vector<std::string> names() override {
+    if (images_) return drawn_names();
     std::vector<std::string> names;
     for (const Condition& condition : kConditions) names.push_back(condition.name);
     return names;
   }
 
   Traversal load(const std::string& name) override {
+    if (images_) return draw(name);
     for (std::size_t index = 0; index < kConditions.size(); ++index)
       if (kConditions[index].name == name) return generate(index);
     throw unknown_traversal(name, "dataset synthetic", names());
@@ -151,6 +165,33 @@ class Synthetic : public Dataset {
   // Seed 1 of this family of cities is about as hard as the real route; single cities differ a good deal.
   Random stream(Stream purpose, std::uint64_t condition = 0) const { return Random{11, seed_, purpose, condition}; }
 
+  /// Metres along the route, about `spacing` apart; the same under every condition.
+  std::vector<float> drive(double spacing) const {
+    std::vector<float> positions;
+    positions.reserve(static_cast<std::size_t>(frames_));
+    Random way = stream(kWayStream);
+    double metres = 0, speed = 0;
+    for (int i = 0; i < frames_; ++i) {
+      positions.push_back(static_cast<float>(metres));
+      speed = 0.95 * speed + 0.05 * (2 * way.uniform() - 1);  // -1..1
+      metres += spacing * (1 + speed);
+    }
+    return positions;
+  }
+
+  Traversal draw(const std::string& name) {
+    const std::vector<std::string> known = names();
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw unknown_traversal(name, "dataset synthetic", known);
+    Traversal traversal;
+    traversal.dataset = "synthetic";
+    traversal.name = traversal.condition = name;
+    traversal.frames = frames_;
+    traversal.positions = drive(spacing_);
+    traversal.images = drawn_images(drawn_, name, traversal.positions);
+    return traversal;
+  }
+
   Traversal generate(std::size_t index) const {
     const Condition& condition = kConditions[index];
     Traversal traversal;
@@ -159,21 +200,20 @@ class Synthetic : public Dataset {
     traversal.frames = frames_;
     traversal.dimension = dimension_;
     traversal.features.reserve(static_cast<std::size_t>(frames_) * dimension_);
-    traversal.positions.reserve(frames_);
+    traversal.positions = drive(kFeatureSpacing);
 
     const Vector deviation = spectrum(dimension_, 2.8), own_deviation = spectrum(dimension_, 0.6);
     const Mixture mixture(dimension_, stream(kMixtureStream));
     const Vector mean = direction(dimension_, kMean, stream(kMeanStream));
     const Vector shift = direction(dimension_, condition.shift, stream(kShiftStream, index));
     const Vector dark = direction(dimension_, kDark, stream(kDarkStream));
-    Random place = stream(kPlaceStream), own = stream(kOwnStream, index), way = stream(kWayStream);
+    Random place = stream(kPlaceStream), own = stream(kOwnStream, index);
     Drift scene(dimension_, 0.943), view(dimension_, 0.61), frame(dimension_, 0);  // last long, some frames, one frame
     Drift season(dimension_, 0.926), instant(dimension_, 0);
     // Shares of the variance.
     const double from_scene = std::sqrt(kShared * 0.30), from_view = std::sqrt(kShared * 0.40);
     const double from_frame = std::sqrt(kShared * 0.30);
     const double from_season = std::sqrt(condition.own * 0.30), from_instant = std::sqrt(condition.own * 0.70);
-    double metres = 0, speed = 0;
     double strength = 1;
     bool tunnel = false;
     Vector x(dimension_);
@@ -197,23 +237,29 @@ class Synthetic : public Dataset {
       }
       const double length = std::sqrt(sum);
       for (const double value : x) traversal.features.push_back(static_cast<float>(value / length));
-      traversal.positions.push_back(static_cast<float>(metres));
-      speed = 0.95 * speed + 0.05 * (2 * way.uniform() - 1);  // -1..1
-      metres += 10 * (1 + speed);
     }
     return traversal;
   }
 
   int frames_, dimension_;
   std::uint64_t seed_;
+  bool images_;
+  double spacing_;
+  DrawnOptions drawn_;
 };
 
 const DatasetRegistry::Registration registration({
     "synthetic",
-    "a generated route under four conditions, with the statistics of real features",
-    {{"frames", "frames of the route, about 10 m apart", 1000, 2, msg::MAX_FRAMES, true},
-     {"dimension", "features a frame", 64, 8, kMaxDimension, true},
-     {"seed", "another seed, another city", 1, 0, 1e9, true}},
+    "a generated route: pictures of a drive under seven conditions, or features like real ones under four",
+    {{"frames", "frames of the route", 1000, 2, msg::MAX_FRAMES, true},
+     {"dimension", "features a frame, without images", 64, 8, kMaxDimension, true},
+     {"seed", "another seed, another city", 1, 0, 1e9, true},
+     {"images", "1: draws pictures, for an encoder_service; 0: generates features, 10 m apart", 1, 0, 1, true},
+     {"spacing", "metres between pictures, on average", 4, 0.05, 10, false},
+     {"width", "pixels of a picture's width", 160, 32, 1024, true},
+     {"height", "pixels of a picture's height", 96, 32, 1024, true},
+     {"countryside", "share of the route outside of the city", 0.35, 0, 1, false},
+     {"viewpoint", "metres by which the camera of 'shifted' drives further left", 1.5, -2, 4, false}},
     [](const Parameters& parameters, const std::string& folder) {
       if (!folder.empty())
         throw Error("reads no folder", "dataset synthetic", "leave --data out, or say --dataset plain");

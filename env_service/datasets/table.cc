@@ -44,10 +44,11 @@ struct TextTable::Parts {
 
   void add_row(std::size_t begin, std::size_t end, std::uint32_t line) {
     rows.push_back({line, static_cast<std::uint32_t>(fields.size())});
+    const std::string_view row = std::string_view(text).substr(0, end);  // a search must not go on to the file's end
     while (true) {
       if (fields.size() == kMaxFields)
         throw Error("more than " + std::to_string(kMaxFields) + " fields", path + ":" + std::to_string(line));
-      const std::size_t stop = separator == ' ' ? text.find_first_of(" \t", begin) : text.find(separator, begin);
+      const std::size_t stop = separator == ' ' ? row.find_first_of(" \t", begin) : row.find(separator, begin);
       const std::size_t field_end = std::min(stop, end);
       const std::string_view field = trimmed(std::string_view(text).substr(begin, field_end - begin));
       fields.push_back(

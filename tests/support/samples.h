@@ -192,7 +192,7 @@ inline void fill(Filler& f, msg::TraversalInfo& m) {
   m.agents(f.least() ? 1 : f.most() ? msg::MAX_AGENTS : 16);
   m.chunks(f.number<std::uint32_t>());
   m.images(f.boolean());
-  m.encoder(f.text(200));
+  m.encoder(f.text(256));
   m.encoder_service(f.text(64));
   m.encoder_incarnation(f.number<std::uint64_t>());
 }

@@ -37,11 +37,11 @@ class Host {
       service_ = std::make_unique<Service>(
           std::vector<std::string>{CITYLEARN_ENV_SERVICE, "--run", run, "--domain", std::to_string(wire.domain),
                                    "--middleware", middleware(wire, 1).name, "--agents", std::to_string(kAgents),
-                                   "--synthetic-frames", std::to_string(kFrames)},
+                                   "--synthetic-frames", std::to_string(kFrames), "--synthetic-images", "0"},
           folder_ / "log");
       return;
     }
-    traversal_ = make_dataset("synthetic", "", {{"frames", kFrames}})->load("summer");
+    traversal_ = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
     EnvServiceOptions options;
     options.agents = kAgents;
     options.node.run = run;
@@ -83,7 +83,7 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
 
   /// The same settings and walker without any wire.
   static std::map<int, Environment::Episode> reference(const msg::TaskSettings& settings, Walker& walker) {
-    const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}})->load("summer");
+    const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
     Environment environment(traversal, kAgents);
     environment.reset(settings);
     std::map<int, Environment::Episode> episodes;
@@ -136,7 +136,7 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
 
 TEST_P(EnvProtocol, TellsWhatItHosts) {
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0 && policy_->statuses > 0; }));
-  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}})->load("summer");
+  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
   const msg::TraversalInfo& info = policy_->info;
   EXPECT_EQ(std::string(info.dataset().c_str()), "synthetic");
   EXPECT_EQ(std::string(info.traversal().c_str()), "summer");
@@ -155,7 +155,7 @@ TEST_P(EnvProtocol, TellsWhatItHosts) {
 
 TEST_P(EnvProtocol, HandsOutItsTraversal) {
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
-  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}})->load("summer");
+  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
   policy_->request(traversal.hash() + 1, {0, 1});
   policy_->until([&] { return !policy_->chunks.empty(); }, milliseconds(100));
   EXPECT_TRUE(policy_->chunks.empty()) << "another traversal was asked for";

@@ -11,6 +11,11 @@
 namespace citylearn {
 namespace {
 
+std::unique_ptr<Dataset> features(std::map<std::string, double> parameters = {}) {
+  parameters["images"] = 0;
+  return testing::make_dataset("synthetic", "", parameters);
+}
+
 double distance(const Traversal& a, int i, const Traversal& b, int j) {
   double sum = 0;
   for (int k = 0; k < a.dimension; ++k) sum += std::pow(a.feature(i)[k] - b.feature(j)[k], 2);
@@ -24,7 +29,7 @@ double mean_distance(const Traversal& a, const Traversal& b, int lag) {
 }
 
 TEST(Synthetic, IsTheSameToTheLastBitEverywhere) {
-  const auto dataset = testing::make_dataset("synthetic");
+  const auto dataset = features();
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"summer", "fall", "winter", "night"}));
   EXPECT_EQ(dataset->load("summer").hash(), 0xF166F6D3941B27D5ull);
   EXPECT_EQ(dataset->load("fall").hash(), 0x3ECF020AF96C77F8ull);
@@ -35,21 +40,19 @@ TEST(Synthetic, IsTheSameToTheLastBitEverywhere) {
 TEST(Synthetic, OtherSeedsAndConditionsAreOtherCities) {
   std::set<std::uint64_t> hashes;
   for (const int seed : {0, 1, 2, 1000000000})
-    for (const std::string& name : testing::make_dataset("synthetic")->names())
-      hashes.insert(testing::make_dataset("synthetic", "", {{"seed", seed}})->load(name).hash());
+    for (const std::string& name : features()->names()) hashes.insert(features({{"seed", seed}})->load(name).hash());
   EXPECT_EQ(hashes.size(), 16u);
 }
 
 TEST(Synthetic, AShorterRouteIsTheBeginningOfALongerOne) {
-  const Traversal brief = testing::make_dataset("synthetic", "", {{"frames", 10}})->load("fall");
-  const Traversal whole = testing::make_dataset("synthetic")->load("fall");
+  const Traversal brief = features({{"frames", 10}})->load("fall");
+  const Traversal whole = features()->load("fall");
   EXPECT_TRUE(std::equal(brief.features.begin(), brief.features.end(), whole.features.begin()));
 }
 
 TEST(Synthetic, AnyDimensionIsOfUnitLengthAndFinite) {
   for (const int dimension : {8, 9, 64, 100, 512, 4096}) {
-    const Traversal traversal =
-        testing::make_dataset("synthetic", "", {{"dimension", dimension}, {"frames", 20}})->load("night");
+    const Traversal traversal = features({{"dimension", dimension}, {"frames", 20}})->load("night");
     EXPECT_EQ(traversal.dimension, dimension);
     ASSERT_EQ(traversal.features.size(), 20u * dimension);
     for (int frame = 0; frame < 20; ++frame) {
@@ -61,14 +64,14 @@ TEST(Synthetic, AnyDimensionIsOfUnitLengthAndFinite) {
 }
 
 TEST(Synthetic, RefusesParametersOutOfRange) {
-  EXPECT_THROW(testing::make_dataset("synthetic", "", {{"frames", 1}}), Error);
-  EXPECT_THROW(testing::make_dataset("synthetic", "", {{"dimension", 4097}}), Error);
-  EXPECT_THROW(testing::make_dataset("synthetic", "", {{"colour", 1}}), Error);
-  EXPECT_THROW(testing::make_dataset("synthetic")->load("spring"), Error);
+  EXPECT_THROW(features({{"frames", 1}}), Error);
+  EXPECT_THROW(features({{"dimension", 4097}}), Error);
+  EXPECT_THROW(features({{"colour", 1}}), Error);
+  EXPECT_THROW(features()->load("spring"), Error);
 }
 
 TEST(Synthetic, PositionsAreAboutTenMetresApartAndTheSameUnderEveryCondition) {
-  const auto dataset = testing::make_dataset("synthetic");
+  const auto dataset = features();
   const Traversal summer = dataset->load("summer");
   ASSERT_EQ(summer.positions.size(), 1000u);
   EXPECT_EQ(summer.positions[0], 0);
@@ -81,7 +84,7 @@ TEST(Synthetic, PositionsAreAboutTenMetresApartAndTheSameUnderEveryCondition) {
 }
 
 TEST(Synthetic, DistancesAreThoseOfRealFeatures) {
-  const auto dataset = testing::make_dataset("synthetic");
+  const auto dataset = features();
   const Traversal summer = dataset->load("summer"), fall = dataset->load("fall");
   // Measured on the recordings: .625, .687, .754, .804, .830, .855 in summer; .518 between the seasons at one place.
   EXPECT_NEAR(mean_distance(summer, summer, 1), 0.625, 0.05);
@@ -113,7 +116,7 @@ TEST(Synthetic, DistancesAreThoseOfRealFeatures) {
 }
 
 TEST(Synthetic, HarderAndHarderToRecognise) {
-  const auto dataset = testing::make_dataset("synthetic");
+  const auto dataset = features();
   const Traversal summer = dataset->load("summer");
   double last = 0;
   for (const std::string& name : dataset->names()) {
@@ -131,7 +134,7 @@ testing::Figures localise(testing::Walker& walker, const Traversal& traversal) {
 // On the recordings (same rules, same tasks): one frame alone 56 % and 79 steps in fall; the filter 100 %, 42.9 steps
 // in summer and 43.1 in fall, with shortest paths of 42.9.
 TEST(Synthetic, LocalisersDoAsWellAsOnRealFeatures) {
-  const auto dataset = testing::make_dataset("synthetic");
+  const auto dataset = features();
   const Traversal summer = dataset->load("summer");
   testing::NearestNeighbour nearest(summer, 128);
   testing::SequenceFilter filter(summer, 128);

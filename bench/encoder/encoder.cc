@@ -1,0 +1,141 @@
+// See README.md.
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <functional>
+#include <iostream>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/dnn.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "encoder_service/onnx_network.h"
+
+namespace {
+
+using namespace citylearn;
+
+constexpr int kPictures = 16;
+
+/// Something like a street: large shapes with some grain, so that JPEG has its usual work.
+cv::Mat picture(int width, int height, int seed) {
+  cv::RNG random(static_cast<std::uint64_t>(seed));
+  cv::Mat coarse(12, 16, CV_8UC3), grain(height, width, CV_8UC3), whole;
+  random.fill(coarse, cv::RNG::UNIFORM, 0, 220);
+  random.fill(grain, cv::RNG::UNIFORM, 0, 30);
+  cv::resize(coarse, whole, grain.size(), 0, 0, cv::INTER_CUBIC);
+  return whole + grain;
+}
+
+double seconds(const std::function<void()>& work) {
+  const auto begin = std::chrono::steady_clock::now();
+  work();
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+double median(std::vector<double> numbers) {
+  std::nth_element(numbers.begin(), numbers.begin() + numbers.size() / 2, numbers.end());
+  return numbers[numbers.size() / 2];
+}
+
+struct Contender {
+  std::string name;
+  std::function<void()> work;  // kPictures of them
+  std::vector<double> times = {}, ratios = {};
+};
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  const char* shared = std::getenv("CITYLEARN_SHARED_DATA");
+  std::string model =
+      (shared ? shared : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nets/osnet_x0_25_msmt17.onnx");
+  EncoderFiles files;
+  int rounds = 15;
+  std::map<std::string, double> values;
+  const auto& entry = EncoderRegistry::instance().find("encoder", "onnx");
+  for (int i = 1; i + 1 < argc; i += 2) {
+    const std::string option = argv[i], value = argv[i + 1];
+    if (option == "--model")
+      model = value;
+    else if (option == "--layer")
+      files.layer = value;
+    else if (option == "--preset")
+      files.preset = value;
+    else if (option == "--rounds")
+      rounds = std::clamp(std::stoi(value), 1, 1000);
+    else if (option == "--width" || option == "--height")
+      values[option.substr(2)] = std::stoi(value);
+    else
+      throw Error("unknown option " + option, "", "known: --model --layer --preset --rounds --width --height");
+  }
+  if (argc % 2 == 0) throw Error("option " + std::string(argv[argc - 1]) + " needs a value");
+  if (!std::filesystem::exists(model)) {
+    std::printf("skipped: no model %s (name one with --model)\n", model.c_str());
+    return 0;
+  }
+  files.model = model;
+  const Parameters parameters("onnx", entry.parameters, values);
+  const auto encoder = entry.create(parameters, files);
+  OnnxNetwork network(Parameters("onnx", network_parameters(), values), files);
+
+  std::vector<cv::Mat> exact, large, inputs;
+  std::vector<Bytes> jpegs;
+  for (int i = 0; i < kPictures; ++i) {
+    exact.push_back(picture(network.width(), network.height(), i));
+    large.push_back(picture(640, 480, i));
+    inputs.push_back(network.prepare(exact.back()).clone());
+    std::vector<unsigned char> jpeg;
+    cv::imencode(".jpg", large.back(), jpeg);
+    const auto bytes = std::as_bytes(std::span(jpeg));
+    jpegs.emplace_back(bytes.begin(), bytes.end());
+  }
+  const auto decoded = [&] {
+    std::vector<cv::Mat> pictures;
+    for (const Bytes& jpeg : jpegs) pictures.push_back(decode_picture(jpeg, "jpeg"));
+    return pictures;
+  };
+
+  // OpenCV and nothing else: inputs prepared, outputs thrown away.
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  cv::dnn::Net bare = cv::dnn::readNetFromONNX(model);
+  bare.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
+  std::array<Contender, 6> contenders = {{
+      {"OpenCV's forward pass alone",
+       [&] {
+         for (const cv::Mat& input : inputs) {
+           bare.setInput(input);
+           bare.forward(network.layer());
+         }
+       }},
+      {"encoder, pictures of the input's size", [&] { encoder->encode(exact); }},
+      {"encoder, pictures of 640 x 480", [&] { encoder->encode(large); }},
+      {"encoder, 640 x 480, from JPEG", [&] { encoder->encode(decoded()); }},
+      {"of that: decoding", [&] { decoded(); }},
+      {"of that: resizing and normalising",
+       [&] {
+         for (const cv::Mat& one : large) network.prepare(one);
+       }},
+  }};
+  for (int round = -1; round < rounds; ++round)  // the first one warms up
+    for (Contender& contender : contenders) {
+      const double time = seconds(contender.work);
+      if (round < 0) continue;
+      contender.times.push_back(time);
+      contender.ratios.push_back(time / contenders[0].times.back());
+    }
+  std::printf("%s\n%d threads, %d rounds of %d pictures, medians\n", encoder->spec().name.c_str(), cv::getNumThreads(),
+              rounds, kPictures);
+  std::printf("%-40s %10s %10s %16s\n", "", "ms/image", "images/s", "time / bare");
+  for (const Contender& contender : contenders) {
+    const double each = median(contender.times) / kPictures;
+    std::printf("%-40s %10.3f %10.1f %16.3f\n", contender.name.c_str(), 1e3 * each, 1 / each, median(contender.ratios));
+  }
+  return 0;
+} catch (const std::exception& error) {
+  std::cerr << "bench_encoder: " << error.what() << "\n";
+  return 1;
+}

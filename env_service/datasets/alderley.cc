@@ -1,0 +1,107 @@
+#include <algorithm>
+#include <map>
+
+#include "env_service/datasets/layout.h"
+#include "env_service/datasets/parts.h"
+
+namespace citylearn {
+namespace {
+
+/// Alderley Day/Night (Milford & Wyeth, ICRA 2012): one route driven on a sunny day and in a rainy night.
+///   FRAMESA/Image00001.jpg ...: the night; FRAMESB/Image00001.jpg ...: the day; numbers begin at 1
+///   framematches.csv: rows "number in FRAMESA, number in FRAMESB" of the same place, marked by hand; no header
+/// The archives hold a folder of their own name, so FRAMESA/FRAMESA is found too. There is no GPS: positions are
+/// unknown. Unsure: whether every frame of the night has a row (a frame without one is matched to nothing here).
+class Alderley : public Dataset {
+ public:
+  explicit Alderley(const std::string& folder) : folder_(folder) {
+    require_data("alderley", folder, "FRAMESA, FRAMESB and framematches.csv");
+  }
+
+  std::vector<std::string> names() override {
+    std::vector<std::string> found;
+    if (!pictures("day").empty()) found.push_back("day");
+    if (!pictures("night").empty()) found.push_back("night");
+    if (found.empty()) not_recognised("alderley", folder_, "FRAMESA or FRAMESB in it");
+    return found;
+  }
+
+  Correspondence correspondence() const override { return Correspondence::kMatches; }
+
+  Traversal load(const std::string& name) override {
+    require_known(name, folder_, names());
+    const std::string folder = pictures(name);
+    std::vector<std::string> paths;
+    for (const NumberedFile& file : numbered_files(folder, image_suffixes())) paths.push_back(file.path);
+    Traversal traversal = pictured("alderley", name, image_files(paths, folder_), folder);
+    traversal.condition = name;
+    return traversal;
+  }
+
+  std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
+    require_known(a, folder_, names());
+    require_known(b, folder_, names());
+    const std::map<long, int> of_a = frames(a), of_b = frames(b);
+    std::vector<std::pair<int, int>> pairs;
+    if (a == b) {
+      for (const auto& [number, frame] : of_a) pairs.emplace_back(frame, frame);
+      return pairs;
+    }
+    const std::string path = below(folder_, "framematches.csv");
+    const TextTable table(path, {',', false});
+    for (int row = 0; row < table.rows(); ++row) {
+      if (table.columns(row) < 2) table.fail(row, "not two frame numbers");
+      const std::string_view first = table.text(row, 0);
+      if (row == 0 && !first.empty() && (first.front() < '0' || first.front() > '9')) continue;  // a header after all
+      const auto night = of_night(a) ? of_a.find(whole(table, row, 0)) : of_b.find(whole(table, row, 0));
+      const auto day = of_night(a) ? of_b.find(whole(table, row, 1)) : of_a.find(whole(table, row, 1));
+      // A thinned folder lacks frames of many rows.
+      if (night == (of_night(a) ? of_a : of_b).end() || day == (of_night(a) ? of_b : of_a).end()) continue;
+      pairs.emplace_back(of_night(a) ? night->second : day->second, of_night(a) ? day->second : night->second);
+    }
+    if (pairs.empty()) throw Error("matches none of the frames in FRAMESA and FRAMESB", path);
+    return pairs;
+  }
+
+ private:
+  static bool of_night(const std::string& name) { return name == "night"; }
+
+  static long whole(const TextTable& table, int row, int column) {
+    const double number = table.number(row, column);
+    if (number < 0 || number > 1e6 || number != static_cast<double>(static_cast<long>(number)))
+      table.fail(row, "not a frame number");
+    return static_cast<long>(number);
+  }
+
+  std::string pictures(const std::string& name) const {
+    const std::string folder = of_night(name) ? "FRAMESA" : "FRAMESB";
+    return first_folder(folder_, {folder + "/" + folder, folder});
+  }
+
+  /// Frame by the number in its file's name.
+  std::map<long, int> frames(const std::string& name) const {
+    std::map<long, int> frames;
+    for (const NumberedFile& file : numbered_files(pictures(name), image_suffixes()))
+      frames.emplace(file.number, static_cast<int>(frames.size()));
+    return frames;
+  }
+
+  std::string folder_;
+};
+
+const DatasetRegistry::Registration registration({
+    "alderley",
+    "Alderley Day/Night: 8 km of Brisbane suburbs on a sunny day and in a rainy night",
+    {},
+    [](const Parameters&, const std::string& folder) { return std::make_unique<Alderley>(folder); },
+    {},
+    {{"paper",
+      "Milford, Wyeth: SeqSLAM: Visual Route-Based Navigation for Sunny Summer Days and Stormy Winter Nights, "
+      "ICRA 2012"},
+     {"address", "https://wiki.qut.edu.au/pages/viewpage.action?pageId=181178395"},
+     {"licence", "none stated; the page asks to cite the paper"},
+     {"size", "14,607 day and 16,960 night pictures of 640 x 260"}},
+});
+
+}  // namespace
+}  // namespace citylearn

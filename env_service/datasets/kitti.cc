@@ -1,0 +1,185 @@
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <map>
+
+#include "env_service/datasets/layout.h"
+#include "env_service/datasets/parts.h"
+
+namespace citylearn {
+namespace {
+
+constexpr double kReach = 0.2;  // seconds; frames and OXTS packets come at 10 Hz
+
+/// "2011-09-26 13:02:25.967790592" as seconds since 1970.
+double seconds(const TextTable& table, int row) {
+  if (table.columns(row) < 2) table.fail(row, "not a date and a time");
+  const std::string date(table.text(row, 0)), time(table.text(row, 1));
+  if (!has_form(date, "0000-00-00") || !has_form(time.substr(0, 8), "00:00:00"))
+    table.fail(row, "not a date and a time like 2011-09-26 13:02:25.967790592");
+  const auto field = [](const std::string& text, std::size_t at, std::size_t size) {
+    return std::stoi(text.substr(at, size));
+  };
+  const std::chrono::year_month_day day{std::chrono::year(field(date, 0, 4)),
+                                        std::chrono::month(static_cast<unsigned>(field(date, 5, 2))),
+                                        std::chrono::day(static_cast<unsigned>(field(date, 8, 2)))};
+  if (!day.ok()) table.fail(row, "no such day");
+  double fraction = 0, digit = 0.1;
+  for (std::size_t i = 9; i < time.size(); ++i, digit /= 10) {
+    if (time[i] < '0' || time[i] > '9') table.fail(row, "not a time");
+    fraction += digit * (time[i] - '0');
+  }
+  const auto days = std::chrono::sys_days(day).time_since_epoch().count();
+  return static_cast<double>(days * 86400 + field(time, 0, 2) * 3600 + field(time, 3, 2) * 60 + field(time, 6, 2)) +
+         fraction;
+}
+
+std::vector<double> read_times(const std::string& path) {
+  const TextTable table(path, {' ', false});
+  std::vector<double> times;
+  for (int row = 0; row < table.rows(); ++row) times.push_back(seconds(table, row));
+  return times;
+}
+
+std::string padded(int number, int width) {
+  std::string digits = std::to_string(number);
+  return std::string(static_cast<std::size_t>(std::max(0, width - static_cast<int>(digits.size()))), '0') + digits;
+}
+
+/// KITTI. Raw recordings (Geiger, Lenz, Stiller, Urtasun, IJRR 2013), each a traversal named like its folder:
+///   [<date>/]<date>_drive_NNNN_sync/image_0C/data/0000000000.png, image_0C/timestamps.txt
+///   ..._sync/oxts/timestamps.txt, oxts/data/0000000000.txt: latitude, longitude and 28 more fields
+/// and the odometry benchmark (Geiger, Lenz, Urtasun, CVPR 2012), each a traversal named by its two digits:
+///   sequences/NN/image_C/000000.png, sequences/NN/times.txt: seconds
+///   poses/NN.txt (00 to 10): 12 numbers a row, the 3 x 4 pose of the left camera in that of frame 0 (metres)
+/// Positions: raw, along latitude and longitude at the pictures' times; odometry, along the poses' translations, as the
+/// benchmark's devkit measures them (trajectoryDistances). _extract folders (unsynchronised) are read like _sync ones.
+class Kitti : public Dataset {
+ public:
+  Kitti(const std::string& folder, const Parameters& parameters)
+      : folder_(folder), camera_(parameters.integer("camera")) {
+    require_data("kitti", folder, "sequences/NN or <date>/<date>_drive_NNNN_sync folders");
+  }
+
+  std::vector<std::string> names() override {
+    std::vector<std::string> found;
+    for (const auto& [name, path] : recordings()) found.push_back(name);
+    if (!found.empty()) return found;
+    const std::string camera = std::to_string(camera_);
+    not_recognised("kitti", folder_,
+                   "sequences/NN/image_" + camera + " or <date>/<date>_drive_NNNN_sync/image_0" + camera +
+                       " in it (--kitti-camera chooses another)");
+  }
+
+  std::string condition(const std::string&) override { return "day"; }
+  Correspondence correspondence() const override {
+    return first_folder(folder_, {"sequences"}).empty() ? Correspondence::kGps : Correspondence::kDistance;
+  }
+
+  Traversal load(const std::string& name) override {
+    require_known(name, folder_, names());
+    Traversal traversal = name.size() == 2 ? load_odometry(name) : load_raw(name, recordings().at(name));
+    traversal.condition = "day";
+    return traversal;
+  }
+
+ private:
+  /// Name and folder.
+  std::map<std::string, std::string> recordings() const {
+    std::map<std::string, std::string> found;
+    if (!is_folder(folder_)) return found;
+    const std::string sequences = below(folder_, "sequences");
+    if (is_folder(sequences))
+      for (const std::string& name : folders_in(sequences))
+        if (has_form(name, "00") && is_folder(below(sequences, name + "/image_" + std::to_string(camera_))))
+          found[name] = below(sequences, name);
+    const auto look_in = [&](const std::string& folder) {
+      for (const std::string& name : folders_in(folder)) {
+        const bool form =
+            has_form(name, "0000_00_00_drive_0000_sync") || has_form(name, "0000_00_00_drive_0000_extract");
+        const std::string images = below(folder, name + "/image_0" + std::to_string(camera_));
+        if (form && (is_folder(below(images, "data")) || is_file(below(images, "timestamps.txt"))))
+          found[name] = below(folder, name);
+      }
+    };
+    look_in(folder_);
+    for (const std::string& name : folders_in(folder_))
+      if (has_form(name, "0000_00_00")) look_in(below(folder_, name));
+    return found;
+  }
+
+  Traversal load_raw(const std::string& name, const std::string& drive) const {
+    const std::string camera = below(drive, "image_0" + std::to_string(camera_)), data = below(camera, "data");
+    const std::vector<double> times = read_times(below(camera, "timestamps.txt"));
+    std::vector<std::string> paths;
+    for (std::size_t frame = 0; frame < times.size(); ++frame)
+      paths.push_back(below(data, padded(static_cast<int>(frame), 10) + ".png"));
+    Traversal traversal = pictured("kitti", name, image_files(paths, folder_), camera);
+    traversal.times = times;
+
+    const std::string oxts = below(drive, "oxts");
+    if (!is_folder(oxts)) return traversal;
+    std::vector<double> latitude, longitude, when;
+    const std::vector<double> packets = read_times(below(oxts, "timestamps.txt"));
+    for (std::size_t packet = 0; packet < packets.size(); ++packet) {
+      if (!when.empty() && packets[packet] < when.back()) continue;  // some _extract drives hold late ones
+      const std::string path = below(oxts, "data/" + padded(static_cast<int>(packet), 10) + ".txt");
+      const TextTable table(path, {' ', false});
+      if (table.rows() != 1 || table.columns(0) < 2) throw Error("is not an OXTS packet of one line", path);
+      when.push_back(packets[packet]);
+      latitude.push_back(table.number(0, 0));
+      longitude.push_back(table.number(0, 1));
+    }
+    locate(traversal, interpolate(when, latitude, times, kReach), interpolate(when, longitude, times, kReach));
+    return traversal;
+  }
+
+  Traversal load_odometry(const std::string& name) const {
+    const std::string sequence = below(folder_, "sequences/" + name);
+    const std::string camera = below(sequence, "image_" + std::to_string(camera_));
+    const TextTable clock(below(sequence, "times.txt"), {' ', false});
+    std::vector<std::string> paths;
+    std::vector<double> times;
+    for (int frame = 0; frame < clock.rows(); ++frame) {
+      times.push_back(clock.number(frame, 0));
+      paths.push_back(below(camera, padded(frame, 6) + ".png"));
+    }
+    Traversal traversal = pictured("kitti", name, image_files(paths, folder_), camera);
+    traversal.times = times;
+
+    const std::string path = first_file(folder_, {"poses/" + name + ".txt", "sequences/" + name + "/poses.txt"});
+    if (path.empty()) return traversal;  // sequences 11 to 21 have none
+    const TextTable poses(path, {' ', false});
+    if (poses.rows() != traversal.frames)
+      throw Error("has " + std::to_string(poses.rows()) + " poses, times.txt tells " +
+                      std::to_string(traversal.frames) + " frames",
+                  path);
+    double metres = 0, last[3] = {};
+    for (int frame = 0; frame < traversal.frames; ++frame) {
+      if (poses.columns(frame) != 12) poses.fail(frame, "not the 12 numbers of a pose");
+      const double at[3] = {poses.number(frame, 3), poses.number(frame, 7), poses.number(frame, 11)};
+      if (frame > 0) metres += std::hypot(at[0] - last[0], at[1] - last[1], at[2] - last[2]);
+      std::copy(at, at + 3, last);
+      traversal.positions[static_cast<std::size_t>(frame)] = static_cast<float>(metres);
+    }
+    return traversal;
+  }
+
+  std::string folder_;
+  int camera_;
+};
+
+const DatasetRegistry::Registration registration({
+    "kitti",
+    "KITTI: drives around Karlsruhe, raw recordings and the odometry benchmark",
+    {{"camera", "0 left grey, 1 right grey, 2 left colour, 3 right colour", 2, 0, 3, true}},
+    [](const Parameters& parameters, const std::string& folder) { return std::make_unique<Kitti>(folder, parameters); },
+    {},
+    {{"paper", "Geiger, Lenz, Stiller, Urtasun: Vision meets Robotics: The KITTI Dataset, IJRR 2013"},
+     {"address", "https://www.cvlibs.net/datasets/kitti"},
+     {"licence", "CC BY-NC-SA 3.0"},
+     {"size", "odometry in colour 65 GB, in grey 22 GB; raw 180 GB"}},
+});
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,110 @@
+// What every registered dataset promises (env_service/dataset.h).
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cctype>
+#include <set>
+
+#include "tests/support/env.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using Entry = DatasetRegistry::Entry;
+
+std::vector<const Entry*> all() { return DatasetRegistry::instance().entries(); }
+
+std::unique_ptr<Dataset> create(const Entry& entry, const std::string& folder) {
+  return entry.create(Parameters(entry.name, entry.parameters, {}), folder);
+}
+
+/// Whether it shows something without any data, as a generated city does.
+bool needs_data(const Entry& entry) {
+  try {
+    create(entry, "")->names();
+    return false;
+  } catch (const Error&) {
+    return true;
+  }
+}
+
+/// A folder of any other things is one of no features files: plain lists none.
+bool takes_any_folder(const Entry& entry) { return entry.name == "plain"; }
+
+std::vector<const Entry*> all_of_files() {
+  std::vector<const Entry*> entries = all();
+  std::erase_if(entries, [](const Entry* entry) { return !needs_data(*entry); });
+  return entries;
+}
+
+class DatasetsOfFiles : public ::testing::TestWithParam<const Entry*> {};
+class Datasets : public ::testing::TestWithParam<const Entry*> {};
+
+TEST_P(Datasets, TellWhatTheyAre) {
+  const Entry& entry = *GetParam();
+  EXPECT_FALSE(entry.help.empty());
+  EXPECT_EQ(entry.help.find('\n'), entry.help.npos);
+  EXPECT_TRUE(std::all_of(entry.name.begin(), entry.name.end(),
+                          [](unsigned char c) { return std::islower(c) || std::isdigit(c) || c == '_'; }));
+  for (const ParameterSpec& parameter : entry.parameters) EXPECT_FALSE(parameter.help.empty()) << parameter.name;
+  for (const auto& [what, text] : entry.about) EXPECT_FALSE(text.empty()) << what;
+}
+
+TEST_P(DatasetsOfFiles, SayWhereTheyAreToBeHad) {
+  const Entry& entry = *GetParam();
+  if (takes_any_folder(entry)) return;  // nobody published it
+  std::set<std::string> told;
+  for (const auto& [what, text] : entry.about) told.insert(what);
+  for (const char* what : {"paper", "address", "licence", "size"}) EXPECT_TRUE(told.contains(what)) << what;
+}
+
+TEST_P(Datasets, AskForDataWhenNoneAreGiven) {
+  const Entry& entry = *GetParam();
+  try {
+    EXPECT_FALSE(create(entry, "")->names().empty());
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("--data"), std::string::npos) << error.what();
+  }
+}
+
+TEST_P(DatasetsOfFiles, KnowAnEmptyFolderIsNotTheirs) {
+  const Entry& entry = *GetParam();
+  const testing::Folder empty;
+  for (const std::string& folder : {empty.path(), empty / "missing"}) {
+    const std::unique_ptr<Dataset> dataset = create(entry, folder);
+    try {
+      EXPECT_TRUE(dataset->names().empty());
+      EXPECT_TRUE(takes_any_folder(entry)) << "took " << folder;
+    } catch (const Error& error) {
+      const std::string line = error.what();
+      EXPECT_NE(line.find(folder), line.npos) << line;
+      EXPECT_EQ(line.find('\n'), line.npos) << line;
+    }
+    EXPECT_THROW(dataset->load("anything"), Error);
+    EXPECT_THROW(dataset->load(""), Error);
+    EXPECT_THROW(dataset->load("../.."), Error);
+    EXPECT_THROW(dataset->matches("anything", "else"), Error);
+    dataset->correspondence();
+  }
+}
+
+/// A picture and a text below folders of no layout, and a file where a folder should be.
+TEST_P(DatasetsOfFiles, KnowAFolderOfOtherThingsIsNotTheirs) {
+  const Entry& entry = *GetParam();
+  const testing::Folder other;
+  std::filesystem::create_directories(other / "letters/2014");
+  std::ofstream(other / "letters/2014/to-anna.txt") << "Dear Anna";
+  std::ofstream(other / "notes.md") << "# Notes";
+  if (!takes_any_folder(entry)) {
+    EXPECT_THROW(create(entry, other.path())->names(), Error);
+  }
+  EXPECT_THROW(create(entry, other / "notes.md")->names(), Error);
+}
+
+std::string name_of(const ::testing::TestParamInfo<const Entry*>& test) { return test.param->name; }
+INSTANTIATE_TEST_SUITE_P(All, Datasets, ::testing::ValuesIn(all()), name_of);
+INSTANTIATE_TEST_SUITE_P(All, DatasetsOfFiles, ::testing::ValuesIn(all_of_files()), name_of);
+
+}  // namespace
+}  // namespace citylearn

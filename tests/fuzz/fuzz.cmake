@@ -1,0 +1,15 @@
+# One program a target, with libFuzzer's main. Needs clang++: cmake --preset fuzz.
+if(CITYLEARN_FUZZ)
+  if(NOT CMAKE_CXX_COMPILER_ID MATCHES Clang)
+    message(FATAL_ERROR "CITYLEARN_FUZZ needs clang++, which has libFuzzer (cmake --preset fuzz)")
+  endif()
+  add_custom_target(fuzz)
+  foreach(target features_csv text_table dataset_folder feature_store picture)
+    add_executable(fuzz_${target} EXCLUDE_FROM_ALL ${CMAKE_CURRENT_LIST_DIR}/main.cc ${CMAKE_CURRENT_LIST_DIR}/${target}.cc)
+    target_compile_definitions(fuzz_${target} PRIVATE CITYLEARN_FUZZ_TARGET=${target})
+    target_link_libraries(fuzz_${target} PRIVATE "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_env>" citylearn_encoder
+                          citylearn_warnings ZLIB::ZLIB OpenCV::core)
+    target_link_options(fuzz_${target} PRIVATE -fsanitize=fuzzer)
+    add_dependencies(fuzz fuzz_${target})
+  endforeach()
+endif()

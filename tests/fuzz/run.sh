@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# Builds the fuzzers and runs one, or each in turn: tests/fuzz/run.sh [TARGET] [SECONDS]. See README.md.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+
+fail() { printf 'fuzz: %s\n' "$*" >&2; exit 1; }
+
+targets=$(cd tests/fuzz/seeds && printf '%s\n' *)
+target=${1:-all} seconds=${2:-60}
+[ "$target" = all ] || grep -qx -- "$target" <<<"$targets" || fail "unknown target '$target' (known: all $(xargs <<<"$targets"))"
+[[ $seconds =~ ^[1-9][0-9]*$ ]] || fail "'$seconds' is not a number of seconds"
+command -v clang++ >/dev/null || fail "needs clang++ with libFuzzer (on Debian: apt-get install clang libclang-rt-14-dev llvm)"
+
+[ "$target" = all ] || targets=$target
+cmake --preset fuzz >/dev/null
+cmake --build build/fuzz --parallel "${CITYLEARN_JOBS:-$(nproc)}" --target $(sed 's/^/fuzz_/' <<<"$targets") >&2
+
+# Targets that read files write them here; in memory where there is such a disk.
+scratch=$(mktemp -d "$([ -w /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")/citylearn-fuzz-XXXXXX")
+trap 'rm -rf "$scratch"' EXIT
+export TMPDIR=$scratch
+# OpenCV and the C library are not instrumented, so a container's bounds are unknown to them.
+export ASAN_OPTIONS=detect_container_overflow=0:allocator_may_return_null=1:detect_leaks=1
+export UBSAN_OPTIONS=print_stacktrace=1 OPENCV_LOG_LEVEL=SILENT
+
+for one in $targets; do
+  corpus=build/fuzz/corpus/$one findings=build/fuzz/findings/$one
+  mkdir -p "$corpus" "$findings"
+  dictionary=()
+  [ ! -f "tests/fuzz/$one.dict" ] || dictionary=("-dict=tests/fuzz/$one.dict")
+  echo "== $one, $seconds s"
+  build/fuzz/tests/fuzz_"$one" -max_total_time="$seconds" -rss_limit_mb=2048 -timeout=20 -max_len=20000 \
+    -print_final_stats=1 -artifact_prefix="$findings/" "${dictionary[@]}" "$corpus" "tests/fuzz/seeds/$one" ||
+    fail "$one has a finding; its input is in $findings (build/fuzz/tests/fuzz_$one FILE shows it again)"
+done

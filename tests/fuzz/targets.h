@@ -1,0 +1,61 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdlib>
+#include <iostream>
+#include <span>
+#include <string_view>
+
+#include "core/error.h"
+
+// Readers of what comes from outside, each as one function of arbitrary bytes. libFuzzer calls them with inputs it
+// invents (tests/fuzz/README.md), a unit test with the seeds. Whatever the bytes are, a reader either takes them or
+// throws an Error of one line; all else is a finding. Each function tells whether they were taken.
+
+namespace citylearn::fuzz {
+
+using Input = std::span<const std::byte>;
+
+/// NAME.csv of the dataset plain.
+bool features_csv(Input input);
+/// A text file of fields; the first byte chooses the separator and whether there is a header.
+bool text_table(Input input);
+/// A folder of files for any dataset: the first line names the dataset, then each line "=== NAME" begins a file, whose
+/// contents go on to the next such line. Everything in it is loaded, read, matched, aligned.
+bool dataset_folder(Input input);
+/// A file of the feature store: as it is, and again with its header's checksum put right.
+bool feature_store(Input input);
+/// An image file: its header, image_fault(), and decoded when it has at most 2 megapixels.
+bool picture(Input input);
+
+struct Target {
+  std::string_view name;
+  bool (*run)(Input);
+};
+inline constexpr Target kTargets[] = {
+    {"features_csv", features_csv},   {"text_table", text_table}, {"dataset_folder", dataset_folder},
+    {"feature_store", feature_store}, {"picture", picture},
+};
+
+/// Ends the process when something does not hold.
+inline void require(bool holds, std::string_view what) {
+  if (holds) return;
+  std::cerr << "finding: " << what << std::endl;
+  std::abort();
+}
+
+/// Runs `action`, which may end in an Error. True when it did not.
+template <class Action>
+bool accepted(const Action& action) {
+  try {
+    action();
+    return true;
+  } catch (const Error& error) {
+    const std::string_view message = error.what();
+    require(!message.empty() && message.find_first_of(std::string_view("\n\r\0", 3)) == message.npos,
+            "an Error is one line");
+    return false;
+  }
+}
+
+}  // namespace citylearn::fuzz

@@ -1,0 +1,133 @@
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "encoder_service/encoder.h"
+
+namespace citylearn::testing {
+
+inline EncoderFiles network(const std::string& model, const std::string& layer = "", const std::string& preset = "",
+                            const std::string& head = "") {
+  return {model, layer, preset, head};
+}
+
+/// Writes small ONNX models (protobuf wire format, field numbers of onnx.proto3) for tests.
+class Proto {
+ public:
+  Proto& number(std::uint32_t field, std::int64_t value) {
+    varint(field << 3);
+    varint(static_cast<std::uint64_t>(value));
+    return *this;
+  }
+  Proto& text(std::uint32_t field, const std::string& value) {
+    varint(field << 3 | 2);
+    varint(value.size());
+    bytes_ += value;
+    return *this;
+  }
+  Proto& message(std::uint32_t field, const Proto& value) { return text(field, value.bytes_); }
+  const std::string& bytes() const { return bytes_; }
+
+ private:
+  void varint(std::uint64_t value) {
+    for (; value > 0x7F; value >>= 7) bytes_ += static_cast<char>(value | 0x80);
+    bytes_ += static_cast<char>(value);
+  }
+  std::string bytes_;
+};
+
+/// A graph with nodes one after the other: each reads the output of the one before.
+class TinyOnnx {
+ public:
+  /// Sides below 1 are left open.
+  TinyOnnx& input(const std::vector<std::int64_t>& shape, const std::string& name = "input") {
+    graph_.message(11, value(name, shape));
+    if (last_.empty()) last_ = name;
+    return *this;
+  }
+  TinyOnnx& weights(const std::string& name, const std::vector<std::int64_t>& shape, const std::vector<float>& numbers,
+                    bool elsewhere = false) {
+    Proto tensor;
+    for (const std::int64_t side : shape) tensor.number(1, side);
+    tensor.number(2, 1).text(8, name);
+    std::string raw(numbers.size() * sizeof(float), '\0');
+    std::memcpy(raw.data(), numbers.data(), raw.size());
+    tensor.text(9, raw);
+    if (elsewhere) tensor.number(14, 1);
+    graph_.message(5, tensor);
+    return *this;
+  }
+  /// `others`: names of its weights.
+  TinyOnnx& node(const std::string& type, const std::string& name, const std::vector<std::string>& others = {},
+                 const std::vector<std::pair<std::string, std::vector<std::int64_t>>>& lists = {},
+                 const std::vector<std::pair<std::string, std::int64_t>>& numbers = {}) {
+    Proto node;
+    node.text(1, last_);
+    for (const std::string& other : others) node.text(1, other);
+    last_ = name + "_out";
+    node.text(2, last_).text(3, name).text(4, type);
+    for (const auto& [key, list] : lists) {
+      Proto attribute;
+      attribute.text(1, key).number(20, 7);
+      for (const std::int64_t one : list) attribute.number(8, one);
+      node.message(5, attribute);
+    }
+    for (const auto& [key, number] : numbers) node.message(5, Proto().text(1, key).number(20, 2).number(3, number));
+    graph_.message(1, node);
+    return *this;
+  }
+  std::string bytes() const {
+    Proto graph = graph_;
+    graph.text(2, "tiny").message(12, value(last_, {0}));
+    return Proto()
+        .number(1, 6)
+        .text(2, "citylearn")
+        .message(7, graph)
+        .message(8, Proto().text(1, "").number(2, 11))
+        .bytes();
+  }
+  std::string save(const std::string& path) const {
+    std::ofstream(path, std::ios::binary) << bytes();
+    return path;
+  }
+
+ private:
+  static Proto value(const std::string& name, const std::vector<std::int64_t>& shape) {
+    Proto sides;
+    for (const std::int64_t side : shape) {
+      Proto dimension;
+      if (side > 0)
+        dimension.number(1, side);
+      else
+        dimension.text(2, "open");
+      sides.message(1, dimension);
+    }
+    Proto tensor;
+    tensor.number(1, 1);
+    tensor.message(2, sides);
+    return Proto().text(1, name).message(2, Proto().message(1, tensor));
+  }
+
+  Proto graph_;
+  std::string last_;
+};
+
+/// 3 x 3 convolution to `maps` maps ("conv"), ReLU ("relu") and global average ("pool"), with weights of no meaning.
+inline TinyOnnx tiny_convolution(const std::vector<std::int64_t>& shape, int maps,
+                                 std::vector<float>* kernel = nullptr) {
+  std::vector<float> numbers(static_cast<std::size_t>(maps) * 27);
+  for (std::size_t i = 0; i < numbers.size(); ++i) numbers[i] = static_cast<float>((i * 7919) % 101) / 101.0f - 0.5f;
+  if (kernel) *kernel = numbers;
+  return TinyOnnx()
+      .input(shape)
+      .weights("kernel", {maps, 3, 3, 3}, numbers)
+      .node("Conv", "conv", {"kernel"}, {{"kernel_shape", {3, 3}}, {"pads", {1, 1, 1, 1}}, {"strides", {1, 1}}})
+      .node("Relu", "relu")
+      .node("GlobalAveragePool", "pool");
+}
+
+}  // namespace citylearn::testing

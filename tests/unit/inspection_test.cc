@@ -1,0 +1,107 @@
+#include "tools/data/inspection.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/env.h"
+#include "tests/support/pictures.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using testing::Folder;
+using testing::write_file;
+using testing::write_grey;
+
+const auto kOn = [](long, long) { return true; };
+
+/// Traversals "day" (5 pictures) and "night" (3 pictures).
+void write_drives(const Folder& folder) {
+  for (int i = 0; i < 5; ++i) write_grey(folder / ("day/" + std::to_string(i) + ".png"), 10 * i);
+  for (int i = 0; i < 3; ++i) write_grey(folder / ("night/" + std::to_string(i) + ".png"), 10 * i);
+}
+
+TEST(Inspection, RecognisesFolders) {
+  const Folder folder;
+  EXPECT_TRUE(recognised(folder.path()).empty());
+  EXPECT_TRUE(recognised(folder / "missing").empty());
+  write_drives(folder);
+  EXPECT_EQ(recognised(folder.path()).back(), "plain");
+  std::filesystem::rename(folder / "day", folder / "Summer");
+  const std::vector<std::string> found = recognised(folder.path());
+  EXPECT_NE(std::find(found.begin(), found.end(), "nordland"), found.end());
+  EXPECT_EQ(found.back(), "plain");
+}
+
+TEST(Inspection, NamesEachBadFrame) {
+  const Folder folder;
+  write_drives(folder);
+  EXPECT_TRUE(inspect(*opened("plain", folder.path()), kOn).faults.empty());
+  const std::string png = testing::contents(folder / "day/2.png");
+  write_file(folder / "day/2.png", png.substr(0, 40));
+  // A file whose ends look fine and whose middle does not.
+  std::string hollow = png;
+  std::fill(hollow.begin() + 37, hollow.end() - 12, 'x');
+  write_file(folder / "night/1.png", hollow);
+  write_file(folder / "table.csv", "1,2\n3,x\n");
+  long last = 0, all = 0;
+  const Inspection inspection = inspect(*opened("plain", folder.path()), [&](long done, long total) {
+    last = done;
+    all = total;
+    return true;
+  });
+  EXPECT_EQ(inspection.frames, 8);
+  EXPECT_EQ(last, 8);
+  EXPECT_EQ(all, 8);
+  ASSERT_EQ(inspection.faults.size(), 3u);
+  EXPECT_EQ(inspection.faults[0].traversal, "table");
+  EXPECT_EQ(inspection.faults[0].frame, -1);
+  EXPECT_EQ(inspection.faults[1].name, "day/2.png");
+  EXPECT_EQ(inspection.faults[1].frame, 2);
+  EXPECT_EQ(inspection.faults[2].name, "night/1.png");
+  const auto json = nlohmann::json::parse(to_json("plain", inspection));
+  EXPECT_EQ(json["frames"], 8);
+  EXPECT_EQ(json["faults"][1]["frame"], 2);
+  EXPECT_FALSE(json["faults"][0].contains("frame"));
+  EXPECT_EQ(inspect(*opened("plain", folder.path()), [](long, long) { return false; }).frames, 1);
+}
+
+TEST(Inspection, Summarises) {
+  const Folder folder;
+  write_drives(folder);
+  write_file(folder / "day.poses.csv", "frame,lat,lon\n0,0,0\n1,0.001,0\n4,0.003,0\n");
+  write_file(folder / "feat.csv", "1,2,3\n4,5,6\n");
+  write_file(folder / "night/1.png", "");
+  write_file(folder / "bad.csv", "1\n");
+  const auto dataset = opened("plain", folder.path());
+  const Summary day = summarise(*dataset, "day"), night = summarise(*dataset, "night");
+  EXPECT_EQ(day.frames, 5);
+  EXPECT_EQ(day.width, 32);
+  EXPECT_EQ(day.height, 24);
+  EXPECT_TRUE(day.gps);
+  EXPECT_NEAR(day.metres, 333.585, 0.01);
+  EXPECT_NEAR(day.mean_step, 333.585 / 2, 0.01);
+  EXPECT_EQ(day.bad_frames, 0);
+  EXPECT_EQ(night.bad_frames, 1);
+  EXPECT_FALSE(night.gps);
+  EXPECT_TRUE(std::isnan(night.metres));
+  EXPECT_EQ(summarise(*dataset, "feat").dimension, 3);
+  EXPECT_NE(summarise(*dataset, "bad").error.find("only one frame"), std::string::npos);
+  const auto json = nlohmann::json::parse(to_json("plain", {day, night, summarise(*dataset, "bad")}));
+  EXPECT_EQ(json["traversals"][0]["frames"], 5);
+  EXPECT_TRUE(json["traversals"][1]["metres"].is_null());
+  EXPECT_TRUE(json["traversals"][2].contains("error"));
+}
+
+TEST(Inspection, ListsDatasets) {
+  const auto json = nlohmann::json::parse(datasets_json());
+  const auto nordland = std::find_if(json.begin(), json.end(), [](auto& one) { return one["name"] == "nordland"; });
+  ASSERT_NE(nordland, json.end());
+  for (const std::string key : {"help", "paper", "address", "licence", "size"}) EXPECT_TRUE(nordland->contains(key));
+}
+
+}  // namespace
+}  // namespace citylearn

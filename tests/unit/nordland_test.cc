@@ -1,0 +1,130 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tests/support/env.h"
+#include "tests/support/pictures.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using testing::complaint_of;
+using testing::make_dataset;
+using testing::write_file;
+using testing::write_grey;
+
+class Nordland : public ::testing::Test {
+ protected:
+  void write_season(const std::string& name, int first = 1, int frames = 4) const {
+    for (int i = 0; i < frames; ++i)
+      write_grey(folder_ / (name + "/images-" + std::to_string(100000 + first + i).substr(1) + ".png"), 10 * i);
+  }
+  std::unique_ptr<Dataset> nordland(const std::map<std::string, double>& parameters = {}) const {
+    return make_dataset("nordland", folder_.path(), parameters);
+  }
+  testing::Folder folder_;
+};
+
+TEST_F(Nordland, SeasonsInAnyLetterCase) {
+  for (const std::string name : {"Winter", "fall", "SPRING", "summer"}) write_season(name);
+  EXPECT_EQ(nordland()->names(), (std::vector<std::string>{"spring", "summer", "fall", "winter"}));
+  EXPECT_EQ(nordland()->correspondence(), Correspondence::kIndex);
+  const Traversal winter = nordland()->load("winter");
+  EXPECT_EQ(winter.condition, "winter");
+  EXPECT_EQ(winter.frames, 4);
+  EXPECT_EQ(winter.images->name(1), "Winter/images-00002.png");
+  EXPECT_EQ(winter.times, (std::vector<double>{1, 2, 3, 4}));
+  EXPECT_TRUE(std::isnan(winter.positions[0]));
+  EXPECT_EQ(complaint_of([&] { nordland()->load("dusk"); }),
+            folder_.path() + ": no traversal 'dusk' (there are: spring, summer, fall, winter)");
+}
+
+TEST_F(Nordland, PartitionedAndInSections) {
+  write_season("summer_images_train/section1");
+  write_season("summer_images_train/section2");
+  write_season("summer_images_test", 1, 3);
+  EXPECT_EQ(nordland()->names(), std::vector<std::string>{"summer"});
+  const Traversal train = nordland()->load("summer");
+  EXPECT_EQ(train.frames, 8);
+  EXPECT_EQ(train.images->name(4), "summer_images_train/section2/images-00001.png");
+  EXPECT_TRUE(train.times.empty());  // the numbers begin anew
+  EXPECT_EQ(nordland({{"test", 1}})->load("summer").frames, 3);
+}
+
+TEST_F(Nordland, Films) {
+  ASSERT_TRUE(testing::write_video(folder_ / "nordland-Fall.avi", 20, "MJPG", 10));
+  std::filesystem::create_directory(folder_ / "winter");
+  ASSERT_TRUE(testing::write_video(folder_ / "winter/film.avi", 20));
+  EXPECT_EQ(nordland()->names(), (std::vector<std::string>{"fall", "winter"}));
+  EXPECT_NEAR(nordland()->load("fall").times[15], 1.5, 1e-6);
+  EXPECT_EQ(nordland()->load("winter").images->name(3), "winter/film.avi, frame 3");
+  ASSERT_TRUE(testing::write_video(folder_ / "fall-2.avi", 5));
+  EXPECT_NE(complaint_of([&] { nordland()->names(); }).find("both fall-2.avi and nordland-Fall.avi seem to be fall"),
+            std::string::npos);
+}
+
+TEST_F(Nordland, OtherFolders) {
+  write_season("night");
+  EXPECT_NE(complaint_of([&] { nordland()->names(); }).find("is not nordland"), std::string::npos);
+  EXPECT_NE(complaint_of([&] { make_dataset("nordland", folder_ / "missing")->names(); }), "accepted");
+  EXPECT_NE(complaint_of([&] { make_dataset("nordland")->names(); }), "accepted");
+}
+
+TEST_F(Nordland, GpsLog) {
+  write_season("summer", 0, 6);
+  // CR alone, degrees times 100,000; a row without sense, and a clock put forward by an hour.
+  write_file(folder_ / "gpsData/summer.csv",
+             "tid,lat,lon,speed,course,alt\r5595900,6300000,1000000,0,0,0\r6000000,6300100,1000000,0,0,0\r"
+             "322.28,-0.36,1.41,0,,\r6000200,6300300,1000000,0,0,0\r7000300,6300400,1000000,0,0,0");
+  const Traversal summer = nordland()->load("summer");
+  ASSERT_EQ(summer.latitude.size(), 6u);
+  const std::vector<double> expected{63, 63.001, 63.002, 63.003, 63.004, 63.004};
+  for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(summer.latitude[i], expected[i], 1e-9) << i;
+  EXPECT_NEAR(summer.positions[3], 333.585, 0.01);
+  write_file(folder_ / "gpsData/summer.csv", "tid,lat\r1,2");
+  EXPECT_EQ(complaint_of([&] { nordland()->load("summer"); }),
+            folder_ / "gpsData/summer.csv: no column 'lon' (there are: tid, lat)");
+}
+
+TEST_F(Nordland, MatchesByNumber) {
+  write_season("summer", 1, 4);
+  write_season("winter", 3, 4);
+  const std::vector<std::pair<int, int>> pairs{{2, 0}, {3, 1}};
+  EXPECT_EQ(nordland()->matches("summer", "winter"), pairs);
+}
+
+TEST(NordlandReal, PicturesOfTwoSeasons) {
+  const std::string folder = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32");
+  if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
+  const auto dataset = make_dataset("nordland", folder);
+  EXPECT_EQ(dataset->names(), (std::vector<std::string>{"summer", "winter"}));
+  for (const std::string& name : dataset->names()) {
+    const Traversal traversal = dataset->load(name);
+    EXPECT_EQ(traversal.frames, 3576);
+    EXPECT_EQ(traversal.times[1], 20);  // every tenth second
+    for (int frame = 0; frame < traversal.frames; ++frame) ASSERT_EQ(traversal.images->fault(frame), "");
+  }
+  EXPECT_NE(dataset->load("summer").hash(), dataset->load("winter").hash());
+}
+
+TEST(NordlandReal, GpsLogs) {
+  const std::string logs = testing::real_data(CITYLEARN_SOURCE_DIR, "formats/deepseqslam/datasets/nordland/gpsData");
+  if (logs.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
+  const testing::Folder folder;
+  std::filesystem::create_directory_symlink(std::filesystem::absolute(logs), folder / "gpsData");
+  for (const std::string name : {"spring", "summer", "fall", "winter"}) {
+    // A picture every two hours and a half; the fifth is beyond the ride.
+    for (int i = 0; i < 5; ++i) write_grey(folder / (name + "/" + std::to_string(9000 * i) + ".png"), 10);
+    const Traversal traversal = make_dataset("nordland", folder.path())->load(name);
+    EXPECT_NEAR(traversal.latitude[0], 63.437, 0.001) << name;
+    EXPECT_NEAR(traversal.longitude[0], 10.401, 0.001) << name;
+    EXPECT_GT(traversal.latitude[3], 66) << name;
+    EXPECT_LT(traversal.latitude[3], 67.4) << name;
+    EXPECT_GT(traversal.positions[3], 300e3) << name;
+    EXPECT_LT(traversal.positions[3], 729e3) << name;
+  }
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,150 @@
+#include "tools/data/inspection.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "core/image_header.h"
+#include "env_service/datasets/parts.h"
+
+namespace citylearn {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Text of names and messages that is not UTF-8 is shown with replacements.
+std::string dumped(const Json& json) { return json.dump(2, ' ', false, Json::error_handler_t::replace); }
+
+bool finds(const DatasetRegistry::Entry& entry, const std::string& folder) {
+  try {
+    return !entry.create(Parameters("dataset " + entry.name, entry.parameters, {}), folder)->names().empty();
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+}  // namespace
+
+std::vector<std::string> recognised(const std::string& folder) {
+  std::vector<std::string> found;
+  for (const auto* entry : DatasetRegistry::instance().entries())
+    if (!finds(*entry, "") && finds(*entry, folder)) found.push_back(entry->name);
+  std::stable_partition(found.begin(), found.end(), [](const std::string& name) { return name != "plain"; });
+  return found;
+}
+
+std::unique_ptr<Dataset> opened(const std::string& dataset, const std::string& folder) {
+  const auto& entry = DatasetRegistry::instance().find("dataset", dataset);
+  return entry.create(Parameters("dataset " + entry.name, entry.parameters, {}), folder);
+}
+
+Inspection inspect(Dataset& dataset, const std::function<bool(long, long)>& progress) {
+  Inspection inspection;
+  std::vector<Traversal> traversals;
+  long all = 0;
+  for (const std::string& name : dataset.names()) try {
+      traversals.push_back(dataset.load(name));
+      all += traversals.back().frames;
+      traversals.back().features = {};  // they were checked as they were read
+    } catch (const Error& error) {
+      inspection.faults.push_back({name, -1, "", error.what()});
+    }
+  Bytes bytes;
+  for (const Traversal& traversal : traversals)
+    for (int frame = 0; frame < traversal.frames; ++frame) {
+      if (traversal.images)
+        if (const std::string what = decoding_fault(*traversal.images, frame, bytes); !what.empty())
+          inspection.faults.push_back({traversal.name, frame, traversal.images->name(frame), what});
+      if (!progress(++inspection.frames, all)) return inspection;
+    }
+  return inspection;
+}
+
+Summary summarise(Dataset& dataset, const std::string& name) {
+  Summary summary;
+  summary.name = name;
+  summary.metres = summary.mean_step = std::numeric_limits<double>::quiet_NaN();
+  try {
+    const Traversal traversal = dataset.load(name);
+    summary.condition = traversal.condition;
+    summary.frames = traversal.frames;
+    summary.dimension = traversal.dimension;
+    double least = std::numeric_limits<double>::infinity(), most = -least;
+    int known = 0;
+    for (const float metres : traversal.positions)
+      if (std::isfinite(metres)) {
+        least = std::min<double>(least, metres);
+        most = std::max<double>(most, metres);
+        ++known;
+      }
+    if (known > 0) summary.metres = most - least;
+    if (known > 1) summary.mean_step = summary.metres / (known - 1);
+    summary.gps =
+        std::any_of(traversal.latitude.begin(), traversal.latitude.end(), [](double x) { return !std::isnan(x); });
+    if (!traversal.images) return summary;
+    Bytes bytes;
+    for (int frame = 0; frame < traversal.frames; ++frame) {
+      if (!traversal.images->fault(frame).empty()) {
+        ++summary.bad_frames;
+      } else if (summary.width == 0) {
+        traversal.images->read(frame, bytes);
+        const ImageHeader header = read_image_header(bytes, traversal.images->name(frame));
+        summary.width = header.width;
+        summary.height = header.height;
+      }
+    }
+  } catch (const Error& error) {
+    summary.error = error.what();
+  }
+  return summary;
+}
+
+std::string to_json(const std::string& dataset, const Inspection& inspection) {
+  Json faults = Json::array();
+  for (const Fault& fault : inspection.faults) {
+    Json json{{"traversal", fault.traversal}, {"what", fault.what}};
+    if (fault.frame >= 0) {
+      json["frame"] = fault.frame;
+      json["name"] = fault.name;
+    }
+    faults.push_back(json);
+  }
+  return dumped({{"dataset", dataset}, {"frames", inspection.frames}, {"faults", faults}});
+}
+
+std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries) {
+  Json traversals = Json::array();
+  for (const Summary& one : summaries) {
+    Json json{{"name", one.name}};
+    if (!one.error.empty()) {
+      json["error"] = one.error;
+    } else {
+      json.update(Json{{"condition", one.condition},
+                       {"frames", one.frames},
+                       {"metres", number(one.metres)},
+                       {"mean_step", number(one.mean_step)},
+                       {"gps", one.gps},
+                       {"width", one.width},
+                       {"height", one.height},
+                       {"dimension", one.dimension},
+                       {"bad_frames", one.bad_frames}});
+    }
+    traversals.push_back(json);
+  }
+  return dumped({{"dataset", dataset}, {"traversals", traversals}});
+}
+
+std::string datasets_json() {
+  Json datasets = Json::array();
+  for (const auto* entry : DatasetRegistry::instance().entries()) {
+    Json json{{"name", entry->name}, {"help", entry->help}};
+    for (const auto& [key, value] : entry->about) json[key] = value;
+    datasets.push_back(json);
+  }
+  return dumped(datasets);
+}
+
+}  // namespace citylearn

@@ -1,0 +1,50 @@
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "env_service/dataset.h"
+
+namespace citylearn {
+
+/// Datasets that `folder` looks like, "plain" last for it takes nearly anything; generated ones are left out.
+std::vector<std::string> recognised(const std::string& folder);
+/// The dataset with its standard parameters. Throws Error: unknown.
+std::unique_ptr<Dataset> opened(const std::string& dataset, const std::string& folder);
+
+/// A frame or a whole traversal (frame -1) that cannot be had.
+struct Fault {
+  std::string traversal;
+  int frame = -1;
+  std::string name;  ///< of the frame; empty for a traversal
+  std::string what;
+};
+
+struct Inspection {
+  long frames = 0;  ///< looked at
+  std::vector<Fault> faults;
+};
+
+/// Loads every traversal and decodes every frame. `progress` is told frames done and in all (of the traversals loaded
+/// so far) after each frame, and ends it by returning false.
+Inspection inspect(Dataset& dataset, const std::function<bool(long done, long all)>& progress);
+
+/// What `info` tells of a traversal.
+struct Summary {
+  std::string name, condition;
+  int frames = 0, dimension = 0, width = 0, height = 0;  ///< pixels of the first good frame; 0 without pictures
+  int bad_frames = 0;                                    ///< as far as seen without decoding
+  double metres = 0;                                     ///< length of the route, NaN when unknown
+  double mean_step = 0;                                  ///< metres between frames, NaN when unknown
+  bool gps = false;
+  std::string error;  ///< why it cannot be loaded
+};
+Summary summarise(Dataset& dataset, const std::string& name);
+
+/// The same as JSON objects, and every dataset with all that is known of it.
+std::string to_json(const std::string& dataset, const Inspection& inspection);
+std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries);
+std::string datasets_json();
+
+}  // namespace citylearn

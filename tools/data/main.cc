@@ -1,0 +1,151 @@
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <iomanip>
+#include <iostream>
+#include <sstream>
+
+#include "core/service.h"
+#include "tools/data/inspection.h"
+
+namespace {
+
+using namespace citylearn;
+
+struct CommandLine {
+  CLI::App *list = nullptr, *check = nullptr, *info = nullptr;
+  std::string folder, dataset;
+  bool json = false;
+};
+
+void add_options(CLI::App& app, CommandLine& line) {
+  app.require_subcommand(1);
+  line.list = app.add_subcommand("list", "Every dataset: its paper, where to get it, licence, size");
+  line.check =
+      app.add_subcommand("check", "Tell which dataset a folder is, and decode every frame; status 1 when one is bad");
+  line.info = app.add_subcommand("info", "A table of a folder's traversals");
+  for (CLI::App* command : {line.check, line.info}) {
+    command->add_option("DIR", line.folder, "Folder of the dataset")->required();
+    command->add_option("--dataset", line.dataset, "Read it as this one, whatever it looks like");
+  }
+  for (CLI::App* command : {line.list, line.check, line.info}) command->add_flag("--json", line.json, "Print JSON");
+}
+
+void list() {
+  for (const auto* entry : DatasetRegistry::instance().entries()) {
+    std::cout << entry->name << "\n  " << entry->help << "\n";
+    for (const auto& [key, value] : entry->about) std::cout << "  " << key << ": " << value << "\n";
+  }
+}
+
+/// The dataset to read the folder as.
+std::string dataset_of(const CommandLine& line) {
+  if (!line.dataset.empty()) return line.dataset;
+  const std::vector<std::string> found = recognised(line.folder);
+  if (found.empty()) {
+    // "plain" takes nearly anything: what it lacks is what a person wants to know.
+    const std::vector<std::string> names = opened("plain", line.folder)->names();
+    throw Error("looks like no dataset", line.folder,
+                "'citylearn_data list' shows them; --dataset NAME tells what is missing");
+  }
+  std::cerr << line.folder << ": recognised as " << found.front();
+  for (std::size_t i = 1; i < found.size(); ++i) std::cerr << (i == 1 ? " (also as " : ", ") << found[i];
+  std::cerr << (found.size() > 1 ? ")" : "") << "\n";
+  return found.front();
+}
+
+/// Tells on standard error how far it is, at most twice a second on a terminal, else every ten seconds.
+class Progress {
+ public:
+  bool operator()(long done, long all) {
+    const auto now = std::chrono::steady_clock::now();
+    if (done == all || now - told_ >= (terminal_ ? std::chrono::milliseconds(500) : std::chrono::seconds(10))) {
+      told_ = now;
+      const double seconds = std::chrono::duration<double>(now - begin_).count();
+      std::fprintf(stderr, "%s%ld of %ld frames, %.0f s left%s", terminal_ ? "\r" : "", done, all,
+                   std::ceil(seconds / static_cast<double>(done) * static_cast<double>(all - done)),
+                   terminal_ && done < all ? "   " : "\n");
+    }
+    return !stop_requested();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now(), told_ = begin_;
+  bool terminal_ = ::isatty(STDERR_FILENO) == 1;
+};
+
+int check(const CommandLine& line) {
+  const std::string name = dataset_of(line);
+  Progress progress;
+  const Inspection inspection =
+      inspect(*opened(name, line.folder), [&](long done, long all) { return progress(done, all); });
+  if (line.json) {
+    std::cout << to_json(name, inspection) << "\n";
+  } else {
+    for (const Fault& fault : inspection.faults)
+      std::cout << fault.traversal
+                << (fault.frame < 0 ? "" : ", frame " + std::to_string(fault.frame) + ", " + fault.name) << ": "
+                << fault.what << "\n";
+    std::cout << name << ": " << inspection.frames << " frames, " << inspection.faults.size() << " bad\n";
+  }
+  if (stop_requested()) throw Error("stopped before the end", line.folder);
+  return inspection.faults.empty() ? 0 : 1;
+}
+
+std::string fixed(double value, int digits) {
+  if (!std::isfinite(value)) return "-";
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(digits) << value;
+  return text.str();
+}
+
+int info(const CommandLine& line) {
+  const std::string dataset_name = dataset_of(line);
+  const std::unique_ptr<Dataset> dataset = opened(dataset_name, line.folder);
+  std::vector<Summary> summaries;
+  for (const std::string& name : dataset->names()) summaries.push_back(summarise(*dataset, name));
+  const bool broken =
+      std::any_of(summaries.begin(), summaries.end(), [](const Summary& one) { return !one.error.empty(); });
+  if (line.json) {
+    std::cout << to_json(dataset_name, summaries) << "\n";
+    return broken;
+  }
+  std::cout << std::left << std::setw(26) << "traversal" << std::setw(14) << "condition" << std::right << std::setw(8)
+            << "frames" << std::setw(10) << "metres" << std::setw(8) << "step m" << std::setw(5) << "GPS"
+            << std::setw(12) << "pixels" << std::setw(9) << "features" << std::setw(5) << "bad"
+            << "\n";
+  for (const Summary& one : summaries) {
+    std::cout << std::left << std::setw(26) << one.name;
+    if (!one.error.empty()) {
+      std::cout << "cannot be loaded: " << one.error << "\n";
+      continue;
+    }
+    std::cout << std::setw(14) << one.condition << std::right << std::setw(8) << one.frames << std::setw(10)
+              << fixed(one.metres, 0) << std::setw(8) << fixed(one.mean_step, 2) << std::setw(5)
+              << (one.gps ? "yes" : "no") << std::setw(12)
+              << (one.width ? std::to_string(one.width) + "x" + std::to_string(one.height) : "-") << std::setw(9)
+              << (one.dimension ? std::to_string(one.dimension) : "-") << std::setw(5) << one.bad_frames << "\n";
+  }
+  return broken;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CommandLine line;
+  return service_main(
+      argc, argv, "Tells what datasets there are, and what a folder of one holds.",
+      [&](CLI::App& app) { add_options(app, line); },
+      [&] {
+        if (line.check->parsed()) return check(line);
+        if (line.info->parsed()) return info(line);
+        if (line.json)
+          std::cout << datasets_json() << "\n";
+        else
+          list();
+        return 0;
+      });
+}
