@@ -16,13 +16,12 @@ namespace citylearn {
 namespace {
 
 using Eigen::Index;
-using Eigen::MatrixXd;
 using Eigen::MatrixXf;
 using Eigen::VectorXd;
 using Eigen::VectorXf;
 
 constexpr double kPrior = 20;                 // frames the reference's mean is worth in a running mean
-constexpr double kSmallestEigenvalue = 1e-7;  // of the largest; what is below is rounding
+constexpr double kSmallestEigenvalue = 1e-6;  // of the largest; what is below is rounding
 const std::string kFormat = "citylearn reduction 1";
 
 struct Eigenpairs {
@@ -63,7 +62,9 @@ Eigenpairs leading_eigenpairs(const MatrixXf& matrix, Index count) {
 }
 
 Eigenpairs largest_eigenpairs(const MatrixXf& matrix, Index count) {
-  return count * 6 < matrix.rows() ? leading_eigenpairs(matrix, count) : all_eigenpairs(matrix, count);
+  // From 64 on the iterated vectors are always fewer than the rows.
+  return matrix.rows() >= 64 && count * 6 < matrix.rows() ? leading_eigenpairs(matrix, count)
+                                                          : all_eigenpairs(matrix, count);
 }
 
 VectorXf mean_of(const Eigen::Ref<const MatrixXf>& descriptors) {

@@ -15,6 +15,7 @@ struct CommandLine {
   Source source;
   bool list = false;
   bool list_traversals = false;
+  bool show = false;
 };
 
 void add_options(CLI::App& app, CommandLine& line) {
@@ -32,6 +33,9 @@ void add_options(CLI::App& app, CommandLine& line) {
   add_selection_options(app, line.source.selection, "Part of the traversal");
   app.add_flag("--list", line.list, "Print datasets and middlewares, and exit")->configurable(false)->group(group);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, and exit")
+      ->configurable(false)
+      ->group(group);
+  app.add_flag("--show", line.show, "Print what the traversal is, a line each: frames, images, features, and exit")
       ->configurable(false)
       ->group(group);
   line.service.node.service = "env_service";
@@ -57,6 +61,11 @@ int serve(CommandLine& line) {
     return 0;
   }
   const Traversal traversal = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);
+  if (line.show) {
+    std::cout << "traversal " << traversal.name << "\nframes " << traversal.frames << "\nimages "
+              << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension << "\n";
+    return 0;
+  }
   run_env_service(line.service, traversal, stop_requested);
   return 0;
 }

@@ -91,6 +91,13 @@ std::vector<std::string> folders_in(const std::string& folder) {
   });
 }
 
+std::string path_below(const std::string& path, const std::string& root) {
+  std::size_t end = root.size();
+  while (end > 0 && root[end - 1] == '/') --end;
+  if (root.empty() || path.compare(0, end, root, 0, end) != 0 || path.size() <= end || path[end] != '/') return path;
+  return path.substr(std::min(path.find_first_not_of('/', end), path.size()));
+}
+
 const std::vector<std::string>& image_suffixes() {
   static const std::vector<std::string> suffixes{".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".ppm", ".pbm", ".pnm"};
   return suffixes;

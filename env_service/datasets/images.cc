@@ -64,10 +64,8 @@ class File {
 /// Image files of few folders: each path is its folder's index and its name, all names in one text.
 class ImageFiles : public Images {
  public:
-  ImageFiles(std::vector<std::string> paths, const std::string& root) {
+  ImageFiles(std::vector<std::string> paths, const std::string& root) : root_(root) {
     entries_.reserve(paths.size());
-    root_ = root;
-    while (!root_.empty() && root_.back() == '/') root_.pop_back();
     std::map<std::string, std::uint32_t> known;
     Bytes head, tail;
     for (std::string& path : paths) {
@@ -87,12 +85,7 @@ class ImageFiles : public Images {
 
   int frames() const override { return static_cast<int>(entries_.size()); }
   std::uint64_t fingerprint(int frame) const override { return at(frame).fingerprint; }
-  std::string name(int frame) const override {
-    const std::string path = path_of(frame);
-    const bool below =
-        !root_.empty() && path.starts_with(root_) && path.size() > root_.size() && path[root_.size()] == '/';
-    return below ? path.substr(root_.size() + 1) : path;
-  }
+  std::string name(int frame) const override { return path_below(path_of(frame), root_); }
   std::string fault(int frame) const override {
     const auto found = faults_.find(frame);
     return found == faults_.end() ? "" : found->second;

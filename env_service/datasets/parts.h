@@ -29,6 +29,9 @@ std::vector<std::string> folders_in(const std::string& folder);
 const std::vector<std::string>& image_suffixes();
 const std::vector<std::string>& video_suffixes();
 
+/// `path` less `root`, a folder above it; the whole path when it isn't.
+std::string path_below(const std::string& path, const std::string& root);
+
 /// Rows of a text file of fields. Line ends may be LF, CRLF or CR alone; a byte order mark, empty lines and lines that
 /// begin with '#' are passed over.
 class TextTable {

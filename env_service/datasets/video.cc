@@ -21,8 +21,7 @@ constexpr int kNearby = 48;  // frames that are sooner decoded than jumped over
 class VideoFrames : public Images {
  public:
   VideoFrames(const std::string& path, const std::string& root, double* rate)
-      : path_(std::filesystem::absolute(path).string()), name_(path) {
-    if (!root.empty() && path.starts_with(root + "/")) name_ = path.substr(root.size() + 1);
+      : path_(std::filesystem::absolute(path).string()), name_(path_below(path, root)) {
     base_ = hash_of_samples();
     open();
     frames_ = number_of_frames();

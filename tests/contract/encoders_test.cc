@@ -133,7 +133,7 @@ TEST_P(EncoderContract, UnknownAndWrongParametersAreRefused) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Encoders, EncoderContract, ::testing::ValuesIn(names()),
-                         [](const auto& info) { return info.param; });
+                         [](const auto& test) { return test.param; });
 
 }  // namespace
 }  // namespace citylearn

@@ -132,7 +132,7 @@ TEST(DenseSift, MovesWithThePicture) {
 TEST(KMeans, FindsClustersAndRepeats) {
   Random random{5};
   MatrixXf points(2, 300);
-  for (Eigen::Index i = 0; i < 300; ++i)
+  for (int i = 0; i < 300; ++i)
     points.col(i) << static_cast<float>(10 * (i % 3) + random.normal()), static_cast<float>(random.normal());
   const MatrixXf centres = kmeans(points, 3, 20, 1);
   EXPECT_EQ(centres, kmeans(points, 3, 20, 1));

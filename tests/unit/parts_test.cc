@@ -36,6 +36,17 @@ TEST(Files, NamesOfLongNumbers) {
   EXPECT_EQ(files_in(folder.path(), {".png"}), (std::vector<std::string>{"9.png", big + ".png", big + "1.png"}));
 }
 
+TEST(Files, PathsBelowAFolder) {
+  for (const std::string root : {"/a/b", "/a/b/", "/a/b//"}) {
+    EXPECT_EQ(path_below("/a/b/c/d.png", root), "c/d.png");
+    EXPECT_EQ(path_below(root + "/d.png", root), "d.png");
+    EXPECT_EQ(path_below("/a/bc/d.png", root), "/a/bc/d.png");
+    EXPECT_EQ(path_below("/a", root), "/a");
+  }
+  EXPECT_EQ(path_below("/a/b", ""), "/a/b");
+  EXPECT_EQ(path_below("/a/b", "/"), "a/b");
+}
+
 TEST(Files, ReadsAWholeFile) {
   const Folder folder;
   const std::string text = std::string(100'000, 'a') + '\0' + "b";

@@ -80,7 +80,8 @@ void expect_pca(int rows, int columns, int dimension, double whitening) {
 TEST(Reduction, PcaIsThatOfTheSingularValues) {
   expect_pca(12, 60, 5, 0);     // more frames than numbers
   expect_pca(12, 60, 12, 0.5);  // all axes, fully whitened
-  expect_pca(60, 20, 6, 0.2);   // the Gram matrix
+  expect_pca(12, 60, 1, 0.2);
+  expect_pca(60, 20, 6, 0.2);  // the Gram matrix
   expect_pca(60, 20, 19, 0.5);
   expect_pca(80, 70, 4, 0.2);  // few of many: subspace iteration
 }
