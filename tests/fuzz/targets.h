@@ -37,7 +37,7 @@ struct Target {
 };
 inline constexpr Target kTargets[] = {
     {"features_csv", features_csv},   {"text_table", text_table}, {"dataset_folder", dataset_folder},
-    {"feature_store", feature_store}, {"picture", picture},
+    {"feature_store", feature_store}, {"picture", picture},       {"encoder_file", encoder_file},
 };
 
 /// Ends the process when something does not hold.
