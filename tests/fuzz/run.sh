@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 fail() { printf 'fuzz: %s\n' "$*" >&2; exit 1; }
 
 targets=$(cd tests/fuzz/seeds && printf '%s\n' *)
-target=${1:-all} seconds=${2:-60}
+target=${1:-all} seconds=${2:-600}
 [ "$target" = all ] || grep -qx -- "$target" <<<"$targets" || fail "unknown target '$target' (known: all $(xargs <<<"$targets"))"
 [[ $seconds =~ ^[1-9][0-9]*$ ]] || fail "'$seconds' is not a number of seconds"
 command -v clang++ >/dev/null || fail "needs clang++ with libFuzzer (on Debian: apt-get install clang libclang-rt-14-dev llvm)"
