@@ -134,7 +134,6 @@ class EncoderService {
   Encoder::Spec spec_;  // once learned_
   std::vector<FetchedImage> lessons_;
   std::shared_ptr<const Reduction> reduction_;
-  bool reduction_loaded_ = false;  // from a file: no reference is needed
 
   std::map<std::uint64_t, std::unique_ptr<Route>> routes_;
   std::map<std::string, Environment> environments_;
@@ -454,7 +453,6 @@ void EncoderService::advance() {
     const std::string bytes = read_file(options_.reduction_file);
     reduction_ = std::make_shared<Reduction>(
         Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, options_.reduction_file));
-    reduction_loaded_ = true;
   }
   feed();
   for (const auto& [hash, route] : routes_)
@@ -577,6 +575,7 @@ void EncoderService::reduce(Route& route) {
           if (!path.empty()) {
             const Bytes bytes = (*learned)->save(spec_.name);
             write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+            spdlog::info("the reduction is kept in {}", path);
           }
         }
         *features = (*learned)->apply(descriptors);

@@ -100,15 +100,15 @@ void list() {
 }
 
 int serve(CommandLine& line) {
-  if (line.list) {
-    list();
-    return 0;
-  }
   EncoderRegistry::instance().find("encoder", line.service.encoder);
   for (const auto& [name, given] : line.parameters)
     if (name != line.service.encoder && !given.empty())
       throw Error("is for encoder " + name + ", but the encoder is " + line.service.encoder,
                   "--" + name + "-" + given.begin()->first);
+  if (line.list) {
+    list();
+    return 0;
+  }
   line.service.parameters = line.parameters[line.service.encoder];
   line.service.reduction.centring = centring_of(line.centring);
   line.service.skip_bad_frames = line.on_bad_frame == "skip";
