@@ -11,7 +11,19 @@ class Error : public std::runtime_error {
  public:
   /// `where` names the file, line, field, topic or option; `remedy` says what to do. Either may be empty.
   explicit Error(const std::string& what, const std::string& where = "", const std::string& remedy = "")
-      : std::runtime_error((where.empty() ? "" : where + ": ") + what + (remedy.empty() ? "" : " (" + remedy + ")")) {}
+      : std::runtime_error(
+            one_line((where.empty() ? "" : where + ": ") + what + (remedy.empty() ? "" : " (" + remedy + ")"))) {}
+
+ private:
+  /// Names and texts out of files and libraries hold anything.
+  static std::string one_line(std::string text) {
+    for (char& c : text)
+      if (c == '\n' || c == '\r' || c == '\t')
+        c = ' ';
+      else if ((c >= 0 && c < ' ') || c == '\x7F')
+        c = '?';
+    return text;
+  }
 };
 
 }  // namespace citylearn

@@ -7,6 +7,7 @@
 
 #include "env_service/dataset.h"
 #include "env_service/datasets/parts.h"
+#include "env_service/selection.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/service.h"
 
@@ -63,6 +64,29 @@ void check(const Traversal& traversal) {
   }
 }
 
+/// Selections of every kind, those whose numbers matter in turn.
+std::vector<Selection> selections(const std::string& sibling, std::size_t turn) {
+  std::vector<Selection> all(1);
+  Selection cut;
+  cut.first = static_cast<int>(turn % 4);
+  cut.end = static_cast<int>(turn % 7);
+  cut.step = 1 + static_cast<int>(turn % 3);
+  all.push_back(cut);
+  Selection metres;
+  metres.from = static_cast<double>(turn % 5) - 2;
+  metres.to = 1000;
+  metres.step_metres = 0.05 + static_cast<double>(turn % 11);
+  all.push_back(metres);
+  for (const char* by : {"dataset", "index", "matches", "distance", "gps"}) {
+    Selection aligned;
+    aligned.align = sibling;
+    aligned.by = by;
+    aligned.skip_bad_frames = turn % 2 == 0;
+    all.push_back(aligned);
+  }
+  return all;
+}
+
 }  // namespace
 
 bool dataset_folder(Input input) {
@@ -97,7 +121,11 @@ bool dataset_folder(Input input) {
     for (const std::string& one : names) {
       accepted([&] { dataset->condition(one); });
       all &= accepted([&] { check(dataset->load(one)); });
-      for (const std::string& other : names) accepted([&] { dataset->matches(one, other); });
+      for (const std::string& other : names) {
+        accepted([&] { dataset->matches(one, other); });
+        for (const Selection& selection : selections(other, input.size()))
+          accepted([&] { check(select(*dataset, one, selection)); });
+      }
     }
   });
   return opened && all;

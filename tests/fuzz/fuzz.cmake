@@ -4,7 +4,7 @@ if(CITYLEARN_FUZZ)
     message(FATAL_ERROR "CITYLEARN_FUZZ needs clang++, which has libFuzzer (cmake --preset fuzz)")
   endif()
   add_custom_target(fuzz)
-  foreach(target features_csv text_table dataset_folder feature_store picture)
+  foreach(target features_csv text_table dataset_folder feature_store picture encoder_file)
     add_executable(fuzz_${target} EXCLUDE_FROM_ALL ${CMAKE_CURRENT_LIST_DIR}/main.cc ${CMAKE_CURRENT_LIST_DIR}/${target}.cc)
     target_compile_definitions(fuzz_${target} PRIVATE CITYLEARN_FUZZ_TARGET=${target})
     target_link_libraries(fuzz_${target} PRIVATE "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_env>" citylearn_encoder

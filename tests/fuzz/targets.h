@@ -27,6 +27,9 @@ bool dataset_folder(Input input);
 bool feature_store(Input input);
 /// An image file: its header, image_fault(), and decoded when it has at most 2 megapixels.
 bool picture(Input input);
+/// What encoders read beside pictures; the first byte chooses: a reduction, the head of NetVLAD, the frame of an ONNX
+/// model (the model itself is OpenCV's to read).
+bool encoder_file(Input input);
 
 struct Target {
   std::string_view name;

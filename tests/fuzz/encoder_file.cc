@@ -1,0 +1,33 @@
+#include "encoder_service/netvlad_head.h"
+#include "encoder_service/onnx_file.h"
+#include "encoder_service/reduction.h"
+#include "tests/fuzz/targets.h"
+
+namespace citylearn::fuzz {
+
+bool encoder_file(Input input) {
+  if (input.empty()) return false;
+  const Input file = input.subspan(1);
+  switch (std::to_integer<unsigned>(input[0]) % 3) {
+    case 0:
+      return accepted([&] {
+        const Reduction reduction = Reduction::load(file, "seed-1", "reduction");
+        require(reduction.input_dimension() >= 1 && reduction.dimension() >= 1, "dimensions");
+        const Eigen::MatrixXf features = reduction.apply(Eigen::MatrixXf::Ones(reduction.input_dimension(), 3));
+        require(features.rows() == reduction.dimension() && features.cols() == 3, "shape");
+        require(Reduction::load(reduction.save("seed-1"), "seed-1", "again").dimension() == reduction.dimension(),
+                "saved and loaded");
+      });
+    case 1:
+      return accepted([&] {
+        const NetvladHead head = NetvladHead::parse(file, "head");
+        require(head.channels() >= 1 && head.clusters() >= 1, "shape");
+        require(head(Eigen::MatrixXf::Ones(4, head.channels())).size() == head.dimension(), "dimension");
+        require(NetvladHead::parse(head.save(), "again").dimension() == head.dimension(), "saved and parsed");
+      });
+    default:
+      return accepted([&] { require(read_onnx(file, "model").nodes >= 1, "a graph has nodes"); });
+  }
+}
+
+}  // namespace citylearn::fuzz
