@@ -366,6 +366,8 @@ void check(const Action& m, const std::string& type) {
 }
 
 void check(const TraversalInfo& m, const std::string& type) {
+  if (m.feature_dimension() > MAX_DIMENSION)
+    refuse(type, "feature_dimension", "must be at most " + std::to_string(MAX_DIMENSION));
   if (m.frames() < 1 || m.frames() > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
   if (m.agents() < 1 || m.agents() > MAX_AGENTS) refuse(type, "agents", "must be 1.." + std::to_string(MAX_AGENTS));
 }

@@ -85,6 +85,7 @@ struct Environment {
   Clock::time_point heard;
   std::uint64_t server = 0;  // incarnation of the encoder_service that completes its observations; 0: nobody yet
   Clock::time_point unserved{};
+  std::string fault;  // why it cannot be served
 };
 
 class EncoderService {
@@ -134,7 +135,6 @@ class EncoderService {
   Encoder::Spec spec_;  // once learned_
   std::vector<FetchedImage> lessons_;
   std::shared_ptr<const Reduction> reduction_;
-  bool reduction_loaded_ = false;  // from a file: no reference is needed
 
   std::map<std::uint64_t, std::unique_ptr<Route>> routes_;
   std::map<std::string, Environment> environments_;
@@ -260,6 +260,7 @@ void EncoderService::on_info(const msg::TraversalInfo& info) {
   if (fresh) {
     environment.server = 0;
     environment.unserved = now_;
+    environment.fault.clear();
   }
   if (!routes_.count(info.hash())) {
     spdlog::info("traversal {} of {}: {} frames, from '{}'", info.traversal().c_str(), info.dataset().c_str(),
@@ -454,7 +455,6 @@ void EncoderService::advance() {
     const std::string bytes = read_file(options_.reduction_file);
     reduction_ = std::make_shared<Reduction>(
         Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, options_.reduction_file));
-    reduction_loaded_ = true;
   }
   feed();
   for (const auto& [hash, route] : routes_)
@@ -577,6 +577,7 @@ void EncoderService::reduce(Route& route) {
           if (!path.empty()) {
             const Bytes bytes = (*learned)->save(spec_.name);
             write_file(path, {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+            spdlog::info("the reduction is kept in {}", path);
           }
         }
         *features = (*learned)->apply(descriptors);
@@ -623,19 +624,20 @@ void EncoderService::decide_who_serves() {
       environment.unserved = now_;
     }
     const auto route = routes_.find(environment.info.hash());
-    if (!alive(environment) || route == routes_.end() || !route->second->ready) continue;
+    if (!alive(environment) || route == routes_.end() || !route->second->ready || !environment.fault.empty()) continue;
     const std::uint64_t environment_hash = hash_of(id);
     const std::uint64_t own = mix_seeds({environment_hash, node_.incarnation()});
     bool favoured = true;
     for (const auto& [incarnation, peer] : peers_) favoured &= own > mix_seeds({environment_hash, incarnation});
     if (!favoured && now_ < environment.unserved + kSilence) continue;
-    if (std::uint64_t{environment.info.agents()} * static_cast<std::uint64_t>(route->second->features.rows()) >
-        msg::MAX_FEATURES) {
-      spdlog::error(
-          "'{}' has {} agents: with {} features each that is too much for one observation (fewer --agents, or a "
-          "smaller --dimension)",
-          id, environment.info.agents(), route->second->features.rows());
-      environment.unserved = now_ + std::chrono::hours(1);
+    const auto dimension = static_cast<std::uint64_t>(route->second->features.rows());
+    if (dimension > msg::MAX_DIMENSION || environment.info.agents() * dimension > msg::MAX_FEATURES) {
+      environment.fault = fmt::format(
+          "{} features a frame are too many for '{}' with its {} agents (at most {} a frame, {} for all agents): give "
+          "a "
+          "smaller --dimension, or fewer --agents there",
+          dimension, id, environment.info.agents(), msg::MAX_DIMENSION, msg::MAX_FEATURES);
+      spdlog::error("{}", environment.fault);
       continue;
     }
     environment.server = node_.incarnation();
@@ -667,7 +669,13 @@ void EncoderService::report() {
   msg::State state = msg::WAITING;
   std::string activity;
   int served = 0;
-  for (const auto& [id, environment] : environments_) served += serving(environment) && alive(environment);
+  for (const auto& [id, environment] : environments_) {
+    served += serving(environment) && alive(environment);
+    if (alive(environment) && !environment.fault.empty()) {
+      state = msg::FAILED;
+      activity = environment.fault;
+    }
+  }
   for (const auto& [hash, route] : routes_) {
     if (!route->fault.empty()) {
       state = msg::FAILED;
@@ -682,11 +690,15 @@ void EncoderService::report() {
       activity = fmt::format("{}: {} of {} frames encoded", route->name, route->work->done(), route->frames);
       if (route->work->made() > 0 && left > 0)
         activity += ", " + duration(elapsed / route->work->made() * left) + " left";
-      if (left == 0 && needs_reference() && !reduction_ && route->name != options_.reference)
-        activity = fmt::format("{}: waiting for the reference '{}'", route->name, options_.reference);
+      if (left == 0 && needs_reference() && !reduction_ && !reference()) {
+        state = msg::WAITING;
+        activity = fmt::format("{} waits for an env_service on the reference '{}'", route->name, options_.reference);
+      }
+    } else if (learning_) {
+      activity = "learning from " + options_.reference;
     } else {
-      activity =
-          learning_ ? "learning from " + options_.reference : "waiting for the reference '" + options_.reference + "'";
+      state = msg::WAITING;
+      activity = fmt::format("{} waits for an env_service on the reference '{}'", route->name, options_.reference);
     }
   }
   if (activity.empty() && served > 0) {

@@ -4,6 +4,7 @@
 #include <opencv2/core.hpp>
 
 #include "core/service.h"
+#include "encoder_service/encoder_options.h"
 #include "encoder_service/encoder_service.h"
 
 namespace {
@@ -32,19 +33,9 @@ std::string default_store() {
 
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string encoding = "Encoding";
-  std::string names;
-  for (const auto* entry : EncoderRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
   EncoderServiceOptions& service = line.service;
-  app.add_option("--encoder", service.encoder, "One of " + names)->capture_default_str()->group(encoding);
-  app.add_option("--model", service.files.model, "Network of the encoder, an ONNX file")
-      ->type_name("FILE")
-      ->group(encoding);
-  app.add_option("--layer", service.files.layer, "Its output layer, by name (its last one)")->group(encoding);
-  app.add_option("--preset", service.files.preset, "Input size, mean, deviation and layer of a known network")
-      ->group(encoding);
-  app.add_option("--head", service.files.head, "Weights of what follows the network (encoder netvlad)")
-      ->type_name("FILE")
-      ->group(encoding);
+  app.add_option("--encoder", service.encoder, "One of " + encoder_names())->capture_default_str()->group(encoding);
+  add_encoder_options(app, service.files, line.parameters, encoding);
   app.add_option("--threads", line.threads, "Threads of OpenCV's networks; 0: all processors")
       ->capture_default_str()
       ->check(CLI::Range(0, 1024))
@@ -84,31 +75,26 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->type_name("FILE")
       ->group(reducing);
   app.add_flag("--list", line.list, "Print encoders and middlewares, and exit")->configurable(false)->group(encoding);
-  for (const auto* entry : EncoderRegistry::instance().entries())
-    add_parameters(app, entry->name, entry->parameters, line.parameters[entry->name]);
   service.node.service = "encoder_service";
   service.node.id = "encoder";
   add_node_options(app, service.node);
 }
 
 void list() {
-  std::cout << "encoders (--encoder):\n";
-  for (const auto* entry : EncoderRegistry::instance().entries())
-    std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
-  std::cout << "middlewares (--middleware):\n";
+  std::cout << list_encoders() << "middlewares (--middleware):\n";
   for (const auto& [name, help] : list_middlewares()) std::cout << describe(name, help, {}, "");
 }
 
 int serve(CommandLine& line) {
-  if (line.list) {
-    list();
-    return 0;
-  }
   EncoderRegistry::instance().find("encoder", line.service.encoder);
   for (const auto& [name, given] : line.parameters)
     if (name != line.service.encoder && !given.empty())
       throw Error("is for encoder " + name + ", but the encoder is " + line.service.encoder,
                   "--" + name + "-" + given.begin()->first);
+  if (line.list) {
+    list();
+    return 0;
+  }
   line.service.parameters = line.parameters[line.service.encoder];
   line.service.reduction.centring = centring_of(line.centring);
   line.service.skip_bad_frames = line.on_bad_frame == "skip";

@@ -55,7 +55,7 @@ void Fleet::on_status(const msg::ServiceStatus& status) {
   const std::string id = status.header().sender().c_str();
   if (const auto found = unencoded_.find(id); found != unencoded_.end()) found->second.when = Clock::now();
   if (std::string(status.service().c_str()) == "encoder_service")
-    encoders_[id] = {id + ": " + status.activity().c_str(), Clock::now()};
+    encoders_[id] = {{id + ": " + status.activity().c_str(), status.service_state() == msg::RUNNING}, Clock::now()};
 }
 
 std::map<std::string, std::string> Fleet::unencoded() const {
@@ -65,10 +65,10 @@ std::map<std::string, std::string> Fleet::unencoded() const {
   return found;
 }
 
-std::vector<std::string> Fleet::encoders() const {
-  std::vector<std::string> found;
-  for (const auto& [id, activity] : encoders_)
-    if (Clock::now() - activity.when < kSilence) found.push_back(activity.what);
+std::vector<Fleet::Encoder> Fleet::encoders() const {
+  std::vector<Encoder> found;
+  for (const auto& [id, encoder] : encoders_)
+    if (Clock::now() - encoder.when < kSilence) found.push_back(encoder.what);
   return found;
 }
 

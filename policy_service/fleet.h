@@ -57,8 +57,12 @@ class Fleet {
   const std::map<std::string, std::unique_ptr<Seat>>& seats() const { return seats_; }
   /// Env_services with images that no encoder_service has completed yet, with the traversal of each; they have no seat.
   std::map<std::string, std::string> unencoded() const;
-  /// What the encoder_services of the run say they do ("summer: 120 of 3576 frames"), those heard of lately.
-  std::vector<std::string> encoders() const;
+  /// What the encoder_services heard of lately say: "encoder: summer: 120 of 3576 frames encoded".
+  struct Encoder {
+    std::string says;
+    bool working;
+  };
+  std::vector<Encoder> encoders() const;
   /// Heard of within the last `kSilence`.
   static bool alive(const Seat& seat);
   static constexpr std::chrono::seconds kSilence{3};
@@ -84,12 +88,13 @@ class Fleet {
 
   Node& node_;
   std::map<std::string, std::unique_ptr<Seat>> seats_;
+  template <class What>
   struct Heard {
-    std::string what;
+    What what;
     Clock::time_point when;
   };
-  std::map<std::string, Heard> unencoded_;  ///< traversal, by id of the env_service
-  std::map<std::string, Heard> encoders_;   ///< activity, by id
+  std::map<std::string, Heard<std::string>> unencoded_;  ///< traversal, by id of the env_service
+  std::map<std::string, Heard<Encoder>> encoders_;       ///< by id
   std::uint32_t version_ = 0;
   Fetch fetch_;
   msg::Observation observation_;

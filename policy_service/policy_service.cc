@@ -182,21 +182,24 @@ void Run::await(const std::set<std::string>& traversals, int training_environmen
     for (const auto& [id, seat] : fleet_.seats()) here += (here.empty() ? "" : ", ") + id + " on " + seat->traversal();
     const auto unencoded = fleet_.unencoded();
     const auto encoders = fleet_.encoders();
+    const bool encoding = !unencoded.empty() && std::any_of(encoders.begin(), encoders.end(),
+                                                            [](const auto& encoder) { return encoder.working; });
     for (const auto& [id, traversal] : unencoded)
       here += (here.empty() ? "" : ", ") + id + " on " + traversal +
-              (encoders.empty() ? ", whose images wait for an encoder_service" : ", being encoded");
-    const std::string found = here.empty() ? "none was found" : "found: " + here;
+              (encoding ? ", being encoded" : ", whose images wait for an encoder_service");
+    std::string found = here.empty() ? "none was found" : "found: " + here;
+    for (const auto& encoder : encoders)
+      if (!unencoded.empty() && !encoder.working) found += "; " + encoder.says;
     // Encoding takes its time, and tells how far it is.
-    if (!unencoded.empty() && !encoders.empty()) since = Clock::now();
+    if (encoding) since = Clock::now();
     if (options_.wait > 0 && seconds_since(since) > options_.wait)
       throw Error(fmt::format("no env_service on {} within {:.0f} s ({})", missing, options_.wait, found), "",
                   fmt::format("same --run '{}', --domain {} and --interface there?", options_.node.run,
                               options_.node.middleware.domain));
     if (Clock::now() > next_word) {
-      if (unencoded.empty() || encoders.empty())
-        spdlog::info("waiting for env_services on {} ({})", missing, found);
-      else
-        for (const std::string& activity : encoders) spdlog::info("waiting for {}", activity);
+      if (!encoding) spdlog::info("waiting for env_services on {} ({})", missing, found);
+      for (const auto& encoder : encoders)
+        if (encoding && encoder.working) spdlog::info("waiting for {}", encoder.says);
       next_word += std::chrono::seconds(10);
     }
     node_.report(msg::WAITING, "waiting for env_services");

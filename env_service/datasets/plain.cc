@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <cctype>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <map>
 
@@ -82,6 +84,12 @@ class Plain : public Dataset {
     traversal.images = std::move(images);
   }
 
+  static bool begins_with_a_letter(const std::string& path) {
+    std::ifstream file(path);
+    char first = 0;
+    return file >> first && (std::isalpha(static_cast<unsigned char>(first)) || first == '"');
+  }
+
   /// Path of each traversal, by name.
   std::map<std::string, std::string> sources() const {
     std::map<std::string, std::string> found;
@@ -92,12 +100,16 @@ class Plain : public Dataset {
                     folder_, "rename or remove one of them");
     };
     try {
-      for (const std::string& file : files_in(folder_, {".csv"}))
-        if (file.ends_with(".csv") && file != kMatches && !file.ends_with(kPoses))
-          add(file.substr(0, file.size() - 4), file);
       for (const std::string& file : files_in(folder_, video_suffixes())) add(fs::path(file).stem().string(), file);
       for (const std::string& name : folders_in(folder_))
         if (!files_in(folder_ + "/" + name, image_suffixes()).empty()) add(name, name);
+      // Beside pictures, a table whose columns have names is something about them. Where there are none, it is meant
+      // as features, and reading it will say what is wrong.
+      const bool pictures = !found.empty();
+      for (const std::string& file : files_in(folder_, {".csv"}))
+        if (file.ends_with(".csv") && file != kMatches && !file.ends_with(kPoses) &&
+            !(pictures && begins_with_a_letter(folder_ + "/" + file)))
+          add(file.substr(0, file.size() - 4), file);
     } catch (const Error& error) {
       if (fs::is_directory(folder_)) throw;
       throw Error(error.what(), "", "--data names the folder that holds the NAME.csv files");
@@ -114,8 +126,7 @@ class Plain : public Dataset {
 const DatasetRegistry::Registration registration({
     "plain",
     "a folder (--data) of traversals: NAME.csv (one frame a line, comma-separated features, no header), a folder NAME "
-    "of "
-    "pictures, or a video NAME.mp4; NAME.poses.csv and matches.csv may tell places",
+    "of pictures, or a video NAME.mp4; NAME.poses.csv and matches.csv may tell places",
     {},
     [](const Parameters&, const std::string& folder) { return std::make_unique<Plain>(folder); },
     {},

@@ -188,7 +188,7 @@ inline void fill(Filler& f, msg::TraversalInfo& m) {
   m.condition(f.text(64));
   m.hash(f.number<std::uint64_t>());
   m.frames(f.least() ? 1 : f.most() ? msg::MAX_FRAMES : 500);
-  m.feature_dimension(f.number<std::uint32_t>());
+  m.feature_dimension(f.least() ? 0 : f.most() ? msg::MAX_DIMENSION : 64);
   m.agents(f.least() ? 1 : f.most() ? msg::MAX_AGENTS : 16);
   m.chunks(f.number<std::uint32_t>());
   m.images(f.boolean());

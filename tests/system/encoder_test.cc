@@ -138,10 +138,32 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
   const auto strict = run.encoder({"--dimension", "8"});
   ASSERT_TRUE(strict->says("summer is refused", kSoon)) << strict->output() << summer->output();
   EXPECT_NE(strict->output().find("007.ppm"), std::string::npos) << strict->output();
+  const auto policy = run.policy({"--wait", "3"});
+  ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
+  EXPECT_NE(policy->output().find("summer is refused: frame 7"), std::string::npos) << policy->output();
   strict->send(SIGTERM);
   ASSERT_EQ(strict->wait(seconds(5)), 0);
   const auto lenient = run.encoder({"--dimension", "8", "--on-bad-frame", "skip"});
   EXPECT_TRUE(lenient->says("serves 'env-summer'", kSoon)) << lenient->output();
+}
+
+TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
+  Trial run("cyclonedds", 115);
+  const auto summer = run.env("summer", kDrawn);
+  const auto encoder = run.encoder({"--reference", "spring"});
+  const auto policy = run.policy({"--wait", "4"});
+  ASSERT_EQ(policy->wait(kSoon), 1) << policy->output() << encoder->output();
+  EXPECT_NE(policy->output().find("summer waits for an env_service on the reference 'spring'"), std::string::npos)
+      << policy->output();
+}
+
+TEST(EncodingFaults, MoreFeaturesThanAMessageHoldsAreRefused) {
+  Trial run("cyclonedds", 116);
+  const auto summer = run.env("summer", kDrawn);
+  const auto encoder = run.encoder({"--encoder", "raw84", "--dimension", "0"});
+  ASSERT_TRUE(encoder->says("21168 features a frame are too many", kSoon)) << encoder->output();
+  encoder->send(SIGTERM);
+  EXPECT_EQ(encoder->wait(seconds(5)), 0) << encoder->output();
 }
 
 TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {

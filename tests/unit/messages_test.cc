@@ -138,9 +138,9 @@ TEST(Messages, OtherProtocolIsRefusedAtOnce) {
   message.header().protocol(msg::PROTOCOL + 1);
   Bytes bytes = encoded(message);
   bytes.resize(12);  // whatever follows
-  EXPECT_EQ(decode_error<msg::Action>(bytes),
-            "citylearn::msg::Action.header.protocol: the sender speaks protocol " + std::to_string(msg::PROTOCOL + 1) +
-                ", this program " + std::to_string(msg::PROTOCOL));
+  EXPECT_EQ(decode_error<msg::Action>(bytes), "citylearn::msg::Action.header.protocol: the sender speaks protocol " +
+                                                  std::to_string(msg::PROTOCOL + 1) + ", this program " +
+                                                  std::to_string(msg::PROTOCOL));
 }
 
 TEST(Messages, OverBoundIsNotEncoded) {
@@ -177,6 +177,8 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
             "citylearn::msg::TraversalInfo.frames: must be 1..1048576");
   EXPECT_EQ(error_after<msg::TraversalInfo>([](auto& m) { m.agents(257); }),
             "citylearn::msg::TraversalInfo.agents: must be 1..256");
+  EXPECT_EQ(error_after<msg::TraversalInfo>([](auto& m) { m.feature_dimension(msg::MAX_DIMENSION + 1); }),
+            "citylearn::msg::TraversalInfo.feature_dimension: must be at most 12287");
   EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.data().pop_back(); }),
             "citylearn::msg::TraversalChunk.data: 2599 entries, should be 2600");
   EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.data().pop_back(); }),

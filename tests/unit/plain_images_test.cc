@@ -52,6 +52,14 @@ TEST_F(PlainImages, AFolderATraversal) {
   EXPECT_NE(load("day").hash(), day.hash());
 }
 
+TEST_F(PlainImages, ATableWithNamedColumnsBesidePicturesIsNoTraversal) {
+  write_drive("day");
+  write_file(folder_ / "ground_truth.csv", "query,reference\n1,2\n");
+  EXPECT_EQ(plain()->names(), std::vector<std::string>{"day"});
+  std::filesystem::remove_all(folder_ / "day");
+  EXPECT_EQ(plain()->names(), std::vector<std::string>{"ground_truth"}) << "else it is taken for features";
+}
+
 TEST_F(PlainImages, AVideoATraversal) {
   ASSERT_TRUE(testing::write_video(folder_ / "drive.avi", 20));
   EXPECT_EQ(plain()->names(), std::vector<std::string>{"drive"});

@@ -3,6 +3,7 @@
 #include <iostream>
 
 #include "core/service.h"
+#include "encoder_service/encoder_options.h"
 #include "tools/vpr/evaluate.h"
 
 namespace {
@@ -24,19 +25,9 @@ CLI::Option* add_list(CLI::App& app, const std::string& name, List& list, const 
 
 void add_encoding(CLI::App& app, vpr::Options& options, CommandLine& line) {
   const std::string group = "Encoding";
-  std::string names;
-  for (const auto* entry : EncoderRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
-  add_list(app, "--encoder", options.encoders, "Of " + names + "; left out when the dataset has features")
+  add_list(app, "--encoder", options.encoders, "Of " + encoder_names() + "; left out when the dataset has features")
       ->group(group);
-  app.add_option("--model", options.files.model, "Network of the encoder, an ONNX file")
-      ->type_name("FILE")
-      ->group(group);
-  app.add_option("--layer", options.files.layer, "Its output layer, by name (its last one)")->group(group);
-  app.add_option("--preset", options.files.preset, "Input size, mean, deviation and layer of a known network")
-      ->group(group);
-  app.add_option("--head", options.files.head, "Weights of what follows the network (encoder netvlad)")
-      ->type_name("FILE")
-      ->group(group);
+  add_encoder_options(app, options.files, options.parameters, group);
   app.add_option("--store", line.store, "Folder that keeps what was encoded; none: memory alone")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
@@ -128,8 +119,6 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->group(results);
   app.add_flag("--no-pictures", line.no_pictures, "No similarity-*.png")->group(results);
   app.add_flag("--list", line.list, "Print encoders, and exit")->configurable(false)->group(results);
-  for (const auto* entry : EncoderRegistry::instance().entries())
-    add_parameters(app, entry->name, entry->parameters, options.parameters[entry->name]);
 }
 
 std::string folder_of_now() {
@@ -143,9 +132,7 @@ std::string folder_of_now() {
 
 int run(CommandLine& line) {
   if (line.list) {
-    std::cout << "encoders (--encoder):\n";
-    for (const auto* entry : EncoderRegistry::instance().entries())
-      std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
+    std::cout << list_encoders();
     return 0;
   }
   vpr::Options& options = line.options;

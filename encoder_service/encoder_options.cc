@@ -1,0 +1,34 @@
+#include "encoder_service/encoder_options.h"
+
+#include <CLI/CLI.hpp>
+
+#include "core/service.h"
+
+namespace citylearn {
+
+std::string encoder_names() {
+  std::string names;
+  for (const auto* entry : EncoderRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
+  return names;
+}
+
+void add_encoder_options(CLI::App& app, EncoderFiles& files,
+                         std::map<std::string, std::map<std::string, double>>& parameters, const std::string& group) {
+  app.add_option("--model", files.model, "Network of the encoder, an ONNX file")->type_name("FILE")->group(group);
+  app.add_option("--layer", files.layer, "Its output layer, by name (its last one)")->group(group);
+  app.add_option("--preset", files.preset, "Input size, mean, deviation and layer of a known network")->group(group);
+  app.add_option("--head", files.head, "Weights of what follows the network (encoder netvlad)")
+      ->type_name("FILE")
+      ->group(group);
+  for (const auto* entry : EncoderRegistry::instance().entries())
+    add_parameters(app, entry->name, entry->parameters, parameters[entry->name]);
+}
+
+std::string list_encoders() {
+  std::string text = "encoders (--encoder):\n";
+  for (const auto* entry : EncoderRegistry::instance().entries())
+    text += describe(entry->name, entry->help, entry->parameters, entry->name);
+  return text;
+}
+
+}  // namespace citylearn
