@@ -28,6 +28,7 @@ constexpr milliseconds kIdle{50};  // between looks at `stop`
 constexpr milliseconds kBusy{5};   // between looks at what is done behind
 constexpr milliseconds kAskAgain{300};
 constexpr seconds kProgress{2};
+constexpr std::size_t kBytesAhead = std::size_t{64} << 20;  // of a traversal's pictures that wait to be encoded
 
 std::uint64_t hash_of(const std::string& text) {
   std::uint64_t hash = 0;
@@ -72,7 +73,8 @@ struct Route {
 
   std::unique_ptr<TraversalWork> work;
   Clock::time_point since{}, next_word{};
-  int behind = 0;  // pictures given to the thread behind
+  int behind = 0;         // pictures given to the thread behind
+  std::size_t bytes = 0;  // of pictures that have come and are not encoded yet
   bool reducing = false;
   std::string fault;         // why it is refused
   Eigen::MatrixXf features;  // d x F once ready
@@ -349,6 +351,7 @@ void EncoderService::on_image(const msg::ImageChunk& chunk) {
   Route& route = *found->second;
   std::vector<FetchedImage> images;
   route.images.on_chunk(chunk, images);
+  for (const FetchedImage& image : images) route.bytes += image.file.size();
   auto& waiting = learned_ ? waiting_[route.hash] : lessons_;
   std::move(images.begin(), images.end(), std::back_inserter(waiting));
 }
@@ -420,6 +423,7 @@ void EncoderService::finish_lessons() {
   if (!learning_ || learned_ || !route || route->images.missing() > 0 || lessons_.empty()) return;
   auto images = std::make_shared<std::vector<FetchedImage>>(std::move(lessons_));
   lessons_.clear();
+  route->bytes = 0;
   const std::uint64_t hash = route->hash;
   encoding_.post(
       [this, images] {
@@ -531,6 +535,7 @@ void EncoderService::flush(Route& route, bool all) {
 void EncoderService::encoded(Batch& batch) {
   Route& route = *routes_.at(batch.traversal);
   route.behind -= static_cast<int>(batch.images.size());
+  for (const FetchedImage& image : batch.images) route.bytes -= image.file.size();
   for (std::size_t i = 0; i < batch.frames.size(); ++i)
     route.work->put(batch.frames[i], batch.descriptors.col(static_cast<Eigen::Index>(i)));
   encoded_ += batch.frames.size();
@@ -597,7 +602,7 @@ void EncoderService::ask() {
     const Environment* environment = host(*route);
     if (!environment || route->ready) continue;
     const std::string id = environment->info.header().sender().c_str();
-    route->images.ask(id);
+    if (!learned_ || route->bytes < kBytesAhead) route->images.ask(id);
     if (route->missing_positions.empty() || now_ < route->ask_positions) continue;
     route->ask_positions = now_ + kAskAgain;
     own_request_.environment() = id.c_str();

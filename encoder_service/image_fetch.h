@@ -32,8 +32,6 @@ class ImageFetch {
   void on_chunk(const msg::ImageChunk& chunk, std::vector<FetchedImage>& images);
   /// Asks `environment` for what is missing when it is time to.
   void ask(const std::string& environment);
-  /// When ask() should be called again at the latest.
-  Clock::time_point due() const { return missing() == 0 ? Clock::time_point::max() : again_; }
 
  private:
   struct Part {

@@ -74,8 +74,7 @@ TEST(Trainer, RefusesACheckpointOfOtherOptions) {
     other.trainer.load(checkpoint);
     FAIL() << "was not refused";
   } catch (const Error& error) {
-    EXPECT_NE(std::string(error.what()).find("learner_parameters.gamma was "), std::string::npos)
-        << error.what();
+    EXPECT_NE(std::string(error.what()).find("learner_parameters.gamma was "), std::string::npos) << error.what();
   }
   Traversal changed = city;
   changed.features[3] += 1;
