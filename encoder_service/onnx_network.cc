@@ -231,13 +231,38 @@ void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
   throw Error("has no layer '" + wanted + "'", path_, (close.empty() ? "its last are " : "it has ") + list);
 }
 
+namespace {
+
+/// `picture` at another size into `resized`. Area means over fractions of pixels cost a tenth of a small network's
+/// time, so each side first goes, bilinear, to the wanted length times a power of two that leaves at most 2.5 pixels to
+/// each of its own, and is then halved, which is exact and quick.
+void fit(const cv::Mat& picture, cv::Size size, cv::Mat& resized) {
+  const auto doubled = [](int from, int to) {
+    while (from > 2.5 * to) to *= 2;
+    return to;
+  };
+  cv::Size at(doubled(picture.cols, size.width), doubled(picture.rows, size.height));
+  // Halving both sides at once is quicker still.
+  if (at.width == 2 * size.width && at.height == size.height) at.height *= 2;
+  if (at.height == 2 * size.height && at.width == size.width) at.width *= 2;
+  cv::resize(picture, resized, at, 0, 0, cv::INTER_LINEAR);
+  while (at != size) {
+    if (at.width > size.width) at.width /= 2;
+    if (at.height > size.height) at.height /= 2;
+    cv::Mat half;
+    cv::resize(resized, half, at, 0, 0, cv::INTER_AREA);
+    resized = half;
+  }
+}
+
+}  // namespace
+
 const cv::Mat& OnnxNetwork::prepare(const cv::Mat& picture) {
   if (picture.empty() || picture.type() != CV_8UC3)
     throw Error("a picture is not 8-bit with 3 channels", "encoder of " + path_);
   const cv::Mat* source = &picture;
   if (picture.cols != width_ || picture.rows != height_) {
-    const bool smaller = picture.cols > width_ || picture.rows > height_;
-    cv::resize(picture, parts_->resized, cv::Size(width_, height_), 0, 0, smaller ? cv::INTER_AREA : cv::INTER_LINEAR);
+    fit(picture, cv::Size(width_, height_), parts_->resized);
     source = &parts_->resized;
   }
   parts_->input.create(std::vector<int>{1, 3, height_, width_}, CV_32F);

@@ -33,7 +33,7 @@ class Netvlad : public Encoder {
   }
 
   Spec spec() const override {
-    return {fit_name("netvlad-1 " + network_.description() + " head=" + hash_), head().dimension(), 4};
+    return {fit_name("netvlad-2 " + network_.description() + " head=" + hash_), head().dimension(), 4};
   }
 
   Eigen::MatrixXf encode(std::span<const cv::Mat> pictures) override {

@@ -25,7 +25,7 @@ class Onnx : public Encoder {
   }
 
   Spec spec() const override {
-    return {fit_name("onnx-1 " + network_.description() + (pool_ ? "" : " pool=0")), static_cast<int>(dimension_), 4};
+    return {fit_name("onnx-2 " + network_.description() + (pool_ ? "" : " pool=0")), static_cast<int>(dimension_), 4};
   }
 
   Eigen::MatrixXf encode(std::span<const cv::Mat> pictures) override {
