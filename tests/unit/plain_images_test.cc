@@ -77,7 +77,7 @@ TEST_F(PlainImages, OneNameTwice) {
   write_drive("day");
   write_file(folder_ / "day.csv", "1\n2\n");
   EXPECT_EQ(complaint_of([&] { plain()->names(); }),
-            folder_.path() + ": traversal 'day' is both day.csv and day (rename or remove one of them)");
+            folder_.path() + ": traversal 'day' is both day and day.csv (rename or remove one of them)");
 }
 
 TEST_F(PlainImages, PicturesWhereFoldersShouldBe) {
