@@ -39,6 +39,7 @@ class Bench {
 
   /// Environment steps per second of one training.
   double train(const std::string& agent, const std::string& steps, bool images) {
+    ++runs_;
     Service ask({CITYLEARN_POLICY_SERVICE, "--agent", agent, "--recommended-agents"}, folder_ / "agents");
     const std::string agents = std::to_string(std::stoi(ended_well(ask, "policy_service")));
     Arguments env = {CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--agents", agents};
@@ -48,7 +49,7 @@ class Bench {
     const auto host = start(env, "env.log");
     std::unique_ptr<Service> encoder;
     if (images) encoder = start({CITYLEARN_ENCODER_SERVICE, "--store", folder_ / "store"}, "encoder.log");
-    const std::string out = folder_ / ("out-" + std::to_string(++runs_));
+    const std::string out = folder_ / ("out-" + std::to_string(runs_));
     const auto policy = start({CITYLEARN_POLICY_SERVICE, "--agent", agent, "--steps", steps, "--tasks", "1",
                                "--evaluate", "summer", "--wait", "60", "--output", out},
                               "policy.log");
