@@ -28,6 +28,7 @@ constexpr milliseconds kIdle{50};  // between looks at `stop`
 constexpr milliseconds kBusy{5};   // between looks at what is done behind
 constexpr milliseconds kAskAgain{300};
 constexpr seconds kProgress{2};
+constexpr std::uint32_t kAnyDimension = 0xFFFFFFFF;         // traversal.idl
 constexpr std::size_t kBytesAhead = std::size_t{64} << 20;  // of a traversal's pictures that wait to be encoded
 
 std::uint64_t hash_of(const std::string& text) {
@@ -278,7 +279,8 @@ void EncoderService::on_observation(msg::Observation& observation) {
   Environment& environment = found->second;
   if (observation.header().incarnation() != environment.info.header().incarnation()) return;
   environment.heard = now_;
-  if (observation.encoder_incarnation() != 0 || !serving(environment)) return;
+  // Some are complete: from another encoder_service, or from an env_service that has its features by now.
+  if (observation.feature_dimension() != 0 || !serving(environment)) return;
   const auto route = routes_.find(observation.traversal_hash());
   if (route == routes_.end() || !route->second->ready) return;
   const Eigen::MatrixXf& features = route->second->features;
@@ -304,7 +306,7 @@ void EncoderService::on_request(const msg::TraversalRequest& request) {
   if (place == routes_.end() || !place->second->ready) return;
   const Route& route = *place->second;
   const auto dimension = static_cast<std::size_t>(route.features.rows());
-  if (request.feature_dimension() != dimension) return;
+  if (request.feature_dimension() != dimension && request.feature_dimension() != kAnyDimension) return;
   const auto each = static_cast<std::uint32_t>(msg::MAX_CHUNK / (sizeof(float) * (1 + dimension)));
   send_info(found->second);
   for (const std::uint32_t index : request.chunks()) {

@@ -14,13 +14,21 @@ constexpr std::uint32_t kMaxCount = 1u << 30;
 }  // namespace
 
 Environment::Environment(const Traversal& traversal, int agents)
-    : traversal_(traversal), traversal_hash_(traversal.hash()) {
+    : traversal_(traversal), traversal_hash_(traversal.hash()), dimension_(traversal.dimension) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
   if (static_cast<std::size_t>(agents) * traversal.dimension > msg::MAX_FEATURES)
     throw Error("agents x feature dimension is over " + std::to_string(msg::MAX_FEATURES) + " for one observation",
                 "agents", "host fewer agents in this env_service and start another one");
   agents_.resize(agents);
+}
+
+void Environment::set_features(int dimension, std::vector<float> features) {
+  if (agents_.size() * static_cast<std::size_t>(dimension) > msg::MAX_FEATURES)
+    throw Error("agents x feature dimension is over " + std::to_string(msg::MAX_FEATURES) + " for one observation",
+                "agents", "host fewer agents in this env_service and start another one");
+  dimension_ = dimension;
+  encoded_ = std::move(features);
 }
 
 void Environment::reset(const msg::TaskSettings& settings) {
@@ -149,7 +157,7 @@ void Environment::observe(msg::Observation& observation) const {
   observation.step() = step_;
   observation.traversal() = traversal_.name.c_str();
   observation.traversal_hash() = traversal_hash_;
-  observation.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
+  observation.feature_dimension() = static_cast<std::uint32_t>(dimension_);
   observation.frame().resize(count);
   observation.position().resize(count);
   observation.goal().resize(count);
@@ -157,7 +165,7 @@ void Environment::observe(msg::Observation& observation) const {
   observation.allowed().resize(count);
   observation.flags().resize(count);
   observation.reward().resize(count);
-  observation.features().resize(count * traversal_.dimension);
+  observation.features().resize(count * dimension_);
   for (std::size_t index = 0; index < count; ++index) {
     const Agent& agent = agents_[index];
     const std::uint32_t shown = first + (settings_.shuffle() ? agent.order[agent.frame] : agent.frame);
@@ -168,8 +176,8 @@ void Environment::observe(msg::Observation& observation) const {
     observation.allowed()[index] = allowed(agent.frame);
     observation.flags()[index] = agent.flags;
     observation.reward()[index] = agent.reward;
-    const std::span<const float> feature = traversal_.feature(static_cast<int>(shown));
-    std::copy(feature.begin(), feature.end(), observation.features().begin() + index * traversal_.dimension);
+    const std::span<const float> features = feature(static_cast<int>(shown));
+    std::copy(features.begin(), features.end(), observation.features().begin() + index * dimension_);
   }
 }
 

@@ -35,6 +35,17 @@ class Environment {
   /// IDLE, or max_steps or (EVALUATE) tasks are not 1..2^30.
   void reset(const msg::TaskSettings& settings);
 
+  /// From now on observations carry these features of the traversal's pictures: F x D, frame-major. Throws Error when
+  /// agents x D do not fit one observation.
+  void set_features(int dimension, std::vector<float> features);
+  /// D, of the traversal or as set; 0 when there are none.
+  int dimension() const { return dimension_; }
+  /// Features of a frame: D.
+  std::span<const float> feature(int frame) const {
+    const std::vector<float>& all = encoded_.empty() ? traversal_.features : encoded_;
+    return std::span(all).subspan(static_cast<std::size_t>(frame) * dimension_, dimension_);
+  }
+
   /// One action per agent. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
   void step(std::span<const std::uint8_t> actions);
 
@@ -63,6 +74,8 @@ class Environment {
 
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;
+  int dimension_;
+  std::vector<float> encoded_;  ///< set_features
   msg::TaskSettings settings_;
   std::vector<Agent> agents_;
   std::vector<Episode> finished_;

@@ -86,7 +86,10 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
   if (!slot) slot = std::make_unique<Seat>();
   Seat& seat = *slot;
   seat.heard = Clock::now();
+  // An env_service that got its features from an encoder_service announces them itself, but not who made them.
+  const std::string encoder = !fresh && info.images() ? seat.info.encoder().c_str() : "";
   seat.info = info;
+  if (seat.info.encoder().size() == 0) seat.info.encoder() = encoder.c_str();
   if (fresh) {
     spdlog::info("{} '{}' joins: traversal {} of {}, {} frames x {} features, {} agents",
                  seat.settings.settings().version() == 0 ? "env_service" : "restarted env_service",
