@@ -74,6 +74,12 @@ class Node {
   void listen() {
     subscription(topic_of<Message>());
   }
+  /// Ends what listen() or take() began; they may begin it again.
+  template <class Message>
+  void ignore() {
+    if (const auto channel = channels_.find(&topic_of<Message>()); channel != channels_.end())
+      channel->second.subscription.reset();
+  }
   template <class Message>
   int readers() {
     return publisher(topic_of<Message>()).publisher->matched();

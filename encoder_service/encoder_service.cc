@@ -115,6 +115,7 @@ class EncoderService {
   void reduce(Route& route);
   void ask();
   void decide_who_serves();
+  void listen_when_needed();
   void send_info(const Environment& environment);
   void report();
 
@@ -151,6 +152,8 @@ class EncoderService {
   Clock::time_point now_, next_report_{};
   std::uint64_t encoded_ = 0;   // frames
   std::uint64_t reported_ = 0;  // of them, before the last report
+
+  bool listening_ = true;  // to observations
 
   msg::TraversalInfo info_;
   msg::Observation observation_;
@@ -212,6 +215,7 @@ void EncoderService::run(const std::function<bool()>& stop) {
     advance();
     ask();
     decide_who_serves();
+    listen_when_needed();
     if (now_ >= next_report_) report();
     node_.wait(now_ + (busy() ? kBusy : kIdle));
   }
@@ -224,7 +228,7 @@ void EncoderService::run(const std::function<bool()>& stop) {
 
 void EncoderService::take_all() {
   now_ = Clock::now();
-  while (node_.take(observation_)) on_observation(observation_);
+  while (listening_ && node_.take(observation_)) on_observation(observation_);
   while (node_.take(info_)) on_info(info_);
   while (node_.take(status_)) on_status(status_);
   while (node_.take(request_)) on_request(request_);
@@ -651,6 +655,21 @@ void EncoderService::decide_who_serves() {
     spdlog::info("serves '{}'", id);
     send_info(environment);
   }
+}
+
+/// Once all env_services have their features themselves, their observations are no business of ours; thousands a second
+/// would cost them and us time.
+void EncoderService::listen_when_needed() {
+  const bool needed =
+      environments_.empty() || std::any_of(environments_.begin(), environments_.end(), [this](const auto& entry) {
+        return alive(entry.second) && entry.second.info.feature_dimension() == 0;
+      });
+  if (needed == listening_) return;
+  listening_ = needed;
+  if (needed)
+    node_.listen<msg::Observation>();
+  else
+    node_.ignore<msg::Observation>();
 }
 
 void EncoderService::send_info(const Environment& environment) {
