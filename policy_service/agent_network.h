@@ -32,16 +32,28 @@ struct NetworkInputs {
   int steps = 0;              ///< T
   int agents = 0;             ///< B
   int frames = 0;             ///< places in use, <= N; fewer in a curriculum's early lessons
-  Matrix<S> features;         ///< D x TB
+  int distinct = 0;           ///< U, different things seen
+  Matrix<S> features;         ///< D x at least U: each thing seen stands here once, and is worked on once
+  std::vector<int> seen;      ///< TB, column of `features`
+  std::vector<int> shown;     ///< TB, place whose frame it is, 0..N-1; -1: a thing of its own (a disguised frame)
   std::vector<int> goal;      ///< TB, place on the route, 0..N-1
   std::vector<int> position;  ///< TB, place on the route: what the baseline sees, and a target of losses
   std::vector<std::uint8_t> previous_action;  ///< TB, kNoAction at an episode's start
   std::vector<std::uint8_t> allowed;          ///< TB, bit a = action a allowed
   std::vector<std::uint8_t> first;            ///< TB, 1 = first observation of an episode: the state before it is wiped
 
+  /// Nothing is seen yet. Keeps the room it has.
   void resize(int feature_dimension, int step_count, int agent_count);
-  /// Copies column `from` of `source` to column `to`.
+  /// What `column` sees, D numbers; once for each column. The same `place` (unless -1) means the same numbers.
+  void see(std::ptrdiff_t column, int place, const Eigen::Ref<const Vector<S>>& numbers);
+  /// Copies column `from` of `source` to column `to`, which has seen nothing yet.
   void copy_column(const NetworkInputs& source, std::ptrdiff_t from, std::ptrdiff_t to);
+  /// What `column` sees.
+  auto features_of(std::ptrdiff_t column) const { return features.col(seen[static_cast<std::size_t>(column)]); }
+  auto features_of(std::ptrdiff_t column) { return features.col(seen[static_cast<std::size_t>(column)]); }
+
+ private:
+  std::vector<int> column_of_;  ///< by place, column of `features`; -1: not seen
 };
 
 /// One named tensor within the flat vector of parameters, column-major.

@@ -13,7 +13,9 @@ namespace citylearn {
 /// What a learner is built for.
 struct LearnerTask {
   const AgentNetwork<float>& network;  ///< must outlive the learner
-  int frames = 128;                    ///< N, places on the route
+  std::string agent;                   ///< the network's name,
+  Parameters parameters;               ///< its own,
+  const NetworkTask& task;             ///< and what it was built for; outlives the learner
   std::uint64_t seed = 1;              ///< of the parameters' start and of the learner's own draws
   std::uint64_t total_steps = 0;       ///< environment steps of the whole run, for schedules
 };

@@ -23,9 +23,9 @@ std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Rand
   return static_cast<std::uint8_t>(action);
 }
 
-void read_observation(const msg::Observation& observation, int features, int first_frame, int frames,
+void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
                       NetworkInputs<float>& inputs) {
-  const std::size_t agents = observation.frame().size();
+  const std::size_t agents = observation.goal().size();
   if (observation.feature_dimension() != static_cast<std::uint32_t>(features))
     throw Error(
         "is " + std::to_string(observation.feature_dimension()) + ", the agent needs " + std::to_string(features),
@@ -34,7 +34,7 @@ void read_observation(const msg::Observation& observation, int features, int fir
     throw Error(
         "are " + std::to_string(observation.features().size()) + " numbers for " + std::to_string(agents) + " agents",
         "Observation.features");
-  for (const std::size_t size : {observation.position().size(), observation.goal().size(), observation.allowed().size(),
+  for (const std::size_t size : {observation.frame().size(), observation.position().size(), observation.allowed().size(),
                                  observation.previous_action().size(), observation.flags().size()})
     if (size != agents) throw Error("differ in length", "Observation's sequences");
   inputs.resize(features, 1, static_cast<int>(agents));
@@ -54,8 +54,11 @@ void read_observation(const msg::Observation& observation, int features, int fir
     inputs.allowed[a] = observation.allowed()[a];
     if ((inputs.allowed[a] & ((1u << kActions) - 1)) == 0) throw Error("no action is allowed", "Observation.allowed");
     inputs.first[a] = (observation.flags()[a] & msg::FLAG_FIRST) != 0;
+    const std::int64_t shown = std::int64_t{observation.frame()[a]} - first_frame;
+    const Eigen::Map<const Vector<float>> numbers(observation.features().data() + a * static_cast<std::size_t>(features),
+                                                  features);
+    inputs.see(static_cast<std::ptrdiff_t>(a), own || shown < 0 || shown >= frames ? -1 : static_cast<int>(shown), numbers);
   }
-  std::copy(observation.features().begin(), observation.features().end(), inputs.features.data());
 }
 
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
@@ -65,7 +68,7 @@ NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
       workspace_(agent_.network->make_workspace()) {}
 
 void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, inputs_);
+  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, false, inputs_);
   if (state_.cols() != inputs_.agents) state_.setZero(agent_.network->state_size(), inputs_.agents);
   agent_.network->forward(agent_.parameters, inputs_, state_, *workspace_);
   state_ = workspace_->state;

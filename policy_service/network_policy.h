@@ -14,10 +14,11 @@ namespace citylearn {
 /// Draws an allowed action from masked logits; `log_probability` gets its logarithm. Uses one number of `random`.
 std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Random& random, float& log_probability);
 
-/// Fills `inputs` (one step, all agents) from an observation of a route of `frames` places from `first_frame` on.
+/// Fills `inputs` (one step, all agents) from an observation of a route of `frames` places from `first_frame` on. With
+/// `own` every agent gets features of its own, to be changed by the caller; else agents shown one frame share them.
 /// Throws Error naming the field when the observation has another number of features or agents, or a frame beside the
 /// route.
-void read_observation(const msg::Observation& observation, int features, int first_frame, int frames,
+void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
                       NetworkInputs<float>& inputs);
 
 /// Acts from fixed parameters, the recurrent state kept along each episode.

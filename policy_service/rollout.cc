@@ -5,6 +5,7 @@ namespace citylearn {
 void Rollout::resize(int feature_dimension, int state_size, int steps, int agents, int sequence_length) {
   sequence = sequence_length;
   inputs.resize(feature_dimension, steps, agents);
+  next.resize(feature_dimension, 1, agents);
   states.resize(state_size, sequences());
   const std::size_t columns = static_cast<std::size_t>(steps) * static_cast<std::size_t>(agents);
   for (std::vector<float>* part : {&log_probability, &value, &reward, &final_value, &advantage, &target})

@@ -14,6 +14,7 @@ struct Rollout {
 
   int sequence = 0;                    ///< L
   NetworkInputs<float> inputs;         ///< T, A and what was seen
+  NetworkInputs<float> next;           ///< one step: what was seen after the last action
   Matrix<float> states;                ///< state_size x sequences: the recurrent state before each sequence
   std::vector<std::uint8_t> action;    ///< TA, taken
   std::vector<float> log_probability;  ///< TA, of the action when it was taken

@@ -101,6 +101,7 @@ struct Trainer::Parts {
   Vector<float> noise;  // of one frame
   Worker worker;
 
+  bool disguises() const { return noise_episode > 0 || noise_frame > 0; }
   const Lesson& lesson() const { return lessons[static_cast<std::size_t>(progress.lesson)]; }
   Seat& seat(int environment) {
     const auto found = seats.find(environment);
@@ -109,14 +110,20 @@ struct Trainer::Parts {
   }
 
   void begin(Seat& seat) {
-    seat.tick = 0;
     seat.step = 0;
-    seat.full = false;
     seat.finished.clear();
     seat.agent.assign(static_cast<std::size_t>(seat.agents), Agent{});
     seat.state.setZero(network->state_size(), seat.agents);
     seat.appearance.setZero(task.features, seat.agents);
-    seat.rollout.inputs.frames = lesson().frames;
+    begin_segment(seat);
+  }
+  void begin_segment(Seat& seat) {
+    seat.full = false;
+    seat.tick = 0;
+    for (NetworkInputs<float>* inputs : {&seat.rollout.inputs, &seat.rollout.next}) {
+      inputs->resize(task.features, inputs->steps, inputs->agents);
+      inputs->frames = lesson().frames;
+    }
   }
   void begin_cut() {
     ++cut;
@@ -125,7 +132,8 @@ struct Trainer::Parts {
 
   void check(const Seat& seat, const msg::Observation& observation) const;
   void end_action(Seat& seat, const msg::Observation& observation);
-  float final_value(Seat& seat, std::ptrdiff_t agent, std::uint8_t action, const Vector<float>& features);
+  float final_value(Seat& seat, std::ptrdiff_t agent, std::uint8_t action, int position, std::uint8_t allowed,
+                    const Eigen::Ref<const Vector<float>>& features);
   void begin_episode(Seat& seat, std::size_t agent);
   void disguise(const Seat& seat, std::ptrdiff_t agent, Random& random, Eigen::Ref<Vector<float>> features);
   void evaluate(Seat& seat);
@@ -200,8 +208,9 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts
   if (options.curriculum) p.lessons = curriculum_of(task.frames, p.options.max_steps);
   p.network = chosen.network->create(p.network_parameters, p.task);
   p.shared_network = chosen.network->create(p.network_parameters, p.task);
-  p.learner =
-      chosen.learner->create(p.learner_parameters, LearnerTask{*p.network, task.frames, options.seed, p.total_steps});
+  p.learner = chosen.learner->create(
+      p.learner_parameters,
+      LearnerTask{*p.network, options.agent, p.network_parameters, p.task, options.seed, p.total_steps});
   p.progress.reward = p.progress.spl = std::numeric_limits<double>::quiet_NaN();
 }
 
@@ -220,11 +229,10 @@ void Trainer::add(int environment, int agents) {
   for (int which = 0; which < 2; ++which) {
     Parts::Half& half = seat.halves[static_cast<std::size_t>(which)];
     const int count = which == 0 ? middle : agents - middle;
-    half.inputs.resize(p.task.features, 1, count);
+    half.inputs.agents = count;
     half.state.resize(p.network->state_size(), count);
     half.workspace = p.network->make_workspace();
   }
-  seat.single.inputs.resize(p.task.features, 1, 1);
   seat.single.workspace = p.network->make_workspace();
   p.begin(seat);
 }
@@ -261,13 +269,13 @@ bool Trainer::act(int environment, const msg::Observation& observation, std::vec
   if (seat.full) throw Error("its segment is full", "environment " + std::to_string(environment));
   p.check(seat, observation);
   const auto agents = static_cast<std::size_t>(seat.agents);
-  read_observation(observation, p.task.features, p.options.first_frame, p.lesson().frames, seat.seen);
+  read_observation(observation, p.task.features, p.options.first_frame, p.lesson().frames, p.disguises(), seat.seen);
   if (seat.step > 0) p.end_action(seat, observation);  // only now: what does not fit has changed nothing
   for (std::size_t agent = 0; agent < agents; ++agent) {
     if (seat.seen.first[agent]) p.begin_episode(seat, agent);
     Random random{p.options.seed, kFrameAppearance, static_cast<std::uint64_t>(seat.id), p.cut, seat.step, agent};
     const auto column = static_cast<std::ptrdiff_t>(agent);
-    p.disguise(seat, column, random, seat.seen.features.col(column));
+    p.disguise(seat, column, random, seat.seen.features_of(column));
   }
   ++seat.step;
   p.evaluate(seat);
@@ -275,6 +283,7 @@ bool Trainer::act(int environment, const msg::Observation& observation, std::vec
     p.decide(seat, choice);
     return true;
   }
+  for (std::ptrdiff_t agent = 0; agent < seat.agents; ++agent) seat.rollout.next.copy_column(seat.seen, agent, agent);
   for (int which = 0, agent = 0; which < 2; ++which) {
     const auto& values = seat.halves[static_cast<std::size_t>(which)].workspace->heads.values;
     for (std::ptrdiff_t column = 0; column < values.cols(); ++column)
@@ -323,10 +332,9 @@ void Trainer::Parts::end_action(Seat& seat, const msg::Observation& observation)
       // The agent stands where the episode was cut, so that the new observation shows what would have been seen next.
       const Eigen::Map<const Vector<float>> features(
           observation.features().data() + static_cast<std::ptrdiff_t>(index) * task.features, task.features);
-      seat.single.inputs.position[0] = static_cast<int>(observation.position()[index]) - options.first_frame;
-      seat.single.inputs.allowed[0] = observation.allowed()[index];
-      rollout.final_value[row + index] =
-          final_value(seat, static_cast<std::ptrdiff_t>(index), rollout.action[row + index], features);
+      rollout.final_value[row + index] = final_value(
+          seat, static_cast<std::ptrdiff_t>(index), rollout.action[row + index],
+          static_cast<int>(observation.position()[index]) - options.first_frame, observation.allowed()[index], features);
     }
     if (!terminated && !truncated) continue;
     const double shortest = std::abs(agent.goal - agent.start);
@@ -335,17 +343,20 @@ void Trainer::Parts::end_action(Seat& seat, const msg::Observation& observation)
   }
 }
 
-float Trainer::Parts::final_value(Seat& seat, std::ptrdiff_t agent, std::uint8_t action,
-                                  const Vector<float>& features) {
+float Trainer::Parts::final_value(Seat& seat, std::ptrdiff_t agent, std::uint8_t action, int position,
+                                  std::uint8_t allowed, const Eigen::Ref<const Vector<float>>& features) {
   NetworkInputs<float>& inputs = seat.single.inputs;
+  inputs.resize(task.features, 1, 1);
   inputs.frames = lesson().frames;
-  inputs.features = features;
+  inputs.see(0, -1, features);
+  inputs.position[0] = position;
+  inputs.allowed[0] = allowed;
   inputs.goal[0] = seat.agent[static_cast<std::size_t>(agent)].goal;
   inputs.previous_action[0] = action;
   inputs.first[0] = 0;
   Random random{options.seed, kFrameAppearance, static_cast<std::uint64_t>(seat.id),
                 cut,          seat.step,        static_cast<std::uint64_t>(agent)};
-  disguise(seat, agent, random, inputs.features.col(0));
+  disguise(seat, agent, random, inputs.features_of(0));
   seat.single.state = seat.state.col(agent);
   network->forward(learner->parameters(), inputs, seat.single.state, *seat.single.workspace);
   return seat.single.workspace->heads.values(0, 0);
@@ -358,7 +369,7 @@ void Trainer::Parts::begin_episode(Seat& seat, std::size_t index) {
   agent.steps = 0;
   agent.reward = 0;
   ++agent.episode;
-  if (noise_episode <= 0 && noise_frame <= 0) return;
+  if (!disguises()) return;
   Random random{options.seed, kEpisodeAppearance, static_cast<std::uint64_t>(seat.id), cut, index, agent.episode};
   agent.strength = static_cast<float>(random.uniform());
   fill_noise(random, seat.appearance.col(static_cast<std::ptrdiff_t>(index)));
@@ -367,7 +378,7 @@ void Trainer::Parts::begin_episode(Seat& seat, std::size_t index) {
 /// x' = x + u f n + u e m, brought back to the length of x: n is noise of the frame, m and u are the episode's.
 void Trainer::Parts::disguise(const Seat& seat, std::ptrdiff_t index, Random& random,
                               Eigen::Ref<Vector<float>> features) {
-  if (noise_episode <= 0 && noise_frame <= 0) return;
+  if (!disguises()) return;
   const float length = features.norm(), strength = seat.agent[static_cast<std::size_t>(index)].strength * length;
   noise.resize(features.size());
   fill_noise(random, noise);
@@ -382,6 +393,7 @@ void Trainer::Parts::evaluate(Seat& seat) {
     Half& half = seat.halves[static_cast<std::size_t>(which)];
     const std::ptrdiff_t count = half.inputs.agents, begin = which == 0 ? 0 : seat.agents - count;
     if (count == 0) return;
+    half.inputs.resize(task.features, 1, static_cast<int>(count));
     half.inputs.frames = lesson().frames;
     for (std::ptrdiff_t agent = 0; agent < count; ++agent) half.inputs.copy_column(seat.seen, begin + agent, agent);
     half.state = seat.state.middleCols(begin, count);
@@ -424,10 +436,7 @@ UpdateFigures Trainer::update() {
   }
   const UpdateFigures figures = p.learner->update(rollouts);
   ++p.progress.updates;
-  for (auto& [id, seat] : p.seats) {
-    seat.full = false;
-    seat.tick = 0;
-  }
+  for (auto& [id, seat] : p.seats) p.begin_segment(seat);
   p.count_episodes();
   return figures;
 }

@@ -222,7 +222,7 @@ void products() {
     NetworkInputs<float> inputs;
     inputs.resize(kDimension, steps, agents);
     inputs.frames = task.frames;
-    inputs.features.setRandom();
+    for (int column = 0; column < columns; ++column) inputs.see(column, -1, Vector<float>::Random(kDimension));
     std::fill(inputs.goal.begin(), inputs.goal.end(), 0);
     std::fill(inputs.previous_action.begin(), inputs.previous_action.end(), kStay);
     std::fill(inputs.allowed.begin(), inputs.allowed.end(), std::uint8_t{7});

@@ -19,7 +19,7 @@ class Ppo : public Learner {
  public:
   Ppo(const Parameters& parameters, const LearnerTask& task)
       : network_(task.network),
-        frames_(task.frames),
+        frames_(task.task.frames),
         seed_(task.seed),
         total_steps_(static_cast<double>(task.total_steps)),
         learning_rate_(parameters["learning-rate"]),

@@ -26,11 +26,12 @@ class Features : public LstmNetwork<S> {
 
  protected:
   void sense(const NetworkInputs<S>& inputs, Matrix<S>& sensed) const override {
-    sensed.topRows(sensed.rows() - 1) = scale_ * inputs.features;
-    for (std::ptrdiff_t column = 0; column < sensed.cols(); ++column)
+    for (std::ptrdiff_t column = 0; column < sensed.cols(); ++column) {
+      const auto index = static_cast<std::size_t>(column);
+      sensed.col(column).head(sensed.rows() - 1) = scale_ * inputs.features_of(column);
       sensed(sensed.rows() - 1, column) =
-          goal_scale_ *
-          (static_cast<S>(inputs.goal[static_cast<std::size_t>(column)]) / static_cast<S>(frames_) - S(0.5));
+          goal_scale_ * (static_cast<S>(inputs.goal[index]) / static_cast<S>(frames_) - S(0.5));
+    }
   }
 
  private:

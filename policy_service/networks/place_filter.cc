@@ -60,12 +60,11 @@ class PlaceFilter : public AgentNetwork<S> {
                Workspace<S>& workspace) const override {
     Work& work = static_cast<Work&>(workspace);
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
-    for (Matrix<S>* part : {&work.similarity, &work.moved, &work.log_prior, &work.belief})
-      part->resize(places_, columns);
+    for (Matrix<S>* part : {&work.moved, &work.log_prior, &work.belief}) part->resize(places_, columns);
     work.head_input.setZero(kInputs, columns);
     const Scalars s = scalars(parameters);
 
-    work.similarity.noalias() = keys_ * inputs.features;
+    work.similarity.noalias() = keys_ * inputs.features.leftCols(inputs.distinct);
     for (std::ptrdiff_t column = 0; column < columns; ++column) {
       const std::size_t index = static_cast<std::size_t>(column);
       auto moved = work.moved.col(column);
@@ -82,7 +81,7 @@ class PlaceFilter : public AgentNetwork<S> {
       log_prior = ((S(1) - s.floor) * moved.array() + s.floor / static_cast<S>(places_)).log();
       auto belief = work.belief.col(column);
       const std::uint8_t allowed = inputs.allowed[index];
-      belief = s.persistence * log_prior + s.features * work.similarity.col(column);
+      belief = s.persistence * log_prior + s.features * work.similarity.col(inputs.seen[index]);
       belief.array() -= s.mask * static_cast<S>(mask_distance(allowed, kInside));
       belief(0) += s.mask * static_cast<S>(mask_distance(allowed, kInside) - mask_distance(allowed, kFirstPlace));
       belief(inputs.frames - 1) +=
@@ -146,7 +145,7 @@ class PlaceFilter : public AgentNetwork<S> {
 
       const std::uint8_t allowed = inputs.allowed[index];
       const std::ptrdiff_t last = inputs.frames - 1;
-      ds.features += by_energy.dot(work.similarity.col(column));
+      ds.features += by_energy.dot(work.similarity.col(inputs.seen[index]));
       ds.goal -= by_energy(goal);
       ds.mask -= static_cast<S>(mask_distance(allowed, kInside)) * by_energy.sum() +
                  static_cast<S>(mask_distance(allowed, kFirstPlace) - mask_distance(allowed, kInside)) * by_energy(0) +
@@ -180,7 +179,8 @@ class PlaceFilter : public AgentNetwork<S> {
     S features, mask, persistence, floor, goal;
   };
   struct Work : Workspace<S> {
-    Matrix<S> similarity, moved, log_prior, belief;  // N x TB
+    Matrix<S> similarity;                            // N x U
+    Matrix<S> moved, log_prior, belief;              // N x TB
     Matrix<S> belief_gradient;                       // N x TB
     Matrix<S> head_input, input_gradient;            // 8 x TB
     Matrix<S> layer1, layer2, layer_gradient;        // units x TB

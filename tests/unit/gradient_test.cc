@@ -42,8 +42,10 @@ NetworkInputs<double> some_inputs(const NetworkTask& task, int frames) {
       inputs.previous_action[index] =
           first ? std::uint8_t{kNoAction} : static_cast<std::uint8_t>(random.below(kActions));
       inputs.allowed[index] = position == 0 ? 0b011 : position == frames - 1 ? 0b101 : 0b111;
-      inputs.features.col(t * kAgents + b) = task.reference.col(position).cast<double>();
-      for (double& value : inputs.features.col(t * kAgents + b)) value += 0.1 * random.normal();
+      Vector<double> features = task.reference.col(position).cast<double>();
+      const bool disguised = random.below(2);  // else it is shared with whoever stands there
+      for (double& value : features) value += disguised ? 0.1 * random.normal() : 0;
+      inputs.see(t * kAgents + b, disguised ? -1 : position, features);
     }
   return inputs;
 }

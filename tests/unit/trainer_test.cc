@@ -205,14 +205,14 @@ TEST(Trainer, DisguisesFramesTheSameWayAllThroughAnEpisode) {
   const Rollout& r = Recorder::last;
   bool differs = false;
   for (int column = 0; column < 96; ++column) {
-    EXPECT_NEAR(r.inputs.features.col(column).norm(), 1, 1e-5);
+    EXPECT_NEAR(r.inputs.features_of(column).norm(), 1, 1e-5);
     for (int earlier = column % 4; earlier < column; earlier += 4) {
       const auto c = static_cast<std::size_t>(column), e = static_cast<std::size_t>(earlier);
       if (r.inputs.position[c] != r.inputs.position[e]) continue;
       bool same_episode = true;
       for (int between = earlier + 4; between <= column; between += 4)
         same_episode &= !r.inputs.first[static_cast<std::size_t>(between)];
-      const bool alike = r.inputs.features.col(column).isApprox(r.inputs.features.col(earlier), 1e-5f);
+      const bool alike = r.inputs.features_of(column).isApprox(r.inputs.features_of(earlier), 1e-5f);
       if (same_episode) {
         EXPECT_TRUE(alike);
       }
