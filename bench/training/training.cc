@@ -1,4 +1,6 @@
 // How fast, and how well, does an agent learn with nothing between environment and trainer? (README.md)
+#include <malloc.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
@@ -12,6 +14,7 @@
 #include "env_service/environment.h"
 #include "policy_service/network_policy.h"
 #include "policy_service/trainer.h"
+#include "policy_service/worker.h"
 
 namespace citylearn {
 namespace {
@@ -27,7 +30,7 @@ struct Options {
   std::vector<std::string> set;  ///< name=value, of network, learner or trainer
   int frames = 128, environments = 1, agents = 0, tasks = 2000, evaluate_every = 0, print_every = 10;
   double time_limit = 0;
-  bool shuffled = false, products = false;
+  bool shuffled = false, products = false, updates = false, places = false;
   std::string save;
 };
 
@@ -212,8 +215,8 @@ void products() {
   network->initialise(random, parameters);
   gradient.setZero(parameters.size());
   std::printf("%-34s %10s %10s %10s   one thread, GFLOP/s\n", "", "product", "forward", "backward");
-  for (const auto& [steps, agents] :
-       {std::array{1, 8}, std::array{1, 16}, std::array{1, 32}, std::array{32, 32}, std::array{64, 16}}) {
+  for (const auto& [steps, agents] : {std::array{1, 8}, std::array{1, 16}, std::array{1, 32}, std::array{64, 4},
+                                      std::array{64, 8}, std::array{64, 16}}) {
     const int columns = steps * agents;
     const Matrix<float> weights = Matrix<float>::Random(4 * kCells, kHidden),
                         right = Matrix<float>::Random(kHidden, columns);
@@ -245,6 +248,166 @@ void products() {
   }
 }
 
+/// The matrix products of one forward and backward pass of the paper's network over L steps of B sequences, with
+/// nothing around them.
+class BareProducts {
+ public:
+  BareProducts(int sensors, int hidden, int cells, int extra, int steps, int sequences)
+      : cells_(cells), steps_(steps), sequences_(sequences) {
+    const int columns = steps * sequences, gates = 4 * cells;
+    const auto random = [](int rows, int cols) { return Matrix<float>(Matrix<float>::Random(rows, cols)); };
+    sensor_ = random(hidden, sensors), input_ = random(gates, hidden + extra), recurrent_ = random(gates, cells);
+    back_ = random(cells, gates), head_ = random(kActions + 3, cells);
+    sensed_ = random(sensors, columns), embedded_ = random(hidden + extra, columns), gates_ = random(gates, columns);
+    h_ = random(cells, columns), out_ = random(kActions + 3, columns), hidden_ = random(hidden, columns);
+  }
+  void run() {
+    hidden_.noalias() = sensor_ * sensed_;
+    gates_.noalias() = input_ * embedded_;
+    for (int t = 0; t < steps_; ++t) columns(gates_, t).noalias() = recurrent_ * columns(h_, t);
+    out_.noalias() = head_ * h_;
+    head_gradient_.noalias() = out_ * h_.transpose();
+    h_gradient_.noalias() = head_.transpose() * out_;
+    for (int t = 1; t < steps_; ++t) carried_.noalias() = back_ * columns(gates_, t);
+    recurrent_gradient_.noalias() = gates_ * h_.transpose();
+    input_gradient_.noalias() = gates_ * embedded_.transpose();
+    hidden_gradient_.noalias() = input_.leftCols(hidden_.rows()).transpose() * gates_;
+    sensor_gradient_.noalias() = hidden_gradient_ * sensed_.transpose();
+  }
+
+ private:
+  Eigen::Block<Matrix<float>> columns(Matrix<float>& all, int t) {
+    return all.block(0, t * sequences_, all.rows(), sequences_);
+  }
+  int cells_, steps_, sequences_;
+  Matrix<float> sensor_, input_, recurrent_, back_, head_, sensed_, embedded_, gates_, h_, out_, hidden_;
+  Matrix<float> head_gradient_, h_gradient_, carried_, recurrent_gradient_, input_gradient_, hidden_gradient_,
+      sensor_gradient_;
+};
+
+/// What a learner's update costs beside the bare matrix products in it, both on two threads.
+void updates(const Options& options) {
+  constexpr int kDimension = 64, kAgents = 32, kSteps = 64;
+  for (const int cells : {256, 64}) {
+    NetworkTask task;
+    task.features = kDimension;
+    const auto& entry = NetworkRegistry<float>::instance().find("network", "features");
+    const Parameters network_parameters("features", entry.parameters, {{"cells", cells}});
+    const auto network = entry.create(network_parameters, task);
+    std::map<std::string, double> values =
+        Trainer::recommended_parameters("features", options.trainer.learner)["learner"];
+    const auto& learner_entry = LearnerRegistry::instance().find("learner", options.trainer.learner);
+    const Parameters parameters("learner", learner_entry.parameters, values);
+    const auto learner =
+        learner_entry.create(parameters, LearnerTask{*network, "features", network_parameters, task, 1, 1u << 30});
+
+    Random random{1};
+    Rollout rollout;
+    rollout.resize(kDimension, network->state_size(), kSteps, kAgents, kSteps);
+    rollout.inputs.frames = rollout.next.frames = task.frames;
+    rollout.states.setZero();
+    Vector<float> features(kDimension);
+    const auto fill = [&](NetworkInputs<float>& inputs) {
+      for (int column = 0; column < inputs.steps * inputs.agents; ++column) {
+        const auto index = static_cast<std::size_t>(column);
+        for (float& value : features) value = static_cast<float>(random.normal());
+        inputs.see(column, -1, features.normalized());
+        inputs.goal[index] = static_cast<int>(random.below(128));
+        inputs.position[index] = static_cast<int>(random.below(128));
+        inputs.previous_action[index] = kStay;
+        inputs.allowed[index] = 7;
+        inputs.first[index] = 0;
+      }
+    };
+    fill(rollout.inputs);
+    fill(rollout.next);
+    for (std::size_t i = 0; i < rollout.action.size(); ++i) {
+      rollout.action[i] = static_cast<std::uint8_t>(random.below(3));
+      rollout.log_probability[i] = -1.1f;
+      rollout.reward[i] = static_cast<float>(random.normal());
+    }
+    Rollout* const rollouts[] = {&rollout};
+    const int epochs = static_cast<int>(values.at("epochs")), minibatch = static_cast<int>(values.at("minibatch"));
+    std::vector<BareProducts> bare(2, {kDimension + 1, 512, cells, 2 * kActions, kSteps, minibatch / 2});
+    Worker worker;
+    const auto multiply = [&] {
+      for (int i = 0; i < epochs * kAgents / minibatch; ++i)
+        worker.both([&](int which) { bare[static_cast<std::size_t>(which)].run(); });
+    };
+    double update = 0, product = 0;
+    learner->update(rollouts);
+    multiply();
+    const Clock::time_point start = Clock::now();
+    int times = 0;
+    for (; since(start) < 5; ++times) {  // by turns, so that both meet the same machine
+      Clock::time_point begin = Clock::now();
+      learner->update(rollouts);
+      update += since(begin);
+      begin = Clock::now();
+      multiply();
+      product += since(begin);
+    }
+    std::printf(
+        "features, %3d cells, %d epochs of minibatches of %d: update %.1f ms, its products alone %.1f ms, ratio %.2f; "
+        "%.0f steps/s learned from\n",
+        cells, epochs, minibatch, 1e3 * update / times, 1e3 * product / times, update / product,
+        times * kSteps * kAgents / update);
+  }
+}
+
+/// Time and memory of place_filter as the route grows: both should follow N.
+void places() {
+  constexpr int kDimension = 64, kSteps = 64, kAgents = 8;
+  double first_time = 0, first_memory = 0;
+  for (const int places : {128, 256, 512, 1024, 2048, 4096}) {
+    NetworkTask task;
+    task.features = kDimension;
+    task.frames = places;
+    task.reference = Matrix<float>::Random(kDimension, places).colwise().normalized();
+    const auto& entry = NetworkRegistry<float>::instance().find("network", "place_filter");
+    const std::size_t before = mallinfo2().uordblks + mallinfo2().hblkhd;
+    const auto network = entry.create(Parameters("place_filter", entry.parameters, {}), task);
+    Random random{1};
+    Vector<float> parameters, gradient;
+    network->initialise(random, parameters);
+    gradient.setZero(parameters.size());
+    NetworkInputs<float> inputs;
+    inputs.resize(kDimension, kSteps, kAgents);
+    inputs.frames = places;
+    for (int column = 0; column < kSteps * kAgents; ++column) {
+      const auto index = static_cast<std::size_t>(column);
+      const int place = static_cast<int>(random.below(static_cast<std::uint64_t>(places)));
+      inputs.see(column, -1, task.reference.col(place));
+      inputs.position[index] = place;
+      inputs.goal[index] = static_cast<int>(random.below(static_cast<std::uint64_t>(places)));
+      inputs.previous_action[index] = kStay;
+      inputs.allowed[index] = 7;
+      inputs.first[index] = column < kAgents;
+    }
+    const Matrix<float> state = Matrix<float>::Zero(network->state_size(), kAgents);
+    Heads<float> derivative;
+    derivative.logits.setRandom(kActions, kSteps * kAgents);
+    derivative.values.setRandom(1, kSteps * kAgents);
+    const auto workspace = network->make_workspace();
+    const auto pass = [&] {
+      network->forward(parameters, inputs, state, *workspace);
+      network->backward(parameters, inputs, *workspace, derivative, gradient);
+    };
+    pass();
+    const double memory = static_cast<double>(mallinfo2().uordblks + mallinfo2().hblkhd - before);
+    const Clock::time_point start = Clock::now();
+    int times = 0;
+    for (; since(start) < 0.5; ++times) pass();
+    const double time = since(start) / times / (kSteps * kAgents);
+    if (first_time == 0) first_time = time, first_memory = memory;
+    const double growth = places / 128.0;
+    std::printf(
+        "N = %4d: %6.2f us a step forward and back, %6.2f MB; per place %.2f of the time and %.2f of the memory at N = "
+        "128\n",
+        places, 1e6 * time, 1e-6 * memory, time / first_time / growth, memory / first_memory / growth);
+  }
+}
+
 int run(int argc, char** argv) {
   Options options;
   CLI::App app("Trains and evaluates an agent in one process, without the wire");
@@ -267,8 +430,19 @@ int run(int argc, char** argv) {
   app.add_option("--time-limit", options.time_limit, "seconds of training; 0 = none");
   app.add_option("--save", options.save, "checkpoint to write at the end");
   app.add_flag("--shuffled", options.shuffled, "evaluate on shuffled frames too");
+  app.add_flag("--updates", options.updates,
+               "measure a learner's updates beside the bare products in them, train nothing");
+  app.add_flag("--places", options.places, "measure place_filter on longer and longer routes, train nothing");
   app.add_flag("--products", options.products, "measure matrix products and the network's passes, train nothing");
   CLI11_PARSE(app, argc, argv);
+  if (options.places) {
+    places();
+    return 0;
+  }
+  if (options.updates) {
+    updates(options);
+    return 0;
+  }
   if (options.products) {
     products();
     return 0;

@@ -135,7 +135,8 @@ class LstmNetwork : public AgentNetwork<S> {
       work.h_gradient.noalias() += layout_.view(parameters, whereabouts_weights_).transpose() * derivative.whereabouts;
     }
 
-    const auto recurrent = layout_.view(parameters, recurrent_weights_);
+    // A narrow product with a transposed matrix runs at half the speed of one with the matrix itself.
+    if (inputs.steps > 1) work.recurrent_transposed = layout_.view(parameters, recurrent_weights_).transpose();
     work.carried_c.setZero(cells_, agents);
     work.carried_h.setZero(cells_, agents);
     for (std::ptrdiff_t t = inputs.steps - 1; t >= 0; --t) {
@@ -162,7 +163,7 @@ class LstmNetwork : public AgentNetwork<S> {
           dc = work.column.array();
       }
       if (t == 0) break;
-      work.carried_h.noalias() = recurrent.transpose() * gates;
+      work.carried_h.noalias() = work.recurrent_transposed * gates;
       for (std::ptrdiff_t b = 0; b < agents; ++b)
         if (inputs.first[static_cast<std::size_t>(begin + b)]) work.carried_h.col(b).setZero();
     }
@@ -195,6 +196,7 @@ class LstmNetwork : public AgentNetwork<S> {
     Matrix<S> both;                           // 4 x TB: logits and value
     Matrix<S> h_gradient, embedded_gradient;  // cells x TB, hidden x TB
     Matrix<S> carried_h, carried_c;           // cells x B: from the later step
+    Matrix<S> recurrent_transposed;           // cells x 4 cells
     Vector<S> column;                         // cells
   };
 
