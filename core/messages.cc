@@ -7,6 +7,8 @@
 #include <cstring>
 #include <type_traits>
 
+#include "core/transfer.h"
+
 // The generated code gives structs and their CDR encoding, but knows no bounds: it would write a sequence over its
 // bound, and reading one it allocates whatever length the bytes claim. So each message's fields are named once more
 // here, in the order of the wire, for a Writer that checks bounds and a Reader that checks lengths before it allocates.
@@ -47,6 +49,7 @@ void visit(M& m, Visitor& v) {
   v("step", m.step());
   v("traversal", m.traversal());
   v("traversal_hash", m.traversal_hash());
+  v("by_reference", m.by_reference());
   v("feature_dimension", m.feature_dimension());
   v("encoder_incarnation", m.encoder_incarnation());
   v("frame", m.frame(), MAX_AGENTS);
@@ -125,6 +128,7 @@ void visit(M& m, Visitor& v) {
   v("seed", m.seed());
   v("tasks", m.tasks());
   v("shuffle", m.shuffle());
+  v("by_reference", m.by_reference());
 }
 
 template <Of<TrainingStat> M, class Visitor>
@@ -171,6 +175,7 @@ void visit(M& m, Visitor& v) {
   v("feature_dimension", m.feature_dimension());
   v("agents", m.agents());
   v("chunks", m.chunks());
+  v("by_reference", m.by_reference());
   v("images", m.images());
   v("encoder", m.encoder());
   v("encoder_service", m.encoder_service());
@@ -190,10 +195,9 @@ template <Of<TraversalChunk> M, class Visitor>
 void visit(M& m, Visitor& v) {
   v.nested("header", m.header());
   v("hash", m.hash());
+  v("frames", m.frames());
   v("feature_dimension", m.feature_dimension());
   v("chunk", m.chunk());
-  v("first_frame", m.first_frame());
-  v("frames", m.frames());
   v("data", m.data(), MAX_CHUNK);
 }
 
@@ -365,17 +369,25 @@ void check(const Action& m, const std::string& type) {
     if (action >= kActions) refuse(type, "choice", "unknown action " + std::to_string(action));
 }
 
-void check(const TraversalInfo& m, const std::string& type) {
+template <class Message>
+void check_size(const Message& m, const std::string& type) {
   if (m.feature_dimension() > MAX_DIMENSION)
     refuse(type, "feature_dimension", "must be at most " + std::to_string(MAX_DIMENSION));
   if (m.frames() < 1 || m.frames() > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
+}
+
+void check(const TraversalInfo& m, const std::string& type) {
+  check_size(m, type);
   if (m.agents() < 1 || m.agents() > MAX_AGENTS) refuse(type, "agents", "must be 1.." + std::to_string(MAX_AGENTS));
 }
 
 void check(const TraversalChunk& m, const std::string& type) {
-  if (m.frames() > MAX_FRAMES) refuse(type, "frames", "must be at most " + std::to_string(MAX_FRAMES));
-  const std::uint64_t bytes = std::uint64_t{m.frames()} * (1 + std::uint64_t{m.feature_dimension()}) * sizeof(float);
-  if (m.data().size() != bytes) refuse(type, "data", counts(m.data().size(), bytes));
+  check_size(m, type);
+  const ChunkLayout layout(m.frames(), m.feature_dimension());
+  if (m.chunk() >= layout.chunks())
+    refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " of " + std::to_string(layout.chunks()) + " chunks");
+  if (m.data().size() != layout.bytes(m.chunk()))
+    refuse(type, "data", counts(m.data().size(), layout.bytes(m.chunk())));
 }
 
 void check(const ImageChunk& m, const std::string& type) {

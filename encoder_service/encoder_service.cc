@@ -5,14 +5,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
-#include <limits>
 #include <opencv2/core.hpp>
 #include <set>
+#include <utility>
 
 #include "core/files.h"
 #include "core/random.h"
+#include "core/transfer.h"
 #include "encoder_service/background.h"
 #include "encoder_service/image_fetch.h"
 #include "encoder_service/traversal_work.h"
@@ -26,9 +26,7 @@ using std::chrono::seconds;
 constexpr seconds kSilence{3};     // without a sign of life: gone
 constexpr milliseconds kIdle{50};  // between looks at `stop`
 constexpr milliseconds kBusy{5};   // between looks at what is done behind
-constexpr milliseconds kAskAgain{300};
 constexpr seconds kProgress{2};
-constexpr std::uint32_t kAnyDimension = 0xFFFFFFFF;         // traversal.idl
 constexpr std::size_t kBytesAhead = std::size_t{64} << 20;  // of a traversal's pictures that wait to be encoded
 
 std::uint64_t hash_of(const std::string& text) {
@@ -58,19 +56,13 @@ struct Route {
         hash(info.hash()),
         frames(static_cast<int>(info.frames())),
         images(node, hash, frames),
-        positions(frames, std::numeric_limits<float>::quiet_NaN()) {
-    const auto chunks = static_cast<std::uint32_t>((frames + kPositionsAChunk - 1) / kPositionsAChunk);
-    for (std::uint32_t chunk = 0; chunk < chunks; ++chunk) missing_positions.push_back(chunk);
-  }
-  static constexpr int kPositionsAChunk = msg::MAX_CHUNK / sizeof(float);
+        positions({hash, info.frames(), 0}) {}
 
   std::string name;
   std::uint64_t hash;
   int frames;
   ImageFetch images;
-  std::vector<float> positions;
-  std::vector<std::uint32_t> missing_positions;
-  Clock::time_point ask_positions{};
+  Transfer positions;
 
   std::unique_ptr<TraversalWork> work;
   Clock::time_point since{}, next_word{};
@@ -88,7 +80,8 @@ struct Environment {
   Clock::time_point heard;
   std::uint64_t server = 0;  // incarnation of the encoder_service that completes its observations; 0: nobody yet
   Clock::time_point unserved{};
-  std::string fault;  // why it cannot be served
+  std::string fault;      // why it cannot be served
+  bool too_many = false;  // it was said that its observations cannot hold the features
 };
 
 class EncoderService {
@@ -268,6 +261,7 @@ void EncoderService::on_info(const msg::TraversalInfo& info) {
     environment.server = 0;
     environment.unserved = now_;
     environment.fault.clear();
+    environment.too_many = false;
   }
   if (!routes_.count(info.hash())) {
     spdlog::info("traversal {} of {}: {} frames, from '{}'", info.traversal().c_str(), info.dataset().c_str(),
@@ -284,11 +278,20 @@ void EncoderService::on_observation(msg::Observation& observation) {
   if (observation.header().incarnation() != environment.info.header().incarnation()) return;
   environment.heard = now_;
   // Some are complete: from another encoder_service, or from an env_service that has its features by now.
-  if (observation.feature_dimension() != 0 || !serving(environment)) return;
+  if (observation.by_reference() || observation.feature_dimension() != 0 || !serving(environment)) return;
   const auto route = routes_.find(observation.traversal_hash());
   if (route == routes_.end() || !route->second->ready) return;
   const Eigen::MatrixXf& features = route->second->features;
   const auto dimension = static_cast<std::size_t>(features.rows());
+  if (observation.frame().size() * dimension > msg::MAX_FEATURES) {
+    ++node_.traffic.rejected;
+    if (!std::exchange(environment.too_many, true))
+      spdlog::error(
+          "{} features of {} agents do not fit one observation of '{}' (at most {}): the policy_service must ask for "
+          "observations by reference",
+          dimension, observation.frame().size(), found->first, msg::MAX_FEATURES);
+    return;
+  }
   observation.encoder_incarnation() = node_.incarnation();
   observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
   observation.features().resize(observation.frame().size() * dimension);
@@ -310,26 +313,21 @@ void EncoderService::on_request(const msg::TraversalRequest& request) {
   if (place == routes_.end() || !place->second->ready) return;
   const Route& route = *place->second;
   const auto dimension = static_cast<std::size_t>(route.features.rows());
-  if (request.feature_dimension() != dimension && request.feature_dimension() != kAnyDimension) return;
-  const auto each = static_cast<std::uint32_t>(msg::MAX_CHUNK / (sizeof(float) * (1 + dimension)));
+  if (request.feature_dimension() != dimension && request.feature_dimension() != msg::ANY_DIMENSION) return;
+  // An env_service that has them by now answers itself.
+  if (found->second.info.feature_dimension() != 0) return;
+  const ChunkLayout layout(static_cast<std::uint32_t>(route.frames), static_cast<std::uint32_t>(dimension));
   send_info(found->second);
   for (const std::uint32_t index : request.chunks()) {
-    if (std::uint64_t{index} * each >= static_cast<std::uint64_t>(route.frames)) {
+    if (index >= layout.chunks()) {
       ++node_.traffic.rejected;
       continue;
     }
     own_chunk_.hash() = route.hash;
-    own_chunk_.feature_dimension() = static_cast<std::uint32_t>(dimension);
-    own_chunk_.chunk() = index;
-    own_chunk_.first_frame() = index * each;
-    own_chunk_.frames() = std::min(each, static_cast<std::uint32_t>(route.frames) - index * each);
-    own_chunk_.data().resize(own_chunk_.frames() * (1 + dimension) * sizeof(float));
-    auto* to = own_chunk_.data().data();
-    for (std::uint32_t frame = index * each; frame < index * each + own_chunk_.frames(); ++frame) {
-      std::memcpy(to, &route.positions[frame], sizeof(float));
-      std::memcpy(to + sizeof(float), route.features.col(frame).data(), dimension * sizeof(float));
-      to += (1 + dimension) * sizeof(float);
-    }
+    layout.fill(
+        index, route.positions.positions,
+        [&](std::uint32_t frame) { return std::span<const float>(route.features.col(frame).data(), dimension); },
+        own_chunk_);
     node_.publish(own_chunk_);
   }
 }
@@ -337,18 +335,7 @@ void EncoderService::on_request(const msg::TraversalRequest& request) {
 void EncoderService::on_positions(const msg::TraversalChunk& chunk) {
   const auto found = routes_.find(chunk.hash());
   if (found == routes_.end() || chunk.feature_dimension() != 0) return;
-  Route& route = *found->second;
-  const auto wanted = std::find(route.missing_positions.begin(), route.missing_positions.end(), chunk.chunk());
-  if (wanted == route.missing_positions.end()) return;
-  const std::uint64_t first = std::uint64_t{chunk.chunk()} * Route::kPositionsAChunk;
-  const std::uint64_t count =
-      std::min<std::uint64_t>(Route::kPositionsAChunk, static_cast<std::uint64_t>(route.frames) - first);
-  if (chunk.first_frame() != first || chunk.frames() != count) {
-    ++node_.traffic.rejected;
-    return;
-  }
-  std::memcpy(route.positions.data() + first, chunk.data().data(), chunk.data().size());
-  route.missing_positions.erase(wanted);
+  if (found->second->positions.take(chunk) == Transfer::Taken::kDamaged) ++node_.traffic.rejected;
 }
 
 void EncoderService::on_image(const msg::ImageChunk& chunk) {
@@ -558,7 +545,7 @@ void EncoderService::encoded(Batch& batch) {
 void EncoderService::reduce(Route& route) {
   const bool is_reference = route.name == options_.reference;
   if (needs_reference() && !reduction_ && !is_reference) return;  // the reference's turn is first
-  if (!route.missing_positions.empty()) return;
+  if (!route.positions.complete()) return;
   route.reducing = true;
   const double elapsed = std::chrono::duration<double>(now_ - route.since).count();
   spdlog::info("{}: all {} frames encoded ({} of them now, in {:.1f} s)", route.name, route.frames, route.work->made(),
@@ -609,14 +596,8 @@ void EncoderService::ask() {
     if (!environment || route->ready) continue;
     const std::string id = environment->info.header().sender().c_str();
     if (!learned_ || route->bytes < kBytesAhead) route->images.ask(id);
-    if (route->missing_positions.empty() || now_ < route->ask_positions) continue;
-    route->ask_positions = now_ + kAskAgain;
+    if (!route->positions.ask(now_, own_request_)) continue;
     own_request_.environment() = id.c_str();
-    own_request_.hash() = route->hash;
-    own_request_.feature_dimension() = 0;
-    const auto count =
-        std::min<std::ptrdiff_t>(msg::MAX_CHUNKS_ASKED, static_cast<std::ptrdiff_t>(route->missing_positions.size()));
-    own_request_.chunks().assign(route->missing_positions.begin(), route->missing_positions.begin() + count);
     node_.publish(own_request_);
   }
 }
@@ -642,12 +623,10 @@ void EncoderService::decide_who_serves() {
     for (const auto& [incarnation, peer] : peers_) favoured &= own > mix_seeds({environment_hash, incarnation});
     if (!favoured && now_ < environment.unserved + kSilence) continue;
     const auto dimension = static_cast<std::uint64_t>(route->second->features.rows());
-    if (dimension > msg::MAX_DIMENSION || environment.info.agents() * dimension > msg::MAX_FEATURES) {
-      environment.fault = fmt::format(
-          "{} features a frame are too many for '{}' with its {} agents (at most {} a frame, {} for all agents): give "
-          "a "
-          "smaller --dimension, or fewer --agents there",
-          dimension, id, environment.info.agents(), msg::MAX_DIMENSION, msg::MAX_FEATURES);
+    if (dimension > msg::MAX_DIMENSION) {
+      environment.fault =
+          fmt::format("{} features a frame are too many for '{}' (at most {}): give a smaller --dimension", dimension,
+                      id, msg::MAX_DIMENSION);
       spdlog::error("{}", environment.fault);
       continue;
     }
@@ -657,12 +636,13 @@ void EncoderService::decide_who_serves() {
   }
 }
 
-/// Once all env_services have their features themselves, their observations are no business of ours; thousands a second
-/// would cost them and us time.
+/// Once all env_services have their features themselves, or observe by reference, their observations are no business of
+/// ours; thousands a second would cost them and us time.
 void EncoderService::listen_when_needed() {
   const bool needed =
       environments_.empty() || std::any_of(environments_.begin(), environments_.end(), [this](const auto& entry) {
-        return alive(entry.second) && entry.second.info.feature_dimension() == 0;
+        const msg::TraversalInfo& info = entry.second.info;
+        return alive(entry.second) && info.feature_dimension() == 0 && !info.by_reference();
       });
   if (needed == listening_) return;
   listening_ = needed;
@@ -675,9 +655,8 @@ void EncoderService::listen_when_needed() {
 void EncoderService::send_info(const Environment& environment) {
   msg::TraversalInfo info = environment.info;
   const Route& route = *routes_.at(info.hash());
-  const auto each = msg::MAX_CHUNK / (sizeof(float) * (1 + static_cast<std::size_t>(route.features.rows())));
   info.feature_dimension() = static_cast<std::uint32_t>(route.features.rows());
-  info.chunks() = static_cast<std::uint32_t>((static_cast<std::size_t>(route.frames) + each - 1) / each);
+  info.chunks() = ChunkLayout(info.frames(), info.feature_dimension()).chunks();
   info.encoder() = recipe_of_features().c_str();
   info.encoder_service() = node_.options().id.c_str();
   info.encoder_incarnation() = node_.incarnation();

@@ -6,11 +6,12 @@
 #include <cstdint>
 #include <cstring>
 #include <deque>
-#include <numeric>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <utility>
 
+#include "core/transfer.h"
 #include "env_service/environment.h"
 
 namespace citylearn {
@@ -26,11 +27,7 @@ constexpr seconds kInfoAgain{1};
 constexpr seconds kSilence{3};         // without an Action: the policy_service is gone or busy
 constexpr milliseconds kLeaving{500};  // for outstanding acknowledgements
 constexpr milliseconds kStopCheck{50};
-
-constexpr milliseconds kFeaturesAgain{300};
-constexpr std::uint32_t kAnyDimension = 0xFFFFFFFF;  // traversal.idl
-constexpr std::size_t kMostFeatures = std::size_t{64}
-                                      << 20;  // bytes kept here; of more, an encoder_service completes observations
+constexpr std::size_t kMostFeatures = std::size_t{64} << 20;  // bytes kept here; more stay with the encoder_service
 
 Node::Options named(Node::Options options, const Traversal& traversal) {
   for (const auto& [what, text] : {std::pair{"name", traversal.name}, {"condition", traversal.condition}})
@@ -71,7 +68,6 @@ class EnvService {
   void on_request(const msg::TraversalRequest& request);
   void on_request(const msg::ImageRequest& request);
   void on_features(const msg::TraversalChunk& chunk);
-  void ask_for_features();
   void on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement);
   void on_status(const msg::ServiceStatus& status);
 
@@ -85,8 +81,6 @@ class EnvService {
   void leave();
 
   bool running() const { return awaiting_action_; }
-  static std::uint32_t frames_a_chunk(std::uint32_t dimension);
-  static std::uint32_t chunks_of(std::uint32_t frames, std::uint32_t dimension);
 
   const Traversal& traversal_;
   Node node_;
@@ -111,11 +105,7 @@ class EnvService {
   std::uint64_t tasks_done_ = 0;
 
   // Features that an encoder_service made of the pictures: fetched once, so that observations need not go round by it.
-  std::vector<float> features_;  // F x D while they come
-  std::uint32_t features_dimension_ = kAnyDimension;
-  std::vector<std::uint32_t> missing_features_{0};  // chunks; the first one tells D
-  std::size_t features_left_ = 0;                   // missing when all asked for has come
-  Clock::time_point next_features_{};
+  std::optional<Transfer> features_;  // while they come; of ANY_DIMENSION until the first chunk tells D
 
   Bytes image_;           // file of the frame asked for last: a large one is asked for in several requests
   int image_frame_ = -1;  // whose it is; -1: nobody's
@@ -140,7 +130,7 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   info_.frames() = static_cast<std::uint32_t>(traversal_.frames);
   info_.feature_dimension() = static_cast<std::uint32_t>(traversal_.dimension);
   info_.agents() = static_cast<std::uint32_t>(environment_.agents());
-  info_.chunks() = chunks_of(info_.frames(), info_.feature_dimension());
+  info_.chunks() = ChunkLayout(info_.frames(), info_.feature_dimension()).chunks();
   info_.images() = traversal_.images != nullptr;
   node_.listen<msg::ServiceStatus>();
   node_.listen<msg::TaskSettings>();
@@ -148,6 +138,7 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   node_.listen<msg::TraversalRequest>();
   node_.listen<msg::EpisodeAcknowledgement>();
   if (traversal_.images) {
+    features_.emplace(Transfer::What{info_.hash(), info_.frames(), msg::ANY_DIMENSION});
     node_.listen<msg::ImageRequest>();
     node_.listen<msg::TraversalChunk>();
     node_.announce<msg::ImageChunk>();
@@ -157,14 +148,6 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   node_.announce<msg::TraversalChunk>();
   node_.announce<msg::Observation>();
   node_.announce<msg::EpisodeStat>();
-}
-
-std::uint32_t EnvService::frames_a_chunk(std::uint32_t dimension) {
-  return static_cast<std::uint32_t>(msg::MAX_CHUNK / (sizeof(float) * (1 + std::size_t{dimension})));
-}
-
-std::uint32_t EnvService::chunks_of(std::uint32_t frames, std::uint32_t dimension) {
-  return (frames + frames_a_chunk(dimension) - 1) / frames_a_chunk(dimension);
 }
 
 void EnvService::run(const std::function<bool()>& stop) {
@@ -207,6 +190,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
   }
   newest_ = settings.settings();
   info_.settings() = msg::SettingsId();
+  info_.by_reference() = false;
   settings_ = settings;
   awaiting_action_ = silent_ = masked_action_logged_ = false;
   tasks_done_ = 0;
@@ -224,6 +208,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     }
   }
   info_.settings() = newest_;
+  info_.by_reference() = settings.by_reference();
   send_info();
   if (settings.task_mode() == msg::IDLE) {
     spdlog::info("settings {}: idle", newest_.version());
@@ -274,27 +259,16 @@ void EnvService::on_request(const msg::TraversalRequest& request) {
   // Positions alone are for an encoder_service, features that are not here for the policy_service to get from it.
   if (dimension != info_.feature_dimension() && !(dimension == 0 && info_.images())) return;
   send_info();
-  const std::uint32_t each = frames_a_chunk(dimension);
+  const ChunkLayout layout(info_.frames(), dimension);
   for (const std::uint32_t index : request.chunks()) {
-    if (index >= chunks_of(info_.frames(), dimension)) {
+    if (index >= layout.chunks()) {
       ++node_.traffic.rejected;
       continue;
     }
     chunk_.hash() = environment_.traversal_hash();
-    chunk_.feature_dimension() = dimension;
-    chunk_.chunk() = index;
-    chunk_.first_frame() = index * each;
-    chunk_.frames() = std::min(each, info_.frames() - chunk_.first_frame());
-    chunk_.data().resize(chunk_.frames() * (1 + std::size_t{dimension}) * sizeof(float));
-    auto* to = chunk_.data().data();
-    for (std::uint32_t frame = chunk_.first_frame(); frame < chunk_.first_frame() + chunk_.frames(); ++frame) {
-      std::memcpy(to, &traversal_.positions[frame], sizeof(float));
-      to += sizeof(float);
-      if (dimension == 0) continue;
-      const std::span<const float> feature = environment_.feature(static_cast<int>(frame));
-      std::memcpy(to, feature.data(), feature.size_bytes());
-      to += feature.size_bytes();
-    }
+    layout.fill(
+        index, traversal_.positions,
+        [this](std::uint32_t frame) { return environment_.feature(static_cast<int>(frame)); }, chunk_);
     node_.publish(chunk_);
   }
 }
@@ -302,55 +276,24 @@ void EnvService::on_request(const msg::TraversalRequest& request) {
 /// Features of the pictures, chunk by chunk. Once all are here, this env_service is like one with a features file.
 void EnvService::on_features(const msg::TraversalChunk& chunk) {
   const std::uint32_t dimension = chunk.feature_dimension();
-  if (chunk.hash() != environment_.traversal_hash() || dimension == 0 || info_.feature_dimension() != 0) return;
-  const auto wanted = std::find(missing_features_.begin(), missing_features_.end(), chunk.chunk());
-  if (wanted == missing_features_.end()) return;
-  if (features_dimension_ == kAnyDimension) {
-    const std::size_t size = std::size_t{info_.frames()} * dimension;
-    if (dimension > msg::MAX_DIMENSION || size * sizeof(float) > kMostFeatures ||
-        size_t{info_.agents()} * dimension > msg::MAX_FEATURES) {
-      missing_features_.clear();
+  if (!features_ || chunk.hash() != environment_.traversal_hash() || dimension == 0) return;
+  if (features_->what().dimension == msg::ANY_DIMENSION) {
+    if (std::size_t{info_.frames()} * dimension * sizeof(float) > kMostFeatures ||
+        std::size_t{info_.agents()} * dimension > msg::MAX_FEATURES) {
+      features_.reset();
       return;
     }
-    features_dimension_ = dimension;
-    features_.resize(size);
-    missing_features_.resize(chunks_of(info_.frames(), dimension));
-    std::iota(missing_features_.begin(), missing_features_.end(), 0u);
-    on_features(chunk);
-    next_features_ = now_;
-    return;
+    features_.emplace(Transfer::What{info_.hash(), info_.frames(), dimension});
   }
-  const std::uint32_t first = chunk.chunk() * frames_a_chunk(dimension);
-  if (dimension != features_dimension_ || chunk.first_frame() != first ||
-      chunk.frames() != std::min(frames_a_chunk(dimension), info_.frames() - first)) {
-    ++node_.traffic.rejected;
-    return;
-  }
-  const auto* from = chunk.data().data() + sizeof(float);  // behind the frame's position
-  for (std::uint32_t frame = first; frame < first + chunk.frames(); ++frame) {
-    std::memcpy(features_.data() + std::size_t{frame} * dimension, from, dimension * sizeof(float));
-    from += (1 + std::size_t{dimension}) * sizeof(float);
-  }
-  missing_features_.erase(wanted);
-  if (missing_features_.size() == features_left_) next_features_ = now_;
-  if (!missing_features_.empty()) return;
-  environment_.set_features(static_cast<int>(dimension), std::move(features_));
+  if (features_->take(chunk) == Transfer::Taken::kDamaged) ++node_.traffic.rejected;
+  if (!features_->complete()) return;
+  environment_.set_features(static_cast<int>(dimension), std::move(features_->features));
+  features_.reset();
   info_.feature_dimension() = dimension;
-  info_.chunks() = chunks_of(info_.frames(), dimension);
+  info_.chunks() = ChunkLayout(info_.frames(), dimension).chunks();
   spdlog::info("has the {} features of each picture now", dimension);
   send_info();
   if (running()) send_observation();
-}
-
-void EnvService::ask_for_features() {
-  next_features_ = now_ + kFeaturesAgain;
-  const std::size_t window = std::min<std::size_t>(missing_features_.size(), msg::MAX_CHUNKS_ASKED);
-  features_left_ = missing_features_.size() - window;
-  features_request_.environment() = node_.options().id.c_str();
-  features_request_.hash() = environment_.traversal_hash();
-  features_request_.feature_dimension() = features_dimension_;
-  features_request_.chunks().assign(missing_features_.begin(), missing_features_.begin() + window);
-  node_.publish(features_request_);
 }
 
 void EnvService::on_request(const msg::ImageRequest& request) {
@@ -485,14 +428,17 @@ void EnvService::do_what_is_due() {
   // While a policy_service is at work it knows; another one may come when it is not.
   if ((!running() || silent_) && now_ >= next_info_) send_info();
   if (!unacknowledged_.empty() && now_ >= next_episodes_) send_episodes_again();
-  if (traversal_.images && !missing_features_.empty() && now_ >= next_features_) ask_for_features();
+  if (features_ && features_->ask(now_, features_request_)) {
+    features_request_.environment() = node_.options().id.c_str();
+    node_.publish(features_request_);
+  }
   if (now_ >= next_report_) report();
 }
 
 Clock::time_point EnvService::next_due() const {
   Clock::time_point due = next_report_;
   if (running()) due = std::min(due, next_observation_);
-  if (traversal_.images && !missing_features_.empty()) due = std::min(due, next_features_);
+  if (features_) due = std::min(due, features_->due());
   if (running() && !silent_) due = std::min(due, last_action_ + kSilence);
   if (!running() || silent_) due = std::min(due, next_info_);
   if (!unacknowledged_.empty()) due = std::min(due, next_episodes_);

@@ -17,9 +17,6 @@ Environment::Environment(const Traversal& traversal, int agents)
     : traversal_(traversal), traversal_hash_(traversal.hash()), dimension_(traversal.dimension) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
-  if (static_cast<std::size_t>(agents) * traversal.dimension > msg::MAX_FEATURES)
-    throw Error("agents x feature dimension is over " + std::to_string(msg::MAX_FEATURES) + " for one observation",
-                "agents", "host fewer agents in this env_service and start another one");
   agents_.resize(agents);
 }
 
@@ -45,6 +42,10 @@ void Environment::reset(const msg::TaskSettings& settings) {
   require_count(settings.max_steps(), "TaskSettings.max_steps");
   if (settings.task_mode() == msg::IDLE) throw Error("there is no task in mode IDLE", "TaskSettings.task_mode");
   if (settings.task_mode() == msg::EVALUATE) require_count(settings.tasks(), "TaskSettings.tasks");
+  if (!settings.by_reference() && agents_.size() * static_cast<std::size_t>(dimension_) > msg::MAX_FEATURES)
+    throw Error("the features of " + std::to_string(agents()) + " agents x " + std::to_string(dimension_) +
+                    " do not fit one observation (at most " + std::to_string(msg::MAX_FEATURES) + ")",
+                "TaskSettings.by_reference", "ask for observations by reference, or host fewer agents");
   settings_ = settings;
   step_ = 0;
   finished_.clear();
@@ -157,7 +158,9 @@ void Environment::observe(msg::Observation& observation) const {
   observation.step() = step_;
   observation.traversal() = traversal_.name.c_str();
   observation.traversal_hash() = traversal_hash_;
-  observation.feature_dimension() = static_cast<std::uint32_t>(dimension_);
+  const std::size_t dimension = settings_.by_reference() ? 0 : static_cast<std::size_t>(dimension_);
+  observation.by_reference() = settings_.by_reference();
+  observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
   observation.frame().resize(count);
   observation.position().resize(count);
   observation.goal().resize(count);
@@ -165,7 +168,7 @@ void Environment::observe(msg::Observation& observation) const {
   observation.allowed().resize(count);
   observation.flags().resize(count);
   observation.reward().resize(count);
-  observation.features().resize(count * dimension_);
+  observation.features().resize(count * dimension);
   for (std::size_t index = 0; index < count; ++index) {
     const Agent& agent = agents_[index];
     const std::uint32_t shown = first + (settings_.shuffle() ? agent.order[agent.frame] : agent.frame);
@@ -176,8 +179,9 @@ void Environment::observe(msg::Observation& observation) const {
     observation.allowed()[index] = allowed(agent.frame);
     observation.flags()[index] = agent.flags;
     observation.reward()[index] = agent.reward;
+    if (dimension == 0) continue;
     const std::span<const float> features = feature(static_cast<int>(shown));
-    std::copy(features.begin(), features.end(), observation.features().begin() + index * dimension_);
+    std::copy(features.begin(), features.end(), observation.features().begin() + index * dimension);
   }
 }
 

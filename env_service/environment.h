@@ -26,17 +26,17 @@ class Environment {
     bool completed;
   };
 
-  /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS and
-  /// agents x features fit one observation.
+  /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS.
   Environment(const Traversal& traversal, int agents);
 
   /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
   /// first_frame .. first_frame + frames - 1 does not lie on the traversal or has fewer than 2 frames, the mode is
-  /// IDLE, or max_steps or (EVALUATE) tasks are not 1..2^30.
+  /// IDLE, max_steps or (EVALUATE) tasks are not 1..2^30, or agents x D do not fit one observation and are not to be
+  /// looked up (by_reference).
   void reset(const msg::TaskSettings& settings);
 
-  /// From now on observations carry these features of the traversal's pictures: F x D, frame-major. Throws Error when
-  /// agents x D do not fit one observation.
+  /// From now on observations carry these features of the traversal's pictures: F x D, frame-major; unless the settings
+  /// say by_reference. Throws Error when agents x D do not fit one observation.
   void set_features(int dimension, std::vector<float> features);
   /// D, of the traversal or as set; 0 when there are none.
   int dimension() const { return dimension_; }

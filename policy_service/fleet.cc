@@ -3,13 +3,17 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <cstring>
+#include <utility>
 
 namespace citylearn {
 namespace {
 
 constexpr auto kSettingsAgain = std::chrono::milliseconds(100);
-constexpr auto kRequestAgain = std::chrono::milliseconds(200);
+
+Error did_not_come(const RouteFeatures& route, const Seat& seat) {
+  return Error(std::to_string(route.transfer.missing()) + " chunks of its features did not come",
+               "traversal '" + seat.traversal() + "'", "is env_service '" + seat.id + "' still running?");
+}
 
 bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
   return a.incarnation() == b.incarnation() && a.version() == b.version();
@@ -17,7 +21,7 @@ bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
 
 }  // namespace
 
-Fleet::Fleet(Node& node) : node_(node) {
+Fleet::Fleet(Node& node, const FleetOptions& options) : node_(node), options_(options), features_(node) {
   node_.announce<msg::TaskSettings>();
   node_.announce<msg::Action>();
   node_.announce<msg::TraversalRequest>();
@@ -39,12 +43,13 @@ Seat* Fleet::known(const msg::Header& header) {
 }
 
 void Fleet::spin(Clock::time_point deadline) {
+  ask_for_features();
   send_due_settings();
   // Settings and requests are re-sent by this loop, so it never sleeps past their time.
   node_.wait(std::min(deadline, Clock::now() + std::chrono::milliseconds(50)));
   while (node_.take(info_)) on_info(info_);
   while (node_.take(status_)) on_status(status_);
-  while (node_.take(chunk_)) on_chunk(chunk_);
+  while (node_.take(chunk_)) features_.take(chunk_);
   while (node_.take(observation_)) on_observation(observation_);
   while (node_.take(episode_))
     if (Seat* seat = known(episode_.header()); seat && finished) finished(*seat, episode_);
@@ -54,8 +59,9 @@ void Fleet::on_status(const msg::ServiceStatus& status) {
   known(status.header());
   const std::string id = status.header().sender().c_str();
   if (const auto found = unencoded_.find(id); found != unencoded_.end()) found->second.when = Clock::now();
-  if (std::string(status.service().c_str()) == "encoder_service")
-    encoders_[id] = {{id + ": " + status.activity().c_str(), status.service_state() == msg::RUNNING}, Clock::now()};
+  if (std::string(status.service().c_str()) != "encoder_service") return;
+  beats_[status.header().incarnation()] = Clock::now();
+  encoders_[id] = {{id + ": " + status.activity().c_str(), status.service_state() == msg::RUNNING}, Clock::now()};
 }
 
 std::map<std::string, std::string> Fleet::unencoded() const {
@@ -98,16 +104,17 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
     seat.id = info.header().sender().c_str();
     seat.settings = msg::TaskSettings();
     seat.in_force = seat.waiting = false;
+    seat.features.reset();
     if (joined) joined(seat);
   } else if (same(info.settings(), seat.settings.settings())) {
     seat.in_force = true;
   }
 }
 
-void Fleet::on_observation(const msg::Observation& observation) {
+void Fleet::on_observation(msg::Observation& observation) {
   Seat* seat = known(observation.header());
   // Images: what counts is the same observation with features.
-  if (seat && observation.feature_dimension() != seat->info.feature_dimension()) return;
+  if (seat && !observation.by_reference() && observation.feature_dimension() != seat->info.feature_dimension()) return;
   if (!seat || seat->settings.settings().version() == 0 || !same(observation.settings(), seat->settings.settings())) {
     ++node_.traffic.repeated;
     return;
@@ -123,8 +130,40 @@ void Fleet::on_observation(const msg::Observation& observation) {
     ++node_.traffic.repeated;
     return;
   }
+  if (observation.by_reference() && !complete(*seat, observation)) {
+    ++node_.traffic.rejected;
+    return;
+  }
   seat->waiting = true;
   if (decide && decide(*seat, observation, choice_)) answer(*seat, choice_);
+}
+
+/// Looks up what the env_service left out.
+bool Fleet::complete(const Seat& seat, msg::Observation& observation) {
+  if (!seat.features) return false;
+  const std::size_t dimension = seat.features->dimension();
+  observation.features().resize(observation.frame().size() * dimension);
+  float* to = observation.features().data();
+  for (const std::uint32_t frame : observation.frame()) {
+    const float* from = seat.features->at(frame);
+    if (!from) return false;
+    to = std::copy_n(from, dimension, to);
+  }
+  observation.by_reference() = false;
+  observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
+  return true;
+}
+
+bool Fleet::by_reference(const Seat& seat) const {
+  const std::size_t numbers = std::size_t{seat.info.agents()} * seat.info.feature_dimension();
+  if (options_.observing == Observing::kWhole && numbers > msg::MAX_FEATURES)
+    throw Error("the features of " + std::to_string(seat.info.agents()) + " agents x " +
+                    std::to_string(seat.info.feature_dimension()) + " do not fit one observation (at most " +
+                    std::to_string(msg::MAX_FEATURES) + ")",
+                "env_service '" + seat.id + "'", "ask for observations by reference");
+  return options_.observing == Observing::kByReference
+             ? numbers > 0
+             : options_.observing == Observing::kAsFits && numbers * sizeof(float) > kLargestWhole;
 }
 
 void Fleet::answer(Seat& seat, const std::vector<std::uint8_t>& choice) {
@@ -143,6 +182,11 @@ void Fleet::command(Seat& seat, msg::TaskSettings settings) {
   settings.environment() = seat.id.c_str();
   settings.settings().incarnation() = node_.incarnation();
   settings.settings().version() = ++version_;
+  settings.by_reference() = settings.task_mode() != msg::IDLE && by_reference(seat);
+  // Only then is what was used before let go, or it would be fetched again.
+  const auto before = std::exchange(
+      seat.features,
+      settings.by_reference() ? features_.want(seat.info, settings.first_frame(), settings.frames()) : nullptr);
   seat.settings = settings;
   seat.in_force = seat.waiting = false;
   seat.next_step = 0;
@@ -150,10 +194,33 @@ void Fleet::command(Seat& seat, msg::TaskSettings settings) {
   send_due_settings();
 }
 
+/// Whether whoever has the features of a seat's traversal lives: its env_service, or the encoder_service that serves
+/// it.
+bool Fleet::answers_requests(const Seat& seat) const {
+  if (!alive(seat)) return false;
+  const std::uint64_t encoder = seat.info.encoder_incarnation();
+  const auto beat = beats_.find(encoder);
+  return encoder == 0 || (beat != beats_.end() && Clock::now() - beat->second < kSilence);
+}
+
+void Fleet::ask_for_features() {
+  for (const auto& [id, seat] : seats_) {
+    if (!seat->features || seat->features->complete()) continue;
+    RouteFeatures& route = *seat->features;
+    if (!answers_requests(*seat)) {
+      route.moved = Clock::now();  // it may come back
+    } else if (Clock::now() - route.moved > options_.patience) {
+      throw did_not_come(route, *seat);
+    }
+    features_.ask(route, id);
+  }
+}
+
 void Fleet::send_due_settings() {
   const Clock::time_point now = Clock::now();
   for (const auto& [id, seat] : seats_) {
     if (seat->in_force || seat->settings.settings().version() == 0 || now < seat->next_settings) continue;
+    if (seat->features && !seat->features->complete()) continue;
     node_.publish(seat->settings);
     seat->next_settings = now + kSettingsAgain;
   }
@@ -168,69 +235,17 @@ void Fleet::acknowledge(const Seat& seat, std::uint64_t episode) {
 }
 
 std::vector<float> Fleet::fetch_features(Seat& seat, int first, int count, Clock::time_point deadline) {
-  const int dimension = static_cast<int>(seat.info.feature_dimension());
-  const std::string where = "traversal '" + seat.traversal() + "'";
-  if (dimension == 0) throw Error("has no features", where, "choose another agent, or a traversal with features");
-  if (first < 0 || count < 1 || static_cast<std::uint32_t>(first + count) > seat.info.frames())
-    throw Error("has " + std::to_string(seat.info.frames()) + " frames, the route needs frames " +
-                    std::to_string(first) + ".." + std::to_string(first + count - 1),
-                where, "choose fewer --frames");
-  fetch_ = Fetch{};
-  fetch_.hash = seat.info.hash();
-  fetch_.dimension = dimension;
-  fetch_.frames_a_chunk = static_cast<int>(msg::MAX_CHUNK / (4 * (1 + dimension)));
-  fetch_.first = first;
-  fetch_.count = count;
-  fetch_.features.resize(static_cast<std::size_t>(count) * dimension);
-  for (int chunk = first / fetch_.frames_a_chunk; chunk <= (first + count - 1) / fetch_.frames_a_chunk; ++chunk)
-    fetch_.missing.push_back(static_cast<std::uint32_t>(chunk));
-  fetch_.total = static_cast<int>(seat.info.frames());
-  Clock::time_point again = Clock::now();
-  std::size_t left_of_window = 0;  // how many will be missing when all asked for have come
-  while (!fetch_.missing.empty()) {
+  const auto route =
+      features_.want(seat.info, static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(std::max(count, 0)));
+  while (!route->complete()) {
     const Clock::time_point now = Clock::now();
-    if (now >= deadline)
-      throw Error(std::to_string(fetch_.missing.size()) + " chunks of its features did not come", where,
-                  "is env_service '" + seat.id + "' still running?");
-    if (now >= again) {
-      msg::TraversalRequest request;
-      const std::size_t window = std::min<std::size_t>(fetch_.missing.size(), msg::MAX_CHUNKS_ASKED);
-      request.environment() = seat.id.c_str();
-      request.hash() = fetch_.hash;
-      request.feature_dimension() = static_cast<std::uint32_t>(fetch_.dimension);
-      request.chunks().assign(fetch_.missing.begin(), fetch_.missing.begin() + window);
-      left_of_window = fetch_.missing.size() - window;
-      node_.publish(request);
-      again = now + kRequestAgain;
-    }
-    spin(std::min(deadline, again));
-    if (fetch_.missing.size() == left_of_window)
-      again = Clock::now();  // the whole window has come: ask for the next at once
+    if (now >= deadline) throw did_not_come(*route, seat);
+    features_.ask(*route, seat.id);
+    spin(std::min(deadline, std::max(now, route->transfer.due())));
   }
-  fetch_.hash = 0;
-  return std::move(fetch_.features);
-}
-
-void Fleet::on_chunk(const msg::TraversalChunk& chunk) {
-  const auto wanted = std::find(fetch_.missing.begin(), fetch_.missing.end(), chunk.chunk());
-  if (chunk.hash() != fetch_.hash || static_cast<int>(chunk.feature_dimension()) != fetch_.dimension ||
-      wanted == fetch_.missing.end())
-    return;
-  const std::size_t width = 1 + static_cast<std::size_t>(fetch_.dimension);
-  const int start = static_cast<int>(chunk.chunk()) * fetch_.frames_a_chunk;
-  if (static_cast<int>(chunk.first_frame()) != start ||
-      static_cast<int>(chunk.frames()) != std::min(fetch_.frames_a_chunk, fetch_.total - start) ||
-      chunk.data().size() != chunk.frames() * width * sizeof(float)) {
-    ++node_.traffic.rejected;
-    return;
-  }
-  for (std::uint32_t i = 0; i < chunk.frames(); ++i) {
-    const int place = start + static_cast<int>(i) - fetch_.first;
-    if (place < 0 || place >= fetch_.count) continue;
-    std::memcpy(fetch_.features.data() + static_cast<std::size_t>(place) * fetch_.dimension,
-                chunk.data().data() + (i * width + 1) * sizeof(float), fetch_.dimension * sizeof(float));
-  }
-  fetch_.missing.erase(wanted);
+  // What the cache keeps may be more than was asked for.
+  const float* begin = route->at(static_cast<std::uint32_t>(first));
+  return {begin, begin + static_cast<std::size_t>(count) * route->dimension()};
 }
 
 }  // namespace citylearn

@@ -7,8 +7,22 @@
 #include <vector>
 
 #include "core/node.h"
+#include "policy_service/feature_cache.h"
 
 namespace citylearn {
+
+/// How env_services send what their agents see. What is decided from is the same either way.
+enum class Observing {
+  kAsFits,       ///< by reference where an observation with its features is larger than Fleet::kLargestWhole
+  kWhole,        ///< with features
+  kByReference,  ///< frames by name; their features are fetched before, once
+};
+
+struct FleetOptions {
+  Observing observing = Observing::kAsFits;
+  /// How long features may fail to come from services that live, before that is an error.
+  std::chrono::milliseconds patience{30'000};
+};
 
 /// One env_service as a policy_service sees it.
 struct Seat {
@@ -21,6 +35,8 @@ struct Seat {
   Clock::time_point heard;            ///< last sign of life
   msg::Action last_action;            ///< sent again when the observation it answers is repeated
   Clock::time_point next_settings{};  ///< when they are sent again, while not in force
+  /// Of the route, when `settings` ask for observations by reference. They go out once it is complete.
+  std::shared_ptr<RouteFeatures> features;
 
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }
@@ -38,16 +54,19 @@ class Fleet {
   /// Called when an env_service appears, or comes back as a new incarnation (it then waits for settings).
   using Joined = std::function<void(Seat&)>;
 
-  explicit Fleet(Node& node);
+  explicit Fleet(Node& node, const FleetOptions& options = {});
 
   Decide decide;
   Finished finished;
   Joined joined;
 
-  /// Handles everything that has come, re-sends what is due, then waits for more, at most until `deadline`.
+  /// Handles everything that has come, re-sends what is due, then waits for more, at most until `deadline`. Throws
+  /// Error when the features of a route do not come.
   void spin(Clock::time_point deadline);
 
-  /// New settings for a seat, under a new SettingsId; sent until confirmed. `settings`' ids are filled here.
+  /// New settings for a seat, under a new SettingsId; sent until confirmed. `settings`' ids and by_reference are filled
+  /// here. By reference, they wait for the features of the route, and other seats do not. Throws Error when a whole
+  /// observation is asked for and too large, or the route does not lie on the traversal by whose frames it is named.
   void command(Seat& seat, msg::TaskSettings settings);
   /// Answers the observation that waits.
   void answer(Seat& seat, const std::vector<std::uint8_t>& choice);
@@ -66,6 +85,8 @@ class Fleet {
   /// Heard of within the last `kSilence`.
   static bool alive(const Seat& seat);
   static constexpr std::chrono::seconds kSilence{3};
+  /// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
+  static constexpr std::size_t kLargestWhole = 60'000;
 
   /// Features of frames first .. first + count - 1 of a seat's traversal (count x D, frame-major), fetched over the
   /// wire. Throws Error when they are not complete by the deadline, or the range does not lie on the traversal.
@@ -75,18 +96,16 @@ class Fleet {
   Seat* known(const msg::Header& header);
   void on_status(const msg::ServiceStatus& status);
   void on_info(const msg::TraversalInfo& info);
-  void on_observation(const msg::Observation& observation);
-  void on_chunk(const msg::TraversalChunk& chunk);
+  void on_observation(msg::Observation& observation);
+  bool by_reference(const Seat& seat) const;
+  static bool complete(const Seat& seat, msg::Observation& observation);
+  bool answers_requests(const Seat& seat) const;
+  void ask_for_features();
   void send_due_settings();
 
-  struct Fetch {  // one transfer at a time
-    std::uint64_t hash = 0;
-    int total = 0, frames_a_chunk = 0, dimension = 0, first = 0, count = 0;
-    std::vector<std::uint32_t> missing;
-    std::vector<float> features;
-  };
-
   Node& node_;
+  FleetOptions options_;
+  FeatureCache features_;
   std::map<std::string, std::unique_ptr<Seat>> seats_;
   template <class What>
   struct Heard {
@@ -95,8 +114,8 @@ class Fleet {
   };
   std::map<std::string, Heard<std::string>> unencoded_;  ///< traversal, by id of the env_service
   std::map<std::string, Heard<Encoder>> encoders_;       ///< by id
+  std::map<std::uint64_t, Clock::time_point> beats_;     ///< of encoder_services, by incarnation
   std::uint32_t version_ = 0;
-  Fetch fetch_;
   msg::Observation observation_;
   msg::EpisodeStat episode_;
   msg::TraversalInfo info_;

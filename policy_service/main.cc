@@ -79,6 +79,16 @@ int main(int argc, char** argv) {
         ->group(task);
     app.add_flag("--lockstep", options.lockstep, "Wait for a lost training env_service instead of going on without it")
         ->group(task);
+    app.add_option(
+           "--observations", options.fleet.observing,
+           "whole: with features; by_reference: frames by name, their features are fetched once before; as_fits: "
+           "whole where they fit one datagram")
+        ->default_str("as_fits")
+        ->transform(CLI::CheckedTransformer(std::map<std::string, Observing>{{"as_fits", Observing::kAsFits},
+                                                                             {"whole", Observing::kWhole},
+                                                                             {"by_reference", Observing::kByReference}},
+                                            CLI::ignore_case))
+        ->group(task);
     app.add_option("--wait", options.wait, "Seconds until missing env_services are an error; 0 = wait for ever")
         ->capture_default_str()
         ->check(CLI::NonNegativeNumber)

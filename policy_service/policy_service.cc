@@ -121,7 +121,8 @@ PolicyServiceOptions checked(PolicyServiceOptions options) {
   return options;
 }
 
-Run::Run(const PolicyServiceOptions& options) : options_(checked(options)), node_(options_.node), fleet_(node_) {
+Run::Run(const PolicyServiceOptions& options)
+    : options_(checked(options)), node_(options_.node), fleet_(node_, options_.fleet) {
   control_alone_ = options_.mode == "evaluate" && options_.checkpoint.empty();
   if (!options_.output.empty()) {
     std::error_code error;

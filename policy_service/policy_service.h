@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/node.h"
+#include "policy_service/fleet.h"
 
 namespace citylearn {
 
@@ -26,7 +27,8 @@ struct PolicyServiceOptions {
   std::vector<std::string> evaluate;  ///< traversals evaluated on; empty: all that are there
   int environments = 1;               ///< env_services on `train` to begin with
   bool lockstep = false;              ///< wait for lost ones instead of going on without them
-  double wait = 0;                    ///< seconds until missing env_services are an error; 0 = for ever
+  FleetOptions fleet;
+  double wait = 0;  ///< seconds until missing env_services are an error; 0 = for ever
 
   // The task.
   int first_frame = 0;

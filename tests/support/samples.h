@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "core/messages.h"
+#include "core/transfer.h"
 
 namespace citylearn::testing {
 
@@ -75,6 +76,7 @@ inline void fill(Filler& f, msg::Observation& m) {
   m.step(f.number<std::uint64_t>());
   m.traversal(f.text(64));
   m.traversal_hash(f.number<std::uint64_t>());
+  m.by_reference(f.boolean());
   m.encoder_incarnation(f.number<std::uint64_t>());
   m.frame(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
   m.position(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
@@ -148,6 +150,7 @@ inline void fill(Filler& f, msg::TaskSettings& m) {
   m.seed(f.number<std::uint64_t>());
   m.tasks(f.number<std::uint32_t>());
   m.shuffle(f.boolean());
+  m.by_reference(f.boolean());
 }
 
 inline void fill(Filler& f, msg::TrainingStat& m) {
@@ -191,6 +194,7 @@ inline void fill(Filler& f, msg::TraversalInfo& m) {
   m.feature_dimension(f.least() ? 0 : f.most() ? msg::MAX_DIMENSION : 64);
   m.agents(f.least() ? 1 : f.most() ? msg::MAX_AGENTS : 16);
   m.chunks(f.number<std::uint32_t>());
+  m.by_reference(f.boolean());
   m.images(f.boolean());
   m.encoder(f.text(256));
   m.encoder_service(f.text(64));
@@ -208,11 +212,11 @@ inline void fill(Filler& f, msg::TraversalRequest& m) {
 inline void fill(Filler& f, msg::TraversalChunk& m) {
   fill(f, m.header());
   m.hash(f.number<std::uint64_t>());
-  m.chunk(f.number<std::uint32_t>());
-  m.first_frame(f.number<std::uint32_t>());
   m.data(f.sequence<std::uint8_t>(10 * 65 * 4, msg::MAX_CHUNK));
-  m.frames(m.data().empty() ? 0 : f.most() ? 3 : 10);
-  m.feature_dimension(m.data().empty() ? 0 : static_cast<std::uint32_t>(m.data().size() / 4 / m.frames() - 1));
+  if (f.least()) m.data().resize(sizeof(float));  // one frame, no features
+  m.frames(f.least() ? 1 : f.most() ? msg::MAX_FRAMES : 10);
+  m.feature_dimension(f.least() ? 0 : f.most() ? msg::MAX_DIMENSION : 64);
+  m.chunk(f.most() ? ChunkLayout(msg::MAX_FRAMES, msg::MAX_DIMENSION).chunks() - 2 : 0);
 }
 
 inline void fill(Filler& f, msg::ImageRequest& m) {

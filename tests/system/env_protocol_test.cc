@@ -4,10 +4,12 @@
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <atomic>
 #include <cstring>
 #include <thread>
 
+#include "core/transfer.h"
 #include "env_service/env_service.h"
 #include "tests/support/env.h"
 #include "tests/support/scripted_policy.h"
@@ -145,7 +147,8 @@ TEST_P(EnvProtocol, TellsWhatItHosts) {
   EXPECT_EQ(info.frames(), 200u);
   EXPECT_EQ(info.feature_dimension(), 64u);
   EXPECT_EQ(info.agents(), 8u);
-  EXPECT_EQ(info.chunks(), 2u) << "189 frames fit one chunk";
+  EXPECT_EQ(info.chunks(), 2u) << "200 x 65 floats are 52,000 bytes";
+  EXPECT_FALSE(info.by_reference());
   EXPECT_EQ(info.settings().version(), 0u) << "nobody has commanded it";
   const int before = policy_->infos;
   ASSERT_TRUE(policy_->until([&] { return policy_->infos >= before + 2; })) << "again every second";
@@ -167,20 +170,39 @@ TEST_P(EnvProtocol, HandsOutItsTraversal) {
     }
     return policy_->chunks.size() == 2;
   }));
-  std::uint32_t frame = 0;
+  Transfer transfer({traversal.hash(), 200, 64});
   for (const auto& [index, chunk] : policy_->chunks) {
-    EXPECT_EQ(chunk.hash(), traversal.hash());
-    EXPECT_EQ(chunk.first_frame(), frame);
-    ASSERT_EQ(chunk.data().size(), chunk.frames() * 65 * 4);
-    EXPECT_LE(chunk.data().size(), std::size_t{msg::MAX_CHUNK});
-    for (std::uint32_t i = 0; i < chunk.frames(); ++i, ++frame) {
-      float row[65];
-      std::memcpy(row, chunk.data().data() + i * sizeof row, sizeof row);
-      EXPECT_EQ(row[0], traversal.positions[frame]);
-      EXPECT_EQ(std::memcmp(row + 1, traversal.feature(static_cast<int>(frame)).data(), 64 * sizeof(float)), 0);
-    }
+    EXPECT_EQ(chunk.chunk(), index);
+    EXPECT_EQ(transfer.take(chunk), Transfer::Taken::kYes);
   }
-  EXPECT_EQ(frame, 200u);
+  ASSERT_TRUE(transfer.complete());
+  EXPECT_EQ(transfer.positions, traversal.positions);
+  EXPECT_EQ(transfer.features, traversal.features);
+  const auto& first = policy_->chunks.at(0).data();  // as idl/traversal.idl says, byte by byte
+  EXPECT_EQ(std::memcmp(first.data() + 3 * 65 * 4, &traversal.positions[3], 4), 0);
+  EXPECT_EQ(std::memcmp(first.data() + 3 * 65 * 4 + 4, traversal.feature(3).data(), 64 * 4), 0);
+}
+
+TEST_P(EnvProtocol, ByReferenceObservationsNameTheirFramesAndNothingElseChanges) {
+  const std::uint32_t count = 16;
+  policy_->walker = &blind_;
+  msg::TaskSettings by_reference = tasks(count);
+  by_reference.by_reference() = true;
+  policy_->command(by_reference);
+  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 5; }));
+  EXPECT_TRUE(policy_->seen.by_reference());
+  EXPECT_EQ(policy_->seen.feature_dimension(), 0u);
+  EXPECT_TRUE(policy_->seen.features().empty());
+  EXPECT_EQ(policy_->seen.frame().size(), std::size_t{kAgents});
+  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
+  expect_as_reference(*policy_, by_reference);
+  ASSERT_TRUE(policy_->until([&] { return policy_->info.by_reference(); })) << "and so does its TraversalInfo";
+  EXPECT_EQ(policy_->info.feature_dimension(), 64u);
+  // A policy_service that asks for nothing gets features.
+  policy_->command(tasks(count));
+  ASSERT_TRUE(policy_->until([&] { return policy_->in_force() && policy_->steps() > 5; }));
+  EXPECT_FALSE(policy_->seen.by_reference());
+  EXPECT_EQ(policy_->seen.features().size(), std::size_t{kAgents} * 64);
 }
 
 TEST_P(EnvProtocol, WholeEvaluation) {
@@ -368,21 +390,20 @@ TEST_P(EnvProtocol, EpisodesAreRepeatedUntilAcknowledgedAndThenNoMore) {
   ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
   const int before = policy_->episode_messages;
   ASSERT_TRUE(policy_->until([&] { return policy_->episode_messages >= before + static_cast<int>(count); })) << "again";
-  // Acknowledged in part: only the rest is repeated, once what was on its way has come.
+  // Acknowledged in part: only the rest is repeated, and says so, once what was on its way has come.
+  const auto newest = [&](const auto& entry) { return entry.first > part && entry.second.acknowledged() == part; };
   const auto only_the_rest = [&] {
-    return policy_->episodes.size() == count - part && policy_->episodes.begin()->first == part + 1;
+    return policy_->episodes.size() == count - part &&
+           std::all_of(policy_->episodes.begin(), policy_->episodes.end(), newest);
   };
   const Clock::time_point deadline = Clock::now() + kPatience;
   while (!only_the_rest() && Clock::now() < deadline) {
-    if (!policy_->episodes.empty() && policy_->episodes.begin()->first <= part) policy_->episodes.clear();
+    // The first copy that comes is kept: older ones make room for newer ones.
+    std::erase_if(policy_->episodes, [&](const auto& entry) { return !newest(entry); });
     policy_->send_acknowledgement(part);
     policy_->until(only_the_rest, milliseconds(500));
   }
   ASSERT_TRUE(only_the_rest());
-  // Where the wire reorders, an older copy may be the one that came first.
-  if (!GetParam().lossy) {
-    EXPECT_EQ(policy_->episodes.rbegin()->second.acknowledged(), part);
-  }
   // A wrong acknowledgement covers nothing.
   policy_->send_acknowledgement(count + 1);
   policy_->episodes.clear();

@@ -149,13 +149,17 @@ TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
 TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
   std::map<std::string, std::string> bytes;
   int domain = 90;
-  for (const std::string middleware :
-       {"fastdds", "cyclonedds", "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:cyclonedds"}) {
+  const std::string lossy = "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:cyclonedds";
+  for (const auto& [middleware, observations] : {std::pair<std::string, std::string>{"fastdds", "whole"},
+                                                 {"cyclonedds", "whole"},
+                                                 {lossy, "whole"},
+                                                 {"fastdds", "by_reference"},
+                                                 {lossy, "by_reference"}}) {
     Trial run(middleware, ++domain);
     const auto summer = run.env("summer");
-    const auto policy = run.train(50, "out", {"--lockstep", "--seed", "5"});
+    const auto policy = run.train(50, "out", {"--lockstep", "--seed", "5", "--observations", observations});
     ASSERT_EQ(policy->wait(kLong), 0) << middleware << "\n" << policy->output();
-    bytes[middleware] = run.checkpoint("out").second;
+    bytes[middleware + " " + observations] = run.checkpoint("out").second;
   }
   {
     Trial run("inprocess", ++domain);

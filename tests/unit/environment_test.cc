@@ -224,11 +224,38 @@ TEST(EnvironmentRoute, RefusesAgentsThatDoNotFit) {
   EXPECT_THROW(Environment(traversal, 0), Error);
   EXPECT_THROW(Environment(traversal, 257), Error);
   EXPECT_NO_THROW(Environment(traversal, 256));
+}
+
+TEST(EnvironmentRoute, FeaturesThatFitNoObservationAreSeenByReferenceOnly) {
   Traversal wide = small_traversal(2);
   wide.dimension = 4096;
   wide.features.resize(2 * 4096);
-  EXPECT_THROW(Environment(wide, 65), Error);
-  EXPECT_NO_THROW(Environment(wide, 64));
+  msg::TaskSettings with = settings(msg::TRAIN, 2, 16);
+  Environment fits(wide, 64), too_many(wide, 65);
+  EXPECT_NO_THROW(fits.reset(with));
+  try {
+    too_many.reset(with);
+    ADD_FAILURE();
+  } catch (const Error& error) {
+    EXPECT_EQ(std::string(error.what()).rfind("TaskSettings.by_reference: the features of 65 agents x 4096", 0), 0u)
+        << error.what();
+  }
+  with.by_reference() = true;
+  msg::Observation seen, whole;
+  too_many.reset(with);
+  too_many.observe(seen);
+  EXPECT_TRUE(seen.by_reference());
+  EXPECT_EQ(seen.frame().size(), 65u);
+  // But for the features, what is seen is the same.
+  fits.observe(whole);
+  EXPECT_EQ(whole.features().size(), 64u * 4096);
+  EXPECT_FALSE(whole.by_reference());
+  fits.reset(with);
+  fits.observe(seen);
+  EXPECT_EQ(seen.feature_dimension(), 0u);
+  EXPECT_TRUE(seen.features().empty());
+  EXPECT_EQ(seen.frame(), whole.frame());
+  EXPECT_EQ(seen.goal(), whole.goal());
 }
 
 /// Every episode of a whole evaluation by its task.

@@ -178,9 +178,17 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   EXPECT_EQ(error_after<msg::TraversalInfo>([](auto& m) { m.agents(257); }),
             "citylearn::msg::TraversalInfo.agents: must be 1..256");
   EXPECT_EQ(error_after<msg::TraversalInfo>([](auto& m) { m.feature_dimension(msg::MAX_DIMENSION + 1); }),
-            "citylearn::msg::TraversalInfo.feature_dimension: must be at most 12287");
+            "citylearn::msg::TraversalInfo.feature_dimension: must be at most 262144");
   EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.data().pop_back(); }),
             "citylearn::msg::TraversalChunk.data: 2599 entries, should be 2600");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.chunk(1); }),
+            "citylearn::msg::TraversalChunk.chunk: index 1 of 1 chunks");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.frames(11); }),
+            "citylearn::msg::TraversalChunk.data: 2600 entries, should be 2860");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.frames(0); }),
+            "citylearn::msg::TraversalChunk.frames: must be 1..1048576");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.feature_dimension(msg::ANY_DIMENSION); }),
+            "citylearn::msg::TraversalChunk.feature_dimension: must be at most 262144");
   EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.data().pop_back(); }),
             "citylearn::msg::ImageChunk.data: 4999 entries, should be 5000");
   EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.chunk(3); }),

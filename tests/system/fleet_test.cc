@@ -1,0 +1,283 @@
+// A policy_service's Fleet and env_services in one process: observations by reference are those with features.
+#include "policy_service/fleet.h"
+
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <thread>
+
+#include "core/random.h"
+#include "env_service/env_service.h"
+#include "tests/support/env.h"
+#include "tests/support/samples.h"
+#include "tests/support/wait.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+
+/// A route of frames with so many features that each lies in several chunks.
+Traversal wide_traversal(const std::string& name, int frames, int dimension) {
+  Traversal traversal;
+  traversal.dataset = "test";
+  traversal.name = name;
+  traversal.frames = frames;
+  traversal.dimension = dimension;
+  Random random{static_cast<std::uint64_t>(dimension)};
+  for (int i = 0; i < frames * dimension; ++i) traversal.features.push_back(static_cast<float>(random.uniform()));
+  traversal.positions.assign(static_cast<std::size_t>(frames), 0.0f);
+  return traversal;
+}
+
+/// An env_service as a thread.
+class Host {
+ public:
+  Host(const Traversal& traversal, int agents, const std::string& run, const std::string& middleware = "inprocess") {
+    EnvServiceOptions options;
+    options.agents = agents;
+    options.node.run = run;
+    options.node.middleware.name = middleware;
+    thread_ = std::thread(
+        [this, &traversal, options] { run_env_service(options, traversal, [this] { return stop_.load(); }); });
+  }
+  ~Host() {
+    stop_ = true;
+    thread_.join();
+  }
+
+ private:
+  std::atomic<bool> stop_ = false;
+  std::thread thread_;
+};
+
+/// A Fleet that walks by the masks alone and keeps what it is shown.
+class Player {
+ public:
+  explicit Player(const std::string& run, const FleetOptions& options = {}, const std::string& middleware = "inprocess")
+      : node([&] {
+          Node::Options with;
+          with.middleware.name = middleware;
+          with.service = "policy_service";
+          with.id = "policy";
+          with.run = run;
+          return with;
+        }()),
+        fleet(node, options) {
+    fleet.decide = [this](Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+      msg::Observation without = observation;
+      without.header() = msg::Header();
+      without.settings() = msg::SettingsId();
+      shown[seat.id].push_back(encoded(without));
+      choice.resize(observation.frame().size());
+      for (std::size_t agent = 0; agent < choice.size(); ++agent) {
+        Random random{observation.step(), agent};
+        do choice[agent] = static_cast<std::uint8_t>(random.below(kActions));
+        while (!(observation.allowed()[agent] >> choice[agent] & 1));
+      }
+      return true;
+    };
+  }
+  bool until(const std::function<bool()>& condition) {
+    const Clock::time_point deadline = Clock::now() + kPatience;
+    while (!condition()) {
+      if (Clock::now() >= deadline) return false;
+      fleet.spin(Clock::now() + milliseconds(20));
+    }
+    return true;
+  }
+  Seat* seat(const std::string& id) {
+    return until([&] { return fleet.seats().contains(id); }) ? fleet.seats().at(id).get() : nullptr;
+  }
+
+  Node node;
+  Fleet fleet;
+  std::map<std::string, std::vector<Bytes>> shown;  ///< observations answered, by env_service
+};
+
+msg::TaskSettings route(std::uint32_t first, std::uint32_t frames) {
+  msg::TaskSettings with = settings(msg::TRAIN, frames, 20);
+  with.first_frame() = first;
+  return with;
+}
+
+class FleetTest : public ::testing::Test {
+ protected:
+  FleetTest() : run_("fleet-" + std::to_string(getpid()) + "-" + std::to_string(++count_)) {
+    spdlog::set_level(spdlog::level::warn);
+  }
+  static inline int count_ = 0;
+  const std::string run_;
+};
+
+TEST_F(FleetTest, ByReferenceEveryObservationIsTheSame) {
+  const Traversal traversal = wide_traversal("wide", 40, 15000);
+  constexpr std::size_t kSteps = 30;
+  for (const std::string middleware : {"inprocess", "lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=3:inprocess"}) {
+    const std::string run = run_ + middleware.substr(0, 5);
+    const Host host(traversal, 3, run, middleware);
+    for (const bool shuffle : {false, true}) {
+      std::vector<Bytes> seen[2];
+      for (const bool by_reference : {false, true}) {
+        FleetOptions options;
+        options.observing = by_reference ? Observing::kByReference : Observing::kWhole;
+        Player player(run, options, middleware);
+        Seat* seat = player.seat("env-wide");
+        ASSERT_TRUE(seat);
+        msg::TaskSettings with = route(7, 30);
+        with.shuffle() = shuffle;
+        player.fleet.command(*seat, with);
+        EXPECT_EQ(seat->settings.by_reference(), by_reference);
+        ASSERT_TRUE(player.until([&] { return player.shown["env-wide"].size() >= kSteps; })) << middleware;
+        seen[by_reference] = player.shown["env-wide"];
+        seen[by_reference].resize(kSteps);
+      }
+      EXPECT_TRUE(seen[0] == seen[1]) << middleware << (shuffle ? ", shuffled" : "");
+    }
+  }
+}
+
+TEST_F(FleetTest, AsksForWhatFitsOneDatagramWholeAndForMoreByReference) {
+  const Traversal fits = wide_traversal("fits", 10, 5000), more = wide_traversal("more", 10, 5001);
+  const Host one(fits, 3, run_), two(more, 3, run_);  // 60,000 and 60,012 bytes
+  Player player(run_);
+  for (const std::string id : {"env-fits", "env-more"}) {
+    Seat* seat = player.seat(id);
+    ASSERT_TRUE(seat);
+    player.fleet.command(*seat, route(0, 10));
+    EXPECT_EQ(seat->settings.by_reference(), id == "env-more");
+    EXPECT_TRUE(player.until([&] { return player.shown[id].size() >= 3; }));
+  }
+}
+
+TEST_F(FleetTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
+  const Traversal traversal = wide_traversal("wide", 20, 30000);
+  Node::Options spy_options;
+  spy_options.middleware.name = "inprocess";
+  spy_options.service = spy_options.id = "spy";
+  spy_options.run = run_;
+  Node spy(spy_options);
+  spy.listen<msg::TraversalRequest>();
+  const auto requests = [&] {
+    msg::TraversalRequest request;
+    int count = 0;
+    while (spy.take(request)) ++count;
+    return count;
+  };
+  auto host = std::make_unique<Host>(traversal, 2, run_);
+  Player player(run_);
+  int joined = 0;
+  player.fleet.joined = [&](Seat& seat) {
+    ++joined;
+    player.fleet.command(seat, route(0, 20));
+  };
+  ASSERT_TRUE(player.until([&] { return player.shown["env-wide"].size() >= 5; }));
+  EXPECT_GT(requests(), 0);
+  host.reset();
+  host = std::make_unique<Host>(traversal, 2, run_);
+  ASSERT_TRUE(player.until([&] { return joined == 2; }));
+  const std::size_t before = player.shown["env-wide"].size();
+  ASSERT_TRUE(player.until([&] { return player.shown["env-wide"].size() >= before + 5; }));
+  EXPECT_TRUE(player.shown["env-wide"][before] == player.shown["env-wide"][0]);
+  EXPECT_EQ(requests(), 0) << "fetched once";
+  // Features asked for directly are those at hand, too.
+  const auto some = player.fleet.fetch_features(*player.seat("env-wide"), 3, 2, Clock::now() + kPatience);
+  EXPECT_EQ(some, std::vector<float>(traversal.features.begin() + 3 * 30000, traversal.features.begin() + 5 * 30000));
+  EXPECT_EQ(requests(), 0);
+}
+
+TEST_F(FleetTest, WhereFeaturesDoNotComeOtherSeatsGoOnAndItIsAnErrorInTheEnd) {
+  const Traversal small = small_traversal(20);
+  const Host host(small, 2, run_);
+  // One that announces features and never hands them out.
+  Node::Options miser_options;
+  miser_options.middleware.name = "inprocess";
+  miser_options.service = "env_service";
+  miser_options.id = "miser";
+  miser_options.run = run_;
+  Node miser(miser_options);
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  info.traversal() = "hoard";
+  info.frames() = 20;
+  info.feature_dimension() = 100000;
+  FleetOptions options;
+  options.patience = milliseconds(300);
+  Player player(run_, options);
+  Clock::time_point again{};
+  const auto tell = [&] {
+    if (Clock::now() < again) return;
+    miser.publish(info);
+    again = Clock::now() + milliseconds(50);
+  };
+  ASSERT_TRUE(player.until([&] {
+    tell();
+    return player.fleet.seats().size() == 2;
+  }));
+  player.fleet.command(*player.seat("miser"), route(0, 20));
+  player.fleet.command(*player.seat("env-line"), route(0, 20));
+  try {
+    player.until([&] {
+      tell();
+      return false;
+    });
+    ADD_FAILURE() << "no error";
+  } catch (const Error& error) {
+    EXPECT_EQ(std::string(error.what()),
+              "traversal 'hoard': 163 chunks of its features did not come (is env_service 'miser' still running?)");
+  }
+  EXPECT_GT(player.shown["env-line"].size(), 10u);
+  EXPECT_TRUE(player.shown["miser"].empty());
+}
+
+TEST_F(FleetTest, WholeObservationsThatCannotBeAreRefused) {
+  const Traversal traversal = wide_traversal("wide", 3, 100000);
+  const Host host(traversal, 3, run_);
+  FleetOptions options;
+  options.observing = Observing::kWhole;
+  Player player(run_, options);
+  Seat* seat = player.seat("env-wide");
+  ASSERT_TRUE(seat);
+  EXPECT_THROW(player.fleet.command(*seat, route(0, 3)), Error);
+}
+
+TEST_F(FleetTest, TheCacheKeepsWhatIsHeldAndLittleElse) {
+  Player player(run_);
+  FeatureCache cache(player.node, 2000 * sizeof(float));
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  info.frames() = 100;
+  info.feature_dimension() = 100;
+  const ChunkLayout layout(100, 100);
+  const std::vector<float> features(100, 1.0f), positions(100);
+  const auto fetch = [&](std::uint64_t hash, std::uint32_t first, std::uint32_t count) {
+    info.hash() = hash;
+    auto route = cache.want(info, first, count);
+    const bool here = route->complete();
+    msg::TraversalChunk chunk;
+    chunk.hash() = hash;
+    layout.fill(
+        0, positions, [&](std::uint32_t) { return std::span<const float>(features); }, chunk);
+    cache.take(chunk);
+    EXPECT_TRUE(route->complete());
+    return std::pair(route, here);
+  };
+  const auto was_here = [&](std::uint64_t hash, std::uint32_t first, std::uint32_t count) {
+    return fetch(hash, first, count).second;
+  };
+  const auto held = fetch(1, 0, 100).first;  // larger than what is kept
+  EXPECT_FALSE(was_here(2, 0, 15));
+  EXPECT_FALSE(was_here(3, 0, 15));
+  EXPECT_TRUE(was_here(2, 0, 15));
+  EXPECT_TRUE(was_here(2, 3, 12)) << "within another";
+  EXPECT_FALSE(was_here(4, 0, 15)) << "2 is kept, 3 was used before it";
+  EXPECT_TRUE(was_here(4, 0, 15));
+  EXPECT_TRUE(was_here(2, 0, 15));
+  EXPECT_FALSE(was_here(3, 0, 15));
+  EXPECT_TRUE(was_here(1, 50, 50)) << "held";
+  info.encoder() = "another";
+  EXPECT_FALSE(was_here(1, 50, 50)) << "other numbers";
+}
+
+}  // namespace
+}  // namespace citylearn::testing
