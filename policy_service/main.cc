@@ -6,6 +6,7 @@
 #include "policy_service/control.h"
 #include "policy_service/learner.h"
 #include "policy_service/policy_service.h"
+#include "policy_service/sweep.h"
 #include "policy_service/trainer.h"
 
 namespace {
@@ -37,19 +38,34 @@ int main(int argc, char** argv) {
   options.node.id = "policy";
   std::map<std::string, std::map<std::string, double>> plugins;  // parameters given, by plug-in
   bool list = false, agents = false;
+  std::vector<std::uint64_t> seeds;  // of a sweep
+  std::vector<std::string> runs;     // of a table
 
   const auto setup = [&](CLI::App& app) {
     app.add_flag("--list", list, "Print networks, learners, controls and middlewares with their parameters, and exit");
     app.add_flag("--recommended-agents", agents, "Print how many agents --agent trains best with, and exit");
-    app.add_option("--mode", options.mode, "train (and evaluate at the end), or evaluate")
+    app.add_option("--mode", options.mode,
+                   "train (and evaluate at the end), evaluate, or table: compare RUNS that ended")
         ->capture_default_str()
-        ->check(CLI::IsMember({"train", "evaluate"}));
+        ->check(CLI::IsMember({"train", "evaluate", "table"}));
+    app.add_option("runs", runs, "With --mode table: folders with summary.json or sweep.json");
     app.add_option("--agent", options.agent, "Network to train; with --mode evaluate and no --checkpoint, a control")
         ->capture_default_str();
     app.add_option("--learner", options.learner, "Learner")->capture_default_str();
     app.add_option("--checkpoint", options.checkpoint, "File to act from (--mode evaluate)");
     app.add_flag("--resume", options.resume, "Go on with the newest checkpoint in --output; begin where there is none");
-    app.add_option("--seed", options.seed, "Everything random follows from it")->capture_default_str();
+    auto* seed = app.add_option("--seed", options.seed, "Everything random follows from it")->capture_default_str();
+    app.add_option_function<std::string>(
+           "--seeds",
+           [&seeds](const std::string& text) {
+             try {
+               seeds = parse_seeds(text);
+             } catch (const Error& error) {
+               throw CLI::ValidationError("--seeds", error.what());
+             }
+           },
+           "Train once for each: 1..5 or 1,3,7, in OUTPUT/seed-1 ..., then compare: OUTPUT/sweep.json and a table")
+        ->excludes(seed);
     app.add_option(
         "--output", options.output,
         "Folder for summary.json, metrics.csv, episodes.csv, manifest.json and checkpoints/; none: nothing is written");
@@ -140,11 +156,16 @@ int main(int argc, char** argv) {
       std::cout << Trainer::recommended_parameters(options.agent, options.learner).at("trainer").at("agents") << "\n";
       return 0;
     }
+    if (options.mode == "table") {
+      std::cout << tables_of(runs);
+      return 0;
+    }
+    if (!runs.empty()) throw Error("is for --mode table alone", runs.front());
     options.network_parameters = plugins[options.agent];
     options.learner_parameters = plugins[options.learner];
     options.trainer_parameters = plugins["trainer"];
     options.control_parameters = plugins;
-    return run_policy_service(options);
+    return seeds.empty() ? run_policy_service(options) : run_sweep(options, seeds);
   };
   return service_main(argc, argv, "Trains and evaluates navigation agents on the env_services of its run.", setup,
                       body);

@@ -50,7 +50,8 @@ struct Stopped {};
 
 class Run {
  public:
-  explicit Run(const PolicyServiceOptions& options);
+  Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet);
+  ~Run() { fleet_.decide = nullptr, fleet_.finished = nullptr, fleet_.joined = nullptr; }
   int execute();
 
  private:
@@ -82,8 +83,8 @@ class Run {
 
   PolicyServiceOptions options_;
   bool control_alone_ = false;  ///< mode evaluate without a checkpoint: the agent is a control
-  Node node_;
-  Fleet fleet_;
+  Node& node_;
+  Fleet& fleet_;
   std::unique_ptr<EpisodeLog> episodes_;
   std::unique_ptr<MetricsLog> metrics_;
   Progress progress_;
@@ -121,8 +122,8 @@ PolicyServiceOptions checked(PolicyServiceOptions options) {
   return options;
 }
 
-Run::Run(const PolicyServiceOptions& options)
-    : options_(checked(options)), node_(options_.node), fleet_(node_, options_.fleet) {
+Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
+    : options_(checked(options)), node_(node), fleet_(fleet) {
   control_alone_ = options_.mode == "evaluate" && options_.checkpoint.empty();
   if (!options_.output.empty()) {
     std::error_code error;
@@ -556,6 +557,17 @@ int Run::execute() {
 
 }  // namespace
 
-int run_policy_service(const PolicyServiceOptions& options) { return Run(options).execute(); }
+int run_policy_service(const PolicyServiceOptions& options) {
+  const PolicyServiceOptions complete = checked(options);
+  Node node(complete.node);
+  Fleet fleet(node, complete.fleet);
+  return Run(complete, node, fleet).execute();
+}
+
+int run_policy_service(const PolicyServiceOptions& options, Node& node, Fleet& fleet) {
+  return Run(options, node, fleet).execute();
+}
+
+PolicyServiceOptions checked_options(const PolicyServiceOptions& options) { return checked(options); }
 
 }  // namespace citylearn

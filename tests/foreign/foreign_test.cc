@@ -1,0 +1,126 @@
+// A learner of another make (tests/foreign/README.md) in the place of policy_service.
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/service.h"
+#include "tests/support/trial.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::seconds;
+using Json = nlohmann::json;
+
+constexpr seconds kLong{120};
+
+struct Result {
+  double completed = -1, spl = -1;
+};
+
+/// What the learner printed, by "traversal" or "traversal, shuffled".
+std::map<std::string, Result> results(const std::string& output) {
+  std::map<std::string, Result> found;
+  std::istringstream lines(output);
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t colon = line.find(": ");
+    int tasks;
+    Result result;
+    if (colon != std::string::npos && std::sscanf(line.c_str() + colon, ": %d tasks, completed %lf, SPL %lf", &tasks,
+                                                  &result.completed, &result.spl) == 3)
+      found[line.substr(0, colon)] = result;
+  }
+  return found;
+}
+
+class Foreign : public ::testing::TestWithParam<const char*> {
+ protected:
+  int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 196 : 198) + offset; }
+  static std::unique_ptr<Service> learner(const Trial& run, int domain, Arguments more) {
+    more.insert(more.begin(), {FOREIGN_LEARNER, "--domain", std::to_string(domain), "--max-steps", "96", "--tasks",
+                               "300", "--evaluate", "fall"});
+    return std::make_unique<Service>(more, run.folder() / "foreign.log");
+  }
+};
+INSTANTIATE_TEST_SUITE_P(EnvServices, Foreign, ::testing::Values("fastdds", "cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+
+/// With 96 steps for 128 frames a blind sweep does not get everywhere.
+TEST_P(Foreign, LearnsFromOurEnvServicesAndLeavesTheBlindControlBehind) {
+  Trial run(GetParam(), domain(0));
+  const auto summer = run.env("summer"), fall = run.env("fall");
+  const auto foreign = learner(run, domain(0), {"--evaluate", "summer"});
+  ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output() << fall->output();
+  const std::map<std::string, Result> found = results(foreign->output());
+  ASSERT_EQ(found.size(), 4u) << foreign->output();
+  // The env_services are free for the next one.
+  const auto blind = run.policy({"--mode", "evaluate", "--agent", "blind", "--max-steps", "96", "--tasks", "300",
+                                 "--evaluate", "summer,fall", "--output", run.folder() / "blind"});
+  ASSERT_EQ(blind->wait(kLong), 0) << blind->output();
+  const Json controls = Json::parse(contents(run.folder() / "blind/summary.json"))["evaluate"];
+  for (const std::string traversal : {"summer", "fall"}) {
+    const Result& result = found.at(traversal);
+    EXPECT_GT(result.completed, controls[traversal]["completed"].get<double>()) << foreign->output();
+    EXPECT_GT(result.spl, controls[traversal]["spl"].get<double>() + 0.05) << foreign->output();
+    EXPECT_LT(found.at(traversal + ", shuffled").spl, result.spl - 0.3) << "it navigates by what it sees";
+  }
+}
+
+/// Each observation is answered and learned from exactly once, so what the wire does changes nothing.
+TEST_P(Foreign, LearnsTheSameOverAWireThatLosesRepeatsAndReorders) {
+  std::map<std::string, std::string> said;
+  const std::string lossy = "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=3:";
+  for (const std::string& middleware : {std::string(GetParam()), lossy + GetParam()}) {
+    Trial run(middleware, domain(1));
+    const auto summer = run.env("summer"), fall = run.env("fall");
+    const auto foreign = learner(run, domain(1), {"--tasks", "50", "--ticks", "400", "--frames", "64"});
+    ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output();
+    said[middleware] = foreign->output();
+    const std::map<std::string, Result> found = results(foreign->output());
+    ASSERT_TRUE(found.contains("fall")) << foreign->output();
+    EXPECT_GT(found.at("fall").completed, 0.95) << foreign->output();
+    EXPECT_GT(found.at("fall").spl, 0.9) << foreign->output();
+  }
+  EXPECT_EQ(said.begin()->second, said.rbegin()->second);
+}
+
+TEST_P(Foreign, WelcomesAnEnvServiceBackAndAcknowledgesEveryEpisode) {
+  Trial run(GetParam(), domain(1));
+  auto summer = run.env("summer");
+  const auto fall = run.env("fall");
+  const auto foreign = learner(run, domain(1), {"--ticks", "10000"});
+  ASSERT_TRUE(summer->says("training", kLong)) << summer->output();
+  summer->send(SIGKILL);
+  summer->wait(seconds(5));
+  ASSERT_EQ(results(foreign->output()).size(), 0u) << "it had finished before";
+  summer = run.env("summer");
+  ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output();
+  EXPECT_EQ(results(foreign->output()).size(), 2u) << foreign->output();
+  for (Service* env : {summer.get(), fall.get()}) {
+    env->send(SIGTERM);
+    ASSERT_EQ(env->wait(seconds(5)), 0);
+    EXPECT_NE(env->output().find("all acknowledged"), std::string::npos) << env->output();
+  }
+}
+
+TEST(ForeignAlone, WrongInputIsOneClearLine) {
+  Folder folder;
+  const std::vector<std::pair<Arguments, std::string>> cases = {
+      {{"--speed", "9"}, "--speed"},
+      {{"--domain", "300"}, "0..232"},
+      {{"--tasks"}, "--tasks needs"},
+      {{"--domain", "199", "--run", "nobody", "--wait", "1"}, "no env_service"}};
+  for (const auto& [arguments, wanted] : cases) {
+    Arguments command = {FOREIGN_LEARNER};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    Service learner(command, folder / "log");
+    EXPECT_EQ(learner.wait(seconds(20)), 1) << wanted;
+    EXPECT_NE(learner.output().find(wanted), std::string::npos) << learner.output();
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing

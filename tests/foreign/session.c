@@ -1,0 +1,275 @@
+#include "session.h"
+
+#include <dds/dds.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum { kMostSeats = 32 };
+
+static const int64_t kSettingsAgain = DDS_MSECS(100);
+static const int64_t kRefused = DDS_SECS(10);  // that settings are not taken
+static const int64_t kSilence = DDS_SECS(30);  // of an env_service that has work to do
+
+struct Session {
+  dds_entity_t domain, participant, waitset;
+  dds_entity_t infos, observations, episodes;                   // readers
+  dds_entity_t task_settings, actions, acknowledgements;        // writers
+  uint64_t sent_settings, sent_actions, sent_acknowledgements;  // counts, for the headers
+  char run[65], id[65];
+  uint64_t incarnation;
+  uint32_t version;  // of the settings sent last
+  Seat seats[kMostSeats];
+  int count;
+};
+
+void fail(const char* format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  fputs("foreign_learner: ", stderr);
+  vfprintf(stderr, format, arguments);
+  fputc('\n', stderr);
+  va_end(arguments);
+  exit(1);
+}
+
+static dds_entity_t require(dds_return_t result, const char* what) {
+  if (result < 0) fail("cannot %s: %s", what, dds_strretcode(-result));
+  return result;
+}
+
+// Every topic is RELIABLE, TRANSIENT_LOCAL, KEEP_LAST, in XCDR1; a reader is deep, as all writers share its history.
+static dds_qos_t* quality(int32_t depth) {
+  dds_qos_t* qos = dds_create_qos();
+  const dds_data_representation_id_t representation = DDS_DATA_REPRESENTATION_XCDR1;
+  dds_qset_data_representation(qos, 1, &representation);
+  dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_MSECS(100));
+  dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+  dds_qset_durability_service(qos, 0, DDS_HISTORY_KEEP_LAST, depth, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED,
+                              DDS_LENGTH_UNLIMITED);
+  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, depth);
+  dds_qset_writer_data_lifecycle(qos, false);
+  return qos;
+}
+
+static dds_entity_t endpoint(Session* session, const dds_topic_descriptor_t* type, const char* name, bool writer,
+                             int32_t depth) {
+  const dds_entity_t topic = require(dds_create_topic(session->participant, type, name, NULL, NULL), "create a topic");
+  dds_qos_t* qos = quality(depth);
+  const dds_entity_t entity = writer ? dds_create_writer(session->participant, topic, qos, NULL)
+                                     : dds_create_reader(session->participant, topic, qos, NULL);
+  dds_delete_qos(qos);
+  require(entity, "create a reader or writer");
+  if (writer) return entity;
+  const dds_entity_t condition = require(dds_create_readcondition(entity, DDS_ANY_STATE), "create a condition");
+  require(dds_waitset_attach(session->waitset, condition, entity), "wait for a reader");
+  return entity;
+}
+
+Session* session_open(uint32_t domain, const char* run, const char* id) {
+  Session* session = calloc(1, sizeof *session);
+  if (!session) fail("out of memory");
+  snprintf(session->run, sizeof session->run, "%s", run);
+  snprintf(session->id, sizeof session->id, "%s", id);
+  struct timespec now;
+  clock_gettime(CLOCK_REALTIME, &now);
+  session->incarnation = (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;  // later starts are larger
+  // The services of a run use no multicast: each asks the discovery ports of the hosts it knows. CYCLONEDDS_URI may say
+  // otherwise, for other hosts.
+  const char* loopback =
+      "<General><Interfaces><NetworkInterface address=\"127.0.0.1\" multicast=\"false\"/></Interfaces>"
+      "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+      "<MaxAutoParticipantIndex>47</MaxAutoParticipantIndex><Peers><Peer address=\"127.0.0.1\"/></Peers></Discovery>";
+  if (!getenv("CYCLONEDDS_URI")) session->domain = require(dds_create_domain(domain, loopback), "enter the domain");
+  session->participant = require(dds_create_participant(domain, NULL, NULL), "join the domain");
+  session->waitset = require(dds_create_waitset(session->participant), "create a waitset");
+  session->infos = endpoint(session, &citylearn_msg_TraversalInfo_desc, "citylearn/traversal_info", false, 1024);
+  session->observations = endpoint(session, &citylearn_msg_Observation_desc, "citylearn/observation", false, 1024);
+  session->episodes = endpoint(session, &citylearn_msg_EpisodeStat_desc, "citylearn/episode_stat", false, 4096);
+  session->task_settings = endpoint(session, &citylearn_msg_TaskSettings_desc, "citylearn/task_settings", true, 64);
+  session->actions = endpoint(session, &citylearn_msg_Action_desc, "citylearn/action", true, 16);
+  session->acknowledgements =
+      endpoint(session, &citylearn_msg_EpisodeAcknowledgement_desc, "citylearn/episode_acknowledgement", true, 64);
+  return session;
+}
+
+void session_close(Session* session) {
+  dds_delete(session->participant);
+  if (session->domain > 0) dds_delete(session->domain);
+  free(session);
+}
+
+static void stamp(const Session* session, citylearn_msg_Header* header, uint64_t number) {
+  header->protocol = citylearn_msg_PROTOCOL;
+  memcpy(header->run, session->run, sizeof header->run);
+  memcpy(header->sender, session->id, sizeof header->sender);
+  header->incarnation = session->incarnation;
+  header->message = number;
+}
+
+static bool same(const citylearn_msg_SettingsId* a, const citylearn_msg_SettingsId* b) {
+  return a->incarnation == b->incarnation && a->version == b->version;
+}
+
+static bool of_this_run(const Session* session, const citylearn_msg_Header* header) {
+  return header->protocol == citylearn_msg_PROTOCOL && strcmp(header->run, session->run) == 0;
+}
+
+static Seat* seat_by_id(Session* session, const char* id) {
+  for (int i = 0; i < session->count; ++i)
+    if (strcmp(session->seats[i].id, id) == 0) return &session->seats[i];
+  return NULL;
+}
+
+// The seat that sent this; NULL when it is of another run, or of a process that is no more.
+static Seat* sender(Session* session, const citylearn_msg_Header* header) {
+  if (!of_this_run(session, header)) return NULL;
+  Seat* seat = seat_by_id(session, header->sender);
+  if (!seat || seat->incarnation != header->incarnation) return NULL;
+  seat->silent_since = dds_time();
+  return seat;
+}
+
+// ---- What is sent ---------------------------------------------------------------------------------------------------
+
+static void send_settings(Session* session, Seat* seat) {
+  stamp(session, &seat->settings.header, ++session->sent_settings);
+  require(dds_write(session->task_settings, &seat->settings), "send settings");
+  seat->next_settings = dds_time() + kSettingsAgain;
+}
+
+void session_command(Session* session, Seat* seat, citylearn_msg_TaskSettings settings, const Learner* learner) {
+  memcpy(settings.environment, seat->id, sizeof settings.environment);
+  settings.settings.incarnation = session->incarnation;
+  settings.settings.version = ++session->version;  // a new name: the env_service begins anew
+  seat->settings = settings;
+  seat->learner = learner;
+  seat->in_force = false;
+  seat->next_step = 0;
+  seat->silent_since = dds_time();
+  send_settings(session, seat);
+}
+
+static void send_action(Session* session, Seat* seat) {
+  stamp(session, &seat->answer.header, ++session->sent_actions);
+  require(dds_write(session->actions, &seat->answer), "send an action");
+}
+
+static void send_acknowledgement(Session* session, Seat* seat) {
+  citylearn_msg_EpisodeAcknowledgement message;
+  memset(&message, 0, sizeof message);
+  stamp(session, &message.header, ++session->sent_acknowledgements);
+  memcpy(message.environment, seat->id, sizeof message.environment);
+  message.environment_incarnation = seat->incarnation;
+  message.episode = seat->recorded;
+  require(dds_write(session->acknowledgements, &message), "acknowledge");
+  seat->acknowledge = false;
+}
+
+// ---- What comes -----------------------------------------------------------------------------------------------------
+
+static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
+  // Without features an encoder_service is at work: the announcement comes again, complete.
+  if (!of_this_run(session, &info->header) || info->feature_dimension == 0) return;
+  Seat* seat = seat_by_id(session, info->header.sender);
+  if (!seat) {
+    if (session->count == kMostSeats) fail("more than %d env_services", kMostSeats);
+    seat = &session->seats[session->count++];
+    memcpy(seat->id, info->header.sender, sizeof seat->id);
+  }
+  if (info->header.incarnation < seat->incarnation) return;  // of a process that is dead, kept for late joiners
+  const bool restarted = seat->incarnation != 0 && info->header.incarnation > seat->incarnation;
+  if (info->header.incarnation > seat->incarnation) seat->recorded = 0;
+  seat->incarnation = info->header.incarnation;
+  memcpy(seat->traversal, info->traversal, sizeof seat->traversal);
+  seat->frames = info->frames;
+  seat->dimension = info->feature_dimension;
+  seat->agents = info->agents;
+  seat->silent_since = dds_time();
+  if (seat->settings.settings.version == 0) return;
+  if (restarted)
+    session_command(session, seat, seat->settings,
+                    seat->learner);  // it knows nothing: the same once more, under a new name
+  else if (same(&info->settings, &seat->settings.settings))
+    seat->in_force = true;
+}
+
+static void on_observation(Session* session, const citylearn_msg_Observation* seen) {
+  Seat* seat = sender(session, &seen->header);
+  if (!seat || seat->settings.settings.version == 0 || !same(&seen->settings, &seat->settings.settings)) return;
+  if (seen->feature_dimension != seat->dimension || seen->frame._length != seat->agents) return;
+  seat->in_force = true;
+  if (seen->step + 1 == seat->next_step) {  // the answer was lost, or is on its way
+    send_action(session, seat);
+    return;
+  }
+  if (seen->step != seat->next_step || !seat->learner) return;  // old
+  seat->learner->decide(seat->learner->self, seat, seen, seat->choice);
+  citylearn_msg_Action* answer = &seat->answer;
+  memcpy(answer->environment, seat->id, sizeof answer->environment);
+  answer->environment_incarnation = seat->incarnation;
+  answer->settings = seen->settings;
+  answer->step = seen->step;
+  answer->choice._buffer = seat->choice;
+  answer->choice._length = answer->choice._maximum = seat->agents;
+  ++seat->next_step;
+  send_action(session, seat);
+}
+
+static void on_episode(Session* session, const citylearn_msg_EpisodeStat* episode) {
+  Seat* seat = sender(session, &episode->header);
+  if (!seat) return;
+  if (episode->acknowledged > seat->recorded) seat->recorded = episode->acknowledged;  // by somebody before us
+  seat->acknowledge = true;
+  if (episode->episode != seat->recorded + 1) return;  // known, or there is a gap: what is missing comes again
+  ++seat->recorded;
+  if (seat->learner && same(&episode->settings, &seat->settings.settings))
+    seat->learner->finished(seat->learner->self, seat, episode);
+}
+
+// Calls `handle` for each sample of the reader.
+#define TAKE_ALL(reader, Type, handle)                                             \
+  do {                                                                             \
+    void* samples[1] = {NULL};                                                     \
+    dds_sample_info_t info;                                                        \
+    while (require(dds_take(reader, samples, &info, 1, 1), "take a sample") > 0) { \
+      const Type* sample = samples[0];                                             \
+      if (info.valid_data) handle;                                                 \
+      require(dds_return_loan(reader, samples, 1), "return a sample");             \
+      samples[0] = NULL;                                                           \
+    }                                                                              \
+  } while (0)
+
+void session_spin(Session* session) {
+  dds_attach_t triggered[3];
+  require(dds_waitset_wait(session->waitset, triggered, 3, DDS_MSECS(50)), "wait");
+  TAKE_ALL(session->infos, citylearn_msg_TraversalInfo, on_info(session, sample));
+  TAKE_ALL(session->observations, citylearn_msg_Observation, on_observation(session, sample));
+  TAKE_ALL(session->episodes, citylearn_msg_EpisodeStat, on_episode(session, sample));
+  const int64_t now = dds_time();
+  for (int i = 0; i < session->count; ++i) {
+    Seat* seat = &session->seats[i];
+    if (seat->acknowledge) send_acknowledgement(session, seat);
+    if (seat->settings.settings.version == 0) continue;
+    if (!seat->in_force) {
+      if (now >= seat->next_settings) send_settings(session, seat);
+      if (now > seat->silent_since + kRefused)
+        fail("env_service '%s' does not take its settings: its log says why", seat->id);
+    } else if (seat->settings.task_mode != citylearn_msg_IDLE && now > seat->silent_since + kSilence) {
+      fail("env_service '%s' on %s went silent", seat->id, seat->traversal);
+    }
+  }
+}
+
+Seat* session_find(Session* session, const char* traversal, double seconds) {
+  const int64_t deadline = dds_time() + (int64_t)(seconds * 1e9);
+  while (true) {
+    for (int i = 0; i < session->count; ++i)
+      if (strcmp(session->seats[i].traversal, traversal) == 0) return &session->seats[i];
+    if (dds_time() > deadline)
+      fail("no env_service with features on '%s' in run '%s': same --domain and --run there?", traversal, session->run);
+    session_spin(session);
+  }
+}

@@ -1,0 +1,124 @@
+// docs/tutorial-learner.md, followed to the letter: its files are written, its commands run, its promises kept.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <regex>
+#include <sstream>
+#include <vector>
+
+#include "tests/support/service.h"
+
+namespace citylearn::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::seconds;
+using Json = nlohmann::json;
+
+constexpr int kDomain = 195;
+
+struct Block {
+  std::string language, file, text;
+};
+
+/// Fenced code blocks, "```language file".
+std::vector<Block> blocks_of(const std::string& markdown) {
+  std::vector<Block> blocks;
+  std::istringstream lines(markdown);
+  bool inside = false;
+  for (std::string line; std::getline(lines, line);) {
+    if (line.rfind("```", 0) == 0) {
+      inside = !inside;
+      if (!inside) continue;
+      std::istringstream words(line.substr(3));
+      Block& block = blocks.emplace_back();
+      words >> block.language >> block.file;
+    } else if (inside) {
+      blocks.back().text += line + "\n";
+    }
+  }
+  EXPECT_FALSE(inside) << "a block without an end";
+  return blocks;
+}
+
+class Tutorial : public ::testing::Test {
+ protected:
+  const std::string page_ = contents(CITYLEARN_SOURCE_DIR "/docs/tutorial-learner.md");
+  const std::vector<Block> blocks_ = blocks_of(page_);
+};
+
+TEST_F(Tutorial, KeepsItsPromises) {
+  Folder folder;
+  // The page says build/release; this build may be another one.
+  fs::create_directories(folder / "citylearn/build");
+  fs::create_directory_symlink(CITYLEARN_BINARY_DIR, folder / "citylearn/build/release");
+  fs::create_directories(folder / "my_learner");
+  std::string script = "set -euo pipefail\ntrap 'kill $(jobs -p) 2>/dev/null || true' EXIT\n";
+  script += "cd '" + (folder / "my_learner") + "'\nexport CITYLEARN='" + (folder / "citylearn") + "'\n";
+  // Our own warnings too: the page ends with the file in this repository.
+  script += "export CXX='" CITYLEARN_CXX "' CXXFLAGS='" CITYLEARN_CXX_FLAGS "'\n";
+  script += "export PATH=\"$(dirname '" CITYLEARN_CMAKE "'):$PATH\"\n";
+  script += "export CITYLEARN_RUN=tutorial CITYLEARN_DOMAIN=" + std::to_string(kDomain) + "\n";
+  int commands = 0, files = 0;
+  for (const Block& block : blocks_) {
+    if (block.language == "sh") {
+      script += block.text;
+      ++commands;
+    } else if (!block.file.empty()) {
+      std::ofstream(folder / ("my_learner/" + block.file)) << block.text;
+      ++files;
+    }
+  }
+  ASSERT_EQ(files, 2);
+  ASSERT_GE(commands, 5);
+  script += "echo followed to the end\n";
+  std::ofstream(folder / "tutorial.sh") << script;
+  Service reader({"/bin/bash", folder / "tutorial.sh"}, folder / "log");
+  const auto status = reader.wait(seconds(400));
+  if (!status) {  // its env_services shall not outlive it
+    reader.send(SIGTERM);
+    reader.wait(seconds(90));
+  }
+  const std::string said = reader.output();
+  ASSERT_TRUE(status.has_value()) << said;
+  ASSERT_NE(said.find("followed to the end"), std::string::npos) << said;
+  // What the page says of what is to be seen.
+  EXPECT_NE(said.find("[       OK ] LearnerContract.GoesOnFromWhatItSavedBitForBit/a2c"), std::string::npos) << said;
+  EXPECT_EQ(said.find("[  FAILED  ]"), std::string::npos) << said;
+  for (const char* parameter : {"learning-rate", "gamma", "lambda", "entropy", "value-weight"})
+    EXPECT_NE(said.find("--a2c-" + std::string(parameter)), std::string::npos) << said;
+  EXPECT_NE(said.find("| fast"), std::string::npos) << said;
+  std::smatch promised;
+  const std::regex promise(R"(an SPL of at least ([0-9.]+) on\s+summer and of at least ([0-9.]+) on fall)");
+  ASSERT_TRUE(std::regex_search(page_, promised, promise)) << "the page promises nothing";
+  const Json summary = Json::parse(contents(folder / "my_learner/runs/first/summary.json"));
+  EXPECT_GE(summary["evaluate"]["summer"]["spl"].get<double>(), std::stod(promised[1]));
+  EXPECT_GE(summary["evaluate"]["fall"]["spl"].get<double>(), std::stod(promised[2]));
+  EXPECT_LT(summary["controls"]["blind"]["fall"]["spl"].get<double>(), std::stod(promised[2]) - 0.02);
+  EXPECT_LT(summary["controls"]["shuffled"]["fall"]["spl"].get<double>(), 0.7);
+}
+
+/// The page's last step: its context lines stand in learning.cmake, one after the other, and the new one does not.
+TEST_F(Tutorial, TheLineForThisRepositoryFits) {
+  int found = 0;
+  for (const Block& block : blocks_) {
+    if (block.language != "diff") continue;
+    ++found;
+    std::string before, after;
+    std::istringstream lines(block.text);
+    for (std::string line; std::getline(lines, line);) {
+      ASSERT_FALSE(line.empty());
+      if (line[0] != '+') before += line.substr(1) + "\n";
+      after += line.substr(1) + "\n";
+    }
+    const std::string list = contents(CITYLEARN_SOURCE_DIR "/policy_service/learning.cmake");
+    EXPECT_NE(list.find(before), std::string::npos) << "not in learning.cmake:\n" << before;
+    EXPECT_EQ(list.find(after), std::string::npos);
+  }
+  EXPECT_EQ(found, 1);
+}
+
+}  // namespace
+}  // namespace citylearn::testing
