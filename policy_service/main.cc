@@ -4,6 +4,8 @@
 #include "core/service.h"
 #include "policy_service/agent_network.h"
 #include "policy_service/control.h"
+#include "policy_service/interchange/export.h"
+#include "policy_service/interchange/onnx_graph.h"
 #include "policy_service/learner.h"
 #include "policy_service/policy_service.h"
 #include "policy_service/sweep.h"
@@ -45,14 +47,18 @@ int main(int argc, char** argv) {
     app.add_flag("--list", list, "Print networks, learners, controls and middlewares with their parameters, and exit");
     app.add_flag("--recommended-agents", agents, "Print how many agents --agent trains best with, and exit");
     app.add_option("--mode", options.mode,
-                   "train (and evaluate at the end), evaluate, or table: compare RUNS that ended")
+                   "train (and evaluate at the end); evaluate; export --checkpoint to --output FILE.onnx (opset " +
+                       std::to_string(OnnxGraph::kOpset) +
+                       ", open batch) or FILE.safetensors; or table: compare RUNS that ended")
         ->capture_default_str()
-        ->check(CLI::IsMember({"train", "evaluate", "table"}));
+        ->check(CLI::IsMember({"train", "evaluate", "export", "table"}));
     app.add_option("runs", runs, "With --mode table: folders with summary.json or sweep.json");
     app.add_option("--agent", options.agent, "Network to train; with --mode evaluate and no --checkpoint, a control")
         ->capture_default_str();
     app.add_option("--learner", options.learner, "Learner")->capture_default_str();
-    app.add_option("--checkpoint", options.checkpoint, "File to act from (--mode evaluate)");
+    app.add_option("--checkpoint", options.checkpoint, "File to act from (--mode evaluate) or to export");
+    app.add_option("--parameters", options.parameters,
+                   "Safetensors file whose parameters go before those of --checkpoint");
     app.add_flag("--resume", options.resume, "Go on with the newest checkpoint in --output; begin where there is none");
     auto* seed = app.add_option("--seed", options.seed, "Everything random follows from it")->capture_default_str();
     app.add_option_function<std::string>(
@@ -68,7 +74,8 @@ int main(int argc, char** argv) {
         ->excludes(seed);
     app.add_option(
         "--output", options.output,
-        "Folder for summary.json, metrics.csv, episodes.csv, manifest.json and checkpoints/; none: nothing is written");
+        "Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/ and tensorboard/; none: nothing "
+        "is written. With --mode export the file to write");
 
     const std::string task = "Task";
     app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str()->group(task);
@@ -161,6 +168,10 @@ int main(int argc, char** argv) {
       return 0;
     }
     if (!runs.empty()) throw Error("is for --mode table alone", runs.front());
+    if (options.mode == "export") {
+      export_agent({options.checkpoint, options.parameters, options.output});
+      return 0;
+    }
     options.network_parameters = plugins[options.agent];
     options.learner_parameters = plugins[options.learner];
     options.trainer_parameters = plugins["trainer"];

@@ -17,6 +17,8 @@
 #include "policy_service/episode_log.h"
 #include "policy_service/evaluation.h"
 #include "policy_service/fleet.h"
+#include "policy_service/interchange/event_log.h"
+#include "policy_service/interchange/safetensors.h"
 #include "policy_service/metrics_log.h"
 #include "policy_service/network_policy.h"
 #include "policy_service/progress.h"
@@ -87,6 +89,7 @@ class Run {
   Fleet& fleet_;
   std::unique_ptr<EpisodeLog> episodes_;
   std::unique_ptr<MetricsLog> metrics_;
+  std::unique_ptr<EventLog> events_;
   Progress progress_;
   std::set<Seat*> to_acknowledge_;
   std::unique_ptr<Trainer> trainer_;
@@ -106,13 +109,15 @@ PolicyServiceOptions checked(PolicyServiceOptions options) {
     options.controls = {"shuffled"};
     for (const auto* entry : ControlRegistry::instance().entries()) options.controls.push_back(entry->name);
   }
+  if (!options.parameters.empty() && options.checkpoint.empty())
+    throw Error("needs --checkpoint", "--parameters", "name the checkpoint of the agent that they are for");
   for (const std::string& name : options.controls)
     if (name != "shuffled") ControlRegistry::instance().find("control", name);
   if (options.mode == "train") {
     NetworkRegistry<float>::instance().find("agent", options.agent);
     LearnerRegistry::instance().find("learner", options.learner);
     if (!options.checkpoint.empty())
-      throw Error("only for --mode evaluate", "--checkpoint", "to go on training use --resume");
+      throw Error("not for --mode train", "--checkpoint", "to go on training use --resume");
     if (options.resume && options.output.empty()) throw Error("needs --output", "--resume");
   } else if (options.checkpoint.empty()) {
     ControlRegistry::instance().find("control", options.agent);
@@ -134,7 +139,7 @@ Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
   if (!options_.resume && !log.empty()) std::filesystem::remove(log);
   episodes_ = std::make_unique<EpisodeLog>(log);
   fleet_.finished = [this](Seat& seat, const msg::EpisodeStat& episode) {
-    episodes_->record(episode);
+    if (episodes_->record(episode) && events_ && !episode.evaluation()) events_->finished(episode);
     to_acknowledge_.insert(&seat);
   };
 }
@@ -242,6 +247,7 @@ void Run::build_trainer() {
   }
   if (!options_.output.empty()) {
     metrics_ = std::make_unique<MetricsLog>(options_.output + "/metrics.csv", trainer_->progress().updates);
+    events_ = std::make_unique<EventLog>(options_.output + "/tensorboard", trainer_->progress().steps);
     wall_before_ = metrics_->wall();
     if ((report_.episodes_to_spl95 = trainer_->progress().episodes_to_spl95))
       report_.wall_to_spl95 = metrics_->wall_at(*report_.episodes_to_spl95);
@@ -307,6 +313,7 @@ void Run::after_update(const UpdateFigures& figures, std::uint64_t steps_before)
   stat.learning_rate() = static_cast<float>(figures.learning_rate);
   node_.publish(stat);
   if (metrics_) metrics_->write(stat);
+  if (events_) events_->write(stat);
   if (!report_.episodes_to_spl95 && progress.episodes_to_spl95) {
     report_.episodes_to_spl95 = progress.episodes_to_spl95;
     report_.wall_to_spl95 = wall;
@@ -409,6 +416,7 @@ void Run::train() {
 
 void Run::load_agent() {
   agent_ = trained_agent(read_checkpoint(options_.checkpoint));
+  if (!options_.parameters.empty()) load_parameters(options_.parameters, *agent_);
   if (options_.max_steps == options_.frames) options_.max_steps = agent_->task.frames;
   options_.agent = agent_->name;
   options_.first_frame = agent_->first_frame;

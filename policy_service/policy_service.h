@@ -21,6 +21,7 @@ struct PolicyServiceOptions {
   std::string learner = "ppo";
   std::map<std::string, double> network_parameters, learner_parameters, trainer_parameters;  ///< those given
   std::string checkpoint;  ///< mode "evaluate": the file to act from
+  std::string parameters;  ///< with `checkpoint`: safetensors file whose parameters go before its own
   bool resume = false;     ///< go on with the newest checkpoint of `output`, or start where there is none
   std::uint64_t seed = 1;
 
@@ -49,7 +50,7 @@ struct PolicyServiceOptions {
   std::vector<std::string> controls;  ///< evaluated on the same tasks; "shuffled" is the agent on shuffled frames
   std::map<std::string, std::map<std::string, double>> control_parameters;
 
-  std::string output;  ///< folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/
+  std::string output;  ///< folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/, tensorboard/
 };
 
 /// Trains and evaluates agents on the env_services of its run, over the wire. Returns the exit status. Throws Error.

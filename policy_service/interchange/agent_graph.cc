@@ -1,0 +1,74 @@
+#include "policy_service/interchange/agent_graph.h"
+
+#include "policy_service/networks/parts.h"
+
+namespace citylearn {
+
+AgentGraph::AgentGraph(const TrainedAgent& agent) : OnnxGraph(agent.name), agent_(agent) {}
+
+OnnxValue AgentGraph::known(const std::string& name, std::int64_t width, const std::string& help) {
+  const auto found = inputs_.find(name);
+  if (found != inputs_.end()) return found->second;
+  return inputs_[name] = input(name, width, help);
+}
+
+OnnxValue AgentGraph::features() {
+  return known("features", agent_.task.features, "what is seen: the frame's features, as the agent was trained on");
+}
+OnnxValue AgentGraph::goal() {
+  return known("goal", 1, "place of the goal on the route, 0 .. frames - 1: the goal's frame less first_frame");
+}
+OnnxValue AgentGraph::position() {
+  return known("position", 1, "place stood at on the route, 0 .. frames - 1: the frame less first_frame");
+}
+OnnxValue AgentGraph::previous_action() {
+  return known("previous_action", kActions, "one-hot stay, next, previous; zeros at an episode's start");
+}
+OnnxValue AgentGraph::allowed() { return known("allowed", kActions, "stay, next, previous: 1 = allowed, 0 = not"); }
+OnnxValue AgentGraph::first() {
+  return known("first", 1, "1 = first observation of an episode: the state before it is wiped; else 0");
+}
+
+OnnxValue AgentGraph::state() {
+  const auto found = inputs_.find("wiped");
+  if (found != inputs_.end()) return found->second;
+  const int size = agent_.network->state_size();
+  const OnnxValue before = known("state", size, "next_state of the step before; zeros at the very first");
+  return inputs_["wiped"] = before * stretched(-1 * first() + 1, size);
+}
+
+OnnxValue AgentGraph::stretched(const OnnxValue& x, std::int64_t width) {
+  return linear(x, "ones", Matrix<float>::Ones(width, 1));  // readers differ in what they stretch by themselves
+}
+
+Eigen::Map<const Matrix<float>> AgentGraph::tensor(const std::string& name) const {
+  for (const Tensor& one : agent_.network->tensors())
+    if (one.name == name) return {agent_.parameters.data() + one.offset, one.rows, one.cols};
+  throw Error("has no tensor '" + name + "'", "network '" + agent_.name + "'", "its ONNX exporter must follow");
+}
+
+OnnxValue AgentGraph::layer(const OnnxValue& x, const std::string& weight, const std::string& bias) {
+  return linear(x, weight, tensor(weight), bias, tensor(bias));
+}
+OnnxValue AgentGraph::layer(const OnnxValue& x, const std::string& weight) { return linear(x, weight, tensor(weight)); }
+
+void AgentGraph::finish(const OnnxValue& heads, const OnnxValue& next_state) {
+  // Allowed: the logit; not allowed: kMasked. Nothing is lost to rounding in either.
+  const OnnxValue logits = columns(heads, 0, kActions) * allowed();
+  output("logits", logits + -static_cast<float>(kMasked) * (allowed() + -1), kActions,
+         "of stay, next, previous; -1e9 where not allowed. Their softmax is the policy");
+  output("value", columns(heads, kActions, kActions + 1), 1, "discounted reward to come, as estimated");
+  output("next_state", next_state, agent_.network->state_size(), "to be given as state with the next observation");
+}
+
+std::unique_ptr<AgentGraph> export_graph(const TrainedAgent& agent, const Parameters& parameters) {
+  std::string known;
+  for (const auto* entry : AgentGraphRegistry::instance().entries()) {
+    if (entry->name == agent.name) return entry->create(parameters, agent);
+    known += (known.empty() ? "" : ", ") + entry->name;
+  }
+  throw Error("network '" + agent.name + "' has no ONNX exporter", "",
+              "known: " + known + "; any network's parameters can leave as safetensors");
+}
+
+}  // namespace citylearn

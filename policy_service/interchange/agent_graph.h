@@ -1,0 +1,53 @@
+#pragma once
+
+#include <string>
+
+#include "core/registry.h"
+#include "policy_service/checkpoint.h"
+#include "policy_service/interchange/onnx_graph.h"
+
+namespace citylearn {
+
+/// One step of an agent as an ONNX model: what it observes and its recurrent state in; logits, value and the next state
+/// out. An input exists in the model once its exporter has asked for it, so that agents which don't look at features
+/// (the baseline) don't have any.
+class AgentGraph : public OnnxGraph {
+ public:
+  /// `agent` must outlive it.
+  explicit AgentGraph(const TrainedAgent& agent);
+
+  OnnxValue features();         ///< batch x D
+  OnnxValue goal();             ///< batch x 1, place on the route, 0..N-1
+  OnnxValue position();         ///< batch x 1, likewise
+  OnnxValue previous_action();  ///< batch x 3, one-hot; zeros where there was none
+  OnnxValue allowed();          ///< batch x 3, 1 = allowed
+  /// batch x state_size, zeros where an episode begins: already wiped by the input `first`.
+  OnnxValue state();
+  OnnxValue first();  ///< batch x 1, 1 = first observation of an episode
+  /// batch x 1 to batch x width, the same in each column.
+  OnnxValue stretched(const OnnxValue& x, std::int64_t width);
+  /// A linear layer by the names of its tensors.
+  OnnxValue layer(const OnnxValue& x, const std::string& weight, const std::string& bias);
+  OnnxValue layer(const OnnxValue& x, const std::string& weight);
+  /// The network's tensor of that name. Throws Error when it has none: the exporter is of another version.
+  Eigen::Map<const Matrix<float>> tensor(const std::string& name) const;
+  const TrainedAgent& agent() const { return agent_; }
+
+  /// `heads` (batch x 4): three logits, masked here, and the value. Call it once, at the end.
+  void finish(const OnnxValue& heads, const OnnxValue& next_state);
+
+ private:
+  OnnxValue known(const std::string& name, std::int64_t width, const std::string& help);
+
+  const TrainedAgent& agent_;
+  std::map<std::string, OnnxValue> inputs_;
+};
+
+/// Exporters by the name of the network they export: one file each under exporters/, which ends in a static
+/// Registration and stands in interchange.cmake. They get the network's own parameters.
+using AgentGraphRegistry = Registry<AgentGraph, const TrainedAgent&>;
+
+/// The model of an agent that was built with these parameters. Throws Error when its network has no exporter.
+std::unique_ptr<AgentGraph> export_graph(const TrainedAgent& agent, const Parameters& parameters);
+
+}  // namespace citylearn

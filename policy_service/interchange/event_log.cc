@@ -1,0 +1,253 @@
+#include "policy_service/interchange/event_log.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cerrno>
+#include <charconv>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <optional>
+#include <string_view>
+#include <vector>
+
+#include "core/error.h"
+#include "core/files.h"
+
+namespace citylearn {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "numbers are written as they lie in memory");
+
+constexpr std::string_view kPrefix = "events.out.tfevents.";
+
+// Field numbers of event.proto and summary.proto.
+enum Event { kWallTime = 1, kStep = 2, kFileVersion = 3, kSummary = 5, kSessionLog = 7 };
+enum SessionLog { kStatus = 1, kStart = 1 };  // readers drop what they know of this step and later ones
+enum Summary { kValue = 1 };
+enum Value { kTag = 1, kSimpleValue = 2 };
+
+/// A protobuf message's bytes.
+class Message {
+ public:
+  Message& number(int field, std::uint64_t value) {
+    varint(static_cast<std::uint64_t>(field) << 3);
+    varint(value);
+    return *this;
+  }
+  Message& real(int field, double value) { return raw(field, 1, value); }
+  Message& real(int field, float value) { return raw(field, 5, value); }
+  Message& text(int field, std::string_view value) {
+    varint(static_cast<std::uint64_t>(field) << 3 | 2);
+    varint(value.size());
+    bytes_ += value;
+    return *this;
+  }
+  const std::string& bytes() const { return bytes_; }
+
+ private:
+  template <class T>
+  Message& raw(int field, std::uint64_t type, T value) {
+    varint(static_cast<std::uint64_t>(field) << 3 | type);
+    char bytes[sizeof value];
+    std::memcpy(bytes, &value, sizeof value);
+    bytes_.append(bytes, sizeof value);
+    return *this;
+  }
+  void varint(std::uint64_t value) {
+    for (; value > 0x7F; value >>= 7) bytes_ += static_cast<char>(value | 0x80);
+    bytes_ += static_cast<char>(value);
+  }
+  std::string bytes_;
+};
+
+constexpr std::array<std::uint32_t, 256> crc_table() {
+  std::array<std::uint32_t, 256> table{};
+  for (std::uint32_t i = 0; i < 256; ++i) {
+    std::uint32_t rest = i;
+    for (int bit = 0; bit < 8; ++bit) rest = rest >> 1 ^ (rest & 1 ? 0x82F63B78u : 0);
+    table[i] = rest;
+  }
+  return table;
+}
+
+/// As TFRecords have it, so that a record of records does not look like a checksum.
+std::uint32_t masked_crc(const void* bytes, std::size_t count) {
+  const std::uint32_t crc = crc32c(bytes, count);
+  return (crc >> 15 | crc << 17) + 0xA282EAD8u;
+}
+
+/// The step of an event of ours; none where it is no such message. Events without one are of step 0.
+std::optional<std::uint64_t> step_of(std::string_view event) {
+  const auto varint = [&]() -> std::optional<std::uint64_t> {
+    std::uint64_t value = 0;
+    for (int shift = 0; shift < 64 && !event.empty(); shift += 7) {
+      const auto byte = static_cast<unsigned char>(event.front());
+      event.remove_prefix(1);
+      value |= static_cast<std::uint64_t>(byte & 0x7F) << shift;
+      if (byte < 0x80) return value;
+    }
+    return std::nullopt;
+  };
+  std::uint64_t step = 0;
+  while (!event.empty()) {
+    const auto key = varint();
+    if (!key) return std::nullopt;
+    std::uint64_t skipped = 0;
+    switch (*key & 7) {
+      case 0: {
+        const auto value = varint();
+        if (!value) return std::nullopt;
+        if (*key >> 3 == kStep) step = *value;
+        break;
+      }
+      case 1:
+        skipped = 8;
+        break;
+      case 2: {
+        const auto length = varint();
+        if (!length) return std::nullopt;
+        skipped = *length;
+        break;
+      }
+      case 5:
+        skipped = 4;
+        break;
+      default:
+        return std::nullopt;
+    }
+    if (skipped > event.size()) return std::nullopt;
+    event.remove_prefix(skipped);
+  }
+  return step;
+}
+
+/// Bytes up to the first record that is past `steps`, damaged or cut short.
+std::size_t kept_bytes(std::string_view bytes, std::uint64_t steps) {
+  constexpr std::size_t kAround = 16;  // length and two checksums
+  std::size_t at = 0;
+  while (bytes.size() - at >= kAround) {
+    const char* record = bytes.data() + at;
+    std::uint64_t length;
+    std::uint32_t of_length, of_payload;
+    std::memcpy(&length, record, 8);
+    std::memcpy(&of_length, record + 8, 4);
+    if (of_length != masked_crc(record, 8) || length > bytes.size() - at - kAround) break;
+    std::memcpy(&of_payload, record + 12 + length, 4);
+    if (of_payload != masked_crc(record + 12, length)) break;
+    const auto step = step_of({record + 12, length});
+    if (!step || *step > steps) break;
+    at += kAround + length;
+  }
+  return at;
+}
+
+double now() { return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count(); }
+
+/// Seconds in an event file's name; none when it is not one.
+std::optional<std::uint64_t> seconds_of(const std::string& name) {
+  if (!name.starts_with(kPrefix)) return std::nullopt;
+  std::uint64_t seconds = 0;
+  const char* begin = name.data() + kPrefix.size();
+  if (std::from_chars(begin, name.data() + name.size(), seconds).ec != std::errc()) return std::nullopt;
+  return seconds;
+}
+
+}  // namespace
+
+std::uint32_t crc32c(const void* bytes, std::size_t count) {
+  static constexpr std::array<std::uint32_t, 256> kTable = crc_table();
+  std::uint32_t rest = 0xFFFFFFFFu;
+  for (std::size_t i = 0; i < count; ++i)
+    rest = rest >> 8 ^ kTable[(rest ^ static_cast<const unsigned char*>(bytes)[i]) & 0xFF];
+  return ~rest;
+}
+
+EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
+  std::error_code problem;
+  std::filesystem::create_directories(folder, problem);
+  if (problem) throw Error(problem.message(), folder, "choose another --output");
+  // Readers take the files in the order of their names: the new one's must be the last, whatever the clock says.
+  std::uint64_t seconds = static_cast<std::uint64_t>(now());
+  std::vector<std::filesystem::path> older;
+  for (const auto& entry : std::filesystem::directory_iterator(folder))
+    if (const auto found = seconds_of(entry.path().filename())) {
+      older.push_back(entry.path());
+      seconds = std::max(seconds, *found + 1);
+    }
+  for (const std::filesystem::path& path : older) {
+    if (after_steps == 0) {
+      std::filesystem::remove(path);
+      continue;
+    }
+    const std::string bytes = read_file(path);
+    const std::size_t kept = kept_bytes(bytes, after_steps);
+    if (kept < bytes.size()) write_file(path, std::string_view(bytes).substr(0, kept));
+  }
+  char host[256] = "host";
+  ::gethostname(host, sizeof host - 1);
+  path_ = folder + "/" + std::string(kPrefix) + std::to_string(seconds) + "." + host + "." + std::to_string(::getpid());
+  file_ = std::fopen(path_.c_str(), "wbe");
+  if (!file_) throw Error(std::strerror(errno), path_, "choose another --output");
+  record(Message().real(kWallTime, now()).text(kFileVersion, "brain.Event:2").bytes());
+  if (after_steps > 0)  // for whoever has read the points that are gone
+    record(Message()
+               .real(kWallTime, now())
+               .number(kStep, after_steps + 1)
+               .text(kSessionLog, Message().number(kStatus, kStart).bytes())
+               .bytes());
+  if (std::fflush(file_) != 0) throw Error(std::strerror(errno), path_, "free some space");
+}
+
+EventLog::~EventLog() {
+  if (file_) std::fclose(file_);
+}
+
+void EventLog::finished(const msg::EpisodeStat& episode) {
+  ++episodes_;
+  episode_steps_ += episode.steps();
+}
+
+void EventLog::write(const msg::TrainingStat& s) {
+  const float length =
+      episodes_ > 0 ? static_cast<float>(episode_steps_) / static_cast<float>(episodes_) : std::nanf("");
+  episodes_ = episode_steps_ = 0;
+  const std::pair<const char*, float> points[] = {
+      {"Environment/Cumulative Reward", s.reward()},
+      {"Environment/Episode Length", length},
+      {"Environment/Lesson", static_cast<float>(s.lesson())},
+      {"Environment/Episodes", static_cast<float>(s.episodes())},
+      {"Environment/SPL", s.spl()},
+      {"Losses/Policy Loss", s.policy_loss()},
+      {"Losses/Value Loss", s.value_loss()},
+      {"Policy/Entropy", s.entropy()},
+      {"Policy/Learning Rate", s.learning_rate()},
+      {"Policy/Divergence", s.divergence()},
+      {"Policy/Clipped", s.clipped()},
+      {"Policy/Gradient Norm", s.gradient_norm()},
+      {"Performance/Steps per Second", s.steps_per_second()},
+  };
+  Message summary;
+  for (const auto& [tag, value] : points)
+    if (!std::isnan(value)) summary.text(kValue, Message().text(kTag, tag).real(kSimpleValue, value).bytes());
+  record(Message().real(kWallTime, now()).number(kStep, s.steps()).text(kSummary, summary.bytes()).bytes());
+  if (std::fflush(file_) != 0) throw Error(std::strerror(errno), path_, "free some space");
+}
+
+void EventLog::record(const std::string& event) {
+  const std::uint64_t length = event.size();
+  const std::uint32_t of_length = masked_crc(&length, sizeof length), of_event = masked_crc(event.data(), event.size());
+  std::string bytes;
+  bytes.append(reinterpret_cast<const char*>(&length), sizeof length);
+  bytes.append(reinterpret_cast<const char*>(&of_length), sizeof of_length);
+  bytes += event;
+  bytes.append(reinterpret_cast<const char*>(&of_event), sizeof of_event);
+  if (std::fwrite(bytes.data(), 1, bytes.size(), file_) != bytes.size())
+    throw Error(std::strerror(errno), path_, "free some space");
+}
+
+}  // namespace citylearn

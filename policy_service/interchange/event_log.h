@@ -1,0 +1,43 @@
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <string>
+
+#include "core/messages.h"
+
+namespace citylearn {
+
+/// CRC-32C (Castagnoli, as in RFC 3720).
+std::uint32_t crc32c(const void* bytes, std::size_t count);
+
+/// One point an update in a TensorBoard event file, for each figure of TrainingStat under the tag that users of
+/// ML-Agents know. A point's step counts environment steps. Figures that are not there yet (NaN) have no point.
+///
+/// The file is TFRecords (length, masked CRC-32C of the length, payload, masked CRC-32C of the payload), the payload an
+/// Event of tensorflow/core/util/event.proto.
+class EventLog {
+ public:
+  /// Begins a new file in `folder` (making it). With `after_steps` > 0 a run goes on: older event files there lose the
+  /// points past it, which a killed process wrote and which will come again. With 0 older event files go. Throws Error
+  /// naming the file that cannot be written.
+  EventLog(const std::string& folder, std::uint64_t after_steps);
+  ~EventLog();
+  EventLog(const EventLog&) = delete;
+  EventLog& operator=(const EventLog&) = delete;
+
+  /// A finished training episode, for the mean length of those since the last write.
+  void finished(const msg::EpisodeStat& episode);
+  /// Throws Error when it cannot be written.
+  void write(const msg::TrainingStat& stat);
+  const std::string& path() const { return path_; }
+
+ private:
+  void record(const std::string& event);
+
+  std::string path_;
+  std::FILE* file_ = nullptr;
+  std::uint64_t episodes_ = 0, episode_steps_ = 0;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,60 @@
+#include "policy_service/interchange/export.h"
+
+#include <openssl/sha.h>
+
+#include <filesystem>
+
+#include "core/error.h"
+#include "core/files.h"
+#include "policy_service/interchange/agent_graph.h"
+#include "policy_service/interchange/safetensors.h"
+
+namespace citylearn {
+namespace {
+
+std::string sha256(const std::string& bytes) {
+  unsigned char hash[SHA256_DIGEST_LENGTH];
+  SHA256(reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), hash);
+  std::string text;
+  for (const unsigned char byte : hash) {
+    text += "0123456789abcdef"[byte >> 4];
+    text += "0123456789abcdef"[byte & 15];
+  }
+  return text;
+}
+
+}  // namespace
+
+std::string onnx_bytes(const TrainedAgent& agent, const Parameters& parameters,
+                       const std::map<std::string, std::string>& metadata) {
+  return export_graph(agent, parameters)
+      ->bytes(
+          "One step of a navigation agent. Give next_state back as state; the action is drawn from softmax(logits).",
+          metadata);
+}
+
+void export_agent(const ExportOptions& options) {
+  if (options.checkpoint.empty()) throw Error("is needed", "--checkpoint", "the file to export");
+  const std::string format = std::filesystem::path(options.output).extension();
+  if (format != ".onnx" && format != ".safetensors")
+    throw Error("'" + options.output + "' says no format", "--output", "name a file FILE.onnx or FILE.safetensors");
+  const Checkpoint checkpoint = read_checkpoint(options.checkpoint);
+  TrainedAgent agent = trained_agent(checkpoint);
+  const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
+  const auto& given = checkpoint.header.at("network");
+  const Parameters parameters("network " + agent.name, entry.parameters, given.get<std::map<std::string, double>>());
+  std::map<std::string, std::string> metadata = {{"agent", agent.name},
+                                                 {"frames", std::to_string(agent.task.frames)},
+                                                 {"first_frame", std::to_string(agent.first_frame)},
+                                                 {"features", std::to_string(agent.task.features)},
+                                                 {"network", given.dump()},
+                                                 {"checkpoint_sha256", sha256(read_file(options.checkpoint))}};
+  if (!options.parameters.empty()) {
+    load_parameters(options.parameters, agent);
+    metadata["parameters_sha256"] = sha256(read_file(options.parameters));
+  }
+  write_file(options.output,
+             format == ".onnx" ? onnx_bytes(agent, parameters, metadata) : parameters_of(agent, metadata).bytes());
+}
+
+}  // namespace citylearn

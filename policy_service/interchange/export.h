@@ -1,0 +1,23 @@
+#pragma once
+
+#include <string>
+
+#include "policy_service/checkpoint.h"
+
+namespace citylearn {
+
+struct ExportOptions {
+  std::string checkpoint;  ///< file of the agent
+  std::string parameters;  ///< safetensors file whose parameters go before the checkpoint's; none when empty
+  std::string output;      ///< file to write: NAME.onnx or NAME.safetensors
+};
+
+/// Writes the agent in the format that the output's name asks for (docs/interchange.md). The same inputs give the same
+/// bytes. Throws Error naming the option or file.
+void export_agent(const ExportOptions& options);
+
+/// The agent as a file's bytes. `metadata` goes along.
+std::string onnx_bytes(const TrainedAgent& agent, const Parameters& parameters,
+                       const std::map<std::string, std::string>& metadata);
+
+}  // namespace citylearn
