@@ -159,6 +159,7 @@ int main(int argc, char** argv) {
       print_list();
       return 0;
     }
+    if (!runs.empty() && options.mode != "table") throw Error("is for --mode table alone", runs.front());
     if (agents) {
       std::cout << Trainer::recommended_parameters(options.agent, options.learner).at("trainer").at("agents") << "\n";
       return 0;
@@ -167,7 +168,6 @@ int main(int argc, char** argv) {
       std::cout << tables_of(runs);
       return 0;
     }
-    if (!runs.empty()) throw Error("is for --mode table alone", runs.front());
     if (options.mode == "export") {
       export_agent({options.checkpoint, options.parameters, options.output});
       return 0;
