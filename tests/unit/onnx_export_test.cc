@@ -92,15 +92,17 @@ class Reader {
 
 struct Case {
   std::string name;
-  std::map<std::string, double> values;
+  std::map<std::string, double> values = {};
+  int features = 64, frames = 128;
 };
+std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one.name; }
 
-/// Every exporter whose network this build has, with other forms of some.
+/// Every exporter with its network as it is by default, and other forms of some.
 std::vector<Case> cases() {
   std::vector<Case> all;
-  for (const auto* entry : AgentGraphRegistry::instance().entries()) all.push_back({entry->name, {}});
-  all.push_back({"features", {{"hidden", 20}, {"cells", 7}, {"relu", 0}, {"mask-input", 0}}});
-  all.push_back({"place_filter", {{"units", 5}}});
+  for (const auto* entry : AgentGraphRegistry::instance().entries()) all.push_back({entry->name});
+  all.push_back({"features", {{"hidden", 20}, {"cells", 7}, {"relu", 0}, {"mask-input", 0}}, 12, 9});
+  all.push_back({"place_filter", {{"units", 5}}, 12, 2});
   return all;
 }
 
@@ -116,7 +118,7 @@ void compare(const cv::Mat& found, int row, const Eigen::Ref<const Vector<float>
 }
 
 TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
-  const NetworkTask task = some_task();
+  const NetworkTask task = some_task(GetParam().features, GetParam().frames);
   const TrainedAgent agent = some_agent(GetParam().name, task, GetParam().values);
   const std::string model = onnx_bytes(agent, parameters_for(agent.name, GetParam().values), {});
   // Its own state each: errors may add up from step to step, and must not.
@@ -152,7 +154,7 @@ TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
 }
 
 TEST_P(OnnxExport, KeepsToTheStandard) {
-  const NetworkTask task = some_task();
+  const NetworkTask task = some_task(GetParam().features, GetParam().frames);
   const TrainedAgent agent = some_agent(GetParam().name, task, GetParam().values);
   const Parameters parameters = parameters_for(agent.name, GetParam().values);
   const std::string bytes = onnx_bytes(agent, parameters, {{"agent", agent.name}});

@@ -1,6 +1,6 @@
 #include <cmath>
 
-#include "policy_service/interchange/agent_graph.h"
+#include "policy_service/interchange/exporters/places.h"
 #include "policy_service/networks/parts.h"
 
 namespace citylearn {
@@ -9,8 +9,7 @@ namespace {
 constexpr double kStretch = 3;                                         // as in networks/place_filter.cc
 enum { kFeatureScale, kMaskScale, kPersistence, kFloor, kGoalScale };  // rows of filter.scalars
 
-/// As networks/place_filter.cc. Places before and after the goal are told apart by arithmetic, exact for whole numbers:
-/// readers differ in which comparisons they know.
+/// As networks/place_filter.cc.
 std::unique_ptr<AgentGraph> export_place_filter(const Parameters&, const TrainedAgent& agent) {
   auto graph = std::make_unique<AgentGraph>(agent);
   const std::ptrdiff_t places = agent.task.frames;
@@ -42,22 +41,17 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters&, const Trained
   mask(places - 1, kNext) = 0;
   const Matrix<float> mask_weight = scale(kMaskScale) * (2 * mask.array() - 1);
   const Matrix<float> mask_bias = -scale(kMaskScale) * mask.rowwise().sum();
-  const Matrix<float> indices = Eigen::VectorXf::LinSpaced(places, 0, static_cast<float>(places - 1));
-  const OnnxValue ahead =  // goal - place
-      graph->linear(graph->goal(), "ones", Matrix<float>::Ones(places, 1), "places", -indices);
-  const OnnxValue is_before = relu(ahead) - relu(ahead + -1), is_after = relu(-1 * ahead) - relu(-1 * ahead + -1);
-  const OnnxValue is_goal = -1 * (is_before + is_after) + 1;
+  const PlacesByGoal by_goal = places_by_goal(*graph);
   const OnnxValue similarity = graph->linear(graph->features(), "reference", agent.task.reference.transpose());
   const OnnxValue belief =
       softmax(share(kPersistence) * log_prior + scale(kFeatureScale) * similarity +
               graph->linear(graph->allowed(), "masks.weight", mask_weight, "masks.bias", mask_bias) +
-              -scale(kGoalScale) * is_goal);
+              -scale(kGoalScale) * by_goal.at);
 
   // Decision head.
-  const auto mass = [&](const OnnxValue& where) {
-    return 2 * graph->linear(belief * where, "sum", Matrix<float>::Ones(1, places));
-  };
-  OnnxValue layer = graph->concat({mass(is_before), mass(is_after), -1 * graph->allowed() + 1, 0.5f * previous});
+  const auto mass = [&](const OnnxValue& where) { return 2 * row_sum(*graph, belief * where, places); };
+  OnnxValue layer =
+      graph->concat({mass(by_goal.before), mass(by_goal.after), -1 * graph->allowed() + 1, 0.5f * previous});
   layer = tanh(graph->layer(layer, "head.1.weight", "head.1.bias"));
   layer = tanh(graph->layer(layer, "head.2.weight", "head.2.bias"));
   graph->finish(graph->layer(layer, "head.out.weight", "head.out.bias"), belief);
