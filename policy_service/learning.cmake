@@ -3,6 +3,7 @@
 add_library(citylearn_learning STATIC
   agent_network.cc
   checkpoint.cc
+  learners/descent.cc
   learners/ppo.cc
   network_policy.cc
   networks/baseline.cc
