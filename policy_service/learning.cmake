@@ -5,6 +5,8 @@ add_library(citylearn_learning STATIC
   checkpoint.cc
   learners/descent.cc
   learners/ppo.cc
+  learners/relabel.cc
+  learners/vtrace.cc
   network_policy.cc
   networks/baseline.cc
   networks/features.cc

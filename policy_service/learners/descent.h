@@ -28,6 +28,7 @@ class Descent {
       network_->forward(*parameters_, inputs, state, *workspace_);
       return workspace_->heads;
     }
+    const Heads<float>& heads() const { return workspace_->heads; }  ///< as of the last forward()
     void backward() { network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_); }
 
    private:
