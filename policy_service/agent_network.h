@@ -120,7 +120,7 @@ template <class S>
 using NetworkRegistry = Registry<AgentNetwork<S>, const NetworkTask&>;
 
 /// A network file's last lines: registers `Network` in both precisions. `recommended` holds parameters of learner and
-/// trainer with which this network learns well.
+/// trainer with which this network learns well; "relabel.epochs" is for the learner relabel alone, over "epochs".
 template <template <class> class Network>
 struct NetworkRegistration {
   NetworkRegistration(const std::string& name, const std::string& help, const std::vector<ParameterSpec>& parameters,

@@ -3,7 +3,10 @@
 add_library(citylearn_learning STATIC
   agent_network.cc
   checkpoint.cc
+  learners/descent.cc
   learners/ppo.cc
+  learners/relabel.cc
+  learners/vtrace.cc
   network_policy.cc
   networks/baseline.cc
   networks/features.cc

@@ -13,6 +13,7 @@ struct Rollout {
   enum Ended : std::uint8_t { kGoesOn = 0, kTerminated = 1, kTruncated = 2 };
 
   int sequence = 0;                    ///< L
+  int max_steps = 0;                   ///< after which an episode is cut
   NetworkInputs<float> inputs;         ///< T, A and what was seen
   NetworkInputs<float> next;           ///< one step: what was seen after the last action
   Matrix<float> states;                ///< state_size x sequences: the recurrent state before each sequence

@@ -120,6 +120,7 @@ struct Trainer::Parts {
   void begin_segment(Seat& seat) {
     seat.full = false;
     seat.tick = 0;
+    seat.rollout.max_steps = lesson().max_steps;
     for (NetworkInputs<float>* inputs : {&seat.rollout.inputs, &seat.rollout.next}) {
       inputs->resize(task.features, inputs->steps, inputs->agents);
       inputs->frames = lesson().frames;
@@ -161,6 +162,17 @@ struct Choices {
   Parameters network_parameters, learner_parameters, trainer_parameters;
 };
 
+/// A network's recommendations for use with this learner: "relabel.epochs" is for the learner relabel alone, and stands
+/// over "epochs", which is for all.
+std::map<std::string, double> recommended_for(const std::string& learner, const std::map<std::string, double>& all) {
+  std::map<std::string, double> chosen;
+  for (const auto& [name, value] : all)
+    if (name.find('.') == name.npos) chosen[name] = value;
+  for (const auto& [name, value] : all)
+    if (name.starts_with(learner + ".")) chosen[name.substr(learner.size() + 1)] = value;
+  return chosen;
+}
+
 /// Parameters given, over what the network recommends, over defaults.
 Choices choose(const TrainerOptions& options) {
   Choices chosen;
@@ -168,7 +180,7 @@ Choices choose(const TrainerOptions& options) {
   chosen.learner = &LearnerRegistry::instance().find("learner", options.learner);
   const std::vector<ParameterSpec> specs = Trainer::parameter_specs();
   std::map<std::string, double> for_learner, for_trainer;
-  for (const auto& [name, value] : chosen.network->recommended) {
+  for (const auto& [name, value] : recommended_for(options.learner, chosen.network->recommended)) {
     const auto is_name = [&name = name](const ParameterSpec& spec) { return spec.name == name; };
     if (std::any_of(specs.begin(), specs.end(), is_name))
       for_trainer[name] = value;

@@ -245,6 +245,7 @@ const NetworkRegistration<PlaceFilter> registration{
      {"noise-episode", 1},
      {"minibatch", 4},
      {"epochs", 3},
+     {"relabel.epochs", 8},
      {"learning-rate", 6e-3},
      {"gamma", 0.9},
      {"lambda", 0.8},
