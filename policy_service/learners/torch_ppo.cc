@@ -199,7 +199,7 @@ class TorchPpo : public Learner {
         {"gradient-norm", "the gradient is scaled down to this length", 0.5, 1e-6, 1e6},
         {"adam-epsilon", "of Adam", 1e-5, 1e-12, 1},
         {"normalise-advantages", "1: an update's advantages get mean 0 and deviation 1", 1, 0, 1, true},
-        {"threads", "of torch, on the processor; another number gives other bits", 2, 1, 256, true},
+        {"threads", "of torch; at every product they wait for one another: for quiet machines", 1, 1, 256, true},
         {"gpu", "1: on the GPU where libtorch finds one", 1, 0, 1, true}};
   }
 
