@@ -14,6 +14,11 @@ std::string text_of(double value) {
 
 }  // namespace
 
+Registrations& registrations() {
+  static Registrations all;
+  return all;
+}
+
 Parameters::Parameters(const std::string& owner, const std::vector<ParameterSpec>& specs,
                        const std::map<std::string, double>& values) {
   std::string known;

@@ -39,6 +39,13 @@ class Parameters {
   std::map<std::string, double> values_;
 };
 
+/// What was registered so far, whatever its kind.
+struct Registrations {
+  int count = 0;
+  std::vector<std::string> taken;  ///< names that existed already in their registry, and were left out
+};
+Registrations& registrations();
+
 /// All plug-ins of one kind. A plug-in is one file that ends in a static Registration; unknown names list the known
 /// ones.
 template <class Product, class... Arguments>
@@ -55,7 +62,7 @@ class Registry {
     std::vector<std::pair<std::string, std::string>> about = {};  ///< more for --list: {"licence", "MIT"}
   };
   struct Registration {
-    explicit Registration(Entry entry) { instance().entries_.push_back(std::move(entry)); }
+    explicit Registration(Entry entry) { instance().add(std::move(entry)); }
   };
 
   static Registry& instance() {
@@ -80,6 +87,15 @@ class Registry {
   }
 
  private:
+  /// Runs before main, or while a plug-in is loaded: where nothing may be thrown.
+  void add(Entry entry) {
+    ++registrations().count;
+    if (std::any_of(entries_.begin(), entries_.end(), [&](const Entry& known) { return known.name == entry.name; }))
+      registrations().taken.push_back(entry.name);
+    else
+      entries_.push_back(std::move(entry));
+  }
+
   std::vector<Entry> entries_;
 };
 

@@ -1,6 +1,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
+#include "core/plugins.h"
 #include "core/service.h"
 #include "policy_service/agent_network.h"
 #include "policy_service/control.h"
@@ -44,6 +45,7 @@ int main(int argc, char** argv) {
   std::vector<std::string> runs;     // of a table
 
   const auto setup = [&](CLI::App& app) {
+    add_plugin_option(app, argc, argv);
     app.add_flag("--list", list, "Print networks, learners, controls and middlewares with their parameters, and exit");
     app.add_flag("--recommended-agents", agents, "Print how many agents --agent trains best with, and exit");
     app.add_option("--mode", options.mode,

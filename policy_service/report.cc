@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <nlohmann/json.hpp>
 
+#include "core/plugins.h"
 #include "core/service.h"
 
 namespace citylearn {
@@ -77,6 +78,7 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"mode", options.mode},
       {"agent", options.agent},
       {"learner", options.learner},
+      {"plugins", loaded_plugins()},
       {"seed", options.seed},
       {"train", options.train},
       {"evaluate", options.evaluate},

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "core/plugins.h"
 #include "env_service/dataset.h"
 #include "env_service/environment.h"
 #include "policy_service/network_policy.h"
@@ -411,6 +412,7 @@ void places() {
 int run(int argc, char** argv) {
   Options options;
   CLI::App app("Trains and evaluates an agent in one process, without the wire");
+  add_plugin_option(app, argc, argv);
   app.add_option("--agent", options.trainer.agent, "network")->capture_default_str();
   app.add_option("--learner", options.trainer.learner, "learner")->capture_default_str();
   app.add_option("--seed", options.trainer.seed, "")->capture_default_str();

@@ -1,0 +1,133 @@
+// Is our own PPO at least as fast as the same in libtorch? (README.md)
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <exception>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/messages.h"
+#include "core/plugins.h"
+#include "policy_service/learner.h"
+#include "policy_service/trainer.h"
+
+#ifndef CITYLEARN_TORCH_PPO
+#define CITYLEARN_TORCH_PPO ""
+#endif
+
+namespace citylearn {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+/// Random numbers: what is in a rollout does not change how long an update takes.
+Rollout some_rollout(const NetworkTask& task, int state_size, int steps, int agents, int sequence) {
+  Random random{1};
+  Rollout rollout;
+  rollout.resize(task.features, state_size, steps, agents, sequence);
+  rollout.inputs.frames = task.frames;
+  rollout.states.setZero();
+  Vector<float> features(task.features);
+  for (int column = 0; column < steps * agents; ++column) {
+    const auto i = static_cast<std::size_t>(column);
+    for (float& value : features) value = static_cast<float>(random.normal());
+    rollout.inputs.see(column, -1, features.normalized());
+    rollout.inputs.position[i] = static_cast<int>(random.below(static_cast<std::uint64_t>(task.frames)));
+    rollout.inputs.goal[i] = static_cast<int>(random.below(static_cast<std::uint64_t>(task.frames)));
+    rollout.inputs.first[i] = random.below(50) == 0;  // as often as episodes end
+    rollout.inputs.previous_action[i] = kStay;
+    rollout.inputs.allowed[i] = 7;
+    rollout.action[i] = static_cast<std::uint8_t>(random.below(kActions));
+    rollout.log_probability[i] = -1.1f;
+    rollout.reward[i] = static_cast<float>(random.normal());
+  }
+  return rollout;
+}
+
+double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values[values.size() / 2];
+}
+
+struct Contender {
+  std::string learner;
+  int threads;
+  std::unique_ptr<Learner> it = nullptr;
+  std::vector<double> seconds = {};  ///< of each update
+};
+
+/// Interleaved updates on one rollout, with the network's recommended parameters.
+void compare(int cells, int rounds) {
+  const std::string agent = "features";
+  const auto recommended = Trainer::recommended_parameters(agent, "ppo");
+  const auto trainer = recommended.at("trainer");
+  const int steps = static_cast<int>(trainer.at("segment")), agents = static_cast<int>(trainer.at("agents"));
+  NetworkTask task;
+  task.features = 64;
+  const auto& entry = NetworkRegistry<float>::instance().find("network", agent);
+  const Parameters parameters(agent, entry.parameters, {{"cells", cells}});
+  const auto network = entry.create(parameters, task);
+  Rollout rollout = some_rollout(task, network->state_size(), steps, agents, static_cast<int>(trainer.at("sequence")));
+  Rollout* const rollouts[] = {&rollout};
+
+  // Torch's threads wait for one another at every product, and so may be slower than one alone: it gets its choice.
+  Contender contenders[] = {{"ppo", 2}, {"torch_ppo", 1}, {"torch_ppo", 2}};
+  for (Contender& one : contenders) {
+    const auto& learner = LearnerRegistry::instance().find("learner", one.learner);
+    std::map<std::string, double> values = recommended.at("learner");
+    if (one.learner == "torch_ppo") values["gpu"] = 0, values["threads"] = one.threads;
+    one.it = learner.create(Parameters(one.learner, learner.parameters, values),
+                            LearnerTask{*network, agent, parameters, task, 1, 0});
+  }
+  std::vector<double> ratios;
+  for (int round = 0; round < rounds; ++round) {
+    for (Contender& one : contenders) {
+      one.it->update(rollouts);  // to warm up, and until the other's threads have gone to sleep
+      const Clock::time_point start = Clock::now();
+      one.it->update(rollouts);
+      one.seconds.push_back(since(start));
+    }
+    ratios.push_back(std::min(contenders[1].seconds.back(), contenders[2].seconds.back()) /
+                     contenders[0].seconds.back());
+  }
+  for (const Contender& one : contenders)
+    std::printf("cells %3d  %-9s  %d thread%s  %8.1f ms an update of %d steps, %6.0f steps/s\n", cells,
+                one.learner.c_str(), one.threads, one.threads == 1 ? " " : "s", 1e3 * median(one.seconds),
+                steps * agents, steps * agents / median(one.seconds));
+  std::printf("cells %3d  ppo learns %.2f times as fast as the faster torch_ppo\n", cells, median(ratios));
+  std::fflush(stdout);
+}
+
+int run(int argc, char** argv) {
+  std::string plugin = CITYLEARN_TORCH_PPO;
+  int rounds = 3;
+  CLI::App app("Compares the updates of ppo and torch_ppo on the same rollouts");
+  app.add_option("--torch-ppo", plugin, "torch_ppo.so")->capture_default_str();
+  app.add_option("--rounds", rounds, "measured updates of each")->check(CLI::PositiveNumber)->capture_default_str();
+  CLI11_PARSE(app, argc, argv);
+  if (plugin.empty()) {
+    std::printf("skipped: built without libtorch (docs/plugins.md)\n");
+    return 0;
+  }
+  const Clock::time_point start = Clock::now();
+  load_plugin(plugin);
+  std::printf("loading torch_ppo took %.2f s\n", since(start));
+  for (const int cells : {256, 64}) compare(cells, rounds);
+  return 0;
+}
+
+}  // namespace
+}  // namespace citylearn
+
+int main(int argc, char** argv) {
+  try {
+    return citylearn::run(argc, argv);
+  } catch (const std::exception& problem) {
+    std::fprintf(stderr, "bench_torch: %s\n", problem.what());
+    return 1;
+  }
+}

@@ -1,0 +1,45 @@
+# Plug-ins loaded at run time (docs/plugins.md).
+set(CITYLEARN_PLUGINS "" CACHE STRING "Plug-ins of your own: NAME.cc, or a folder whose CMakeLists.txt calls citylearn_plugin; a;b;c")
+
+# One hash of all headers that a plug-in and a program must agree on; only a changed hash compiles anything anew.
+file(GLOB headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/core/*.h ${CMAKE_SOURCE_DIR}/policy_service/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
+list(JOIN headers "," inputs)
+set(interface ${CMAKE_BINARY_DIR}/generated/core/plugin_interface.h)
+add_custom_command(
+  OUTPUT ${interface}
+  COMMAND ${CMAKE_COMMAND} -DOUTPUT=${interface} -DINPUTS=${inputs} "-DALSO=Eigen ${Eigen3_VERSION}" -P ${CMAKE_SOURCE_DIR}/cmake/interface_hash.cmake
+  DEPENDS ${headers} ${CMAKE_SOURCE_DIR}/cmake/interface_hash.cmake
+  COMMENT "Hashing what plug-ins are built against"
+  VERBATIM)
+add_custom_target(citylearn_interface DEPENDS ${interface})
+
+# citylearn_takes_plugins(PROGRAM): its registries are seen by plug-ins.
+function(citylearn_takes_plugins program)
+  target_link_options(${program} PRIVATE "LINKER:--dynamic-list=${CMAKE_SOURCE_DIR}/cmake/plugins.list")
+  set_property(TARGET ${program} APPEND PROPERTY LINK_DEPENDS ${CMAKE_SOURCE_DIR}/cmake/plugins.list)
+endfunction()
+
+# citylearn_plugin(NAME FILE...): plugins/NAME.so in the build folder. It is linked to nothing of this project: the program that
+# loads it has all that, once.
+function(citylearn_plugin name)
+  add_library(${name} MODULE ${ARGN} ${CMAKE_SOURCE_DIR}/core/plugin_stamp.cc)
+  set_target_properties(${name} PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/plugins)
+  target_include_directories(${name} SYSTEM PRIVATE ${CMAKE_BINARY_DIR}/generated
+    $<TARGET_PROPERTY:citylearn_learning,INTERFACE_INCLUDE_DIRECTORIES>)
+  target_compile_definitions(${name} PRIVATE $<TARGET_PROPERTY:citylearn_learning,INTERFACE_COMPILE_DEFINITIONS>)
+  target_compile_options(${name} PRIVATE $<TARGET_PROPERTY:citylearn_learning,INTERFACE_COMPILE_OPTIONS>)
+  target_link_libraries(${name} PRIVATE citylearn_warnings)
+  add_dependencies(${name} citylearn_interface citylearn_idl)
+endfunction()
+
+foreach(plugin ${CITYLEARN_PLUGINS})
+  get_filename_component(plugin ${plugin} ABSOLUTE BASE_DIR ${CMAKE_SOURCE_DIR})
+  get_filename_component(name ${plugin} NAME_WE)
+  if(IS_DIRECTORY ${plugin})
+    add_subdirectory(${plugin} ${CMAKE_BINARY_DIR}/plugins/${name}.build)
+  elseif(EXISTS ${plugin})
+    citylearn_plugin(${name} ${plugin})
+  else()
+    message(FATAL_ERROR "CITYLEARN_PLUGINS: there is no ${plugin}")
+  endif()
+endforeach()

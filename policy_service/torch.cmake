@@ -1,0 +1,12 @@
+# torch_ppo, a plug-in: nothing else is linked to libtorch, which is large and slow to start.
+set(CITYLEARN_TORCH AUTO CACHE STRING "Build the learner torch_ppo: AUTO (where libtorch is found), ON, OFF")
+set_property(CACHE CITYLEARN_TORCH PROPERTY STRINGS AUTO ON OFF)
+if(NOT CITYLEARN_TORCH STREQUAL AUTO AND CITYLEARN_TORCH)
+  find_package(LibTorch REQUIRED)
+elseif(CITYLEARN_TORCH STREQUAL AUTO)
+  find_package(LibTorch QUIET)
+endif()
+if(CITYLEARN_TORCH AND LibTorch_FOUND)
+  citylearn_plugin(torch_ppo learners/torch_ppo.cc)
+  target_link_libraries(torch_ppo PRIVATE LibTorch::LibTorch)
+endif()
