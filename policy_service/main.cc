@@ -58,8 +58,7 @@ int main(int argc, char** argv) {
     app.add_option("--seed", options.seed, "Everything random follows from it")->capture_default_str();
     app.add_option("--output", options.output,
                    "Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/ and tensorboard/; "
-                   "none: nothing "
-                   "is written. With --mode export the file to write");
+                   "none: nothing is written. With --mode export the file to write");
 
     const std::string task = "Task";
     app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str()->group(task);
