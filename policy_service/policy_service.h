@@ -50,7 +50,8 @@ struct PolicyServiceOptions {
   std::vector<std::string> controls;  ///< evaluated on the same tasks; "shuffled" is the agent on shuffled frames
   std::map<std::string, std::map<std::string, double>> control_parameters;
 
-  std::string output;  ///< folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/, tensorboard/
+  /// Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/, tensorboard/.
+  std::string output;
 };
 
 /// Trains and evaluates agents on the env_services of its run, over the wire. Returns the exit status. Throws Error.

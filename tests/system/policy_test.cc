@@ -18,6 +18,18 @@ using Json = nlohmann::json;
 
 constexpr seconds kLong{120};
 
+std::vector<std::string> files_in(const std::string& folder) {
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) files.push_back(entry.path());
+  return files;
+}
+
+std::size_t count(const std::string& text, const std::string& part) {
+  std::size_t found = 0;
+  for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++found;
+  return found;
+}
+
 class Vendors : public ::testing::TestWithParam<const char*> {
  protected:
   int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 70 : 80) + offset; }
@@ -66,6 +78,10 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
   EXPECT_EQ(evaluated, 5 * 300);
   EXPECT_TRUE(Json::parse(contents(run.folder() / "out/manifest.json"))["traversals"].contains("summer"));
   EXPECT_NE(policy->output().find("SPL"), std::string::npos) << "the final table";
+  const auto events = files_in(run.folder() / "out/tensorboard");
+  ASSERT_EQ(events.size(), 1u);
+  for (const char* tag : {"Environment/Cumulative Reward", "Environment/Episode Length", "Policy/Entropy"})
+    EXPECT_NE(contents(events[0]).find(tag), std::string::npos) << tag;
 }
 
 TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
@@ -90,6 +106,11 @@ TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
   const auto expected = run.checkpoint("straight"), found = run.checkpoint("killed");
   EXPECT_EQ(found.first, expected.first);
   EXPECT_TRUE(found.second == expected.second) << "the final checkpoints differ";
+  std::size_t points = 0;
+  for (const std::string& file : files_in(run.folder() / "killed/tensorboard"))
+    points += count(contents(file), "Losses/Value Loss");
+  EXPECT_EQ(files_in(run.folder() / "killed/tensorboard").size(), 2u) << "one of each process";
+  EXPECT_EQ(points, static_cast<std::size_t>(kUpdates)) << "one an update, although some were computed twice";
 }
 
 TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {

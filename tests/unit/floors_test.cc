@@ -72,4 +72,12 @@ TEST(Floors, NumbersInEigenPicturesInDatasetsAndEncoders) {
       EXPECT_FALSE(begins(include.target, "opencv2/")) << include.file << ": " << include.line;
 }
 
+TEST(Floors, ProtobufStaysInTheWriterOfModels) {
+  for (const std::string folder : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools"})
+    for (const Include& include : includes_below(folder))
+      if (begins(include.target, "google/") || begins(include.target, "onnx/")) {
+        EXPECT_EQ(include.file, "policy_service/interchange/onnx_graph.cc") << include.line;
+      }
+}
+
 }  // namespace
