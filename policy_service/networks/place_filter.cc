@@ -246,6 +246,8 @@ const NetworkRegistration<PlaceFilter> registration{
      {"minibatch", 4},
      {"epochs", 3},
      {"relabel.epochs", 8},
+     {"relabel.steps", 40000},
+     {"vtrace.learning-rate", 3e-3},
      {"learning-rate", 6e-3},
      {"gamma", 0.9},
      {"lambda", 0.8},

@@ -229,6 +229,22 @@ TEST_P(Learners, GoOnFromWhatWasSavedByteForByte) {
   EXPECT_FALSE(same(straight.saved(), middle));
 }
 
+TEST_P(Learners, GoOnFromACheckpointByteForByte) {
+  const Traversal city = small_city();
+  for (const int begun : {0, 3}) {
+    const std::string file = testing::TempDir() + "/learner_" + entry().name;
+    Loop straight(city, small(), 2), resumed(city, small(), 2);
+    for (int i = 0; i < begun; ++i) straight.update();
+    write_checkpoint(file, straight.trainer.checkpoint());
+    resumed.trainer.load(read_checkpoint(file));
+    for (int i = 0; i < 3; ++i) {
+      straight.update();
+      resumed.update();
+    }
+    EXPECT_EQ(straight.trainer.agent().parameters, resumed.trainer.agent().parameters) << begun;
+  }
+}
+
 TEST_P(Learners, RefuseForeignOrDamagedStates) {
   Bench bench(entry(), known({{"replay", 100}}));
   Rollout rollout = bench.walk(1);
