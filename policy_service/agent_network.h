@@ -86,6 +86,9 @@ template <class S>
 struct Workspace {
   virtual ~Workspace() = default;
   bool localise = false;  ///< asks for `heads.whereabouts`; only a training loss does
+  /// Not 0: no backward pass follows, and as long as this number stays the same, so do the parameters: a network may
+  /// keep what it made of a thing it has seen.
+  std::uint64_t fixed = 0;
   Heads<S> heads;
   Matrix<S> state;  ///< state_size x B, after the last step
 };

@@ -11,6 +11,8 @@ add_library(citylearn_learning STATIC
   networks/baseline.cc
   networks/features.cc
   networks/place_filter.cc
+  networks/place_memory.cc
+  networks/raw_images.cc
   rollout.cc
   trainer.cc)
 # Eigen shall start no threads of its own: halves of the work are given to two threads here, and results must not vary.

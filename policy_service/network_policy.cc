@@ -65,7 +65,9 @@ NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
     : agent_(std::move(agent)),
       options_(options),
       random_{options.seed},
-      workspace_(agent_.network->make_workspace()) {}
+      workspace_(agent_.network->make_workspace()) {
+  workspace_->fixed = 1;
+}
 
 void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
   read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, false, inputs_);

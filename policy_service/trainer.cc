@@ -94,6 +94,7 @@ struct Trainer::Parts {
 
   std::map<int, Seat> seats;
   std::uint64_t cut = 0;
+  std::uint64_t generation = 1;  // of the parameters, for Workspace::fixed; a cut begins one, so that none outlives it
   TrainingProgress progress;
   std::uint64_t lesson_episodes = 0;          // finished in the present lesson
   std::vector<std::array<double, 2>> recent;  // reward and SPL of the last episodes, a ring
@@ -128,6 +129,7 @@ struct Trainer::Parts {
   }
   void begin_cut() {
     ++cut;
+    ++generation;
     for (auto& [id, seat] : seats) begin(seat);
   }
 
@@ -370,6 +372,7 @@ float Trainer::Parts::final_value(Seat& seat, std::ptrdiff_t agent, std::uint8_t
                 cut,          seat.step,        static_cast<std::uint64_t>(agent)};
   disguise(seat, agent, random, inputs.features_of(0));
   seat.single.state = seat.state.col(agent);
+  seat.single.workspace->fixed = generation;
   network->forward(learner->parameters(), inputs, seat.single.state, *seat.single.workspace);
   return seat.single.workspace->heads.values(0, 0);
 }
@@ -409,6 +412,7 @@ void Trainer::Parts::evaluate(Seat& seat) {
     half.inputs.frames = lesson().frames;
     for (std::ptrdiff_t agent = 0; agent < count; ++agent) half.inputs.copy_column(seat.seen, begin + agent, agent);
     half.state = seat.state.middleCols(begin, count);
+    half.workspace->fixed = generation;
     network->forward(learner->parameters(), half.inputs, half.state, *half.workspace);
   };
   worker.both(run);
@@ -448,6 +452,7 @@ UpdateFigures Trainer::update() {
   }
   const UpdateFigures figures = p.learner->update(rollouts);
   ++p.progress.updates;
+  ++p.generation;
   for (auto& [id, seat] : p.seats) p.begin_segment(seat);
   p.count_episodes();
   return figures;
@@ -607,6 +612,7 @@ void Trainer::load(const Checkpoint& checkpoint) {
   } catch (const nlohmann::json::exception& problem) {
     throw Error("the header lacks something: " + std::string(problem.what()), "checkpoint");
   }
+  ++p.generation;
   for (auto& [id, seat] : p.seats) p.begin(seat);
 }
 

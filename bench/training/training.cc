@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "bench/training/pictures.h"
 #include "core/plugins.h"
 #include "env_service/dataset.h"
 #include "env_service/environment.h"
@@ -26,7 +27,7 @@ double since(Clock::time_point start) { return std::chrono::duration<double>(Clo
 
 struct Options {
   TrainerOptions trainer;
-  std::string dataset = "plain", data, train = "summer";
+  std::string dataset = "plain", data, encoder, train = "summer";
   std::vector<std::string> evaluate = {"summer", "fall"};
   std::vector<std::string> set;  ///< name=value, of network, learner or trainer
   int frames = 128, environments = 1, agents = 0, tasks = 2000, evaluate_every = 0, print_every = 10;
@@ -59,7 +60,8 @@ struct Figures {
 };
 
 Figures evaluate(const TrainedAgent& agent, const Traversal& traversal, const Options& options, bool shuffle) {
-  Environment environment(traversal, std::min(256, options.tasks));
+  const int room = static_cast<int>(msg::MAX_FEATURES) / traversal.dimension;  // agents whose features fit
+  Environment environment(traversal, std::min({256, room, options.tasks}));
   msg::TaskSettings settings;
   settings.task_mode() = msg::EVALUATE;
   settings.first_frame() = static_cast<std::uint32_t>(options.trainer.first_frame);
@@ -102,11 +104,17 @@ void print_evaluation(const TrainedAgent& agent, const std::vector<Traversal>& t
 void train(const Options& options) {
   const auto dataset = DatasetRegistry::instance().find("dataset", options.dataset);
   const std::map<std::string, double> features =
-      options.dataset == "synthetic" ? std::map<std::string, double>{{"images", 0}} : std::map<std::string, double>{};
+      options.dataset == "synthetic" && options.encoder.empty() ? std::map<std::string, double>{{"images", 0}}
+                                                                : std::map<std::string, double>{};
   const auto source = dataset.create(Parameters("dataset", dataset.parameters, features), options.data);
-  const Traversal route = source->load(options.train);
+  Traversal route = source->load(options.train);
   std::vector<Traversal> others;
   for (const std::string& name : options.evaluate) others.push_back(source->load(name));
+  if (!options.encoder.empty()) {
+    Pictures pictures(options.encoder, route, options.trainer.first_frame, options.frames);
+    route = pictures.encode(route);
+    for (Traversal& other : others) other = pictures.encode(other);
+  }
 
   NetworkTask task;
   task.features = route.dimension;
@@ -129,7 +137,7 @@ void train(const Options& options) {
   msg::TaskSettings settings;
   std::vector<std::uint8_t> choice;
   std::uint64_t cut = ~std::uint64_t{0};
-  double acting = 0, learning = 0, wall_to_spl95 = 0, judging = 0;
+  double acting = 0, learning = 0, wall_to_spl90 = 0, wall_to_spl95 = 0, judging = 0;
   const Clock::time_point start = Clock::now();
   while (!trainer.done() && (options.time_limit <= 0 || since(start) - judging < options.time_limit)) {
     const bool anew = trainer.cut() != cut;
@@ -158,6 +166,12 @@ void train(const Options& options) {
     const UpdateFigures figures = trainer.update();
     learning += since(begin);
     const TrainingProgress& progress = trainer.progress();
+    if (progress.episodes >= 100 && progress.spl >= 0.9 && wall_to_spl90 == 0) {
+      wall_to_spl90 = since(start) - judging;
+      std::printf("SPL of the last 100 training episodes reached 0.90 after %llu episodes, %llu steps, %.1f s\n",
+                  static_cast<unsigned long long>(progress.episodes), static_cast<unsigned long long>(progress.steps),
+                  wall_to_spl90);
+    }
     if (progress.episodes_to_spl95 && wall_to_spl95 == 0) wall_to_spl95 = since(start) - judging;
     if (progress.updates % static_cast<std::uint64_t>(options.print_every) == 0 || trainer.done()) {
       const double wall = since(start) - judging;
@@ -420,6 +434,7 @@ int run(int argc, char** argv) {
   app.add_flag("--curriculum", options.trainer.curriculum, "the paper's lessons");
   app.add_option("--dataset", options.dataset, "")->capture_default_str();
   app.add_option("--data", options.data, "folder of the dataset");
+  app.add_option("--encoder", options.encoder, "encodes the dataset's pictures; none: its features");
   app.add_option("--train", options.train, "traversal")->capture_default_str();
   app.add_option("--evaluate", options.evaluate, "traversals");
   app.add_option("--first-frame", options.trainer.first_frame, "")->capture_default_str();

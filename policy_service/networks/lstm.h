@@ -63,10 +63,8 @@ class LstmNetwork : public AgentNetwork<S> {
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
     resize(work, agents, columns);
 
-    sense(inputs, work.sensed);
     auto embedded = work.lstm_input.topRows(hidden_);
-    embedded.noalias() = layout_.view(parameters, sensor_weights_) * work.sensed;
-    embedded.colwise() += layout_.view(parameters, sensor_bias_).col(0);
+    embed(parameters, inputs, work, embedded);
     if (rectified_)
       embedded = embedded.cwiseMax(S(0));
     else
@@ -178,15 +176,10 @@ class LstmNetwork : public AgentNetwork<S> {
       work.embedded_gradient.array() *= (embedded > S(0)).template cast<S>();
     else
       work.embedded_gradient.array() *= S(1) - embedded.square();
-    layout_.view(gradient, sensor_weights_).noalias() += work.embedded_gradient * work.sensed.transpose();
-    layout_.view(gradient, sensor_bias_) += work.embedded_gradient.rowwise().sum();
+    unembed(parameters, inputs, work, gradient);
   }
 
  protected:
-  /// Fills `sensed` (sensors x TB, already of that size).
-  virtual void sense(const NetworkInputs<S>& inputs, Matrix<S>& sensed) const = 0;
-
- private:
   struct Work : Workspace<S> {
     Matrix<S> sensed;                         // sensors x TB
     Matrix<S> lstm_input;                     // hidden + extra x TB
@@ -200,8 +193,29 @@ class LstmNetwork : public AgentNetwork<S> {
     Vector<S> column;                         // cells
   };
 
+  /// Fills `sensed` (sensors x TB, already of that size). A subclass whose sensors learn overrides the two below
+  /// instead.
+  virtual void sense(const NetworkInputs<S>& /*inputs*/, Matrix<S>& /*sensed*/) const {}
+  /// Fills `embedded` (hidden x TB): the linear layer, before its nonlinearity.
+  virtual void embed(const Vector<S>& parameters, const NetworkInputs<S>& inputs, Work& work,
+                     Eigen::Block<Matrix<S>> embedded) const {
+    work.sensed.resize(sensors_, embedded.cols());
+    sense(inputs, work.sensed);
+    embedded.noalias() = layout_.view(parameters, sensor_weights_) * work.sensed;
+    embedded.colwise() += layout_.view(parameters, sensor_bias_).col(0);
+  }
+  /// Adds to `gradient` what follows from `work.embedded_gradient`, the derivative by what embed() filled in.
+  virtual void unembed(const Vector<S>& /*parameters*/, const NetworkInputs<S>& /*inputs*/, Work& work,
+                       Vector<S>& gradient) const {
+    layout_.view(gradient, sensor_weights_).noalias() += work.embedded_gradient * work.sensed.transpose();
+    layout_.view(gradient, sensor_bias_) += work.embedded_gradient.rowwise().sum();
+  }
+
+  TensorLayout layout_;
+  std::size_t sensor_weights_, sensor_bias_;
+
+ private:
   void resize(Work& work, std::ptrdiff_t agents, std::ptrdiff_t columns) const {
-    work.sensed.resize(sensors_, columns);
     work.lstm_input.resize(hidden_ + extra_, columns);
     work.gates.resize(4 * cells_, columns);
     for (Matrix<S>* part : {&work.before_h, &work.before_c, &work.h, &work.c, &work.tanh_c})
@@ -225,9 +239,8 @@ class LstmNetwork : public AgentNetwork<S> {
 
   int sensors_, hidden_, cells_, extra_;
   bool rectified_;
-  TensorLayout layout_;
-  std::size_t sensor_weights_, sensor_bias_, input_weights_, recurrent_weights_, gate_bias_, head_weights_, head_bias_,
-      whereabouts_weights_, whereabouts_bias_;
+  std::size_t input_weights_, recurrent_weights_, gate_bias_, head_weights_, head_bias_, whereabouts_weights_,
+      whereabouts_bias_;
 };
 
 }  // namespace citylearn

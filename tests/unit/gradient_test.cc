@@ -8,47 +8,12 @@
 #include "policy_service/agent_network.h"
 #include "policy_service/learners/ppo_loss.h"
 #include "policy_service/rollout.h"
+#include "tests/support/small_networks.h"
 
 namespace citylearn {
 namespace {
 
-constexpr int kFeatures = 5, kFrames = 7, kSteps = 6, kAgents = 3;
-
-NetworkTask small_task() {
-  Random random{1};
-  NetworkTask task;
-  task.features = kFeatures;
-  task.frames = kFrames;
-  task.reference.resize(kFeatures, kFrames);
-  for (float& value : task.reference.reshaped()) value = static_cast<float>(random.normal());
-  task.reference.colwise().normalize();
-  return task;
-}
-
-/// Walks at random, with episodes that begin in the middle.
-NetworkInputs<double> some_inputs(const NetworkTask& task, int frames) {
-  Random random{2};
-  NetworkInputs<double> inputs;
-  inputs.resize(kFeatures, kSteps, kAgents);
-  inputs.frames = frames;
-  for (int t = 0; t < kSteps; ++t)
-    for (int b = 0; b < kAgents; ++b) {
-      const std::size_t index = static_cast<std::size_t>(t * kAgents + b);
-      const bool first = (t == 0 && b == 0) || (t == 3 && b == 1);
-      const int position = static_cast<int>(random.below(frames));
-      inputs.first[index] = first;
-      inputs.position[index] = position;
-      inputs.goal[index] = static_cast<int>(random.below(frames));
-      inputs.previous_action[index] =
-          first ? std::uint8_t{kNoAction} : static_cast<std::uint8_t>(random.below(kActions));
-      inputs.allowed[index] = position == 0 ? 0b011 : position == frames - 1 ? 0b101 : 0b111;
-      Vector<double> features = task.reference.col(position).cast<double>();
-      const bool disguised = random.below(2);  // else it is shared with whoever stands there
-      for (double& value : features) value += disguised ? 0.1 * random.normal() : 0;
-      inputs.see(t * kAgents + b, disguised ? -1 : position, features);
-    }
-  return inputs;
-}
+constexpr int kFrames = 7;
 
 PpoSamples<double> some_samples(const NetworkInputs<double>& inputs, const Heads<double>& heads) {
   Random random{3};
@@ -79,7 +44,7 @@ std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one
 class Gradients : public testing::TestWithParam<Case> {};
 
 TEST_P(Gradients, AgreeWithCentralDifferences) {
-  const NetworkTask task = small_task();
+  const NetworkTask task = small_task(small_network(GetParam().network).features);
   const auto& entry = NetworkRegistry<double>::instance().find("network", GetParam().network);
   const auto network = entry.create(Parameters(entry.name, entry.parameters, GetParam().parameters), task);
   Random random{4};
@@ -87,9 +52,7 @@ TEST_P(Gradients, AgreeWithCentralDifferences) {
   network->initialise(random, parameters);
   for (double& value : parameters) value += 0.1 * random.normal();  // no zeros, no tiny policy
   const NetworkInputs<double> inputs = some_inputs(task, GetParam().frames);
-  Matrix<double> state(network->state_size(), kAgents);
-  for (double& value : state.reshaped()) value = random.uniform();
-  if (network->state_size() == kFrames) state.array().rowwise() /= state.colwise().sum().array();  // a belief
+  const Matrix<double> state = some_state(*network, entry.name, inputs.agents);
 
   const auto workspace = network->make_workspace();
   workspace->localise = GetParam().localisation > 0;
@@ -100,7 +63,7 @@ TEST_P(Gradients, AgreeWithCentralDifferences) {
   weights.entropy = 0.3;
   weights.localisation = GetParam().localisation;
   weights.orientation = 2 * GetParam().localisation;
-  const double share = 1.0 / (kSteps * kAgents);
+  const double share = 1.0 / static_cast<double>(inputs.goal.size());
   Heads<double> derivative, unused;
   const auto loss = [&] {
     network->forward(parameters, inputs, state, *workspace);
@@ -136,38 +99,11 @@ INSTANTIATE_TEST_SUITE_P(Networks, Gradients,
                                          Case{"features", kSmall, kFrames, 0},
                                          Case{"baseline", {{"hidden", 6}, {"cells", 4}, {"mask-input", 0}}},
                                          Case{"place_filter", {{"units", 5}}},
-                                         Case{"place_filter", {{"units", 5}}, kFrames - 2}),
+                                         Case{"place_filter", {{"units", 5}}, kFrames - 2},
+                                         Case{"place_memory", kSmall, kFrames, 0.5},
+                                         Case{"place_memory", kSmall, kFrames - 2},
+                                         Case{"raw_images", small_network("raw_images").parameters, kFrames, 0.5}),
                          [](const auto& tested) { return tested.param.network + std::to_string(tested.index); });
-
-/// A network works on B agents over T steps as on each agent and step alone.
-TEST(Networks, CarryTheirStateFromCallToCall) {
-  const NetworkTask task = small_task();
-  const NetworkInputs<double> inputs = some_inputs(task, kFrames);
-  for (const auto* entry : NetworkRegistry<double>::instance().entries()) {
-    const auto network = entry->create(Parameters(entry->name, entry->parameters, {}), task);
-    Random random{5};
-    Vector<double> parameters;
-    network->initialise(random, parameters);
-    const auto whole = network->make_workspace(), single = network->make_workspace();
-    const Matrix<double> start = Matrix<double>::Constant(network->state_size(), kAgents, 1.0 / kFrames);
-    network->forward(parameters, inputs, start, *whole);
-    for (int b = 0; b < kAgents; ++b) {
-      Matrix<double> state = start.col(b);
-      for (int t = 0; t < kSteps; ++t) {
-        NetworkInputs<double> one;
-        one.resize(kFeatures, 1, 1);
-        one.frames = inputs.frames;
-        one.copy_column(inputs, t * kAgents + b, 0);
-        network->forward(parameters, one, state, *single);
-        state = single->state;
-        EXPECT_TRUE(single->heads.logits.col(0).isApprox(whole->heads.logits.col(t * kAgents + b), 1e-9))
-            << entry->name;
-        EXPECT_NEAR(single->heads.values(0), whole->heads.values(t * kAgents + b), 1e-9) << entry->name;
-      }
-      EXPECT_TRUE(state.isApprox(whole->state.col(b), 1e-9)) << entry->name;
-    }
-  }
-}
 
 /// One agent: goes on, ends at its goal, goes on, is cut by its step limit, goes on.
 TEST(Rollout, AdvantagesKnowEndsAndCuts) {

@@ -9,7 +9,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "policy_service/network_policy.h"
-#include "tests/support/small_city.h"
+#include "tests/support/small_networks.h"
 
 namespace citylearn {
 namespace {
@@ -19,17 +19,18 @@ TrainerOptions small(const std::string& agent, std::uint64_t seed = 1) {
   options.agent = agent;
   options.seed = seed;
   if (agent != "place_filter") options.network_parameters = {{"hidden", 24}, {"cells", 16}};
+  if (agent == "raw_images") options.network_parameters = small_network(agent).parameters;
   options.learner_parameters = {{"minibatch", 3}, {"epochs", 2}};
   options.trainer_parameters = {{"segment", 24}, {"sequence", 12}, {"steps", 20000}};
   return options;
 }
 
 class EachNetwork : public testing::TestWithParam<std::string> {};
-INSTANTIATE_TEST_SUITE_P(Networks, EachNetwork, testing::Values("baseline", "features", "place_filter"),
+INSTANTIATE_TEST_SUITE_P(Networks, EachNetwork, testing::Values("baseline", "features", "place_filter", "place_memory", "raw_images"),
                          [](const auto& tested) { return tested.param; });
 
 TEST_P(EachNetwork, SameSeedSameBitsWhoeverComesFirst) {
-  const Traversal city = small_city();
+  const Traversal city = small_city_for(GetParam());
   Loop one(city, small(GetParam()), 2), other(city, small(GetParam()), 2), third(city, small(GetParam(), 2), 2);
   for (int i = 0; i < 6; ++i) {
     one.update();
@@ -44,7 +45,7 @@ TEST_P(EachNetwork, SameSeedSameBitsWhoeverComesFirst) {
 }
 
 TEST_P(EachNetwork, GoesOnFromACheckpointByteForByte) {
-  const Traversal city = small_city();
+  const Traversal city = small_city_for(GetParam());
   const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / ("go_on_" + GetParam());
   std::filesystem::create_directories(folder);
   const std::string middle = folder / "middle", straight = folder / "straight", resumed = folder / "resumed";
@@ -270,12 +271,15 @@ double spl(const TrainedAgent& agent, const Traversal& city, bool greedy) {
 
 /// Each network learns the small city, looking at it, within its budget of steps. (A blind sweep has SPL 0.85 or less.)
 TEST_P(EachNetwork, LearnsTheSmallCity) {
-  const Traversal city = small_city();
+  const Traversal city = small_city_for(GetParam());
   TrainerOptions options = small(GetParam());
   if (GetParam() != "place_filter") options.network_parameters = {{"hidden", 64}, {"cells", 32}};
+  if (GetParam() == "raw_images") options.network_parameters["side"] = 28, options.network_parameters["maps"] = 4;
   options.learner_parameters = {{"learning-rate", 3e-3}, {"minibatch", 8}, {"entropy-until", 0.7}, {"gamma", 0.95}};
   options.trainer_parameters = {
       {"segment", 32}, {"sequence", 16}, {"steps", 80000}, {"noise-frame", 0.3}, {"noise-episode", 0.3}};
+  if (GetParam() == "raw_images")  // pictures have no appearance of features, and say where they were taken sooner
+    for (const char* noise : {"noise-frame", "noise-episode"}) options.trainer_parameters[noise] = 0;
   Loop loop(city, options, 1, 16);
   while (!loop.trainer.done()) loop.update();
   EXPECT_GT(spl(loop.trainer.agent(), city, false), 0.95);

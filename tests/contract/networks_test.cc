@@ -1,0 +1,155 @@
+// What every registered network keeps to.
+#include <gtest/gtest.h>
+
+#include "core/error.h"
+#include "policy_service/agent_network.h"
+#include "tests/support/small_networks.h"
+
+namespace citylearn {
+namespace {
+
+using Entry = NetworkRegistry<double>::Entry;
+
+std::vector<const Entry*> all() { return NetworkRegistry<double>::instance().entries(); }
+
+class Networks : public testing::TestWithParam<const Entry*> {
+ protected:
+  Networks()
+      : small(small_network(GetParam()->name)),
+        task(small_task(small.features)),
+        network(create(task)),
+        workspace(network->make_workspace()) {
+    Random random{5};
+    network->initialise(random, parameters);
+    for (double& value : parameters) value += 0.1 * random.normal();
+  }
+
+  std::unique_ptr<AgentNetwork<double>> create(const NetworkTask& for_task) const {
+    return GetParam()->create(Parameters(GetParam()->name, GetParam()->parameters, small.parameters), for_task);
+  }
+
+  Matrix<double> start(int agents) const { return some_state(*network, GetParam()->name, agents); }
+
+  /// Gradient of a sum of all heads, each number weighted by its index.
+  Vector<double> gradient(const NetworkInputs<double>& inputs, const Matrix<double>& state) {
+    workspace->localise = true;
+    network->forward(parameters, inputs, state, *workspace);
+    Heads<double> derivative = workspace->heads;
+    for (Matrix<double>* part : {&derivative.logits, &derivative.values, &derivative.whereabouts})
+      for (std::ptrdiff_t i = 0; i < part->size(); ++i) part->data()[i] = 1 + static_cast<double>(i % 7);
+    Vector<double> result = Vector<double>::Zero(parameters.size());
+    network->backward(parameters, inputs, *workspace, derivative, result);
+    return result;
+  }
+
+  const SmallNetwork small;
+  const NetworkTask task;
+  const std::unique_ptr<AgentNetwork<double>> network;
+  const std::unique_ptr<Workspace<double>> workspace;
+  Vector<double> parameters;
+};
+
+INSTANTIATE_TEST_SUITE_P(All, Networks, testing::ValuesIn(all()),
+                         [](const auto& tested) { return tested.param->name; });
+
+/// B agents over T steps are as each agent and step alone.
+TEST_P(Networks, CarryTheirStateFromCallToCall) {
+  const NetworkInputs<double> inputs = some_inputs(task, task.frames);
+  const Matrix<double> begin = start(inputs.agents);
+  network->forward(parameters, inputs, begin, *workspace);
+  const auto single = network->make_workspace();
+  for (int b = 0; b < inputs.agents; ++b) {
+    Matrix<double> state = begin.col(b);
+    for (int t = 0; t < inputs.steps; ++t) {
+      NetworkInputs<double> one;
+      one.resize(task.features, 1, 1);
+      one.frames = inputs.frames;
+      one.copy_column(inputs, t * inputs.agents + b, 0);
+      network->forward(parameters, one, state, *single);
+      state = single->state;
+      EXPECT_TRUE(single->heads.logits.col(0).isApprox(workspace->heads.logits.col(t * inputs.agents + b), 1e-9));
+      EXPECT_NEAR(single->heads.values(0), workspace->heads.values(t * inputs.agents + b), 1e-9);
+    }
+    EXPECT_TRUE(state.isApprox(workspace->state.col(b), 1e-9));
+  }
+}
+
+/// What several agents see may stand once or several times: it is the same.
+TEST_P(Networks, DoNotCareWhatIsShared) {
+  const NetworkInputs<double> shared = some_inputs(task, task.frames), apart = some_inputs(task, task.frames, false);
+  ASSERT_LT(shared.distinct, apart.distinct);
+  const Matrix<double> begin = start(shared.agents);
+  const Vector<double> gradient_shared = gradient(shared, begin);
+  const Heads<double> heads = workspace->heads;
+  const Matrix<double> state = workspace->state;
+  const Vector<double> gradient_apart = gradient(apart, begin);
+  EXPECT_GT(gradient_apart.norm(), 0);
+  EXPECT_TRUE(gradient_shared.isApprox(gradient_apart, 1e-9));
+  EXPECT_TRUE(heads.logits.isApprox(workspace->heads.logits, 1e-9));
+  EXPECT_TRUE(heads.values.isApprox(workspace->heads.values, 1e-9));
+  EXPECT_TRUE(state.isApprox(workspace->state, 1e-9));
+}
+
+/// Under one number of Workspace::fixed it may keep what it made of things; another number, or other things at a place,
+/// and it may not.
+TEST_P(Networks, KeepNothingThatIsOutOfDate) {
+  NetworkInputs<double> inputs = some_inputs(task, task.frames);
+  const Matrix<double> begin = start(inputs.agents);
+  const auto fresh = network->make_workspace();
+  const auto agree = [&](const std::string& when) {
+    network->forward(parameters, inputs, begin, *workspace);
+    fresh->fixed = 0;
+    network->forward(parameters, inputs, begin, *fresh);
+    EXPECT_TRUE(workspace->heads.logits.isApprox(fresh->heads.logits, 1e-9)) << when;
+    EXPECT_TRUE(workspace->heads.values.isApprox(fresh->heads.values, 1e-9)) << when;
+  };
+  workspace->fixed = 1;
+  agree("at first");
+  agree("the second time");
+  inputs.features.leftCols(inputs.distinct) *= 1.1;
+  agree("other things");
+  parameters *= 1.1;
+  workspace->fixed = 2;
+  agree("other parameters");
+  workspace->fixed = 0;
+  parameters *= 1.1;
+  agree("parameters that change");
+}
+
+/// A task without features is worked on, or refused by a line that says what is needed.
+TEST_P(Networks, SayWhatTheyCannotWorkWith) {
+  for (const int features : {0, 1}) {
+    NetworkTask other = task;
+    other.features = features;
+    other.reference.resize(0, 0);
+    try {
+      const auto built = create(other);
+      const NetworkTask plain = small_task(features);
+      NetworkInputs<double> inputs = some_inputs(plain, plain.frames);
+      Vector<double> numbers;
+      Random random{5};
+      built->initialise(random, numbers);
+      const auto work = built->make_workspace();
+      built->forward(numbers, inputs, Matrix<double>::Zero(built->state_size(), inputs.agents), *work);
+      EXPECT_TRUE(work->heads.values.allFinite());
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find("features"), std::string::npos) << error.what();
+    }
+  }
+}
+
+TEST(RawImages, RefusesWhatIsNoPicture) {
+  const auto& entry = NetworkRegistry<float>::instance().find("network", "raw_images");
+  try {
+    entry.create(Parameters(entry.name, entry.parameters, {}), small_task(64));
+    FAIL() << "was not refused";
+  } catch (const Error& error) {
+    const std::string what = error.what();
+    EXPECT_NE(what.find("are 64"), std::string::npos) << what;
+    EXPECT_NE(what.find("84 x 84 pixels in colour has 21168"), std::string::npos) << what;
+    EXPECT_NE(what.find("raw84"), std::string::npos) << what;
+  }
+}
+
+}  // namespace
+}  // namespace citylearn

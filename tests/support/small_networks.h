@@ -1,0 +1,83 @@
+#pragma once
+
+#include <map>
+#include <string>
+
+#include "core/messages.h"
+#include "core/random.h"
+#include "env_service/traversal.h"
+#include "policy_service/agent_network.h"
+#include "tests/support/small_city.h"
+
+namespace citylearn {
+
+/// Parameters that make a network small enough for tests, and the features a frame that it then takes.
+struct SmallNetwork {
+  std::map<std::string, double> parameters;
+  int features = 5;
+};
+
+inline SmallNetwork small_network(const std::string& name) {
+  if (name == "raw_images") return {{{"hidden", 6}, {"cells", 4}, {"side", 28}, {"maps", 2}}, 28 * 28 * 3};
+  if (name == "place_filter") return {{{"units", 5}}};
+  return {{{"hidden", 6}, {"cells", 4}}};
+}
+
+/// A task of 7 places.
+inline NetworkTask small_task(int features) {
+  Random random{1};
+  NetworkTask task;
+  task.features = features;
+  task.frames = 7;
+  task.reference.resize(features, task.frames);
+  for (float& value : task.reference.reshaped()) value = static_cast<float>(random.normal());
+  task.reference.colwise().normalize();
+  return task;
+}
+
+/// 3 agents walk at random for 6 steps on the first `frames` places, with episodes that begin in the middle. Half of
+/// what they see is disguised, the rest is shared with whoever stands there; with `shared` false nothing is.
+inline NetworkInputs<double> some_inputs(const NetworkTask& task, int frames, bool shared = true) {
+  constexpr int kSteps = 6, kAgents = 3;
+  Random random{2};
+  NetworkInputs<double> inputs;
+  inputs.resize(task.features, kSteps, kAgents);
+  inputs.frames = frames;
+  for (int t = 0; t < kSteps; ++t)
+    for (int b = 0; b < kAgents; ++b) {
+      const std::size_t index = static_cast<std::size_t>(t * kAgents + b);
+      const bool first = (t == 0 && b == 0) || (t == 3 && b == 1);
+      const int position = static_cast<int>(random.below(frames));
+      inputs.first[index] = first;
+      inputs.position[index] = position;
+      inputs.goal[index] = static_cast<int>(random.below(frames));
+      inputs.previous_action[index] =
+          first ? std::uint8_t{kNoAction} : static_cast<std::uint8_t>(random.below(kActions));
+      inputs.allowed[index] = position == 0 ? 0b011 : position == frames - 1 ? 0b101 : 0b111;
+      Vector<double> features = task.reference.col(position).cast<double>();
+      const bool disguised = random.below(2);
+      for (double& value : features) value += disguised ? 0.1 * random.normal() : 0;
+      inputs.see(t * kAgents + b, disguised || !shared ? -1 : position, features);
+    }
+  return inputs;
+}
+
+/// The recurrent state of so many agents, in the midst of things. A belief adds up to 1.
+inline Matrix<double> some_state(const AgentNetwork<double>& network, const std::string& name, int agents) {
+  Random random{6};
+  Matrix<double> state(network.state_size(), agents);
+  for (double& value : state.reshaped()) value = random.uniform();
+  if (name == "place_filter") state.array().rowwise() /= state.colwise().sum().array();
+  return state;
+}
+
+/// small_city() for a network that takes features of any number, else one of as many; for raw_images with numbers like
+/// a picture's.
+inline Traversal small_city_for(const std::string& name) {
+  if (name != "raw_images") return small_city();
+  Traversal city = small_city(16, small_network(name).features);
+  for (float& value : city.features) value = 0.5f + 10 * value;
+  return city;
+}
+
+}  // namespace citylearn
