@@ -3,13 +3,16 @@
 add_library(citylearn_learning STATIC
   agent_network.cc
   checkpoint.cc
+  collector.cc
   learners/ppo.cc
   network_policy.cc
   networks/baseline.cc
   networks/features.cc
   networks/place_filter.cc
+  parameter_chunks.cc
   rollout.cc
-  trainer.cc)
+  trainer.cc
+  trajectories.cc)
 # Eigen shall start no threads of its own: halves of the work are given to two threads here, and results must not vary.
 target_compile_definitions(citylearn_learning PUBLIC EIGEN_DONT_PARALLELIZE)
 target_link_libraries(citylearn_learning
