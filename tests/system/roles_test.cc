@@ -28,9 +28,9 @@ std::vector<std::string> lines_of(const std::string& path) {
 }
 
 /// A learner's run: what is in its folder tells how far it is.
-class Run {
+class Learning {
  public:
-  Run(const std::string& middleware, int domain) : trial(middleware, domain) {}
+  Learning(const std::string& middleware, int domain) : trial(middleware, domain) {}
 
   std::unique_ptr<Service> learner(int updates, Arguments more = {}) {
     more.insert(more.end(), {"--role", "learner", "--steps", std::to_string(updates * 512), "--trainer-agents", "8",
@@ -120,9 +120,9 @@ INSTANTIATE_TEST_SUITE_P(, Pairings,
                          [](const auto& pair) { return std::string(pair.param.first) + "_" + pair.param.second; });
 
 TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
-  Run run(here(), 180), other(there(), 180);
+  Learning run(here(), 180), other(there(), 180);
   const auto one = run.trial.env("summer", {"--id", "one"}), two = other.trial.env("summer", {"--id", "two"});
-  const auto learner = run.learner(60, {"--environments", "2"});
+  const auto learner = run.learner(300, {"--environments", "2"});
   const auto a = other.actor("a"), b = other.actor("b");
   ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << a->output();
   for (const auto* actor : {a.get(), b.get()})
@@ -130,7 +130,7 @@ TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
   EXPECT_EQ(a->wait(seconds(10)), 0) << a->output();
   EXPECT_EQ(b->wait(seconds(10)), 0) << b->output();
   const Json summary = Json::parse(contents(run.trial.folder() / "out/summary.json"));
-  EXPECT_EQ(summary["train"]["steps"], 60 * 512);
+  EXPECT_EQ(summary["train"]["steps"], 300 * 512);
   EXPECT_GE(summary["train"]["lag"].get<double>(), 0);
   EXPECT_GT(summary["train"]["episodes"].get<int>(), 100);
   EXPECT_GE(summary["evaluate"]["summer"]["spl"].get<double>(), 0.95) << summary.dump(1);
@@ -142,7 +142,7 @@ INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"),
                          [](const auto& vendor) { return std::string(vendor.param); });
 
 TEST_P(Vendors, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
-  Run run(GetParam(), 181);
+  Learning run(GetParam(), 181);
   const auto one = run.trial.env("summer", {"--id", "one"}), two = run.trial.env("summer", {"--id", "two"});
   const auto learner = run.learner(100000, {"--environments", "2"});
   Listener listener(GetParam(), 181);
@@ -173,15 +173,15 @@ TEST_P(Vendors, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
 }
 
 TEST_P(Vendors, AKilledLearnerGoesOnWithTheSameActors) {
-  Run run(GetParam(), 182);
+  Learning run(GetParam(), 182);
   const auto summer = run.trial.env("summer");
-  auto learner = run.learner(40);
+  auto learner = run.learner(300);  // some seconds: the first checkpoint is far from the end
   const auto actor = run.actor("a");
   ASSERT_TRUE(run.trial.has_checkpoint("out", kLong)) << learner->output();
   learner->send(SIGKILL);
   ASSERT_EQ(learner->wait(seconds(5)), 128 + SIGKILL) << "it had ended before";
   EXPECT_TRUE(actor->says("is silent", kLong)) << actor->output();
-  learner = run.learner(40, {"--resume"});
+  learner = run.learner(300, {"--resume"});
   ASSERT_TRUE(actor->says("is back", kLong)) << actor->output();
   EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
   EXPECT_NE(learner->output().find("going on after update"), std::string::npos);
@@ -190,7 +190,7 @@ TEST_P(Vendors, AKilledLearnerGoesOnWithTheSameActors) {
 }
 
 TEST_P(Vendors, ALateActorGetsTheNewestParametersAtOnce) {
-  Run run(GetParam(), 183);
+  Learning run(GetParam(), 183);
   const auto one = run.trial.env("summer", {"--id", "one"});
   const auto learner = run.learner(100000);
   const auto a = run.actor("a");
@@ -211,7 +211,7 @@ TEST_P(Vendors, ALateActorGetsTheNewestParametersAtOnce) {
 }
 
 TEST_P(Vendors, ActorsWaitForALearnerThatIsSlow) {
-  Run run(GetParam(), 184);
+  Learning run(GetParam(), 184);
   const auto summer = run.trial.env("summer");
   const auto learner = run.learner(100000, {"--window", "3"});
   const auto actor = run.actor("a");
@@ -242,7 +242,7 @@ TEST_P(Vendors, ActorsWaitForALearnerThatIsSlow) {
 }
 
 TEST(Lossy, NothingIsLostAndNothingIsDoubled) {
-  Run run("lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:cyclonedds", 185);
+  Learning run("lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:cyclonedds", 185);
   const auto summer = run.trial.env("summer");
   // A network of several chunks.
   const auto learner = run.learner(8, {"--agent", "features", "--features-hidden", "96", "--features-cells", "64",
@@ -255,7 +255,7 @@ TEST(Lossy, NothingIsLostAndNothingIsDoubled) {
 }
 
 TEST(CommandLine, WrongRolesAreOneClearLine) {
-  Run run("cyclonedds", 186);
+  Learning run("cyclonedds", 186);
   const auto summer = run.trial.env("summer");
   const std::map<std::string, std::pair<Arguments, std::string>> cases = {
       {"unknown role", {{"--role", "critic"}, "--role"}},
