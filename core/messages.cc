@@ -149,6 +149,7 @@ void visit(M& m, Visitor& v) {
   v("clipped", m.clipped());
   v("gradient_norm", m.gradient_norm());
   v("learning_rate", m.learning_rate());
+  v("lag", m.lag());
 }
 
 template <Of<PolicyParameters> M, class Visitor>
@@ -161,6 +162,89 @@ void visit(M& m, Visitor& v) {
   v("chunk", m.chunk());
   v("chunks", m.chunks());
   v("data", m.data(), MAX_CHUNK);
+}
+
+template <Of<LearnerInfo> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("training", m.training());
+  v("traversal", m.traversal());
+  v("traversal_hash", m.traversal_hash());
+  v("feature_dimension", m.feature_dimension());
+  v("first_frame", m.first_frame());
+  v("frames", m.frames());
+  v("lesson", m.lesson());
+  v("lesson_frames", m.lesson_frames());
+  v("max_steps", m.max_steps());
+  v("agent", m.agent());
+  v("network", m.network());
+  v("seed", m.seed());
+  v("steps", m.steps());
+  v("window", m.window());
+  v("noise_frame", m.noise_frame());
+  v("noise_episode", m.noise_episode());
+  v("version", m.version());
+  v("total_bytes", m.total_bytes());
+  v("hash", m.hash());
+  v("chunks", m.chunks());
+}
+
+template <Of<ActorStatus> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("learner", m.learner());
+  v("learner_incarnation", m.learner_incarnation());
+  v("version", m.version());
+  v("environments", m.environments(), MAX_SERVED);
+  v("unacknowledged", m.unacknowledged());
+  v("waiting", m.waiting());
+  v("waited", m.waited());
+}
+
+template <Of<Trajectory> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("learner", m.learner());
+  v("learner_incarnation", m.learner_incarnation());
+  v("number", m.number());
+  v("environment", m.environment());
+  v("agent", m.agent());
+  v.nested("settings", m.settings());
+  v("step", m.step());
+  v("lesson", m.lesson());
+  v("version", m.version());
+  v("feature_dimension", m.feature_dimension());
+  v("state", m.state(), MAX_STATE);
+  v("shown", m.shown(), MAX_STEPS_AND_ONE);
+  v("position", m.position(), MAX_STEPS_AND_ONE);
+  v("goal", m.goal(), MAX_STEPS_AND_ONE);
+  v("previous_action", m.previous_action(), MAX_STEPS_AND_ONE);
+  v("allowed", m.allowed(), MAX_STEPS_AND_ONE);
+  v("first", m.first(), MAX_STEPS_AND_ONE);
+  v("value", m.value(), MAX_STEPS_AND_ONE);
+  v("features", m.features(), MAX_TRAJECTORY);
+  v("action", m.action(), MAX_STEPS);
+  v("log_probability", m.log_probability(), MAX_STEPS);
+  v("reward", m.reward(), MAX_STEPS);
+  v("ended", m.ended(), MAX_STEPS);
+  v("final_value", m.final_value(), MAX_STEPS);
+}
+
+template <Of<TrajectoryAcknowledgement> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("actor", m.actor());
+  v("actor_incarnation", m.actor_incarnation());
+  v("number", m.number());
+  v("limit", m.limit());
+}
+
+template <Of<ParametersRequest> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("learner", m.learner());
+  v("version", m.version());
+  v("chunks", m.chunks(), MAX_PARTS_ASKED);
 }
 
 template <Of<TraversalInfo> M, class Visitor>
@@ -405,6 +489,32 @@ void check(const PolicyParameters& m, const std::string& type) {
   if (m.data().size() > m.total_bytes()) refuse(type, "data", "more bytes than total_bytes says");
 }
 
+void check(const Trajectory& m, const std::string& type) {
+  const std::size_t steps = m.action().size(), observations = m.shown().size();
+  if (observations != steps + 1) refuse(type, "shown", counts(observations, steps + 1) + ", one more than action has");
+  const auto same = [&](const char* field, std::size_t size, std::size_t should) {
+    if (size != should) refuse(type, field, counts(size, should));
+  };
+  same("position", m.position().size(), observations);
+  same("goal", m.goal().size(), observations);
+  same("previous_action", m.previous_action().size(), observations);
+  same("allowed", m.allowed().size(), observations);
+  same("first", m.first().size(), observations);
+  same("value", m.value().size(), observations);
+  same("log_probability", m.log_probability().size(), steps);
+  same("reward", m.reward().size(), steps);
+  same("ended", m.ended().size(), steps);
+  same("final_value", m.final_value().size(), steps);
+  same("features", m.features().size(), observations * std::size_t{m.feature_dimension()});
+  for (std::uint8_t action : m.action())
+    if (action >= kActions) refuse(type, "action", "unknown action " + std::to_string(action));
+  for (std::uint8_t action : m.previous_action())
+    if (action >= kActions && action != kNoAction)
+      refuse(type, "previous_action", "unknown action " + std::to_string(action));
+  for (std::uint8_t end : m.ended())
+    if (end > 2) refuse(type, "ended", "unknown end " + std::to_string(end));
+}
+
 template <class Message>
 struct Describe;
 #define CITYLEARN_TOPIC(TYPE, NAME, PROFILE)                      \
@@ -427,6 +537,11 @@ CITYLEARN_TOPIC(ImageRequest, "image_request", kCommand)
 CITYLEARN_TOPIC(ImageChunk, "image_chunk", kDurable)
 CITYLEARN_TOPIC(TrainingStat, "training_stat", kDurable)
 CITYLEARN_TOPIC(PolicyParameters, "policy_parameters", kDurable)
+CITYLEARN_TOPIC(LearnerInfo, "learner_info", kState)
+CITYLEARN_TOPIC(ActorStatus, "actor_status", kState)
+CITYLEARN_TOPIC(Trajectory, "trajectory", kCommand)
+CITYLEARN_TOPIC(TrajectoryAcknowledgement, "trajectory_acknowledgement", kCommand)
+CITYLEARN_TOPIC(ParametersRequest, "parameters_request", kCommand)
 #undef CITYLEARN_TOPIC
 
 }  // namespace
@@ -489,6 +604,11 @@ CITYLEARN_INSTANTIATE(ImageRequest)
 CITYLEARN_INSTANTIATE(ImageChunk)
 CITYLEARN_INSTANTIATE(TrainingStat)
 CITYLEARN_INSTANTIATE(PolicyParameters)
+CITYLEARN_INSTANTIATE(LearnerInfo)
+CITYLEARN_INSTANTIATE(ActorStatus)
+CITYLEARN_INSTANTIATE(Trajectory)
+CITYLEARN_INSTANTIATE(TrajectoryAcknowledgement)
+CITYLEARN_INSTANTIATE(ParametersRequest)
 #undef CITYLEARN_INSTANTIATE
 
 std::vector<Topic> all_topics() {
@@ -504,7 +624,12 @@ std::vector<Topic> all_topics() {
           topic_of<ImageRequest>(),
           topic_of<ImageChunk>(),
           topic_of<TrainingStat>(),
-          topic_of<PolicyParameters>()};
+          topic_of<PolicyParameters>(),
+          topic_of<LearnerInfo>(),
+          topic_of<ActorStatus>(),
+          topic_of<Trajectory>(),
+          topic_of<TrajectoryAcknowledgement>(),
+          topic_of<ParametersRequest>()};
 }
 
 }  // namespace citylearn

@@ -13,6 +13,7 @@
 #include "idl/status.h"
 #include "idl/task_settings.h"
 #include "idl/training.h"
+#include "idl/trajectory.h"
 #include "idl/traversal.h"
 
 namespace citylearn {

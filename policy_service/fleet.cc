@@ -50,13 +50,13 @@ void Fleet::spin(Clock::time_point deadline) {
   while (node_.take(info_)) on_info(info_);
   while (node_.take(status_)) on_status(status_);
   while (node_.take(chunk_)) features_.take(chunk_);
-  while (node_.take(observation_)) on_observation(observation_);
-  while (node_.take(episode_))
+  while (hears_observations_ && node_.take(observation_)) on_observation(observation_);
+  while (hears_episodes_ && node_.take(episode_))
     if (Seat* seat = known(episode_.header()); seat && finished) finished(*seat, episode_);
 }
 
 void Fleet::on_status(const msg::ServiceStatus& status) {
-  known(status.header());
+  if (Seat* seat = known(status.header())) seat->busy = status.service_state() == msg::RUNNING;
   const std::string id = status.header().sender().c_str();
   if (const auto found = unencoded_.find(id); found != unencoded_.end()) found->second.when = Clock::now();
   if (std::string(status.service().c_str()) != "encoder_service") return;
@@ -103,16 +103,19 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
                  info.feature_dimension(), info.agents());
     seat.id = info.header().sender().c_str();
     seat.settings = msg::TaskSettings();
-    seat.in_force = seat.waiting = false;
+    seat.in_force = seat.waiting = seat.busy = false;
+    seat.heard_charge = info.settings().incarnation();
     seat.features.reset();
     if (joined) joined(seat);
   } else if (same(info.settings(), seat.settings.settings())) {
     seat.in_force = true;
   }
+  seat.heard_charge = std::max<std::uint64_t>(seat.heard_charge, info.settings().incarnation());
 }
 
 void Fleet::on_observation(msg::Observation& observation) {
   Seat* seat = known(observation.header());
+  if (seat) seat->heard_charge = std::max<std::uint64_t>(seat->heard_charge, observation.settings().incarnation());
   // Images: what counts is the same observation with features.
   if (seat && !observation.by_reference() && observation.feature_dimension() != seat->info.feature_dimension()) return;
   if (!seat || seat->settings.settings().version() == 0 || !same(observation.settings(), seat->settings.settings())) {
@@ -180,7 +183,7 @@ void Fleet::answer(Seat& seat, const std::vector<std::uint8_t>& choice) {
 
 void Fleet::command(Seat& seat, msg::TaskSettings settings) {
   settings.environment() = seat.id.c_str();
-  settings.settings().incarnation() = node_.incarnation();
+  settings.settings().incarnation() = seat.charge > 0 ? seat.charge : node_.incarnation();
   settings.settings().version() = ++version_;
   settings.by_reference() = settings.task_mode() != msg::IDLE && by_reference(seat);
   // Only then is what was used before let go, or it would be fetched again.
@@ -216,10 +219,34 @@ void Fleet::ask_for_features() {
   }
 }
 
+void Fleet::take_charge(Seat& seat) {
+  // The time, as incarnations are; clocks of hosts differ, so never less than what is known.
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  const auto microseconds = std::chrono::duration_cast<std::chrono::microseconds>(now).count();
+  seat.charge = std::max({static_cast<std::uint64_t>(microseconds), seat.heard_charge + 1, seat.charge + 1});
+}
+
+void Fleet::let_go(Seat& seat) {
+  seat.settings = msg::TaskSettings();
+  seat.in_force = seat.waiting = false;
+  seat.features.reset();
+}
+
+void Fleet::hear(bool observations, bool episodes) {
+  hears_observations_ = observations;
+  hears_episodes_ = episodes;
+  observations ? node_.listen<msg::Observation>() : node_.ignore<msg::Observation>();
+  episodes ? node_.listen<msg::EpisodeStat>() : node_.ignore<msg::EpisodeStat>();
+}
+
 void Fleet::send_due_settings() {
   const Clock::time_point now = Clock::now();
   for (const auto& [id, seat] : seats_) {
     if (seat->in_force || seat->settings.settings().version() == 0 || now < seat->next_settings) continue;
+    if (lost(*seat)) {
+      let_go(*seat);
+      continue;
+    }
     if (seat->features && !seat->features->complete()) continue;
     node_.publish(seat->settings);
     seat->next_settings = now + kSettingsAgain;

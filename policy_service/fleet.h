@@ -37,6 +37,9 @@ struct Seat {
   Clock::time_point next_settings{};  ///< when they are sent again, while not in force
   /// Of the route, when `settings` ask for observations by reference. They go out once it is complete.
   std::shared_ptr<RouteFeatures> features;
+  std::uint64_t charge = 0;           ///< incarnation that our settings carry; 0: that of this process
+  std::uint64_t heard_charge = 0;     ///< the largest that the env_service's messages carried
+  bool busy = false;                  ///< the env_service says that it gets actions from somebody
 
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }
@@ -71,6 +74,15 @@ class Fleet {
   /// Answers the observation that waits.
   void answer(Seat& seat, const std::vector<std::uint8_t>& choice);
   void acknowledge(const Seat& seat, std::uint64_t episode);
+
+  /// Later settings for this seat win over those of everybody who took charge before, whoever started last.
+  void take_charge(Seat& seat);
+  /// Somebody else has taken charge since.
+  static bool lost(const Seat& seat) { return seat.charge > 0 && seat.heard_charge > seat.charge; }
+  /// Stops whatever the seat was told to do from being sent again.
+  static void let_go(Seat& seat);
+  /// Who only records need not hear the observations, nor who only acts the episodes. Both are heard unless told.
+  void hear(bool observations, bool episodes);
 
   /// By id.
   const std::map<std::string, std::unique_ptr<Seat>>& seats() const { return seats_; }
@@ -116,6 +128,7 @@ class Fleet {
   std::map<std::string, Heard<Encoder>> encoders_;       ///< by id
   std::map<std::uint64_t, Clock::time_point> beats_;     ///< of encoder_services, by incarnation
   std::uint32_t version_ = 0;
+  bool hears_observations_ = true, hears_episodes_ = true;
   msg::Observation observation_;
   msg::EpisodeStat episode_;
   msg::TraversalInfo info_;

@@ -3,6 +3,7 @@
 add_library(citylearn_learning STATIC
   agent_network.cc
   checkpoint.cc
+  collector.cc
   learners/descent.cc
   learners/ppo.cc
   learners/relabel.cc
@@ -13,8 +14,10 @@ add_library(citylearn_learning STATIC
   networks/place_filter.cc
   networks/place_memory.cc
   networks/raw_images.cc
+  parameter_chunks.cc
   rollout.cc
-  trainer.cc)
+  trainer.cc
+  trajectories.cc)
 # Eigen shall start no threads of its own: halves of the work are given to two threads here, and results must not vary.
 target_compile_definitions(citylearn_learning PUBLIC EIGEN_DONT_PARALLELIZE)
 target_link_libraries(citylearn_learning

@@ -38,7 +38,8 @@ void print_list() {
 int main(int argc, char** argv) {
   PolicyServiceOptions options;
   options.node.service = "policy_service";
-  options.node.id = "policy";
+  const std::string id = "policy";
+  options.node.id = id;
   std::map<std::string, std::map<std::string, double>> plugins;  // parameters given, by plug-in
   bool list = false, agents = false;
   std::vector<std::uint64_t> seeds;  // of a sweep
@@ -55,6 +56,12 @@ int main(int argc, char** argv) {
         ->capture_default_str()
         ->check(CLI::IsMember({"train", "evaluate", "export", "table"}));
     app.add_option("runs", runs, "With --mode table: folders with summary.json or sweep.json");
+    app.add_option(
+           "--role", options.role,
+           "both; or learner, which learns from what actors send, and actor, which acts for the run's learner and "
+           "needs no other options of training")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"both", "actor", "learner"}));
     app.add_option("--agent", options.agent, "Network to train; with --mode evaluate and no --checkpoint, a control")
         ->capture_default_str();
     app.add_option("--learner", options.learner, "Learner")->capture_default_str();
@@ -119,6 +126,19 @@ int main(int argc, char** argv) {
         ->check(CLI::NonNegativeNumber)
         ->group(task);
 
+    const std::string roles = "Roles";
+    app.add_option("--window", options.window,
+                   "Learner: segments of one env_service that an actor may have unacknowledged; beyond, it waits")
+        ->capture_default_str()
+        ->check(CLI::Range(1, 1000))
+        ->group(roles);
+    app.add_option("--max-lag", options.most_lag,
+                   "Learner: trajectories of parameters older than so many updates are dropped; 0 = none is too old")
+        ->capture_default_str()
+        ->group(roles);
+    app.add_flag("--stay", options.stay, "Actor: wait for the next learner when one has done, instead of leaving")
+        ->group(roles);
+
     const std::string length = "Length";
     app.add_option("--steps", options.steps, "Environment steps to learn from; 0 = as recommended for the agent")
         ->capture_default_str()
@@ -178,6 +198,7 @@ int main(int argc, char** argv) {
     options.learner_parameters = plugins[options.learner];
     options.trainer_parameters = plugins["trainer"];
     options.control_parameters = plugins;
+    if (options.role == "actor" && options.node.id == id) options.node.id.clear();  // one of its own
     return seeds.empty() ? run_policy_service(options) : run_sweep(options, seeds);
   };
   return service_main(argc, argv, "Trains and evaluates navigation agents on the env_services of its run.", setup,

@@ -13,7 +13,7 @@ namespace {
 
 constexpr const char* kHeader =
     "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,policy_loss,value_loss,entropy,divergence,clipped,"
-    "gradient_norm,learning_rate";
+    "gradient_norm,learning_rate,lag";
 
 }  // namespace
 
@@ -50,10 +50,10 @@ double MetricsLog::wall_at(std::uint64_t episodes) const {
 }
 
 void MetricsLog::write(const msg::TrainingStat& s) {
-  fmt::print(file_, "{},{},{},{},{:.3f},{:.0f},{:.5f},{:.5f},{:.6g},{:.6g},{:.5f},{:.6g},{:.5f},{:.5g},{:.6g}\n",
+  fmt::print(file_, "{},{},{},{},{:.3f},{:.0f},{:.5f},{:.5f},{:.6g},{:.6g},{:.5f},{:.6g},{:.5f},{:.5g},{:.6g},{:.3f}\n",
              s.update(), s.steps(), s.episodes(), s.lesson(), s.wall(), s.steps_per_second(), s.reward(), s.spl(),
              s.policy_loss(), s.value_loss(), s.entropy(), s.divergence(), s.clipped(), s.gradient_norm(),
-             s.learning_rate());
+             s.learning_rate(), s.lag());
   if (std::fflush(file_) != 0) throw Error(std::strerror(errno), path_, "free some space");
 }
 

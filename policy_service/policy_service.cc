@@ -12,6 +12,7 @@
 
 #include "core/files.h"
 #include "core/service.h"
+#include "policy_service/actor.h"
 #include "policy_service/checkpoint.h"
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
@@ -19,6 +20,7 @@
 #include "policy_service/fleet.h"
 #include "policy_service/interchange/event_log.h"
 #include "policy_service/interchange/safetensors.h"
+#include "policy_service/learner_link.h"
 #include "policy_service/metrics_log.h"
 #include "policy_service/network_policy.h"
 #include "policy_service/progress.h"
@@ -66,6 +68,7 @@ class Run {
   void build_trainer();
   void train();
   void train_until_done();
+  void learn_until_done();
   void enroll(Seat& seat);
   void drop_lost_seats();
   void after_update(const UpdateFigures& figures, std::uint64_t steps_before);
@@ -94,8 +97,9 @@ class Run {
   std::set<Seat*> to_acknowledge_;
   std::unique_ptr<Trainer> trainer_;
   std::optional<TrainedAgent> agent_;
-  std::map<const Seat*, int> slots_;  ///< number of each training environment, which names its random streams
-  std::set<Seat*> taking_part_;       ///< training environments that are not lost
+  std::map<const Seat*, int> slots_;   ///< number of each training environment, which names its random streams
+  std::set<Seat*> taking_part_;        ///< training environments that are not lost
+  std::unique_ptr<LearnerLink> link_;  ///< role learner, once there is something to tell actors
   Clock::time_point training_since_, last_update_;
   double wall_before_ = 0;
   TrainingReport report_;
@@ -113,6 +117,9 @@ PolicyServiceOptions checked(PolicyServiceOptions options) {
     throw Error("needs --checkpoint", "--parameters", "name the checkpoint of the agent that they are for");
   for (const std::string& name : options.controls)
     if (name != "shuffled") ControlRegistry::instance().find("control", name);
+  if (options.role != "both" && options.mode != "train") throw Error("is for --role both", "--mode " + options.mode);
+  if (options.role == "learner" && options.lockstep)
+    throw Error("is for --role both", "--lockstep", "what a learner gets when depends on its actors");
   if (options.mode == "train") {
     NetworkRegistry<float>::instance().find("agent", options.agent);
     LearnerRegistry::instance().find("learner", options.learner);
@@ -147,6 +154,7 @@ Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
 /// Everything waits here: messages, acknowledgements, signals.
 void Run::spin() {
   fleet_.spin(Clock::now() + std::chrono::milliseconds(50));
+  if (link_) link_->handle();
   for (Seat* seat : to_acknowledge_) fleet_.acknowledge(*seat, episodes_->recorded(seat->id, seat->incarnation()));
   to_acknowledge_.clear();
   if (stop_requested()) throw Stopped();
@@ -311,6 +319,8 @@ void Run::after_update(const UpdateFigures& figures, std::uint64_t steps_before)
   stat.clipped() = static_cast<float>(figures.clipped);
   stat.gradient_norm() = static_cast<float>(figures.gradient_norm);
   stat.learning_rate() = static_cast<float>(figures.learning_rate);
+  stat.lag() = static_cast<float>(link_ ? link_->lag() : 0);
+  report_.lag += (stat.lag() - report_.lag) / static_cast<double>(++report_.updates);
   node_.publish(stat);
   if (metrics_) metrics_->write(stat);
   if (events_) events_->write(stat);
@@ -324,8 +334,9 @@ void Run::after_update(const UpdateFigures& figures, std::uint64_t steps_before)
                static_cast<float>(rate));
   const double left = share > 0.01 ? wall * (1 - share) / share : -1;
   progress_.show("training " + options_.agent, share, static_cast<double>(progress.steps) / std::max(wall, 1e-9), left,
-                 fmt::format("reward {:.3f}  SPL {:.3f}{}", progress.reward, progress.spl,
-                             options_.curriculum ? fmt::format("  lesson {}", progress.lesson + 1) : ""));
+                 fmt::format("reward {:.3f}  SPL {:.3f}{}{}", progress.reward, progress.spl,
+                             options_.curriculum ? fmt::format("  lesson {}", progress.lesson + 1) : "",
+                             link_ ? fmt::format("  {} actors, lag {:.1f}", link_->actors(), report_.lag) : ""));
 }
 
 /// Between two updates; the training environments wait meanwhile, so what they do is the same with and without it.
@@ -376,21 +387,74 @@ void Run::train_until_done() {
   }
 }
 
+/// Role learner: as train_until_done(), from what actors send.
+void Run::learn_until_done() {
+  LearnerLinkOptions how;
+  how.traversal = options_.train;
+  how.traversal_hash = seat_on(options_.train)->info.hash();
+  how.window = options_.window;
+  how.most_lag = options_.most_lag;
+  link_ = std::make_unique<LearnerLink>(node_, *trainer_, how);
+  fleet_.hear(/*observations=*/false, /*episodes=*/true);
+  Clock::time_point next_word = Clock::now() + std::chrono::seconds(5);
+  while (!trainer_->done()) {
+    spin();
+    if (!link_->ready()) {
+      if (link_->actors() == 0) {
+        node_.report(msg::WAITING, "waiting for actors");
+        if (Clock::now() > next_word) spdlog::info("waiting for actors (policy_service --role actor)");
+      }
+      if (link_->actors() > 0 || Clock::now() > next_word) next_word = Clock::now() + std::chrono::seconds(10);
+      continue;
+    }
+    const std::uint64_t steps_before = trainer_->progress().steps;
+    UpdateFigures figures;
+    {
+      const Stopwatch watch(report_.update);
+      figures = link_->learn();
+    }
+    after_update(figures, steps_before);
+    if (trainer_->done() || (options_.time_limit > 0 && training_wall() >= options_.time_limit)) break;
+    const std::uint64_t updates = trainer_->progress().updates;
+    if (updates % static_cast<std::uint64_t>(options_.checkpoint_every) == 0) save_checkpoint();
+    if (options_.evaluate_every > 0 && updates % static_cast<std::uint64_t>(options_.evaluate_every) == 0) {
+      fleet_.hear(true, true);
+      evaluate_others();
+      fleet_.hear(false, true);
+    }
+  }
+  report_.wall = training_wall();
+  link_->end();
+  const Clock::time_point deadline = Clock::now() + std::chrono::seconds(5);
+  while (!link_->released() && Clock::now() < deadline) spin();
+  fleet_.hear(true, true);
+  // Actors that started later than this process were obeyed; now it is to be.
+  for (const auto& [id, seat] : fleet_.seats()) fleet_.take_charge(*seat);
+  spdlog::info("mean lag {:.2f} updates, {} trajectories were too old, actors waited {:.1f} s for room", report_.lag,
+               link_->dropped(), link_->waited());
+  report_.dropped = link_->dropped();
+  report_.waited = link_->waited();
+}
+
 void Run::train() {
   await({options_.train}, options_.environments);
   build_trainer();
   spdlog::info("training {} on '{}': {} steps, seed {}, {}", options_.agent, options_.train, trainer_->total_steps(),
                options_.seed, node_.middleware_name());
-  fleet_.joined = [this](Seat& seat) {
-    if (seat.traversal() == options_.train) enroll(seat);
-  };
-  fleet_.decide = [this](Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-    const Stopwatch watch(report_.inference);
-    return taking_part_.contains(&seat) && trainer_->act(slots_.at(&seat), observation, choice);
-  };
   training_since_ = last_update_ = Clock::now();
-  for (Seat* seat : seats_on(options_.train)) enroll(*seat);
-  train_until_done();
+  if (options_.role == "learner") {
+    learn_until_done();
+  } else {
+    fleet_.joined = [this](Seat& seat) {
+      if (seat.traversal() == options_.train) enroll(seat);
+    };
+    fleet_.decide = [this](Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+      const Stopwatch watch(report_.inference);
+      return taking_part_.contains(&seat) && trainer_->act(slots_.at(&seat), observation, choice);
+    };
+    for (Seat* seat : seats_on(options_.train)) enroll(*seat);
+    train_until_done();
+  }
   progress_.finish();
   fleet_.joined = nullptr;
   fleet_.decide = nullptr;
@@ -398,7 +462,7 @@ void Run::train() {
   report_.traversal = options_.train;
   report_.episodes = progress.episodes;
   report_.steps = progress.steps;
-  report_.wall = training_wall();
+  if (!link_) report_.wall = training_wall();
   report_.reward = progress.reward;
   report_.spl = progress.spl;
   save_checkpoint();
@@ -567,6 +631,7 @@ int Run::execute() {
 
 int run_policy_service(const PolicyServiceOptions& options) {
   const PolicyServiceOptions complete = checked(options);
+  if (complete.role == "actor") return run_actor({complete.node, complete.stay});
   Node node(complete.node);
   Fleet fleet(node, complete.fleet);
   return Run(complete, node, fleet).execute();

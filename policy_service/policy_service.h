@@ -20,9 +20,10 @@ struct PolicyServiceOptions {
   std::string agent = "place_filter";  ///< a network, or with mode "evaluate" a control
   std::string learner = "ppo";
   std::map<std::string, double> network_parameters, learner_parameters, trainer_parameters;  ///< those given
-  std::string checkpoint;  ///< mode "evaluate": the file to act from
-  std::string parameters;  ///< with `checkpoint`: safetensors file whose parameters go before its own
-  bool resume = false;     ///< go on with the newest checkpoint of `output`, or start where there is none
+  std::string checkpoint;     ///< mode "evaluate": the file to act from
+  std::string parameters;     ///< with `checkpoint`: safetensors file whose parameters go before its own
+  std::string role = "both";  ///< "both", "actor" or "learner" (docs/decisions/0008-roles.md)
+  bool resume = false;        ///< go on with the newest checkpoint of `output`, or start where there is none
   std::uint64_t seed = 1;
 
   // Where.
@@ -32,6 +33,11 @@ struct PolicyServiceOptions {
   bool lockstep = false;              ///< wait for lost ones instead of going on without them
   FleetOptions fleet;
   double wait = 0;  ///< seconds until missing env_services are an error; 0 = for ever
+
+  // Roles.
+  int window = 2;              ///< learner: segments of one env_service that an actor may have unacknowledged
+  std::uint64_t most_lag = 0;  ///< learner: trajectories of parameters older than so many updates are dropped; 0 = none
+  bool stay = false;           ///< actor: wait for the next learner when one has done
 
   // The task.
   int first_frame = 0;

@@ -40,7 +40,10 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
         {"reward", training->reward},
         {"spl", training->spl},
         {"episodes_to_spl95", or_null(training->episodes_to_spl95)},
-        {"wall_s_to_spl95", or_null(training->wall_to_spl95)}};
+        {"wall_s_to_spl95", or_null(training->wall_to_spl95)},
+        {"lag", training->lag},
+        {"dropped", training->dropped},
+        {"actors_waited_s", training->waited}};
   summary["evaluate"] = Json::object();
   summary["controls"] = Json::object();
   for (const ScoreRow& row : rows) {
@@ -76,6 +79,7 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"vendor", vendor},
       {"run", options.node.run},
       {"mode", options.mode},
+      {"role", options.role},
       {"agent", options.agent},
       {"learner", options.learner},
       {"plugins", loaded_plugins()},
@@ -87,6 +91,8 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"max_steps", options.max_steps},
       {"curriculum", options.curriculum},
       {"environments", options.environments},
+      {"window", options.window},
+      {"max_lag", options.most_lag},
       {"lockstep", options.lockstep},
       {"steps", options.steps},
       {"time_limit", options.time_limit},

@@ -20,6 +20,10 @@ struct TrainingReport {
   double reward = 0, spl = 0;        ///< means over the last 100 training episodes
   std::optional<std::uint64_t> episodes_to_spl95;  ///< when the mean SPL of the last 100 training episodes reached 0.95
   std::optional<double> wall_to_spl95;
+  std::uint64_t updates = 0;  ///< of this process
+  double lag = 0;             ///< updates between acting and learning, mean over those; 0 in role both
+  std::uint64_t dropped = 0;  ///< trajectories that were too old
+  double waited = 0;          ///< seconds in which actors waited for the learner, all together
 };
 
 /// Text of summary.json. `rows` of the agent go under "evaluate", all others under "controls".

@@ -338,6 +338,7 @@ Spread spread_of(std::vector<double> values) {
 
 int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t>& seeds) {
   if (given.mode != "train") throw Error("only for --mode train", "--seeds");
+  if (given.role != "both") throw Error("is for --role both", "--seeds");
   if (given.output.empty()) throw Error("needs --output", "--seeds", "each seed has a folder there");
   const PolicyServiceOptions options = checked_options(given);
   const auto of_seed = [&options](std::uint64_t seed) {

@@ -4,11 +4,13 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "core/messages.h"
 #include "policy_service/checkpoint.h"
+#include "policy_service/collector.h"
 #include "policy_service/learner.h"
 
 namespace citylearn {
@@ -26,7 +28,7 @@ struct TrainerOptions {
   bool curriculum = false;  ///< the paper's lessons, as far as N goes
 };
 
-/// How far training has come. Changes only in Trainer::update.
+/// How far training has come. Changes only in Trainer::update and learn.
 struct TrainingProgress {
   std::uint64_t updates = 0, steps = 0, episodes = 0;
   int lesson = 0;                                  ///< of the curriculum, from 0
@@ -65,6 +67,14 @@ class Trainer {
   /// Learns from all environments; requires ready(). When the cut() has changed afterwards (a new lesson), environments
   /// need new settings and resume() must not be called.
   UpdateFigures update();
+  /// Learns from what others collected, at whatever lag: for a learner without environments of its own. `finished`: the
+  /// episodes that ended meanwhile, in the order of their ends. A new cut means a new lesson.
+  UpdateFigures learn(std::span<Rollout* const> rollouts, std::span<const FinishedEpisode> finished);
+  /// Sequences that such an update should have: as many as those of the parameter `agents` in a segment.
+  int batch() const;
+  /// All that whoever collects for this trainer must know: fields of the task, the network and the disguise.
+  void describe(msg::LearnerInfo& info) const;
+
   /// After update(): the actions for the observation that found the segment full.
   void resume(int environment, std::vector<std::uint8_t>& choice);
 
@@ -77,9 +87,10 @@ class Trainer {
   void load(const Checkpoint& checkpoint);
 
   const TrainingProgress& progress() const;
-  std::uint64_t total_steps() const;  ///< the parameter `steps`
-  bool done() const;                  ///< learned from that many
-  TrainedAgent agent() const;         ///< with a copy of the present parameters
+  std::uint64_t total_steps() const;                ///< the parameter `steps`
+  bool done() const;                                ///< learned from that many
+  TrainedAgent agent() const;                       ///< with a copy of the present parameters
+  const Vector<float>& network_parameters() const;  ///< the present ones; valid until the next update
   /// Effective parameters by "network", "learner" and "trainer", for manifests.
   std::map<std::string, std::map<std::string, double>> parameters() const;
   /// Those of `agent` and `learner` without options given: `recommended_parameters("features",

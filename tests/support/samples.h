@@ -170,6 +170,7 @@ inline void fill(Filler& f, msg::TrainingStat& m) {
   m.clipped(f.number<float>());
   m.gradient_norm(std::numeric_limits<float>::infinity());
   m.learning_rate(f.number<float>());
+  m.lag(f.number<float>());
 }
 
 inline void fill(Filler& f, msg::PolicyParameters& m) {
@@ -181,6 +182,96 @@ inline void fill(Filler& f, msg::PolicyParameters& m) {
   m.hash(f.number<std::uint64_t>());
   m.chunk(f.least() ? 0 : 1);
   m.chunks(f.least() ? 1 : 3);
+}
+
+inline void fill(Filler& f, msg::LearnerInfo& m) {
+  fill(f, m.header());
+  m.training(f.boolean());
+  m.traversal(f.text(64));
+  m.traversal_hash(f.number<std::uint64_t>());
+  m.feature_dimension(f.number<std::uint32_t>());
+  m.first_frame(f.number<std::uint32_t>());
+  m.frames(f.number<std::uint32_t>());
+  m.lesson(f.number<std::uint32_t>());
+  m.lesson_frames(f.number<std::uint32_t>());
+  m.max_steps(f.number<std::uint32_t>());
+  m.agent(f.text(64));
+  m.network(f.text(1024));
+  m.seed(f.number<std::uint64_t>());
+  m.steps(f.number<std::uint32_t>());
+  m.window(f.number<std::uint32_t>());
+  m.noise_frame(f.number<double>());
+  m.noise_episode(f.number<double>());
+  m.version(f.number<std::uint64_t>());
+  m.total_bytes(f.number<std::uint64_t>());
+  m.hash(f.number<std::uint64_t>());
+  m.chunks(f.number<std::uint32_t>());
+}
+
+inline void fill(Filler& f, msg::ActorStatus& m) {
+  fill(f, m.header());
+  m.learner(f.text(64));
+  m.learner_incarnation(f.number<std::uint64_t>());
+  m.version(f.number<std::uint64_t>());
+  m.environments(f.sequence<std::uint64_t>(3, msg::MAX_SERVED));
+  m.unacknowledged(f.number<std::uint32_t>());
+  m.waiting(f.boolean());
+  m.waited(f.number<double>());
+}
+
+inline void fill(Filler& f, msg::Trajectory& m) {
+  constexpr std::size_t kSteps = 32, kDimension = 64;
+  fill(f, m.header());
+  m.learner(f.text(64));
+  m.learner_incarnation(f.number<std::uint64_t>());
+  m.number(f.number<std::uint64_t>());
+  m.environment(f.text(64));
+  m.agent(f.number<std::uint32_t>());
+  fill(f, m.settings());
+  m.step(f.number<std::uint64_t>());
+  m.lesson(f.number<std::uint32_t>());
+  m.version(f.number<std::uint64_t>());
+  m.state(f.sequence<float>(128, msg::MAX_STATE));
+  m.action(f.actions(kSteps, msg::MAX_STEPS, false));
+  m.log_probability(f.sequence<float>(kSteps, msg::MAX_STEPS));
+  m.reward(f.sequence<float>(kSteps, msg::MAX_STEPS));
+  m.ended(f.actions(kSteps, msg::MAX_STEPS, false));
+  m.final_value(f.sequence<float>(kSteps, msg::MAX_STEPS));
+  m.shown(f.sequence<std::int32_t>(kSteps + 1, msg::MAX_STEPS_AND_ONE));
+  m.position(f.sequence<std::uint32_t>(kSteps + 1, msg::MAX_STEPS_AND_ONE));
+  m.goal(f.sequence<std::uint32_t>(kSteps + 1, msg::MAX_STEPS_AND_ONE));
+  m.previous_action(f.actions(kSteps + 1, msg::MAX_STEPS_AND_ONE, true));
+  m.allowed(f.sequence<std::uint8_t>(kSteps + 1, msg::MAX_STEPS_AND_ONE));
+  m.first(f.sequence<std::uint8_t>(kSteps + 1, msg::MAX_STEPS_AND_ONE));
+  m.value(f.sequence<float>(kSteps + 1, msg::MAX_STEPS_AND_ONE));
+  if (f.least()) {  // no step is one observation
+    m.shown().resize(1);
+    m.position().resize(1);
+    m.goal().resize(1);
+    m.previous_action().resize(1);
+    m.allowed().resize(1);
+    m.first().resize(1);
+    m.value().resize(1);
+  }
+  m.feature_dimension(f.least()  ? 0
+                      : f.most() ? msg::MAX_TRAJECTORY / msg::MAX_STEPS_AND_ONE
+                                 : static_cast<std::uint32_t>(kDimension));
+  m.features(std::vector<float>(m.shown().size() * m.feature_dimension(), 0.25f));
+}
+
+inline void fill(Filler& f, msg::TrajectoryAcknowledgement& m) {
+  fill(f, m.header());
+  m.actor(f.text(64));
+  m.actor_incarnation(f.number<std::uint64_t>());
+  m.number(f.number<std::uint64_t>());
+  m.limit(f.number<std::uint64_t>());
+}
+
+inline void fill(Filler& f, msg::ParametersRequest& m) {
+  fill(f, m.header());
+  m.learner(f.text(64));
+  m.version(f.number<std::uint64_t>());
+  m.chunks(f.sequence<std::uint32_t>(5, msg::MAX_PARTS_ASKED));
 }
 
 inline void fill(Filler& f, msg::TraversalInfo& m) {
@@ -265,7 +356,9 @@ void for_each_message(Visit visit) {
   each(static_cast<
        std::tuple<msg::Observation, msg::Action, msg::EpisodeStat, msg::EpisodeAcknowledgement, msg::ServiceStatus,
                   msg::TaskSettings, msg::TrainingStat, msg::PolicyParameters, msg::TraversalInfo,
-                  msg::TraversalRequest, msg::TraversalChunk, msg::ImageRequest, msg::ImageChunk>*>(nullptr));
+                  msg::TraversalRequest, msg::TraversalChunk, msg::ImageRequest, msg::ImageChunk, msg::LearnerInfo,
+                  msg::ActorStatus, msg::Trajectory, msg::TrajectoryAcknowledgement, msg::ParametersRequest>*>(
+      nullptr));
 }
 
 }  // namespace citylearn::testing

@@ -1,0 +1,95 @@
+// See README.md.
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <thread>
+
+#include "tests/support/service.h"
+
+namespace {
+
+using namespace citylearn::testing;
+using Arguments = std::vector<std::string>;
+constexpr std::chrono::minutes kPatience{20};
+
+struct Options {
+  std::string steps = "40000", middleware = "cyclonedds", agent = "features";
+};
+
+struct Figures {
+  double rate = 0, update = 0, lag = 0, waited = 0;
+};
+
+/// Steps per second from the first row of metrics.csv to the last: without the time in which processes find each other.
+double rate_of(const std::string& path) {
+  std::ifstream in(path);
+  double steps[2] = {}, wall[2] = {};
+  std::string line;
+  for (int row = -1; std::getline(in, line); ++row) {
+    double update, episodes, lesson;
+    if (row < 0 ||
+        std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf", &update, &steps[1], &episodes, &lesson, &wall[1]) != 5)
+      continue;
+    if (row == 0) steps[0] = steps[1], wall[0] = wall[1];
+  }
+  if (wall[1] <= wall[0]) throw citylearn::Error("has fewer than two updates", path, "choose more STEPS");
+  return (steps[1] - steps[0]) / (wall[1] - wall[0]);
+}
+
+/// `actors` 0: role both.
+Figures train(const Options& options, int actors) {
+  const Folder folder;
+  std::vector<std::unique_ptr<Service>> services;
+  const auto start = [&](Arguments command, const Arguments& more, const std::string& log) {
+    command.insert(command.end(), {"--middleware", options.middleware, "--domain", "151", "--run",
+                                   "bench-" + std::to_string(getpid()) + "-" + std::to_string(actors)});
+    command.insert(command.end(), more.begin(), more.end());
+    services.push_back(std::make_unique<Service>(command, folder / log));
+  };
+  const int environments = std::max(1, actors);
+  const std::string count = std::to_string(environments);
+  for (int i = 0; i < environments; ++i)
+    start({CITYLEARN_ENV_SERVICE, "--agents", "16", "--synthetic-images", "0"}, {"--id", "env-" + std::to_string(i)},
+          "env-" + std::to_string(i));
+  for (int i = 0; i < actors; ++i)
+    start({CITYLEARN_POLICY_SERVICE, "--role", "actor"}, {"--id", "actor-" + std::to_string(i)},
+          "actor-" + std::to_string(i));
+  start({CITYLEARN_POLICY_SERVICE, "--role", actors > 0 ? "learner" : "both"},
+        {"--agent", options.agent, "--trainer-agents", "16", "--steps", options.steps, "--environments", count,
+         "--tasks", "1", "--evaluate", "summer", "--wait", "30", "--output", folder / "out"},
+        "learner");
+  if (services.back()->wait(kPatience) != 0)
+    throw citylearn::Error("the run did not end well:\n" + services.back()->output());
+  const auto summary = nlohmann::json::parse(contents(folder / "out/summary.json"))["train"];
+  return {rate_of(folder / "out/metrics.csv"), summary["update_s"].get<double>() / summary["wall_s"].get<double>(),
+          summary["lag"], summary["actors_waited_s"]};
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  Options options;
+  if (argc > 1) options.steps = argv[1];
+  if (argc > 2) options.middleware = argv[2];
+  if (argc > 3) options.agent = argv[3];
+  std::printf("%s, %s steps, %s, %u cores\n", options.agent.c_str(), options.steps.c_str(), options.middleware.c_str(),
+              std::thread::hardware_concurrency());
+  std::printf("%-10s %9s %10s %8s %14s %18s\n", "actors", "steps/s", "of both", "update", "lag, updates",
+              "actors waited, s");
+  const Figures both = train(options, 0);
+  std::printf("%-10s %9.0f %10.2f %6.0f %% %14s %18s\n", "(both)", both.rate, 1.0, 100 * both.update, "0", "");
+  for (const int actors : {1, 2, 4}) {
+    std::fflush(stdout);
+    const Figures f = train(options, actors);
+    std::printf("%-10d %9.0f %10.2f %6.0f %% %14.2f %18.1f\n", actors, f.rate, f.rate / both.rate, 100 * f.update,
+                f.lag, f.waited);
+  }
+  return 0;
+} catch (const std::exception& error) {
+  std::cerr << "bench_roles: " << error.what() << "\n";
+  return 1;
+}

@@ -1,0 +1,277 @@
+// A learner and its actors: real processes over loopback DDS.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "core/node.h"
+#include "tests/support/service.h"
+#include "tests/support/trial.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using Json = nlohmann::json;
+
+constexpr seconds kLong{240};
+
+std::vector<std::string> lines_of(const std::string& path) {
+  std::vector<std::string> lines;
+  std::istringstream text(contents(path));
+  for (std::string line; std::getline(text, line);) lines.push_back(line);
+  return lines;
+}
+
+/// A learner's run: what is in its folder tells how far it is.
+class Learning {
+ public:
+  Learning(const std::string& middleware, int domain) : trial(middleware, domain) {}
+
+  std::unique_ptr<Service> learner(int updates, Arguments more = {}) {
+    more.insert(more.end(), {"--role", "learner", "--steps", std::to_string(updates * 512), "--trainer-agents", "8",
+                             "--checkpoint-every", "10", "--output", trial.folder() / "out", "--tasks", "100",
+                             "--evaluate", "summer"});
+    return trial.policy(more);
+  }
+  std::unique_ptr<Service> actor(const std::string& id, Arguments more = {}) {
+    more.insert(more.end(), {"--role", "actor", "--id", id});
+    return trial.policy(more);
+  }
+  /// Number of the last update on record; 0 before the first.
+  int updates() const {
+    const std::vector<std::string> rows = lines_of(trial.folder() / "out/metrics.csv");
+    return rows.size() < 2 ? 0 : std::stoi(rows.back());
+  }
+  bool reaches(int wanted) const {
+    return poll_until([&] { return updates() >= wanted; }, kLong);
+  }
+  /// Every episode is on record once, numbered without gaps in each env_service, and so is every update.
+  void expect_whole_records() const {
+    std::map<std::string, std::set<int>> episodes;
+    std::vector<std::string> rows = lines_of(trial.folder() / "out/episodes.csv");
+    for (std::size_t i = 1; i < rows.size(); ++i) {
+      const std::size_t number = rows[i].find(',', rows[i].find(',') + 1) + 1;
+      EXPECT_TRUE(episodes[rows[i].substr(0, number)].insert(std::stoi(rows[i].substr(number))).second) << rows[i];
+    }
+    EXPECT_FALSE(episodes.empty());
+    for (const auto& [environment, numbers] : episodes)
+      EXPECT_EQ(*numbers.rbegin(), static_cast<int>(numbers.size())) << environment << " has gaps";
+    rows = lines_of(trial.folder() / "out/metrics.csv");
+    for (std::size_t i = 1; i < rows.size(); ++i) {
+      EXPECT_EQ(std::stoi(rows[i]), static_cast<int>(i));
+      EXPECT_EQ(rows[i].substr(rows[i].find(',') + 1, std::to_string(512 * i).size() + 1),
+                std::to_string(512 * i) + ",")
+          << "each step is learned from once";
+    }
+  }
+
+  Trial trial;
+};
+
+/// Hears what actors say of themselves.
+class Listener {
+ public:
+  Listener(const std::string& middleware, int domain) : node_(options(middleware, domain)) {
+    node_.listen<msg::ActorStatus>();
+    node_.listen<msg::ServiceStatus>();
+  }
+  /// Until `condition` holds for a status of that actor.
+  bool hears(const std::string& actor, const std::function<bool(const msg::ActorStatus&)>& condition,
+             milliseconds patience = kLong) {
+    const Clock::time_point deadline = Clock::now() + patience;
+    while (Clock::now() < deadline) {
+      node_.wait(Clock::now() + milliseconds(50));
+      while (node_.take(service_)) activities_[service_.header().sender().c_str()] = service_.activity().c_str();
+      while (node_.take(status_))
+        if (status_.header().sender() == actor && condition(status_)) return true;
+    }
+    return false;
+  }
+  std::string activity(const std::string& id) { return activities_[id]; }
+
+ private:
+  static Node::Options options(const std::string& middleware, int domain) {
+    Node::Options options;
+    options.middleware.name = middleware;
+    options.middleware.domain = static_cast<std::uint32_t>(domain);
+    options.service = options.id = "listener";
+    return options;
+  }
+  Node node_;
+  msg::ActorStatus status_;
+  msg::ServiceStatus service_;
+  std::map<std::string, std::string> activities_;
+};
+
+class Pairings : public ::testing::TestWithParam<std::pair<const char*, const char*>> {
+ protected:
+  /// Of the learner, and of the actors; env_services are of both.
+  std::string here() const { return GetParam().first; }
+  std::string there() const { return GetParam().second; }
+};
+INSTANTIATE_TEST_SUITE_P(, Pairings,
+                         ::testing::Values(std::pair{"fastdds", "fastdds"}, std::pair{"cyclonedds", "cyclonedds"},
+                                           std::pair{"fastdds", "cyclonedds"}),
+                         [](const auto& pair) { return std::string(pair.param.first) + "_" + pair.param.second; });
+
+TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
+  Learning run(here(), 180), other(there(), 180);
+  const auto one = run.trial.env("summer", {"--id", "one"}), two = other.trial.env("summer", {"--id", "two"});
+  const auto learner = run.learner(300, {"--environments", "2"});
+  const auto a = other.actor("a"), b = other.actor("b");
+  ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << a->output();
+  for (const auto* actor : {a.get(), b.get()})
+    EXPECT_NE(actor->output().find("serves env_service"), std::string::npos) << actor->output();
+  EXPECT_EQ(a->wait(seconds(10)), 0) << a->output();
+  EXPECT_EQ(b->wait(seconds(10)), 0) << b->output();
+  const Json summary = Json::parse(contents(run.trial.folder() / "out/summary.json"));
+  EXPECT_EQ(summary["train"]["steps"], 300 * 512);
+  EXPECT_GE(summary["train"]["lag"].get<double>(), 0);
+  EXPECT_GT(summary["train"]["episodes"].get<int>(), 100);
+  EXPECT_GE(summary["evaluate"]["summer"]["spl"].get<double>(), 0.95) << summary.dump(1);
+  run.expect_whole_records();
+}
+
+class Vendors : public ::testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+
+TEST_P(Vendors, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
+  Learning run(GetParam(), 181);
+  const auto one = run.trial.env("summer", {"--id", "one"}), two = run.trial.env("summer", {"--id", "two"});
+  const auto learner = run.learner(100000, {"--environments", "2"});
+  Listener listener(GetParam(), 181);
+  const auto a = run.actor("a");
+  auto b = run.actor("b");
+  const auto serves = [&](const char* actor, std::size_t count) {
+    return listener.hears(actor, [&](const auto& status) { return status.environments().size() == count; });
+  };
+  ASSERT_TRUE(serves("a", 1)) << a->output();
+  ASSERT_TRUE(serves("b", 1)) << b->output();
+  ASSERT_TRUE(run.reaches(3)) << learner->output();
+  b->send(SIGKILL);
+  ASSERT_TRUE(b->wait(seconds(5)).has_value());
+  EXPECT_TRUE(serves("a", 2)) << a->output();
+  EXPECT_TRUE(learner->says("actor 'b' went silent", kLong)) << learner->output();
+  ASSERT_TRUE(run.reaches(run.updates() + 3)) << learner->output();
+  b = run.actor("b");
+  EXPECT_TRUE(serves("b", 1)) << b->output();
+  EXPECT_TRUE(serves("a", 1)) << a->output();
+  EXPECT_TRUE(learner->says("actor 'b' is back", seconds(5))) << learner->output();
+  ASSERT_TRUE(run.reaches(run.updates() + 3)) << learner->output();
+  a->send(SIGTERM);
+  EXPECT_EQ(a->wait(seconds(5)), 130);
+  EXPECT_TRUE(serves("b", 2)) << "who leaves says so";
+  learner->send(SIGTERM);
+  EXPECT_EQ(learner->wait(seconds(5)), 130);
+  run.expect_whole_records();
+}
+
+TEST_P(Vendors, AKilledLearnerGoesOnWithTheSameActors) {
+  Learning run(GetParam(), 182);
+  const auto summer = run.trial.env("summer");
+  auto learner = run.learner(300);  // some seconds: the first checkpoint is far from the end
+  const auto actor = run.actor("a");
+  ASSERT_TRUE(run.trial.has_checkpoint("out", kLong)) << learner->output();
+  learner->send(SIGKILL);
+  ASSERT_EQ(learner->wait(seconds(5)), 128 + SIGKILL) << "it had ended before";
+  EXPECT_TRUE(actor->says("is silent", kLong)) << actor->output();
+  learner = run.learner(300, {"--resume"});
+  ASSERT_TRUE(actor->says("is back", kLong)) << actor->output();
+  EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
+  EXPECT_NE(learner->output().find("going on after update"), std::string::npos);
+  EXPECT_EQ(actor->wait(seconds(10)), 0) << actor->output();
+  run.expect_whole_records();
+}
+
+TEST_P(Vendors, ALateActorGetsTheNewestParametersAtOnce) {
+  Learning run(GetParam(), 183);
+  const auto one = run.trial.env("summer", {"--id", "one"});
+  const auto learner = run.learner(100000);
+  const auto a = run.actor("a");
+  ASSERT_TRUE(run.reaches(5)) << learner->output();
+  Listener listener(GetParam(), 183);
+  // Nothing new comes while nobody acts: what the late one gets is what it asks for.
+  a->send(SIGKILL);
+  ASSERT_TRUE(a->wait(seconds(5)).has_value());
+  const int version = run.updates();
+  const auto b = run.actor("b");
+  std::uint64_t first = 0;
+  ASSERT_TRUE(listener.hears("b", [&](const auto& status) {
+    first = status.version();
+    return status.environments().size() == 1;
+  })) << b->output();
+  EXPECT_GE(first, static_cast<std::uint64_t>(version)) << "it has acted with older ones";
+  EXPECT_TRUE(run.reaches(version + 3)) << learner->output();
+}
+
+TEST_P(Vendors, ActorsWaitForALearnerThatIsSlow) {
+  Learning run(GetParam(), 184);
+  const auto summer = run.trial.env("summer");
+  const auto learner = run.learner(100000, {"--window", "3"});
+  const auto actor = run.actor("a");
+  ASSERT_TRUE(run.reaches(2)) << learner->output();
+  Listener listener(GetParam(), 184);
+  learner->send(SIGSTOP);
+  std::uint32_t kept = 0;
+  double waited = 0;
+  ASSERT_TRUE(listener.hears("a", [&](const auto& status) {
+    kept = status.unacknowledged();
+    waited = status.waited();
+    return status.waiting() && kept > 0;
+  })) << actor->output();
+  EXPECT_GT(kept, 2u * 8u) << "a part of the first may be taken";
+  EXPECT_LE(kept, 3u * 8u) << "three segments of eight agents";
+  // It stays so: a second of waiting is counted, nothing is added.
+  ASSERT_TRUE(listener.hears("a", [&](const auto& status) {
+    EXPECT_EQ(status.unacknowledged(), kept);
+    return status.waited() > waited + 1;
+  }));
+  EXPECT_NE(listener.activity("a").find("waiting for learner 'policy' to take " + std::to_string(kept)),
+            std::string::npos)
+      << listener.activity("a");
+  const int before = run.updates();
+  learner->send(SIGCONT);
+  EXPECT_TRUE(run.reaches(before + 5)) << learner->output();
+  EXPECT_TRUE(listener.hears("a", [](const auto& status) { return !status.waiting(); }));
+}
+
+TEST(Lossy, NothingIsLostAndNothingIsDoubled) {
+  Learning run("lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:cyclonedds", 185);
+  const auto summer = run.trial.env("summer");
+  // A network of several chunks.
+  const auto learner = run.learner(8, {"--agent", "features", "--features-hidden", "96", "--features-cells", "64",
+                                       "--trainer-segment", "64", "--trainer-sequence", "32"});
+  const auto actor = run.actor("a");
+  ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << actor->output();
+  EXPECT_EQ(actor->wait(seconds(20)), 0) << actor->output();
+  EXPECT_EQ(run.updates(), 8);
+  run.expect_whole_records();
+}
+
+TEST(CommandLine, WrongRolesAreOneClearLine) {
+  Learning run("cyclonedds", 186);
+  const auto summer = run.trial.env("summer");
+  const std::map<std::string, std::pair<Arguments, std::string>> cases = {
+      {"unknown role", {{"--role", "critic"}, "--role"}},
+      {"a learner in lockstep", {{"--role", "learner", "--lockstep"}, "--lockstep"}},
+      {"an actor that evaluates", {{"--role", "actor", "--mode", "evaluate"}, "--mode evaluate"}},
+      {"sequences too long",
+       {{"--role", "learner", "--trainer-segment", "8192", "--trainer-sequence", "8192"}, "--trainer-sequence"}},
+  };
+  for (const auto& [name, wrong] : cases) {
+    const auto policy = run.trial.policy(wrong.first);
+    const auto status = policy->wait(seconds(20));
+    ASSERT_TRUE(status.has_value()) << name;
+    EXPECT_TRUE(*status == 1 || *status == 2) << name << ": " << *status;
+    EXPECT_NE(policy->output().find(wrong.second), std::string::npos) << name << ": " << policy->output();
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing
