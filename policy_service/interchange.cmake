@@ -6,6 +6,8 @@ add_library(citylearn_interchange STATIC
   interchange/exporters/baseline.cc
   interchange/exporters/features.cc
   interchange/exporters/place_filter.cc
+  interchange/exporters/place_memory.cc
+  interchange/exporters/raw_images.cc
   interchange/onnx_graph.cc
   interchange/safetensors.cc)
 target_link_libraries(citylearn_interchange

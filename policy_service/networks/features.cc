@@ -19,7 +19,7 @@ class Features : public LstmNetwork<S> {
 
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = LstmNetwork<S>::lstm_parameters();
-    specs.push_back({"scale", "features are multiplied by this", 4, 1e-3, 1e3});
+    specs.push_back({"scale", "features are multiplied by this", 8, 1e-3, 1e3});
     specs.push_back({"goal-scale", "the goal destination, moved to -0.5..0.5, is multiplied by this", 16, 1e-3, 1e3});
     return specs;
   }
@@ -44,7 +44,7 @@ const NetworkRegistration<Features> registration{"features",
                                                  Features<float>::parameters(),
                                                  {{"agents", 32},
                                                   {"segment", 64},
-                                                  {"sequence", 64},
+                                                  {"sequence", 32},
                                                   {"steps", 400000},
                                                   {"noise-frame", 0.5},
                                                   {"noise-episode", 0.4},

@@ -100,7 +100,10 @@ std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one
 /// Every exporter with its network as it is by default, and other forms of some.
 std::vector<Case> cases() {
   std::vector<Case> all;
-  for (const auto* entry : AgentGraphRegistry::instance().entries()) all.push_back({entry->name});
+  for (const auto* entry : AgentGraphRegistry::instance().entries()) {
+    const bool pictures = entry->name == "raw_images";
+    all.push_back({entry->name, {}, pictures ? 84 * 84 * 3 : 64, pictures ? 16 : 128});
+  }
   all.push_back({"features", {{"hidden", 20}, {"cells", 7}, {"relu", 0}, {"mask-input", 0}}, 12, 9});
   all.push_back({"place_filter", {{"units", 5}}, 12, 2});
   return all;

@@ -1,0 +1,34 @@
+#include <cmath>
+
+#include "policy_service/interchange/exporters/lstm.h"
+#include "policy_service/interchange/exporters/places.h"
+
+namespace citylearn {
+namespace {
+
+constexpr double kStretch = 3;  // as in networks/place_memory.cc
+
+/// As networks/place_memory.cc.
+std::unique_ptr<AgentGraph> export_place_memory(const Parameters& parameters, const TrainedAgent& agent) {
+  auto graph = std::make_unique<AgentGraph>(agent);
+  const std::ptrdiff_t places = agent.task.frames;
+  const auto sharpness = static_cast<double>(graph->tensor("attention.sharpness")(0, 0));
+  const OnnxValue similarity = graph->linear(graph->features(), "reference", agent.task.reference.transpose());
+  const OnnxValue attention = softmax(static_cast<float>(std::exp(kStretch * sharpness)) * similarity);
+  const PlacesByGoal by_goal = places_by_goal(*graph);
+  const auto expected = [&](const OnnxValue& what) { return row_sum(*graph, attention * what, places); };
+  const Matrix<float> indices = Eigen::RowVectorXf::LinSpaced(places, 0, static_cast<float>(places - 1));
+  const Matrix<float> where = 4 * (indices.array() / static_cast<float>(places) - 0.5f);
+  const OnnxValue sensed =
+      graph->concat({graph->linear(attention, "where", where), 2 * expected(tanh(0.125f * by_goal.ahead)),
+                     2 * expected(by_goal.before), 2 * expected(by_goal.after), expected(attention),
+                     destination(graph->goal(), agent.task.frames, 4)});
+  export_lstm(*graph, parameters, graph->layer(sensed, "sensors.weight", "sensors.bias"));
+  return graph;
+}
+
+const AgentGraphRegistry::Registration registration{
+    {"place_memory", "as networks/place_memory.cc", {}, export_place_memory}};
+
+}  // namespace
+}  // namespace citylearn
