@@ -11,6 +11,8 @@ add_library(citylearn_learning STATIC
   network_policy.cc
   networks/baseline.cc
   networks/features.cc
+  networks/lstm.cc
+  networks/parts.cc
   networks/place_filter.cc
   networks/place_memory.cc
   networks/raw_images.cc

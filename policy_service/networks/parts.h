@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/QR>
 #include <string>
 #include <utility>
 #include <vector>
@@ -43,19 +42,7 @@ class TensorLayout {
 /// Fills `weights` with a random matrix whose shorter side is orthonormal, times `gain` (Saxe, McClelland & Ganguli,
 /// 2014).
 template <class S>
-void orthogonal(Random& random, double gain, Eigen::Map<Matrix<S>> weights) {
-  const bool tall = weights.rows() >= weights.cols();
-  Matrix<double> normal(tall ? weights.rows() : weights.cols(), tall ? weights.cols() : weights.rows());
-  for (double& value : normal.reshaped()) value = random.normal();
-  Eigen::HouseholderQR<Matrix<double>> decomposition(normal);
-  Matrix<double> q = decomposition.householderQ() * Matrix<double>::Identity(normal.rows(), normal.cols());
-  for (std::ptrdiff_t j = 0; j < q.cols(); ++j)  // without this the distribution would not be uniform (Mezzadri, 2007)
-    if (decomposition.matrixQR()(j, j) < 0) q.col(j) = -q.col(j);
-  if (tall)
-    weights = (gain * q).template cast<S>();
-  else
-    weights = (gain * q.transpose()).template cast<S>();
-}
+void orthogonal(Random& random, double gain, Eigen::Map<Matrix<S>> weights);
 
 /// Sets the logits of actions that are not allowed to kMasked.
 template <class S>
