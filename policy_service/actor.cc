@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <deque>
 #include <memory>
+#include <optional>
 #include <set>
 #include <sstream>
 
@@ -95,9 +96,8 @@ class Actor {
     Clock::time_point again{};
     milliseconds interval = kTrajectoriesAgain;
     Clock::time_point ask{};
-    std::uint64_t asked_version = 0;
-    std::size_t asked_left = 0;
-    int asked = 0;
+    std::optional<ParameterAssembly::Missing> asked;
+    int in_vain = 0;    // times in a row that none of it came
     bool over = false;  // and everything is let go of
   };
 
@@ -238,29 +238,31 @@ void Actor::on_parameters(const msg::PolicyParameters& chunk) {
   if (!session_->parameters->take(chunk)) ++node_.traffic.rejected;
 }
 
-/// Asks for what was lost, or was sent before we came; at once when a window of chunks has come.
+/// Asks for what was lost, or was sent before we came; for more at once when all that was asked for has come.
 void Actor::ask_for_parameters() {
   Session& s = *session_;
   const auto missing = s.parameters->missing();
   const Clock::time_point now = Clock::now();
   if (!missing) {
-    s.asked_version = 0;
+    s.asked.reset();
     s.ask = now + kAskAgain;  // what is on its way need not be asked for
     return;
   }
-  const bool late = s.parameters->newest() == nullptr && s.asked_version == 0;
-  if (!late && now < s.ask) return;
-  if (missing->version == s.asked_version && missing->chunks.size() == s.asked_left && ++s.asked > kAskedInVain) {
+  const bool known = s.asked && s.asked->version == missing->version;
+  const bool more = known && missing->chunks.front() > s.asked->chunks.back();
+  const bool late = !known && !s.parameters->newest();
+  if (now < s.ask && !more && !late) return;
+  s.in_vain = known && missing->chunks == s.asked->chunks ? s.in_vain + 1 : 0;
+  if (s.in_vain > kAskedInVain) {
     s.parameters->give_up();
-    s.asked_version = 0;
+    s.asked.reset();
     return;
   }
-  if (missing->version != s.asked_version || missing->chunks.size() != s.asked_left) s.asked = 0;
+  s.asked = missing;
   msg::ParametersRequest request;
   request.learner() = s.info.header().sender();
-  request.version() = s.asked_version = missing->version;
+  request.version() = missing->version;
   request.chunks() = missing->chunks;
-  s.asked_left = missing->chunks.size();
   node_.publish(request);
   s.ask = now + kAskAgain;
 }

@@ -254,6 +254,31 @@ TEST(Lossy, NothingIsLostAndNothingIsDoubled) {
   run.expect_whole_records();
 }
 
+TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
+  Learning run("cyclonedds", 187);
+  const auto summer = run.trial.env("summer");
+  const auto actor = run.actor("a", {"--stay"});
+  auto learner = run.learner(100000, {"--curriculum"});
+  const auto lesson = [&] {
+    const std::vector<std::string> rows = lines_of(run.trial.folder() / "out/metrics.csv");
+    int update = 0, steps = 0, episodes = 0, number = 0;
+    return rows.size() > 1 && std::sscanf(rows.back().c_str(), "%d,%d,%d,%d", &update, &steps, &episodes, &number) == 4
+               ? number
+               : 0;
+  };
+  ASSERT_TRUE(poll_until([&] { return lesson() >= 2; }, kLong)) << learner->output() << actor->output();
+  learner->send(SIGTERM);
+  EXPECT_EQ(learner->wait(seconds(5)), 130);
+  learner = run.learner(3);
+  EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
+  ASSERT_TRUE(actor->says("has done", seconds(10))) << actor->output();
+  learner = run.learner(3);
+  EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
+  EXPECT_FALSE(actor->wait(milliseconds(1)).has_value()) << "it stays";
+  actor->send(SIGTERM);
+  EXPECT_EQ(actor->wait(seconds(5)), 130);
+}
+
 TEST(CommandLine, WrongRolesAreOneClearLine) {
   Learning run("cyclonedds", 186);
   const auto summer = run.trial.env("summer");

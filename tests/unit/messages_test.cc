@@ -199,6 +199,16 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
             "citylearn::msg::PolicyParameters.chunk: index 3 of 3 chunks");
   EXPECT_EQ(error_after<msg::PolicyParameters>([](auto& m) { m.total_bytes(7); }),
             "citylearn::msg::PolicyParameters.data: more bytes than total_bytes says");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.shown().pop_back(); }),
+            "citylearn::msg::Trajectory.shown: 32 entries, should be 33, one more than action has");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.reward().pop_back(); }),
+            "citylearn::msg::Trajectory.reward: 31 entries, should be 32");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.feature_dimension(65); }),
+            "citylearn::msg::Trajectory.features: 2112 entries, should be 2145");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.action()[0] = 3; }),
+            "citylearn::msg::Trajectory.action: unknown action 3");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.ended()[1] = 3; }),
+            "citylearn::msg::Trajectory.ended: unknown end 3");
 }
 
 TEST(Messages, UnknownEnumeratorIsRefused) {

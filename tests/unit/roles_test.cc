@@ -46,6 +46,7 @@ class Segments {
   const std::vector<FinishedEpisode>& finished() const { return collector_.finished(0); }
   msg::Trajectory trajectory(int agent, std::uint64_t number, std::uint64_t version = 0, const char* actor = "a") {
     msg::Trajectory made;
+    made.header().protocol() = msg::PROTOCOL;
     made.header().sender() = actor;
     made.header().incarnation() = 1;
     made.number() = number;
@@ -282,7 +283,8 @@ TEST(ParameterChunks, AFasterLearnerDoesNotKeepAVersionFromBeingComplete) {
     assembly.take(chunk_of(ParameterChunks(version, values), static_cast<std::uint32_t>(version % 4)));
   EXPECT_EQ(assembly.missing()->version, 1u);
   const ParameterChunks first(1, values);
-  for (const std::uint32_t index : assembly.missing()->chunks) assembly.take(chunk_of(first, index));
+  const std::vector<std::uint32_t> missing = assembly.missing()->chunks;
+  for (const std::uint32_t index : missing) assembly.take(chunk_of(first, index));
   EXPECT_EQ(assembly.newest()->version, 1u);
   EXPECT_EQ(assembly.missing()->version, 50u) << "then the newest";
   assembly.give_up();
