@@ -20,6 +20,7 @@ Rollout walk(const AgentNetwork<float>& network, std::uint64_t number, int steps
   Matrix<float> places(kFeatures, kPlaces);
   for (float& value : places.reshaped()) value = static_cast<float>(random.normal());
   rollout.states.setZero();
+  rollout.max_steps = 2 * kPlaces;
   rollout.inputs.frames = rollout.next.frames = kPlaces;
   for (int agent = 0; agent < agents; ++agent) {
     int place = static_cast<int>(random.below(kPlaces)), goal = 0;

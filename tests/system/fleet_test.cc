@@ -169,8 +169,10 @@ TEST_F(FleetTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   auto host = std::make_unique<Host>(traversal, 2, run_);
   Player player(run_);
   int joined = 0;
+  std::size_t before = 0;  // observations that came before the last one joined
   player.fleet.joined = [&](Seat& seat) {
     ++joined;
+    before = player.shown["env-wide"].size();
     player.fleet.command(seat, route(0, 20));
   };
   ASSERT_TRUE(player.until([&] { return player.shown["env-wide"].size() >= 5; }));
@@ -178,7 +180,6 @@ TEST_F(FleetTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   host.reset();
   host = std::make_unique<Host>(traversal, 2, run_);
   ASSERT_TRUE(player.until([&] { return joined == 2; }));
-  const std::size_t before = player.shown["env-wide"].size();
   ASSERT_TRUE(player.until([&] { return player.shown["env-wide"].size() >= before + 5; }));
   EXPECT_TRUE(player.shown["env-wide"][before] == player.shown["env-wide"][0]);
   EXPECT_EQ(requests(), 0) << "fetched once";

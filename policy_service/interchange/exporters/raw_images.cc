@@ -25,13 +25,13 @@ std::unique_ptr<AgentGraph> export_raw_images(const Parameters& parameters, cons
   auto graph = std::make_unique<AgentGraph>(agent);
   const std::int64_t side = parameters.integer("side"), maps = parameters.integer("maps");
   OnnxValue seen = static_cast<float>(parameters["scale"]) * (graph->features() + -0.5f);
-  seen = graph->node("Reshape", {seen, graph->integers({-1, side, side, 3})});
+  seen = graph->node("Reshape", {seen, graph->integers({0, side, side, 3})});
   seen = graph->node("Transpose", {seen}, {{"perm", std::vector<std::int64_t>{0, 3, 1, 2}}});
   seen = convolve(*graph, seen, "convolution.1", 3, 8, 4);
   seen = convolve(*graph, seen, "convolution.2", maps, 4, 2);
   seen = graph->node("Transpose", {seen}, {{"perm", std::vector<std::int64_t>{0, 2, 3, 1}}});
   const std::int64_t numbers = graph->tensor("sensors.weight").cols() - 1;
-  seen = graph->node("Reshape", {seen, graph->integers({-1, numbers})});
+  seen = graph->node("Reshape", {seen, graph->integers({0, numbers})});
   const OnnxValue sensed =
       graph->concat({seen, destination(graph->goal(), agent.task.frames, parameters["goal-scale"])});
   export_lstm(*graph, parameters, graph->layer(sensed, "sensors.weight", "sensors.bias"));
