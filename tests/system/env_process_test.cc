@@ -87,10 +87,6 @@ TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
   EXPECT_NE(complaint({"--synthetic-frames", "2.5"}).find("whole number"), std::string::npos);
   EXPECT_NE(complaint({"--agents", "0"}, 2).find("--agents"), std::string::npos);
   EXPECT_NE(complaint({"--agents", "257"}, 2).find("--agents"), std::string::npos);
-  EXPECT_NE(complaint({"--agents", "65", "--synthetic-dimension", "4096", "--synthetic-frames", "10",
-                       "--synthetic-images", "0"})
-                .find("agents"),
-            std::string::npos);
   EXPECT_NE(complaint({"--synthetic-colour", "3"}, 2).find("--synthetic-colour"), std::string::npos);
   EXPECT_NE(complaint({"--middleware", "rtps"}).find("rtps"), std::string::npos);
   EXPECT_NE(complaint({"--domain", "233"}, 2).find("--domain"), std::string::npos);
