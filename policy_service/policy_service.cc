@@ -138,6 +138,9 @@ Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
     : options_(checked(options)), node_(node), fleet_(fleet) {
   control_alone_ = options_.mode == "evaluate" && options_.checkpoint.empty();
   if (!options_.output.empty()) {
+    // Neither is it overwritten, nor may a later --resume take its checkpoints for this run's.
+    if (const auto earlier = newest_checkpoint(checkpoints()); earlier && options_.mode == "train" && !options_.resume)
+      throw Error("is of an earlier run", *earlier, "go on with it by --resume, or choose another --output");
     std::error_code error;
     std::filesystem::create_directories(options_.output + "/checkpoints", error);
     if (error) throw Error(error.message(), options_.output, "choose another --output");

@@ -63,15 +63,13 @@ struct Trainer::Parts {
 std::vector<ParameterSpec> Trainer::parameter_specs() {
   return {{"segment", "steps of each agent between updates", 64, 1, 65536, true},
           {"sequence", "steps that gradients go back; divides the segment", 64, 1, 65536, true},
-          {"steps", "environment steps of the whole run; as recommended, they grow with routes beyond 128 places", 40000, 1, 1e12, true},
+          {"steps", "environment steps of the whole run", 40000, 1, 1e12, true},
           {"agents", "agents to train with; fewer or more will do", 16, 1, msg::MAX_AGENTS, true},
           {"noise-frame", "length of the noise on each frame's features, in lengths of these", 1, 0, 100},
           {"noise-episode", "length of the shift of an episode's features, likewise", 3, 0, 100}};
 }
 
 namespace {
-
-constexpr int kRecommendedFrames = 128;  // what networks recommend is for routes of so many places
 
 struct Choices {
   const NetworkRegistry<float>::Entry* network;
@@ -91,7 +89,7 @@ std::map<std::string, double> recommended_for(const std::string& learner, const 
 }
 
 /// Parameters given, over what the network recommends, over defaults.
-Choices choose(const TrainerOptions& options, int frames) {
+Choices choose(const TrainerOptions& options) {
   Choices chosen;
   chosen.network = &NetworkRegistry<float>::instance().find("network", options.agent);
   chosen.learner = &LearnerRegistry::instance().find("learner", options.learner);
@@ -104,9 +102,6 @@ Choices choose(const TrainerOptions& options, int frames) {
     else if (std::any_of(chosen.learner->parameters.begin(), chosen.learner->parameters.end(), is_name))
       for_learner[name] = value;  // another learner may not know it
   }
-  // Episodes are as long as the route, and it takes episodes to learn.
-  if (frames > kRecommendedFrames && for_trainer.contains("steps"))
-    for_trainer["steps"] = std::floor(for_trainer["steps"] * frames / kRecommendedFrames);
   for (const auto& [name, value] : options.learner_parameters) for_learner[name] = value;
   for (const auto& [name, value] : options.trainer_parameters) for_trainer[name] = value;
   chosen.network_parameters = {"network " + options.agent, chosen.network->parameters, options.network_parameters};
@@ -123,7 +118,7 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts
   p.task = task;
   if (task.frames < 2) throw Error("must be at least 2", "frames");
   if (p.options.max_steps == 0) p.options.max_steps = task.frames;
-  Choices chosen = choose(options, task.frames);
+  Choices chosen = choose(options);
   p.network_parameters = std::move(chosen.network_parameters);
   p.learner_parameters = std::move(chosen.learner_parameters);
   p.trainer_parameters = std::move(chosen.trainer_parameters);
@@ -406,7 +401,7 @@ std::map<std::string, std::map<std::string, double>> Trainer::recommended_parame
   TrainerOptions options;
   options.agent = agent;
   options.learner = learner;
-  const Choices chosen = choose(options, kRecommendedFrames);
+  const Choices chosen = choose(options);
   return {{"network", chosen.network_parameters.values()},
           {"learner", chosen.learner_parameters.values()},
           {"trainer", chosen.trainer_parameters.values()}};

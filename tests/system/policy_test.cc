@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <fstream>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -225,7 +227,10 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
 
 TEST(CommandLine, WrongInputIsOneClearLine) {
   Trial run("cyclonedds", 101);
+  std::filesystem::create_directories(run.folder() / "used" + "/checkpoints");
+  std::ofstream(run.folder() / "used" + "/checkpoints/checkpoint-7.clk") << "of yesterday";
   const std::map<std::string, std::pair<Arguments, std::string>> cases = {
+      {"output of an earlier run", {{"--output", run.folder() / "used"}, "checkpoint-7.clk: is of an earlier run"}},
       {"unknown middleware", {{"--middleware", "zeromq"}, "cyclonedds"}},
       {"domain out of range", {{"--domain", "300"}, "domain"}},
       {"unknown agent", {{"--agent", "oracle"}, "place_filter"}},
