@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -269,10 +270,14 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
   ASSERT_TRUE(poll_until([&] { return lesson() >= 2; }, kLong)) << learner->output() << actor->output();
   learner->send(SIGTERM);
   EXPECT_EQ(learner->wait(seconds(5)), 130);
-  learner = run.learner(3);
+  const auto afresh = [&] {  // a run that is not to be overwritten stands in the way of the next
+    std::filesystem::remove_all(run.trial.folder() / "out");
+    learner = run.learner(3);
+  };
+  afresh();
   EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
   ASSERT_TRUE(actor->says("has done", seconds(10))) << actor->output();
-  learner = run.learner(3);
+  afresh();
   EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
   EXPECT_FALSE(actor->wait(milliseconds(1)).has_value()) << "it stays";
   actor->send(SIGTERM);
