@@ -1,6 +1,7 @@
 #include <array>
 #include <cmath>
 
+#include "policy_service/learners/advantages.h"
 #include "policy_service/learners/descent.h"
 #include "policy_service/learners/ppo_loss.h"
 #include "policy_service/learners/sequences.h"
@@ -41,7 +42,7 @@ class Ppo : public Learner {
 
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     list_sequences(rollouts, sequences_);
-    estimate_advantages(rollouts);
+    estimate_advantages(rollouts, gamma_, lambda_, normalise_);
     static_cast<LossWeights&>(weights_) = descent_.weights();
     const std::size_t batches = std::max<std::size_t>(1, sequences_.size() / static_cast<std::size_t>(minibatch_));
     Random random{descent_.seed(), kShuffle, descent_.updates()};
@@ -62,23 +63,6 @@ class Ppo : public Learner {
   }
 
  private:
-  void estimate_advantages(std::span<Rollout* const> rollouts) const {
-    double sum = 0, squares = 0, count = 0;
-    for (Rollout* rollout : rollouts) {
-      rollout->estimate_advantages(gamma_, lambda_);
-      for (float advantage : rollout->advantage) {
-        sum += advantage;
-        squares += static_cast<double>(advantage) * advantage;
-      }
-      count += static_cast<double>(rollout->advantage.size());
-    }
-    if (!normalise_) return;
-    const double mean = sum / count, deviation = std::sqrt(std::max(0.0, squares / count - mean * mean));
-    for (Rollout* rollout : rollouts)
-      for (float& advantage : rollout->advantage)
-        advantage = static_cast<float>((advantage - mean) / (deviation + 1e-8));
-  }
-
   void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {
     const float share = 1.0f / static_cast<float>(chosen.size() * static_cast<std::size_t>(rollouts[0]->sequence));
     descent_.begin_step();

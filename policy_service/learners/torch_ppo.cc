@@ -14,6 +14,8 @@
 
 #include "core/messages.h"
 #include "policy_service/learner.h"
+#include "policy_service/learners/advantages.h"
+#include "policy_service/learners/sequences.h"
 
 namespace citylearn {
 namespace {
@@ -182,25 +184,11 @@ class TorchPpo : public Learner {
   }
 
   static std::vector<ParameterSpec> parameter_specs() {
-    return {
-        {"learning-rate", "of Adam, at the start; falls linearly", 1e-3, 1e-8, 1},
-        {"learning-rate-end", "learning rate at the end, as a share of that at the start", 0, 0, 1},
-        {"epochs", "times an update goes through its samples", 3, 1, 100, true},
-        {"minibatch", "sequences in a minibatch", 4, 1, 65536, true},
-        {"gamma", "discount a step", 0.99, 0, 1},
-        {"lambda", "of generalised advantage estimation", 0.95, 0, 1},
-        {"clip", "of the ratio of probabilities", 0.2, 0.01, 10},
-        {"value-clip", "of a value's change; 0 = not clipped", 0.2, 0, 1000},
-        {"value-weight", "of the value loss", 0.5, 0, 1000},
-        {"entropy", "weight of the entropy bonus at the start", 0.02, 0, 10},
-        {"entropy-until", "share of the run after which it has fallen to 0, linearly; 0 = it does not fall", 0, 0, 1},
-        {"localisation", "weight of telling one's place, a loss of training alone; 0 = none", 0, 0, 1000},
-        {"orientation", "weight of telling the way to the goal, likewise", 0, 0, 1000},
-        {"gradient-norm", "the gradient is scaled down to this length", 0.5, 1e-6, 1e6},
-        {"adam-epsilon", "of Adam", 1e-5, 1e-12, 1},
-        {"normalise-advantages", "1: an update's advantages get mean 0 and deviation 1", 1, 0, 1, true},
-        {"threads", "of torch; at every product they wait for one another: for quiet machines", 1, 1, 256, true},
-        {"gpu", "1: on the GPU where libtorch finds one", 1, 0, 1, true}};
+    std::vector<ParameterSpec> specs = LearnerRegistry::instance().find("learner", "ppo").parameters;
+    specs.insert(specs.end(), {{"threads", "of torch; at every product they wait for one another: for quiet machines",
+                                1, 1, 256, true},
+                               {"gpu", "1: on the GPU where libtorch finds one", 1, 0, 1, true}});
+    return specs;
   }
 
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
@@ -237,10 +225,6 @@ class TorchPpo : public Learner {
   }
 
  private:
-  struct Sequence {
-    std::uint32_t rollout, index;  // as Rollout numbers them
-  };
-
   static torch::Device prepare_torch(const Parameters& parameters) {
     set_threads(parameters.integer("threads"));
     setenv("CUBLAS_WORKSPACE_CONFIG", ":4096:8", 0);  // cuBLAS repeats itself only with this
@@ -260,7 +244,8 @@ class TorchPpo : public Learner {
 
   UpdateFigures learn(std::span<Rollout* const> rollouts) {
     if (at::get_num_threads() != threads_) set_threads(threads_);  // torch counts them by thread
-    prepare(rollouts);
+    list_sequences(rollouts, sequences_);
+    estimate_advantages(rollouts, parameter_["gamma"], parameter_["lambda"], parameter_.flag("normalise-advantages"));
     const double progress = total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0;
     UpdateFigures figures;
     figures.learning_rate = parameter_["learning-rate"] * (1 - (1 - parameter_["learning-rate-end"]) * progress);
@@ -269,19 +254,18 @@ class TorchPpo : public Learner {
 
     torch::Tensor sums = torch::zeros({kFigures}, device_);
     double samples = 0;
-    const std::size_t count = sequences_.size();
-    const std::size_t batches = std::max<std::size_t>(1, count / static_cast<std::size_t>(minibatch_));
+    const std::size_t batches = std::max<std::size_t>(1, sequences_.size() / static_cast<std::size_t>(minibatch_));
     Random random{seed_, kShuffle, updates_};
     for (int epoch = 0; epoch < epochs_; ++epoch) {
-      for (std::size_t i = count - 1; i > 0; --i) std::swap(sequences_[i], sequences_[random.below(i + 1)]);
+      shuffle(random, sequences_);
       for (std::size_t batch = 0; batch < batches; ++batch) {
-        const std::size_t begin = batch * count / batches, end = (batch + 1) * count / batches;
-        const Batch gathered = gather(rollouts, {sequences_.data() + begin, end - begin});
+        const std::span<const Sequence> chosen = part_of(sequences_, batch, batches);
+        const Batch gathered = gather(rollouts, chosen);
         network_.gradient.zero_();
         const auto heads = network_.forward(gathered, localise_);
         loss(heads, gathered, entropy, sums).backward();
         figures.gradient_norm += step(figures.learning_rate) / static_cast<double>(batches) / epochs_;
-        samples += static_cast<double>(end - begin) * rollouts[0]->sequence;
+        samples += static_cast<double>(chosen.size()) * rollouts[0]->sequence;
       }
     }
     for (const Rollout* rollout : rollouts) steps_ += rollout->action.size();
@@ -293,28 +277,6 @@ class TorchPpo : public Learner {
                            &figures.clipped, &figures.localisation_loss, &figures.orientation_loss})
       *figure = means.data_ptr<double>()[i++];
     return figures;
-  }
-
-  /// Advantages, their normalisation, and the list of sequences.
-  void prepare(std::span<Rollout* const> rollouts) {
-    sequences_.clear();
-    double sum = 0, squares = 0, count = 0;
-    for (std::size_t r = 0; r < rollouts.size(); ++r) {
-      Rollout& rollout = *rollouts[r];
-      rollout.estimate_advantages(parameter_["gamma"], parameter_["lambda"]);
-      for (int i = 0; i < rollout.sequences(); ++i)
-        sequences_.push_back({static_cast<std::uint32_t>(r), static_cast<std::uint32_t>(i)});
-      for (float advantage : rollout.advantage) {
-        sum += advantage;
-        squares += static_cast<double>(advantage) * advantage;
-      }
-      count += static_cast<double>(rollout.advantage.size());
-    }
-    if (!parameter_.flag("normalise-advantages")) return;
-    const double mean = sum / count, deviation = std::sqrt(std::max(0.0, squares / count - mean * mean));
-    for (Rollout* rollout : rollouts)
-      for (float& advantage : rollout->advantage)
-        advantage = static_cast<float>((advantage - mean) / (deviation + 1e-8));
   }
 
   Batch gather(std::span<Rollout* const> rollouts, std::span<const Sequence> sequences) const {
@@ -332,14 +294,13 @@ class TorchPpo : public Learner {
     batch.whereabouts = torch::empty({rows, 2});
     batch.wiped.assign(static_cast<std::size_t>(steps), false);
     for (std::int64_t b = 0; b < agents; ++b) {
-      const Sequence& sequence = sequences[static_cast<std::size_t>(b)];
-      const Rollout& rollout = *rollouts[sequence.rollout];
-      const std::int64_t of = rollout.inputs.agents, agent = sequence.index % of, begin = sequence.index / of * steps;
-      const float* state = rollout.states.col(sequence.index).data();  // h, then c
+      const Track track(rollouts, sequences[static_cast<std::size_t>(b)]);
+      const Rollout& rollout = track.rollout();
+      const float* state = track.state().data();  // h, then c
       std::copy(state, state + cells, batch.h.data_ptr<float>() + b * cells);
       std::copy(state + cells, state + 2 * cells, batch.c.data_ptr<float>() + b * cells);
       for (std::int64_t t = 0; t < steps; ++t) {
-        const auto from = static_cast<std::size_t>((begin + t) * of + agent);
+        const auto from = static_cast<std::size_t>(track.column(t));
         const std::int64_t row = t * agents + b;
         const NetworkInputs<float>& inputs = rollout.inputs;
         network_.sense(inputs, from, batch.sensed.data_ptr<float>() + row * network_.sensors(),
