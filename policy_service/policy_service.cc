@@ -107,35 +107,8 @@ class Run {
   std::vector<float> reference_;
 };
 
-PolicyServiceOptions checked(PolicyServiceOptions options) {
-  if (options.max_steps == 0) options.max_steps = options.frames;
-  if (std::find(options.controls.begin(), options.controls.end(), "all") != options.controls.end()) {
-    options.controls = {"shuffled"};
-    for (const auto* entry : ControlRegistry::instance().entries()) options.controls.push_back(entry->name);
-  }
-  if (!options.parameters.empty() && options.checkpoint.empty())
-    throw Error("needs --checkpoint", "--parameters", "name the checkpoint of the agent that they are for");
-  for (const std::string& name : options.controls)
-    if (name != "shuffled") ControlRegistry::instance().find("control", name);
-  if (options.role != "both" && options.mode != "train") throw Error("is for --role both", "--mode " + options.mode);
-  if (options.role == "learner" && options.lockstep)
-    throw Error("is for --role both", "--lockstep", "what a learner gets when depends on its actors");
-  if (options.mode == "train") {
-    NetworkRegistry<float>::instance().find("agent", options.agent);
-    LearnerRegistry::instance().find("learner", options.learner);
-    if (!options.checkpoint.empty())
-      throw Error("not for --mode train", "--checkpoint", "to go on training use --resume");
-    if (options.resume && options.output.empty()) throw Error("needs --output", "--resume");
-  } else if (options.checkpoint.empty()) {
-    ControlRegistry::instance().find("control", options.agent);
-  }
-  if (options.curriculum && options.frames != 128)
-    throw Error("the paper's lessons end with 128 frames", "--curriculum", "leave --frames out");
-  return options;
-}
-
 Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
-    : options_(checked(options)), node_(node), fleet_(fleet) {
+    : options_(options), node_(node), fleet_(fleet) {
   control_alone_ = options_.mode == "evaluate" && options_.checkpoint.empty();
   if (!options_.output.empty()) {
     // Neither is it overwritten, nor may a later --resume take its checkpoints for this run's.
@@ -632,8 +605,35 @@ int Run::execute() {
 
 }  // namespace
 
+PolicyServiceOptions checked_options(PolicyServiceOptions options) {
+  if (options.max_steps == 0) options.max_steps = options.frames;
+  if (std::find(options.controls.begin(), options.controls.end(), "all") != options.controls.end()) {
+    options.controls = {"shuffled"};
+    for (const auto* entry : ControlRegistry::instance().entries()) options.controls.push_back(entry->name);
+  }
+  if (!options.parameters.empty() && options.checkpoint.empty())
+    throw Error("needs --checkpoint", "--parameters", "name the checkpoint of the agent that they are for");
+  for (const std::string& name : options.controls)
+    if (name != "shuffled") ControlRegistry::instance().find("control", name);
+  if (options.role != "both" && options.mode != "train") throw Error("is for --role both", "--mode " + options.mode);
+  if (options.role == "learner" && options.lockstep)
+    throw Error("is for --role both", "--lockstep", "what a learner gets when depends on its actors");
+  if (options.mode == "train") {
+    NetworkRegistry<float>::instance().find("agent", options.agent);
+    LearnerRegistry::instance().find("learner", options.learner);
+    if (!options.checkpoint.empty())
+      throw Error("not for --mode train", "--checkpoint", "to go on training use --resume");
+    if (options.resume && options.output.empty()) throw Error("needs --output", "--resume");
+  } else if (options.checkpoint.empty()) {
+    ControlRegistry::instance().find("control", options.agent);
+  }
+  if (options.curriculum && options.frames != 128)
+    throw Error("the paper's lessons end with 128 frames", "--curriculum", "leave --frames out");
+  return options;
+}
+
 int run_policy_service(const PolicyServiceOptions& options) {
-  const PolicyServiceOptions complete = checked(options);
+  const PolicyServiceOptions complete = checked_options(options);
   if (complete.role == "actor") return run_actor({complete.node, complete.stay});
   Node node(complete.node);
   Fleet fleet(node, complete.fleet);
@@ -643,7 +643,5 @@ int run_policy_service(const PolicyServiceOptions& options) {
 int run_policy_service(const PolicyServiceOptions& options, Node& node, Fleet& fleet) {
   return Run(options, node, fleet).execute();
 }
-
-PolicyServiceOptions checked_options(const PolicyServiceOptions& options) { return checked(options); }
 
 }  // namespace citylearn

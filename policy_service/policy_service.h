@@ -62,9 +62,10 @@ struct PolicyServiceOptions {
 
 /// Trains and evaluates agents on the env_services of its run, over the wire. Returns the exit status. Throws Error.
 int run_policy_service(const PolicyServiceOptions& options);
-/// One run on a node that goes on to the next: the env_services wait in between.
+/// One run on a node that goes on to the next: the env_services wait in between. `options` as checked_options() made
+/// them.
 int run_policy_service(const PolicyServiceOptions& options, Node& node, Fleet& fleet);
 /// With what follows from others filled in (step limit, all controls). Throws Error naming what does not fit.
-PolicyServiceOptions checked_options(const PolicyServiceOptions& options);
+PolicyServiceOptions checked_options(PolicyServiceOptions options);
 
 }  // namespace citylearn

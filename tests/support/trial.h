@@ -1,8 +1,12 @@
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <filesystem>
+#include <map>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -62,5 +66,25 @@ class Trial {
   std::string middleware_;
   int domain_, count_ = 0;
 };
+
+/// By name: a policy_service's wrong arguments, and what its complaint must name.
+using WrongInputs = std::map<std::string, std::pair<Arguments, std::string>>;
+
+/// Each ends the policy_service soon, with one line of complaint.
+inline void expect_one_clear_line(Trial& trial, const WrongInputs& cases,
+                                  std::chrono::seconds patience = std::chrono::seconds(8)) {
+  for (const auto& [name, wrong] : cases) {
+    const auto policy = trial.policy(wrong.first);
+    const auto status = policy->wait(patience);
+    ASSERT_TRUE(status.has_value()) << name;
+    EXPECT_TRUE(*status == 1 || *status == 2) << name << ": " << *status;
+    const std::string output = policy->output();
+    EXPECT_NE(output.find(wrong.second), std::string::npos) << name << ": " << output;
+    int complaints = 0;
+    std::istringstream lines(output);
+    for (std::string line; std::getline(lines, line);) complaints += line.rfind("policy_service: ", 0) == 0;
+    EXPECT_EQ(complaints, 1) << name << ": " << output;
+  }
+}
 
 }  // namespace citylearn::testing

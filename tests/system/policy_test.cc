@@ -229,7 +229,7 @@ TEST(CommandLine, WrongInputIsOneClearLine) {
   Trial run("cyclonedds", 101);
   std::filesystem::create_directories(run.folder() / "used" + "/checkpoints");
   std::ofstream(run.folder() / "used" + "/checkpoints/checkpoint-7.clk") << "of yesterday";
-  const std::map<std::string, std::pair<Arguments, std::string>> cases = {
+  const WrongInputs cases = {
       {"output of an earlier run", {{"--output", run.folder() / "used"}, "checkpoint-7.clk: is of an earlier run"}},
       {"unknown middleware", {{"--middleware", "zeromq"}, "cyclonedds"}},
       {"domain out of range", {{"--domain", "300"}, "domain"}},
@@ -243,19 +243,7 @@ TEST(CommandLine, WrongInputIsOneClearLine) {
       {"output is a file", {{"--output", "/dev/null/x"}, "/dev/null/x"}},
       {"unknown interface", {{"--interface", "nowhere0"}, "nowhere0"}},
   };
-  for (const auto& [name, wrong] : cases) {
-    const auto policy = run.policy(wrong.first);
-    const auto status = policy->wait(seconds(8));
-    ASSERT_TRUE(status.has_value()) << name;
-    EXPECT_TRUE(*status == 1 || *status == 2) << name << ": " << *status;
-    const std::string output = policy->output();
-    EXPECT_NE(output.find(wrong.second), std::string::npos) << name << ": " << output;
-    std::string line;
-    std::istringstream lines(output);
-    int complaints = 0;
-    while (std::getline(lines, line)) complaints += line.rfind("policy_service: ", 0) == 0;
-    EXPECT_EQ(complaints, 1) << name << ": " << output;
-  }
+  expect_one_clear_line(run, cases);
   std::ofstream(run.folder() / "wrong.toml") << "agent = \"baseline\"\ncolour = 3\n";
   const auto policy = run.policy({"--config", run.folder() / "wrong.toml"});
   EXPECT_EQ(policy->wait(seconds(8)), 2);

@@ -287,20 +287,14 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
 TEST(CommandLine, WrongRolesAreOneClearLine) {
   Learning run("cyclonedds", 186);
   const auto summer = run.trial.env("summer");
-  const std::map<std::string, std::pair<Arguments, std::string>> cases = {
+  const WrongInputs cases = {
       {"unknown role", {{"--role", "critic"}, "--role"}},
       {"a learner in lockstep", {{"--role", "learner", "--lockstep"}, "--lockstep"}},
       {"an actor that evaluates", {{"--role", "actor", "--mode", "evaluate"}, "--mode evaluate"}},
       {"sequences too long",
        {{"--role", "learner", "--trainer-segment", "8192", "--trainer-sequence", "8192"}, "--trainer-sequence"}},
   };
-  for (const auto& [name, wrong] : cases) {
-    const auto policy = run.trial.policy(wrong.first);
-    const auto status = policy->wait(seconds(20));
-    ASSERT_TRUE(status.has_value()) << name;
-    EXPECT_TRUE(*status == 1 || *status == 2) << name << ": " << *status;
-    EXPECT_NE(policy->output().find(wrong.second), std::string::npos) << name << ": " << policy->output();
-  }
+  expect_one_clear_line(run.trial, cases, seconds(20));
 }
 
 }  // namespace

@@ -108,7 +108,7 @@ TEST(Sweep, ASeedThatFailsIsNamedAndTheOthersGoOn) {
 TEST(Sweep, WrongInputIsOneClearLine) {
   Trial run("cyclonedds", 195);
   const std::string out = run.folder() / "out";
-  const std::map<std::string, std::pair<Arguments, std::string>> cases = {
+  const WrongInputs cases = {
       {"down", {{"--seeds", "5..1", "--output", out}, "goes down"}},
       {"no number", {{"--seeds", "1..x", "--output", out}, "'x'"}},
       {"twice", {{"--seeds", "1,2,1", "--output", out}, "twice"}},
@@ -120,18 +120,7 @@ TEST(Sweep, WrongInputIsOneClearLine) {
       {"no such run", {{"--mode", "table", "/nonexistent"}, "/nonexistent"}},
       {"runs without table", {{"runs/today"}, "--mode table"}},
   };
-  for (const auto& [name, wrong] : cases) {
-    const auto policy = run.policy(wrong.first);
-    const auto status = policy->wait(seconds(8));
-    ASSERT_TRUE(status.has_value()) << name;
-    EXPECT_TRUE(*status == 1 || *status == 2) << name << ": " << *status;
-    const std::string output = policy->output();
-    EXPECT_NE(output.find(wrong.second), std::string::npos) << name << ": " << output;
-    int complaints = 0;
-    std::istringstream lines(output);
-    for (std::string line; std::getline(lines, line);) complaints += line.rfind("policy_service: ", 0) == 0;
-    EXPECT_EQ(complaints, 1) << name << ": " << output;
-  }
+  expect_one_clear_line(run, cases);
 }
 
 }  // namespace
