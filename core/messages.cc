@@ -88,6 +88,10 @@ void visit(M& m, Visitor& v) {
   v("shortest", m.shortest());
   v("reward", m.reward());
   v("completed", m.completed());
+  v("shuffled", m.shuffled());
+  v("policy", m.policy());
+  v("update", m.update());
+  v("path", m.path(), MAX_PATH);
 }
 
 template <Of<EpisodeAcknowledgement> M, class Visitor>
@@ -96,6 +100,7 @@ void visit(M& m, Visitor& v) {
   v("environment", m.environment());
   v("environment_incarnation", m.environment_incarnation());
   v("episode", m.episode());
+  v("leaving", m.leaving());
 }
 
 template <Of<ServiceStatus> M, class Visitor>
@@ -128,6 +133,8 @@ void visit(M& m, Visitor& v) {
   v("seed", m.seed());
   v("tasks", m.tasks());
   v("shuffle", m.shuffle());
+  v("policy", m.policy());
+  v("update", m.update());
   v("by_reference", m.by_reference());
 }
 
@@ -150,6 +157,63 @@ void visit(M& m, Visitor& v) {
   v("gradient_norm", m.gradient_norm());
   v("learning_rate", m.learning_rate());
   v("lag", m.lag());
+}
+
+template <Of<RunInfo> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("agent", m.agent());
+  v("learner", m.learner());
+  v("seed", m.seed());
+  v("updates", m.updates());
+  v("manifest", m.manifest(), MAX_CHUNK);
+}
+
+template <Of<TrainingStatRequest> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("policy", m.policy());
+  v("policy_incarnation", m.policy_incarnation());
+  v("first", m.first());
+  v("last", m.last());
+}
+
+template <Of<Scene> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v.nested("settings", m.settings());
+  v.enumerator("task_mode", m.task_mode(), EVALUATE);
+  v("policy", m.policy());
+  v("traversal", m.traversal());
+  v("traversal_hash", m.traversal_hash());
+  v("first_frame", m.first_frame());
+  v("frames", m.frames());
+  v("step", m.step());
+  v("frame", m.frame(), MAX_AGENTS);
+  v("position", m.position(), MAX_AGENTS);
+  v("start", m.start(), MAX_AGENTS);
+  v("goal", m.goal(), MAX_AGENTS);
+  v("steps", m.steps(), MAX_AGENTS);
+  v("flags", m.flags(), MAX_AGENTS);
+}
+
+template <Of<MapRequest> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("environment", m.environment());
+  v("hash", m.hash());
+  v("first", m.first());
+}
+
+template <Of<MapChunk> M, class Visitor>
+void visit(M& m, Visitor& v) {
+  v.nested("header", m.header());
+  v("hash", m.hash());
+  v("frames", m.frames());
+  v("first", m.first());
+  v("position", m.position(), MAX_PLACES);
+  v("latitude", m.latitude(), MAX_PLACES);
+  v("longitude", m.longitude(), MAX_PLACES);
 }
 
 template <Of<PolicyParameters> M, class Visitor>
@@ -448,6 +512,33 @@ void check(const Observation& m, const std::string& type) {
       refuse(type, "previous_action", "unknown action " + std::to_string(action));
 }
 
+void check(const EpisodeStat& m, const std::string& type) {
+  const std::size_t octets = (std::size_t{m.steps()} + 3) / 4;
+  if (!m.path().empty() && m.path().size() != octets) refuse(type, "path", counts(m.path().size(), octets));
+}
+
+void check(const Scene& m, const std::string& type) {
+  const std::size_t agents = m.frame().size();
+  const auto same = [&](const char* field, std::size_t size) {
+    if (size != agents) refuse(type, field, counts(size, agents) + " as many as frame has");
+  };
+  same("position", m.position().size());
+  same("start", m.start().size());
+  same("goal", m.goal().size());
+  same("steps", m.steps().size());
+  same("flags", m.flags().size());
+}
+
+void check(const MapChunk& m, const std::string& type) {
+  const std::size_t places = m.position().size();
+  if (m.frames() < 1 || m.frames() > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
+  if (m.first() > m.frames() || places > m.frames() - m.first()) refuse(type, "position", "goes beyond the last frame");
+  if (!m.latitude().empty() && m.latitude().size() != places)
+    refuse(type, "latitude", counts(m.latitude().size(), places));
+  if (m.longitude().size() != m.latitude().size())
+    refuse(type, "longitude", counts(m.longitude().size(), m.latitude().size()));
+}
+
 void check(const Action& m, const std::string& type) {
   for (std::uint8_t action : m.choice())
     if (action >= kActions) refuse(type, "choice", "unknown action " + std::to_string(action));
@@ -542,6 +633,11 @@ CITYLEARN_TOPIC(ActorStatus, "actor_status", kState)
 CITYLEARN_TOPIC(Trajectory, "trajectory", kCommand)
 CITYLEARN_TOPIC(TrajectoryAcknowledgement, "trajectory_acknowledgement", kCommand)
 CITYLEARN_TOPIC(ParametersRequest, "parameters_request", kCommand)
+CITYLEARN_TOPIC(RunInfo, "run_info", kState)
+CITYLEARN_TOPIC(TrainingStatRequest, "training_stat_request", kCommand)
+CITYLEARN_TOPIC(Scene, "scene", kState)
+CITYLEARN_TOPIC(MapRequest, "map_request", kCommand)
+CITYLEARN_TOPIC(MapChunk, "map_chunk", kCommand)
 #undef CITYLEARN_TOPIC
 
 }  // namespace
@@ -609,6 +705,11 @@ CITYLEARN_INSTANTIATE(ActorStatus)
 CITYLEARN_INSTANTIATE(Trajectory)
 CITYLEARN_INSTANTIATE(TrajectoryAcknowledgement)
 CITYLEARN_INSTANTIATE(ParametersRequest)
+CITYLEARN_INSTANTIATE(RunInfo)
+CITYLEARN_INSTANTIATE(TrainingStatRequest)
+CITYLEARN_INSTANTIATE(Scene)
+CITYLEARN_INSTANTIATE(MapRequest)
+CITYLEARN_INSTANTIATE(MapChunk)
 #undef CITYLEARN_INSTANTIATE
 
 std::vector<Topic> all_topics() {
@@ -629,7 +730,12 @@ std::vector<Topic> all_topics() {
           topic_of<ActorStatus>(),
           topic_of<Trajectory>(),
           topic_of<TrajectoryAcknowledgement>(),
-          topic_of<ParametersRequest>()};
+          topic_of<ParametersRequest>(),
+          topic_of<RunInfo>(),
+          topic_of<TrainingStatRequest>(),
+          topic_of<Scene>(),
+          topic_of<MapRequest>(),
+          topic_of<MapChunk>()};
 }
 
 }  // namespace citylearn

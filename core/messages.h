@@ -10,6 +10,7 @@
 #include "idl/episode.h"
 #include "idl/image.h"
 #include "idl/observation.h"
+#include "idl/scene.h"
 #include "idl/status.h"
 #include "idl/task_settings.h"
 #include "idl/training.h"

@@ -113,6 +113,11 @@ inline void fill(Filler& f, msg::EpisodeStat& m) {
   m.shortest(f.number<std::uint32_t>());
   m.reward(f.number<float>());
   m.completed(f.boolean());
+  m.shuffled(f.boolean());
+  m.policy(f.text(64));
+  m.update(f.number<std::uint64_t>());
+  m.path(f.sequence<std::uint8_t>(11, msg::MAX_PATH));
+  m.steps(static_cast<std::uint32_t>(m.path().size() * 4));
 }
 
 inline void fill(Filler& f, msg::EpisodeAcknowledgement& m) {
@@ -120,6 +125,7 @@ inline void fill(Filler& f, msg::EpisodeAcknowledgement& m) {
   m.environment(f.text(64));
   m.environment_incarnation(f.number<std::uint64_t>());
   m.episode(f.number<std::uint64_t>());
+  m.leaving(f.boolean());
 }
 
 inline void fill(Filler& f, msg::ServiceStatus& m) {
@@ -150,6 +156,8 @@ inline void fill(Filler& f, msg::TaskSettings& m) {
   m.seed(f.number<std::uint64_t>());
   m.tasks(f.number<std::uint32_t>());
   m.shuffle(f.boolean());
+  m.policy(f.text(64));
+  m.update(f.number<std::uint64_t>());
   m.by_reference(f.boolean());
 }
 
@@ -171,6 +179,58 @@ inline void fill(Filler& f, msg::TrainingStat& m) {
   m.gradient_norm(std::numeric_limits<float>::infinity());
   m.learning_rate(f.number<float>());
   m.lag(f.number<float>());
+}
+
+inline void fill(Filler& f, msg::RunInfo& m) {
+  fill(f, m.header());
+  m.agent(f.text(64));
+  m.learner(f.text(64));
+  m.seed(f.number<std::uint64_t>());
+  m.updates(f.number<std::uint64_t>());
+  m.manifest(f.sequence<std::uint8_t>(2000, msg::MAX_CHUNK));
+}
+
+inline void fill(Filler& f, msg::TrainingStatRequest& m) {
+  fill(f, m.header());
+  m.policy(f.text(64));
+  m.policy_incarnation(f.number<std::uint64_t>());
+  m.first(f.number<std::uint64_t>());
+  m.last(f.number<std::uint64_t>());
+}
+
+inline void fill(Filler& f, msg::Scene& m) {
+  fill(f, m.header());
+  fill(f, m.settings());
+  m.task_mode(f.least() ? msg::IDLE : f.most() ? msg::EVALUATE : msg::TRAIN);
+  m.policy(f.text(64));
+  m.traversal(f.text(64));
+  m.traversal_hash(f.number<std::uint64_t>());
+  m.first_frame(f.number<std::uint32_t>());
+  m.frames(f.number<std::uint32_t>());
+  m.step(f.number<std::uint64_t>());
+  m.frame(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
+  m.position(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
+  m.start(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
+  m.goal(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
+  m.steps(f.sequence<std::uint32_t>(16, msg::MAX_AGENTS));
+  m.flags(f.sequence<std::uint8_t>(16, msg::MAX_AGENTS));
+}
+
+inline void fill(Filler& f, msg::MapRequest& m) {
+  fill(f, m.header());
+  m.environment(f.text(64));
+  m.hash(f.number<std::uint64_t>());
+  m.first(f.number<std::uint32_t>());
+}
+
+inline void fill(Filler& f, msg::MapChunk& m) {
+  fill(f, m.header());
+  m.hash(f.number<std::uint64_t>());
+  m.frames(msg::MAX_FRAMES);
+  m.first(f.least() ? 0 : 17);
+  m.position(f.sequence<float>(128, msg::MAX_PLACES));
+  m.latitude(f.sequence<double>(128, msg::MAX_PLACES));
+  m.longitude(f.sequence<double>(128, msg::MAX_PLACES));
 }
 
 inline void fill(Filler& f, msg::PolicyParameters& m) {
@@ -357,8 +417,8 @@ void for_each_message(Visit visit) {
        std::tuple<msg::Observation, msg::Action, msg::EpisodeStat, msg::EpisodeAcknowledgement, msg::ServiceStatus,
                   msg::TaskSettings, msg::TrainingStat, msg::PolicyParameters, msg::TraversalInfo,
                   msg::TraversalRequest, msg::TraversalChunk, msg::ImageRequest, msg::ImageChunk, msg::LearnerInfo,
-                  msg::ActorStatus, msg::Trajectory, msg::TrajectoryAcknowledgement, msg::ParametersRequest>*>(
-      nullptr));
+                  msg::ActorStatus, msg::Trajectory, msg::TrajectoryAcknowledgement, msg::ParametersRequest,
+                  msg::RunInfo, msg::TrainingStatRequest, msg::Scene, msg::MapRequest, msg::MapChunk>*>(nullptr));
 }
 
 }  // namespace citylearn::testing
