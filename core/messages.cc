@@ -246,6 +246,7 @@ void visit(M& m, Visitor& v) {
   v("steps", m.steps());
   v("window", m.window());
   v("noise_frame", m.noise_frame());
+  v("noise_place", m.noise_place());
   v("noise_episode", m.noise_episode());
   v("version", m.version());
   v("total_bytes", m.total_bytes());

@@ -221,9 +221,10 @@ bool Actor::prepare() {
   s.network = entry.create(
       Parameters("network " + entry.name, entry.parameters, parse_parameters(info.network().c_str())), s.task);
   const int steps = static_cast<int>(info.steps());
-  s.collector = std::make_unique<Collector>(CollectorOptions{info.seed(), static_cast<int>(info.first_frame()), steps,
-                                                             steps, info.noise_frame(), info.noise_episode()},
-                                            s.task, *s.network);
+  s.collector =
+      std::make_unique<Collector>(CollectorOptions{info.seed(), static_cast<int>(info.first_frame()), steps, steps,
+                                                   info.noise_frame(), info.noise_place(), info.noise_episode()},
+                                  s.task, *s.network);
   // No two actors, nor two incarnations of one, draw the same.
   s.collector->begin_cut(mix_seeds({kSession, node_.incarnation(), info.header().incarnation(), info.lesson()}),
                          static_cast<int>(info.lesson_frames()));

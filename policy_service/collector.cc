@@ -17,6 +17,7 @@ enum Purpose : std::uint64_t {
   kAction = 102,             // step
   kEpisodeAppearance = 103,  // agent, episode of the agent
   kFrameAppearance = 104,    // step, agent
+  kPlaceAppearance = 105,    // agent, episode of the agent, frame
 };
 
 /// Fills `out` with numbers of mean 0 and deviation 1, nearly normal: sums of four uniform ones, a draw of 64 bits
@@ -63,20 +64,21 @@ struct Collector::Parts {
       : options(how), task(what), network(who), frames(what.frames) {
     const double components = std::sqrt(std::max(1, task.features));
     noise_frame = static_cast<float>(options.noise_frame / components);
+    noise_place = static_cast<float>(options.noise_place / components);
     noise_episode = static_cast<float>(options.noise_episode / components);
   }
 
   const CollectorOptions options;
   const NetworkTask& task;
   const AgentNetwork<float>& network;
-  float noise_frame, noise_episode;  // deviation of a component
+  float noise_frame, noise_place, noise_episode;  // deviation of a component
   std::map<int, Seat> seats;
   std::uint64_t cut = 0;
   int frames;           // places in use
   Vector<float> noise;  // of one frame
   Worker worker;
 
-  bool disguises() const { return noise_episode > 0 || noise_frame > 0; }
+  bool disguises() const { return noise_frame > 0 || noise_place > 0 || noise_episode > 0; }
   Seat& seat(int environment) {
     const auto found = seats.find(environment);
     if (found == seats.end()) throw Error("environment " + std::to_string(environment) + " was never added", "trainer");
@@ -104,9 +106,10 @@ struct Collector::Parts {
   void check(const Seat& seat, const msg::Observation& observation) const;
   void end_action(Seat& seat, const msg::Observation& observation, const Vector<float>& parameters);
   float final_value(Seat& seat, const Vector<float>& parameters, std::ptrdiff_t agent, std::uint8_t action,
-                    int position, std::uint8_t allowed, const Eigen::Ref<const Vector<float>>& features);
+                    int position, std::uint32_t frame, std::uint8_t allowed,
+                    const Eigen::Ref<const Vector<float>>& features);
   void begin_episode(Seat& seat, std::size_t agent);
-  void disguise(const Seat& seat, std::ptrdiff_t agent, Random& random, Eigen::Ref<Vector<float>> features);
+  void disguise(const Seat& seat, std::ptrdiff_t agent, std::uint32_t frame, Eigen::Ref<Vector<float>> features);
   void evaluate(Seat& seat, const Vector<float>& parameters);
   void decide(Seat& seat, std::vector<std::uint8_t>& choice);
 };
@@ -187,9 +190,8 @@ bool Collector::act(int environment, const msg::Observation& observation, const 
   if (seat.step > 0) p.end_action(seat, observation, parameters);  // only now: what does not fit has changed nothing
   for (std::size_t agent = 0; agent < agents; ++agent) {
     if (seat.seen.first[agent]) p.begin_episode(seat, agent);
-    Random random{p.options.seed, kFrameAppearance, static_cast<std::uint64_t>(seat.id), p.cut, seat.step, agent};
     const auto column = static_cast<std::ptrdiff_t>(agent);
-    p.disguise(seat, column, random, seat.seen.features_of(column));
+    p.disguise(seat, column, observation.frame()[agent], seat.seen.features_of(column));
   }
   ++seat.step;
   p.evaluate(seat, parameters);
@@ -248,7 +250,7 @@ void Collector::Parts::end_action(Seat& seat, const msg::Observation& observatio
           observation.features().data() + static_cast<std::ptrdiff_t>(index) * task.features, task.features);
       rollout.final_value[row + index] =
           final_value(seat, parameters, static_cast<std::ptrdiff_t>(index), rollout.action[row + index],
-                      static_cast<int>(observation.position()[index]) - options.first_frame,
+                      static_cast<int>(observation.position()[index]) - options.first_frame, observation.frame()[index],
                       observation.allowed()[index], features);
     }
     if (!terminated && !truncated) continue;
@@ -259,7 +261,7 @@ void Collector::Parts::end_action(Seat& seat, const msg::Observation& observatio
 }
 
 float Collector::Parts::final_value(Seat& seat, const Vector<float>& parameters, std::ptrdiff_t agent,
-                                    std::uint8_t action, int position, std::uint8_t allowed,
+                                    std::uint8_t action, int position, std::uint32_t frame, std::uint8_t allowed,
                                     const Eigen::Ref<const Vector<float>>& features) {
   NetworkInputs<float>& inputs = seat.single.inputs;
   inputs.resize(task.features, 1, 1);
@@ -270,9 +272,7 @@ float Collector::Parts::final_value(Seat& seat, const Vector<float>& parameters,
   inputs.goal[0] = seat.agent[static_cast<std::size_t>(agent)].goal;
   inputs.previous_action[0] = action;
   inputs.first[0] = 0;
-  Random random{options.seed, kFrameAppearance, static_cast<std::uint64_t>(seat.id),
-                cut,          seat.step,        static_cast<std::uint64_t>(agent)};
-  disguise(seat, agent, random, inputs.features_of(0));
+  disguise(seat, agent, frame, inputs.features_of(0));
   seat.single.state = seat.state.col(agent);
   seat.single.workspace->fixed = seat.generation;
   network.forward(parameters, inputs, seat.single.state, *seat.single.workspace);
@@ -292,14 +292,23 @@ void Collector::Parts::begin_episode(Seat& seat, std::size_t index) {
   fill_noise(random, seat.appearance.col(static_cast<std::ptrdiff_t>(index)));
 }
 
-/// x' = x + u f n + u e m, brought back to the length of x: n is noise of the frame, m and u are the episode's.
-void Collector::Parts::disguise(const Seat& seat, std::ptrdiff_t index, Random& random,
+/// x' = x + u (f n + p q + e m), brought back to the length of x. n is new at each look; q is the frame's and m the
+/// episode's, so that a place looks the same however often an episode comes by; u, its strength, is the episode's too.
+void Collector::Parts::disguise(const Seat& seat, std::ptrdiff_t index, std::uint32_t frame,
                                 Eigen::Ref<Vector<float>> features) {
   if (!disguises()) return;
-  const float length = features.norm(), strength = seat.agent[static_cast<std::size_t>(index)].strength * length;
+  const auto id = static_cast<std::uint64_t>(seat.id), number = static_cast<std::uint64_t>(index);
+  const Agent& agent = seat.agent[number];
+  const float length = features.norm(), strength = agent.strength * length;
   noise.resize(features.size());
-  fill_noise(random, noise);
-  features += strength * noise_frame * noise + strength * noise_episode * seat.appearance.col(index);
+  const auto add = [&](float part, Random random) {
+    if (part <= 0) return;
+    fill_noise(random, noise);
+    features += strength * part * noise;
+  };
+  add(noise_frame, {options.seed, kFrameAppearance, id, cut, seat.step, number});
+  add(noise_place, {options.seed, kPlaceAppearance, id, cut, number, agent.episode, frame});
+  features += strength * noise_episode * seat.appearance.col(index);
   const float changed = features.norm();
   if (changed > 0) features *= length / changed;
 }

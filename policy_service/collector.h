@@ -14,7 +14,9 @@ struct CollectorOptions {
   std::uint64_t seed = 1;
   int first_frame = 0;                        ///< of the route, index on the traversal
   int segment = 64, sequence = 64;            ///< steps; see Trainer
-  double noise_frame = 0, noise_episode = 0;  ///< lengths of the disguise, in lengths of a frame's features
+  /// Lengths of what disguises a frame's features, in lengths of these: new at each look; of each place, for an
+  /// episode; of a whole episode.
+  double noise_frame = 0, noise_place = 0, noise_episode = 0;
 };
 
 /// An episode that ended within a segment.

@@ -65,8 +65,9 @@ std::vector<ParameterSpec> Trainer::parameter_specs() {
           {"sequence", "steps that gradients go back; divides the segment", 64, 1, 65536, true},
           {"steps", "environment steps of the whole run", 40000, 1, 1e12, true},
           {"agents", "agents to train with; fewer or more will do", 16, 1, msg::MAX_AGENTS, true},
-          {"noise-frame", "length of the noise on each frame's features, in lengths of these", 1, 0, 100},
-          {"noise-episode", "length of the shift of an episode's features, likewise", 3, 0, 100}};
+          {"noise-frame", "length of the noise on features, new at each look, in lengths of these", 1, 0, 100},
+          {"noise-place", "length of each place's noise, likewise; it stays for an episode", 0, 0, 100},
+          {"noise-episode", "length of the shift of all features of an episode, likewise", 3, 0, 100}};
 }
 
 namespace {
@@ -136,7 +137,7 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts
                                                                        p.task, options.seed, p.total_steps});
   p.collector = std::make_unique<Collector>(
       CollectorOptions{options.seed, options.first_frame, p.segment, p.sequence, p.trainer_parameters["noise-frame"],
-                       p.trainer_parameters["noise-episode"]},
+                       p.trainer_parameters["noise-place"], p.trainer_parameters["noise-episode"]},
       p.task, *p.network);
   p.collector->begin_cut(p.cut, p.lesson().frames);
   p.progress.reward = p.progress.spl = std::numeric_limits<double>::quiet_NaN();
@@ -381,6 +382,7 @@ void Trainer::describe(msg::LearnerInfo& info) const {
   info.max_steps() = static_cast<std::uint32_t>(p.lesson().max_steps);
   info.steps() = static_cast<std::uint32_t>(p.sequence);
   info.noise_frame() = p.trainer_parameters["noise-frame"];
+  info.noise_place() = p.trainer_parameters["noise-place"];
   info.noise_episode() = p.trainer_parameters["noise-episode"];
 }
 

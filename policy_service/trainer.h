@@ -48,7 +48,7 @@ class Trainer {
   /// Throws Error: unknown plug-ins or parameters, or a `task` that they cannot work with.
   Trainer(const TrainerOptions& options, const NetworkTask& task);
   ~Trainer();
-  /// Parameters of collecting: segment, sequence, steps, agents, noise-frame, noise-episode.
+  /// Parameters of collecting: segment, sequence, steps, agents, noise-frame, noise-place, noise-episode.
   static std::vector<ParameterSpec> parameter_specs();
 
   /// An environment takes part from its first observation on. `environment` names its random streams. Called again, it

@@ -49,7 +49,8 @@ class PlaceFilter : public AgentNetwork<S> {
     scalars(kMaskScale) = static_cast<S>(std::log(4.0) / kStretch);
     scalars(kGoalScale) = static_cast<S>(std::log(4.0) / kStretch);
     scalars(kPersistence) = static_cast<S>(3.0 / kStretch);
-    scalars(kFloor) = static_cast<S>(std::log(0.01 / 0.99) / kStretch);
+    // Actions do what they say, so that a belief need not be given up for a stretch that looks like another one.
+    scalars(kFloor) = static_cast<S>(std::log(1e-5) / kStretch);
     orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights1_));
     orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights2_));
     orthogonal<S>(random, 1, layout_.view(parameters, weights3_));
@@ -241,7 +242,8 @@ const NetworkRegistration<PlaceFilter> registration{
      {"segment", 64},
      {"sequence", 64},
      {"steps", 160000},
-     {"noise-frame", 1},
+     {"noise-frame", 0},
+     {"noise-place", 1},
      {"noise-episode", 1},
      {"minibatch", 4},
      {"epochs", 3},

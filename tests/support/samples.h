@@ -261,6 +261,7 @@ inline void fill(Filler& f, msg::LearnerInfo& m) {
   m.steps(f.number<std::uint32_t>());
   m.window(f.number<std::uint32_t>());
   m.noise_frame(f.number<double>());
+  m.noise_place(f.number<double>());
   m.noise_episode(f.number<double>());
   m.version(f.number<std::uint64_t>());
   m.total_bytes(f.number<std::uint64_t>());
