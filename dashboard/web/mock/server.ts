@@ -36,6 +36,8 @@ const PARAMETERS: Record<string, string[]> = {
   matrix: ['file'],
 };
 
+const ORDERS: Record<string, string> = { updates: 'update', episodes: 'episodes', steps: 'steps', wall: 'wall' };
+
 class HttpError extends Error {
   constructor(
     readonly status: number,
@@ -370,16 +372,23 @@ export class Mock {
     const names = (query.get('columns') ?? 'reward,spl').split(',');
     const { columns, length } = run.rows;
     let rows = Array.from({ length }, (_, i) => i);
-    const decimated = length > points;
+    const along = columns[ORDERS[query.get('x') ?? 'updates'] ?? 'update'] ?? [];
+    for (const [name, sign] of [['from', 1], ['to', -1]] as const) {
+      const bound = query.get(name);
+      if (bound !== null) rows = rows.filter((row) => sign * ((along[row] ?? 0) - Number(bound)) >= 0);
+    }
+    const total = rows.length;
+    const all = rows;
+    const decimated = total > points;
     if (decimated) {
       // Of each bucket the rows where reward is least and greatest, as the server does it for each column.
       const buckets = Math.floor(points / 2);
-      const keep = new Set<number>([0, length - 1]);
+      const keep = new Set<number>([all[0] ?? 0, all[total - 1] ?? 0]);
       for (let b = 0; b < buckets; ++b) {
-        const from = Math.floor((b * length) / buckets);
-        const to = Math.floor(((b + 1) * length) / buckets);
-        const part = rows.slice(from, to).sort((i, j) => (columns.reward?.[i] ?? 0) - (columns.reward?.[j] ?? 0));
-        keep.add(part[0] ?? from).add(part[part.length - 1] ?? from);
+        const from = Math.floor((b * total) / buckets);
+        const to = Math.floor(((b + 1) * total) / buckets);
+        const part = all.slice(from, to).sort((i, j) => (columns.reward?.[i] ?? 0) - (columns.reward?.[j] ?? 0));
+        for (const row of [part[0], part[part.length - 1]]) if (row !== undefined) keep.add(row);
       }
       rows = [...keep].sort((a, b) => a - b);
     }
@@ -391,9 +400,9 @@ export class Mock {
     return {
       id: run.id,
       x: query.get('x') ?? 'updates',
-      total: length,
+      total,
       decimated,
-      columns: { x: pick('update'), ...Object.fromEntries(names.map((name) => [name, pick(name)])) },
+      columns: { x: pick(ORDERS[query.get('x') ?? 'updates'] ?? 'update'), ...Object.fromEntries(names.map((name) => [name, pick(name)])) },
     };
   }
 }

@@ -85,7 +85,14 @@ export class Live {
     };
     socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
       this.heard = Date.now();
-      const frame = parseFrame(event.data);
+      let frame: Frame;
+      try {
+        frame = parseFrame(event.data);
+      } catch (error) {
+        console.error(error); // not the server that this page knows: begin anew
+        socket.close();
+        return;
+      }
       this.dropped.value = frame.dropped;
       this.handlers.get(frame.topic)?.forEach((handler) => handler(frame));
     };

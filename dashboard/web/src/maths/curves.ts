@@ -1,5 +1,5 @@
 import { smooth } from './ema';
-import { aggregate, type Curve } from './seeds';
+import { aggregate, type Curve, type Range } from './seeds';
 import { axis, metric, type MetricKey, type Rows, type XAxis } from './rows';
 
 export type Display = 'mean' | 'runs' | 'both';
@@ -27,6 +27,8 @@ export interface CurveOptions {
   display: Display;
   /** IDs of runs whose own lines are not drawn. They count in the mean all the same. */
   hidden: ReadonlySet<string>;
+  /** Part of the axis that is looked at; null: all of it. */
+  range: Range | null;
 }
 
 export function curveOf(rows: Rows, options: Pick<CurveOptions, 'metric' | 'x' | 'smoothing'>): Curve {
@@ -69,7 +71,7 @@ export function linesOf(groups: readonly GroupRows[], options: CurveOptions): Dr
       });
     }
     if (options.display !== 'runs' && !alone) {
-      const band = aggregate(curves);
+      const band = aggregate(curves, 400, options.range);
       const count = Math.max(0, ...band.count);
       lines.push({
         x: band.x,

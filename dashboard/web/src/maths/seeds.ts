@@ -4,6 +4,12 @@ export interface Curve {
   y: readonly (number | null)[];
 }
 
+/** Part of an axis. */
+export interface Range {
+  from: number;
+  to: number;
+}
+
 /** Mean and spread of several curves, on a grid of their own. */
 export interface Band {
   x: number[];
@@ -41,15 +47,15 @@ export function lowerBound(sorted: readonly number[], x: number): number {
 }
 
 /**
- * Mean, lowest and highest of curves at `points` places from the least x to the greatest. At each place those curves count
- * that have reached it and have a value there; a curve that starts later or ended earlier does not.
+ * Mean, lowest and highest of curves at `points` places from the least x to the greatest, or of that what lies in `range`. At
+ * each place those curves count that have reached it and have a value there; one that starts later or ended earlier does not.
  */
-export function aggregate(curves: readonly Curve[], points = 400): Band {
+export function aggregate(curves: readonly Curve[], points = 400, range: Range | null = null): Band {
   const band: Band = { x: [], mean: [], low: [], high: [], count: [] };
   const there = curves.filter((curve) => curve.x.length > 0);
   if (there.length === 0) return band;
-  const first = Math.min(...there.map((curve) => curve.x[0] as number));
-  const last = Math.max(...there.map((curve) => curve.x[curve.x.length - 1] as number));
+  const first = Math.max(range?.from ?? -Infinity, Math.min(...there.map((curve) => curve.x[0] as number)));
+  const last = Math.min(range?.to ?? Infinity, Math.max(...there.map((curve) => curve.x[curve.x.length - 1] as number)));
   const rows = last > first ? points : 1;
   for (let i = 0; i < rows; ++i) {
     // The ends exactly, so that rounding leaves no curve out there.

@@ -9,9 +9,10 @@ import type { MetricKey, XAxis } from '../maths/rows';
 import { useJson } from '../state/resource';
 import { param, place, setParams } from '../state/router';
 import { runs } from '../state/session';
-import { useTraining } from '../state/training';
+import { useDetail, useTraining } from '../state/training';
 import { Card, Empty, Failed, Loading, Segmented, Show, Slider } from '../ui/basics';
-import { Chart, type Range, type Reference } from '../ui/chart';
+import type { Range } from '../maths/seeds';
+import { Chart, type Reference } from '../ui/chart';
 import { RunPicker } from '../ui/run_picker';
 
 interface Metric {
@@ -87,6 +88,9 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   const ids = fitting.flatMap((group) => group.runs.map((run) => run.id));
   const training = useTraining(ids);
   const versions = ids.map((id) => training.get(id)?.version ?? 0).join();
+  // Part of a long run: asked for again with all of its points. From further left, for the smoothing to have its start there.
+  const decimated = zoom ? ids.filter((id) => training.get(id)?.rows.decimated) : [];
+  const detail = useDetail(decimated, zoom && { x, from: Math.max(0, 2 * zoom.from - zoom.to), to: zoom.to });
   const coloured = useMemo(() => colourOf(fitting), [ids.join('\n'), by]);
 
   const groupRows: GroupRows[] = useMemo(
@@ -96,13 +100,13 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
         label: group.label,
         colour: `series-${(g % COLOURS) + 1}`,
         runs: group.runs.flatMap((run) => {
-          const rows = training.get(run.id)?.rows;
+          const rows = detail.get(run.id) ?? training.get(run.id)?.rows;
           return rows?.length
             ? [{ id: run.id, label: `seed ${run.seed ?? '?'}`, colour: coloured.get(run.id) ?? 'series-1', rows }]
             : [];
         }),
       })),
-    [versions, ids.join('\n'), by],
+    [versions, ids.join('\n'), by, coloured, detail],
   );
 
   const states = ids.map((id) => training.get(id)?.state);
@@ -206,8 +210,8 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
 }): JSX.Element {
   const { x, smoothing, display, hidden } = options;
   const lines = useMemo(
-    () => linesOf(groups, { metric: metric.key, x, smoothing, display, hidden }),
-    [groups, metric.key, x, smoothing, display, hidden],
+    () => linesOf(groups, { metric: metric.key, x, smoothing, display, hidden, range: zoom }),
+    [groups, metric.key, x, smoothing, display, hidden, zoom],
   );
   return (
     <Chart

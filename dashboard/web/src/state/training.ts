@@ -1,11 +1,11 @@
 import { signal, type Signal } from '@preact/signals';
-import { useEffect } from 'preact/hooks';
+import { useEffect, useMemo } from 'preact/hooks';
 import { getJson, runPath } from '../api/client';
 import { trainingColumns } from '../api/frame';
 import { live } from '../api/live';
 import { TRAINING_COLUMNS, type TrainingAnswer } from '../api/types';
-import { append, noRows, rowsOf, type Rows } from '../maths/rows';
-import { failure } from './resource';
+import { append, noRows, rowsOf, type Rows, type XAxis } from '../maths/rows';
+import { failure, useJsons } from './resource';
 
 export interface Training {
   state: 'loading' | 'ready' | 'failed';
@@ -17,6 +17,7 @@ export interface Training {
 
 const POINTS = 2000;
 const REDRAW = 500; // milliseconds between two redraws because of live rows
+const PATIENCE = 2000; // milliseconds before missing rows are asked for: the store may be a moment behind the wire
 
 /** The training of one run, kept while somebody looks at it: asked for once, then live. */
 class Series {
@@ -24,6 +25,7 @@ class Series {
   users = 0;
   private stop: (() => void)[] = [];
   private timer: ReturnType<typeof setTimeout> | undefined;
+  private reload: ReturnType<typeof setTimeout> | undefined;
   private loading = false;
   private pending: ReadonlyMap<string, Float64Array>[] = [];
 
@@ -40,7 +42,8 @@ class Series {
   end(): void {
     this.stop.forEach((stop) => stop());
     clearTimeout(this.timer);
-    this.timer = undefined;
+    clearTimeout(this.reload);
+    this.timer = this.reload = undefined;
   }
 
   private async load(): Promise<void> {
@@ -69,13 +72,43 @@ class Series {
     }
     const { rows } = this.value.value;
     // Rows are missing, or so many came that the server had better decimate them.
-    if (!append(rows, columns) || rows.length > 3 * POINTS) void this.load();
+    if (!append(rows, columns) || rows.length > 3 * POINTS) {
+      this.reload ??= setTimeout(() => {
+        this.reload = undefined;
+        void this.load();
+      }, PATIENCE);
+    }
     this.timer ??= setTimeout(() => {
       this.timer = undefined;
       const old = this.value.value;
       this.value.value = { ...old, state: 'ready', version: old.version + 1 };
     }, REDRAW);
   }
+}
+
+/** Where part of a run is looked at: the rows there, which the whole run's were decimated of. */
+export interface Detail {
+  x: XAxis;
+  from: number;
+  to: number;
+}
+
+/** Rows of these runs in a range of an axis; of those that have come. */
+export function useDetail(ids: readonly string[], detail: Detail | null): Map<string, Rows> {
+  const x = detail?.x === 'update' ? 'updates' : detail?.x;
+  const query = `columns=${TRAINING_COLUMNS.join(',')}&points=${POINTS}&x=${x}&from=${detail?.from}&to=${detail?.to}`;
+  const paths = detail ? ids.map((id) => runPath(id, `/training?${query}`)) : [];
+  const answers = useJsons<TrainingAnswer>(paths);
+  const key = [...answers.values()].map((one) => one.state).join();
+  return useMemo(() => {
+    const rows = new Map<string, Rows>();
+    if (detail)
+      ids.forEach((id, i) => {
+        const answer = answers.get(paths[i] ?? '');
+        if (answer?.state === 'ready' && answer.value.columns.x?.length) rows.set(id, rowsOf(answer.value));
+      });
+    return rows;
+  }, [paths.join('\n'), key]);
 }
 
 const all = new Map<string, Series>();

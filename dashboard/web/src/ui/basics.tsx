@@ -142,7 +142,7 @@ export function Slider({ label, value, min, max, step, text, onInput }: {
   return (
     <label class="field slider">
       <span>
-        {label} <output class="number">{text}</output>
+        {label} <b class="number">{text}</b>
       </span>
       <input
         type="range"

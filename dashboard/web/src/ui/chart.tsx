@@ -4,7 +4,7 @@ import uPlot from 'uplot';
 import { align } from '../maths/align';
 import { csv, download, fileName } from '../maths/csv';
 import { short, significant } from '../maths/format';
-import { lowerBound, valueAt, type Curve } from '../maths/seeds';
+import { lowerBound, valueAt, type Curve, type Range } from '../maths/seeds';
 import { colour as colourOf, shown } from '../state/theme';
 import { Card, Empty, IconButton, Swatch } from './basics';
 import { Table } from './table';
@@ -25,11 +25,6 @@ export interface Line extends Curve {
 export interface Reference {
   label: string;
   value: number;
-}
-
-export interface Range {
-  from: number;
-  to: number;
 }
 
 interface ChartProps {

@@ -45,6 +45,7 @@ export class Stage {
   async page(hash: string, options: BrowserContextOptions = {}): Promise<Opened> {
     const context = await this.browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
     const page = await context.newPage();
+    page.setDefaultTimeout(10_000);
     const complaints: string[] = [];
     const outside: string[] = [];
     page.on('console', (message) => {

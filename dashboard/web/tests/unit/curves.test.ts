@@ -57,6 +57,9 @@ describe('aggregate', () => {
     expect(band.high).toEqual([2, 7, 10]);
     expect(band.count).toEqual([2, 2, 1]);
   });
+  it('keeps to a range', () => {
+    expect(aggregate([{ x: [0, 10], y: [0, 10] }], 3, { from: 4, to: 20 }).x).toEqual([4, 7, 10]);
+  });
   it('is empty of nothing', () => expect(aggregate([{ x: [], y: [] }]).x).toEqual([]));
   it('reaches the last x of each curve in spite of rounding', () => {
     const x = [0.1, 0.3];
@@ -142,6 +145,7 @@ describe('linesOf', () => {
     smoothing: 0,
     display: 'both',
     hidden: new Set(),
+    range: null,
     ...changes,
   });
   const meanLine = (hidden: string[]) =>
