@@ -72,7 +72,7 @@ export function matrix(size: number): Buffer {
   const pixels = new Uint8Array(size * size * 3);
   for (let y = 0; y < size; ++y)
     for (let x = 0; x < size; ++x) {
-      const near = Math.exp(-((x - y + 4 * Math.sin(y / 30)) ** 2) / 12);
+      const near = Math.exp(-((x - y + 3 * Math.sin(y / 16)) ** 2) / 6);
       const value = Math.min(255, 40 + 70 * random.next() + 30 * Math.sin(x / 17) * Math.sin(y / 13) + 165 * near);
       pixels.set([value, value, value], (y * size + x) * 3);
     }

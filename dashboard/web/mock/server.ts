@@ -316,7 +316,7 @@ export class Mock {
         if (world.runs.length === 0) return json({ results: [] });
         if (id === undefined) return json({ results });
         if (what === 'curve') return json({ curves });
-        return { type: 'image/png', body: matrix(220) };
+        return { type: 'image/png', body: matrix(120) };
       }
       case 'episodes': {
         const wanted = Number(id);

@@ -226,6 +226,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
       zoom={zoom}
       onZoom={onZoom}
       sync="training"
+      height={PERFORMANCE.includes(metric) ? 260 : 200}
     />
   );
 }

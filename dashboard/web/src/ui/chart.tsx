@@ -285,7 +285,7 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
       stroke: line.faint ? alpha(stroke, 0.35) : stroke,
       width: line.faint ? 1 : 2,
       spanGaps: true,
-      points: { show: line.x.length < 3 },
+      points: { show: (u) => u.data[0].length < 24 && !line.faint, size: 5, fill: stroke },
       ...(line.dashed ? { dash: [6, 4] } : {}),
     });
   }

@@ -53,7 +53,7 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
   const frames = Math.max(map?.frames ?? 0, first + count);
   const { points, gps } = useMemo(() => placesOf(map, frames), [map, frames]);
   // A ruler needs no more than a lane for each.
-  const height = props.height ?? (gps ? 440 : Math.min(560, 90 + 22 * walkers.length));
+  const height = props.height ?? (gps ? (size.width > 1100 ? 640 : 440) : Math.min(560, 90 + 22 * walkers.length));
   const [view, setView] = useState<View | null>(null); // null: all that is to be seen fits
   const from = whole ? 0 : first;
   const to = whole ? frames : first + count;
