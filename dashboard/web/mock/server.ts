@@ -167,7 +167,7 @@ export class Mock {
           scene.agents.forEach((agent, i) => {
             if (!scene.traversal.images || !watched.has(`picture:${topic}:${i}`)) return;
             const picture = this.picture(scene.traversal.name, agent.position);
-            this.send(`picture:${topic}:${i}`, { hash: scene.traversal.hash, frame: agent.position }, picture);
+            this.send(`picture:${topic}:${i}`, { hash: scene.traversal.hash, frame: agent.position, type: 'image/png' }, picture);
           });
         }
         if (ticks % 3 === 0) this.sendServices();

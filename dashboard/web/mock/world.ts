@@ -149,7 +149,7 @@ export class RunData {
     readonly all: Traversal[],
     readonly now: number,
   ) {
-    this.id = `${plan.run}/${plan.policy}/${plan.seed}`;
+    this.id = `${plan.run}/${plan.policy}/${plan.seed}/${1_763_740_800_000_000 + index}`;
     this.random = new Random(100 + index);
     this.rows = { columns: {}, length: 0 };
     for (let i = 0; i < plan.updates; ++i) this.update();

@@ -12,7 +12,7 @@ const PLACES: Record<(typeof PAGES)[number], string> = {
   overview: 'overview',
   training: 'training?groups=' + encodeURIComponent(['demo-2211', 'features-1830'].map((run, i) => JSON.stringify([run, 'policy', i ? 'features · ppo' : 'place_filter · ppo'])).join('\n')),
   route: 'route',
-  deployment: `deployment?run=${encodeURIComponent('demo-2211/policy/1')}`,
+  deployment: `deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}`,
   recognition: 'recognition',
   compare: 'compare',
 };
@@ -21,7 +21,7 @@ const mock = await Mock.start({ port: 0, page: process.env.CITYLEARN_PAGE ?? 'di
 const browser = await chromium.launch({ executablePath: executable(), args: ARGS });
 mkdirSync(folder, { recursive: true });
 let failed = false;
-for (const size of sizes.length ? sizes : ['1280x860']) {
+for (const size of sizes.length ? sizes : ['1280x800']) {
   const [width = 1280, height = 860] = size.split('x').map(Number);
   for (const colorScheme of ['light', 'dark'] as const) {
     const page = await browser.newPage({ viewport: { width, height }, colorScheme });

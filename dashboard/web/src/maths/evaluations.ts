@@ -2,10 +2,14 @@ import type { Evaluation } from '../api/types';
 
 const CONTROLS = ['sequence_filter', 'blind', 'shortest_path'];
 
+/** A yardstick, not an agent that learned. */
+export function isControl(one: Pick<Evaluation, 'policy'>): boolean {
+  return CONTROLS.includes(one.policy);
+}
+
 /** What one evaluation is of: the same on each traversal. */
 export function evaluationName(one: Pick<Evaluation, 'policy' | 'update' | 'shuffled'>): string {
-  const control = CONTROLS.includes(one.policy);
-  return [one.policy || 'unknown policy', !control && `update ${one.update}`, one.shuffled && 'shuffled frames'].filter(Boolean).join(', ');
+  return [one.policy || 'unknown policy', !isControl(one) && `update ${one.update}`, one.shuffled && 'shuffled frames'].filter(Boolean).join(', ');
 }
 
 export function evaluationKey(one: Evaluation): string {
@@ -33,7 +37,7 @@ export function byTraversal(list: readonly Evaluation[]): Map<string, Evaluation
 
 /** The agent's own evaluations on frames as they are: the SPL of each checkpoint, a curve a traversal. */
 export function checkpoints(list: readonly Evaluation[]): Map<string, Evaluation[]> {
-  const own = list.filter((one) => !CONTROLS.includes(one.policy) && !one.shuffled).sort((a, b) => a.update - b.update);
+  const own = list.filter((one) => !isControl(one) && !one.shuffled).sort((a, b) => a.update - b.update);
   const groups = byTraversal(own);
   for (const [name, group] of groups) groups.set(name, group.sort((a, b) => a.update - b.update));
   return groups;

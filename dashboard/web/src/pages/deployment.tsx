@@ -2,7 +2,7 @@ import type { JSX } from 'preact';
 import { useEffect, useMemo, useRef } from 'preact/hooks';
 import { runPath } from '../api/client';
 import type { Episode, Evaluation, Run, RunDetail } from '../api/types';
-import { byTraversal, checkpoints, evaluationKey, evaluationName } from '../maths/evaluations';
+import { byTraversal, checkpoints, evaluationKey, evaluationName, isControl } from '../maths/evaluations';
 import { dateTime, fixed, integer, percent, plural, short } from '../maths/format';
 import { useJson, type Resource } from '../state/resource';
 import { param, place, setParams } from '../state/router';
@@ -127,7 +127,7 @@ function EvaluationCard({ traversal, list }: { traversal: string; list: readonly
         columns={columns.filter(({ key }) => !['spl_low', 'spl_high', alike ? 'tasks' : ''].includes(key))}
         rows={list}
         rowKey={evaluationKey}
-        rowClass={(e) => (evaluationKey(e) === chosen ? 'chosen' : undefined)}
+        rowClass={(e) => (evaluationKey(e) === chosen ? 'chosen' : isControl(e) ? 'past' : undefined)}
       />
     </Card>
   );

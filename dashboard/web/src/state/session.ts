@@ -59,6 +59,11 @@ export function start(): void {
   });
   live.onBack(reload);
   setInterval(() => (now.value = Date.now()), 1000);
+  // Who comes back to the page, or to the network, does not wait for the end of a back-off.
+  window.addEventListener('online', () => live.retry());
+  document.addEventListener('visibilitychange', () => {
+    if (!document.hidden) live.retry();
+  });
   let refused = true; // the first load is the first turn of this
   effect(() => {
     if (refused && !unauthorised.value) {

@@ -15,7 +15,7 @@ const cells = (line = ''): string[] => [...line.matchAll(/(?:^|,)(?:"([^"]*)"|([
 
 describe.runIf(onMock)('training', () => {
   // A group whose runs have all ended: nothing moves while it is looked at.
-  const ended = (params = ''): string => `training?runs=${encodeURIComponent('features-1830/policy/1')}${params}`;
+  const ended = (params = ''): string => `training?runs=${encodeURIComponent('features-1830/policy/1/1763740800000005')}${params}`;
 
   it('the mean of the seeds stays the same when a seed is hidden', async () => {
     const { page } = await stage.page(ended());
@@ -72,7 +72,7 @@ describe.runIf(onMock)('training', () => {
   });
 
   it('asks for the points of a part of a long run', async () => {
-    const { page } = await stage.page(`training?runs=${encodeURIComponent('pixels-0412/learner/1')}`);
+    const { page } = await stage.page(`training?runs=${encodeURIComponent('pixels-0412/learner/1/1763740800000010')}`);
     await page.waitForSelector('.uplot');
     const box = await page.locator('section[aria-label="Reward"] .u-over').boundingBox();
     if (!box) throw new Error('no plot');
@@ -88,7 +88,7 @@ describe.runIf(onMock)('training', () => {
 
 describe.runIf(onMock)('deployment', () => {
   it('leads from an evaluation to its worst tasks and replays one by keys', async () => {
-    const { page, complaints } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1')}`);
+    const { page, complaints } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}`);
     await page.getByRole('button', { name: 'Worst tasks of place_filter, update 90 on night' }).click();
     const row = page.locator('#episodes tbody tr').first();
     await row.getByRole('cell', { name: 'night', exact: true }).waitFor();
@@ -113,7 +113,7 @@ describe.runIf(onMock)('deployment', () => {
   });
 
   it('says so when the actions of an episode were not kept', async () => {
-    const { page } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1')}&episode=1000097`);
+    const { page } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}&episode=1000097`);
     await page.getByText('Its actions were not kept').waitFor();
     await page.context().close();
   });
