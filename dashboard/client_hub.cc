@@ -89,6 +89,7 @@ void ClientHub::publish(const std::string& topic, nlohmann::json header, std::ve
     const std::lock_guard guard(lock_);
     if (!topics_.count(topic)) return;
   }
+  if (header.is_null()) header = nlohmann::json::object();
   auto message = std::make_shared<Message>();
   message->merge = merge;
   if (merge == Merge::kAppend) {

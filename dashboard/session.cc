@@ -304,7 +304,7 @@ class Session : public Connection, public std::enable_shared_from_this<Session<S
   void tick(Time at) override {
     if (!live_ || !live_->is_open()) return;
     const auto patience = premises_.options.patience;
-    if (heard_ + patience < at || writing_ + patience < at) {
+    if (at - heard_ > patience || at - writing_ > patience) {  // either may be the end of time
       ++premises_.let_go;
       close();
     } else if (next_ping_ <= at && !pinging_) {
@@ -471,9 +471,14 @@ class Session : public Connection, public std::enable_shared_from_this<Session<S
     live_->binary(true);
     live_->set_option(websocket::stream_base::decorator([](websocket::response_type& response) {
       put_strict_headers(response);
-      response.erase(http::field::server);
+      response.set(http::field::server, "citylearn");  // else Beast puts its own there
     }));
-    live_->control_callback([this](websocket::frame_type, beast::string_view) { heard_ = now(); });
+    live_->control_callback([this](websocket::frame_type kind, beast::string_view) {
+      heard_ = now();
+      if (kind != websocket::frame_type::close) return;
+      deadline = heard_ + kLingerTime;  // to take our farewell
+      client_->watch({});
+    });
     co_await live_->async_accept(request, with(error));
     if (error) co_return;
     ++premises_.answers[101];

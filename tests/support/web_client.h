@@ -149,7 +149,7 @@ class WebClient {
         if (!mute) say(frame->payload, 10);
         continue;
       }
-      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now());
+      const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
       if (left.count() <= 0 || !receive(left)) return std::nullopt;
     }
   }
@@ -158,7 +158,7 @@ class WebClient {
   bool ended(std::chrono::milliseconds patience = kPatience) {
     const Clock::time_point deadline = Clock::now() + patience;
     while (!ended_) {
-      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now());
+      const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now());
       if (left.count() <= 0) return false;
       receive(left);
       buffer_.clear();
