@@ -100,28 +100,30 @@ void Recorder::hear(const msg::RunInfo& info) {
   const Sender sender(info.header());
   attempt([&] {
     const bool changed = store_.heard(info);
-    const auto [known, fresh] = policies_.try_emplace(sender);
+    const auto [known, fresh] = jobs_.try_emplace({sender, info.job()});
     Asked& asked = known->second;
     if (changed || fresh) {
       asked = Asked();
-      asked.have = store_.updates(sender);
+      asked.have = store_.updates(sender, info.job());
       asked.complete = Clock::now();
     }
     asked.heard = Clock::now();
     asked.told = std::max(asked.told, info.updates());
     if (changed)
       tell({now_seconds(), sender.run, sender.id, "run",
-            run_name(sender.run, sender.id, info.seed()) + ": " + info.agent().c_str() + ", " +
-                (info.updates() > 0 ? "goes on after update " + std::to_string(info.updates()) : "begins")});
+            std::string(info.agent().c_str()) + ", seed " + std::to_string(info.seed()) +
+                (info.ended()         ? " has ended"
+                 : info.updates() > 0 ? " goes on after update " + std::to_string(info.updates())
+                                      : " begins")});
   });
   wake_at(Clock::now());
 }
 
 void Recorder::hear(const msg::TrainingStat& stat) {
   // Of a process that has not said what it does, they are asked for when it has.
-  const auto policy = policies_.find(Sender(stat.header()));
-  if (policy == policies_.end()) return;
-  Asked& asked = policy->second;
+  const auto job = jobs_.find({Sender(stat.header()), stat.job()});
+  if (job == jobs_.end()) return;
+  Asked& asked = job->second;
   asked.told = std::max(asked.told, stat.update());
   if (asked.have.contains(stat.update())) return;
   if (stat.update() >= asked.first && stat.update() <= asked.last) {
@@ -148,8 +150,8 @@ void Recorder::commit() {
     if (!stats_.empty()) {
       store_.record(stats_);
       for (const msg::TrainingStat& stat : stats_)
-        if (const auto policy = policies_.find(Sender(stat.header())); policy != policies_.end())
-          policy->second.have.add(stat.update());
+        if (const auto job = jobs_.find({Sender(stat.header()), stat.job()}); job != jobs_.end())
+          job->second.have.add(stat.update());
       stats_.clear();
     }
     if (!episodes_.empty()) {
@@ -198,7 +200,8 @@ void Recorder::turn() {
 
 void Recorder::ask() {
   const Clock::time_point now = Clock::now();
-  for (auto& [sender, asked] : policies_) {
+  for (auto& [job, asked] : jobs_) {
+    const Sender& sender = job.first;
     if (now - asked.heard > options_.policy_silence) continue;
     const auto gap = asked.have.gap(asked.told);
     if (!gap) {
@@ -238,6 +241,7 @@ void Recorder::ask() {
     msg::TrainingStatRequest request;
     request.policy(sender.id);
     request.policy_incarnation(sender.incarnation);
+    request.job(job.second);
     request.first(asked.first);
     request.last(asked.last);
     send(request, sender.run);

@@ -49,7 +49,7 @@ class Recorder {
   bool failing() const { return failing_; }             ///< the store cannot be written
 
  private:
-  /// What is asked of a policy_service's process.
+  /// What is asked of a policy_service's process about its job.
   struct Asked {
     NumberSet have;           ///< updates, recorded or not to be had
     std::uint64_t told = 0;   ///< updates it has made
@@ -81,8 +81,8 @@ class Recorder {
   Clock::time_point first_waits_;               // the first of them came
   std::set<Sender> environments_;               // heard of
   std::set<Sender> senders_;                    // env_services that sent episodes: they know of this recorder
-  std::map<Sender, Asked> policies_;
-  std::map<std::string, std::uint64_t> written_;  // messages sent, by topic
+  std::map<std::pair<Sender, std::uint64_t>, Asked> jobs_;  // of policy_services
+  std::map<std::string, std::uint64_t> written_;            // messages sent, by topic
   Clock::time_point due_, next_try_;
   bool failing_ = false;
   std::uint64_t recorded_ = 0;

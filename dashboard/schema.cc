@@ -22,9 +22,10 @@ const char* const kFirst = R"(
 -- What the page calls a run: a training or evaluation of one policy_service, or what no policy_service claims.
 CREATE TABLE runs (
   id INTEGER PRIMARY KEY,
-  name TEXT NOT NULL UNIQUE,           -- <run>/<policy id>/<seed>, or <run>
+  name TEXT NOT NULL UNIQUE,           -- the ID of the API
   run TEXT NOT NULL,                   -- as in the messages' headers
-  policy TEXT,                         -- id of the policy_service; NULL: nobody claims it
+  job INTEGER,                         -- as in RunInfo; NULL: what belongs to no job that was heard of
+  policy TEXT,                         -- id of the policy_service
   seed INTEGER,
   agent TEXT,
   learner TEXT,
@@ -34,20 +35,9 @@ CREATE TABLE runs (
   started REAL NOT NULL,
   last REAL NOT NULL,                  -- heard of it, at least; written now and then
   ended INTEGER NOT NULL DEFAULT 0,    -- it said so
-  recorded INTEGER NOT NULL DEFAULT 0  -- its rows of `episodes`
+  recorded INTEGER NOT NULL DEFAULT 0, -- its rows of `episodes`
+  UNIQUE (run, job)
 );
--- Who claims which settings: a policy_service's process.
-CREATE TABLE processes (
-  wire TEXT NOT NULL,                  -- run, as in the messages' headers
-  policy TEXT NOT NULL,
-  incarnation INTEGER NOT NULL,
-  run INTEGER NOT NULL REFERENCES runs ON DELETE CASCADE,
-  last INTEGER NOT NULL,               -- microseconds since 1970, heard of it
-  actors INTEGER NOT NULL,             -- has some, whose settings carry the time at which they took charge
-  ended INTEGER NOT NULL,              -- it said so
-  PRIMARY KEY (wire, policy, incarnation)
-) WITHOUT ROWID;
-CREATE INDEX processes_of_run ON processes (run);
 -- A process of an env_service, whose episodes are numbered from 1 without gaps.
 CREATE TABLE sources (
   id INTEGER PRIMARY KEY,
@@ -75,8 +65,7 @@ CREATE TABLE episodes (
   run INTEGER NOT NULL REFERENCES runs,
   source INTEGER NOT NULL REFERENCES sources,
   episode INTEGER NOT NULL,
-  settings INTEGER NOT NULL,           -- SettingsId.incarnation
-  version INTEGER NOT NULL,            -- SettingsId.version
+  job INTEGER NOT NULL,
   agent INTEGER NOT NULL,
   evaluation INTEGER NOT NULL,
   task INTEGER NOT NULL,

@@ -95,7 +95,8 @@ class Statement {
 /// All or nothing: what was not committed when it leaves its scope is undone.
 class Transaction {
  public:
-  explicit Transaction(Database& database);
+  enum class Kind { kWrite, kRead };  ///< what is read in one is of one moment
+  explicit Transaction(Database& database, Kind kind = Kind::kWrite);
   ~Transaction();
   Transaction(const Transaction&) = delete;
   Transaction& operator=(const Transaction&) = delete;

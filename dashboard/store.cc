@@ -8,7 +8,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstring>
-#include <nlohmann/json.hpp>
 #include <set>
 
 #include "dashboard/schema.h"
@@ -22,9 +21,8 @@ constexpr std::uint64_t kMostEpisodes = std::uint64_t{1} << 62;
 constexpr int kUpdateBits = 40;  // of training.key
 constexpr std::uint64_t kMostUpdates = (std::uint64_t{1} << kUpdateBits) - 1;
 
-constexpr double kFlushEvery = 5;                    // seconds
-constexpr double kSilence = 5;                       // seconds without a RunInfo: the run is not running
-constexpr std::uint64_t kClocksDiffer = 10'000'000;  // microseconds, between hosts
+constexpr double kFlushEvery = 5;  // seconds
+constexpr double kSilence = 5;     // seconds without a RunInfo: the run is not running
 
 std::int64_t key_of(std::int64_t run, std::uint64_t update) {
   return (run << kUpdateBits) + static_cast<std::int64_t>(update);
@@ -73,26 +71,20 @@ double spl_of(const msg::EpisodeStat& episode) {
   return longer > 0 ? episode.shortest() / longer : 1;
 }
 
-/// Settings of a learner's actors carry the time at which they took charge, not their process's start.
-bool has_actors(const std::string& manifest) {
-  const nlohmann::json json = nlohmann::json::parse(manifest, nullptr, false);
-  return json.is_object() && json.contains("role") && json["role"] == "learner";
-}
-
 std::string escaped(const std::string& name) {
   std::string text;
   for (const char c : name) text += c == '/' ? "%2F" : c == '%' ? "%25" : std::string(1, c);
   return text;
 }
 
-/// A policy_service's process and the run that it makes now.
-struct Process {
+/// A run, as far as new messages are compared with it.
+struct Job {
   std::int64_t run = 0;
-  std::uint64_t last = 0;  // microseconds since 1970
+  std::string policy;
+  std::uint64_t incarnation = 0;  // newest process that told of it
+  std::uint64_t message = 0;      // number of its newest RunInfo
   std::uint64_t updates = 0;
-  std::uint64_t message = 0;  // number of its RunInfo
-  std::uint64_t least = 0;    // of its updates that are recorded; 0: none is
-  bool actors = false;
+  std::uint64_t least = 0;  // of that process's updates that are recorded; 0: none is
   bool ended = false;
   std::string agent, learner, manifest;
 };
@@ -105,9 +97,12 @@ struct Source {
 
 }  // namespace
 
-std::string run_name(const std::string& run, const std::string& policy, std::uint64_t seed) {
-  return policy.empty() ? escaped(run) : escaped(run) + "/" + escaped(policy) + "/" + std::to_string(seed);
+std::string run_id(const msg::RunInfo& info) {
+  return escaped(info.header().run().c_str()) + "/" + escaped(info.header().sender().c_str()) + "/" +
+         std::to_string(info.seed()) + "/" + std::to_string(info.job());
 }
+
+std::string run_id(const std::string& run) { return escaped(run); }
 
 double now_seconds() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -116,8 +111,8 @@ double now_seconds() {
 struct Store::Inside {
   explicit Inside(const Options& options) : lock(options.path), database(opened(options), Database::Mode::kWrite) {
     prepared(database, options.most_bytes);
-    prepare_statements();
-    load_processes();
+    statements = std::make_unique<Statements>(database);
+    load_jobs();
   }
 
   static const std::string& opened(const Options& options) {
@@ -125,23 +120,20 @@ struct Store::Inside {
     return options.path;
   }
 
-  using ProcessKey = std::pair<std::uint64_t, std::string>;  // incarnation, policy
-  using SourceKey = Sender;
+  using JobKey = std::pair<std::string, std::uint64_t>;  // run, as in headers, and job
 
-  void prepare_statements();
-  void load_processes();
+  void load_jobs();
   Source& source(const Sender& environment);
-  Process* find(const Sender& policy);
-  std::int64_t run_of_settings(const std::string& wire, std::uint64_t incarnation);
-  std::int64_t unclaimed(const std::string& wire);
-  void claim(const std::string& wire, std::uint64_t incarnation, const Process& process);
+  Job* find(const std::string& run, std::uint64_t job);
+  std::int64_t unclaimed(const std::string& run);
+  void claim(const std::string& run, std::uint64_t number, const Job& job);
 
   struct Statements {
     explicit Statements(Database& d);
     Statement find_source, add_source, source_episodes, source_progress, describe_source;
     Statement add_episode, add_run_source, count_episodes;
-    Statement find_run, add_run, add_unclaimed, find_unclaimed, run_again, run_pulse, run_ended, process, process_pulse;
-    Statement claim_exactly, claim_since, claim_sources, count_again;
+    Statement add_run, add_unclaimed, find_unclaimed, run_again, run_pulse, run_ended;
+    Statement claim_episodes, claim_sources, count_again;
     Statement add_training, drop_training_from, drop_training_beyond, process_updates, least_update;
     Statement add_event, events;
   };
@@ -149,12 +141,10 @@ struct Store::Inside {
   Lock lock;
   Database database;
   std::unique_ptr<Statements> statements;
-  std::map<std::string, std::map<ProcessKey, Process>> processes;  // by run, as in headers
-  std::map<SourceKey, Source> sources;
-  std::map<std::pair<std::string, std::uint64_t>, std::int64_t> runs_of_settings;  // run_of_settings(), remembered
+  std::map<JobKey, Job> jobs;
+  std::map<Sender, Source> sources;
   std::map<std::string, std::int64_t> unclaimed_runs;
   std::set<std::pair<std::int64_t, std::int64_t>> run_sources;  // those in the table
-  std::map<std::int64_t, std::uint64_t> newest;                 // incarnation, by run
   std::map<std::int64_t, Pulse> pulses;
   std::map<std::int64_t, double> unwritten;  // runs whose pulse is newer than the file's, since
 };
@@ -170,29 +160,21 @@ Store::Inside::Statements::Statements(Database& d)
                       "UPDATE sources SET dataset = ?, traversal = ?, condition = ?, hash = ?, frames = ?, "
                       "agents = ?, images = ? WHERE id = ?"),
       add_episode(d,
-                  "INSERT INTO episodes (run, source, episode, settings, version, agent, evaluation, task, "
+                  "INSERT INTO episodes (run, source, episode, job, agent, evaluation, task, "
                   "traversal, policy, \"update\", shuffled, start, goal, steps, shortest, reward, completed, spl, "
-                  "recorded, path) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
+                  "recorded, path) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "
                   "ON CONFLICT DO NOTHING"),
       add_run_source(d, "INSERT OR IGNORE INTO run_sources (run, source) VALUES (?, ?)"),
       count_episodes(d, "UPDATE runs SET recorded = recorded + ?2, last = MAX(last, ?3) WHERE id = ?1"),
-      find_run(d, "SELECT id, incarnation FROM runs WHERE name = ?"),
-      add_run(d, "INSERT INTO runs (name, run, policy, seed, started, last) VALUES (?1, ?2, ?3, ?4, ?5, ?5)"),
+      add_run(d, "INSERT INTO runs (name, run, job, policy, seed, started, last) VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?6)"),
       add_unclaimed(d, "INSERT INTO runs (name, run, started, last) VALUES (?1, ?2, ?3, ?3)"),
-      find_unclaimed(d, "SELECT id FROM runs WHERE run = ? AND policy IS NULL"),
+      find_unclaimed(d, "SELECT id FROM runs WHERE run = ? AND job IS NULL"),
       run_again(d,
                 "UPDATE runs SET incarnation = ?2, agent = ?3, learner = ?4, updates = ?5, manifest = ?6, last = ?7, "
-                "ended = 0 WHERE id = ?1"),
+                "ended = ?8 WHERE id = ?1"),
       run_pulse(d, "UPDATE runs SET last = MAX(last, ?2), updates = ?3 WHERE id = ?1"),
       run_ended(d, "UPDATE runs SET ended = 1, last = MAX(last, ?2) WHERE id = ?1"),
-      process(d,
-              "INSERT INTO processes (wire, policy, incarnation, run, last, actors, ended) "
-              "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7) ON CONFLICT DO UPDATE SET run = ?4, last = ?5, actors = ?6, "
-              "ended = ?7"),
-      process_pulse(d,
-                    "UPDATE processes SET last = ?4, ended = ?5 WHERE wire = ?1 AND policy = ?2 AND incarnation = ?3"),
-      claim_exactly(d, "UPDATE episodes SET run = ?2 WHERE run = ?1 AND settings = ?3"),
-      claim_since(d, "UPDATE episodes SET run = ?2 WHERE run = ?1 AND settings >= ?3"),
+      claim_episodes(d, "UPDATE episodes SET run = ?2 WHERE run = ?1 AND job = ?3"),
       claim_sources(d, "INSERT OR IGNORE INTO run_sources SELECT DISTINCT run, source FROM episodes WHERE run = ?"),
       count_again(d, "UPDATE runs SET recorded = recorded + ?2 WHERE id = ?1"),
       add_training(d,
@@ -207,33 +189,26 @@ Store::Inside::Statements::Statements(Database& d)
       add_event(d, "INSERT INTO events (time, run, service, kind, text) VALUES (?, ?, ?, ?, ?)"),
       events(d, "SELECT time, run, service, kind, text FROM events ORDER BY id DESC LIMIT ?") {}
 
-void Store::Inside::prepare_statements() { statements = std::make_unique<Statements>(database); }
-
-void Store::Inside::load_processes() {
-  processes.clear();
-  runs_of_settings.clear();
+void Store::Inside::load_jobs() {
+  jobs.clear();
   unclaimed_runs.clear();
   run_sources.clear();
-  newest.clear();
-  Statement runs(database, "SELECT id, incarnation FROM runs");
-  while (runs.step()) newest[runs.number(0)] = static_cast<std::uint64_t>(runs.number(1));
-  Statement all(
-      database,
-      "SELECT p.wire, p.policy, p.incarnation, p.run, p.last, p.actors, p.ended, r.updates, r.agent, r.learner, "
-      "r.manifest FROM processes p JOIN runs r ON r.id = p.run");
+  Statement all(database,
+                "SELECT run, job, id, policy, incarnation, updates, ended, agent, learner, manifest FROM runs "
+                "WHERE job IS NOT NULL");
   while (all.step()) {
-    Process& process = processes[all.text(0)][{static_cast<std::uint64_t>(all.number(2)), all.text(1)}];
-    process.run = all.number(3);
-    process.last = static_cast<std::uint64_t>(all.number(4));
-    process.actors = all.number(5) != 0;
-    process.ended = all.number(6) != 0;
-    process.updates = static_cast<std::uint64_t>(all.number(7));
-    process.agent = all.text(8);
-    process.learner = all.text(9);
-    process.manifest = all.text(10);
+    Job& job = jobs[{all.text(0), static_cast<std::uint64_t>(all.number(1))}];
+    job.run = all.number(2);
+    job.policy = all.text(3);
+    job.incarnation = static_cast<std::uint64_t>(all.number(4));
+    job.updates = static_cast<std::uint64_t>(all.number(5));
+    job.ended = all.number(6) != 0;
+    job.agent = all.text(7);
+    job.learner = all.text(8);
+    job.manifest = all.text(9);
     Statement& least = statements->least_update;
-    least.bind(1, key_of(process.run, 1)).bind(2, key_of(process.run, kMostUpdates)).bind(3, all.number(2));
-    if (least.step()) process.least = update_of(least.number(0));
+    least.bind(1, key_of(job.run, 1)).bind(2, key_of(job.run, kMostUpdates)).bind(3, job.incarnation);
+    if (least.step()) job.least = update_of(least.number(0));
     least.reset();
   }
 }
@@ -255,51 +230,31 @@ Source& Store::Inside::source(const Sender& environment) {
   return sources.emplace(environment, std::move(source)).first->second;
 }
 
-Process* Store::Inside::find(const Sender& policy) {
-  const auto wire = processes.find(policy.run);
-  if (wire == processes.end()) return nullptr;
-  const auto process = wire->second.find({policy.incarnation, policy.id});
-  return process == wire->second.end() ? nullptr : &process->second;
+Job* Store::Inside::find(const std::string& run, std::uint64_t job) {
+  const auto known = jobs.find({run, job});
+  return known == jobs.end() ? nullptr : &known->second;
 }
 
-std::int64_t Store::Inside::unclaimed(const std::string& wire) {
-  auto [known, fresh] = unclaimed_runs.try_emplace(wire, 0);
+/// 0 when there is no row for it yet.
+std::int64_t Store::Inside::unclaimed(const std::string& run) {
+  auto [known, fresh] = unclaimed_runs.try_emplace(run, 0);
   if (!fresh) return known->second;
   Statements& s = *statements;
-  s.find_unclaimed.bind(1, wire);
+  s.find_unclaimed.bind(1, run);
   if (s.find_unclaimed.step()) known->second = s.find_unclaimed.number(0);
   s.find_unclaimed.reset();
   return known->second;
 }
 
-/// 0 when nobody claims them and there is no row for those yet.
-std::int64_t Store::Inside::run_of_settings(const std::string& wire, std::uint64_t incarnation) {
-  const auto known = runs_of_settings.find({wire, incarnation});
-  if (known != runs_of_settings.end()) return known->second;
-  std::int64_t run = 0;
-  if (const auto all = processes.find(wire); all != processes.end() && incarnation > 0) {
-    for (const auto& [key, process] : all->second) {
-      if (key.first == incarnation) {
-        run = process.run;
-        break;
-      }
-      // Whoever started last, as long as it was there.
-      if (process.actors && key.first < incarnation && incarnation <= process.last + kClocksDiffer) run = process.run;
-    }
-  }
-  if (run == 0) return unclaimed(wire);
-  return runs_of_settings[{wire, incarnation}] = run;
-}
-
-void Store::Inside::claim(const std::string& wire, std::uint64_t incarnation, const Process& process) {
-  const std::int64_t nobody = unclaimed(wire);
+/// Episodes may come before their RunInfo.
+void Store::Inside::claim(const std::string& run, std::uint64_t number, const Job& job) {
+  const std::int64_t nobody = unclaimed(run);
   if (nobody == 0) return;
-  Statement& claiming = process.actors ? statements->claim_since : statements->claim_exactly;
-  claiming.bind(1, nobody).bind(2, process.run).bind(3, incarnation).run();
+  statements->claim_episodes.bind(1, nobody).bind(2, job.run).bind(3, number).run();
   const std::int64_t claimed = database.changes();
   if (claimed == 0) return;
-  statements->claim_sources.bind(1, process.run).run();
-  statements->count_again.bind(1, process.run).bind(2, claimed).run();
+  statements->claim_sources.bind(1, job.run).run();
+  statements->count_again.bind(1, job.run).bind(2, claimed).run();
   statements->count_again.bind(1, nobody).bind(2, -claimed).run();
 }
 
@@ -359,11 +314,12 @@ std::size_t Store::record(std::span<const msg::EpisodeStat> episodes, std::vecto
     }
     if (!source.episodes.add(episode.episode())) continue;
     changed = true;
-    std::int64_t run = in.run_of_settings(sender.run, episode.settings().incarnation());
+    const Job* job = in.find(sender.run, episode.job());
+    std::int64_t run = job ? job->run : in.unclaimed(sender.run);
     if (run == 0) {
       std::int64_t& made = new_runs[sender.run];
       if (made == 0) {
-        const std::string name = run_name(sender.run, "", 0);
+        const std::string name = run_id(sender.run);
         s.add_unclaimed.bind(1, name).bind(2, sender.run).bind(3, now).run();
         made = in.database.last_rowid();
       }
@@ -372,27 +328,26 @@ std::size_t Store::record(std::span<const msg::EpisodeStat> episodes, std::vecto
     s.add_episode.bind(1, run)
         .bind(2, source.id)
         .bind(3, episode.episode())
-        .bind(4, episode.settings().incarnation())
-        .bind(5, episode.settings().version())
-        .bind(6, episode.agent())
-        .bind(7, episode.evaluation())
-        .bind(8, episode.task())
-        .bind(9, episode.traversal().c_str())
-        .bind(10, episode.policy().c_str())
-        .bind(11, episode.update())
-        .bind(12, episode.shuffled())
-        .bind(13, episode.start())
-        .bind(14, episode.goal())
-        .bind(15, episode.steps())
-        .bind(16, episode.shortest())
-        .bind(17, episode.reward())
-        .bind(18, episode.completed())
-        .bind(19, spl_of(episode))
-        .bind(20, now);
+        .bind(4, episode.job())
+        .bind(5, episode.agent())
+        .bind(6, episode.evaluation())
+        .bind(7, episode.task())
+        .bind(8, episode.traversal().c_str())
+        .bind(9, episode.policy().c_str())
+        .bind(10, episode.update())
+        .bind(11, episode.shuffled())
+        .bind(12, episode.start())
+        .bind(13, episode.goal())
+        .bind(14, episode.steps())
+        .bind(15, episode.shortest())
+        .bind(16, episode.reward())
+        .bind(17, episode.completed())
+        .bind(18, spl_of(episode))
+        .bind(19, now);
     if (episode.steps() == 0) {
-      s.add_episode.bind(21, std::string_view());  // nothing done is not nothing known
+      s.add_episode.bind(20, std::string_view());  // nothing done is not nothing known
     } else {
-      s.add_episode.bind(21, std::span<const std::uint8_t>(episode.path()));
+      s.add_episode.bind(20, std::span<const std::uint8_t>(episode.path()));
     }
     s.add_episode.run();
     if (in.database.changes() == 0) continue;
@@ -451,97 +406,71 @@ bool Store::heard(const msg::RunInfo& info) {
   Inside::Statements& s = *in.statements;
   const Sender sender(info.header());
   const double now = now_seconds();
-  const auto now_microseconds = static_cast<std::uint64_t>(now * 1e6);
-  const std::string name = run_name(sender.run, sender.id, info.seed());
-  const std::uint64_t updates = std::min(info.updates(), kMostUpdates);
-  s.find_run.bind(1, name);
-  std::int64_t run = 0, incarnation = 0;
-  if (s.find_run.step()) {
-    run = s.find_run.number(0);
-    incarnation = s.find_run.number(1);
-    s.find_run.reset();
+  Job* known = in.find(sender.run, info.job());
+  // Kept for late joiners by its predecessor, or overtaken on the way.
+  if (known && std::pair(sender.incarnation, info.header().message()) <= std::pair(known->incarnation, known->message))
+    return false;
+  Job job;
+  if (known) job = *known;
+  const bool successor = !known || known->incarnation != sender.incarnation;
+  job.policy = sender.id;
+  job.incarnation = sender.incarnation;
+  job.message = info.header().message();
+  job.updates = std::min(info.updates(), kMostUpdates);
+  job.agent = info.agent().c_str();
+  job.learner = info.learner().c_str();
+  job.manifest.assign(info.manifest().begin(), info.manifest().end());
+  job.ended = info.ended() || (job.ended && !successor);
+  if (successor) job.least = 0;
+  if (!successor && job.agent == known->agent && job.learner == known->learner && job.manifest == known->manifest &&
+      job.ended == known->ended) {
+    *known = std::move(job);
+    in.pulses[known->run] = {now, known->updates};
+    in.unwritten.try_emplace(known->run, now);
+    return false;
   }
-  if (run != 0 && static_cast<std::uint64_t>(incarnation) > sender.incarnation) return false;  // kept for late joiners
-  Process* known = in.find(sender);
-  if (known && info.header().message() < known->message) return false;
-  Process process;
-  process.run = run;
-  process.message = info.header().message();
-  process.last = now_microseconds;
-  process.updates = updates;
-  process.agent = info.agent().c_str();
-  process.learner = info.learner().c_str();
-  process.manifest.assign(info.manifest().begin(), info.manifest().end());
-  if (known && known->run == run && run != 0) {
-    if (known->agent == process.agent && known->learner == process.learner && known->manifest == process.manifest) {
-      known->message = process.message;
-      known->last = now_microseconds;
-      known->updates = std::max(known->updates, updates);
-      Pulse& pulse = in.pulses[run];
-      pulse.last = now;
-      pulse.updates = known->updates;
-      in.unwritten.try_emplace(run, now);
-      return false;
-    }
-    process.ended = known->ended;
-    process.least = known->least;
-  }
-  process.actors = has_actors(process.manifest);
   Transaction all(in.database);
-  if (run == 0) {
-    s.add_run.bind(1, name).bind(2, sender.run).bind(3, sender.id).bind(4, info.seed()).bind(5, now).run();
-    process.run = run = in.database.last_rowid();
+  if (!known) {
+    const std::string name = run_id(info);
+    s.add_run.bind(1, name)
+        .bind(2, sender.run)
+        .bind(3, info.job())
+        .bind(4, sender.id)
+        .bind(5, info.seed())
+        .bind(6, now);
+    s.add_run.run();
+    job.run = in.database.last_rowid();
   }
-  s.run_again.bind(1, run)
-      .bind(2, sender.incarnation)
-      .bind(3, process.agent)
-      .bind(4, process.learner)
-      .bind(5, updates)
-      .bind(6, process.manifest)
+  s.run_again.bind(1, job.run)
+      .bind(2, job.incarnation)
+      .bind(3, job.agent)
+      .bind(4, job.learner)
+      .bind(5, job.updates)
+      .bind(6, job.manifest)
       .bind(7, now)
+      .bind(8, job.ended)
       .run();
-  // A process that makes one run after the other has done with the one before.
-  if (known && known->run != run) s.run_ended.bind(1, known->run).bind(2, 0.0).run();
-  s.process.bind(1, sender.run)
-      .bind(2, sender.id)
-      .bind(3, sender.incarnation)
-      .bind(4, run)
-      .bind(5, now_microseconds)
-      .bind(6, process.actors)
-      .bind(7, process.ended)
-      .run();
-  if (process.ended) s.run_ended.bind(1, run).bind(2, now).run();
   // It begins with what it has: what its predecessors did beyond that is another story.
-  if (static_cast<std::uint64_t>(incarnation) < sender.incarnation)
-    s.drop_training_beyond.bind(1, key_of(run, updates)).bind(2, key_of(run, kMostUpdates)).run();
-  in.claim(sender.run, sender.incarnation, process);
+  if (successor && known)
+    s.drop_training_beyond.bind(1, key_of(job.run, job.updates)).bind(2, key_of(job.run, kMostUpdates)).run();
+  if (!known) in.claim(sender.run, info.job(), job);
   all.commit();
-  in.processes[sender.run][{sender.incarnation, sender.id}] = process;
-  in.newest[run] = sender.incarnation;
-  in.runs_of_settings.clear();
   in.run_sources.clear();
-  in.pulses[run] = {now, updates};
-  in.unwritten.erase(run);
+  in.pulses[job.run] = {now, job.updates};
+  in.unwritten.erase(job.run);
+  in.jobs[{sender.run, info.job()}] = std::move(job);
   return true;
 }
 
 void Store::ended(const Sender& policy) {
   std::lock_guard lock(mutex_);
   Inside& in = *inside_;
-  Process* process = in.find(policy);
-  if (!process || process->ended) return;
-  Inside::Statements& s = *in.statements;
-  const double now = now_seconds();
-  Transaction all(in.database);
-  s.run_ended.bind(1, process->run).bind(2, now).run();
-  s.process_pulse.bind(1, policy.run)
-      .bind(2, policy.id)
-      .bind(3, policy.incarnation)
-      .bind(4, process->last)
-      .bind(5, true);
-  s.process_pulse.run();
-  all.commit();
-  process->ended = true;
+  for (auto& [key, job] : in.jobs) {
+    if (job.ended || key.first != policy.run || job.policy != policy.id || job.incarnation != policy.incarnation)
+      continue;
+    in.statements->run_ended.bind(1, job.run).bind(2, now_seconds()).run();
+    job.ended = true;
+  }
 }
 
 std::size_t Store::record(std::span<const msg::TrainingStat> stats) {
@@ -549,22 +478,21 @@ std::size_t Store::record(std::span<const msg::TrainingStat> stats) {
   Inside& in = *inside_;
   Inside::Statements& s = *in.statements;
   std::size_t taken = 0;
-  std::map<Sender, std::uint64_t> leasts;  // of those who sent some
+  std::map<Job*, std::uint64_t> leasts;  // of those who sent some
   Transaction all(in.database);
   for (const msg::TrainingStat& stat : stats) {
     if (stat.update() == 0 || stat.update() > kMostUpdates) continue;
-    const Sender sender(stat.header());
-    const Process* process = in.find(sender);
-    if (!process || in.newest[process->run] != sender.incarnation) continue;
-    const std::int64_t key = key_of(process->run, stat.update());
-    std::uint64_t& least = leasts.try_emplace(sender, process->least).first->second;
+    Job* job = in.find(stat.header().run().c_str(), stat.job());
+    if (!job || job->incarnation != stat.header().incarnation()) continue;
+    const std::int64_t key = key_of(job->run, stat.update());
+    std::uint64_t& least = leasts.try_emplace(job, job->least).first->second;
     if (least == 0 || stat.update() < least) {
       // From here on the story is this process's.
-      s.drop_training_from.bind(1, key).bind(2, key_of(process->run, kMostUpdates)).bind(3, sender.incarnation).run();
+      s.drop_training_from.bind(1, key).bind(2, key_of(job->run, kMostUpdates)).bind(3, job->incarnation).run();
       least = stat.update();
     }
     s.add_training.bind(1, key)
-        .bind(2, sender.incarnation)
+        .bind(2, job->incarnation)
         .bind(3, stat.steps())
         .bind(4, stat.episodes())
         .bind(5, stat.wall())
@@ -584,17 +512,17 @@ std::size_t Store::record(std::span<const msg::TrainingStat> stats) {
     ++taken;
   }
   all.commit();
-  for (const auto& [sender, least] : leasts) in.find(sender)->least = least;
+  for (const auto& [job, least] : leasts) job->least = least;
   return taken;
 }
 
-NumberSet Store::updates(const Sender& policy) {
+NumberSet Store::updates(const Sender& policy, std::uint64_t number) {
   std::lock_guard lock(mutex_);
   NumberSet updates;
-  const Process* process = inside_->find(policy);
-  if (!process) return updates;
+  const Job* job = inside_->find(policy.run, number);
+  if (!job) return updates;
   Statement& all = inside_->statements->process_updates;
-  all.bind(1, key_of(process->run, 1)).bind(2, key_of(process->run, kMostUpdates)).bind(3, policy.incarnation);
+  all.bind(1, key_of(job->run, 1)).bind(2, key_of(job->run, kMostUpdates)).bind(3, policy.incarnation);
   while (all.step()) updates.add(update_of(all.number(0)));
   return updates;
 }
@@ -626,14 +554,20 @@ Store::Removal Store::remove(const std::string& name) {
       changes = inside_->database.changes();
     }
   };
+  const auto running = [&] {
+    Inside& in = *inside_;
+    Statement row(in.database, "SELECT ended, last FROM runs WHERE id = ?");
+    row.bind(1, run);
+    const auto pulse = in.pulses.find(run);
+    return row.step() && row.number(0) == 0 &&
+           now_seconds() - std::max(row.real(1), pulse == in.pulses.end() ? 0 : pulse->second.last) < kSilence;
+  };
   {
     std::lock_guard lock(mutex_);
-    Inside& in = *inside_;
-    Statement found(in.database, "SELECT id, ended, last FROM runs WHERE name = ?");
+    Statement found(inside_->database, "SELECT id FROM runs WHERE name = ?");
     if (!found.bind(1, name).step()) return Removal::kUnknown;
     run = found.number(0);
-    const double last = std::max(found.real(2), in.pulses[run].last);
-    if (found.number(1) == 0 && now_seconds() - last < kSilence) return Removal::kRunning;
+    if (running()) return Removal::kRunning;
   }
   in_slices("DELETE FROM episodes WHERE id IN (SELECT id FROM episodes WHERE run = ? LIMIT ?)");
   in_slices(
@@ -642,14 +576,13 @@ Store::Removal Store::remove(const std::string& name) {
       "LIMIT ?2)");
   std::lock_guard lock(mutex_);
   Inside& in = *inside_;
-  // Goes on after all: then what is left of it stays.
-  if (now_seconds() - in.pulses[run].last < kSilence) return Removal::kRunning;
+  if (running()) return Removal::kRunning;  // it goes on after all: then what is left of it stays
   Transaction all(in.database);
   Statement(in.database, "DELETE FROM runs WHERE id = ?").bind(1, run).run();
   all.commit();
   in.pulses.erase(run);
   in.unwritten.erase(run);
-  in.load_processes();
+  in.load_jobs();
   return Removal::kDone;
 }
 
@@ -671,12 +604,6 @@ void Store::flush(bool at_once) {
     const Pulse& pulse = in.pulses[run];
     in.statements->run_pulse.bind(1, run).bind(2, pulse.last).bind(3, pulse.updates).run();
   }
-  for (const auto& [wire, list] : in.processes)
-    for (const auto& [key, process] : list)
-      if (in.unwritten.contains(process.run) && in.newest[process.run] == key.first) {
-        in.statements->process_pulse.bind(1, wire).bind(2, key.second).bind(3, key.first).bind(4, process.last);
-        in.statements->process_pulse.bind(5, process.ended).run();
-      }
   all.commit();
   in.unwritten.clear();
 }

@@ -32,8 +32,10 @@ struct Sender {
   auto operator<=>(const Sender&) const = default;
 };
 
-/// Name of a run on the page: RUN/POLICY/SEED, or RUN where `policy` is empty. '/' and '%' in names are escaped.
-std::string run_name(const std::string& run, const std::string& policy, std::uint64_t seed);
+/// ID of a run in the API: RUN/POLICY/SEED/JOB. '/' and '%' in names are escaped.
+std::string run_id(const msg::RunInfo& info);
+/// ID of what belongs to no job that was heard of: RUN.
+std::string run_id(const std::string& run);
 
 /// What the dashboard knows for good: runs, episodes, training statistics and events, in one SQLite file that survives
 /// kill -9 and a full disk. This is its one writer; readers have connections of their own (store_reader.h). A method
@@ -64,13 +66,13 @@ class Store {
   /// A run begins or goes on. Episodes that came before it are claimed. Returns true when it was not known in this form
   /// (new, resumed, other options).
   bool heard(const msg::RunInfo& info);
-  /// The policy_service said that it ends.
+  /// The policy_service said that it ends, and with it the job that it was at.
   void ended(const Sender& policy);
-  /// Rows of updates, of the newest process of a run that was heard of; others are left out. A process that goes back
+  /// Rows of updates, of the newest process of a job that was heard of; others are left out. A process that goes back
   /// to an older checkpoint takes the place of its predecessors from its first update on. Returns how many it took.
   std::size_t record(std::span<const msg::TrainingStat> stats);
-  /// Updates that are recorded of this process.
-  NumberSet updates(const Sender& policy);
+  /// Updates of the job that this process made and that are recorded.
+  NumberSet updates(const Sender& policy, std::uint64_t job);
   void record(const Event& event);
   /// Newest first.
   std::vector<Event> events(std::size_t limit);
