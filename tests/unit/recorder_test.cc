@@ -234,33 +234,37 @@ TEST_F(RecorderTest, LeavesOnlyWhenToldTo) {
 
 TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpace) {
   ScriptedEnvironment env = environment();
-  store_options_.most_bytes = 250'000;
-  {
-    const auto dashboard = desk();
-    ASSERT_TRUE(until(
-        [&] {
-          if (env.kept.empty()) env.finish_episodes(500);
-          return dashboard->recorder.failing();
-        },
-        env, *dashboard));
-    EXPECT_TRUE(dashboard->told("nothing is recorded"));
-    const int acknowledgements = env.acknowledgements;
-    const std::int64_t recorded = number("SELECT COUNT(*) FROM episodes");
-    const Clock::time_point later = Clock::now() + std::chrono::milliseconds(200);
-    ASSERT_TRUE(until([&] { return Clock::now() >= later; }, env, *dashboard));
-    EXPECT_TRUE(dashboard->recorder.failing());
-    EXPECT_EQ(env.acknowledgements, acknowledgements);
-    EXPECT_EQ(env.acknowledged, static_cast<std::uint64_t>(recorded));
-    EXPECT_EQ(std::count_if(dashboard->events.begin(), dashboard->events.end(),
-                            [](const Event& event) { return event.kind == "alarm"; }),
-              1)
-        << "said once";
-    dashboard->recorder.finish(false);
-  }
-  store_options_.most_bytes = 0;
+  store_options_.most_bytes = 400'000;
   const auto dashboard = desk();
+  // An old run, to be removed when space is needed.
+  msg::RunInfo old = run_info(0, 400, 1, 1, kJob - 1);
+  old.ended(true);
+  dashboard->store.heard(old);
+  std::vector<msg::EpisodeStat> past = episodes(1, 500, "env-past");
+  for (msg::EpisodeStat& one : past) one.job(kJob - 1);
+  dashboard->store.record(past);
+  ASSERT_TRUE(until(
+      [&] {
+        if (env.kept.empty()) env.finish_episodes(300);
+        return dashboard->recorder.failing();
+      },
+      env, *dashboard));
+  EXPECT_TRUE(dashboard->told("nothing is recorded"));
+  const int acknowledgements = env.acknowledgements;
+  const std::int64_t recorded = number("SELECT COUNT(*) FROM episodes") - 500;
+  const Clock::time_point later = Clock::now() + std::chrono::milliseconds(200);
+  ASSERT_TRUE(until([&] { return Clock::now() >= later; }, env, *dashboard));
+  EXPECT_TRUE(dashboard->recorder.failing());
+  EXPECT_EQ(env.acknowledgements, acknowledgements);
+  EXPECT_EQ(env.acknowledged, static_cast<std::uint64_t>(recorded));
+  EXPECT_EQ(dashboard->events.size(), 1u) << "said once";
+
+  ASSERT_EQ(dashboard->store.remove(run_id(old)), Store::Removal::kDone);
   ASSERT_TRUE(until([&] { return env.kept.empty(); }, env, *dashboard));
+  EXPECT_FALSE(dashboard->recorder.failing());
+  EXPECT_TRUE(dashboard->told("recording again"));
   EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), static_cast<std::int64_t>(env.episodes));
+  EXPECT_EQ(dashboard->store.events(10).size(), 2u);
 }
 
 TEST_F(RecorderTest, AsksForUpdatesThatDidNotCome) {
