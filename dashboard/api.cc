@@ -684,7 +684,10 @@ Answer Api::recognition(const Query& query) {
     found = recognition_.matrix(name, given(query, "file").value_or(""));
     answer.type = "image/png";
   }
-  if (!found) not_found("there is no '" + part + "' of a result '" + name + "' (GET /api/recognition lists them)");
+  if (!found)
+    not_found("there is no '" + part + "' of a result '" + name +
+              "' (GET /api/recognition lists them; where an older vpr "
+              "wrote no curves, run it again)");
   answer.body = std::move(*found);
   return answer;
 }

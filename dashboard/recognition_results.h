@@ -17,7 +17,7 @@ class RecognitionResults {
   /// {"name", "file", "matrices": [names], ...the summary}, newest first. One that cannot be read has "error" instead
   /// of the summary.
   nlohmann::json list() const;
-  /// Precision over recall, one curve a row; nothing when there is no such result. Throws Error when it has none.
+  /// Precision over recall, one curve a row; nothing when there is no such result, or it has none.
   std::optional<std::string> curves(const std::string& name) const;
   /// A similarity-*.png of it; the first one where `matrix` is empty.
   std::optional<std::string> matrix(const std::string& name, const std::string& matrix) const;
