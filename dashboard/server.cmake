@@ -8,7 +8,7 @@ add_library(citylearn_web_server STATIC
   session.cc
   target.cc)
 target_link_libraries(citylearn_web_server
-  PUBLIC citylearn_core nlohmann_json::nlohmann_json
+  PUBLIC citylearn_dashboard
   PRIVATE citylearn_warnings Boost::headers OpenSSL::SSL OpenSSL::Crypto Threads::Threads)
 
 add_executable(dashboard main.cc)

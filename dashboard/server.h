@@ -27,7 +27,7 @@ struct ServerOptions {
   std::size_t connections_each = 256;  ///< of one address
   std::uint32_t header_bytes = 32 << 10;
   std::size_t body_bytes = 64 << 10;
-  std::size_t message_bytes = 32 << 10;  ///< of what a WebSocket client says
+  std::size_t message_bytes = 64 << 10;  ///< of what a WebSocket client says
   std::chrono::milliseconds request_time{
       30'000};                                 ///< for a request to arrive, and for each part of the answer to leave
   std::chrono::milliseconds ping{10'000};      ///< between pings

@@ -34,7 +34,7 @@ using asio::ip::tcp;
 using boost::system::error_code;
 using Time = Connection::Time;
 
-constexpr std::size_t kMostTopics = 64, kLongestTopic = 256;
+constexpr std::size_t kMostTopics = 64, kLongestTopic = 512;  // IDs of runs are long
 constexpr int kSendBuffer = 256 << 10;  // what waits in the kernel is old when a slow client gets it
 constexpr std::size_t kLingerBytes = 1 << 20;
 constexpr std::chrono::milliseconds kLingerTime{2000};

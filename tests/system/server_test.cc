@@ -566,9 +566,9 @@ TEST_F(ServerTest, MalformedFramesEndTheirOwnConnectionOnly) {
     EXPECT_TRUE(one->ended()) << frame.size();
   }
   for (const std::string& text :
-       {""s, "{}"s, "[1]"s, "{\"watch\": 1}"s, "{\"watch\": [1]}"s, "{\"watch\": [\""s + std::string(300, 't') + "\"]}",
+       {""s, "{}"s, "[1]"s, "{\"watch\": 1}"s, "{\"watch\": [1]}"s, "{\"watch\": [\""s + std::string(600, 't') + "\"]}",
         Json{{"watch", std::vector<std::string>(65, "t")}}.dump(), std::string(20'000, '['),
-        std::string(40'000, ' ')}) {
+        std::string(70'000, ' ')}) {
     const auto one = client();
     ASSERT_EQ(one->upgrade().status, 101);
     one->say(text);
