@@ -51,12 +51,29 @@ ClientHub::Client::~Client() {
 
 void ClientHub::leave(Client& client, const std::string& topic) {
   const auto found = topics_.find(topic);
-  found->second.watchers.erase(&client);
-  if (found->second.watchers.empty()) topics_.erase(found);
+  Topic& there = found->second;
+  there.watchers.erase(&client);
+  if (!there.watchers.empty()) return;
+  if (there.newest && options_.linger.count() > 0) {
+    there.left = Clock::now();
+    ++lingering_;
+  } else {
+    topics_.erase(found);
+  }
+}
+
+/// Those whose time is over.
+void ClientHub::forget_topics() const {
+  if (lingering_ == 0) return;
+  const Clock::time_point now = Clock::now();
+  lingering_ -= std::erase_if(topics_, [&](const auto& topic) {
+    return topic.second.watchers.empty() && now - topic.second.left >= options_.linger;
+  });
 }
 
 void ClientHub::Client::watch(const std::set<std::string>& topics) {
   const std::lock_guard guard(hub_.lock_);
+  hub_.forget_topics();
   for (const std::string& topic : topics_)
     if (!topics.count(topic)) {
       hub_.leave(*this, topic);
@@ -64,7 +81,9 @@ void ClientHub::Client::watch(const std::set<std::string>& topics) {
     }
   for (const std::string& topic : topics) {
     if (topics_.count(topic)) continue;
-    Topic& there = hub_.topics_[topic];
+    const auto [found, fresh] = hub_.topics_.try_emplace(topic);
+    Topic& there = found->second;
+    if (!fresh && there.watchers.empty()) --hub_.lingering_;
     there.watchers.insert(this);
     if (there.newest && there.newest->merge == Merge::kReplace) hub_.enqueue(*this, topic, there.newest);
   }
@@ -87,6 +106,7 @@ void ClientHub::lose(Client& client, std::uint64_t count) {
 void ClientHub::publish(const std::string& topic, nlohmann::json header, std::vector<std::byte> payload, Merge merge) {
   {
     const std::lock_guard guard(lock_);
+    forget_topics();
     if (!topics_.count(topic)) return;
   }
   if (header.is_null()) header = nlohmann::json::object();
@@ -225,6 +245,7 @@ std::optional<ClientHub::Frame> ClientHub::Client::next() {
 
 std::vector<std::string> ClientHub::watched() const {
   const std::lock_guard guard(lock_);
+  forget_topics();
   std::vector<std::string> topics;
   topics.reserve(topics_.size());
   for (const auto& [topic, what] : topics_) topics.push_back(topic);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <deque>
 #include <functional>
 #include <map>
@@ -8,6 +9,7 @@
 #include <optional>
 #include <set>
 
+#include "core/middleware.h"
 #include "dashboard/hub.h"
 
 namespace citylearn {
@@ -23,6 +25,9 @@ class ClientHub : public Hub {
     std::size_t rows = 2000;       ///< of one kAppend topic that wait for one client
     std::size_t each = 256;        ///< messages of one kEach topic that wait for one client
     std::size_t bytes = 16 << 20;  ///< payload of kAppend and kEach that waits for one client, all topics
+    /// A topic with news counts as watched for so long after its last watcher left: a page that is loaded again gets
+    /// the state at once, and publishers that look now and then who watches see no gap that was none.
+    std::chrono::milliseconds linger{2000};
   };
   /// What goes into one WebSocket frame: `head` (length, JSON, padding to 8 bytes), then `payload`.
   struct Frame {
@@ -87,6 +92,7 @@ class ClientHub : public Hub {
     std::set<Client*> watchers;
     std::uint64_t sequence = 0;             // of its messages, from when it began to be watched
     std::shared_ptr<const Message> newest;  // none before the first
+    Clock::time_point left;                 // by its last watcher
   };
   void enqueue(Client& client, const std::string& topic, const std::shared_ptr<const Message>& message);
   void make_room(Client& client, const std::string& newest);
@@ -94,10 +100,12 @@ class ClientHub : public Hub {
   void lose(Client& client, std::uint64_t count);
   void forget(Client& client, const std::string& topic);
   void leave(Client& client, const std::string& topic);
+  void forget_topics() const;
 
   const Options options_;
   mutable std::mutex lock_;
-  std::map<std::string, Topic> topics_;
+  mutable std::map<std::string, Topic> topics_;
+  mutable std::size_t lingering_ = 0;  // topics without watchers
   Counts counts_;
 };
 

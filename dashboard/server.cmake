@@ -3,6 +3,7 @@ add_library(citylearn_web_server STATIC
   access.cc
   client_hub.cc
   connections.cc
+  runs_feed.cc
   page.cc
   server.cc
   session.cc

@@ -163,7 +163,7 @@ class ServerTest : public ::testing::Test {
 
   Folder folder_;
   ServerOptions options_;
-  ClientHub hub_;
+  ClientHub hub_{{.linger = 0ms}};
   std::mutex lock_;
   std::condition_variable released_;
   bool free_ = false;
@@ -696,15 +696,20 @@ TEST_F(ServerTest, WhatKeepsItFromListeningIsSaidInOneLine) {
 
 TEST(Dashboard, PrintsItsAddressServesAndEndsAtASignal) {
   const Folder folder;
-  Service dashboard({CITYLEARN_DASHBOARD, "--port", "0", "--domain", std::to_string(kDomain), "--run", "server-test"},
-                    folder / "log");
+  const auto command = [&](const std::string& port, const std::string& store) {
+    return std::vector<std::string>{CITYLEARN_DASHBOARD,     "--port", port,          "--domain",
+                                    std::to_string(kDomain), "--run",  "server-test", "--store",
+                                    folder / store};
+  };
+  Service dashboard(command("0", "new/first.sqlite"), folder / "log");
   ASSERT_TRUE(dashboard.says("dashboard: http://127.0.0.1:", 20s)) << dashboard.output();
   const std::string output = dashboard.output(), start = "http://127.0.0.1:";
   const auto port = static_cast<std::uint16_t>(std::stoi(output.substr(output.find(start) + start.size())));
   WebClient client(port);
   EXPECT_EQ(Json::parse(client.get("/api/about").body)["run"], "server-test");
-  Service second({CITYLEARN_DASHBOARD, "--port", std::to_string(port), "--domain", std::to_string(kDomain)},
-                 folder / "second");
+  EXPECT_EQ(Json::parse(client.get("/api/runs").body)["runs"], Json::array());
+  EXPECT_NE(client.get("/metrics").body.find("\ncitylearn_dashboard_recording 1\n"), std::string::npos);
+  Service second(command(std::to_string(port), "second.sqlite"), folder / "second");
   EXPECT_EQ(second.wait(20s), 1);
   EXPECT_NE(second.output().find("the port is in use"), std::string::npos) << second.output();
   dashboard.send(SIGINT);

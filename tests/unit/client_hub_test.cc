@@ -7,12 +7,15 @@
 #include <thread>
 
 #include "core/error.h"
+#include "dashboard/runs_feed.h"
+#include "tests/support/service.h"
 
 namespace citylearn {
 namespace {
 
 using Json = nlohmann::json;
 using Merge = Hub::Merge;
+constexpr std::chrono::seconds kPatience{20};
 
 std::vector<std::byte> bytes(const std::string& text) {
   std::vector<std::byte> out(text.size());
@@ -47,7 +50,7 @@ void append(ClientHub& hub, const std::string& rows, const Json& columns = {"x",
 
 class ClientHubTest : public ::testing::Test {
  protected:
-  ClientHub hub_{{.rows = 4, .each = 3, .bytes = 1000}};
+  ClientHub hub_{{.rows = 4, .each = 3, .bytes = 1000, .linger = std::chrono::milliseconds(0)}};
   int woken_ = 0;
   std::shared_ptr<ClientHub::Client> client_ = hub_.join([this] { ++woken_; });
 };
@@ -196,9 +199,35 @@ TEST_F(ClientHubTest, TextThatIsNoUtf8DoesNoHarm) {
   EXPECT_TRUE(take(*client_));
 }
 
+TEST(ClientHubLinger, WhoComesBackSoonGetsWhatHappenedMeanwhile) {
+  ClientHub hub({.linger = std::chrono::minutes(1)});
+  auto client = hub.join([] {});
+  client->watch({"services", "runs"});
+  hub.publish("services", {}, bytes("before"), Merge::kReplace);
+  client.reset();
+  EXPECT_EQ(hub.watched(), std::vector<std::string>{"services"}) << "of runs there was no news";
+  hub.publish("services", {}, bytes("meanwhile"), Merge::kReplace);
+  client = hub.join([] {});
+  client->watch({"services"});
+  EXPECT_EQ(take(*client)->payload, "meanwhile");
+  client->watch({});
+  EXPECT_EQ(hub.watched(), std::vector<std::string>{"services"});
+}
+
+TEST(ClientHubLinger, ButNotForEver) {
+  ClientHub hub({.linger = std::chrono::milliseconds(20)});
+  const auto client = hub.join([] {});
+  client->watch({"services"});
+  hub.publish("services", {}, bytes("s"), Merge::kReplace);
+  client->watch({});
+  EXPECT_TRUE(testing::poll_until([&] { return hub.watched().empty(); }, kPatience));
+  client->watch({"services"});
+  EXPECT_FALSE(take(*client));
+}
+
 /// Four publish, four take: what was published was either taken or counted as lost.
 TEST(ClientHubThreads, NothingIsLostUncounted) {
-  ClientHub hub({.rows = 50, .each = 5, .bytes = 1 << 20});
+  ClientHub hub({.rows = 50, .each = 5, .bytes = 1 << 20, .linger = std::chrono::milliseconds(0)});
   constexpr int kMessages = 2000;
   std::atomic<int> publishing{4};
   std::vector<std::thread> threads;
@@ -234,6 +263,42 @@ TEST(ClientHubThreads, NothingIsLostUncounted) {
   EXPECT_EQ(hub.counts().published, 4u * kMessages);
   EXPECT_EQ(got + hub.counts().dropped, 4u * 4u * kMessages);
   EXPECT_LE(lost, hub.counts().dropped);
+}
+
+TEST(RunsFeedTest, SendsTheListToWhoWatchesItAndWhenItChanges) {
+  ClientHub hub;
+  std::atomic<int> asked{0}, version{1};
+  const RunsFeed feed(
+      hub,
+      [&] {
+        ++asked;
+        if (version == 2) throw Error("the disk is gone", "store");
+        return Json{{"runs", {version.load()}}};
+      },
+      std::chrono::milliseconds(1));
+  const auto client = hub.join([] {});
+  const auto awaited = [&](int count) { return testing::poll_until([&] { return asked >= count; }, kPatience); };
+  const auto newest = [&](int wanted) {
+    std::optional<News> news;
+    return testing::poll_until(
+        [&] {
+          news = take(*client);
+          return news && Json::parse(news->payload)["runs"][0] == wanted;
+        },
+        kPatience);
+  };
+  EXPECT_EQ(asked, 0) << "nobody watches";
+  client->watch({"runs"});
+  EXPECT_TRUE(newest(1));
+  EXPECT_TRUE(awaited(asked + 3));
+  EXPECT_FALSE(take(*client)) << "nothing has changed";
+  version = 2;
+  EXPECT_TRUE(awaited(asked + 3));
+  version = 3;
+  EXPECT_TRUE(newest(3));
+  client->watch({});
+  client->watch({"runs"});
+  EXPECT_TRUE(newest(3)) << "who begins to watch gets the list";
 }
 
 }  // namespace
