@@ -49,11 +49,6 @@ bool Recorder::attempt(const std::function<void()>& work) {
     failing_ = true;
     return false;
   }
-  if (failing_) {
-    failing_ = false;
-    spdlog::warn("recording again");
-    tell({now_seconds(), "", node_.options().id, "alarm", "recording again"});
-  }
   return true;
 }
 
@@ -177,6 +172,11 @@ void Recorder::commit() {
       events_.erase(events_.begin());
     }
     store_.flush();
+    if (!failing_) return;
+    // Only here: what merely reads succeeds on a full disk too.
+    failing_ = false;
+    spdlog::warn("recording again");
+    tell({now_seconds(), "", node_.options().id, "alarm", "recording again"});
   });
 }
 
