@@ -522,7 +522,8 @@ Answer Api::episodes(const RunRow& row, const Query& query) {
     throw Refusal(400, "parameter 'order' must be newest or worst, is '" + order + "'");
   if (before && order == "worst") throw Refusal(400, "parameter 'before' goes with order=newest only");
   Lent reader(*this);
-  const std::uint64_t total = reader->count(row.id, filter);
+  const bool all = query.parameters.empty();
+  const std::uint64_t total = all ? row.recorded : reader->count(row.id, filter);
   filter.before = before;
   Answer answer;
   answer.body = "{\"total\":" + std::to_string(total) + ",\"episodes\":[";

@@ -22,18 +22,6 @@ Recorder::Recorder(Node& node, Store& store, const Options& options) : node_(nod
   due_ = next_try_ = Clock::now();
 }
 
-template <class Message>
-void Recorder::send(Message& message, const std::string& run) {
-  // The node speaks for its own run; a dashboard may watch several.
-  msg::Header& header = message.header();
-  header.protocol(msg::PROTOCOL);
-  header.run(run);
-  header.sender(node_.options().id);
-  header.incarnation(node_.incarnation());
-  header.message(++written_[topic_of<Message>().name]);
-  node_.forward(message);
-}
-
 bool Recorder::attempt(const std::function<void()>& work) {
   if (failing_ && Clock::now() < next_try_) return false;
   try {
@@ -49,11 +37,6 @@ bool Recorder::attempt(const std::function<void()>& work) {
     failing_ = true;
     return false;
   }
-  if (failing_) {
-    failing_ = false;
-    spdlog::warn("recording again");
-    tell({now_seconds(), "", node_.options().id, "alarm", "recording again"});
-  }
   return true;
 }
 
@@ -68,7 +51,7 @@ void Recorder::acknowledge(const Sender& environment, bool leaving) {
   message.environment_incarnation(environment.incarnation);
   message.episode(store_.recorded(environment));
   message.leaving(leaving);
-  send(message, environment.run);
+  node_.publish(message, environment.run);
 }
 
 void Recorder::hear(const msg::ServiceStatus& status) {
@@ -177,6 +160,11 @@ void Recorder::commit() {
       events_.erase(events_.begin());
     }
     store_.flush();
+    if (!failing_) return;
+    // Only here: what merely reads succeeds on a full disk too.
+    failing_ = false;
+    spdlog::warn("recording again");
+    tell({now_seconds(), "", node_.options().id, "alarm", "recording again"});
   });
 }
 
@@ -244,7 +232,7 @@ void Recorder::ask() {
     request.job(job.second);
     request.first(asked.first);
     request.last(asked.last);
-    send(request, sender.run);
+    node_.publish(request, sender.run);
   }
 }
 

@@ -66,8 +66,6 @@ class Recorder {
   void acknowledge(const Sender& environment, bool leaving);
   void tell(Event event);
   bool attempt(const std::function<void()>& work);
-  template <class Message>
-  void send(Message& message, const std::string& run);
   void wake_at(Clock::time_point time) { due_ = std::min(due_, time); }
 
   Node& node_;
@@ -82,7 +80,6 @@ class Recorder {
   std::set<Sender> environments_;               // heard of
   std::set<Sender> senders_;                    // env_services that sent episodes: they know of this recorder
   std::map<std::pair<Sender, std::uint64_t>, Asked> jobs_;  // of policy_services
-  std::map<std::string, std::uint64_t> written_;            // messages sent, by topic
   Clock::time_point due_, next_try_;
   bool failing_ = false;
   std::uint64_t recorded_ = 0;

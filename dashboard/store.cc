@@ -21,8 +21,9 @@ constexpr std::uint64_t kMostEpisodes = std::uint64_t{1} << 62;
 constexpr int kUpdateBits = 40;  // of training.key
 constexpr std::uint64_t kMostUpdates = (std::uint64_t{1} << kUpdateBits) - 1;
 
-constexpr double kFlushEvery = 5;  // seconds
-constexpr double kSilence = 5;     // seconds without a RunInfo: the run is not running
+constexpr std::int64_t kMostEvents = 100'000;  // older ones go
+constexpr double kFlushEvery = 5;              // seconds
+constexpr double kSilence = 5;                 // seconds without a RunInfo: the run is not running
 
 std::int64_t key_of(std::int64_t run, std::uint64_t update) {
   return (run << kUpdateBits) + static_cast<std::int64_t>(update);
@@ -127,6 +128,7 @@ struct Store::Inside {
   Job* find(const std::string& run, std::uint64_t job);
   std::int64_t unclaimed(const std::string& run);
   void claim(const std::string& run, std::uint64_t number, const Job& job);
+  void add(const Event& event);
 
   struct Statements {
     explicit Statements(Database& d);
@@ -135,7 +137,7 @@ struct Store::Inside {
     Statement add_run, add_unclaimed, find_unclaimed, run_again, run_pulse, run_ended;
     Statement claim_episodes, claim_sources, count_again;
     Statement add_training, drop_training_from, drop_training_beyond, process_updates, least_update;
-    Statement add_event, events;
+    Statement add_event, drop_events, events;
   };
 
   Lock lock;
@@ -187,6 +189,7 @@ Store::Inside::Statements::Statements(Database& d)
       process_updates(d, "SELECT key FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation = ?3 ORDER BY key"),
       least_update(d, "SELECT key FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation = ?3 ORDER BY key LIMIT 1"),
       add_event(d, "INSERT INTO events (time, run, service, kind, text) VALUES (?, ?, ?, ?, ?)"),
+      drop_events(d, "DELETE FROM events WHERE id <= ?"),
       events(d, "SELECT time, run, service, kind, text FROM events ORDER BY id DESC LIMIT ?") {}
 
 void Store::Inside::load_jobs() {
@@ -258,6 +261,12 @@ void Store::Inside::claim(const std::string& run, std::uint64_t number, const Jo
   statements->count_again.bind(1, nobody).bind(2, -claimed).run();
 }
 
+void Store::Inside::add(const Event& event) {
+  Statement& s = statements->add_event;
+  s.bind(1, event.time).bind(2, event.run).bind(3, event.service).bind(4, event.kind).bind(5, event.text).run();
+  statements->drop_events.bind(1, database.last_rowid() - kMostEvents).run();
+}
+
 Store::Store(const Options& options) : inside_(std::make_unique<Inside>(options)) {}
 Store::~Store() = default;
 
@@ -303,13 +312,7 @@ std::size_t Store::record(std::span<const msg::EpisodeStat> episodes, std::vecto
         events.push_back({now, sender.run, sender.id, "alarm",
                           std::to_string(number) + " episodes up to number " + std::to_string(given_up) +
                               " were recorded by others alone, before this dashboard was known to " + sender.id});
-        const Event& event = events.back();
-        s.add_event.bind(1, event.time)
-            .bind(2, event.run)
-            .bind(3, event.service)
-            .bind(4, event.kind)
-            .bind(5, event.text);
-        s.add_event.run();
+        in.add(events.back());
       }
     }
     if (!source.episodes.add(episode.episode())) continue;
@@ -529,8 +532,10 @@ NumberSet Store::updates(const Sender& policy, std::uint64_t number) {
 
 void Store::record(const Event& event) {
   std::lock_guard lock(mutex_);
-  Statement& add = inside_->statements->add_event;
-  add.bind(1, event.time).bind(2, event.run).bind(3, event.service).bind(4, event.kind).bind(5, event.text).run();
+  Inside& in = *inside_;
+  Transaction all(in.database);
+  in.add(event);
+  all.commit();
 }
 
 std::vector<Event> Store::events(std::size_t limit) {
@@ -578,6 +583,10 @@ Store::Removal Store::remove(const std::string& name) {
   Inside& in = *inside_;
   if (running()) return Removal::kRunning;  // it goes on after all: then what is left of it stays
   Transaction all(in.database);
+  Statement(in.database, "DELETE FROM episodes WHERE run = ?").bind(1, run).run();  // that came meanwhile
+  Statement(in.database, "DELETE FROM training WHERE key BETWEEN (?1 << 40) AND ((?1 + 1) << 40) - 1")
+      .bind(1, run)
+      .run();
   Statement(in.database, "DELETE FROM runs WHERE id = ?").bind(1, run).run();
   all.commit();
   in.pulses.erase(run);

@@ -3,13 +3,16 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <iostream>
+#include <thread>
 #include <vector>
 
 #include "core/error.h"
 #include "dashboard/api.h"
+#include "dashboard/recorder.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"
 
@@ -74,6 +77,63 @@ void recording(const std::string& folder, std::uint64_t total) {
   }
 }
 
+/// An env_service with many episodes that nobody has recorded yet: as many on the way as a writer keeps.
+double catching_up(const std::string& folder, const std::string& middleware, std::uint64_t total) {
+  const auto node_options = [&](const std::string& service, const std::string& id) {
+    Node::Options options;
+    options.middleware.name = middleware;
+    options.middleware.domain = 214;
+    options.service = service;
+    options.id = id;
+    options.run = "demo";
+    return options;
+  };
+  constexpr std::uint64_t kWindow = 256;
+  std::atomic<bool> failed = false;
+  Store::Options options;
+  options.path = folder + "/catching-up-" + middleware + ".sqlite";
+  Store store(options);
+  double time = 0;
+  std::thread environment([&] {
+    Node node(node_options("env_service", "env-summer"));
+    node.announce<msg::EpisodeStat>();
+    node.listen<msg::EpisodeAcknowledgement>();
+    node.report(msg::RUNNING, "sends episodes");
+    std::uint64_t sent = 0, acknowledged = 0;
+    const Clock::time_point deadline = Clock::now() + std::chrono::minutes(5);
+    msg::EpisodeAcknowledgement message;
+    const auto listen = [&](std::chrono::milliseconds patience) {
+      const bool heard = node.wait(Clock::now() + patience);
+      while (node.take(message))
+        if (message.environment_incarnation() == node.incarnation())
+          acknowledged = std::max(acknowledged, message.episode());
+      return heard;
+    };
+    while (node.readers<msg::EpisodeStat>() == 0 && Clock::now() < deadline) listen(std::chrono::milliseconds(10));
+    time = seconds([&] {
+      while (acknowledged < total && Clock::now() < deadline) {
+        while (sent < std::min(total, acknowledged + kWindow)) {
+          msg::EpisodeStat stat = episode(++sent);
+          node.publish(stat);
+        }
+        if (!listen(std::chrono::milliseconds(500))) sent = acknowledged;  // some were lost
+      }
+    });
+    failed = acknowledged < total;
+  });
+  {
+    Node node(node_options("dashboard", "dashboard"));
+    Recorder recorder(node, store);
+    while (recorder.recorded() < total && !failed) {
+      node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(100)));
+      recorder.turn();
+    }
+    environment.join();
+  }
+  if (failed) throw Error("not all episodes were acknowledged", middleware);
+  return static_cast<double>(total) / time;
+}
+
 void opening(const std::string& folder) {
   Store::Options options;
   options.path = folder + "/open.sqlite";
@@ -128,7 +188,11 @@ void opening(const std::string& folder) {
 int main(int argc, char** argv) try {
   const Folder temporary;
   const std::string folder = argc > 1 ? argv[1] : temporary.path();
-  recording(folder, argc > 2 ? std::stoull(argv[2]) : 100'000);
+  const std::uint64_t total = argc > 2 ? std::stoull(argv[2]) : 100'000;
+  recording(folder, total);
+  std::printf("\n%-16s %14s\n", "over", "episodes/s");
+  for (const std::string middleware : {"inprocess", "cyclonedds", "fastdds"})
+    std::printf("%-16s %14.0f\n", middleware.c_str(), catching_up(folder, middleware, total));
   opening(folder);
   return 0;
 } catch (const std::exception& error) {
