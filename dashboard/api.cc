@@ -506,11 +506,12 @@ Answer Api::all_training(const RunRow& row, bool csv) {
 }
 
 Answer Api::episodes(const RunRow& row, const Query& query) {
-  only(query, {"limit", "before", "evaluation", "traversal", "policy", "update", "completed", "order"});
+  only(query, {"limit", "before", "evaluation", "traversal", "policy", "update", "shuffled", "completed", "order"});
   constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
   EpisodeFilter filter;
   filter.evaluation = flag(query, "evaluation");
   filter.completed = flag(query, "completed");
+  filter.shuffled = flag(query, "shuffled");
   filter.traversal = given(query, "traversal");
   filter.policy = given(query, "policy");
   if (const auto update = number<std::int64_t>(query, "update", 0, kMost))

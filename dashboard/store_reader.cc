@@ -50,6 +50,7 @@ class Conditions {
   explicit Conditions(const EpisodeFilter& filter) : filter_(filter) {
     if (filter.evaluation) sql_ += *filter.evaluation ? " AND e.evaluation = 1" : " AND e.evaluation = 0";
     if (filter.completed) sql_ += *filter.completed ? " AND e.completed = 1" : " AND e.completed = 0";
+    if (filter.shuffled) sql_ += *filter.shuffled ? " AND e.shuffled = 1" : " AND e.shuffled = 0";
     if (filter.traversal) sql_ += " AND e.traversal = ?";
     if (filter.policy) sql_ += " AND e.policy = ?";
     if (filter.update) sql_ += " AND e.\"update\" = ?";

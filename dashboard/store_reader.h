@@ -61,7 +61,7 @@ struct EpisodeRow {
 
 /// Which episodes of a run.
 struct EpisodeFilter {
-  std::optional<bool> evaluation, completed;
+  std::optional<bool> evaluation, completed, shuffled;
   std::optional<std::string> traversal, policy;
   std::optional<std::uint64_t> update;
   std::optional<std::int64_t> before;  ///< rowid

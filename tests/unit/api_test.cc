@@ -224,6 +224,7 @@ TEST_F(ApiTest, Episodes) {
   std::vector<msg::EpisodeStat> all = episodes(1, 10);
   for (std::uint64_t i = 0; i < 6; ++i)
     all.push_back(task(11 + i, static_cast<std::uint32_t>(i), i % 2 == 0, 40 + static_cast<std::uint32_t>(i)));
+  all.back().shuffled = true;
   store_.record(all);
   const std::vector<std::string> path = {"runs", id_, "episodes"};
   const Json newest = json(path, {{"limit", "3"}});
@@ -243,6 +244,8 @@ TEST_F(ApiTest, Episodes) {
   EXPECT_EQ(json(path, {{"evaluation", "0"}, {"update", "3"}})["total"], 10);
   EXPECT_EQ(json(path, {{"update", "4"}})["total"], 0);
   EXPECT_EQ(json(path, {{"completed", "0"}})["total"], 3);
+  EXPECT_EQ(json(path, {{"shuffled", "1"}})["total"], 1);
+  EXPECT_EQ(json(path, {{"shuffled", "0"}})["total"], 15);
   EXPECT_EQ(json(path, {{"traversal", "winter"}})["total"], 0);
   EXPECT_EQ(json(path, {{"policy", "place_filter"}})["total"], 16);
   std::vector<std::uint64_t> order;
@@ -496,9 +499,9 @@ TEST_F(ApiTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
                                           "nan",
                                           "1e999",
                                           "\"\\\n"};
-  const std::vector<std::string> names = {"columns", "points",     "x",         "from",   "to",     "limit",
-                                          "before",  "evaluation", "traversal", "policy", "update", "completed",
-                                          "order",   "frames",     "max_steps", "file",   "'; --"};
+  const std::vector<std::string> names = {"columns", "points",     "x",         "from",   "to",       "limit",
+                                          "before",  "evaluation", "traversal", "policy", "update",   "completed",
+                                          "order",   "frames",     "max_steps", "file",   "shuffled", "'; --"};
   std::mt19937 random(11);
   const auto any = [&](const std::vector<std::string>& of) { return of[random() % of.size()]; };
   int fine = 0;
