@@ -8,6 +8,7 @@
 
 #include "core/service.h"
 #include "dashboard/api.h"
+#include "dashboard/live.h"
 #include "dashboard/recorder.h"
 #include "dashboard/runs_feed.h"
 #include "dashboard/server.h"
@@ -15,6 +16,8 @@
 namespace {
 
 using namespace citylearn;
+
+const std::string kAllRuns = "all";
 
 struct CommandLine {
   ServerOptions server;
@@ -59,7 +62,9 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->group(records);
   line.node.service = "dashboard";
   line.node.id = "dashboard";
+  line.node.run = kAllRuns;
   add_node_options(app, line.node);
+  app.get_option("--run")->description("Run to show and record, or all of the domain's");
 }
 
 /// A thousand clients and the wire's own files are more than the usual 1,024.
@@ -96,16 +101,20 @@ void hand_on(Node& node, Message& message, Listeners&... listeners) {
 
 int serve(CommandLine& line) {
   line.server.allow_hosts.insert(line.allow_hosts.begin(), line.allow_hosts.end());
+  if (line.node.run == kAllRuns) line.node.run.clear();  // as the node says it
   allow_many_files();
   const std::unique_ptr<Store> store = open_store(line.store);
   Node node(line.node);  // before the server: its sockets then have low numbers, whatever clients do
   ClientHub hub;
   Recorder recorder(node, *store);
+  Live live(node, hub);
+  live.told = [&store](const Event& event) { store->record(event); };
+  recorder.told = [&live](const Event& event) { live.show(event); };
   std::atomic<std::uint64_t> recorded{0};
   std::atomic<bool> failing{false};
-  Api api({node.middleware_name(), line.node.run, line.node.middleware.domain, line.recognition,
-           [&failing] { return !failing; }},
-          *store, nullptr);
+  Api api({node.middleware_name(), line.node.run.empty() ? kAllRuns : line.node.run, line.node.middleware.domain,
+           line.recognition, [&failing] { return !failing; }},
+          *store, &live);
   Server server(line.server, hub,
                 {[&api](const Query& query) { return api.answer(query); }, [&] { return metrics(recorded, failing); }});
   const RunsFeed runs(hub, [&api] { return api.runs(); });
@@ -117,14 +126,15 @@ int serve(CommandLine& line) {
   msg::RunInfo run;
   msg::TrainingStat stat;
   while (!stop_requested()) {
-    hand_on(node, status, recorder);
-    hand_on(node, traversal, recorder);
-    hand_on(node, run, recorder);
-    hand_on(node, stat, recorder);
+    hand_on(node, status, recorder, live);
+    hand_on(node, traversal, recorder, live);
+    hand_on(node, run, recorder, live);
+    hand_on(node, stat, recorder, live);
     recorder.turn();
+    live.turn();
     recorded = recorder.recorded();
     failing = recorder.failing();
-    node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(50)));
+    node.wait(std::min({recorder.due(), live.due(), Clock::now() + std::chrono::milliseconds(50)}));
   }
   recorder.finish(line.leave);
   return 0;
