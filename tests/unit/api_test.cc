@@ -224,7 +224,7 @@ TEST_F(ApiTest, Episodes) {
   std::vector<msg::EpisodeStat> all = episodes(1, 10);
   for (std::uint64_t i = 0; i < 6; ++i)
     all.push_back(task(11 + i, static_cast<std::uint32_t>(i), i % 2 == 0, 40 + static_cast<std::uint32_t>(i)));
-  all.back().shuffled = true;
+  all.back().shuffled(true);
   store_.record(all);
   const std::vector<std::string> path = {"runs", id_, "episodes"};
   const Json newest = json(path, {{"limit", "3"}});
