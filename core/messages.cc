@@ -91,6 +91,7 @@ void visit(M& m, Visitor& v) {
   v("shuffled", m.shuffled());
   v("policy", m.policy());
   v("update", m.update());
+  v("job", m.job());
   v("path", m.path(), MAX_PATH);
 }
 
@@ -135,12 +136,14 @@ void visit(M& m, Visitor& v) {
   v("shuffle", m.shuffle());
   v("policy", m.policy());
   v("update", m.update());
+  v("job", m.job());
   v("by_reference", m.by_reference());
 }
 
 template <Of<TrainingStat> M, class Visitor>
 void visit(M& m, Visitor& v) {
   v.nested("header", m.header());
+  v("job", m.job());
   v("update", m.update());
   v("steps", m.steps());
   v("episodes", m.episodes());
@@ -165,7 +168,9 @@ void visit(M& m, Visitor& v) {
   v("agent", m.agent());
   v("learner", m.learner());
   v("seed", m.seed());
+  v("job", m.job());
   v("updates", m.updates());
+  v("ended", m.ended());
   v("manifest", m.manifest(), MAX_CHUNK);
 }
 
@@ -174,6 +179,7 @@ void visit(M& m, Visitor& v) {
   v.nested("header", m.header());
   v("policy", m.policy());
   v("policy_incarnation", m.policy_incarnation());
+  v("job", m.job());
   v("first", m.first());
   v("last", m.last());
 }
@@ -243,6 +249,7 @@ void visit(M& m, Visitor& v) {
   v("agent", m.agent());
   v("network", m.network());
   v("seed", m.seed());
+  v("job", m.job());
   v("steps", m.steps());
   v("window", m.window());
   v("noise_frame", m.noise_frame());

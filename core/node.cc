@@ -35,7 +35,7 @@ std::string host_name() {
 
 Node::Node(Options options) : options_(std::move(options)), incarnation_(microseconds_since_epoch()) {
   require_id(options_.id, "id");
-  require_id(options_.run, "run");
+  if (!options_.run.empty()) require_id(options_.run, "run");
   middleware_ = create_middleware(named(options_.middleware, options_.id));
   started_ = next_heartbeat_ = Clock::now();
   status_.service(options_.service);
@@ -69,7 +69,7 @@ void Node::stamp(msg::Header& header, std::uint64_t number) const {
 }
 
 bool Node::accept(const msg::Header& header) {
-  if (header.run() != options_.run) return false;
+  if (!options_.run.empty() && header.run() != options_.run) return false;
   return header.incarnation() != incarnation_ || header.sender() != options_.id;
 }
 

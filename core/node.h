@@ -26,7 +26,7 @@ class Node {
     MiddlewareOptions middleware;
     std::string service;          ///< kind: "env_service"
     std::string id;               ///< unique within the run, at most 64 characters
-    std::string run = "default";  ///< messages of other runs are ignored, at most 64 characters
+    std::string run = "default";  ///< messages of other runs are ignored, at most 64 characters; empty: hears all runs
   };
   explicit Node(Options options);
   ~Node();
@@ -35,6 +35,16 @@ class Node {
   void publish(Message& message) {  // stamps message.header()
     Channel& channel = publisher(topic_of<Message>());
     stamp(message.header(), ++channel.written);
+    encode(message, buffer_);
+    channel.publisher->publish(buffer_);
+  }
+
+  /// The same, said in another run: for a node that hears all of them.
+  template <class Message>
+  void publish(Message& message, const std::string& run) {
+    Channel& channel = publisher(topic_of<Message>());
+    stamp(message.header(), ++channel.written);
+    message.header().run() = run.c_str();
     encode(message, buffer_);
     channel.publisher->publish(buffer_);
   }

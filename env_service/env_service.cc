@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
-#include <deque>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -13,6 +12,7 @@
 
 #include "core/transfer.h"
 #include "env_service/environment.h"
+#include "env_service/episode_book.h"
 
 namespace citylearn {
 namespace {
@@ -21,11 +21,11 @@ using std::chrono::milliseconds;
 using std::chrono::seconds;
 
 constexpr milliseconds kObservationAgain{50}, kObservationAgainAtMost{1000};
-constexpr milliseconds kEpisodesAgain{200}, kEpisodesAgainAtMost{2000};
-constexpr std::size_t kEpisodesAtOnce = 64;
+constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
 constexpr seconds kInfoAgain{1};
+constexpr milliseconds kSceneAgain{100};
 constexpr seconds kSilence{3};         // without an Action: the policy_service is gone or busy
-constexpr milliseconds kLeaving{500};  // for outstanding acknowledgements
+constexpr milliseconds kLeaving{500};  // for acknowledgements of recorders that nothing was heard of
 constexpr milliseconds kStopCheck{50};
 constexpr std::size_t kMostFeatures = std::size_t{64} << 20;  // bytes kept here; more stay with the encoder_service
 
@@ -51,8 +51,8 @@ std::string route(const msg::TaskSettings& settings) {
 }
 
 /// One Environment on the wire. Tells what it hosts, does what a policy_service's TaskSettings say, publishes one
-/// Observation a tick and waits for its Action, keeps each EpisodeStat until it is acknowledged. Every message may be
-/// lost, repeated or late: whatever is waited for is asked for again, whatever comes twice is dropped
+/// Observation a tick and waits for its Action, keeps each episode until it is acknowledged. Every message may be lost,
+/// repeated or late: whatever is waited for is asked for again, whatever comes twice is dropped
 /// (docs/decisions/0003-step-protocol.md). Used by one thread.
 class EnvService {
  public:
@@ -67,6 +67,7 @@ class EnvService {
   void on_action(const msg::Action& action);
   void on_request(const msg::TraversalRequest& request);
   void on_request(const msg::ImageRequest& request);
+  void on_request(const msg::MapRequest& request);
   void on_features(const msg::TraversalChunk& chunk);
   void on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement);
   void on_status(const msg::ServiceStatus& status);
@@ -74,7 +75,8 @@ class EnvService {
   void send_info();
   void send_observation();
   void record_episodes();
-  void send_episodes_again();
+  void send_episodes();
+  void send_scene();
   void do_what_is_due();
   Clock::time_point next_due() const;
   void report();
@@ -95,12 +97,13 @@ class EnvService {
   bool silent_ = false;  // no Action for long
   bool masked_action_logged_ = false;
 
-  std::deque<msg::EpisodeStat> unacknowledged_;
-  std::uint64_t episodes_ = 0, acknowledged_ = 0;
+  EpisodeBook book_;
+  std::string problem_;  // of the book, once it is told
+  const std::chrono::duration<double> linger_;
 
   Clock::time_point now_;
-  Clock::time_point next_info_, next_observation_, next_episodes_, next_report_, last_action_, last_report_;
-  Duration observation_interval_{}, episodes_interval_{};
+  Clock::time_point next_info_, next_observation_, next_scene_, next_report_, last_action_, last_report_;
+  Duration observation_interval_{};
   std::uint64_t steps_ = 0;  // of agents since last_report_
   std::uint64_t tasks_done_ = 0;
 
@@ -118,11 +121,20 @@ class EnvService {
   msg::ImageRequest image_request_;
   msg::ImageChunk image_chunk_;
   msg::EpisodeAcknowledgement acknowledgement_;
+  msg::EpisodeStat episode_;
+  msg::Scene scene_;  // the last one sent
+  int watchers_ = 0;
+  msg::MapRequest map_request_;
+  msg::MapChunk map_chunk_;
   msg::ServiceStatus status_;
 };
 
 EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& options)
-    : traversal_(traversal), node_(named(options.node, traversal_)), environment_(traversal_, options.agents) {
+    : traversal_(traversal),
+      node_(named(options.node, traversal_)),
+      environment_(traversal_, options.agents),
+      book_(options.recorders),
+      linger_(options.linger) {
   info_.dataset() = traversal_.dataset.c_str();
   info_.traversal() = traversal_.name.c_str();
   info_.condition() = traversal_.condition.c_str();
@@ -137,6 +149,7 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   node_.listen<msg::Action>();
   node_.listen<msg::TraversalRequest>();
   node_.listen<msg::EpisodeAcknowledgement>();
+  node_.listen<msg::MapRequest>();
   if (traversal_.images) {
     features_.emplace(Transfer::What{info_.hash(), info_.frames(), msg::ANY_DIMENSION});
     node_.listen<msg::ImageRequest>();
@@ -148,6 +161,8 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   node_.announce<msg::TraversalChunk>();
   node_.announce<msg::Observation>();
   node_.announce<msg::EpisodeStat>();
+  node_.announce<msg::Scene>();
+  node_.announce<msg::MapChunk>();
 }
 
 void EnvService::run(const std::function<bool()>& stop) {
@@ -171,6 +186,7 @@ void EnvService::take_all() {
   while (node_.take(taken_settings_)) on_settings(taken_settings_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   while (node_.take(request_)) on_request(request_);
+  while (node_.take(map_request_)) on_request(map_request_);
   while (traversal_.images && node_.take(image_request_)) on_request(image_request_);
   while (traversal_.images && node_.take(chunk_)) on_features(chunk_);
   while (node_.take(status_)) on_status(status_);
@@ -209,6 +225,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
   }
   info_.settings() = newest_;
   info_.by_reference() = settings.by_reference();
+  book_.begin(settings, traversal_.name);
   send_info();
   if (settings.task_mode() == msg::IDLE) {
     spdlog::info("settings {}: idle", newest_.version());
@@ -334,27 +351,40 @@ void EnvService::on_request(const msg::ImageRequest& request) {
   }
 }
 
+/// Where frames were recorded, for maps.
+void EnvService::on_request(const msg::MapRequest& request) {
+  if (request.environment() != node_.options().id || request.hash() != environment_.traversal_hash()) return;
+  if (request.first() >= info_.frames()) {
+    ++node_.traffic.rejected;
+    return;
+  }
+  map_chunk_.hash() = environment_.traversal_hash();
+  map_chunk_.frames() = info_.frames();
+  map_chunk_.first() = request.first();
+  const std::size_t count = std::min<std::size_t>(info_.frames() - request.first(), msg::MAX_PLACES);
+  const auto copy = [&](const auto& from, auto& to) {
+    to.clear();
+    if (from.empty()) return;
+    const auto begin = from.begin() + static_cast<std::ptrdiff_t>(request.first());
+    to.assign(begin, begin + static_cast<std::ptrdiff_t>(count));
+  };
+  copy(traversal_.positions, map_chunk_.position());
+  copy(traversal_.latitude, map_chunk_.latitude());
+  copy(traversal_.longitude, map_chunk_.longitude());
+  node_.publish(map_chunk_);
+}
+
 void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement) {
   if (acknowledgement.environment() != node_.options().id ||
       acknowledgement.environment_incarnation() != node_.incarnation())
     return;
-  if (acknowledgement.episode() > episodes_) {
-    ++node_.traffic.rejected;
-    return;
-  }
-  if (acknowledgement.episode() <= acknowledged_) {
-    ++node_.traffic.repeated;
-    return;
-  }
-  unacknowledged_.erase(
-      unacknowledged_.begin(),
-      unacknowledged_.begin() + static_cast<std::ptrdiff_t>(acknowledgement.episode() - acknowledged_));
-  acknowledged_ = acknowledgement.episode();
-  episodes_interval_ = kEpisodesAgain;
-  next_episodes_ = now_ + episodes_interval_;
+  const EpisodeBook::Taken taken = book_.take(acknowledgement, now_);
+  if (taken == EpisodeBook::Taken::kImpossible) ++node_.traffic.rejected;
+  if (taken == EpisodeBook::Taken::kRepeated) ++node_.traffic.repeated;
 }
 
 void EnvService::on_status(const msg::ServiceStatus& status) {
+  book_.heard(status.header(), status.service_state() == msg::STOPPING, now_);
   if (status.header().sender() != node_.options().id || status.service_state() == msg::STOPPING) return;
   // The incarnation is the time of the start, so of two only one gives way.
   if (status.header().incarnation() < node_.incarnation())
@@ -379,38 +409,48 @@ void EnvService::send_observation() {
 
 void EnvService::record_episodes() {
   for (const Environment::Episode& episode : environment_.finished()) {
-    if (unacknowledged_.empty()) {
-      episodes_interval_ = kEpisodesAgain;
-      next_episodes_ = now_ + episodes_interval_;
-    }
-    msg::EpisodeStat& stat = unacknowledged_.emplace_back();
-    stat.settings() = newest_;
-    stat.episode() = ++episodes_;
-    stat.acknowledged() = acknowledged_;
-    stat.agent() = static_cast<std::uint32_t>(episode.agent);
-    stat.evaluation() = settings_.task_mode() == msg::EVALUATE;
-    stat.task() = static_cast<std::uint32_t>(episode.task);
-    stat.traversal() = traversal_.name.c_str();
-    stat.start() = static_cast<std::uint32_t>(episode.start);
-    stat.goal() = static_cast<std::uint32_t>(episode.goal);
-    stat.steps() = static_cast<std::uint32_t>(episode.steps);
-    stat.shortest() = static_cast<std::uint32_t>(episode.shortest);
-    stat.reward() = episode.reward;
-    stat.completed() = episode.completed;
-    node_.publish(stat);
+    book_.add(episode);
     ++tasks_done_;
+  }
+  send_episodes();
+  if (book_.problem() == problem_) return;
+  problem_ = book_.problem();
+  spdlog::error("{}", problem_);
+  report();
+}
+
+/// What is new, and again what somebody lacks.
+void EnvService::send_episodes() {
+  for (int count = 0; count < kEpisodesAtOnce;) {
+    const auto sending = book_.next(now_);
+    if (!sending) return;
+    book_.fill(sending->episode, episode_);
+    node_.publish(episode_);
+    if (!sending->again) continue;
+    ++node_.traffic.resent;
+    ++count;
   }
 }
 
-void EnvService::send_episodes_again() {
-  const std::size_t count = std::min(unacknowledged_.size(), kEpisodesAtOnce);
-  for (std::size_t i = 0; i < count; ++i) {
-    unacknowledged_[i].acknowledged() = acknowledged_;
-    node_.publish(unacknowledged_[i]);
-    ++node_.traffic.resent;
-  }
-  episodes_interval_ = std::min<Duration>(2 * episodes_interval_, kEpisodesAgainAtMost);
-  next_episodes_ = now_ + episodes_interval_;
+/// For who watches: where the agents are now.
+void EnvService::send_scene() {
+  next_scene_ = now_ + kSceneAgain;
+  const int watchers = node_.readers<msg::Scene>();
+  const bool more = watchers > std::exchange(watchers_, watchers);
+  if (watchers == 0) return;
+  const bool moves = info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE;
+  const std::uint64_t step = moves ? observation_.step() : 0;
+  if (!more && same(scene_.settings(), info_.settings()) && scene_.step() == step) return;
+  scene_ = msg::Scene();
+  if (moves) environment_.observe(scene_);
+  scene_.settings() = info_.settings();
+  scene_.task_mode() = moves ? settings_.task_mode() : msg::IDLE;
+  if (moves) scene_.policy() = settings_.policy();
+  scene_.traversal() = info_.traversal();
+  scene_.traversal_hash() = info_.hash();
+  scene_.first_frame() = moves ? settings_.first_frame() : 0;
+  scene_.frames() = moves ? settings_.frames() : 0;
+  node_.publish(scene_);
 }
 
 void EnvService::do_what_is_due() {
@@ -427,7 +467,8 @@ void EnvService::do_what_is_due() {
   }
   // While a policy_service is at work it knows; another one may come when it is not.
   if ((!running() || silent_) && now_ >= next_info_) send_info();
-  if (!unacknowledged_.empty() && now_ >= next_episodes_) send_episodes_again();
+  send_episodes();
+  if (now_ >= next_scene_) send_scene();
   if (features_ && features_->ask(now_, features_request_)) {
     features_request_.environment() = node_.options().id.c_str();
     node_.publish(features_request_);
@@ -441,8 +482,7 @@ Clock::time_point EnvService::next_due() const {
   if (features_) due = std::min(due, features_->due());
   if (running() && !silent_) due = std::min(due, last_action_ + kSilence);
   if (!running() || silent_) due = std::min(due, next_info_);
-  if (!unacknowledged_.empty()) due = std::min(due, next_episodes_);
-  return due;
+  return std::min(due, book_.due());
 }
 
 void EnvService::report() {
@@ -467,40 +507,39 @@ void EnvService::report() {
                    : "evaluation on " + traversal_.name + ": " + std::to_string(tasks_done_) + " of " +
                          std::to_string(settings_.tasks()) + " tasks";
   }
+  if (!problem_.empty()) activity = problem_ + "; " + activity;
   node_.report(state, activity, rate);
 }
 
 void EnvService::leave() {
-  const Clock::time_point deadline = Clock::now() + kLeaving;
+  const Clock::time_point begin = Clock::now();
   node_.report(msg::STOPPING, "stopping");
   awaiting_action_ = false;
   const auto worth_waiting = [&] {
-    return !unacknowledged_.empty() && Clock::now() < deadline && node_.readers<msg::EpisodeStat>() > 0;
+    if (book_.kept() == 0 || node_.readers<msg::EpisodeStat>() == 0) return false;
+    return now_ < begin + (book_.awaited(now_) ? std::chrono::ceil<milliseconds>(linger_) : kLeaving);
   };
-  next_episodes_ = Clock::now();
-  episodes_interval_ = kEpisodesAgain / 4;
+  now_ = begin;
+  book_.hurry(now_);
   while (worth_waiting()) {
+    send_episodes();
+    node_.wait(std::min(book_.due(), now_ + kStopCheck));
     now_ = Clock::now();
-    if (now_ >= next_episodes_) send_episodes_again();
-    node_.wait(std::min(deadline, next_episodes_));
-    now_ = Clock::now();
-    while (node_.take(acknowledgement_)) {
-      on_acknowledgement(acknowledgement_);
-      next_episodes_ = now_;  // what is left goes out at once
-    }
+    while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
+    while (node_.take(status_)) book_.heard(status_.header(), status_.service_state() == msg::STOPPING, now_);
     // Nothing else matters any more, but what is not taken would wake the wait again and again.
     while (node_.take(action_)) continue;
     while (node_.take(taken_settings_)) continue;
     while (node_.take(request_)) continue;
+    while (node_.take(map_request_)) continue;
     while (traversal_.images && node_.take(image_request_)) continue;
     while (traversal_.images && node_.take(chunk_)) continue;
-    while (node_.take(status_)) continue;
   }
-  if (unacknowledged_.empty())
-    spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, episodes_);
+  if (book_.kept() == 0)
+    spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, book_.episodes());
   else
-    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged", node_.options().id, episodes_,
-                 unacknowledged_.size());
+    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged", node_.options().id, book_.episodes(),
+                 book_.kept());
 }
 
 }  // namespace

@@ -11,6 +11,14 @@ namespace {
 // Steps and tasks are counted in int.
 constexpr std::uint32_t kMaxCount = 1u << 30;
 
+/// Notes the action of an episode's `steps`-th step, as long as the path fits an EpisodeStat.
+void append(std::vector<std::uint8_t>& path, int steps, std::uint8_t action) {
+  const auto at = static_cast<std::size_t>(steps - 1);
+  if (at / 4 >= msg::MAX_PATH) return;
+  if (at % 4 == 0) path.push_back(0);
+  path.back() = static_cast<std::uint8_t>(path.back() | action << 2 * (at % 4));
+}
+
 }  // namespace
 
 Environment::Environment(const Traversal& traversal, int agents)
@@ -76,6 +84,7 @@ void Environment::begin_training_episode(Agent& agent) {
   agent.nearest = std::abs(agent.goal - agent.start);
   agent.steps = 0;
   agent.episode_reward = 0;
+  agent.path.clear();
   agent.previous_action = kNoAction;
   agent.flags |= msg::FLAG_FIRST;
   if (settings_.shuffle()) {
@@ -132,6 +141,7 @@ void Environment::step(std::span<const std::uint8_t> actions) {
     if (actions[index] == kNext) ++agent.frame;
     if (actions[index] == kPrevious) --agent.frame;
     ++agent.steps;
+    append(agent.path, agent.steps, actions[index]);
     agent.previous_action = actions[index];
     agent.flags = 0;
     const bool free = std::abs(agent.goal - agent.frame) < distance && distance <= agent.nearest;
@@ -140,8 +150,10 @@ void Environment::step(std::span<const std::uint8_t> actions) {
     agent.reward = reached ? 1.0f : (free ? 0.0f : -1.0f / static_cast<float>(max_steps));
     agent.episode_reward += agent.reward;
     if (!reached && agent.steps < max_steps) continue;
+    const bool fits = static_cast<std::size_t>(agent.steps) <= 4 * std::size_t{msg::MAX_PATH};
     finished_.push_back({index, agent.task, first + agent.start, first + agent.goal, agent.steps,
-                         std::abs(agent.goal - agent.start), agent.episode_reward, reached});
+                         std::abs(agent.goal - agent.start), agent.episode_reward, reached,
+                         fits ? agent.path : std::vector<std::uint8_t>()});
     agent.flags = reached ? msg::FLAG_TERMINATED : msg::FLAG_TRUNCATED;
     if (settings_.task_mode() == msg::EVALUATE) {
       begin_task(agent, agent.task + agents());
@@ -171,8 +183,7 @@ void Environment::observe(msg::Observation& observation) const {
   observation.features().resize(count * dimension);
   for (std::size_t index = 0; index < count; ++index) {
     const Agent& agent = agents_[index];
-    const std::uint32_t shown = first + (settings_.shuffle() ? agent.order[agent.frame] : agent.frame);
-    observation.frame()[index] = shown;
+    observation.frame()[index] = shown(agent);
     observation.position()[index] = first + agent.frame;
     observation.goal()[index] = first + agent.goal;
     observation.previous_action()[index] = agent.previous_action;
@@ -180,9 +191,34 @@ void Environment::observe(msg::Observation& observation) const {
     observation.flags()[index] = agent.flags;
     observation.reward()[index] = agent.reward;
     if (dimension == 0) continue;
-    const std::span<const float> features = feature(static_cast<int>(shown));
+    const std::span<const float> features = feature(static_cast<int>(shown(agent)));
     std::copy(features.begin(), features.end(), observation.features().begin() + index * dimension);
   }
+}
+
+void Environment::observe(msg::Scene& scene) const {
+  const std::size_t count = agents_.size();
+  const std::uint32_t first = settings_.first_frame();
+  scene.step() = step_;
+  scene.frame().resize(count);
+  scene.position().resize(count);
+  scene.start().resize(count);
+  scene.goal().resize(count);
+  scene.steps().resize(count);
+  scene.flags().resize(count);
+  for (std::size_t index = 0; index < count; ++index) {
+    const Agent& agent = agents_[index];
+    scene.frame()[index] = shown(agent);
+    scene.position()[index] = first + agent.frame;
+    scene.start()[index] = first + agent.start;
+    scene.goal()[index] = first + agent.goal;
+    scene.steps()[index] = static_cast<std::uint32_t>(agent.steps);
+    scene.flags()[index] = agent.flags;
+  }
+}
+
+std::uint32_t Environment::shown(const Agent& agent) const {
+  return settings_.first_frame() + (settings_.shuffle() ? agent.order[agent.frame] : agent.frame);
 }
 
 bool Environment::done() const {

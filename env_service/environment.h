@@ -24,6 +24,7 @@ class Environment {
     int agent, task, start, goal, steps, shortest;
     float reward;
     bool completed;
+    std::vector<std::uint8_t> path;  ///< its actions as EpisodeStat has them; empty where they do not fit
   };
 
   /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS.
@@ -51,6 +52,8 @@ class Environment {
 
   /// Fills everything but the header.
   void observe(msg::Observation& observation) const;
+  /// Fills the step and what there is of each agent.
+  void observe(msg::Scene& scene) const;
 
   /// Episodes that the last step ended, by agent.
   const std::vector<Episode>& finished() const { return finished_; }
@@ -66,11 +69,13 @@ class Environment {
     int task = 0, start = 0, frame = 0, goal = 0, steps = 0, nearest = 0;
     float episode_reward = 0, reward = 0;
     std::uint8_t previous_action = kNoAction, flags = 0;
-    std::vector<int> order;  ///< frame shown at each place of the route, when shuffled
+    std::vector<int> order;          ///< frame shown at each place of the route, when shuffled
+    std::vector<std::uint8_t> path;  ///< of the episode so far, 2 bits an action
   };
   void begin_training_episode(Agent& agent);
   void begin_task(Agent& agent, int task);
   std::uint8_t allowed(int frame) const;
+  std::uint32_t shown(const Agent& agent) const;
 
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;

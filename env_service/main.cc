@@ -30,6 +30,21 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->capture_default_str()
       ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)))
       ->group(group);
+  app.add_option("--recorders", line.service.recorders,
+                 "Ids of services that record episodes, A,B,...: what they have not acknowledged is kept for them from "
+                 "the start, not only once they are heard of")
+      ->delimiter(',')
+      ->check(CLI::Validator(
+          [](std::string& id) {
+            return id.empty() || id.size() > 64 ? std::string("must have 1 to 64 characters") : std::string();
+          },
+          "ID", ""))
+      ->group(group);
+  app.add_option("--linger", line.service.linger,
+                 "Seconds at the end for recorders that live to acknowledge the last episodes")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 3600.0))
+      ->group(group);
   add_selection_options(app, line.source.selection, "Part of the traversal");
   app.add_flag("--list", line.list, "Print datasets and middlewares, and exit")->configurable(false)->group(group);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, and exit")

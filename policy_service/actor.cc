@@ -13,6 +13,7 @@
 
 #include "core/service.h"
 #include "policy_service/collector.h"
+#include "policy_service/farewell.h"
 #include "policy_service/fleet.h"
 #include "policy_service/parameter_chunks.h"
 #include "policy_service/trajectories.h"
@@ -345,6 +346,9 @@ void Actor::enroll(Seat& seat) {
   settings.frames() = s.info.lesson_frames();
   settings.max_steps() = s.info.max_steps();
   settings.seed() = s.collector->environment_seed(served.slot);
+  settings.policy() = s.info.agent();
+  settings.update() = s.parameters->newest() ? s.parameters->newest()->version : s.info.version();
+  settings.job() = s.info.job();
   fleet_.command(seat, settings);
   served.settings = seat.settings.settings();
   next_status_ = Clock::now();
@@ -556,6 +560,7 @@ void Actor::leave() {
 }
 
 int Actor::execute() {
+  const Farewell farewell(node_);
   spdlog::info("actor '{}' in run '{}' over {}", node_.options().id, node_.options().run, node_.middleware_name());
   while (!stop_requested()) {
     spin();

@@ -38,6 +38,7 @@ struct TrainedAgent {
   int first_frame = 0;  ///< where the route of its places begins on the traversal
   std::shared_ptr<const AgentNetwork<float>> network;
   Vector<float> parameters;
+  std::uint64_t update = 0;  ///< of the learner, that made the parameters
 };
 
 /// The agent in a checkpoint. Throws Error when the header lacks something or this program does not know the network.

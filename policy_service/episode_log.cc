@@ -66,9 +66,16 @@ void EpisodeLog::load() {
   if (whole != std::filesystem::file_size(path_)) std::filesystem::resize_file(path_, whole);
 }
 
-bool EpisodeLog::record(const msg::EpisodeStat& episode) {
+EpisodeLog::Progress& EpisodeLog::progress_of(const msg::EpisodeStat& episode) {
   Progress& progress = progress_[{episode.header().sender().c_str(), episode.header().incarnation()}];
   progress.skip_to(episode.acknowledged());
+  return progress;
+}
+
+void EpisodeLog::pass_over(const msg::EpisodeStat& episode) { progress_of(episode).add(episode.episode()); }
+
+bool EpisodeLog::record(const msg::EpisodeStat& episode) {
+  Progress& progress = progress_of(episode);
   if (episode.episode() <= progress.contiguous || progress.beyond.contains(episode.episode())) return false;
   progress.add(episode.episode());
   ++total_;

@@ -24,6 +24,8 @@ class EpisodeLog {
 
   /// True when this episode was new. Order and repetition don't matter.
   bool record(const msg::EpisodeStat& episode);
+  /// Counts as recorded without a row: it is not of this log.
+  void pass_over(const msg::EpisodeStat& episode);
   /// Hands the rows to the operating system and returns the number up to which all of this env_service's episodes are
   /// recorded. Throws Error when that fails (disk full): nothing is then acknowledged.
   std::uint64_t recorded(const std::string& environment, std::uint64_t incarnation);
@@ -37,6 +39,7 @@ class EpisodeLog {
     void skip_to(std::uint64_t episode);
   };
   void load();
+  Progress& progress_of(const msg::EpisodeStat& episode);
 
   std::string path_;
   std::FILE* file_ = nullptr;

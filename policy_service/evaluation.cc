@@ -19,6 +19,9 @@ void Evaluation::begin(Seat& seat) {
   settings.seed() = options_.seed;
   settings.tasks() = static_cast<std::uint32_t>(options_.tasks);
   settings.shuffle() = options_.shuffle;
+  settings.policy() = options_.policy.c_str();
+  settings.update() = options_.update;
+  settings.job() = options_.job;
   fleet_.command(seat, settings);
 }
 

@@ -20,6 +20,9 @@ struct EvaluationOptions {
   int tasks = 2000;
   std::uint64_t seed = 1;
   bool shuffle = false;               ///< show the frames in a random order
+  std::string policy;                 ///< who acts, for records
+  std::uint64_t update = 0;           ///< of the learner, whose parameters act; 0 = none
+  std::uint64_t job = 0;              ///< that this is part of
   std::chrono::seconds patience{30};  ///< how long a vanished env_service is waited for
 };
 

@@ -9,6 +9,7 @@ namespace citylearn {
 namespace {
 
 constexpr auto kSettingsAgain = std::chrono::milliseconds(100);
+constexpr auto kAcknowledgementsAgain = std::chrono::seconds(1);
 
 Error did_not_come(const RouteFeatures& route, const Seat& seat) {
   return Error(std::to_string(route.transfer.missing()) + " chunks of its features did not come",
@@ -53,6 +54,10 @@ void Fleet::spin(Clock::time_point deadline) {
   while (hears_observations_ && node_.take(observation_)) on_observation(observation_);
   while (hears_episodes_ && node_.take(episode_))
     if (Seat* seat = known(episode_.header()); seat && finished) finished(*seat, episode_);
+  if (!records_ || Clock::now() < next_acknowledgements_) return;
+  next_acknowledgements_ = Clock::now() + kAcknowledgementsAgain;
+  for (const auto& [id, seat] : seats_)
+    if (alive(*seat)) send_acknowledgement(*seat, false);
 }
 
 void Fleet::on_status(const msg::ServiceStatus& status) {
@@ -106,6 +111,8 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
     seat.in_force = seat.waiting = seat.busy = false;
     seat.heard_charge = info.settings().incarnation();
     seat.features.reset();
+    seat.acknowledged = 0;
+    if (records_) send_acknowledgement(seat, false);
     if (joined) joined(seat);
   } else if (same(info.settings(), seat.settings.settings())) {
     seat.in_force = true;
@@ -253,12 +260,28 @@ void Fleet::send_due_settings() {
   }
 }
 
-void Fleet::acknowledge(const Seat& seat, std::uint64_t episode) {
+void Fleet::acknowledge(Seat& seat, std::uint64_t episode) {
+  seat.acknowledged = episode;
+  send_acknowledgement(seat, false);
+}
+
+void Fleet::send_acknowledgement(const Seat& seat, bool leaving) {
   msg::EpisodeAcknowledgement acknowledgement;
   acknowledgement.environment() = seat.id.c_str();
   acknowledgement.environment_incarnation() = seat.incarnation();
-  acknowledgement.episode() = episode;
+  acknowledgement.episode() = seat.acknowledged;
+  acknowledgement.leaving() = leaving;
   node_.publish(acknowledgement);
+}
+
+void Fleet::begin_recording() {
+  records_ = true;
+  for (const auto& [id, seat] : seats_) acknowledge(*seat, 0);
+}
+
+void Fleet::end_recording() {
+  records_ = false;
+  for (const auto& [id, seat] : seats_) send_acknowledgement(*seat, true);
 }
 
 std::vector<float> Fleet::fetch_features(Seat& seat, int first, int count, Clock::time_point deadline) {

@@ -37,9 +37,10 @@ struct Seat {
   Clock::time_point next_settings{};  ///< when they are sent again, while not in force
   /// Of the route, when `settings` ask for observations by reference. They go out once it is complete.
   std::shared_ptr<RouteFeatures> features;
-  std::uint64_t charge = 0;           ///< incarnation that our settings carry; 0: that of this process
-  std::uint64_t heard_charge = 0;     ///< the largest that the env_service's messages carried
-  bool busy = false;                  ///< the env_service says that it gets actions from somebody
+  std::uint64_t charge = 0;        ///< incarnation that our settings carry; 0: that of this process
+  std::uint64_t heard_charge = 0;  ///< the largest that the env_service's messages carried
+  std::uint64_t acknowledged = 0;  ///< episodes up to this one, as it was told last
+  bool busy = false;               ///< the env_service says that it gets actions from somebody
 
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }
@@ -73,7 +74,12 @@ class Fleet {
   void command(Seat& seat, msg::TaskSettings settings);
   /// Answers the observation that waits.
   void answer(Seat& seat, const std::vector<std::uint8_t>& choice);
-  void acknowledge(const Seat& seat, std::uint64_t episode);
+  void acknowledge(Seat& seat, std::uint64_t episode);
+  /// From now on every env_service keeps its episodes until acknowledge(), beginning with all that it still has. Told
+  /// again once a second.
+  void begin_recording();
+  /// Nothing need be kept for this process any more.
+  void end_recording();
 
   /// Later settings for this seat win over those of everybody who took charge before, whoever started last.
   void take_charge(Seat& seat);
@@ -114,6 +120,7 @@ class Fleet {
   bool answers_requests(const Seat& seat) const;
   void ask_for_features();
   void send_due_settings();
+  void send_acknowledgement(const Seat& seat, bool leaving);
 
   Node& node_;
   FleetOptions options_;
@@ -128,7 +135,8 @@ class Fleet {
   std::map<std::string, Heard<Encoder>> encoders_;       ///< by id
   std::map<std::uint64_t, Clock::time_point> beats_;     ///< of encoder_services, by incarnation
   std::uint32_t version_ = 0;
-  bool hears_observations_ = true, hears_episodes_ = true;
+  bool hears_observations_ = true, hears_episodes_ = true, records_ = false;
+  Clock::time_point next_acknowledgements_{};
   msg::Observation observation_;
   msg::EpisodeStat episode_;
   msg::TraversalInfo info_;

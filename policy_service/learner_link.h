@@ -17,6 +17,7 @@ struct LearnerLinkOptions {
   std::uint64_t traversal_hash = 0;  ///< of the env_services that actors may serve
   int window = 2;                    ///< segments of one env_service that may be unacknowledged
   std::uint64_t most_lag = 0;        ///< updates; older trajectories are dropped; 0 = none is too old
+  std::uint64_t job = 0;             ///< that the actors' work is part of
 };
 
 /// A learner as its actors see it: tells them what to do, takes in their trajectories, gives them parameters

@@ -17,6 +17,7 @@
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
 #include "policy_service/evaluation.h"
+#include "policy_service/farewell.h"
 #include "policy_service/fleet.h"
 #include "policy_service/interchange/event_log.h"
 #include "policy_service/interchange/safetensors.h"
@@ -25,6 +26,7 @@
 #include "policy_service/network_policy.h"
 #include "policy_service/progress.h"
 #include "policy_service/report.h"
+#include "policy_service/run_record.h"
 #include "policy_service/score.h"
 #include "policy_service/trainer.h"
 
@@ -60,6 +62,7 @@ class Run {
 
  private:
   void spin();
+  void acknowledge();
   void await(const std::set<std::string>& traversals, int training_environments);
   std::vector<Seat*> seats_on(const std::string& traversal) const;
   Seat* seat_on(const std::string& traversal) const;
@@ -84,12 +87,17 @@ class Run {
                 const std::vector<Seat*>& seats);
   Evaluation::MakePolicy agent_policy() const;
   const std::vector<float>& reference();
+  std::string manifest() const;
+  void begin_record();
   void write_summary();
+  void leave();
 
   PolicyServiceOptions options_;
   bool control_alone_ = false;  ///< mode evaluate without a checkpoint: the agent is a control
   Node& node_;
   Fleet& fleet_;
+  std::uint64_t job_ = 0;              ///< names this run; kept when it is resumed
+  std::unique_ptr<RunRecord> record_;  ///< once all is known that it tells
   std::unique_ptr<EpisodeLog> episodes_;
   std::unique_ptr<MetricsLog> metrics_;
   std::unique_ptr<EventLog> events_;
@@ -118,22 +126,32 @@ Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
     std::filesystem::create_directories(options_.output + "/checkpoints", error);
     if (error) throw Error(error.message(), options_.output, "choose another --output");
   }
+  job_ = options_.resume ? job_of(options_.output + "/manifest.json") : new_job();
   const std::string log = options_.output.empty() ? "" : options_.output + "/episodes.csv";
   if (!options_.resume && !log.empty()) std::filesystem::remove(log);
   episodes_ = std::make_unique<EpisodeLog>(log);
   fleet_.finished = [this](Seat& seat, const msg::EpisodeStat& episode) {
-    if (episodes_->record(episode) && events_ && !episode.evaluation()) events_->finished(episode);
     to_acknowledge_.insert(&seat);
+    if (episode.job() != job_)
+      episodes_->pass_over(episode);  // of a run before this one, kept for somebody else
+    else if (episodes_->record(episode) && events_ && !episode.evaluation())
+      events_->finished(episode);
   };
+  fleet_.begin_recording();
 }
 
 /// Everything waits here: messages, acknowledgements, signals.
 void Run::spin() {
   fleet_.spin(Clock::now() + std::chrono::milliseconds(50));
   if (link_) link_->handle();
+  if (record_) record_->handle();
+  acknowledge();
+  if (stop_requested()) throw Stopped();
+}
+
+void Run::acknowledge() {
   for (Seat* seat : to_acknowledge_) fleet_.acknowledge(*seat, episodes_->recorded(seat->id, seat->incarnation()));
   to_acknowledge_.clear();
-  if (stop_requested()) throw Stopped();
 }
 
 std::vector<Seat*> Run::seats_on(const std::string& traversal) const {
@@ -235,9 +253,26 @@ void Run::build_trainer() {
     wall_before_ = metrics_->wall();
     if ((report_.episodes_to_spl95 = trainer_->progress().episodes_to_spl95))
       report_.wall_to_spl95 = metrics_->wall_at(*report_.episodes_to_spl95);
-    write_file(options_.output + "/manifest.json",
-               manifest_json(options_, trainer_->parameters(), traversals(), node_.middleware_name()));
+    write_file(options_.output + "/manifest.json", manifest());
   }
+  begin_record();
+}
+
+std::string Run::manifest() const {
+  return manifest_json(options_,
+                       trainer_ ? trainer_->parameters() : std::map<std::string, std::map<std::string, double>>(),
+                       traversals(), node_.middleware_name(), job_);
+}
+
+void Run::begin_record() {
+  RunRecord::What what;
+  what.agent = options_.agent;
+  if (trainer_) what.learner = options_.learner;
+  what.seed = options_.seed;
+  what.job = job_;
+  what.updates = trainer_ ? trainer_->progress().updates : 0;
+  what.manifest = manifest();
+  record_ = std::make_unique<RunRecord>(node_, what);
 }
 
 /// A training environment begins anew: at the start, after a restart of its process, and at each cut.
@@ -247,6 +282,7 @@ void Run::enroll(Seat& seat) {
   taking_part_.insert(&seat);
   msg::TaskSettings settings;
   trainer_->settings(slot, settings);
+  settings.job() = job_;
   fleet_.command(seat, settings);
 }
 
@@ -297,7 +333,7 @@ void Run::after_update(const UpdateFigures& figures, std::uint64_t steps_before)
   stat.learning_rate() = static_cast<float>(figures.learning_rate);
   stat.lag() = static_cast<float>(link_ ? link_->lag() : 0);
   report_.lag += (stat.lag() - report_.lag) / static_cast<double>(++report_.updates);
-  node_.publish(stat);
+  record_->add(stat);
   if (metrics_) metrics_->write(stat);
   if (events_) events_->write(stat);
   if (!report_.episodes_to_spl95 && progress.episodes_to_spl95) {
@@ -370,6 +406,7 @@ void Run::learn_until_done() {
   how.traversal_hash = seat_on(options_.train)->info.hash();
   how.window = options_.window;
   how.most_lag = options_.most_lag;
+  how.job = job_;
   link_ = std::make_unique<LearnerLink>(node_, *trainer_, how);
   fleet_.hear(/*observations=*/false, /*episodes=*/true);
   Clock::time_point next_word = Clock::now() + std::chrono::seconds(5);
@@ -498,6 +535,9 @@ void Run::evaluate(const std::string& name, bool shuffle, const Evaluation::Make
   what.tasks = options_.tasks;
   what.seed = mix_seeds({options_.seed, kEvaluationTasks});
   what.shuffle = shuffle;
+  what.policy = name;
+  if (agent_ && name == options_.agent) what.update = agent_->update;
+  what.job = job_;
   const std::string label = shuffle ? "shuffled" : name;
   Evaluation evaluation(fleet_, seats, what, make);
   const auto record = fleet_.finished;
@@ -542,6 +582,7 @@ void Run::evaluate(const std::string& name, bool shuffle, const Evaluation::Make
 
 void Run::evaluate_all() {
   const std::vector<Seat*> seats = evaluation_seats();
+  if (!record_) begin_record();
   const auto make_control = [this](const std::string& name) -> Evaluation::MakePolicy {
     const auto& entry = ControlRegistry::instance().find("control", name);
     const Parameters parameters(name, entry.parameters, options_.control_parameters[name]);
@@ -557,7 +598,7 @@ void Run::evaluate_all() {
   for (const std::string& name : options_.controls) {
     if (name == options_.agent) continue;
     if (name == "shuffled") {
-      evaluate(name, true, agent, seats);
+      evaluate(options_.agent, true, agent, seats);
     } else if (name == "sequence_filter" && reference().empty()) {
       spdlog::warn("no sequence_filter: traversal '{}' has no features or no env_service", options_.train);
     } else {
@@ -569,6 +610,25 @@ void Run::evaluate_all() {
 void Run::write_summary() {
   if (options_.output.empty()) return;
   write_file(options_.output + "/summary.json", summary_json(options_, trainer_ ? &report_ : nullptr, rows_));
+}
+
+/// The env_services wait for the next policy_service, and need keep nothing for this one.
+void Run::leave() {
+  if (record_) record_->end();
+  msg::TaskSettings idle;
+  idle.task_mode() = msg::IDLE;
+  for (const auto& [id, seat] : fleet_.seats())
+    if (Fleet::alive(*seat)) fleet_.command(*seat, idle);
+  const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(500);
+  const auto pending = [this] {
+    return std::any_of(fleet_.seats().begin(), fleet_.seats().end(),
+                       [](const auto& entry) { return Fleet::alive(*entry.second) && !entry.second->in_force; });
+  };
+  while (pending() && Clock::now() < deadline && !stop_requested()) {
+    fleet_.spin(deadline);
+    acknowledge();
+  }
+  fleet_.end_recording();
 }
 
 int Run::execute() {
@@ -589,17 +649,7 @@ int Run::execute() {
   write_summary();
   std::cout << table(rows_) << std::flush;
   if (!options_.output.empty()) spdlog::info("wrote {}/summary.json", options_.output);
-  // The env_services wait for the next policy_service.
-  msg::TaskSettings idle;
-  idle.task_mode() = msg::IDLE;
-  for (const auto& [id, seat] : fleet_.seats())
-    if (Fleet::alive(*seat)) fleet_.command(*seat, idle);
-  const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(500);
-  const auto pending = [this] {
-    return std::any_of(fleet_.seats().begin(), fleet_.seats().end(),
-                       [](const auto& entry) { return Fleet::alive(*entry.second) && !entry.second->in_force; });
-  };
-  while (pending() && Clock::now() < deadline && !stop_requested()) fleet_.spin(deadline);
+  leave();
   return 0;
 }
 
@@ -636,6 +686,7 @@ int run_policy_service(const PolicyServiceOptions& options) {
   const PolicyServiceOptions complete = checked_options(options);
   if (complete.role == "actor") return run_actor({complete.node, complete.stay});
   Node node(complete.node);
+  const Farewell farewell(node);
   Fleet fleet(node, complete.fleet);
   return Run(complete, node, fleet).execute();
 }

@@ -58,7 +58,8 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
 
 std::string manifest_json(const PolicyServiceOptions& options,
                           const std::map<std::string, std::map<std::string, double>>& agent,
-                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware) {
+                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,
+                          std::uint64_t job) {
   std::string vendor;
   for (const auto& [name, help] : list_middlewares())
     if (name == middleware) vendor = help;
@@ -78,6 +79,7 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"middleware", middleware},
       {"vendor", vendor},
       {"run", options.node.run},
+      {"job", job},
       {"mode", options.mode},
       {"role", options.role},
       {"agent", options.agent},

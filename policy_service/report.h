@@ -31,9 +31,10 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
                          const std::vector<ScoreRow>& rows);
 
 /// Text of manifest.json: what one needs to know to run this again. `agent` holds the effective parameters of network,
-/// learner and trainer; `traversals` what the env_services announced, by name.
+/// learner and trainer; `traversals` what the env_services announced, by name; `job` the run's, as in RunInfo.
 std::string manifest_json(const PolicyServiceOptions& options,
                           const std::map<std::string, std::map<std::string, double>>& agent,
-                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware);
+                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,
+                          std::uint64_t job);
 
 }  // namespace citylearn

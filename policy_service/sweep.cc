@@ -16,6 +16,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "policy_service/farewell.h"
 #include "policy_service/fleet.h"
 #include "policy_service/report.h"
 
@@ -267,7 +268,7 @@ std::string tables(const std::vector<Group>& groups) {
 /// What a finished seed has in its manifest must be what is asked for now.
 void require_same_run(const std::string& folder, const PolicyServiceOptions& options) {
   const std::string path = folder + "/manifest.json";
-  const Json found = parse_file(path), wanted = Json::parse(manifest_json(options, {}, {}, ""));
+  const Json found = parse_file(path), wanted = Json::parse(manifest_json(options, {}, {}, "", 0));
   const auto refuse = [&path](const std::string& what, const Json& was, const Json& is) {
     throw Error(what + " was " + was.dump() + ", is " + is.dump(), path,
                 "choose another --output or leave --resume out");
@@ -362,6 +363,7 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
     }
   }
   Node node(options.node);
+  const Farewell farewell(node);
   Fleet fleet(node, options.fleet);
   std::map<std::uint64_t, std::string> failed;
   for (std::size_t i = 0; i < seeds.size(); ++i) {

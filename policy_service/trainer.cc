@@ -161,6 +161,8 @@ void Trainer::settings(int environment, msg::TaskSettings& settings) const {
   settings.seed() = p.collector->environment_seed(environment);
   settings.tasks() = 0;
   settings.shuffle() = false;
+  settings.policy() = p.options.agent.c_str();
+  settings.update() = p.progress.updates;
 }
 
 bool Trainer::full(int environment) const { return parts_->collector->full(environment); }
@@ -388,7 +390,8 @@ void Trainer::describe(msg::LearnerInfo& info) const {
 
 TrainedAgent Trainer::agent() const {
   const Parts& p = *parts_;
-  return {p.options.agent, p.task, p.options.first_frame, p.shared_network, p.learner->parameters()};
+  return {p.options.agent,   p.task, p.options.first_frame, p.shared_network, p.learner->parameters(),
+          p.progress.updates};
 }
 
 std::map<std::string, std::map<std::string, double>> Trainer::parameters() const {

@@ -55,7 +55,7 @@ class Trainer {
   /// begins anew: what it had of the segment is dropped.
   void add(int environment, int agents);
   void remove(int environment);
-  /// What the environment shall do, under the present cut: all fields but header, environment and settings id.
+  /// What the environment shall do, under the present cut: all fields but header, environment, settings id and job.
   void settings(int environment, msg::TaskSettings& settings) const;
 
   /// Takes in the next observation; the first one must be of step 0. True: `choice` has the actions. False: the segment

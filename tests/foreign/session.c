@@ -95,12 +95,6 @@ Session* session_open(uint32_t domain, const char* run, const char* id) {
   return session;
 }
 
-void session_close(Session* session) {
-  dds_delete(session->participant);
-  if (session->domain > 0) dds_delete(session->domain);
-  free(session);
-}
-
 static void stamp(const Session* session, citylearn_msg_Header* header, uint64_t number) {
   header->protocol = citylearn_msg_PROTOCOL;
   memcpy(header->run, session->run, sizeof header->run);
@@ -157,15 +151,24 @@ static void send_action(Session* session, Seat* seat) {
   require(dds_write(session->actions, &seat->answer), "send an action");
 }
 
-static void send_acknowledgement(Session* session, Seat* seat) {
+static void send_acknowledgement(Session* session, Seat* seat, bool leaving) {
   citylearn_msg_EpisodeAcknowledgement message;
   memset(&message, 0, sizeof message);
   stamp(session, &message.header, ++session->sent_acknowledgements);
   memcpy(message.environment, seat->id, sizeof message.environment);
   message.environment_incarnation = seat->incarnation;
   message.episode = seat->recorded;
+  message.leaving = leaving;
   require(dds_write(session->acknowledgements, &message), "acknowledge");
   seat->acknowledge = false;
+}
+
+void session_close(Session* session) {
+  // Nothing need be kept for us any more.
+  for (int i = 0; i < session->count; ++i) send_acknowledgement(session, &session->seats[i], true);
+  dds_delete(session->participant);
+  if (session->domain > 0) dds_delete(session->domain);
+  free(session);
 }
 
 // ---- What comes -----------------------------------------------------------------------------------------------------
@@ -181,7 +184,10 @@ static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
   }
   if (info->header.incarnation < seat->incarnation) return;  // of a process that is dead, kept for late joiners
   const bool restarted = seat->incarnation != 0 && info->header.incarnation > seat->incarnation;
-  if (info->header.incarnation > seat->incarnation) seat->recorded = 0;
+  if (info->header.incarnation > seat->incarnation) {
+    seat->recorded = 0;
+    seat->acknowledge = true;  // from now on it keeps for us what we have not
+  }
   seat->incarnation = info->header.incarnation;
   memcpy(seat->traversal, info->traversal, sizeof seat->traversal);
   seat->frames = info->frames;
@@ -251,7 +257,7 @@ void session_spin(Session* session) {
   const int64_t now = dds_time();
   for (int i = 0; i < session->count; ++i) {
     Seat* seat = &session->seats[i];
-    if (seat->acknowledge) send_acknowledgement(session, seat);
+    if (seat->acknowledge) send_acknowledgement(session, seat, false);
     if (seat->settings.settings.version == 0) continue;
     if (!seat->in_force) {
       if (now >= seat->next_settings) send_settings(session, seat);

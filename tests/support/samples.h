@@ -116,6 +116,7 @@ inline void fill(Filler& f, msg::EpisodeStat& m) {
   m.shuffled(f.boolean());
   m.policy(f.text(64));
   m.update(f.number<std::uint64_t>());
+  m.job(f.number<std::uint64_t>());
   m.path(f.sequence<std::uint8_t>(11, msg::MAX_PATH));
   m.steps(static_cast<std::uint32_t>(m.path().size() * 4));
 }
@@ -158,11 +159,13 @@ inline void fill(Filler& f, msg::TaskSettings& m) {
   m.shuffle(f.boolean());
   m.policy(f.text(64));
   m.update(f.number<std::uint64_t>());
+  m.job(f.number<std::uint64_t>());
   m.by_reference(f.boolean());
 }
 
 inline void fill(Filler& f, msg::TrainingStat& m) {
   fill(f, m.header());
+  m.job(f.number<std::uint64_t>());
   m.update(f.number<std::uint64_t>());
   m.steps(f.number<std::uint64_t>());
   m.episodes(f.number<std::uint64_t>());
@@ -186,7 +189,9 @@ inline void fill(Filler& f, msg::RunInfo& m) {
   m.agent(f.text(64));
   m.learner(f.text(64));
   m.seed(f.number<std::uint64_t>());
+  m.job(f.number<std::uint64_t>());
   m.updates(f.number<std::uint64_t>());
+  m.ended(f.boolean());
   m.manifest(f.sequence<std::uint8_t>(2000, msg::MAX_CHUNK));
 }
 
@@ -194,6 +199,7 @@ inline void fill(Filler& f, msg::TrainingStatRequest& m) {
   fill(f, m.header());
   m.policy(f.text(64));
   m.policy_incarnation(f.number<std::uint64_t>());
+  m.job(f.number<std::uint64_t>());
   m.first(f.number<std::uint64_t>());
   m.last(f.number<std::uint64_t>());
 }
@@ -258,6 +264,7 @@ inline void fill(Filler& f, msg::LearnerInfo& m) {
   m.agent(f.text(64));
   m.network(f.text(1024));
   m.seed(f.number<std::uint64_t>());
+  m.job(f.number<std::uint64_t>());
   m.steps(f.number<std::uint32_t>());
   m.window(f.number<std::uint32_t>());
   m.noise_frame(f.number<double>());

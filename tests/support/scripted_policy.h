@@ -99,7 +99,9 @@ class ScriptedPolicy {
     while (node.take(taken_info_))
       if (taken_info_.header().sender() == environment_ &&
           taken_info_.header().incarnation() >= info.header().incarnation()) {
+        const bool fresh = taken_info_.header().incarnation() > info.header().incarnation();
         info = taken_info_;
+        if (fresh && acknowledge) send_acknowledgement(0);  // from now on episodes are kept for it
         ++infos;
         if (version_ > 0 && same(info.settings(), commanded_.settings())) in_force_ = true;
       }
@@ -118,8 +120,9 @@ class ScriptedPolicy {
       }
   }
 
-  void send_acknowledgement(std::uint64_t episode) {
+  void send_acknowledgement(std::uint64_t episode, bool leaving = false) {
     msg::EpisodeAcknowledgement message;
+    message.leaving() = leaving;
     message.environment() = environment_;
     message.environment_incarnation() = info.header().incarnation();
     message.episode() = episode;

@@ -12,6 +12,7 @@
 #include "core/transfer.h"
 #include "env_service/env_service.h"
 #include "tests/support/env.h"
+#include "tests/support/recorder.h"
 #include "tests/support/scripted_policy.h"
 #include "tests/support/service.h"
 
@@ -34,18 +35,29 @@ struct Wire {
 /// An env_service on traversal `summer` of a small synthetic city, as a program or (inprocess) as a thread.
 class Host {
  public:
-  Host(const Wire& wire, const std::string& run) {
+  Host(const Wire& wire, const std::string& run, const std::vector<std::string>& recorders = {}) {
     if (std::string(wire.middleware) != "inprocess") {
-      service_ = std::make_unique<Service>(
-          std::vector<std::string>{CITYLEARN_ENV_SERVICE, "--run", run, "--domain", std::to_string(wire.domain),
-                                   "--middleware", middleware(wire, 1).name, "--agents", std::to_string(kAgents),
-                                   "--synthetic-frames", std::to_string(kFrames), "--synthetic-images", "0"},
-          folder_ / "log");
+      std::vector<std::string> command{CITYLEARN_ENV_SERVICE,
+                                       "--run",
+                                       run,
+                                       "--domain",
+                                       std::to_string(wire.domain),
+                                       "--middleware",
+                                       middleware(wire, 1).name,
+                                       "--agents",
+                                       std::to_string(kAgents),
+                                       "--synthetic-frames",
+                                       std::to_string(kFrames),
+                                       "--synthetic-images",
+                                       "0"};
+      for (const std::string& recorder : recorders) command.insert(command.end(), {"--recorders", recorder});
+      service_ = std::make_unique<Service>(command, folder_ / "log");
       return;
     }
     traversal_ = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
     EnvServiceOptions options;
     options.agents = kAgents;
+    options.recorders = recorders;
     options.node.run = run;
     options.node.middleware = middleware(wire, 1);
     thread_ = std::thread([this, options] { run_env_service(options, traversal_, [this] { return stop_.load(); }); });
@@ -55,7 +67,7 @@ class Host {
     if (thread_.joinable()) thread_.join();
     if (service_) {
       service_->send(SIGTERM);
-      EXPECT_EQ(service_->wait(seconds(3)), 0) << service_->output();
+      EXPECT_EQ(service_->wait(seconds(8)), 0) << service_->output();  // recorders of this process may seem to live
     }
   }
   static MiddlewareOptions middleware(const Wire& wire, int seed) {
@@ -424,6 +436,132 @@ TEST_P(EnvProtocol, EpisodesAreRepeatedUntilAcknowledgedAndThenNoMore) {
     }
     return quiet >= 3;
   }));
+}
+
+/// The dashboard comes late, dies in the middle and comes back; the policy_service has had everything long before.
+TEST_P(EnvProtocol, EveryRecorderGetsEveryEpisode) {
+  const std::uint32_t count = GetParam().lossy ? 30 : 600;
+  const std::string run = run_ + "-recorders";
+  const Host host(GetParam(), run, {"dashboard"});
+  ScriptedPolicy policy(Host::middleware(GetParam(), 5), run, "env-summer");
+  policy.walker = &blind_;
+  msg::TaskSettings with = tasks(count);
+  with.policy() = "blind";
+  with.update() = 7;
+  with.job() = 8;
+  policy.command(with);
+  ASSERT_TRUE(policy.until([&] { return policy.recorded == count; }));
+  EpisodeStore store;
+  auto& stored = store["env-summer"];
+  {
+    Recorder dashboard(Host::middleware(GetParam(), 6), run, "dashboard", store);
+    ASSERT_TRUE(dashboard.until([&] { return stored.size() >= count / 3; }));
+  }
+  Recorder dashboard(Host::middleware(GetParam(), 7), run, "dashboard", store);
+  ASSERT_TRUE(dashboard.until([&] { return dashboard.recorded["env-summer"] == count; }));
+  EXPECT_EQ(stored.size(), count);
+  // And the env_service knows it.
+  policy.command(tasks(8));
+  ASSERT_TRUE(dashboard.until([&] {
+    policy.spin();
+    return std::any_of(stored.begin(), stored.end(),
+                       [&](const auto& entry) { return entry.second.acknowledged() >= count; });
+  }));
+  for (const auto& [number, stat] : stored) {
+    if (number > count) break;
+    EXPECT_EQ(std::string(stat.policy().c_str()), "blind");
+    EXPECT_EQ(stat.update(), 7u);
+    EXPECT_EQ(stat.job(), 8u);
+    ASSERT_EQ(stat.path().size(), (stat.steps() + 3) / 4);
+    std::int64_t place = stat.start();
+    for (std::size_t i = 0; i < stat.steps(); ++i) {
+      const int action = stat.path()[i / 4] >> 2 * (i % 4) & 3;
+      place += action == kNext ? 1 : action == kPrevious ? -1 : 0;
+    }
+    EXPECT_EQ(place == static_cast<std::int64_t>(stat.goal()), stat.completed()) << "the path leads to the goal";
+  }
+}
+
+TEST_P(EnvProtocol, ScenesAreForWhoeverWatches) {
+  policy_->walker = &blind_;
+  msg::TaskSettings with = settings(msg::TRAIN, 64, 64);
+  with.first_frame() = 20;
+  with.policy() = "blind";
+  policy_->command(with);
+  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 10; }));
+  policy_->node.listen<msg::Scene>();
+  msg::Scene scene;
+  const Clock::time_point since = Clock::now();
+  int scenes = 0;
+  std::uint64_t step = 0;
+  ASSERT_TRUE(policy_->until([&] {
+    while (policy_->node.take(scene)) {
+      ++scenes;
+      EXPECT_GE(scene.step() + (GetParam().lossy ? 1000 : 0), step);
+      step = scene.step();
+    }
+    return scenes >= 8;
+  }));
+  const double elapsed = std::chrono::duration<double>(Clock::now() - since).count();
+  EXPECT_LE(scenes, 10 * elapsed + 3 + (GetParam().lossy ? scenes : 0)) << "no more than a person can follow";
+  EXPECT_TRUE(same(scene.settings(), policy_->commanded().settings()));
+  EXPECT_EQ(scene.task_mode(), msg::TRAIN);
+  EXPECT_EQ(std::string(scene.policy().c_str()), "blind");
+  EXPECT_EQ(std::string(scene.traversal().c_str()), "summer");
+  EXPECT_EQ(scene.traversal_hash(), policy_->info.hash());
+  EXPECT_EQ(scene.first_frame(), 20u);
+  EXPECT_EQ(scene.frames(), 64u);
+  ASSERT_EQ(scene.frame().size(), std::size_t{kAgents});
+  for (std::size_t agent = 0; agent < kAgents; ++agent) {
+    EXPECT_TRUE(scene.position()[agent] >= 20 && scene.position()[agent] < 84);
+    EXPECT_EQ(scene.frame()[agent], scene.position()[agent]);
+    EXPECT_GE(scene.steps()[agent], static_cast<std::uint32_t>(std::abs(static_cast<int>(scene.position()[agent]) -
+                                                                        static_cast<int>(scene.start()[agent]))));
+  }
+  policy_->command(idle());
+  ASSERT_TRUE(policy_->until([&] {
+    while (policy_->node.take(scene)) continue;
+    return scene.task_mode() == msg::IDLE;
+  })) << "nobody is anywhere";
+  EXPECT_TRUE(scene.frame().empty());
+}
+
+TEST_P(EnvProtocol, TellsWhereItsFramesWereRecorded) {
+  ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
+  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
+  policy_->node.listen<msg::MapChunk>();
+  msg::MapRequest request;
+  request.environment() = "env-summer";
+  request.hash() = traversal.hash();
+  msg::MapChunk chunk;
+  const auto get = [&](std::uint32_t first) {
+    request.first() = first;
+    Clock::time_point again = Clock::now();
+    return policy_->until([&] {
+      if (Clock::now() >= again) {
+        policy_->node.publish(request);
+        again = Clock::now() + milliseconds(200);
+      }
+      bool found = false;
+      while (!found && policy_->node.take(chunk)) found = chunk.first() == first;
+      return found;
+    });
+  };
+  ASSERT_TRUE(get(0));
+  EXPECT_EQ(chunk.hash(), traversal.hash());
+  EXPECT_EQ(chunk.frames(), 200u);
+  EXPECT_EQ(chunk.position(), traversal.positions);
+  EXPECT_EQ(chunk.latitude(), traversal.latitude);
+  EXPECT_EQ(chunk.longitude(), traversal.longitude);
+  ASSERT_TRUE(get(150));
+  EXPECT_EQ(chunk.position(), std::vector<float>(traversal.positions.begin() + 150, traversal.positions.end()));
+  const std::uint64_t before = policy_->status.rejected();
+  request.first() = 200;
+  policy_->node.publish(request);
+  ASSERT_TRUE(policy_->until([&] {
+    if (GetParam().lossy) policy_->node.publish(request);
+    return policy_->status.rejected() > before;
+  })) << "beyond the last frame";
 }
 
 TEST_P(EnvProtocol, SilentPolicyIsWaitedFor) {

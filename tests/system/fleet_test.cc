@@ -232,6 +232,36 @@ TEST_F(FleetTest, WhereFeaturesDoNotComeOtherSeatsGoOnAndItIsAnErrorInTheEnd) {
   EXPECT_TRUE(player.shown["miser"].empty());
 }
 
+TEST_F(FleetTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
+  Traversal traversal = wide_traversal("road", 3000, 1);
+  for (int i = 0; i < traversal.frames; ++i) {
+    traversal.positions[static_cast<std::size_t>(i)] = static_cast<float>(i);
+    traversal.latitude.push_back(-27 + 1e-9 * i);
+    traversal.longitude.push_back(153 + 1e-9 * i);
+  }
+  const Host host(traversal, 1, run_);
+  Player player(run_);
+  ASSERT_TRUE(player.seat("env-road"));
+  player.node.listen<msg::MapChunk>();
+  msg::MapRequest request;
+  request.environment() = "env-road";
+  request.hash() = traversal.hash();
+  msg::MapChunk map;
+  std::vector<double> latitude, longitude;
+  for (const std::size_t count : {std::size_t{msg::MAX_PLACES}, 3000 - std::size_t{msg::MAX_PLACES}}) {
+    request.first() = static_cast<std::uint32_t>(latitude.size());
+    player.node.publish(request);
+    ASSERT_TRUE(player.until([&] { return player.node.take(map); }));
+    EXPECT_EQ(map.first(), request.first());
+    ASSERT_EQ(map.position().size(), count);
+    EXPECT_EQ(map.position().front(), static_cast<float>(map.first()));
+    latitude.insert(latitude.end(), map.latitude().begin(), map.latitude().end());
+    longitude.insert(longitude.end(), map.longitude().begin(), map.longitude().end());
+  }
+  EXPECT_EQ(latitude, traversal.latitude);
+  EXPECT_EQ(longitude, traversal.longitude);
+}
+
 TEST_F(FleetTest, WholeObservationsThatCannotBeAreRefused) {
   const Traversal traversal = wide_traversal("wide", 3, 100000);
   const Host host(traversal, 3, run_);

@@ -7,8 +7,10 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "core/node.h"
+#include "tests/support/recorder.h"
 #include "tests/support/service.h"
 #include "tests/support/trial.h"
 
@@ -113,6 +115,58 @@ TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
     points += count(contents(file), "Losses/Value Loss");
   EXPECT_EQ(files_in(run.folder() / "killed/tensorboard").size(), 2u) << "one of each process";
   EXPECT_EQ(points, static_cast<std::size_t>(kUpdates)) << "one an update, although some were computed twice";
+}
+
+/// Numbers of an episodes.csv with one env_service, each once.
+std::set<std::uint64_t> recorded_episodes(const std::string& path) {
+  std::set<std::uint64_t> numbers;
+  std::istringstream lines(contents(path));
+  std::string line;
+  std::getline(lines, line);
+  while (std::getline(lines, line)) {
+    const std::size_t number = line.find(',', line.find(',') + 1) + 1;
+    EXPECT_TRUE(numbers.insert(std::stoull(line.substr(number))).second) << line;
+  }
+  return numbers;
+}
+
+/// What is kept for a dashboard that is not there comes to every policy_service too.
+TEST_P(Vendors, ALaggingRecorderDisturbsNobodysRecords) {
+  Trial run(GetParam(), domain(6));
+  const auto summer = run.env("summer", {"--recorders", "dashboard"});
+  const auto one = run.train(8, "one");
+  ASSERT_EQ(one->wait(kLong), 0) << one->output();
+  const auto killed = run.train(200, "two");
+  ASSERT_TRUE(run.has_checkpoint("two", kLong)) << killed->output();
+  killed->send(SIGKILL);
+  ASSERT_EQ(killed->wait(seconds(5)), 128 + SIGKILL) << "it had ended before";
+  const auto resumed = run.train(200, "two", {"--resume"});
+  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  const auto first = recorded_episodes(run.folder() / "one/episodes.csv");
+  const auto second = recorded_episodes(run.folder() / "two/episodes.csv");
+  ASSERT_FALSE(first.empty());
+  EXPECT_EQ(*first.begin(), 1u);
+  EXPECT_EQ(*first.rbegin(), first.size());
+  EXPECT_GT(*second.begin(), *first.rbegin()) << "those of its predecessor are none of its own";
+  EXPECT_EQ(*second.rbegin() - *second.begin() + 1, second.size()) << "none is missing";
+  // The dashboard gets all, and knows what belongs together.
+  MiddlewareOptions options;
+  options.name = GetParam();
+  options.domain = static_cast<std::uint32_t>(domain(6));
+  EpisodeStore store;
+  Recorder dashboard(options, "default", "dashboard", store);
+  ASSERT_TRUE(dashboard.until([&] { return dashboard.recorded["env-summer"] >= *second.rbegin(); }));
+  const auto job = [&](const std::string& output) {
+    return Json::parse(contents(run.folder() / (output + "/manifest.json")))["job"].get<std::uint64_t>();
+  };
+  for (const auto& [number, stat] : store["env-summer"]) {
+    if (first.contains(number)) {
+      EXPECT_EQ(stat.job(), job("one")) << number;
+    } else if (second.contains(number)) {
+      EXPECT_EQ(stat.job(), job("two")) << number;
+    }
+    EXPECT_EQ(std::string(stat.policy().c_str()), "place_filter");
+  }
 }
 
 TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {

@@ -1,6 +1,7 @@
 add_executable(env_test
   ${CMAKE_CURRENT_LIST_DIR}/environment_test.cc
   ${CMAKE_CURRENT_LIST_DIR}/environment_golden_test.cc
+  ${CMAKE_CURRENT_LIST_DIR}/episode_book_test.cc
   ${CMAKE_CURRENT_LIST_DIR}/dataset_plain_test.cc
   ${CMAKE_CURRENT_LIST_DIR}/dataset_synthetic_test.cc
   ${CMAKE_CURRENT_LIST_DIR}/traversal_test.cc)

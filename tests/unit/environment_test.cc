@@ -444,6 +444,61 @@ TEST(EnvironmentObservation, NamesSettingsTraversalAndHash) {
   EXPECT_EQ(walk.seen.flags()[0], 0);
 }
 
+TEST(EnvironmentPath, IsEveryActionOfTheEpisode) {
+  const Traversal traversal = small_traversal(10);
+  Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 10, 40), 3, 6));
+  const std::vector<std::uint8_t> actions{kPrevious, kStay, kNext, kNext, kStay, kNext, kNext};
+  for (const std::uint8_t action : actions) walk.step(action);
+  ASSERT_EQ(walk.environment.finished().size(), 1u);
+  // 2 bits each, the first in the lowest bits of the first octet.
+  EXPECT_EQ(
+      walk.environment.finished()[0].path,
+      (std::vector<std::uint8_t>{kPrevious | kStay << 2 | kNext << 4 | kNext << 6, kStay | kNext << 2 | kNext << 4}));
+  walk.step(walk.towards());
+  while (walk.environment.finished().empty()) walk.step(walk.towards());
+  EXPECT_EQ(walk.environment.finished()[0].path.size(),
+            static_cast<std::size_t>(walk.environment.finished()[0].steps + 3) / 4)
+      << "the next one's begins anew";
+}
+
+TEST(EnvironmentPath, IsLeftOutWhereItDoesNotFit) {
+  const Traversal traversal = small_traversal(10);
+  for (const std::uint32_t steps : {4 * msg::MAX_PATH, 4 * msg::MAX_PATH + 1}) {
+    Walk walk(traversal, settings(msg::TRAIN, 10, steps));
+    for (std::uint32_t i = 0; i < steps; ++i) walk.environment.step(std::vector<std::uint8_t>{kStay});
+    ASSERT_EQ(walk.environment.finished().size(), 1u);
+    EXPECT_EQ(walk.environment.finished()[0].path.size(), steps == 4 * msg::MAX_PATH ? msg::MAX_PATH : 0u);
+  }
+}
+
+TEST(EnvironmentScene, TellsWhereAgentsAreWhereTheyCameFromAndWhereTheyGo) {
+  const Traversal traversal = small_traversal(20);
+  msg::TaskSettings with = settings(msg::TRAIN, 10, 40);
+  with.first_frame() = 5;
+  with.shuffle() = true;
+  Environment environment(traversal, 3);
+  environment.reset(with);
+  msg::Observation first, seen;
+  environment.observe(first);
+  std::vector<std::uint8_t> choice(3);
+  for (std::size_t agent = 0; agent < 3; ++agent) choice[agent] = first.position()[agent] > 5 ? kPrevious : kNext;
+  environment.step(choice);
+  environment.observe(seen);
+  msg::Scene scene;
+  environment.observe(scene);
+  EXPECT_EQ(scene.step(), 1u);
+  EXPECT_EQ(scene.frame(), seen.frame());
+  EXPECT_EQ(scene.position(), seen.position());
+  EXPECT_EQ(scene.goal(), seen.goal());
+  EXPECT_EQ(scene.flags(), seen.flags());
+  EXPECT_NE(scene.frame(), scene.position()) << "shuffled";
+  for (std::size_t agent = 0; agent < 3; ++agent) {
+    const bool ended = seen.flags()[agent] & msg::FLAG_FIRST;
+    EXPECT_EQ(scene.start()[agent], ended ? seen.position()[agent] : first.position()[agent]);
+    EXPECT_EQ(scene.steps()[agent], ended ? 0u : 1u);
+  }
+}
+
 // TASK: an agent that never looks completes every task, in 53.2 steps, with reward .920 and SPL .852, on 128 frames.
 TEST(EnvironmentFigures, BlindSweepAndShortestPath) {
   const Traversal traversal = small_traversal(128);

@@ -72,6 +72,14 @@ TEST(Floors, NumbersInEigenPicturesInDatasetsAndEncoders) {
       EXPECT_FALSE(begins(include.target, "opencv2/")) << include.file << ": " << include.line;
 }
 
+TEST(Floors, SqliteStaysInItsOneFile) {
+  for (const std::string folder : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools"})
+    for (const Include& include : includes_below(folder))
+      if (begins(include.target, "sqlite3")) {
+        EXPECT_EQ(include.file, "dashboard/sqlite.cc") << include.line;
+      }
+}
+
 TEST(Floors, ProtobufStaysInTheWriterOfModels) {
   for (const std::string folder : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools"})
     for (const Include& include : includes_below(folder))

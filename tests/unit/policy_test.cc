@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 
@@ -10,8 +11,10 @@
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
 #include "policy_service/metrics_log.h"
+#include "policy_service/run_record.h"
 #include "policy_service/score.h"
 #include "tests/support/service.h"
+#include "tests/support/wait.h"
 
 namespace citylearn {
 namespace {
@@ -74,6 +77,20 @@ TEST(EpisodeLog, TakesUpWhereTheEnvironmentWasAcknowledged) {
   EXPECT_EQ(log.recorded("env-summer", 7), 58u);
 }
 
+TEST(EpisodeLog, HasNoRowsOfWhatItPassesOver) {
+  Folder folder;
+  const std::string path = folder / "episodes.csv";
+  EpisodeLog log(path);
+  log.pass_over(episode(1, 1, 1, true));
+  EXPECT_TRUE(log.record(episode(3, 1, 1, true)));
+  log.pass_over(episode(2, 1, 1, true));
+  EXPECT_EQ(log.recorded("env-summer", 7), 3u) << "nothing is missing";
+  EXPECT_FALSE(log.record(episode(2, 1, 1, true)));
+  EXPECT_EQ(log.total(), 1u);
+  const std::string text = read_file(path);
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 2) << text;
+}
+
 TEST(EpisodeLog, SurvivesAKillInTheMiddleOfARow) {
   Folder folder;
   const std::string path = folder / "episodes.csv";
@@ -126,6 +143,121 @@ TEST(MetricsLog, ForgetsWhatCameAfterTheCheckpoint) {
   int rows = 0;
   while (std::getline(in, line)) ++rows;
   EXPECT_EQ(rows, 4);
+}
+
+/// Two nodes in this process.
+class RunRecordTest : public ::testing::Test {
+ protected:
+  static Node::Options options(const std::string& id) {
+    Node::Options options;
+    options.middleware.name = "inprocess";
+    options.service = options.id = id;
+    options.run = "run-record-" + std::to_string(getpid());
+    return options;
+  }
+  RunRecordTest() {
+    watcher.listen<msg::RunInfo>();
+    watcher.listen<msg::TrainingStat>();
+    watcher.announce<msg::TrainingStatRequest>();
+  }
+  /// Lets the record work until nothing more comes; all stats that came.
+  std::vector<msg::TrainingStat> stats(RunRecord& record) {
+    std::vector<msg::TrainingStat> found;
+    record.handle();
+    while (watcher.take(stat)) found.push_back(stat);
+    return found;
+  }
+  bool take_info() {
+    bool any = false;
+    while (watcher.take(info)) any = true;
+    return any;
+  }
+  void ask(std::uint64_t first, std::uint64_t last, std::uint64_t job = 5) {
+    msg::TrainingStatRequest request;
+    request.policy() = "policy";
+    request.policy_incarnation() = policy.incarnation();
+    request.job() = job;
+    request.first() = first;
+    request.last() = last;
+    watcher.publish(request);
+  }
+  Node policy{options("policy")}, watcher{options("watcher")};
+  msg::TrainingStat stat;
+  msg::RunInfo info;
+};
+
+TEST_F(RunRecordTest, TellsWhatTheRunIsAtItsStartAndItsEndAndInBetween) {
+  RunRecord record(policy, {"place_filter", "ppo", 3, 5, 20, "{\"a\": 1}"});
+  ASSERT_TRUE(take_info());
+  EXPECT_EQ(std::string(info.agent().c_str()), "place_filter");
+  EXPECT_EQ(std::string(info.learner().c_str()), "ppo");
+  EXPECT_EQ(info.seed(), 3u);
+  EXPECT_EQ(info.job(), 5u);
+  EXPECT_EQ(info.updates(), 20u);
+  EXPECT_FALSE(info.ended());
+  EXPECT_EQ(std::string(info.manifest().begin(), info.manifest().end()), "{\"a\": 1}");
+  record.handle();
+  EXPECT_FALSE(take_info()) << "not all the time";
+  const Clock::time_point deadline = Clock::now() + testing::kPatience;
+  while (!take_info() && Clock::now() < deadline) {
+    policy.wait(Clock::now() + std::chrono::milliseconds(20));
+    record.handle();
+  }
+  EXPECT_EQ(info.header().message(), 2u) << "again after a while";
+  record.end();
+  ASSERT_TRUE(take_info());
+  EXPECT_TRUE(info.ended());
+  RunRecord large(policy, {"place_filter", "", 3, 6, 0, std::string(msg::MAX_CHUNK + 1, ' ')});
+  ASSERT_TRUE(take_info());
+  EXPECT_TRUE(info.manifest().empty()) << "what does not fit is left out";
+}
+
+TEST_F(RunRecordTest, GivesItsStatsAgainToWhoAsks) {
+  RunRecord record(policy, {"place_filter", "ppo", 3, 5, 20, ""});
+  for (std::uint64_t update = 21; update <= 420; ++update) {
+    msg::TrainingStat one;
+    one.update() = update;
+    one.reward() = static_cast<float>(update) / 2;
+    one.wall() = static_cast<double>(update) * 3;
+    record.add(one);
+    const auto came = stats(record);
+    ASSERT_EQ(came.size(), 1u);
+    EXPECT_EQ(came[0].job(), 5u);
+  }
+  ask(30, 35);
+  auto came = stats(record);
+  ASSERT_EQ(came.size(), 6u);
+  for (std::uint64_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(came[i].update(), 30 + i);
+    EXPECT_EQ(came[i].reward(), static_cast<float>(30 + i) / 2);
+    EXPECT_EQ(came[i].wall(), static_cast<double>(30 + i) * 3);
+    EXPECT_EQ(came[i].job(), 5u);
+    EXPECT_EQ(std::string(came[i].header().sender().c_str()), "policy");
+  }
+  ask(1, 22);
+  EXPECT_EQ(stats(record).size(), 2u) << "those before were of another process";
+  ask(100, 10'000);
+  came = stats(record);
+  ASSERT_EQ(came.size(), std::size_t{msg::MAX_STATS_ASKED});
+  EXPECT_EQ(came.front().update(), 100u);
+  ask(419, ~std::uint64_t{0});
+  EXPECT_EQ(stats(record).size(), 2u);
+  ask(421, 500);
+  ask(30, 29);
+  ask(30, 35, 6);
+  EXPECT_TRUE(stats(record).empty()) << "not there, nothing, another run";
+  ask(~std::uint64_t{0}, ~std::uint64_t{0});
+  EXPECT_TRUE(stats(record).empty());
+}
+
+TEST(RunRecord, AResumedRunKeepsItsJob) {
+  Folder folder;
+  const std::uint64_t before = new_job();
+  EXPECT_GE(job_of(folder / "manifest.json"), before) << "there is none";
+  std::ofstream(folder / "manifest.json") << "{\"job\": 1234}";
+  EXPECT_EQ(job_of(folder / "manifest.json"), 1234u);
+  std::ofstream(folder / "manifest.json") << "{\"jo";
+  EXPECT_GE(job_of(folder / "manifest.json"), before);
 }
 
 TEST(Files, AFailedWriteLeavesTheOldFile) {

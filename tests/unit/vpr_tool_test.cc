@@ -75,6 +75,16 @@ TEST(VprTool, FeaturesNeedNoEncoder) {
     const double least = sequence ? 1 : !single ? 0 : row["dimension"] == 16 ? 0.9 : 0.6;
     EXPECT_GE(row["recall_1"].get<double>(), least) << row;
   }
+  const nlohmann::json curves = nlohmann::json::parse(contents(output / "curves.json"))["curves"];
+  ASSERT_EQ(curves.size(), 16u);
+  for (std::size_t i = 0; i < curves.size(); ++i) {
+    const nlohmann::json &curve = curves[i], &row = json["rows"][i];
+    EXPECT_EQ(curve["method"], row["method"]);
+    ASSERT_EQ(curve["recall"].size(), curve["precision"].size());
+    EXPECT_LE(curve["recall"].size(), 60u) << "a point a query at most";
+    EXPECT_EQ(curve["recall"].back(), row["recall_1"]) << "every query answered";
+    EXPECT_EQ(curve["auc"], row["auc"]);
+  }
   for (const std::string method : {"nearest", "csls-sequence", "seqslam", "mlp"}) {
     const std::string svg = contents(output / ("pr-fall-" + method + ".svg"));
     EXPECT_EQ(svg.find("<svg "), 0u) << method;

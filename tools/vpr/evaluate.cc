@@ -211,6 +211,7 @@ class Evaluation {
     rows_.push_back(std::move(row));
     write_file(options_.output + "/results.csv", results_csv(rows_));
     write_file(options_.output + "/results.json", results_json(setting_, rows_));
+    write_file(options_.output + "/curves.json", curves_json(rows_));
   }
 
   const Options& options_;

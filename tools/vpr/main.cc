@@ -114,7 +114,7 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->check(CLI::Range(0, 100000))
       ->group(results);
   app.add_option("--output", options.output,
-                 "Folder for results.csv, results.json, pr-*.svg, similarity-*.png (runs/vpr-TIME)")
+                 "Folder for results.csv, results.json, curves.json, pr-*.svg, similarity-*.png (runs/vpr-TIME)")
       ->type_name("DIR")
       ->group(results);
   app.add_flag("--no-pictures", line.no_pictures, "No similarity-*.png")->group(results);

@@ -123,6 +123,30 @@ std::string results_json(const Setting& setting, const std::vector<Row>& rows) {
   return json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
 }
 
+std::string curves_json(const std::vector<Row>& rows) {
+  constexpr std::size_t kMost = 2000;
+  nlohmann::ordered_json json = {{"curves", nlohmann::ordered_json::array()}};
+  for (const Row& row : rows) {
+    const std::size_t size = row.curve.recall.size(), kept = std::min(size, kMost);
+    std::vector<double> recall(kept), precision(kept);
+    for (std::size_t i = 0; i < kept; ++i) {
+      // The first and the last point are always among them.
+      const std::size_t point = kept > 1 ? i * (size - 1) / (kept - 1) : 0;
+      recall[i] = row.curve.recall[point];
+      precision[i] = row.curve.precision[point];
+    }
+    json["curves"].push_back({{"encoder", row.encoder},
+                              {"dimension", row.dimension},
+                              {"centring", row.centring},
+                              {"method", row.method},
+                              {"query", row.query},
+                              {"auc", row.auc},
+                              {"recall", recall},
+                              {"precision", precision}});
+  }
+  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+}
+
 std::string slug(const std::string& text) {
   std::string result;
   for (const char c : text) {

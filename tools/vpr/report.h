@@ -37,6 +37,9 @@ std::string results_csv(const std::vector<Row>& rows);
 /// The setting, what the figures mean, and the rows.
 std::string results_json(const Setting& setting, const std::vector<Row>& rows);
 
+/// Precision over recall, at most 2,000 points a row: {"curves": [{encoder .. query, recall, precision}]}.
+std::string curves_json(const std::vector<Row>& rows);
+
 /// `text` as part of a file's name: everything but letters, digits, '.', '_' becomes '-'.
 std::string slug(const std::string& text);
 

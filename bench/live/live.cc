@@ -1,0 +1,220 @@
+// See README.md.
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <memory>
+#include <thread>
+
+#include "dashboard/server.h"
+#include "tests/support/web_client.h"
+
+namespace {
+
+using namespace citylearn;
+using namespace std::chrono_literals;
+using testing::WebClient;
+
+constexpr std::size_t kScene = 64 * 6 * 4, kPicture = 20'000;
+const std::string kWatch = R"({"watch": ["scene:env@run", "picture:env@run:0"]})";
+
+double processor_seconds() {
+  rusage used{};
+  getrusage(RUSAGE_SELF, &used);
+  const auto seconds = [](const timeval& t) { return double(t.tv_sec) + double(t.tv_usec) * 1e-6; };
+  return seconds(used.ru_utime) + seconds(used.ru_stime);
+}
+
+double resident_megabytes() {
+  std::ifstream statm("/proc/self/statm");
+  double all = 0, pages = 0;
+  statm >> all >> pages;
+  return pages * double(sysconf(_SC_PAGESIZE)) / 1e6;
+}
+
+/// Work of another process, which ends when this does.
+class Crowd {
+ public:
+  explicit Crowd(const std::function<void()>& work) : process_(fork()) {
+    if (process_ < 0) throw Error("cannot fork");
+    if (process_ > 0) return;
+    try {
+      work();
+    } catch (const std::exception& error) {
+      std::cerr << "bench_live: a client: " << error.what() << "\n";
+    }
+    _exit(0);
+  }
+  ~Crowd() {
+    kill(process_, SIGKILL);
+    waitpid(process_, nullptr, 0);
+  }
+  Crowd(const Crowd&) = delete;
+  Crowd& operator=(const Crowd&) = delete;
+
+ private:
+  pid_t process_;
+};
+
+/// Connects `count` clients and reads from all of them, for ever.
+void watch(std::uint16_t port, int count) {
+  std::vector<int> sockets;
+  for (int i = 0; i < count; ++i) {
+    const int one = ::socket(AF_INET, SOCK_STREAM, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_port = htons(port);
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    if (::connect(one, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) throw Error("cannot connect");
+    std::string text =
+        "GET /api/live HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n";
+    std::string answer(4096, '\0');
+    if (::send(one, text.data(), text.size(), MSG_NOSIGNAL) < 0 || ::recv(one, answer.data(), answer.size(), 0) <= 0)
+      throw Error("cannot shake hands");
+    text = '\x81';
+    text += static_cast<char>(0x80 | kWatch.size());
+    text += std::string(4, '\0') + kWatch;  // a mask of zeros
+    if (::send(one, text.data(), text.size(), MSG_NOSIGNAL) < 0) throw Error("cannot send");
+    sockets.push_back(one);
+  }
+  std::vector<pollfd> ready;
+  for (const int one : sockets) ready.push_back({one, POLLIN, 0});
+  std::vector<char> bytes(1 << 16);
+  while (::poll(ready.data(), ready.size(), -1) > 0)
+    for (pollfd& one : ready)
+      if (one.revents && ::recv(one.fd, bytes.data(), bytes.size(), 0) <= 0) one.fd = -1;
+}
+
+void publish(ClientHub& hub) {
+  hub.publish("scene:env@run", {{"traversal", "summer"}, {"agents", 64}}, std::vector<std::byte>(kScene),
+              Hub::Merge::kReplace);
+  hub.publish("picture:env@run:0", {{"hash", "00112233445566aa"}, {"frame", 7}}, std::vector<std::byte>(kPicture),
+              Hub::Merge::kReplace);
+}
+
+struct Rate {
+  double each_second = 0;
+  double longest_ms = 0;
+};
+
+/// Publishes every `period` for `duration`.
+Rate publish_for(ClientHub& hub, std::chrono::microseconds period, std::chrono::seconds duration) {
+  const auto begin = Clock::now();
+  Rate rate;
+  int count = 0;
+  for (auto next = begin; next < begin + duration; next += period) {
+    std::this_thread::sleep_until(next);
+    const auto before = Clock::now();
+    publish(hub);
+    rate.longest_ms =
+        std::max(rate.longest_ms, std::chrono::duration<double, std::milli>(Clock::now() - before).count());
+    ++count;
+  }
+  rate.each_second = count / std::chrono::duration<double>(Clock::now() - begin).count();
+  return rate;
+}
+
+void wait_for(const std::function<bool()>& condition) {
+  const auto deadline = Clock::now() + 20s;
+  while (!condition()) {
+    if (Clock::now() > deadline) throw Error("the clients do not come");
+    ::poll(nullptr, 0, 5);
+  }
+}
+
+/// Share of a core that a bare loop needs to write the same bytes to as many sockets.
+double bare_share(int clients, std::chrono::seconds duration) {
+  std::vector<int> ours, theirs;
+  for (int i = 0; i < clients; ++i) {
+    const int listener = ::socket(AF_INET, SOCK_STREAM, 0), one = ::socket(AF_INET, SOCK_STREAM, 0);
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof address;
+    if (::bind(listener, reinterpret_cast<const sockaddr*>(&address), size) != 0 || ::listen(listener, 1) != 0 ||
+        ::getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size) != 0 ||
+        ::connect(one, reinterpret_cast<const sockaddr*>(&address), size) != 0)
+      throw Error("no sockets");
+    ours.push_back(::accept(listener, nullptr, nullptr));
+    theirs.push_back(one);
+    ::close(listener);
+  }
+  const Crowd readers([&] {
+    std::vector<pollfd> ready;
+    for (const int one : theirs) ready.push_back({one, POLLIN, 0});
+    std::vector<char> bytes(1 << 16);
+    while (::poll(ready.data(), ready.size(), -1) > 0)
+      for (pollfd& one : ready)
+        if (one.revents && ::recv(one.fd, bytes.data(), bytes.size(), 0) <= 0) return;
+  });
+  const std::vector<char> scene(kScene + 200), picture(kPicture + 200);
+  const double before = processor_seconds();
+  const auto begin = Clock::now();
+  for (auto next = begin; next < begin + duration; next += 100ms) {
+    std::this_thread::sleep_until(next);
+    for (const int one : ours)
+      if (::send(one, scene.data(), scene.size(), MSG_NOSIGNAL) < 0 ||
+          ::send(one, picture.data(), picture.size(), MSG_NOSIGNAL) < 0)
+        throw Error("cannot send");
+  }
+  const double share = (processor_seconds() - before) / std::chrono::duration<double>(Clock::now() - begin).count();
+  for (const int one : ours) ::close(one);
+  for (const int one : theirs) ::close(one);
+  return share;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  const int clients = argc > 1 ? std::stoi(argv[1]) : 64;
+  const std::chrono::seconds duration(argc > 2 ? std::stoi(argv[2]) : 10);
+  const double bare = bare_share(clients, duration);
+
+  ClientHub hub({.linger = 0ms});
+  ServerOptions options;
+  options.port = 0;
+  const Server server(options, hub, {});
+  {
+    const Crowd crowd([&] { watch(server.port(), clients); });
+    wait_for([&] { return hub.counts().clients == static_cast<std::size_t>(clients) && hub.watched().size() == 2; });
+    const auto before_counts = hub.counts();
+    const double before = processor_seconds();
+    const auto begin = Clock::now();
+    publish_for(hub, 100ms, duration);
+    const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    const double share = (processor_seconds() - before) / seconds;
+    const auto counts = hub.counts();
+    std::printf("%d clients, 10 scenes and 10 pictures a second: %.0f frames/s, %llu dropped\n", clients,
+                double(counts.taken - before_counts.taken) / seconds,
+                static_cast<unsigned long long>(counts.dropped - before_counts.dropped));
+    std::printf("  server %.3f of a core, bare sockets %.3f: ratio %.2f\n", share, bare, share / bare);
+  }
+  wait_for([&] { return hub.counts().clients == 0; });
+
+  const Crowd others([&] { watch(server.port(), 7); });
+  wait_for([&] { return hub.counts().clients == 7 && hub.watched().size() == 2; });
+  publish_for(hub, 1ms, 1s);
+  const Rate without = publish_for(hub, 1ms, duration);
+  const double memory = resident_megabytes();
+  WebClient stopped(server.port());
+  stopped.upgrade();
+  stopped.say(kWatch);
+  wait_for([&] { return hub.counts().clients == 8; });
+  const auto dropped = hub.counts().dropped;
+  const Rate with = publish_for(hub, 1ms, duration);
+  std::printf("a client that stops taking, beside 7 that take, 1000 a second:\n");
+  std::printf("  publisher %.1f/s without it, %.1f/s with it: ratio %.4f; longest call %.2f ms, %.2f ms\n",
+              without.each_second, with.each_second, with.each_second / without.each_second, without.longest_ms,
+              with.longest_ms);
+  std::printf("  memory +%.1f MB; %llu messages dropped\n", resident_megabytes() - memory,
+              static_cast<unsigned long long>(hub.counts().dropped - dropped));
+  return 0;
+} catch (const std::exception& error) {
+  std::cerr << "bench_live: " << error.what() << "\n";
+  return 1;
+}

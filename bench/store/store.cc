@@ -1,0 +1,201 @@
+// See README.md.
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdio>
+#include <iostream>
+#include <thread>
+#include <vector>
+
+#include "core/error.h"
+#include "dashboard/api.h"
+#include "dashboard/recorder.h"
+#include "tests/support/records.h"
+#include "tests/support/service.h"
+
+namespace {
+
+using namespace citylearn;
+using namespace citylearn::testing;
+using Seconds = std::chrono::duration<double>;
+
+constexpr std::uint64_t kUpdates = 200'000;
+
+template <class Work>
+double seconds(const Work& work) {
+  const Clock::time_point begin = Clock::now();
+  work();
+  return Seconds(Clock::now() - begin).count();
+}
+
+template <class Work>
+double median_seconds(const Work& work) {
+  std::vector<double> times;
+  for (int i = 0; i < 7; ++i) times.push_back(seconds(work));
+  std::sort(times.begin(), times.end());
+  return times[times.size() / 2];
+}
+
+/// Episodes per second that a plain file would take, each batch on the disk before the next.
+double plain_rate(const std::string& path, std::uint64_t total, std::size_t batch, std::size_t bytes) {
+  const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+  if (file < 0) throw Error("cannot be written", path);
+  const std::string text(batch * bytes, 'x');
+  bool written = true;
+  const double time = seconds([&] {
+    for (std::uint64_t done = 0; done < total; done += batch)
+      written = written && ::write(file, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+                ::fdatasync(file) == 0;
+  });
+  ::close(file);
+  ::unlink(path.c_str());
+  if (!written) throw Error("cannot be written", path);
+  return static_cast<double>(total) / time;
+}
+
+void recording(const std::string& folder, std::uint64_t total) {
+  std::printf("%8s %14s %14s %14s\n", "batch", "episodes/s", "plain file", "of plain file");
+  for (const std::size_t batch : {32, 256, 2000}) {
+    Store::Options options;
+    options.path = folder + "/record-" + std::to_string(batch) + ".sqlite";
+    Store store(options);
+    store.heard(run_info());
+    const std::uint64_t count = std::min<std::uint64_t>(total, 2000 * batch) / batch * batch;
+    const std::vector<msg::EpisodeStat> all = episodes(1, count);
+    const double time = seconds([&] {
+      for (std::size_t begin = 0; begin < all.size(); begin += batch)
+        if (store.record(std::span(all).subspan(begin, batch)) != batch) throw Error("not all were recorded");
+    });
+    const double rate = static_cast<double>(count) / time;
+    const std::size_t bytes = std::filesystem::file_size(options.path) / count;
+    const double plain = plain_rate(folder + "/plain", count, batch, bytes);
+    std::printf("%8zu %14.0f %14.0f %14.2f\n", batch, rate, plain, rate / plain);
+    std::fflush(stdout);
+  }
+}
+
+/// An env_service with many episodes that nobody has recorded yet: as many on the way as a writer keeps.
+double catching_up(const std::string& folder, const std::string& middleware, std::uint64_t total) {
+  const auto node_options = [&](const std::string& service, const std::string& id) {
+    Node::Options options;
+    options.middleware.name = middleware;
+    options.middleware.domain = 214;
+    options.service = service;
+    options.id = id;
+    options.run = "demo";
+    return options;
+  };
+  constexpr std::uint64_t kWindow = 256;
+  std::atomic<bool> failed = false;
+  Store::Options options;
+  options.path = folder + "/catching-up-" + middleware + ".sqlite";
+  Store store(options);
+  double time = 0;
+  std::thread environment([&] {
+    Node node(node_options("env_service", "env-summer"));
+    node.announce<msg::EpisodeStat>();
+    node.listen<msg::EpisodeAcknowledgement>();
+    node.report(msg::RUNNING, "sends episodes");
+    std::uint64_t sent = 0, acknowledged = 0;
+    const Clock::time_point deadline = Clock::now() + std::chrono::minutes(5);
+    msg::EpisodeAcknowledgement message;
+    const auto listen = [&](std::chrono::milliseconds patience) {
+      const bool heard = node.wait(Clock::now() + patience);
+      while (node.take(message))
+        if (message.environment_incarnation() == node.incarnation())
+          acknowledged = std::max(acknowledged, message.episode());
+      return heard;
+    };
+    while (node.readers<msg::EpisodeStat>() == 0 && Clock::now() < deadline) listen(std::chrono::milliseconds(10));
+    time = seconds([&] {
+      while (acknowledged < total && Clock::now() < deadline) {
+        while (sent < std::min(total, acknowledged + kWindow)) {
+          msg::EpisodeStat stat = episode(++sent);
+          node.publish(stat);
+        }
+        if (!listen(std::chrono::milliseconds(500))) sent = acknowledged;  // some were lost
+      }
+    });
+    failed = acknowledged < total;
+  });
+  {
+    Node node(node_options("dashboard", "dashboard"));
+    Recorder recorder(node, store);
+    while (recorder.recorded() < total && !failed) {
+      node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(100)));
+      recorder.turn();
+    }
+    environment.join();
+  }
+  if (failed) throw Error("not all episodes were acknowledged", middleware);
+  return static_cast<double>(total) / time;
+}
+
+void opening(const std::string& folder) {
+  Store::Options options;
+  options.path = folder + "/open.sqlite";
+  Store store(options);
+  store.heard(run_info(kUpdates));
+  for (std::uint64_t first = 1; first <= kUpdates; first += 2000) store.record(training_stats(first, first + 1999));
+  std::vector<msg::EpisodeStat> some = episodes(1, 50'000);
+  for (std::uint64_t number = 50'001; number <= 90'000; ++number) {
+    const std::uint64_t index = number - 50'001;
+    some.push_back(task(number, static_cast<std::uint32_t>(index % 2000), index % 7 != 0));
+    some.back().update(index / 2000 * 100);
+  }
+  for (std::size_t begin = 0; begin < some.size(); begin += 2000) store.record(std::span(some).subspan(begin, 2000));
+  const std::string id = run_id(run_info());
+
+  Api api(Api::Options(), store, nullptr);
+  std::size_t bytes = 0;
+  const auto ask = [&](const std::vector<std::string>& rest, const std::map<std::string, std::string>& parameters) {
+    Query query;
+    query.path = {"runs", id};
+    query.path.insert(query.path.end(), rest.begin(), rest.end());
+    query.parameters = parameters;
+    const Answer answer = api.answer(query);
+    if (answer.status != 200) throw Error(answer.body);
+    bytes = answer.body.size();
+  };
+  StoreReader reader(store.path());
+  const std::int64_t run = reader.run(id)->id;
+  double sum = 0;
+  const double plain = median_seconds([&] { reader.training(run, [&](const Statement& row) { sum += row.real(6); }); });
+  std::printf("\n%-46s %10s %12s %16s\n", "of a run of 200,000 updates, 90,000 episodes", "ms", "bytes",
+              "of every row");
+  const auto print = [&](const char* what, double time) {
+    std::printf("%-46s %10.1f %12zu %16.2f\n", what, 1e3 * time, bytes, time / plain);
+    std::fflush(stdout);
+  };
+  print("every row, one column (reference)", plain);
+  const std::map<std::string, std::string> chart = {
+      {"columns", "reward,spl,policy_loss,entropy,divergence"}, {"x", "steps"}, {"points", "2000"}};
+  print("training, 5 columns over steps, 2,000 points", median_seconds([&] { ask({"training"}, chart); }));
+  print("the run itself", median_seconds([&] { ask({}, {}); }));
+  print("newest 100 episodes", median_seconds([&] { ask({"episodes"}, {}); }));
+  print("worst 100 tasks", median_seconds([&] { ask({"episodes"}, {{"evaluation", "1"}, {"order", "worst"}}); }));
+  print("20 evaluations of 2,000 tasks, first time", seconds([&] { ask({"evaluations"}, {}); }));
+  print("the same again", median_seconds([&] { ask({"evaluations"}, {}); }));
+  print("training.csv", median_seconds([&] { ask({"training.csv"}, {}); }));
+  print("episodes.csv", median_seconds([&] { ask({"episodes.csv"}, {}); }));
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  const Folder temporary;
+  const std::string folder = argc > 1 ? argv[1] : temporary.path();
+  const std::uint64_t total = argc > 2 ? std::stoull(argv[2]) : 100'000;
+  recording(folder, total);
+  std::printf("\n%-16s %14s\n", "over", "episodes/s");
+  for (const std::string middleware : {"inprocess", "cyclonedds", "fastdds"})
+    std::printf("%-16s %14.0f\n", middleware.c_str(), catching_up(folder, middleware, total));
+  opening(folder);
+  return 0;
+} catch (const std::exception& error) {
+  std::cerr << "bench_store: " << error.what() << "\n";
+  return 1;
+}

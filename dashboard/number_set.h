@@ -1,0 +1,62 @@
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <iterator>
+#include <limits>
+#include <map>
+#include <optional>
+#include <utility>
+
+namespace citylearn {
+
+/// Numbers from 1 on, kept as ranges: of what is counted without gaps and comes in any order.
+class NumberSet {
+ public:
+  /// False when it was there already. 0 is never there.
+  bool add(std::uint64_t number) {
+    if (number == 0 || contains(number)) return false;
+    add(number, number);
+    return true;
+  }
+  void add(std::uint64_t first, std::uint64_t last) {
+    first = std::max<std::uint64_t>(first, 1);
+    if (last < first) return;
+    auto next = ranges_.upper_bound(first);
+    if (next != ranges_.begin() && std::prev(next)->second >= first - 1) {
+      --next;
+      first = next->first;
+    }
+    while (next != ranges_.end() && (last == kMost || next->first <= last + 1)) {
+      last = std::max(last, next->second);
+      next = ranges_.erase(next);
+    }
+    ranges_[first] = last;
+  }
+  bool contains(std::uint64_t number) const {
+    const auto next = ranges_.upper_bound(number);
+    return next != ranges_.begin() && std::prev(next)->second >= number;
+  }
+  /// All of 1..reach() are there.
+  std::uint64_t reach() const { return ranges_.empty() || ranges_.begin()->first != 1 ? 0 : ranges_.begin()->second; }
+  /// How many of first..last are there.
+  std::uint64_t count(std::uint64_t first, std::uint64_t last) const {
+    std::uint64_t sum = 0;
+    for (const auto& [from, to] : ranges_)
+      if (from <= last && to >= first) sum += std::min(to, last) - std::max(from, first) + 1;
+    return sum;
+  }
+  /// The first numbers of 1..last that are not there.
+  std::optional<std::pair<std::uint64_t, std::uint64_t>> gap(std::uint64_t last) const {
+    const std::uint64_t reached = reach();
+    if (reached >= last) return std::nullopt;
+    const auto next = ranges_.upper_bound(reached + 1);
+    return std::pair(reached + 1, next == ranges_.end() ? last : std::min(last, next->first - 1));
+  }
+
+ private:
+  static constexpr std::uint64_t kMost = std::numeric_limits<std::uint64_t>::max();
+  std::map<std::uint64_t, std::uint64_t> ranges_;  // first to last, neither touching nor overlapping
+};
+
+}  // namespace citylearn

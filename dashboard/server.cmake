@@ -1,0 +1,16 @@
+# The web server: page, API and live messages on one port. What it serves comes from elsewhere, by functions and a Hub.
+add_library(citylearn_web_server STATIC
+  access.cc
+  client_hub.cc
+  connections.cc
+  runs_feed.cc
+  page.cc
+  server.cc
+  session.cc
+  target.cc)
+target_link_libraries(citylearn_web_server
+  PUBLIC citylearn_dashboard
+  PRIVATE citylearn_warnings Boost::headers OpenSSL::SSL OpenSSL::Crypto Threads::Threads)
+
+add_executable(dashboard main.cc)
+target_link_libraries(dashboard PRIVATE citylearn_web_server citylearn_warnings)

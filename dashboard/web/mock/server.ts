@@ -1,0 +1,408 @@
+import { createHash } from 'node:crypto';
+import { readFileSync, existsSync } from 'node:fs';
+import { createServer, type IncomingMessage, type Server, type ServerResponse } from 'node:http';
+import type { AddressInfo, Socket } from 'node:net';
+import { extname, join, normalize } from 'node:path';
+import { WebSocketServer, WebSocket } from 'ws';
+import { view, matrix } from './pictures';
+import { controls, recognition, World, type RunData } from './world';
+
+export interface MockOptions {
+  port: number;
+  /** Folder of the built page. */
+  page: string;
+  /** Asks for this token. */
+  token?: string;
+  /** Nothing has run yet. */
+  empty?: boolean;
+}
+
+const CSP =
+  "default-src 'self'; img-src 'self' data: blob:; connect-src 'self'; style-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+const TYPES: Record<string, string> = {
+  '.html': 'text/html; charset=utf-8',
+  '.js': 'text/javascript; charset=utf-8',
+  '.css': 'text/css; charset=utf-8',
+  '.svg': 'image/svg+xml',
+  '.woff2': 'font/woff2',
+};
+
+/** What each resource takes; anything else is an error, as in front of the server. */
+const PARAMETERS: Record<string, string[]> = {
+  training: ['columns', 'points', 'x', 'from', 'to'],
+  episodes: ['limit', 'before', 'evaluation', 'traversal', 'policy', 'update', 'shuffled', 'completed', 'order'],
+  events: ['limit'],
+  controls: ['frames', 'max_steps'],
+  matrix: ['file'],
+};
+
+const ORDERS: Record<string, string> = { updates: 'update', episodes: 'episodes', steps: 'steps', wall: 'wall' };
+
+class HttpError extends Error {
+  constructor(
+    readonly status: number,
+    message: string,
+  ) {
+    super(message);
+  }
+}
+
+interface Client {
+  socket: WebSocket;
+  topics: Set<string>;
+  sequence: number;
+}
+
+interface Reply {
+  type: string;
+  body: Buffer | string;
+  cache?: string;
+}
+
+/** Plays a dashboard as docs/dashboard-api.md describes it. */
+export class Mock {
+  readonly world: World;
+  private readonly server: Server;
+  private readonly sockets = new WebSocketServer({ noServer: true });
+  private readonly clients = new Set<Client>();
+  private readonly connections = new Set<Socket>();
+  private readonly pictures = new Map<string, Buffer>();
+  private readonly timers: ReturnType<typeof setInterval>[] = [];
+  private readonly cookie: string;
+  private deaf = false;
+  /** Lines of what was asked: "GET /api/runs". */
+  readonly asked: string[] = [];
+
+  private constructor(private readonly options: MockOptions) {
+    this.world = new World(options.empty);
+    this.cookie = createHash('sha256').update(`cookie ${options.token ?? ''}`).digest('hex').slice(0, 32);
+    this.server = createServer((request, response) => this.serve(request, response));
+    this.server.on('connection', (socket) => {
+      this.connections.add(socket);
+      socket.on('close', () => this.connections.delete(socket));
+      if (this.deaf) socket.destroy();
+    });
+    this.server.on('upgrade', (request, socket, head) => {
+      if (request.url !== '/api/live' || !this.knows(request)) {
+        socket.end('HTTP/1.1 401 Unauthorized\r\nConnection: close\r\n\r\n');
+        return;
+      }
+      this.sockets.handleUpgrade(request, socket, head, (socket) => this.join(socket));
+    });
+  }
+
+  static async start(options: MockOptions): Promise<Mock> {
+    const mock = new Mock(options);
+    await new Promise<void>((resolve, reject) => {
+      mock.server.once('error', reject);
+      mock.server.listen(options.port, '127.0.0.1', resolve);
+    });
+    mock.run();
+    return mock;
+  }
+
+  get url(): string {
+    return `http://127.0.0.1:${(this.server.address() as AddressInfo).port}/`;
+  }
+
+  async stop(): Promise<void> {
+    this.timers.forEach((timer) => clearInterval(timer));
+    this.silence();
+    await new Promise((resolve) => this.server.close(resolve));
+  }
+
+  /** Cuts every connection and refuses new ones, as a dashboard that was killed. */
+  silence(): void {
+    this.deaf = true;
+    for (const client of this.clients) client.socket.terminate();
+    for (const socket of this.connections) socket.destroy();
+  }
+
+  hear(): void {
+    this.deaf = false;
+  }
+
+  lose(id: string): void {
+    this.tell(this.world.lose(id));
+  }
+
+  bring(id: string): void {
+    this.tell(this.world.bring(id));
+  }
+
+  private tell(event: ReturnType<World['lose']>): void {
+    if (!event) return;
+    this.send('events', {}, JSON.stringify(event));
+    this.sendServices();
+  }
+
+  private run(): void {
+    let ticks = 0;
+    this.timers.push(
+      setInterval(() => {
+        ticks += 1;
+        this.world.tick();
+        const watched = new Set(this.watched());
+        for (const scene of this.world.scenes) {
+          const header = {
+            traversal: scene.traversal.name,
+            hash: scene.traversal.hash,
+            first_frame: 17,
+            frames: 128,
+            step: scene.step,
+            mode: scene.mode,
+            policy: 'place_filter',
+            agents: scene.agents.length,
+          };
+          const fields = [
+            scene.agents.map((a) => a.position),
+            scene.agents.map((a) => a.position),
+            scene.agents.map((a) => a.start),
+            scene.agents.map((a) => a.goal),
+            scene.agents.map((a) => a.steps),
+            scene.agents.map((a) => a.flags),
+          ];
+          const topic = `${scene.environment}@demo-2211`;
+          this.send(`scene:${topic}`, header, Buffer.from(Uint32Array.from(fields.flat()).buffer));
+          scene.agents.forEach((agent, i) => {
+            if (!scene.traversal.images || !watched.has(`picture:${topic}:${i}`)) return;
+            const picture = this.picture(scene.traversal.name, agent.position);
+            this.send(`picture:${topic}:${i}`, { hash: scene.traversal.hash, frame: agent.position, type: 'image/png' }, picture);
+          });
+        }
+        if (ticks % 3 === 0) this.sendServices();
+        const run = this.world.running;
+        if (run && ticks % 4 === 0) {
+          run.update();
+          this.sendTraining(run);
+          if (ticks % 8 === 0) this.send('runs', {}, JSON.stringify(this.runs()));
+        }
+      }, 100),
+    );
+  }
+
+  private sendServices(): void {
+    this.send('services', {}, JSON.stringify({ now: Date.now() / 1000, services: this.world.serviceList() }));
+  }
+
+  private sendTraining(run: RunData): void {
+    const columns = Object.keys(run.rows.columns);
+    const row = Float64Array.from(columns.map((name) => run.rows.columns[name]?.[run.rows.length - 1] ?? NaN));
+    this.send(`training:${run.id}`, { columns, rows: 1 }, Buffer.from(row.buffer));
+  }
+
+  /** Topics that somebody watches. */
+  watched(): string[] {
+    return [...new Set([...this.clients].flatMap((client) => [...client.topics]))];
+  }
+
+  private send(topic: string, header: object, payload: Buffer | string): void {
+    for (const client of this.clients) {
+      if (!client.topics.has(topic)) continue;
+      let text = JSON.stringify({ topic, sequence: ++client.sequence, dropped: 0, ...header });
+      text += ' '.repeat((8 - ((4 + Buffer.byteLength(text)) % 8)) % 8);
+      const head = Buffer.alloc(4);
+      head.writeUInt32LE(Buffer.byteLength(text));
+      client.socket.send(Buffer.concat([head, Buffer.from(text), Buffer.from(payload)]));
+    }
+  }
+
+  private join(socket: WebSocket): void {
+    const client: Client = { socket, topics: new Set(), sequence: 0 };
+    this.clients.add(client);
+    socket.on('close', () => this.clients.delete(client));
+    socket.on('message', (data) => {
+      const { watch } = JSON.parse(String(data)) as { watch: string[] };
+      client.topics = new Set(watch);
+    });
+  }
+
+  private knows(request: IncomingMessage): boolean {
+    const { token } = this.options;
+    if (!token) return true;
+    return request.headers.authorization === `Bearer ${token}` || (request.headers.cookie ?? '').includes(`session=${this.cookie}`);
+  }
+
+  private serve(request: IncomingMessage, response: ServerResponse): void {
+    const url = new URL(request.url ?? '/', 'http://mock');
+    this.asked.push(`${request.method} ${request.url}`);
+    response.setHeader('Content-Security-Policy', CSP);
+    response.setHeader('X-Content-Type-Options', 'nosniff');
+    response.setHeader('Referrer-Policy', 'no-referrer');
+    const fail = (status: number, error: string): void => {
+      response.writeHead(status, { 'Content-Type': 'application/json' }).end(JSON.stringify({ error }));
+    };
+    try {
+      if (url.pathname === '/healthz') response.writeHead(200, { 'Content-Type': 'text/plain' }).end('ok\n');
+      else if (url.pathname === '/login') {
+        if (!this.knows(request)) return fail(401, "this needs 'Authorization: Bearer TOKEN'");
+        response.writeHead(204, { 'Set-Cookie': `session=${this.cookie}; HttpOnly; SameSite=Strict; Path=/` }).end();
+      } else if (url.pathname.startsWith('/api/')) {
+        if (!this.knows(request)) return fail(401, 'this needs the token');
+        const path = url.pathname.slice(5).split('/').map(decodeURIComponent);
+        const reply = this.api(request.method ?? 'GET', path, url.searchParams);
+        response.writeHead(reply.body === '' ? 204 : 200, { 'Content-Type': reply.type, 'Cache-Control': reply.cache ?? 'no-store' }).end(reply.body);
+      } else this.file(url.pathname, response);
+    } catch (error) {
+      if (error instanceof HttpError) return fail(error.status, error.message);
+      fail(500, String(error));
+    }
+    return undefined;
+  }
+
+  private file(path: string, response: ServerResponse): void {
+    const name = normalize(path === '/' ? '/index.html' : path);
+    const file = join(this.options.page, name);
+    if (name.includes('..') || !existsSync(file)) throw new HttpError(404, `there is nothing at ${path}`);
+    response.writeHead(200, { 'Content-Type': TYPES[extname(file)] ?? 'application/octet-stream' }).end(readFileSync(file));
+  }
+
+  private runs(): { runs: ReturnType<RunData['summary']>[] } {
+    return { runs: this.world.runs.map((run) => run.summary()).sort((a, b) => (b.started ?? 0) - (a.started ?? 0)) };
+  }
+
+  private find(id: string | undefined): RunData {
+    const run = this.world.runs.find((one) => one.id === id);
+    if (!run) throw new HttpError(404, `there is no run ${id}`);
+    return run;
+  }
+
+  private picture(name: string, frame: number): Buffer {
+    const key = `${name} ${frame}`;
+    let picture = this.pictures.get(key);
+    if (!picture) this.pictures.set(key, (picture = view(name, frame)));
+    return picture;
+  }
+
+  private api(method: string, path: string[], query: URLSearchParams): Reply {
+    const json = (value: unknown): Reply => ({ type: 'application/json', body: JSON.stringify(value) });
+    const { world } = this;
+    const [head, id, what] = path;
+    const known = PARAMETERS[head === 'runs' ? (what ?? '') : what === 'matrix' ? what : (head ?? '')] ?? [];
+    for (const name of query.keys()) if (!known.includes(name)) throw new HttpError(400, `parameter '${name}' is not known here`);
+    if (query.has('before') && query.get('order') === 'worst') throw new HttpError(400, "parameter 'before' goes with order=newest only");
+    switch (head) {
+      case 'about':
+        return json({
+          version: '0.1.0',
+          vendor: 'Eclipse Cyclone DDS',
+          run: 'all',
+          domain: 42,
+          store: {
+            file: 'runs/dashboard.sqlite',
+            bytes: 7_340_032,
+            episodes: world.runs.reduce((sum, run) => sum + (run.last('episodes') ?? 0), 0),
+          },
+          recording: false,
+        });
+      case 'services':
+        return json({ now: Date.now() / 1000, services: world.serviceList() });
+      case 'events':
+        return json({ events: world.events.slice(0, Number(query.get('limit') ?? 200)) });
+      case 'controls':
+        return json(controls(Number(query.get('frames')), Number(query.get('max_steps'))));
+      case 'map': {
+        const traversal = world.traversals.find((one) => one.hash === id);
+        if (!traversal) throw new HttpError(404, `no traversal has the hash ${id}`);
+        return json(traversal.map);
+      }
+      case 'frames': {
+        const traversal = world.traversals.find((one) => one.hash === id);
+        if (!traversal?.images) throw new HttpError(404, 'this traversal has no pictures');
+        return { type: 'image/png', body: this.picture(traversal.name, Number(what)), cache: 'public, max-age=31536000, immutable' };
+      }
+      case 'recognition': {
+        const { results, curves } = recognition();
+        if (world.runs.length === 0) return json({ results: [] });
+        if (id === undefined) return json({ results });
+        if (what === 'curve') return json({ curves });
+        return { type: 'image/png', body: matrix(120) };
+      }
+      case 'episodes': {
+        const wanted = Number(id);
+        for (const run of world.runs) {
+          const found = run.episodes().find((one) => one.rowid === wanted);
+          if (found) return json(found);
+        }
+        throw new HttpError(404, `there is no episode ${id}`);
+      }
+      case 'runs':
+        break;
+      default:
+        throw new HttpError(404, `there is nothing at /api/${path.join('/')}`);
+    }
+    if (id === undefined) return json(this.runs());
+    const run = this.find(id);
+    if (method === 'DELETE') {
+      world.runs.splice(world.runs.indexOf(run), 1);
+      this.send('runs', {}, JSON.stringify(this.runs()));
+      return { type: 'text/plain', body: '' };
+    }
+    switch (what) {
+      case undefined:
+        return json({ ...run.summary(), manifest: run.manifest(), traversals: run.traversals() });
+      case 'training':
+        return json(this.training(run, query));
+      case 'evaluations':
+        return json({ evaluations: run.evaluations() });
+      case 'episodes': {
+        let list = run.episodes().map(({ positions: _, hash: __, ...rest }) => rest);
+        const is = (name: string, test: (one: (typeof list)[number], value: string) => boolean): void => {
+          const value = query.get(name);
+          if (value !== null) list = list.filter((one) => test(one, value));
+        };
+        is('evaluation', (one, value) => one.evaluation === (value === '1'));
+        is('completed', (one, value) => one.completed === (value === '1'));
+        is('shuffled', (one, value) => one.shuffled === (value === '1'));
+        is('traversal', (one, value) => one.traversal === value);
+        is('policy', (one, value) => one.policy === value);
+        is('update', (one, value) => one.update === Number(value));
+        const total = list.length;
+        is('before', (one, value) => one.rowid < Number(value));
+        list.sort((a, b) => (query.get('order') === 'worst' ? a.spl - b.spl || b.steps - a.steps || a.rowid - b.rowid : b.rowid - a.rowid));
+        return json({ episodes: list.slice(0, Number(query.get('limit') ?? 100)), total });
+      }
+      default:
+        throw new HttpError(404, `a run has no ${what}`);
+    }
+  }
+
+  private training(run: RunData, query: URLSearchParams): object {
+    const points = Number(query.get('points') ?? 2000);
+    const names = (query.get('columns') ?? 'reward,spl').split(',');
+    const { columns, length } = run.rows;
+    let rows = Array.from({ length }, (_, i) => i);
+    const along = columns[ORDERS[query.get('x') ?? 'updates'] ?? 'update'] ?? [];
+    for (const [name, sign] of [['from', 1], ['to', -1]] as const) {
+      const bound = query.get(name);
+      if (bound !== null) rows = rows.filter((row) => sign * ((along[row] ?? 0) - Number(bound)) >= 0);
+    }
+    const total = rows.length;
+    const all = rows;
+    const decimated = total > points;
+    if (decimated) {
+      // Of each bucket the rows where reward is least and greatest, as the server does it for each column.
+      const buckets = Math.floor(points / 2);
+      const keep = new Set<number>([all[0] ?? 0, all[total - 1] ?? 0]);
+      for (let b = 0; b < buckets; ++b) {
+        const from = Math.floor((b * total) / buckets);
+        const to = Math.floor(((b + 1) * total) / buckets);
+        const part = all.slice(from, to).sort((i, j) => (columns.reward?.[i] ?? 0) - (columns.reward?.[j] ?? 0));
+        for (const row of [part[0], part[part.length - 1]]) if (row !== undefined) keep.add(row);
+      }
+      rows = [...keep].sort((a, b) => a - b);
+    }
+    const pick = (name: string): (number | null)[] =>
+      rows.map((row) => {
+        const value = columns[name]?.[row];
+        return value === undefined || Number.isNaN(value) ? null : value;
+      });
+    return {
+      id: run.id,
+      x: query.get('x') ?? 'updates',
+      total,
+      decimated,
+      columns: { x: pick(ORDERS[query.get('x') ?? 'updates'] ?? 'update'), ...Object.fromEntries(names.map((name) => [name, pick(name)])) },
+    };
+  }
+}

@@ -1,0 +1,82 @@
+import { signal } from '@preact/signals';
+
+/** What the server answered when it was not what was asked for. */
+export class ApiError extends Error {
+  constructor(
+    readonly status: number,
+    message: string,
+    /** Seconds after which to ask again, where the server said so. */
+    readonly retryAfter: number | null = null,
+  ) {
+    super(message);
+  }
+}
+
+/** Whether the server wants a token that it has not got. */
+export const unauthorised = signal(false);
+
+// Kept in memory alone: a reload asks again, unless the cookie of /login is there.
+let token: string | null = null;
+
+function headers(): HeadersInit {
+  return token === null ? {} : { Authorization: `Bearer ${token}` };
+}
+
+async function request(path: string, init: RequestInit = {}): Promise<Response> {
+  let response: Response;
+  try {
+    response = await fetch(path, { ...init, headers: headers(), credentials: 'same-origin' });
+  } catch (error) {
+    if (error instanceof DOMException && error.name === 'AbortError') throw error;
+    throw new ApiError(0, 'The dashboard does not answer.');
+  }
+  if (response.ok) return response;
+  if (response.status === 401) unauthorised.value = true;
+  let what = `${response.status} ${response.statusText}`;
+  try {
+    const body = (await response.json()) as { error?: string };
+    if (body.error) what = body.error;
+  } catch {
+    // An answer of a proxy: its status is all there is.
+  }
+  const retry = Number(response.headers.get('Retry-After'));
+  throw new ApiError(response.status, what, response.status === 503 && retry > 0 ? retry : null);
+}
+
+export async function getJson<T>(path: string, abort?: AbortSignal): Promise<T> {
+  const response = await request(path, abort ? { signal: abort } : {});
+  return (await response.json()) as T;
+}
+
+export async function remove(path: string): Promise<void> {
+  await request(path, { method: 'DELETE' });
+}
+
+/** Whether anybody is there, within 5 s. */
+export async function alive(): Promise<boolean> {
+  try {
+    return (await fetch('healthz', { signal: AbortSignal.timeout(5000) })).ok;
+  } catch {
+    return false;
+  }
+}
+
+/** Path of a run's resource: its ID is one percent-encoded segment. */
+export function runPath(id: string, rest = ''): string {
+  return `api/runs/${encodeURIComponent(id)}${rest}`;
+}
+
+/**
+ * Tries a token. The server answers with the cookie that WebSocket and pictures need, as neither can carry a header.
+ * Throws ApiError when the token is not the right one.
+ */
+export async function logIn(given: string): Promise<void> {
+  token = given;
+  try {
+    await request('login');
+    unauthorised.value = false;
+  } catch (error) {
+    token = null;
+    throw error;
+  }
+}

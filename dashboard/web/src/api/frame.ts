@@ -1,0 +1,80 @@
+import type { Scene, SceneAgent, SceneHeader } from './types';
+
+/** One binary frame of the WebSocket, taken apart. */
+export interface Frame {
+  topic: string;
+  sequence: number;
+  /** Messages that this client has lost so far. */
+  dropped: number;
+  header: Record<string, unknown>;
+  payload: Uint8Array;
+}
+
+/** Thrown for a frame that is not one: the connection is then not worth keeping. */
+export class FrameError extends Error {}
+
+/**
+ * Takes a frame apart: uint32 n (little-endian), n bytes of JSON, the payload. 4 + n is a multiple of 8, so that numbers of
+ * eight bytes are aligned.
+ */
+export function parseFrame(data: ArrayBuffer): Frame {
+  if (data.byteLength < 4) throw new FrameError(`a frame of ${data.byteLength} bytes has no header`);
+  const length = new DataView(data).getUint32(0, true);
+  const start = 4 + length;
+  if (start > data.byteLength) throw new FrameError(`header of ${length} bytes in a frame of ${data.byteLength}`);
+  if (start % 8 !== 0) throw new FrameError(`header of ${length} bytes: the payload is not aligned to 8 bytes`);
+  let header: unknown;
+  try {
+    header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+  } catch {
+    throw new FrameError('the header is not JSON');
+  }
+  if (typeof header !== 'object' || header === null || !('topic' in header) || typeof header.topic !== 'string')
+    throw new FrameError('the header names no topic');
+  const fields = header as Record<string, unknown>;
+  return {
+    topic: header.topic,
+    sequence: numberOf(fields.sequence),
+    dropped: numberOf(fields.dropped),
+    header: fields,
+    payload: new Uint8Array(data, start),
+  };
+}
+
+export function jsonPayload<T>(frame: Frame): T {
+  return JSON.parse(new TextDecoder().decode(frame.payload)) as T;
+}
+
+/** Rows of a `training:` frame as columns: name -> one number a row. */
+export function trainingColumns(frame: Frame): Map<string, Float64Array> {
+  const names = frame.header.columns;
+  const rows = numberOf(frame.header.rows);
+  if (!Array.isArray(names)) throw new FrameError('training: the header has no columns');
+  if (frame.payload.byteLength !== rows * names.length * 8)
+    throw new FrameError(`training: ${frame.payload.byteLength} bytes are not ${rows} x ${names.length} numbers`);
+  const values = new Float64Array(frame.payload.buffer, frame.payload.byteOffset, rows * names.length);
+  const columns = new Map<string, Float64Array>();
+  names.forEach((name: unknown, column) => {
+    const all = new Float64Array(rows);
+    for (let row = 0; row < rows; ++row) all[row] = values[row * names.length + column] ?? NaN;
+    columns.set(String(name), all);
+  });
+  return columns;
+}
+
+/** A `scene:` frame: 6 x m uint32, a sequence of m for each field. */
+export function sceneOf(frame: Frame): Scene {
+  const header = frame.header as unknown as SceneHeader;
+  const m = numberOf(header.agents);
+  if (frame.payload.byteLength !== 24 * m) throw new FrameError(`scene: ${frame.payload.byteLength} bytes for ${m} agents`);
+  const values = new Uint32Array(frame.payload.buffer, frame.payload.byteOffset, 6 * m);
+  const at = (field: number, agent: number): number => values[field * m + agent] ?? 0;
+  const list: SceneAgent[] = [];
+  for (let i = 0; i < m; ++i)
+    list.push({ frame: at(0, i), position: at(1, i), start: at(2, i), goal: at(3, i), steps: at(4, i), flags: at(5, i) });
+  return { ...header, list };
+}
+
+function numberOf(value: unknown): number {
+  return typeof value === 'number' ? value : 0;
+}

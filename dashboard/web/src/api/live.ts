@@ -1,0 +1,144 @@
+import { signal } from '@preact/signals';
+import { alive, getJson, unauthorised } from './client';
+import { parseFrame, type Frame } from './frame';
+
+export type LinkState =
+  | { kind: 'connecting' }
+  | { kind: 'open' }
+  | { kind: 'waiting'; until: number; attempts: number }; // until: milliseconds since 1970
+
+type Handler = (frame: Frame) => void;
+
+export const MAX_TOPICS = 64;
+const SILENCE = 15_000;
+
+/** Milliseconds before the n-th new attempt (n from 1): doubling from half a second to ten, less up to a quarter by chance. */
+export function backOff(attempts: number, chance: number): number {
+  return Math.min(10_000, 500 * 2 ** (attempts - 1)) * (1 - chance / 4);
+}
+
+/**
+ * The one WebSocket of the page. Watches what somebody subscribed to, reconnects by itself, and tells subscribers when it
+ * is there again, as what they missed meanwhile comes from the REST API.
+ */
+export class Live {
+  readonly state = signal<LinkState>({ kind: 'connecting' });
+  /** When the connection was lost, milliseconds since 1970; null while it is there. */
+  readonly lostAt = signal<number | null>(null);
+  readonly dropped = signal(0);
+  private handlers = new Map<string, Set<Handler>>();
+  private openHandlers = new Set<() => void>();
+  private socket: WebSocket | null = null;
+  private attempts = 0;
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private watching = '';
+  private told = false;
+  private heard = 0;
+
+  constructor(private readonly url: () => string) {}
+
+  start(): void {
+    this.connect();
+    setInterval(() => void this.listen(), 5000);
+  }
+
+  /** Subscribes; what it returns unsubscribes. */
+  watch(topic: string, handler: Handler): () => void {
+    let set = this.handlers.get(topic);
+    if (!set) this.handlers.set(topic, (set = new Set()));
+    set.add(handler);
+    this.tell();
+    return () => {
+      set.delete(handler);
+      if (set.size === 0 && this.handlers.get(topic) === set) this.handlers.delete(topic);
+      this.tell();
+    };
+  }
+
+  /** Calls at each new connection but the first. */
+  onBack(handler: () => void): () => void {
+    this.openHandlers.add(handler);
+    return () => this.openHandlers.delete(handler);
+  }
+
+  /** Tries at once instead of at the end of the back-off. */
+  retry(): void {
+    if (this.state.value.kind !== 'waiting') return;
+    clearTimeout(this.timer);
+    this.connect();
+  }
+
+  private connect(): void {
+    this.state.value = { kind: 'connecting' };
+    const socket = new WebSocket(this.url());
+    socket.binaryType = 'arraybuffer';
+    this.socket = socket;
+    socket.onopen = () => {
+      const back = this.lostAt.value !== null;
+      this.attempts = 0;
+      this.heard = Date.now();
+      this.state.value = { kind: 'open' };
+      this.lostAt.value = null;
+      this.watching = '';
+      this.tell();
+      if (back) this.openHandlers.forEach((handler) => handler());
+    };
+    socket.onmessage = (event: MessageEvent<ArrayBuffer>) => {
+      this.heard = Date.now();
+      let frame: Frame;
+      try {
+        frame = parseFrame(event.data);
+      } catch (error) {
+        console.error(error); // not the server that this page knows: begin anew
+        socket.close();
+        return;
+      }
+      this.dropped.value = frame.dropped;
+      this.handlers.get(frame.topic)?.forEach((handler) => handler(frame));
+    };
+    socket.onclose = () => {
+      if (this.socket === socket) this.lost();
+    };
+  }
+
+  private lost(): void {
+    this.socket = null;
+    this.lostAt.value ??= Date.now();
+    this.attempts += 1;
+    const wait = backOff(this.attempts, Math.random());
+    this.state.value = { kind: 'waiting', until: Date.now() + wait, attempts: this.attempts };
+    this.timer = setTimeout(() => this.connect(), wait);
+    // A refused upgrade looks like a dead server: ask whether a token is missing.
+    if (!unauthorised.value) getJson('api/about').catch(() => undefined);
+  }
+
+  // A peer that vanished without a word sends nothing, not even the end of the connection.
+  private async listen(): Promise<void> {
+    const socket = this.socket;
+    if (!socket || this.state.value.kind !== 'open' || Date.now() - this.heard < SILENCE) return;
+    if (await alive()) this.heard = Date.now();
+    else if (this.socket === socket) {
+      socket.close();
+      this.lost();
+    }
+  }
+
+  // Several subscriptions of one moment are one message.
+  private tell(): void {
+    if (this.told) return;
+    this.told = true;
+    queueMicrotask(() => {
+      this.told = false;
+      const message = JSON.stringify({ watch: [...this.handlers.keys()].slice(0, MAX_TOPICS) });
+      if (this.socket?.readyState !== WebSocket.OPEN || message === this.watching) return;
+      this.watching = message;
+      this.socket.send(message);
+    });
+  }
+}
+
+export const live = new Live(() => {
+  const url = new URL('api/live', document.baseURI);
+  url.protocol = url.protocol === 'https:' ? 'wss:' : 'ws:';
+  return url.href;
+});

@@ -1,0 +1,255 @@
+// What the server sends: docs/dashboard-api.md. Numbers that are unknown are null, times are seconds since 1970.
+
+export interface Run {
+  id: string;
+  run: string;
+  policy: string | null;
+  seed: number | null;
+  agent: string | null;
+  learner: string | null;
+  state: 'running' | 'ended' | 'lost';
+  started: number | null;
+  last: number | null;
+  updates: number | null;
+  steps: number | null;
+  episodes: number | null;
+  recorded_episodes: number | null;
+  reward: number | null;
+  spl: number | null;
+  wall: number | null;
+  steps_per_second: number | null;
+}
+
+export type Json = null | boolean | number | string | Json[] | { [key: string]: Json };
+export type Manifest = { [key: string]: Json };
+
+/** A traversal as one env_service of a run announced it. */
+export interface RunTraversal {
+  environment: string;
+  dataset: string;
+  traversal: string;
+  condition: string;
+  hash: string;
+  frames: number;
+  agents: number;
+  images: boolean;
+}
+
+export interface RunDetail extends Run {
+  manifest: Manifest | null;
+  traversals: RunTraversal[];
+}
+
+/** Columns of TrainingStat (idl/training.idl). */
+export const TRAINING_COLUMNS = [
+  'update',
+  'steps',
+  'episodes',
+  'lesson',
+  'wall',
+  'steps_per_second',
+  'reward',
+  'spl',
+  'policy_loss',
+  'value_loss',
+  'entropy',
+  'divergence',
+  'clipped',
+  'gradient_norm',
+  'learning_rate',
+  'lag',
+] as const;
+export type TrainingColumn = (typeof TRAINING_COLUMNS)[number];
+
+export interface TrainingAnswer {
+  id: string;
+  x: string;
+  total: number;
+  columns: { [name: string]: (number | null)[] };
+  decimated: boolean;
+}
+
+export interface ControlFigures {
+  spl: number;
+  reward: number;
+  steps: number;
+  completed: number;
+}
+export interface Controls {
+  blind: ControlFigures;
+  shortest_path: ControlFigures;
+}
+
+export interface Episode {
+  rowid: number;
+  environment: string;
+  incarnation: number | string;
+  episode: number;
+  agent: number;
+  evaluation: boolean;
+  task: number;
+  traversal: string;
+  policy: string;
+  update: number;
+  shuffled: boolean;
+  start: number;
+  goal: number;
+  steps: number;
+  shortest: number;
+  reward: number;
+  completed: boolean;
+  spl: number;
+  recorded: number;
+}
+export interface EpisodeDetail extends Episode {
+  positions: number[] | null;
+  hash: string | null;
+}
+
+export interface Evaluation {
+  policy: string;
+  update: number;
+  shuffled: boolean;
+  traversal: string;
+  tasks: number;
+  completed: number;
+  failed: number;
+  spl: number;
+  spl_low: number;
+  spl_high: number;
+  reward: number;
+  mean_steps: number;
+  shortest_mean: number;
+  excess: number | null;
+}
+
+export type ServiceState = 'starting' | 'waiting' | 'running' | 'stopping' | 'failed' | 'stopped' | 'lost';
+export interface Service {
+  id: string;
+  service: string;
+  run: string;
+  host: string;
+  process: number;
+  middleware: string;
+  incarnation: number | string;
+  state: ServiceState;
+  activity: string;
+  uptime: number | null;
+  rate: number | null;
+  age: number | null;
+  received: number | null;
+  repeated: number | null;
+  resent: number | null;
+  rejected: number | null;
+  since: number | null;
+}
+export interface Services {
+  now: number;
+  services: Service[];
+}
+
+export type EventKind = 'started' | 'stopped' | 'lost' | 'back' | 'restarted' | 'failed' | 'run' | 'alarm';
+export interface ServiceEvent {
+  time: number;
+  run: string;
+  service: string;
+  kind: EventKind;
+  text: string;
+}
+
+export interface TraversalMap {
+  hash: string;
+  frames: number;
+  position: (number | null)[];
+  latitude: (number | null)[] | null;
+  longitude: (number | null)[] | null;
+}
+
+/** One row of what `./run vpr` wrote (results.json). */
+export interface RecognitionRow {
+  encoder: string;
+  name: string;
+  dimension: number;
+  pca: boolean;
+  centring: string;
+  whitening: number;
+  method: string;
+  query: string;
+  condition: string;
+  references: number;
+  queries: number;
+  tolerance: number;
+  recall_1: number | null;
+  recall_1_interval: [number, number];
+  recall_5: number | null;
+  recall_10: number | null;
+  auc: number;
+  auc_interval: [number, number];
+  recall_at_full_precision: number;
+  encode_seconds: number;
+  seconds: number;
+}
+export interface Recognition {
+  name: string;
+  file: string;
+  program?: string;
+  command?: string;
+  dataset?: string;
+  reference?: string;
+  ground_truth?: string;
+  measure?: string;
+  rows?: RecognitionRow[];
+  /** Files with similarities, for GET .../matrix?file=. */
+  matrices?: string[];
+  /** Why the summary cannot be read. */
+  error?: string;
+}
+
+/** Precision over recall of one row of a Recognition. */
+export interface RecognitionCurve {
+  encoder: string;
+  dimension: number;
+  centring: string;
+  method: string;
+  query: string;
+  auc: number;
+  recall: number[];
+  precision: number[];
+}
+
+export interface About {
+  version: string;
+  vendor: string;
+  run: string;
+  domain: number;
+  store: { file: string; bytes: number; episodes: number };
+  recording: boolean;
+}
+
+/** Header of a `scene:` frame. */
+export interface SceneHeader {
+  traversal: string;
+  hash: string;
+  first_frame: number;
+  frames: number;
+  step: number;
+  mode: string | number;
+  policy: string;
+  agents: number;
+}
+export interface SceneAgent {
+  frame: number;
+  position: number;
+  start: number;
+  goal: number;
+  steps: number;
+  flags: number;
+}
+export interface Scene extends SceneHeader {
+  list: SceneAgent[];
+}
+
+export const FLAG_FIRST = 1;
+export const FLAG_TERMINATED = 2;
+export const FLAG_TRUNCATED = 4;
+export const FLAG_IDLE = 8;

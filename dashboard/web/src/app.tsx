@@ -1,0 +1,171 @@
+import type { JSX } from 'preact';
+import { useEffect, useRef } from 'preact/hooks';
+import { unauthorised } from './api/client';
+import { live } from './api/live';
+import { integer, clock } from './maths/format';
+import { Compare } from './pages/compare';
+import { Deployment } from './pages/deployment';
+import { Login } from './pages/login';
+import { Overview } from './pages/overview';
+import { Recognition } from './pages/recognition';
+import { RoutePage } from './pages/route';
+import { TrainingPage } from './pages/training';
+import { hrefOf, PAGES, place, type PageName } from './state/router';
+import { about, lostServices, now } from './state/session';
+import { theme, type Theme } from './state/theme';
+import { classes, Icon, IconButton, type IconName } from './ui/basics';
+
+const TITLES: Record<PageName, string> = {
+  overview: 'Overview',
+  training: 'Training',
+  route: 'Route',
+  deployment: 'Deployment',
+  recognition: 'Place recognition',
+  compare: 'Compare',
+};
+
+const BODIES: Record<PageName, () => JSX.Element> = {
+  overview: Overview,
+  training: TrainingPage,
+  route: RoutePage,
+  deployment: Deployment,
+  recognition: Recognition,
+  compare: Compare,
+};
+
+export function App(): JSX.Element {
+  if (unauthorised.value) return <Login />;
+  const { page } = place.value;
+  const Body = BODIES[page];
+  return (
+    <div class="shell">
+      <a class="skip" href="#main" onClick={skip}>
+        Skip to the content
+      </a>
+      <Side page={page} />
+      <div class="stage">
+        <Disconnected />
+        <main id="main" tabIndex={-1}>
+          <PageTitle title={TITLES[page]} />
+          <Body key={page} />
+        </main>
+      </div>
+    </div>
+  );
+}
+
+// The hash is the router's, so the link moves the focus by itself.
+function skip(event: Event): void {
+  event.preventDefault();
+  document.getElementById('main')?.focus();
+}
+
+function PageTitle({ title }: { title: string }): JSX.Element {
+  const heading = useRef<HTMLHeadingElement>(null);
+  const first = useRef(true);
+  useEffect(() => {
+    document.title = `${title} – CityLearn-DDS`;
+    // Who navigates by keyboard or ear starts at the new page's title.
+    if (!first.current) heading.current?.focus({ preventScroll: true });
+    first.current = false;
+    window.scrollTo(0, 0);
+  }, [title]);
+  return (
+    <h1 ref={heading} tabIndex={-1}>
+      {title}
+    </h1>
+  );
+}
+
+function Side({ page }: { page: PageName }): JSX.Element {
+  const links = useRef<HTMLElement>(null);
+  useEffect(() => {
+    // Where the links are a row that scrolls.
+    const link = links.current?.querySelector<HTMLElement>('[aria-current]');
+    if (link && links.current) links.current.scrollLeft = link.offsetLeft - links.current.clientWidth / 2 + link.clientWidth / 2;
+  }, [page]);
+  return (
+    <header class="side">
+      <div class="brand">
+        <img src="favicon.svg" alt="" width="28" height="28" />
+        <span>
+          CityLearn<span class="brand-soft">-DDS</span>
+        </span>
+      </div>
+      <nav aria-label="Pages" ref={links}>
+        {PAGES.map((name) => (
+          <a key={name} href={hrefOf(name)} aria-current={name === page ? 'page' : undefined}>
+            <Icon name={name as IconName} />
+            <span>{TITLES[name]}</span>
+            {name === 'overview' && lostServices.value > 0 && (
+              <span class="badge" title={`${lostServices.value} lost or failed`}>
+                {lostServices.value}
+                <span class="visually-hidden"> lost or failed</span>
+              </span>
+            )}
+          </a>
+        ))}
+      </nav>
+      <div class="side-foot">
+        <Link />
+        <ThemeSwitch />
+        {about.value.state === 'ready' && (
+          <p class="version">
+            {about.value.value.version} · {about.value.value.vendor}
+          </p>
+        )}
+      </div>
+    </header>
+  );
+}
+
+function Link(): JSX.Element {
+  const { kind } = live.state.value;
+  const lost = live.dropped.value;
+  const text = kind === 'open' ? 'Live' : kind === 'connecting' ? 'Connecting' : 'Disconnected';
+  return (
+    <p class={classes('link', `link-${kind}`)} data-link={kind} role="status">
+      <span class="state-mark" aria-hidden="true" />
+      {text}
+      {lost > 0 && (
+        <span class="hint" title="This browser was too slow for them; what it shows is the newest all the same.">
+          {integer(lost)} skipped
+        </span>
+      )}
+    </p>
+  );
+}
+
+const NEXT: Record<Theme, Theme> = { auto: 'light', light: 'dark', dark: 'auto' };
+
+function ThemeSwitch(): JSX.Element {
+  const names: Record<Theme, string> = { auto: 'as the system', light: 'light', dark: 'dark' };
+  const icons: Record<Theme, IconName> = { auto: 'auto', light: 'sun', dark: 'moon' };
+  return (
+    <IconButton
+      icon={icons[theme.value]}
+      label={`Colours: ${names[theme.value]}. Change to ${names[NEXT[theme.value]]}`}
+      onClick={() => (theme.value = NEXT[theme.value])}
+    />
+  );
+}
+
+/** Says since when what is shown is old, and when the next attempt is. */
+function Disconnected(): JSX.Element | null {
+  const state = live.state.value;
+  const lostAt = live.lostAt.value;
+  if (state.kind === 'open' || lostAt === null) return null;
+  const wait = state.kind === 'waiting' ? Math.max(0, Math.ceil((state.until - now.value) / 1000)) : 0;
+  return (
+    <div class="banner" role="alert">
+      <Icon name="alert" />
+      <span>
+        The dashboard does not answer. What you see is from {clock(lostAt / 1000)}.{' '}
+        <span class="number">{wait > 0 ? `Next attempt in ${wait} s.` : 'Trying again …'}</span>
+      </span>
+      <button type="button" class="small" onClick={() => live.retry()}>
+        Try now
+      </button>
+    </div>
+  );
+}

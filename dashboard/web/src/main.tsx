@@ -1,0 +1,14 @@
+import 'uplot/dist/uPlot.min.css';
+import './styles/tokens.css';
+import './styles/base.css';
+import './styles/parts.css';
+import './styles/pages.css';
+import { render } from 'preact';
+import { App } from './app';
+import { start } from './state/session';
+import { startTheme } from './state/theme';
+
+startTheme();
+start();
+const root = document.getElementById('app');
+if (root) render(<App />, root);

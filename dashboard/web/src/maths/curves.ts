@@ -1,0 +1,89 @@
+import { smooth } from './ema';
+import { aggregate, type Curve, type Range } from './seeds';
+import { axis, metric, type MetricKey, type Rows, type XAxis } from './rows';
+
+export type Display = 'mean' | 'runs' | 'both';
+
+export interface GroupRows {
+  key: string;
+  label: string;
+  colour: string;
+  runs: { id: string; label: string; colour: string; rows: Rows }[];
+}
+
+export interface DrawnLine extends Curve {
+  key: string;
+  label: string;
+  colour: string;
+  faint: boolean;
+  dashed: boolean;
+  band?: { low: (number | null)[]; high: (number | null)[] };
+}
+
+export interface CurveOptions {
+  metric: MetricKey;
+  x: XAxis;
+  smoothing: number;
+  display: Display;
+  /** IDs of runs whose own lines are not drawn. They count in the mean all the same. */
+  hidden: ReadonlySet<string>;
+  /** Part of the axis that is looked at; null: all of it. */
+  range: Range | null;
+}
+
+export function curveOf(rows: Rows, options: Pick<CurveOptions, 'metric' | 'x' | 'smoothing'>): Curve {
+  const at = axis(rows, options.x);
+  return increasing({ x: at, y: smooth(metric(rows, options.metric), axis(rows, 'update'), options.smoothing) });
+}
+
+/** Of points with one x the last: updates without a new episode have the same count of episodes. */
+function increasing(curve: Curve): Curve {
+  const x: number[] = [];
+  const y: (number | null)[] = [];
+  curve.x.forEach((value, i) => {
+    if (x.length > 0 && x[x.length - 1] === value) y[y.length - 1] = curve.y[i] ?? null;
+    else {
+      x.push(value);
+      y.push(curve.y[i] ?? null);
+    }
+  });
+  return { x, y };
+}
+
+/** The lines of one chart. A group's mean and spread are those of all of its runs, whichever are hidden. */
+export function linesOf(groups: readonly GroupRows[], options: CurveOptions): DrawnLine[] {
+  const lines: DrawnLine[] = [];
+  for (const group of groups) {
+    const curves = group.runs.map((run) => curveOf(run.rows, options));
+    const alone = group.runs.length === 1;
+    if (options.display !== 'mean' || alone) {
+      group.runs.forEach((run, i) => {
+        const curve = curves[i];
+        if (!curve || options.hidden.has(run.id)) return;
+        lines.push({
+          ...curve,
+          key: run.id,
+          label: alone ? group.label : `${group.label}, ${run.label}`,
+          colour: options.display === 'runs' ? run.colour : group.colour,
+          faint: options.display === 'both' && !alone,
+          dashed: false,
+        });
+      });
+    }
+    if (options.display !== 'runs' && !alone) {
+      const band = aggregate(curves, 400, options.range);
+      const count = Math.max(0, ...band.count);
+      lines.push({
+        x: band.x,
+        y: band.mean,
+        band: { low: band.low, high: band.high },
+        key: `mean ${group.key}`,
+        label: `${group.label}, mean of ${count}`,
+        colour: group.colour,
+        faint: false,
+        dashed: false,
+      });
+    }
+  }
+  return lines;
+}

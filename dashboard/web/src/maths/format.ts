@@ -1,0 +1,89 @@
+const NONE = '–';
+
+function known(value: number | null | undefined): value is number {
+  return value !== null && value !== undefined && Number.isFinite(value);
+}
+
+/** 1,234,567 */
+export function integer(value: number | null | undefined): string {
+  return known(value) ? Math.round(value).toLocaleString('en-US') : NONE;
+}
+
+/** 950, 12.3k, 4.56M */
+export function short(value: number | null | undefined): string {
+  if (!known(value)) return NONE;
+  const size = Math.abs(value);
+  for (const [unit, name] of [[1e9, 'G'], [1e6, 'M'], [1e3, 'k']] as const)
+    if (size >= unit * 0.99995) return trim((value / unit).toPrecision(3)) + name;
+  return size !== 0 && size < 1 ? significant(value) : trim(value.toFixed(size < 10 ? 2 : size < 100 ? 1 : 0));
+}
+
+function trim(text: string): string {
+  return text.includes('.') && !text.includes('e') ? text.replace(/\.?0+$/, '') : text;
+}
+
+/** Three significant digits, exponents only where they are shorter to read. */
+export function significant(value: number | null | undefined, digits = 3): string {
+  if (!known(value)) return NONE;
+  if (value === 0) return '0';
+  const size = Math.abs(value);
+  if (size >= 1e7 || size < 1e-4) return value.toExponential(digits - 1).replace('e+', 'e').replace('-', '−').replace('e-', 'e−');
+  return minus(trim(Number(value.toPrecision(Math.max(digits, Math.ceil(Math.log10(size))))).toString()));
+}
+
+export function fixed(value: number | null | undefined, digits: number): string {
+  return known(value) ? minus(value.toFixed(digits)) : NONE;
+}
+
+/** Fraction as 97.5 % */
+export function percent(value: number | null | undefined, digits = 1): string {
+  if (!known(value)) return NONE;
+  return `${minus((100 * value).toFixed(value === 0 || value === 1 ? 0 : digits))} %`;
+}
+
+function minus(text: string): string {
+  return text.replace(/^-/, '−');
+}
+
+/** Seconds as 850 ms, 12.3 s, 4 min 05 s, 3 h 12 min, 2 d 4 h */
+export function duration(seconds: number | null | undefined): string {
+  if (!known(seconds)) return NONE;
+  if (seconds < 1) return `${Math.round(seconds * 1000)} ms`;
+  if (seconds < 59.95) return `${seconds.toFixed(1)} s`;
+  const whole = Math.round(seconds);
+  if (whole < 3600) return `${Math.floor(whole / 60)} min ${String(whole % 60).padStart(2, '0')} s`;
+  const minutes = Math.round(seconds / 60);
+  if (minutes < 48 * 60) return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, '0')} min`;
+  const hours = Math.round(seconds / 3600);
+  return `${Math.floor(hours / 24)} d ${hours % 24} h`;
+}
+
+export function bytes(value: number | null | undefined): string {
+  if (!known(value)) return NONE;
+  for (const [unit, name] of [[2 ** 30, 'GiB'], [2 ** 20, 'MiB'], [2 ** 10, 'KiB']] as const)
+    if (value >= unit) return `${trim((value / unit).toPrecision(3))} ${name}`;
+  return `${value} B`;
+}
+
+/** Metres as 40 m, 1.2 km */
+export function metres(value: number | null | undefined): string {
+  if (!known(value)) return NONE;
+  return value >= 1000 ? `${trim((value / 1000).toPrecision(3))} km` : `${trim(value.toPrecision(3))} m`;
+}
+
+/** Time of day, local: 14:03:07 */
+export function clock(seconds: number | null | undefined): string {
+  return known(seconds) ? new Date(seconds * 1000).toLocaleTimeString('en-GB') : NONE;
+}
+
+/** 2026-03-04 14:03, local. */
+export function dateTime(seconds: number | null | undefined): string {
+  if (!known(seconds)) return NONE;
+  const date = new Date(seconds * 1000);
+  const two = (value: number): string => String(value).padStart(2, '0');
+  return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())} ${two(date.getHours())}:${two(date.getMinutes())}`;
+}
+
+export function plural(count: number, one: string, many = `${one}s`): string {
+  return `${integer(count)} ${count === 1 ? one : many}`;
+}

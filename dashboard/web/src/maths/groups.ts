@@ -1,0 +1,28 @@
+import type { Run } from '../api/types';
+
+export type GroupBy = 'sweep' | 'agent';
+
+/** Runs that differ in nothing but their seed, as far as the grouping knows. */
+export interface Group {
+  key: string;
+  label: string;
+  runs: Run[];
+}
+
+/**
+ * Puts runs together: those of one policy_service (`sweep`: the same options for certain), or all of one agent and learner
+ * (`agent`). Groups stand in the order of their newest run, runs in the order of their seeds.
+ */
+export function groupRuns(runs: readonly Run[], by: GroupBy): Group[] {
+  const groups = new Map<string, Group>();
+  for (const run of runs) {
+    const kind = [run.agent, run.learner].filter(Boolean).join(' · ') || 'unknown agent';
+    const key = by === 'sweep' ? JSON.stringify([run.run, run.policy, kind]) : kind;
+    let group = groups.get(key);
+    if (!group) groups.set(key, (group = { key, label: by === 'sweep' ? `${kind} · ${run.run}` : kind, runs: [] }));
+    group.runs.push(run);
+  }
+  for (const group of groups.values())
+    group.runs.sort((a, b) => (a.seed ?? 0) - (b.seed ?? 0) || (b.started ?? 0) - (a.started ?? 0));
+  return [...groups.values()];
+}

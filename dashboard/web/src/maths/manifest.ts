@@ -1,0 +1,33 @@
+import type { Json, Manifest } from '../api/types';
+
+/** Leaves of nested JSON: "parameters.learner.clip" -> "0.2". Lists are leaves. */
+export function flatten(value: Json, prefix = '', into = new Map<string, string>()): Map<string, string> {
+  if (value !== null && typeof value === 'object' && !Array.isArray(value)) {
+    for (const [key, inner] of Object.entries(value)) flatten(inner, prefix ? `${prefix}.${key}` : key, into);
+  } else {
+    into.set(prefix, Array.isArray(value) ? value.map(text).join(', ') : text(value));
+  }
+  return into;
+}
+
+function text(value: Json): string {
+  return typeof value === 'string' ? value : JSON.stringify(value);
+}
+
+export interface ManifestRow {
+  key: string;
+  /** One a manifest; null where it has no such key. */
+  values: (string | null)[];
+  differs: boolean;
+}
+
+/** All keys of several manifests, in the order in which they first stand. A manifest that is not known differs in nothing. */
+export function compareManifests(manifests: readonly (Manifest | null)[]): ManifestRow[] {
+  const leaves = manifests.map((manifest) => (manifest ? flatten(manifest) : null));
+  const keys = [...new Set(leaves.flatMap((all) => (all ? [...all.keys()] : [])))];
+  return keys.map((key) => {
+    const values = leaves.map((all) => all?.get(key) ?? null);
+    const known = values.filter((_, i) => leaves[i] !== null);
+    return { key, values, differs: new Set(known).size > 1 };
+  });
+}

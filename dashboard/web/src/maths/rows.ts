@@ -1,0 +1,76 @@
+import { TRAINING_COLUMNS, type TrainingAnswer, type TrainingColumn } from '../api/types';
+import { episodeLength } from './ema';
+
+/** Columns of a run's training, one number a row, rows in the order of updates. */
+export interface Rows {
+  length: number;
+  total: number;
+  decimated: boolean;
+  columns: Record<TrainingColumn, (number | null)[]>;
+}
+
+export function noRows(): Rows {
+  const columns = Object.fromEntries(TRAINING_COLUMNS.map((name) => [name, []])) as unknown as Rows['columns'];
+  return { length: 0, total: 0, decimated: false, columns };
+}
+
+export function rowsOf(answer: TrainingAnswer): Rows {
+  const rows = noRows();
+  rows.total = answer.total;
+  rows.decimated = answer.decimated;
+  rows.length = answer.columns.x?.length ?? 0;
+  for (const name of TRAINING_COLUMNS)
+    rows.columns[name] = answer.columns[name] ?? new Array<number | null>(rows.length).fill(null);
+  return rows;
+}
+
+/**
+ * Appends updates that came live. A run that was resumed from an older checkpoint does some updates again: what was there of
+ * those goes. Returns whether they join what is there: false when updates between are missing and must be asked for.
+ */
+export function append(rows: Rows, columns: ReadonlyMap<string, ArrayLike<number>>): boolean {
+  const updates = columns.get('update');
+  const first = updates?.[0];
+  if (!updates || first === undefined) return true;
+  let keep = rows.length;
+  while (keep > 0 && (rows.columns.update[keep - 1] ?? -Infinity) >= first) --keep;
+  const before = keep > 0 ? rows.columns.update[keep - 1] : 0;
+  const joins = (before ?? 0) + 1 >= first;
+  for (const name of TRAINING_COLUMNS) {
+    const column = rows.columns[name];
+    column.length = keep;
+    const news = columns.get(name);
+    for (let i = 0; i < updates.length; ++i) {
+      const value = news?.[i];
+      column.push(value === undefined || Number.isNaN(value) ? null : value);
+    }
+  }
+  rows.total += updates.length - (rows.length - keep);
+  rows.length = keep + updates.length;
+  return joins;
+}
+
+export type XAxis = 'episodes' | 'steps' | 'wall' | 'update';
+
+/** A column as numbers: what is unknown is what was there before, so that an axis stays ascending. */
+export function axis(rows: Rows, x: XAxis): number[] {
+  let last = 0;
+  return rows.columns[x].map((value) => (last = Math.max(last, value ?? last)));
+}
+
+/** What can be drawn: the columns, and what follows from them. */
+export type MetricKey = Exclude<TrainingColumn, 'update' | 'steps' | 'episodes' | 'wall'> | 'episode_length';
+
+export function metric(rows: Rows, key: MetricKey): (number | null)[] {
+  return key === 'episode_length' ? episodeLength(axis(rows, 'steps'), axis(rows, 'episodes')) : rows.columns[key];
+}
+
+/** The last known value of a column. */
+export function latest(rows: Rows, key: MetricKey): number | null {
+  const values = metric(rows, key);
+  for (let i = values.length - 1; i >= 0; --i) {
+    const value = values[i];
+    if (value !== null && value !== undefined) return value;
+  }
+  return null;
+}

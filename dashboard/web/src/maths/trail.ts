@@ -1,0 +1,62 @@
+import { FLAG_FIRST, FLAG_IDLE, type Scene, type SceneAgent } from '../api/types';
+
+/** What is known of an agent's episode: positions at some of its steps, as scenes come less often than steps. */
+export interface Trail {
+  start: number;
+  goal: number;
+  steps: number[];
+  positions: number[];
+}
+
+const LONGEST = 4096;
+
+/**
+ * The trail after one more sight of the agent. Another start or goal, a count of steps that fell, or the first observation
+ * begins a new one.
+ */
+export function extend(trail: Trail | undefined, agent: SceneAgent): Trail {
+  const last = trail?.steps[trail.steps.length - 1] ?? -1;
+  const same =
+    trail !== undefined &&
+    trail.start === agent.start &&
+    trail.goal === agent.goal &&
+    agent.steps >= last &&
+    (agent.flags & FLAG_FIRST) === 0;
+  if (!same) {
+    const begun = { start: agent.start, goal: agent.goal, steps: [0], positions: [agent.start] };
+    if (agent.steps > 0) push(begun, agent);
+    return begun;
+  }
+  if (agent.steps > last) push(trail, agent);
+  return trail;
+}
+
+function push(trail: Trail, agent: SceneAgent): void {
+  if (trail.steps.length >= LONGEST) {
+    trail.steps.splice(1, 1);
+    trail.positions.splice(1, 1);
+  }
+  trail.steps.push(agent.steps);
+  trail.positions.push(agent.position);
+}
+
+/** Trails of all agents of one env_service. Another traversal or route begins anew. */
+export class Trails {
+  private key = '';
+  private trails: Trail[] = [];
+
+  add(scene: Scene): void {
+    const key = `${scene.hash} ${scene.first_frame} ${scene.frames} ${scene.policy} ${scene.mode}`;
+    if (key !== this.key || scene.list.length !== this.trails.length) this.trails = [];
+    this.key = key;
+    this.trails = scene.list.map((agent, i) => extend(this.trails[i], agent));
+  }
+
+  of(agent: number): Trail | undefined {
+    return this.trails[agent];
+  }
+}
+
+export function idle(agent: SceneAgent): boolean {
+  return (agent.flags & FLAG_IDLE) !== 0;
+}

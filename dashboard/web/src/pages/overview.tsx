@@ -1,0 +1,276 @@
+import type { JSX } from 'preact';
+import type { Run, Service, ServiceEvent } from '../api/types';
+import { curveOf } from '../maths/curves';
+import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
+import { latest, type Rows } from '../maths/rows';
+import { hrefOf } from '../state/router';
+import { about, events, now, runs, services, type SeenServices } from '../state/session';
+import { useTraining } from '../state/training';
+import { Card, Empty, Figure, Show, State } from '../ui/basics';
+import { Spark } from '../ui/spark';
+import { SaveTable, Table, type Column } from '../ui/table';
+
+export function Overview(): JSX.Element {
+  const all = runs.value.state === 'ready' ? runs.value.value : [];
+  const running = all.filter((run) => run.state === 'running');
+  // Actors' and learners' rates are in their training; more than a dozen runs at once are too many to follow each.
+  const training = useTraining(running.slice(0, 12).map((run) => run.id));
+  const rows = running.map((run) => training.get(run.id)?.rows);
+  return (
+    <>
+      <Totals running={running} rows={rows} />
+      <div class="columns overview-columns">
+        <div class="stack">
+          <Card title="Running">
+            <Show of={runs.value}>
+              {() =>
+                running.length ? (
+                  <div class="run-cards">
+                    {running.map((run, i) => (
+                      <RunCard key={run.id} run={run} rows={rows[i]} />
+                    ))}
+                  </div>
+                ) : (
+                  <NothingRuns known={all} />
+                )
+              }
+            </Show>
+          </Card>
+          <Services />
+        </div>
+        <Events />
+      </div>
+    </>
+  );
+}
+
+function NothingRuns({ known }: { known: readonly Run[] }): JSX.Element {
+  const newest = known[0];
+  if (newest)
+    return (
+      <Empty title="Nothing is being trained now">
+        The newest run, {newest.agent} of {dateTime(newest.started)}, is under{' '}
+        <a href={hrefOf('training')}>Training</a>.
+      </Empty>
+    );
+  return (
+    <Empty title="No run yet">
+      Start one with <code>./run demo</code>, or services of your own on this domain: they appear here by themselves.
+    </Empty>
+  );
+}
+
+function rateOf(rows: Rows | undefined): number | null {
+  if (!rows || rows.length < 2) return null;
+  // Over the last updates that took at least two seconds together.
+  const { wall, episodes } = rows.columns;
+  const end = rows.length - 1;
+  let from = end - 1;
+  while (from > 0 && (wall[end] ?? 0) - (wall[from] ?? 0) < 2) --from;
+  const seconds = (wall[end] ?? 0) - (wall[from] ?? 0);
+  return seconds > 0 ? ((episodes[end] ?? 0) - (episodes[from] ?? 0)) / seconds : null;
+}
+
+function sum(values: readonly (number | null | undefined)[]): number | null {
+  const known = values.filter((value): value is number => typeof value === 'number' && Number.isFinite(value));
+  return known.length ? known.reduce((a, b) => a + b, 0) : null;
+}
+
+function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Rows | undefined)[] }): JSX.Element {
+  const list = services.value.state === 'ready' ? services.value.value.services : [];
+  const up = list.filter((service) => !['lost', 'stopped', 'failed'].includes(service.state)).length;
+  const gone = list.filter((service) => service.state === 'lost' || service.state === 'failed').length;
+  const lessons = rows.map((one) => (one ? latest(one, 'lesson') : null)).filter((lesson) => lesson !== null);
+  const store = about.value.state === 'ready' ? about.value.value.store : null;
+  return (
+    <dl class="figures">
+      <Figure label="Steps per second" value={running.length ? short(sum(running.map((run) => run.steps_per_second))) : '–'} />
+      <Figure label="Episodes per second" value={short(sum(rows.map(rateOf)))} />
+      <Figure
+        label="Lesson"
+        value={lessons.length ? [...new Set(lessons)].map(integer).join(', ') : '–'}
+        note={lessons.length && lessons.every((lesson) => lesson === 0) ? 'no curriculum, or its first' : undefined}
+      />
+      <Figure label="Services up" value={integer(up)} note={gone ? `${gone} lost or failed` : undefined} />
+      <Figure
+        label="Episodes recorded"
+        value={store ? short(Math.max(store.episodes, 0)) : '–'}
+        note={store ? bytes(store.bytes) : undefined}
+      />
+    </dl>
+  );
+}
+
+function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Element {
+  return (
+    <article class="run-card">
+      <header>
+        <h3>
+          <a href={hrefOf('training', { runs: run.id })}>{run.agent || 'unknown agent'}</a>
+        </h3>
+        <State state={run.state} />
+      </header>
+      <p class="hint">
+        {[run.learner, run.seed !== null && `seed ${run.seed}`, run.run].filter(Boolean).join(' · ')}
+      </p>
+      {rows && rows.length > 1 && (
+        <Spark curve={curveOf(rows, { metric: 'spl', x: 'steps', smoothing: 0.9 })} low={0} high={1} />
+      )}
+      <dl class="pairs">
+        <div>
+          <dt>SPL</dt>
+          <dd>{fixed(run.spl, 3)}</dd>
+        </div>
+        <div>
+          <dt>Reward</dt>
+          <dd>{fixed(run.reward, 3)}</dd>
+        </div>
+        <div>
+          <dt>Steps</dt>
+          <dd>{short(run.steps)}</dd>
+        </div>
+        <div>
+          <dt>Episodes</dt>
+          <dd>{short(run.episodes)}</dd>
+        </div>
+        <div>
+          <dt>Steps/s</dt>
+          <dd>{short(run.steps_per_second)}</dd>
+        </div>
+        <div>
+          <dt>Lesson</dt>
+          <dd>{rows ? integer(latest(rows, 'lesson')) : '–'}</dd>
+        </div>
+        <div>
+          <dt>Lag</dt>
+          <dd title="updates between the parameters that acted and those that learned">
+            {rows ? fixed(latest(rows, 'lag'), 1) : '–'}
+          </dd>
+        </div>
+        <div>
+          <dt>Time</dt>
+          <dd>{duration(run.wall)}</dd>
+        </div>
+      </dl>
+      <nav class="run-links" aria-label={`${run.agent} ${run.id}`}>
+        <a href={hrefOf('training', { runs: run.id })}>Training</a>
+        <a href={hrefOf('route', { run: run.id })}>Route</a>
+        <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>
+      </nav>
+    </article>
+  );
+}
+
+/** Seconds since the last heartbeat: what the server said and what has passed since. */
+function ageOf(service: Service, all: SeenServices): number | null {
+  if (service.age === null) return null;
+  return service.age + Math.max(0, now.value - all.seen) / 1000;
+}
+
+function heartbeat(seconds: number | null): string {
+  if (seconds === null) return '–';
+  return seconds < 60 ? `${seconds.toFixed(0)} s ago` : `${duration(seconds)} ago`;
+}
+
+const ORDER = ['lost', 'failed', 'starting', 'waiting', 'running', 'stopping', 'stopped'];
+
+function Services(): JSX.Element {
+  const there = services.value.state === 'ready' ? services.value.value : null;
+  const columns: Column<Service>[] = [
+    { key: 'service', label: 'Service', show: (s) => <span class="name">{s.id}</span>, cell: (s) => s.id },
+    { key: 'kind', label: 'Kind', show: (s) => s.service, cell: (s) => s.service },
+    { key: 'state', label: 'State', show: (s) => <State state={s.state} />, cell: (s) => s.state },
+    { key: 'activity', label: 'Activity', wide: true, show: (s) => s.activity, cell: (s) => s.activity },
+    { key: 'rate', label: 'Steps/s', number: true, show: (s) => (s.rate ? short(s.rate) : '–'), cell: (s) => s.rate },
+    {
+      key: 'heartbeat_age',
+      label: 'Heartbeat',
+      number: true,
+      show: (s) => (there ? heartbeat(ageOf(s, there)) : '–'),
+      cell: (s) => s.age,
+    },
+    { key: 'host', label: 'Host', show: (s) => s.host, cell: (s) => s.host },
+    { key: 'process', label: 'Process', number: true, show: (s) => s.process, cell: (s) => s.process },
+    { key: 'middleware', label: 'DDS', show: (s) => s.middleware, cell: (s) => s.middleware },
+    {
+      key: 'incarnation',
+      label: 'Incarnation',
+      number: true,
+      show: (s) => <span title={String(s.incarnation)}>{String(s.incarnation).slice(-6)}</span>,
+      cell: (s) => String(s.incarnation),
+    },
+    { key: 'uptime', label: 'Up', number: true, show: (s) => duration(s.uptime), cell: (s) => s.uptime },
+    { key: 'received', label: 'Received', number: true, show: (s) => short(s.received), cell: (s) => s.received },
+    { key: 'resent', label: 'Resent', number: true, show: (s) => short(s.resent), cell: (s) => s.resent },
+    { key: 'repeated', label: 'Repeated', number: true, show: (s) => short(s.repeated), cell: (s) => s.repeated },
+    { key: 'rejected', label: 'Rejected', number: true, show: (s) => short(s.rejected), cell: (s) => s.rejected },
+    { key: 'run', label: 'Run', show: (s) => s.run, cell: (s) => s.run },
+  ];
+  const list = there
+    ? [...there.services].sort(
+        (a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state) || a.id.localeCompare(b.id) || a.run.localeCompare(b.run),
+      )
+    : [];
+  return (
+    <Card
+      title="Services"
+      hint={there && list.length ? plural(list.length, 'service') : undefined}
+      actions={<SaveTable name="services" columns={columns} rows={list} />}
+    >
+      <Show of={services.value} lines={5}>
+        {() =>
+          list.length ? (
+            <Table
+              caption="Services"
+              columns={columns}
+              rows={list}
+              rowKey={(s) => `${s.run}/${s.id}`}
+              rowClass={(s) => (s.state === 'lost' || s.state === 'failed' ? 'bad' : s.state === 'stopped' ? 'past' : undefined)}
+            />
+          ) : (
+            <Empty title="No service heard yet">
+              Services announce themselves once a second. If some run, compare their <code>--domain</code> with the dashboard's
+              {about.value.state === 'ready' && ` (${about.value.value.domain})`}.
+            </Empty>
+          )
+        }
+      </Show>
+    </Card>
+  );
+}
+
+function Events(): JSX.Element {
+  const list = events.value.state === 'ready' ? events.value.value : [];
+  const columns: Column<ServiceEvent>[] = [
+    { key: 'time', label: 'Time', show: (e) => clock(e.time), cell: (e) => e.time },
+    { key: 'kind', label: 'Kind', show: (e) => e.kind, cell: (e) => e.kind },
+    { key: 'run', label: 'Run', show: (e) => e.run, cell: (e) => e.run },
+    { key: 'service', label: 'Service', show: (e) => e.service, cell: (e) => e.service },
+    { key: 'text', label: 'Text', show: (e) => e.text, cell: (e) => e.text },
+  ];
+  return (
+    <Card title="Events" class="events-card" actions={<SaveTable name="events" columns={columns} rows={list} />}>
+      <Show of={events.value} lines={6}>
+        {() =>
+          list.length ? (
+            <ol class="events" tabIndex={0} aria-label="Events, newest first">
+              {list.slice(0, 100).map((event) => (
+                <li key={`${event.time} ${event.service} ${event.kind}`} class={`event event-${event.kind}`}>
+                  <time dateTime={new Date(event.time * 1000).toISOString()} title={dateTime(event.time)}>
+                    {clock(event.time)}
+                  </time>
+                  <span class="event-kind">{event.kind}</span>
+                  <span class="event-text">
+                    {event.service && <b>{event.service}</b>} {event.text}
+                  </span>
+                </li>
+              ))}
+            </ol>
+          ) : (
+            <Empty title="Nothing has happened yet" />
+          )
+        }
+      </Show>
+    </Card>
+  );
+}

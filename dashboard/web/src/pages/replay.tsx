@@ -1,0 +1,182 @@
+import type { JSX } from 'preact';
+import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
+import type { EpisodeDetail, RunDetail, TraversalMap } from '../api/types';
+import { evaluationName } from '../maths/evaluations';
+import { fixed, integer } from '../maths/format';
+import { useJson, type Resource } from '../state/resource';
+import { setParams } from '../state/router';
+import { Card, Empty, IconButton, Select, Show } from '../ui/basics';
+import { Chart, type Line } from '../ui/chart';
+import { PictureBox, useFrame } from '../ui/picture';
+import { RouteMap } from '../ui/route_map';
+import { useVisible } from '../ui/use';
+
+interface ReplayProps {
+  rowid: number;
+  detail: Resource<RunDetail>;
+}
+
+/** One recorded episode, step by step. */
+export function Replay({ rowid, detail }: ReplayProps): JSX.Element {
+  const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
+  const room = useRef<HTMLDivElement>(null);
+  useEffect(() => room.current?.scrollIntoView({ block: 'start' }), []);
+  return (
+    <div ref={room} class="replay-room">
+      <Card
+        title={`Replay of episode ${rowid}`}
+        hint={episode.state === 'ready' ? describe(episode.value) : undefined}
+        actions={
+          <button type="button" class="small" onClick={() => setParams({ episode: null })}>
+            Close
+          </button>
+        }
+      >
+        <Show of={episode} lines={6}>
+          {(one) =>
+            one.positions && one.positions.length > 0 ? (
+              <Player episode={one} positions={one.positions} detail={detail} />
+            ) : (
+              <Empty title="Its actions were not kept">
+                An episode of more steps than a message can carry is recorded with its figures alone.
+              </Empty>
+            )
+          }
+        </Show>
+      </Card>
+    </div>
+  );
+}
+
+function describe(one: EpisodeDetail): string {
+  const what = one.evaluation ? `task ${one.task}` : 'training';
+  const end = one.completed ? `goal reached in ${one.steps} steps, shortest ${one.shortest}` : `goal missed in ${one.steps} steps`;
+  return `${evaluationName(one)} on ${one.traversal}, ${what} · ${end} · SPL ${fixed(one.spl, 3)}`;
+}
+
+const SPEEDS = ['2', '5', '10', '20', '50'] as const;
+
+function Player({ episode, positions, detail }: {
+  episode: EpisodeDetail;
+  positions: readonly number[];
+  detail: Resource<RunDetail>;
+}): JSX.Element {
+  const last = positions.length - 1;
+  const [step, setStep] = useState(0);
+  const [playing, setPlaying] = useState(false);
+  const [speed, setSpeed] = useState<(typeof SPEEDS)[number]>('10');
+  const slider = useRef<HTMLInputElement>(null);
+  const room = useRef<HTMLDivElement>(null);
+  const visible = useVisible(room);
+  useEffect(() => slider.current?.focus({ preventScroll: true }), []);
+  useEffect(() => {
+    if (!playing) return undefined;
+    const timer = setInterval(() => setStep((now) => Math.min(now + 1, last)), 1000 / Number(speed));
+    return () => clearInterval(timer);
+  }, [playing, speed, last]);
+  useEffect(() => {
+    if (step === last) setPlaying(false);
+  }, [step, last]);
+  const toggle = (): void => {
+    if (step === last) setStep(0);
+    setPlaying(!playing);
+  };
+
+  const run = detail.state === 'ready' ? detail.value : null;
+  const number = (key: string): number | null => {
+    const value = run?.manifest?.[key];
+    return typeof value === 'number' ? value : null;
+  };
+  const own = run?.traversals.find((one) => one.hash === episode.hash);
+  const sibling = run?.traversals.find((one) => one.hash !== episode.hash && one.images);
+  const map = useJson<TraversalMap>(episode.hash === null ? null : `api/map/${episode.hash}`);
+  const least = Math.min(...positions, episode.goal);
+  const most = Math.max(...positions, episode.goal);
+  const first = Math.min(number('first_frame') ?? least, least);
+  const count = Math.max((number('frames') ?? 0) + first - 1, most) - first + 1;
+  const here = positions[step] ?? episode.start;
+  const path = useMemo(() => positions.slice(0, step + 1), [positions, step]);
+  const lines: Line[] = useMemo(() => {
+    const x = positions.map((_, i) => i);
+    return [
+      { key: 'all', label: 'whole episode', colour: 'series-1', faint: true, x, y: positions },
+      { key: 'so far', label: 'so far', colour: 'series-1', x: x.slice(0, step + 1), y: path },
+    ];
+  }, [positions, path]);
+  const walkers = [{ label: `step ${step}`, position: here, start: episode.start, goal: episode.goal }];
+  const picture = useFrame(own?.images ? episode.hash : null, here, visible);
+  const other = useFrame(sibling?.hash ?? null, here, visible);
+  return (
+    <div class="player" ref={room}>
+      <div class="transport">
+        <IconButton icon={playing ? 'pause' : 'play'} label={playing ? 'Pause' : 'Play'} onClick={toggle} />
+        <label class="transport-slider">
+          <span class="visually-hidden">Step</span>
+          <input
+            ref={slider}
+            type="range"
+            min={0}
+            max={last}
+            step={1}
+            value={step}
+            aria-valuetext={`step ${step} of ${last}, frame ${here}`}
+            onInput={(event) => {
+              setPlaying(false);
+              setStep(Number(event.currentTarget.value));
+            }}
+            onKeyDown={(event) => {
+              if (event.key !== ' ') return;
+              event.preventDefault();
+              toggle();
+            }}
+          />
+        </label>
+        <output class="number transport-step">
+          {step} / {last}
+        </output>
+        <Select
+          label="Steps per second"
+          value={speed}
+          options={SPEEDS.map((value) => ({ value, label: value }))}
+          onChange={setSpeed}
+        />
+      </div>
+      <p class="hint">Space plays and pauses, arrows step, Home and End jump, with the slider in focus.</p>
+      {episode.shuffled && (
+        <p class="note">Frames were shuffled for this evaluation: the agent saw other pictures than those of the places where it stood.</p>
+      )}
+      <div class="columns route-columns">
+        <RouteMap
+          map={map.state === 'ready' ? map.value : null}
+          first={first}
+          count={count}
+          walkers={walkers}
+          selected={0}
+          path={path}
+          whole={false}
+          label={`Route of ${episode.traversal}, step ${step} at frame ${here}`}
+        />
+        <div class="stack">
+          <div class="pictures">
+            {own?.images ? (
+              <PictureBox picture={picture} alt={`Frame of ${episode.traversal}`} caption={episode.traversal} />
+            ) : (
+              <PictureBox picture={{ state: 'none', text: 'This traversal has features alone.' }} alt="" caption={episode.traversal} />
+            )}
+            {sibling && <PictureBox picture={other} alt={`The same place on ${sibling.traversal}`} caption={`${sibling.traversal}, same place`} />}
+          </div>
+        </div>
+      </div>
+      <Chart
+        title="Walk"
+        hint={`frame over steps, from ${integer(episode.start)} to the goal ${integer(episode.goal)}`}
+        name={`episode ${episode.rowid}`}
+        xLabel="steps"
+        lines={lines}
+        references={[{ label: 'goal', value: episode.goal }]}
+        format={integer}
+        height={180}
+      />
+    </div>
+  );
+}

@@ -1,0 +1,326 @@
+import type { JSX } from 'preact';
+import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
+import { runPath } from '../api/client';
+import { sceneOf } from '../api/frame';
+import { live } from '../api/live';
+import type { Run, RunDetail, RunTraversal, Scene, TraversalMap } from '../api/types';
+import { integer } from '../maths/format';
+import { idle, Trails } from '../maths/trail';
+import { useJson } from '../state/resource';
+import { hrefOf, param, setParams } from '../state/router';
+import { now, runs } from '../state/session';
+import { Card, Empty, Failed, Loading, Segmented, Select, Show, Swatch } from '../ui/basics';
+import { Chart, type Line } from '../ui/chart';
+import { PictureBox, useFrame, useLivePicture } from '../ui/picture';
+import { RouteMap, walkerColour, type Walker } from '../ui/route_map';
+import { chosenRun, RunSelect } from '../ui/run_select';
+import { SaveTable, Table, type Column } from '../ui/table';
+import { useVisible } from '../ui/use';
+
+export function RoutePage(): JSX.Element {
+  return (
+    <Show of={runs.value}>
+      {(all) => {
+        const chosen = chosenRun(all, (run) => run.state === 'running');
+        return chosen ? (
+          <RouteOf run={chosen} all={all} />
+        ) : (
+          <Card title="Route">
+            <Empty title="No run yet">
+              The route, its agents and what they see appear here as soon as a policy_service runs.
+            </Empty>
+          </Card>
+        );
+      }}
+    </Show>
+  );
+}
+
+/** The newest scene of an env_service and the trails of its agents; when it came, milliseconds since 1970. */
+function useScene(topic: string | null): { scene: Scene | null; trails: Trails; came: number } {
+  const [state, setState] = useState<{ scene: Scene | null; came: number }>({ scene: null, came: 0 });
+  const trails = useRef(new Trails());
+  useEffect(() => {
+    trails.current = new Trails();
+    setState({ scene: null, came: Date.now() });
+    if (topic === null) return undefined;
+    return live.watch(topic, (frame) => {
+      const scene = sceneOf(frame);
+      trails.current.add(scene);
+      setState({ scene, came: Date.now() });
+    });
+  }, [topic]);
+  return { ...state, trails: trails.current };
+}
+
+const MODES: Record<string, string> = { '0': 'idle', '1': 'training', '2': 'evaluating', train: 'training', evaluate: 'evaluating' };
+
+function modeName(mode: string | number): string {
+  const name = String(mode).toLowerCase();
+  return MODES[name] ?? name;
+}
+
+function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
+  // Traversals are announced after the run has begun: ask again with each new update until there are some.
+  const [again, setAgain] = useState(0);
+  const detail = useJson<RunDetail>(runPath(run.id), `${run.state} ${again}`);
+  const none = detail.state === 'ready' && detail.value.traversals.length === 0;
+  useEffect(() => {
+    if (none) setAgain(run.updates ?? 0);
+  }, [none, run.updates]);
+  const traversals = detail.state === 'ready' ? detail.value.traversals : [];
+  const chosen = traversals.find((one) => one.environment === param('env', '')) ?? traversals[0];
+  const whole = param('view', 'route') === 'whole';
+  return (
+    <>
+      <div class="controls card">
+        <RunSelect runs={all} chosen={run} />
+        {chosen && (
+          <Select
+            label="Traversal"
+            value={chosen.environment}
+            options={traversals.map((one) => ({ value: one.environment, label: `${one.traversal} (${one.environment})` }))}
+            onChange={(env) => setParams({ env, agent: null })}
+          />
+        )}
+        <Segmented
+          label="Show"
+          value={whole ? 'whole' : 'route'}
+          options={[
+            { value: 'route', label: 'Route' },
+            { value: 'whole', label: 'Whole traversal' },
+          ]}
+          onChange={(view) => setParams({ view })}
+        />
+      </div>
+      {detail.state === 'loading' ? (
+        <Card title="Route">
+          <Loading lines={6} />
+        </Card>
+      ) : detail.state === 'failed' ? (
+        <Failed error={detail.error} />
+      ) : chosen ? (
+        <Scenery run={run} traversal={chosen} all={traversals} detail={detail.value} whole={whole} />
+      ) : (
+        <Card title="Route">
+          <Empty title="No traversal is known of this run">env_services announce theirs when they start.</Empty>
+        </Card>
+      )}
+    </>
+  );
+}
+
+function Scenery({ run, traversal, all, detail, whole }: {
+  run: Run;
+  traversal: RunTraversal;
+  all: readonly RunTraversal[];
+  detail: RunDetail;
+  whole: boolean;
+}): JSX.Element {
+  const running = run.state === 'running';
+  const source = `${traversal.environment}@${run.run}`;
+  const { scene, trails, came } = useScene(`scene:${source}`);
+  const map = useJson<TraversalMap>(`api/map/${traversal.hash}`);
+  const agent = Math.min(Number(param('agent', '0')) || 0, Math.max((scene?.list.length ?? 1) - 1, 0));
+  const walkers: Walker[] = useMemo(
+    () => (scene?.list ?? []).map((one, i) => ({ ...one, label: `agent ${i}`, idle: idle(one) })),
+    [scene],
+  );
+  const trail = trails.of(agent);
+  const here = scene?.list[agent];
+  const number = (key: string, otherwise: number): number => {
+    const value = detail.manifest?.[key];
+    return typeof value === 'number' ? value : otherwise;
+  };
+  const first = scene?.first_frame ?? number('first_frame', 0);
+  const count = scene?.frames ?? Math.min(number('frames', traversal.frames), traversal.frames - first);
+  const silent = Math.floor((now.value - came) / 1000);
+  return (
+    <div class="columns route-columns">
+      <div class="stack">
+        <Card
+          title={`Route: ${traversal.traversal}`}
+          hint={
+            scene
+              ? `${modeName(scene.mode)} ${scene.policy} · frames ${integer(first)} to ${integer(first + count - 1)} · tick ${integer(scene.step)}`
+              : `${integer(traversal.frames)} frames`
+          }
+        >
+          {!scene && !running && (
+            <p class="note">
+              This run has ended: nobody moves. Its episodes can be replayed under{' '}
+              <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>.
+            </p>
+          )}
+          {running && silent >= 3 && (
+            <p class="note" role="status">
+              {scene ? `Nothing new for ${silent} s: ` : 'Nothing moves here yet: '}
+              {traversal.environment} waits for its turn, or is gone.
+            </p>
+          )}
+          <RouteMap
+            map={map.state === 'ready' ? map.value : null}
+            first={first}
+            count={count}
+            walkers={walkers}
+            selected={agent}
+            path={trail?.positions ?? []}
+            onSelect={(one) => setParams({ agent: String(one) })}
+            whole={whole}
+            label={`Route of ${traversal.traversal} with ${walkers.length} agents`}
+          />
+          <ul class="legend map-legend" aria-label="Signs">
+            <li>
+              <i class="sign sign-agent" /> agent
+            </li>
+            <li>
+              <i class="sign sign-start" /> start
+            </li>
+            <li>
+              <i class="sign sign-goal" /> goal
+            </li>
+            <li>
+              <i class="sign sign-path" /> path so far
+            </li>
+          </ul>
+        </Card>
+        <WalkChart trail={trail} agent={agent} goal={here?.goal ?? null} name={`${traversal.traversal} agent ${agent}`} />
+      </div>
+      <div class="stack">
+        <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} frame={here?.frame ?? null} />
+        <Agents scene={scene} agent={agent} name={traversal.traversal} />
+      </div>
+    </div>
+  );
+}
+
+function WalkChart({ trail, agent, goal, name }: {
+  trail: { steps: number[]; positions: number[] } | undefined;
+  agent: number;
+  goal: number | null;
+  name: string;
+}): JSX.Element {
+  const length = trail?.steps.length ?? 0;
+  const lines: Line[] = useMemo(
+    () =>
+      trail
+        ? [{ key: 'walk', label: `agent ${agent}`, colour: walkerColour(agent), x: trail.steps.slice(), y: trail.positions.slice() }]
+        : [],
+    [trail, length, agent],
+  );
+  return (
+    <Chart
+      title={`Walk of agent ${agent}`}
+      hint="frame over steps of its episode, as far as it was seen"
+      name={name}
+      xLabel="steps"
+      lines={lines}
+      references={goal === null ? [] : [{ label: 'goal', value: goal }]}
+      format={integer}
+      height={180}
+      empty="Nobody walks yet"
+    />
+  );
+}
+
+/** What the agent sees, and what a sibling traversal shows of the same place. */
+function Eyes({ source, traversal, all, agent, frame }: {
+  source: string;
+  traversal: RunTraversal;
+  all: readonly RunTraversal[];
+  agent: number;
+  frame: number | null;
+}): JSX.Element {
+  const room = useRef<HTMLDivElement>(null);
+  const visible = useVisible(room);
+  const siblings = all.filter((one) => one.hash !== traversal.hash && one.images);
+  const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
+  const picture = useLivePicture(visible && traversal.images ? `picture:${source}:${agent}` : null);
+  const other = useFrame(sibling?.hash ?? null, frame, visible);
+  return (
+    <Card
+      title={`What agent ${agent} sees`}
+      actions={
+        siblings.length > 1 && sibling ? (
+          <label class="inline-select">
+            <span class="visually-hidden">Sibling traversal</span>
+            <select value={sibling.traversal} onChange={(event) => setParams({ sibling: event.currentTarget.value })}>
+              {siblings.map((one) => (
+                <option key={one.traversal} value={one.traversal}>
+                  beside {one.traversal}
+                </option>
+              ))}
+            </select>
+          </label>
+        ) : undefined
+      }
+    >
+      <div class="pictures" ref={room}>
+        {traversal.images ? (
+          <PictureBox picture={picture} alt={`What agent ${agent} sees on ${traversal.traversal}`} caption={traversal.traversal} />
+        ) : (
+          <PictureBox
+            picture={{ state: 'none', text: 'This traversal has features alone.' }}
+            alt=""
+            caption={traversal.traversal}
+          />
+        )}
+        {sibling && (
+          <PictureBox picture={other} alt={`The same place on ${sibling.traversal}`} caption={`${sibling.traversal}, same place`} />
+        )}
+      </div>
+    </Card>
+  );
+}
+
+interface AgentRow {
+  agent: number;
+  position: number;
+  start: number;
+  goal: number;
+  steps: number;
+  idle: boolean;
+}
+
+function Agents({ scene, agent, name }: { scene: Scene | null; agent: number; name: string }): JSX.Element {
+  const rows: AgentRow[] = (scene?.list ?? []).map((one, i) => ({ ...one, agent: i, idle: idle(one) }));
+  const columns: Column<AgentRow>[] = [
+    {
+      key: 'agent',
+      label: 'Agent',
+      show: (row) => (
+        <label class="agent-choice">
+          <input
+            type="radio"
+            name="agent"
+            checked={row.agent === agent}
+            onChange={() => setParams({ agent: String(row.agent) })}
+          />
+          <Swatch colour={walkerColour(row.agent)} />
+          {row.agent}
+        </label>
+      ),
+      cell: (row) => row.agent,
+    },
+    { key: 'position', label: 'At', number: true, show: (row) => (row.idle ? 'idle' : row.position), cell: (row) => row.position },
+    { key: 'start', label: 'Start', number: true, show: (row) => row.start, cell: (row) => row.start },
+    { key: 'goal', label: 'Goal', number: true, show: (row) => row.goal, cell: (row) => row.goal },
+    { key: 'left', label: 'To go', number: true, show: (row) => Math.abs(row.goal - row.position), cell: (row) => Math.abs(row.goal - row.position) },
+    { key: 'steps', label: 'Steps', number: true, show: (row) => row.steps, cell: (row) => row.steps },
+  ];
+  return (
+    <Card title="Agents" class="agents" actions={<SaveTable name={`agents ${name}`} columns={columns} rows={rows} />}>
+      {rows.length ? (
+        <Table
+          caption="Agents of this env_service"
+          columns={columns}
+          rows={rows}
+          rowKey={(row) => row.agent}
+          rowClass={(row) => (row.agent === agent ? 'chosen' : undefined)}
+        />
+      ) : (
+        <Empty title="Nobody here yet" />
+      )}
+    </Card>
+  );
+}

@@ -1,0 +1,263 @@
+import type { JSX } from 'preact';
+import { useMemo, useState } from 'preact/hooks';
+import { runPath } from '../api/client';
+import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
+import { linesOf, type Display, type GroupRows } from '../maths/curves';
+import { duration, fixed, percent, short, significant } from '../maths/format';
+import { groupRuns, type Group, type GroupBy } from '../maths/groups';
+import type { MetricKey, XAxis } from '../maths/rows';
+import { useJson } from '../state/resource';
+import { param, place, setParams } from '../state/router';
+import { runs } from '../state/session';
+import { useDetail, useTraining } from '../state/training';
+import { Card, Empty, Failed, Loading, Segmented, Show, Slider } from '../ui/basics';
+import type { Range } from '../maths/seeds';
+import { Chart, type Reference } from '../ui/chart';
+import { RunPicker } from '../ui/run_picker';
+
+interface Metric {
+  key: MetricKey;
+  title: string;
+  hint: string;
+  format?: (value: number) => string;
+}
+
+const PERFORMANCE: Metric[] = [
+  { key: 'reward', title: 'Reward', hint: 'mean of the last 100 episodes', format: (v) => fixed(v, 3) },
+  { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', format: (v) => fixed(v, 3) },
+  { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of about 100 episodes', format: (v) => fixed(v, 1) },
+];
+const OPTIMISATION: Metric[] = [
+  { key: 'policy_loss', title: 'Policy loss', hint: 'per update' },
+  { key: 'value_loss', title: 'Value loss', hint: 'per update' },
+  { key: 'entropy', title: 'Entropy', hint: 'nats; ln 3 = 1.099 is blind chance' },
+  { key: 'divergence', title: 'KL divergence', hint: 'old against new policy, nats' },
+  { key: 'clipped', title: 'Clipped', hint: 'share of samples outside the clip range', format: (v) => percent(v) },
+  { key: 'gradient_norm', title: 'Gradient norm', hint: 'before clipping' },
+  { key: 'learning_rate', title: 'Learning rate', hint: 'of the update' },
+  { key: 'steps_per_second', title: 'Steps per second', hint: 'since the update before', format: short },
+  { key: 'lag', title: 'Lag', hint: 'updates between acting and learning' },
+  { key: 'lesson', title: 'Lesson', hint: 'of the curriculum' },
+];
+
+const X_LABELS: Record<XAxis, string> = { episodes: 'episodes', steps: 'steps', wall: 'wall time', update: 'updates' };
+const MAX_RUNS = 24; // whose curves are fetched at once
+const COLOURS = 8;
+
+function oneOf<T extends string>(value: string, all: readonly T[], otherwise: T): T {
+  return all.find((one) => one === value) ?? otherwise;
+}
+
+export function TrainingPage(): JSX.Element {
+  return <Show of={runs.value}>{(all) => (all.length ? <Training all={all} /> : <NoRuns />)}</Show>;
+}
+
+function NoRuns(): JSX.Element {
+  return (
+    <Card title="Runs">
+      <Empty title="No run yet">
+        Curves appear with the first update of a policy_service. <code>./run demo</code> starts one.
+      </Empty>
+    </Card>
+  );
+}
+
+function shownGroups(groups: readonly Group[]): Group[] {
+  const { params } = place.value;
+  const wanted = params.get('groups');
+  if (wanted !== null) {
+    const keys = new Set(wanted.split('\n'));
+    return groups.filter((group) => keys.has(group.key));
+  }
+  const run = params.get('runs');
+  const found = groups.filter((group) => (run ? group.runs.some((one) => one.id === run) : false));
+  return found.length ? found : groups.slice(0, 1);
+}
+
+function Training({ all }: { all: readonly Run[] }): JSX.Element {
+  const by = oneOf<GroupBy>(param('by', 'sweep'), ['sweep', 'agent'], 'sweep');
+  const x = oneOf<XAxis>(param('x', 'steps'), ['episodes', 'steps', 'wall', 'update'], 'steps');
+  const display = oneOf<Display>(param('show', 'both'), ['mean', 'runs', 'both'], 'both');
+  const smoothing = Math.min(Math.max(Number(param('smooth', '0.9')) || 0, 0), 0.999);
+  const hidden = useMemo(() => new Set(param('hide', '').split('\n').filter(Boolean)), [place.value]);
+  const [zoom, setZoom] = useState<Range | null>(null);
+  const groups = useMemo(() => groupRuns(all, by), [all, by]);
+  const shown = shownGroups(groups);
+  let room = MAX_RUNS;
+  const fitting = shown.filter((group) => (room -= group.runs.length) >= 0 || group === shown[0]);
+  const ids = fitting.flatMap((group) => group.runs.map((run) => run.id));
+  const training = useTraining(ids);
+  const versions = ids.map((id) => training.get(id)?.version ?? 0).join();
+  // Part of a long run: asked for again with all of its points. From further left, for the smoothing to have its start there.
+  const decimated = zoom ? ids.filter((id) => training.get(id)?.rows.decimated) : [];
+  const detail = useDetail(decimated, zoom && { x, from: Math.max(0, 2 * zoom.from - zoom.to), to: zoom.to });
+  const coloured = useMemo(() => colourOf(fitting), [ids.join('\n'), by]);
+
+  const groupRows: GroupRows[] = useMemo(
+    () =>
+      fitting.map((group, g) => ({
+        key: group.key,
+        label: group.label,
+        colour: `series-${(g % COLOURS) + 1}`,
+        runs: group.runs.flatMap((run) => {
+          const rows = detail.get(run.id) ?? training.get(run.id)?.rows;
+          return rows?.length
+            ? [{ id: run.id, label: `seed ${run.seed ?? '?'}`, colour: coloured.get(run.id) ?? 'series-1', rows }]
+            : [];
+        }),
+      })),
+    [versions, ids.join('\n'), by, coloured, detail],
+  );
+
+  const states = ids.map((id) => training.get(id)?.state);
+  const failed = ids.map((id) => training.get(id)).find((one) => one?.state === 'failed');
+  const references = useReferences(fitting[0]?.runs[0]);
+  const charts = (list: readonly Metric[]): JSX.Element[] =>
+    list.map((metric) => (
+      <MetricChart
+        key={metric.key}
+        metric={metric}
+        groups={groupRows}
+        options={{ x, smoothing, display, hidden }}
+        references={references[metric.key] ?? []}
+        zoom={zoom}
+        onZoom={setZoom}
+      />
+    ));
+  return (
+    <div class="with-picker">
+      <RunPicker
+        groups={groups}
+        by={by}
+        shown={new Set(fitting.map((group) => group.key))}
+        hidden={hidden}
+        colours={display === 'runs' ? coloured : groupColours(fitting)}
+        omitted={shown.length - fitting.length}
+      />
+      <div class="stack">
+        <div class="controls card">
+          <Segmented
+            label="Horizontal axis"
+            value={x}
+            options={[
+              { value: 'episodes', label: 'Episodes' },
+              { value: 'steps', label: 'Steps' },
+              { value: 'wall', label: 'Time' },
+            ]}
+            onChange={(value) => {
+              setZoom(null);
+              setParams({ x: value });
+            }}
+          />
+          <Segmented
+            label="Seeds"
+            value={display}
+            options={[
+              { value: 'mean', label: 'Mean and spread' },
+              { value: 'both', label: 'Both' },
+              { value: 'runs', label: 'Each' },
+            ]}
+            onChange={(value) => setParams({ show: value })}
+          />
+          <Slider
+            label="Smoothing"
+            value={smoothing}
+            min={0}
+            max={0.99}
+            step={0.01}
+            text={smoothing.toFixed(2)}
+            onInput={(value) => setParams({ smooth: String(value) })}
+          />
+          {zoom && (
+            <button type="button" class="small" onClick={() => setZoom(null)}>
+              Whole range
+            </button>
+          )}
+        </div>
+        {failed && <Failed error={failed.error} />}
+        {groupRows.every((group) => group.runs.length === 0) && states.includes('loading') ? (
+          <Card title="Curves">
+            <Loading lines={6} />
+          </Card>
+        ) : (
+          <>
+            <div class="charts charts-main">{charts(PERFORMANCE)}</div>
+            <h2 class="section-title">Optimisation</h2>
+            <div class="charts">{charts(OPTIMISATION)}</div>
+          </>
+        )}
+      </div>
+    </div>
+  );
+}
+
+function colourOf(groups: readonly Group[]): Map<string, string> {
+  const all = groups.flatMap((group) => group.runs);
+  return new Map(all.map((run, i) => [run.id, `series-${(i % COLOURS) + 1}`]));
+}
+
+function groupColours(groups: readonly Group[]): Map<string, string> {
+  return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, `series-${(g % COLOURS) + 1}`] as const)));
+}
+
+function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
+  metric: Metric;
+  groups: readonly GroupRows[];
+  options: { x: XAxis; smoothing: number; display: Display; hidden: ReadonlySet<string> };
+  references: readonly Reference[];
+  zoom: Range | null;
+  onZoom: (range: Range | null) => void;
+}): JSX.Element {
+  const { x, smoothing, display, hidden } = options;
+  const lines = useMemo(
+    () => linesOf(groups, { metric: metric.key, x, smoothing, display, hidden, range: zoom }),
+    [groups, metric.key, x, smoothing, display, hidden, zoom],
+  );
+  return (
+    <Chart
+      title={metric.title}
+      hint={metric.hint}
+      name="training"
+      xLabel={X_LABELS[x]}
+      xFormat={x === 'wall' ? duration : short}
+      format={metric.format ?? ((value) => significant(value))}
+      lines={lines}
+      references={references}
+      zoom={zoom}
+      onZoom={onZoom}
+      sync="training"
+      height={PERFORMANCE.includes(metric) ? 260 : 200}
+    />
+  );
+}
+
+/** What an agent that never looks, one that knows everything and one that has learned nothing reach on the same route. */
+function useReferences(run: Run | undefined): Partial<Record<MetricKey, Reference[]>> {
+  const detail = useJson<RunDetail>(run ? runPath(run.id) : null);
+  const manifest = detail.state === 'ready' ? detail.value.manifest : null;
+  const frames = manifest?.frames;
+  const steps = manifest?.max_steps;
+  const controls = useJson<Controls>(
+    typeof frames === 'number' && typeof steps === 'number' ? `api/controls?frames=${frames}&max_steps=${steps}` : null,
+  );
+  const evaluations = useJson<{ evaluations: Evaluation[] }>(run ? runPath(run.id, '/evaluations') : null);
+  return useMemo(() => {
+    const result: Record<'reward' | 'spl' | 'episode_length', Reference[]> = { reward: [], spl: [], episode_length: [] };
+    const add = (label: string, spl: number, reward: number, length: number): void => {
+      result.reward.push({ label, value: reward });
+      result.spl.push({ label, value: spl });
+      result.episode_length.push({ label, value: length });
+    };
+    if (controls.state === 'ready') {
+      const { blind, shortest_path } = controls.value;
+      add('shortest path', shortest_path.spl, shortest_path.reward, shortest_path.steps);
+      add('blind', blind.spl, blind.reward, blind.steps);
+    }
+    if (evaluations.state === 'ready') {
+      const filters = evaluations.value.evaluations.filter((one) => one.policy === 'sequence_filter' && !one.shuffled);
+      const filter = filters.find((one) => one.traversal === manifest?.train) ?? filters[0];
+      if (filter) add(`sequence filter, ${filter.traversal}`, filter.spl, filter.reward, filter.mean_steps);
+    }
+    return result;
+  }, [controls, evaluations, manifest]);
+}

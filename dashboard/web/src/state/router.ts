@@ -1,0 +1,42 @@
+import { signal } from '@preact/signals';
+
+export const PAGES = ['overview', 'training', 'route', 'deployment', 'recognition', 'compare'] as const;
+export type PageName = (typeof PAGES)[number];
+
+export interface Place {
+  page: PageName;
+  params: URLSearchParams;
+}
+
+/** "#/training?x=steps"; what is not a page is the overview. */
+export function placeOf(hash: string): Place {
+  const [path = '', query = ''] = hash.replace(/^#\/?/, '').split('?', 2);
+  const page = PAGES.find((name) => name === path) ?? 'overview';
+  return { page, params: new URLSearchParams(query) };
+}
+
+export function hrefOf(page: PageName, params: Record<string, string> = {}): string {
+  const query = new URLSearchParams(params).toString();
+  return `#/${page}${query ? `?${query}` : ''}`;
+}
+
+export const place = signal<Place>(placeOf(location.hash));
+
+window.addEventListener('hashchange', () => (place.value = placeOf(location.hash)));
+
+/** Changes parameters of the page without a new entry in the history. Null removes one. */
+export function setParams(changes: Record<string, string | null>): void {
+  const { page, params } = place.value;
+  const next = new URLSearchParams(params);
+  for (const [key, value] of Object.entries(changes)) {
+    if (value === null) next.delete(key);
+    else next.set(key, value);
+  }
+  const query = next.toString();
+  history.replaceState(null, '', `#/${page}${query ? `?${query}` : ''}`);
+  place.value = { page, params: next };
+}
+
+export function param(name: string, otherwise: string): string {
+  return place.value.params.get(name) ?? otherwise;
+}

@@ -1,0 +1,76 @@
+import { computed, effect, signal } from '@preact/signals';
+import { getJson, unauthorised } from '../api/client';
+import { jsonPayload } from '../api/frame';
+import { live } from '../api/live';
+import type { About, Run, ServiceEvent, Services } from '../api/types';
+import { failure, type Resource } from './resource';
+
+// What every page needs: who is there, which runs there are, what happened. Live from the first moment on.
+
+export interface SeenServices extends Services {
+  /** When it came, milliseconds since 1970, by this machine's clock. */
+  seen: number;
+}
+
+export const about = signal<Resource<About>>({ state: 'loading' });
+export const services = signal<Resource<SeenServices>>({ state: 'loading' });
+export const runs = signal<Resource<Run[]>>({ state: 'loading' });
+export const events = signal<Resource<ServiceEvent[]>>({ state: 'loading' });
+/** Once a second: what counts seconds depends on it. Milliseconds since 1970. */
+export const now = signal(Date.now());
+
+export const lostServices = computed(() =>
+  services.value.state === 'ready'
+    ? services.value.value.services.filter((service) => service.state === 'lost' || service.state === 'failed').length
+    : 0,
+);
+
+const MAX_EVENTS = 500;
+
+async function load<T, U>(path: string, into: typeof about | object, turn: (answer: T) => U): Promise<void> {
+  const target = into as { value: Resource<U> };
+  try {
+    target.value = { state: 'ready', value: turn(await getJson<T>(path)) };
+  } catch (error) {
+    const failed = failure(error);
+    if (failed.status !== 0 || target.value.state !== 'ready') target.value = failed;
+  }
+}
+
+const seen = (all: Services): SeenServices => ({ ...all, seen: Date.now() });
+
+export function reload(): void {
+  void load('api/about', about, (answer: About) => answer);
+  void load('api/services', services, seen);
+  void load('api/runs', runs, (answer: { runs: Run[] }) => answer.runs);
+  void load('api/events?limit=200', events, (answer: { events: ServiceEvent[] }) => answer.events);
+}
+
+export function start(): void {
+  live.watch('services', (frame) => {
+    services.value = { state: 'ready', value: seen(jsonPayload<Services>(frame)) };
+  });
+  live.watch('runs', (frame) => {
+    runs.value = { state: 'ready', value: jsonPayload<{ runs: Run[] }>(frame).runs };
+  });
+  live.watch('events', (frame) => {
+    const old = events.value.state === 'ready' ? events.value.value : [];
+    events.value = { state: 'ready', value: [jsonPayload<ServiceEvent>(frame), ...old].slice(0, MAX_EVENTS) };
+  });
+  live.onBack(reload);
+  setInterval(() => (now.value = Date.now()), 1000);
+  // Who comes back to the page, or to the network, does not wait for the end of a back-off.
+  window.addEventListener('online', () => live.retry());
+  document.addEventListener('visibilitychange', () => {
+    if (!document.hidden) live.retry();
+  });
+  let refused = true; // the first load is the first turn of this
+  effect(() => {
+    if (refused && !unauthorised.value) {
+      reload();
+      live.retry();
+    }
+    refused = unauthorised.value;
+  });
+  live.start();
+}

@@ -1,0 +1,39 @@
+import { effect, signal } from '@preact/signals';
+
+export type Theme = 'auto' | 'light' | 'dark';
+
+const KEY = 'citylearn-theme';
+const dark = window.matchMedia('(prefers-color-scheme: dark)');
+
+function remembered(): Theme {
+  try {
+    const value = localStorage.getItem(KEY);
+    return value === 'light' || value === 'dark' ? value : 'auto';
+  } catch {
+    return 'auto'; // storage forbidden
+  }
+}
+
+export const theme = signal<Theme>(remembered());
+/** What is shown: canvases depend on it. */
+export const shown = signal<'light' | 'dark'>('light');
+
+export function startTheme(): void {
+  const apply = (): void => {
+    shown.value = theme.value === 'auto' ? (dark.matches ? 'dark' : 'light') : theme.value;
+    document.documentElement.dataset.theme = shown.value;
+    try {
+      if (theme.value === 'auto') localStorage.removeItem(KEY);
+      else localStorage.setItem(KEY, theme.value);
+    } catch {
+      // Storage forbidden: the choice lasts as long as the page.
+    }
+  };
+  dark.addEventListener('change', apply);
+  effect(apply);
+}
+
+/** A colour of the design system, as canvases need it. */
+export function colour(name: string): string {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+}

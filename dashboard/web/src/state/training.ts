@@ -1,0 +1,133 @@
+import { signal, type Signal } from '@preact/signals';
+import { useEffect, useMemo } from 'preact/hooks';
+import { getJson, runPath } from '../api/client';
+import { trainingColumns } from '../api/frame';
+import { live } from '../api/live';
+import { TRAINING_COLUMNS, type TrainingAnswer } from '../api/types';
+import { append, noRows, rowsOf, type Rows, type XAxis } from '../maths/rows';
+import { failure, useJsons } from './resource';
+
+export interface Training {
+  state: 'loading' | 'ready' | 'failed';
+  error: string;
+  rows: Rows;
+  /** Grows with each change of `rows`, which is changed in place. */
+  version: number;
+}
+
+const POINTS = 2000;
+const REDRAW = 500; // milliseconds between two redraws because of live rows
+const PATIENCE = 2000; // milliseconds before missing rows are asked for: the store may be a moment behind the wire
+
+/** The training of one run, kept while somebody looks at it: asked for once, then live. */
+class Series {
+  readonly value: Signal<Training> = signal({ state: 'loading', error: '', rows: noRows(), version: 0 });
+  users = 0;
+  private stop: (() => void)[] = [];
+  private timer: ReturnType<typeof setTimeout> | undefined;
+  private reload: ReturnType<typeof setTimeout> | undefined;
+  private loading = false;
+  private pending: ReadonlyMap<string, Float64Array>[] = [];
+
+  constructor(private readonly id: string) {}
+
+  start(): void {
+    this.stop = [
+      live.watch(`training:${this.id}`, (frame) => this.take(trainingColumns(frame))),
+      live.onBack(() => void this.load()),
+    ];
+    void this.load();
+  }
+
+  end(): void {
+    this.stop.forEach((stop) => stop());
+    clearTimeout(this.timer);
+    clearTimeout(this.reload);
+    this.timer = this.reload = undefined;
+  }
+
+  private async load(): Promise<void> {
+    if (this.loading) return;
+    this.loading = true;
+    this.pending = [];
+    try {
+      const columns = TRAINING_COLUMNS.join(',');
+      const answer = await getJson<TrainingAnswer>(
+        runPath(this.id, `/training?columns=${columns}&points=${POINTS}&x=updates`),
+      );
+      const rows = rowsOf(answer);
+      this.pending.forEach((news) => append(rows, news)); // what came while the answer was on its way
+      this.value.value = { state: 'ready', error: '', rows, version: this.value.value.version + 1 };
+    } catch (error) {
+      if (this.value.value.state !== 'ready')
+        this.value.value = { ...this.value.value, state: 'failed', error: failure(error).error };
+    }
+    this.loading = false;
+  }
+
+  private take(columns: ReadonlyMap<string, Float64Array>): void {
+    if (this.loading) {
+      this.pending.push(columns);
+      return;
+    }
+    const { rows } = this.value.value;
+    // Rows are missing, or so many came that the server had better decimate them.
+    if (!append(rows, columns) || rows.length > 3 * POINTS) {
+      this.reload ??= setTimeout(() => {
+        this.reload = undefined;
+        void this.load();
+      }, PATIENCE);
+    }
+    this.timer ??= setTimeout(() => {
+      this.timer = undefined;
+      const old = this.value.value;
+      this.value.value = { ...old, state: 'ready', version: old.version + 1 };
+    }, REDRAW);
+  }
+}
+
+/** Where part of a run is looked at: the rows there, which the whole run's were decimated of. */
+export interface Detail {
+  x: XAxis;
+  from: number;
+  to: number;
+}
+
+/** Rows of these runs in a range of an axis; of those that have come. */
+export function useDetail(ids: readonly string[], detail: Detail | null): Map<string, Rows> {
+  const x = detail?.x === 'update' ? 'updates' : detail?.x;
+  const query = `columns=${TRAINING_COLUMNS.join(',')}&points=${POINTS}&x=${x}&from=${detail?.from}&to=${detail?.to}`;
+  const paths = detail ? ids.map((id) => runPath(id, `/training?${query}`)) : [];
+  const answers = useJsons<TrainingAnswer>(paths);
+  const key = [...answers.values()].map((one) => one.state).join();
+  return useMemo(() => {
+    const rows = new Map<string, Rows>();
+    if (detail)
+      ids.forEach((id, i) => {
+        const answer = answers.get(paths[i] ?? '');
+        if (answer?.state === 'ready' && answer.value.columns.x?.length) rows.set(id, rowsOf(answer.value));
+      });
+    return rows;
+  }, [paths.join('\n'), key]);
+}
+
+const all = new Map<string, Series>();
+
+function seriesOf(id: string): Series {
+  let series = all.get(id);
+  if (!series) all.set(id, (series = new Series(id)));
+  return series;
+}
+
+/** The training of these runs, live while the component is there. */
+export function useTraining(ids: readonly string[]): Map<string, Training> {
+  const key = ids.join('\n');
+  useEffect(() => {
+    const mine = ids.map(seriesOf);
+    for (const series of mine) if (series.users++ === 0) series.start();
+    return () => {
+      for (const series of mine) if (--series.users === 0) series.end();
+    };
+  }, [key]);
+  return new Map(ids.map((id) => [id, seriesOf(id).value.value]));
+}

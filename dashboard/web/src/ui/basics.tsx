@@ -1,0 +1,243 @@
+import type { ComponentChildren, JSX } from 'preact';
+import type { Resource } from '../state/resource';
+
+export function classes(...names: (string | false | null | undefined)[]): string {
+  return names.filter(Boolean).join(' ');
+}
+
+interface CardProps {
+  title: string;
+  hint?: string | undefined;
+  actions?: ComponentChildren;
+  children: ComponentChildren;
+  class?: string;
+  id?: string;
+}
+
+/** A titled surface. */
+export function Card({ title, hint, actions, children, class: name, id }: CardProps): JSX.Element {
+  return (
+    <section class={classes('card', name)} aria-label={title} id={id}>
+      <header class="card-head">
+        <div>
+          <h2>{title}</h2>
+          {hint && <p class="hint">{hint}</p>}
+        </div>
+        {actions && <div class="actions">{actions}</div>}
+      </header>
+      {children}
+    </section>
+  );
+}
+
+/** Nothing to show, and why, and what to do about it. */
+export function Empty({ title, children }: { title: string; children?: ComponentChildren }): JSX.Element {
+  return (
+    <div class="empty">
+      <svg class="empty-mark" viewBox="0 0 64 32" aria-hidden="true">
+        <path d="M4 26c14 0 8-16 22-16s10 12 20 12 6-12 14-12" />
+        <circle cx="4" cy="26" r="3" />
+        <circle cx="60" cy="10" r="3" />
+      </svg>
+      <p class="empty-title">{title}</p>
+      {children && <div class="empty-text">{children}</div>}
+    </div>
+  );
+}
+
+export function Failed({ error }: { error: string }): JSX.Element {
+  return (
+    <div class="failed" role="alert">
+      <Icon name="alert" />
+      <span>{error}</span>
+    </div>
+  );
+}
+
+export function Loading({ lines = 3 }: { lines?: number }): JSX.Element {
+  return (
+    <div class="loading" role="status">
+      <span class="visually-hidden">Loading</span>
+      {Array.from({ length: lines }, (_, i) => (
+        <span class="bone" key={i} aria-hidden="true" />
+      ))}
+    </div>
+  );
+}
+
+/** Shows a resource when it is there, and what is the matter when not. */
+export function Show<T>({ of, children, lines }: {
+  of: Resource<T>;
+  children: (value: T) => ComponentChildren;
+  lines?: number;
+}): JSX.Element {
+  if (of.state === 'loading') return <Loading lines={lines ?? 3} />;
+  if (of.state === 'failed') return <Failed error={of.error} />;
+  return <>{children(of.value)}</>;
+}
+
+export interface Option<T extends string> {
+  value: T;
+  label: string;
+}
+
+/** A choice among few, all visible. */
+export function Segmented<T extends string>({ label, value, options, onChange }: {
+  label: string;
+  value: T;
+  options: readonly Option<T>[];
+  onChange: (value: T) => void;
+}): JSX.Element {
+  const name = `segmented-${label.replace(/\W+/g, '-').toLowerCase()}`;
+  return (
+    <fieldset class="segmented">
+      <legend>{label}</legend>
+      <div class="segments">
+        {options.map((option) => (
+          <label key={option.value} class={classes(option.value === value && 'on')}>
+            <input
+              type="radio"
+              name={name}
+              value={option.value}
+              checked={option.value === value}
+              onChange={() => onChange(option.value)}
+            />
+            {option.label}
+          </label>
+        ))}
+      </div>
+    </fieldset>
+  );
+}
+
+export function Select<T extends string>({ label, value, options, onChange }: {
+  label: string;
+  value: T;
+  options: readonly Option<T>[];
+  onChange: (value: T) => void;
+}): JSX.Element {
+  return (
+    <label class="field">
+      <span>{label}</span>
+      <select value={value} onChange={(event) => onChange(event.currentTarget.value as T)}>
+        {options.map((option) => (
+          <option key={option.value} value={option.value}>
+            {option.label}
+          </option>
+        ))}
+      </select>
+    </label>
+  );
+}
+
+export function Slider({ label, value, min, max, step, text, onInput }: {
+  label: string;
+  value: number;
+  min: number;
+  max: number;
+  step: number;
+  text: string;
+  onInput: (value: number) => void;
+}): JSX.Element {
+  return (
+    <label class="field slider">
+      <span>
+        {label} <b class="number">{text}</b>
+      </span>
+      <input
+        type="range"
+        min={min}
+        max={max}
+        step={step}
+        value={value}
+        aria-valuetext={text}
+        onInput={(event) => onInput(Number(event.currentTarget.value))}
+      />
+    </label>
+  );
+}
+
+/** One figure with its name. */
+export function Figure({ label, value, note }: { label: string; value: string; note?: string | undefined }): JSX.Element {
+  return (
+    <div class="figure">
+      <dt>{label}</dt>
+      <dd>
+        <span class="figure-value">{value}</span>
+        {note && <span class="figure-note">{note}</span>}
+      </dd>
+    </div>
+  );
+}
+
+const ICONS = {
+  overview: 'M4 5h7v6H4zM13 5h7v4h-7zM13 11h7v8h-7zM4 13h7v6H4z',
+  training: 'M4 19V5M4 19h16M7 15c3 0 3-7 6-7s3 3 7-2',
+  route: 'M6 19c5 0 1-7 6-7s2-7 6-7M6 19h.01M18 5h.01',
+  deployment: 'M5 21V4h11l-2 4 2 4H5',
+  recognition: 'M4 8V4h4M16 4h4v4M20 16v4h-4M8 20H4v-4M9 12a3 3 0 1 0 6 0a3 3 0 1 0-6 0',
+  compare: 'M8 4v16M16 4v16M4 8h4M16 8h4M4 14h4M16 14h4',
+  alert: 'M12 4 2.5 20h19zM12 10v4M12 17h.01',
+  sun: 'M12 8a4 4 0 1 0 0 8a4 4 0 1 0 0-8M12 2v2M12 20v2M2 12h2M20 12h2M5 5l1.4 1.4M17.6 17.6 19 19M5 19l1.4-1.4M17.6 6.4 19 5',
+  moon: 'M20 14.5A8.5 8.5 0 0 1 9.5 4a8.5 8.5 0 1 0 10.5 10.5z',
+  auto: 'M12 3a9 9 0 1 0 0 18zM12 3a9 9 0 0 1 0 18',
+  table: 'M4 5h16v14H4zM4 10h16M4 14.5h16M10 10v9',
+  chart: 'M4 19h16M6 16l4-5 4 3 5-8',
+  save: 'M12 4v10M8 10l4 4 4-4M5 19h14',
+  play: 'M8 5l11 7-11 7z',
+  pause: 'M8 5v14M16 5v14',
+  plus: 'M12 5v14M5 12h14',
+  minus: 'M5 12h14',
+  home: 'M4 12l8-7 8 7M6 11v8h12v-8',
+  trash: 'M5 7h14M9 7V4h6v3M7 7l1 13h8l1-13',
+} as const;
+export type IconName = keyof typeof ICONS;
+
+export function Icon({ name }: { name: IconName }): JSX.Element {
+  return (
+    <svg class="icon" viewBox="0 0 24 24" aria-hidden="true">
+      <path d={ICONS[name]} />
+    </svg>
+  );
+}
+
+export function IconButton({ icon, label, pressed, onClick, disabled }: {
+  icon: IconName;
+  label: string;
+  pressed?: boolean;
+  disabled?: boolean;
+  onClick: () => void;
+}): JSX.Element {
+  return (
+    <button
+      type="button"
+      class="icon-button"
+      title={label}
+      aria-label={label}
+      aria-pressed={pressed}
+      disabled={disabled}
+      onClick={onClick}
+    >
+      <Icon name={icon} />
+    </button>
+  );
+}
+
+/** A state in words, with a shape and a colour that say the same. */
+export function State({ state }: { state: string }): JSX.Element {
+  return (
+    <span class={`state state-${state}`}>
+      <span class="state-mark" aria-hidden="true" />
+      {state}
+    </span>
+  );
+}
+
+/** A sample of a line's colour and dashes. */
+export function Swatch({ colour, dashed }: { colour: string; dashed?: boolean | undefined }): JSX.Element {
+  return (
+    <svg class="swatch" viewBox="0 0 18 8" aria-hidden="true">
+      <line x1="0" x2="18" y1="4" y2="4" style={{ stroke: `var(--${colour})`, strokeDasharray: dashed ? '4 3' : undefined }} />
+    </svg>
+  );
+}

@@ -1,0 +1,472 @@
+import type { JSX } from 'preact';
+import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
+import uPlot from 'uplot';
+import { align } from '../maths/align';
+import { csv, download, fileName } from '../maths/csv';
+import { short, significant } from '../maths/format';
+import { lowerBound, valueAt, type Curve, type Range } from '../maths/seeds';
+import { colour as colourOf, shown } from '../state/theme';
+import { Card, Empty, IconButton, Swatch } from './basics';
+import { Table } from './table';
+import { useSize, useVisible } from './use';
+
+export interface Line extends Curve {
+  key: string;
+  label: string;
+  /** Of the design system: "series-1". */
+  colour: string;
+  faint?: boolean;
+  dashed?: boolean;
+  /** Spread about the line, drawn as an area. */
+  band?: { low: readonly (number | null)[]; high: readonly (number | null)[] };
+}
+
+/** A horizontal line to compare with. */
+export interface Reference {
+  label: string;
+  value: number;
+}
+
+interface ChartProps {
+  title: string;
+  hint?: string;
+  xLabel: string;
+  lines: readonly Line[];
+  references?: readonly Reference[];
+  /** Of what stands in the files' names: the page or the run. */
+  name: string;
+  format?: (value: number) => string;
+  xFormat?: (value: number) => string;
+  height?: number;
+  legend?: boolean;
+  /** Part of the x axis to show, and what is called when the reader marks one or wants all again (null). */
+  zoom?: Range | null;
+  onZoom?: (range: Range | null) => void;
+  /** Charts of one name have one cursor. */
+  sync?: string;
+  xRange?: [number, number];
+  yRange?: [number, number];
+  empty?: string;
+}
+
+const TABLE_ROWS = 40;
+
+/** Lines over x: as a chart, as a table, and as CSV. */
+export function Chart(props: ChartProps): JSX.Element {
+  const { title, hint, xLabel, lines, references = [], name, zoom = null } = props;
+  const [asTable, setAsTable] = useState(false);
+  const there = lines.filter((line) => line.y.some((value) => value !== null));
+  const save = (): void => download(`${fileName(`${name} ${title}`)}.csv`, chartCsv(xLabel, there, references));
+  return (
+    <Card
+      title={title}
+      hint={hint}
+      class="chart-card"
+      actions={
+        <>
+          {zoom && props.onZoom && (
+            <button type="button" class="small" onClick={() => props.onZoom?.(null)}>
+              Whole range
+            </button>
+          )}
+          <IconButton
+            icon={asTable ? 'chart' : 'table'}
+            label={asTable ? `${title} as a chart` : `${title} as a table`}
+            pressed={asTable}
+            onClick={() => setAsTable(!asTable)}
+          />
+          <IconButton icon="save" label={`Download ${title} as CSV`} disabled={there.length === 0} onClick={save} />
+        </>
+      }
+    >
+      {there.length === 0 ? (
+        <Empty title={props.empty ?? 'No values yet'} />
+      ) : asTable ? (
+        <ChartTable {...props} lines={there} references={references} />
+      ) : (
+        <>
+          <Plot {...props} lines={there} references={references} zoom={zoom} />
+          {props.legend && <Legend lines={there} format={props.format ?? significant} />}
+          {references.length > 0 && <References list={references} format={props.format ?? significant} />}
+        </>
+      )}
+    </Card>
+  );
+}
+
+/** What is drawn, one row an x: a column a line, for a spread its lowest and highest too, for a reference its value. */
+export function chartCsv(xLabel: string, lines: readonly Line[], references: readonly Reference[]): string {
+  const curves: { label: string; curve: Curve }[] = [];
+  for (const line of lines) {
+    curves.push({ label: line.label, curve: line });
+    if (line.band) {
+      curves.push({ label: `${line.label} (lowest)`, curve: { x: line.x, y: line.band.low } });
+      curves.push({ label: `${line.label} (highest)`, curve: { x: line.x, y: line.band.high } });
+    }
+  }
+  const { x, columns } = align(curves.map(({ curve }) => curve));
+  return csv(
+    [xLabel, ...curves.map(({ label }) => label), ...references.map(({ label }) => label)],
+    x.map((value, row) => [
+      value,
+      ...columns.map((column) => column[row] ?? null),
+      ...references.map((reference) => reference.value),
+    ]),
+  );
+}
+
+function ChartTable({ title, xLabel, lines, references, zoom, format = significant, xFormat = short }: ChartProps & {
+  references: readonly Reference[];
+}): JSX.Element {
+  const first = zoom?.from ?? Math.min(...lines.map((line) => line.x[0] ?? Infinity));
+  const last = zoom?.to ?? Math.max(...lines.map((line) => line.x[line.x.length - 1] ?? -Infinity));
+  const count = first === last ? 1 : TABLE_ROWS;
+  const rows = Array.from({ length: count }, (_, i) => (i === count - 1 ? last : first + ((last - first) * i) / (count - 1)));
+  const shownValue = (value: number | null): string => (value === null ? '–' : format(value));
+  return (
+    <>
+      <Table
+        caption={`${title} over ${xLabel}`}
+        rows={rows}
+        rowKey={(_, i) => i}
+        columns={[
+          { key: 'x', label: xLabel, number: true, show: (x: number) => xFormat(x) },
+          ...lines.flatMap((line) => [
+            { key: line.key, label: line.label, number: true, show: (x: number) => shownValue(valueAt(line, x)) },
+            ...(line.band
+              ? [
+                  {
+                    key: `${line.key} spread`,
+                    label: 'lowest to highest',
+                    number: true,
+                    show: (x: number) =>
+                      `${shownValue(valueAt({ x: line.x, y: line.band?.low ?? [] }, x))} to ${shownValue(
+                        valueAt({ x: line.x, y: line.band?.high ?? [] }, x),
+                      )}`,
+                  },
+                ]
+              : []),
+          ]),
+          ...references.map((reference) => ({
+            key: `reference ${reference.label}`,
+            label: reference.label,
+            number: true,
+            show: () => format(reference.value),
+          })),
+        ]}
+      />
+      <p class="hint table-note">{TABLE_ROWS} places along the axis, values between rows straight. The CSV has every point.</p>
+    </>
+  );
+}
+
+function Legend({ lines, format }: { lines: readonly Line[]; format: (value: number) => string }): JSX.Element {
+  return (
+    <ul class="legend">
+      {lines
+        .filter((line) => !line.faint)
+        .map((line) => (
+          <li key={line.key}>
+            <Swatch colour={line.colour} dashed={line.dashed} />
+            {line.label}
+            <span class="number">{lastOf(line, format)}</span>
+          </li>
+        ))}
+    </ul>
+  );
+}
+
+function lastOf(line: Line, format: (value: number) => string): string {
+  for (let i = line.y.length - 1; i >= 0; --i) {
+    const value = line.y[i];
+    if (value !== null && value !== undefined) return format(value);
+  }
+  return '–';
+}
+
+type PlotProps = ChartProps & { references: readonly Reference[]; zoom: Range | null };
+
+// What a plot reads while it draws: it outlives many renderings.
+interface Current extends PlotProps {
+  data: uPlot.AlignedData;
+}
+
+function Plot(props: PlotProps): JSX.Element {
+  const { title, xLabel, lines, references, zoom, format = significant, height = 220 } = props;
+  const [room, size] = useSize<HTMLDivElement>();
+  const visible = useVisible(room);
+  const plot = useRef<uPlot | null>(null);
+  const current = useRef<Current | null>(null);
+  const data = useMemo(() => (visible ? dataOf(lines) : null), [lines, visible]);
+  const structure = JSON.stringify([
+    shown.value,
+    height,
+    props.sync,
+    lines.map((line) => [line.key, line.colour, line.faint, line.dashed, line.band !== undefined]),
+  ]);
+
+  useEffect(() => {
+    if (data) current.current = { ...props, data };
+    const width = Math.floor(size.width);
+    if (!room.current || !current.current || !visible || width < 50) return;
+    if (plot.current && plot.current.root.dataset.structure !== structure) {
+      plot.current.destroy();
+      plot.current = null;
+    }
+    if (!plot.current) {
+      plot.current = new uPlot(optionsOf(current, width, height), current.current.data, room.current);
+      plot.current.root.dataset.structure = structure;
+    } else {
+      if (plot.current.width !== width) plot.current.setSize({ width, height });
+      plot.current.setData(current.current.data, true);
+    }
+  }, [data, structure, size.width, visible, zoom?.from, zoom?.to, references]);
+
+  useEffect(
+    () => () => {
+      plot.current?.destroy();
+      plot.current = null;
+    },
+    [],
+  );
+
+  const summary = lines
+    .filter((line) => !line.faint)
+    .slice(0, 8)
+    .map((line) => `${line.label}: last ${lastOf(line, format)}`);
+  const move = (event: KeyboardEvent): void => {
+    const step = event.key === 'ArrowRight' ? 1 : event.key === 'ArrowLeft' ? -1 : 0;
+    const u = plot.current;
+    if (!step || !u) return;
+    event.preventDefault();
+    const x = u.data[0];
+    const from = u.cursor.idx ?? (step > 0 ? -1 : x.length);
+    const stride = Math.max(1, Math.round(x.length / 100)) * (event.shiftKey ? 5 : 1);
+    const to = Math.min(Math.max(from + step * stride, 0), x.length - 1);
+    u.setCursor({ left: u.valToPos(x[to] ?? 0, 'x'), top: u.over.clientHeight / 3 });
+  };
+  return (
+    <div
+      ref={room}
+      class="plot"
+      role="img"
+      tabIndex={0}
+      style={{ minHeight: `${height}px` }}
+      aria-label={`${title} over ${xLabel}. ${summary.join('; ')}. Arrow keys move the cursor.`}
+      onKeyDown={move}
+      onBlur={() => plot.current?.setCursor({ left: -10, top: -10 })}
+    />
+  );
+}
+
+function dataOf(lines: readonly Line[]): uPlot.AlignedData {
+  const curves: Curve[] = lines.flatMap((line) =>
+    line.band ? [{ x: line.x, y: line.band.high }, { x: line.x, y: line.band.low }, line] : [line],
+  );
+  const { x, columns } = align(curves);
+  return [x, ...columns];
+}
+
+function optionsOf(current: { current: Current | null }, width: number, height: number): uPlot.Options {
+  const { lines, sync } = current.current as Current;
+  const text = colourOf('text-soft');
+  const grid = { stroke: colourOf('line-soft'), width: 1 };
+  const font = '12px "Inter Variable", system-ui, sans-serif';
+  const series: uPlot.Series[] = [{}];
+  const bands: uPlot.Band[] = [];
+  for (const line of lines) {
+    const stroke = colourOf(line.colour);
+    if (line.band) {
+      const edge: uPlot.Series = { width: 0, stroke: 'transparent', points: { show: false }, spanGaps: true };
+      bands.push({ series: [series.length, series.length + 1], fill: alpha(stroke, 0.16) });
+      series.push(edge, edge);
+    }
+    series.push({
+      stroke: line.faint ? alpha(stroke, 0.35) : stroke,
+      width: line.faint ? 1 : 2,
+      spanGaps: true,
+      points: { show: (u) => u.data[0].length < 24 && !line.faint, size: 5, fill: stroke },
+      ...(line.dashed ? { dash: [6, 4] } : {}),
+    });
+  }
+  return {
+    width,
+    height,
+    series,
+    bands,
+    legend: { show: false },
+    padding: [10, 18, 0, 0],
+    scales: {
+      x: {
+        time: false,
+        range: (_, low, high) => {
+          const { zoom, xRange } = current.current as Current;
+          return zoom ? [zoom.from, zoom.to] : (xRange ?? (low === high ? [low - 1, high + 1] : [low, high]));
+        },
+      },
+      y: {
+        range: (_, low, high) => {
+          const { references, yRange } = current.current as Current;
+          if (yRange) return yRange;
+          const values = [low, high, ...references.map((reference) => reference.value)].filter(
+            (value) => value !== null && Number.isFinite(value),
+          );
+          const least = Math.min(...values);
+          const greatest = Math.max(...values);
+          if (!Number.isFinite(least)) return [0, 1];
+          const margin = (greatest - least || Math.abs(greatest) || 1) * 0.06;
+          return [least - margin, greatest + margin];
+        },
+      },
+    },
+    axes: [
+      {
+        stroke: text,
+        font,
+        grid: { show: false },
+        ticks: { ...grid, size: 4 },
+        size: 30,
+        gap: 4,
+        space: 64,
+        values: (_, splits) => splits.map(current.current?.xFormat ?? short),
+      },
+      {
+        stroke: text,
+        font,
+        grid,
+        ticks: { show: false },
+        size: 52,
+        gap: 6,
+        space: 36,
+        values: (_, splits) => splits.map((value) => (current.current?.format ?? significant)(value)),
+      },
+    ],
+    cursor: {
+      x: true,
+      y: false,
+      points: { show: false },
+      drag: { x: current.current?.onZoom !== undefined, y: false, setScale: false },
+      ...(sync ? { sync: { key: sync, scales: ['x', null], setSeries: false } } : {}),
+    },
+    hooks: {
+      draw: [(u) => drawReferences(u, current.current?.references ?? [], text)],
+      setSelect: [
+        (u) => {
+          if (u.select.width < 4) return;
+          const from = u.posToVal(u.select.left, 'x');
+          const to = u.posToVal(u.select.left + u.select.width, 'x');
+          u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+          current.current?.onZoom?.({ from, to });
+        },
+      ],
+    },
+    plugins: [tooltip(current)],
+  };
+}
+
+const DASHES = [
+  [7, 4],
+  [2, 4],
+  [10, 3, 2, 3],
+  [1, 3],
+];
+
+function drawReferences(u: uPlot, references: readonly Reference[], stroke: string): void {
+  const { ctx, bbox } = u;
+  const ratio = devicePixelRatio;
+  ctx.save();
+  ctx.strokeStyle = stroke;
+  ctx.lineWidth = 1.2 * ratio;
+  references.forEach(({ value }, i) => {
+    const y = Math.round(u.valToPos(value, 'y', true));
+    if (y < bbox.top || y > bbox.top + bbox.height) return;
+    ctx.setLineDash((DASHES[i % DASHES.length] ?? []).map((length) => length * ratio));
+    ctx.beginPath();
+    ctx.moveTo(bbox.left, y);
+    ctx.lineTo(bbox.left + bbox.width, y);
+    ctx.stroke();
+  });
+  ctx.restore();
+}
+
+/** What the dashed lines are. */
+function References({ list, format }: { list: readonly Reference[]; format: (value: number) => string }): JSX.Element {
+  return (
+    <ul class="legend references">
+      {list.map((reference, i) => (
+        <li key={reference.label}>
+          <svg class="swatch" viewBox="0 0 22 8" aria-hidden="true">
+            <line x1="0" x2="22" y1="4" y2="4" stroke-dasharray={(DASHES[i % DASHES.length] ?? []).join(' ')} />
+          </svg>
+          {reference.label}
+          <span class="number">{format(reference.value)}</span>
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+/** A colour as "#rrggbb" with an alpha. */
+function alpha(colour: string, opacity: number): string {
+  return colour + Math.round(255 * opacity).toString(16).padStart(2, '0');
+}
+
+const TOOLTIP_LINES = 8;
+
+/** Values of the lines at the cursor. */
+function tooltip(current: { current: Current | null }): uPlot.Plugin {
+  const box = document.createElement('div');
+  box.className = 'tooltip';
+  box.hidden = true;
+  box.setAttribute('aria-live', 'polite');
+  return {
+    hooks: {
+      init: (u) => {
+        u.over.append(box);
+      },
+      setCursor: (u) => {
+        const { left = -1, idx } = u.cursor;
+        const props = current.current;
+        if (left < 0 || idx === null || idx === undefined || !props) {
+          box.hidden = true;
+          return;
+        }
+        const x = u.posToVal(left, 'x');
+        const rows = props.lines
+          .filter((line) => !line.faint)
+          .map((line) => ({ line, value: nearestValue(line, x) }))
+          .filter((row): row is { line: Line; value: number } => row.value !== null)
+          .slice(0, TOOLTIP_LINES);
+        const head = document.createElement('p');
+        head.textContent = `${(props.xFormat ?? short)(u.data[0][idx] ?? x)} ${props.xLabel}`;
+        box.replaceChildren(head, ...rows.map((row) => tooltipRow(row.line, row.value, props.format ?? significant)));
+        box.hidden = rows.length === 0;
+        const right = left > u.over.clientWidth / 2;
+        box.style.left = right ? '' : `${left + 12}px`;
+        box.style.right = right ? `${u.over.clientWidth - left + 12}px` : '';
+      },
+    },
+  };
+}
+
+function tooltipRow(line: Line, value: number, format: (value: number) => string): HTMLElement {
+  const row = document.createElement('div');
+  const mark = document.createElement('i');
+  mark.style.background = `var(--${line.colour})`;
+  const label = document.createElement('span');
+  label.textContent = line.label;
+  const number = document.createElement('b');
+  number.textContent = format(value);
+  row.append(mark, label, number);
+  return row;
+}
+
+/** Value of the point of a line that is nearest to x; null beyond its ends. */
+function nearestValue(line: Line, x: number): number | null {
+  const after = lowerBound(line.x, x);
+  const last = line.x.length - 1;
+  if (last < 0 || after > last || (after === 0 && (line.x[0] as number) > x && line.x.length > 1)) return null;
+  const before = Math.max(after - 1, 0);
+  const near = x - (line.x[before] as number) < (line.x[after] as number) - x ? before : after;
+  return line.y[near] ?? null;
+}

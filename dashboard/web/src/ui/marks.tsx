@@ -1,0 +1,33 @@
+import type { JSX } from 'preact';
+import { fixed, percent } from '../maths/format';
+
+/** A share as a bar, with its figure. */
+export function CompletedBar({ completed }: { completed: number }): JSX.Element {
+  return (
+    <span class="bar">
+      <svg viewBox="0 0 100 8" preserveAspectRatio="none" aria-hidden="true">
+        <rect width="100" height="8" rx="2" class="bar-failed" />
+        <rect width={100 * completed} height="8" rx="2" class="bar-completed" />
+      </svg>
+      <span class="number">{percent(completed)}</span>
+    </span>
+  );
+}
+
+/** A value between 0 and 1 with its interval, on a scale. */
+export function Whisker({ value, low, high }: { value: number; low: number; high: number }): JSX.Element {
+  const x = (share: number): number => 3 + 94 * Math.min(Math.max(share, 0), 1);
+  return (
+    <span class="bar" title={`95 %: ${fixed(low, 3)} to ${fixed(high, 3)}`}>
+      <svg viewBox="0 0 100 14" aria-hidden="true">
+        <line x1={x(0)} x2={x(1)} y1="7" y2="7" class="whisker-scale" />
+        <line x1={x(low)} x2={x(high)} y1="7" y2="7" class="whisker-interval" />
+        <circle cx={x(value)} cy="7" r="3.2" class="whisker-value" />
+      </svg>
+      <span class="number">{fixed(value, 3)}</span>
+      <span class="visually-hidden">
+        , 95 %: {fixed(low, 3)} to {fixed(high, 3)}
+      </span>
+    </span>
+  );
+}

@@ -1,0 +1,103 @@
+import type { JSX } from 'preact';
+import { useState } from 'preact/hooks';
+import type { Run } from '../api/types';
+import { dateTime, fixed, plural } from '../maths/format';
+import type { Group, GroupBy } from '../maths/groups';
+import { setParams } from '../state/router';
+import { Card, Segmented, State, Swatch } from './basics';
+
+interface RunPickerProps {
+  groups: readonly Group[];
+  by: GroupBy;
+  /** Keys of groups that are drawn. */
+  shown: ReadonlySet<string>;
+  /** IDs of runs whose own lines are not. */
+  hidden: ReadonlySet<string>;
+  /** Run ID -> colour. */
+  colours: ReadonlyMap<string, string>;
+  /** Groups that were asked for and are not drawn, as they would be too many. */
+  omitted: number;
+}
+
+/** Which groups of seeds are drawn, and which of their seeds each for itself. */
+export function RunPicker({ groups, by, shown, hidden, colours, omitted }: RunPickerProps): JSX.Element {
+  const [filter, setFilter] = useState('');
+  const matching = groups.filter((group) =>
+    `${group.label} ${group.runs.map((run) => run.id).join(' ')}`.toLowerCase().includes(filter.toLowerCase()),
+  );
+  const toggleGroup = (key: string): void => {
+    const next = new Set(shown);
+    if (!next.delete(key)) next.add(key);
+    setParams({ groups: groups.filter((group) => next.has(group.key)).map((group) => group.key).join('\n'), runs: null });
+  };
+  const toggleRun = (id: string): void => {
+    const next = new Set(hidden);
+    if (!next.delete(id)) next.add(id);
+    setParams({ hide: next.size ? [...next].join('\n') : null });
+  };
+  return (
+    <Card title="Runs" class="picker" hint="A mean counts every seed of its group, shown or hidden.">
+      <Segmented
+        label="Seeds belong together by"
+        value={by}
+        options={[
+          { value: 'sweep', label: 'Sweep' },
+          { value: 'agent', label: 'Agent' },
+        ]}
+        onChange={(value) => setParams({ by: value, groups: null, runs: null })}
+      />
+      {groups.length > 5 && (
+        <label class="field">
+          <span>Find</span>
+          <input type="search" value={filter} onInput={(event) => setFilter(event.currentTarget.value)} />
+        </label>
+      )}
+      {omitted > 0 && <p class="hint">{plural(omitted, 'group')} more would be too many curves at once.</p>}
+      <ul class="picker-list" tabIndex={0} aria-label="Groups of runs">
+        {matching.map((group) => {
+          const on = shown.has(group.key);
+          const newest = group.runs[0];
+          return (
+            <li key={group.key} class={on ? 'on' : ''}>
+              <label class="picker-group">
+                <input type="checkbox" checked={on} onChange={() => toggleGroup(group.key)} />
+                <span>
+                  <b>{group.label}</b>
+                  <span class="hint">
+                    {plural(group.runs.length, 'seed')} · {dateTime(newest?.started)}
+                  </span>
+                </span>
+              </label>
+              {on && (
+                <ul>
+                  {group.runs.map((run) => (
+                    <PickerRun key={run.id} run={run} colour={colours.get(run.id)} on={!hidden.has(run.id)} toggle={toggleRun} />
+                  ))}
+                </ul>
+              )}
+            </li>
+          );
+        })}
+      </ul>
+    </Card>
+  );
+}
+
+function PickerRun({ run, colour, on, toggle }: {
+  run: Run;
+  colour: string | undefined;
+  on: boolean;
+  toggle: (id: string) => void;
+}): JSX.Element {
+  return (
+    <li>
+      <label class="picker-run">
+        <input type="checkbox" checked={on} onChange={() => toggle(run.id)} />
+        <Swatch colour={colour ?? 'text-soft'} />
+        <span>seed {run.seed ?? '?'}</span>
+        {run.state !== 'ended' && <State state={run.state} />}
+        <span class="number">{fixed(run.spl, 3)}</span>
+      </label>
+    </li>
+  );
+}

@@ -1,0 +1,30 @@
+import type { JSX } from 'preact';
+import type { Run } from '../api/types';
+import { dateTime } from '../maths/format';
+import { param, setParams } from '../state/router';
+import { Select } from './basics';
+
+export function runName(run: Run): string {
+  const parts = [run.agent || 'unknown agent', run.learner, run.seed !== null && `seed ${run.seed}`, run.run];
+  return parts.filter(Boolean).join(' · ');
+}
+
+/** The run that the address names, or the newest: one that runs before one that has ended. */
+export function chosenRun(runs: readonly Run[], prefer: (run: Run) => boolean): Run | undefined {
+  const wanted = param('run', '');
+  return runs.find((run) => run.id === wanted) ?? runs.find(prefer) ?? runs[0];
+}
+
+export function RunSelect({ runs, chosen }: { runs: readonly Run[]; chosen: Run }): JSX.Element {
+  return (
+    <Select
+      label="Run"
+      value={chosen.id}
+      options={runs.map((run) => ({
+        value: run.id,
+        label: `${runName(run)} · ${run.state === 'running' ? 'running' : dateTime(run.started)}`,
+      }))}
+      onChange={(id) => setParams({ run: id, env: null, agent: null, episode: null, evaluation: null })}
+    />
+  );
+}

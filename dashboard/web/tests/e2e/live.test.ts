@@ -1,0 +1,108 @@
+import { afterAll, beforeAll, describe, expect, it } from 'vitest';
+import type { Page } from 'playwright-core';
+import { eventually, onMock, Stage } from './stage';
+
+let stage: Stage;
+beforeAll(async () => {
+  stage = await Stage.open();
+});
+afterAll(() => stage.close());
+
+/** Steps of the running run's card on the overview. */
+const steps = (page: Page): Promise<string> => page.locator('.run-card .pairs dd').nth(2).innerText();
+
+describe('live', () => {
+  it('the overview moves by itself', async () => {
+    const { page } = await stage.page('overview');
+    await page.waitForSelector('.run-card');
+    const first = await steps(page);
+    await eventually(() => steps(page), (now) => now !== first);
+    await page.context().close();
+  });
+
+  it('curves grow', async () => {
+    const { page } = await stage.page('training?show=runs');
+    const plot = page.getByRole('img', { name: /^Steps per second/ });
+    await plot.scrollIntoViewIfNeeded();
+    const first = await plot.getAttribute('aria-label');
+    await eventually(() => plot.getAttribute('aria-label'), (now) => now !== first);
+    await page.context().close();
+  });
+
+  it('agents move, and what the chosen one sees comes as a picture', async () => {
+    const { page } = await stage.page('route');
+    await page.waitForSelector('.picture img');
+    const caption = page.locator('.picture figcaption .number').first();
+    const first = await caption.innerText();
+    await eventually(() => caption.innerText(), (now) => now !== first);
+    expect(await page.locator('.picture img').first().evaluate((img: HTMLImageElement) => img.naturalWidth)).toBeGreaterThan(0);
+    // The sibling shows the same place of its own traversal.
+    await eventually(() => page.locator('.picture img').count(), (count) => count === 2);
+    await page.context().close();
+  });
+
+  it.runIf(onMock)('pictures are asked for only while they are seen', async () => {
+    const { page } = await stage.page('route');
+    await page.waitForSelector('.picture img');
+    await page.goto(`${stage.url}#/compare`);
+    const watches = await eventually(
+      () => Promise.resolve(stage.dashboard.watched()),
+      (topics) => !topics.some((topic) => topic.startsWith('picture:')),
+    );
+    expect(watches).toContain('services');
+    await page.context().close();
+  });
+});
+
+describe.runIf(onMock)('what gets lost', () => {
+  it('a lost service turns red and comes back', async () => {
+    const { page, complaints } = await stage.page('overview');
+    const row = page.locator('tr', { hasText: 'env-fall' });
+    await row.locator('.state-running').waitFor();
+    stage.dashboard.lose('env-fall');
+    await row.locator('.state-lost').waitFor({ timeout: 2000 });
+    expect(await row.getAttribute('class')).toContain('bad');
+    expect(await page.locator('.badge').innerText()).toContain('1');
+    await page.locator('.event-lost', { hasText: 'env-fall' }).waitFor();
+    stage.dashboard.bring('env-fall');
+    await row.locator('.state-running').waitFor({ timeout: 2000 });
+    await page.locator('.badge').waitFor({ state: 'detached' });
+    await page.locator('.event-back', { hasText: 'env-fall' }).waitFor();
+    expect(complaints).toEqual([]);
+    await page.context().close();
+  });
+
+  it('says that the dashboard is gone, keeps what it had, and reconnects by itself', async () => {
+    const { page } = await stage.page('overview');
+    await page.waitForSelector('.run-card');
+    stage.dashboard.silence();
+    await page.locator('.banner', { hasText: 'does not answer' }).waitFor();
+    expect(await page.locator('[data-link]').getAttribute('data-link')).not.toBe('open');
+    expect(await page.locator('.run-card').count()).toBe(1);
+    stage.dashboard.hear();
+    await page.locator('[data-link="open"]').waitFor({ timeout: 15_000 });
+    await page.locator('.banner').waitFor({ state: 'detached' });
+    const first = await steps(page);
+    await eventually(() => steps(page), (now) => now !== first);
+    await page.context().close();
+  });
+
+  it('curves have no hole after a reconnection', async () => {
+    const { page } = await stage.page('training?x=update&smooth=0&show=runs');
+    await page.waitForSelector('.uplot');
+    stage.dashboard.silence();
+    await page.waitForSelector('.banner');
+    stage.dashboard.hear();
+    await page.getByRole('button', { name: 'Try now' }).click();
+    await page.locator('[data-link="open"]').waitFor();
+    // A hole would be asked for again: the newest update is there within a moment of being made.
+    const run = stage.dashboard.world.running;
+    const plot = page.getByRole('img', { name: /^Reward/ });
+    const seen = await eventually(
+      async () => /seed 4: last (−?\d+\.\d+)/.exec((await plot.getAttribute('aria-label')) ?? '')?.[1] ?? '',
+      (text) => text !== '' && Math.abs(Number(text.replace('−', '-')) - (run?.last('reward') ?? 0)) < 0.05,
+    );
+    expect(seen).not.toBe('');
+    await page.context().close();
+  });
+});

@@ -1,0 +1,88 @@
+import { readFileSync } from 'node:fs';
+import { createRequire } from 'node:module';
+import { chromium, type Browser, type BrowserContextOptions, type Page } from 'playwright-core';
+import { inject } from 'vitest';
+import { Mock, type MockOptions } from '../../mock/server';
+
+// CITYLEARN_DASHBOARD: address of a dashboard to test in place of the mock. Specs that need to kill something are then skipped.
+export const ADDRESS = process.env.CITYLEARN_DASHBOARD;
+export const onMock = ADDRESS === undefined;
+
+export interface Opened {
+  page: Page;
+  /** Console messages of level error or warning, failed scripts, violations of the CSP. */
+  complaints: string[];
+  /** Addresses that were asked for, of other servers than the dashboard. */
+  outside: string[];
+}
+
+/** A dashboard and a browser for the specs of one file. */
+export class Stage {
+  private constructor(
+    readonly browser: Browser,
+    readonly url: string,
+    private readonly mock: Mock | null,
+  ) {}
+
+  static async open(options: Partial<MockOptions> = {}): Promise<Stage> {
+    const browser = await chromium.connect(inject('browser'));
+    if (ADDRESS) return new Stage(browser, ADDRESS, null);
+    const mock = await Mock.start({ port: 0, page: process.env.CITYLEARN_PAGE ?? 'dist', ...options });
+    return new Stage(browser, mock.url, mock);
+  }
+
+  /** The mock; there is none in front of a real dashboard. */
+  get dashboard(): Mock {
+    if (!this.mock) throw new Error('this spec needs the mock');
+    return this.mock;
+  }
+
+  async close(): Promise<void> {
+    await this.browser.close();
+    await this.mock?.stop();
+  }
+
+  async page(hash: string, options: BrowserContextOptions = {}): Promise<Opened> {
+    const context = await this.browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
+    const page = await context.newPage();
+    page.setDefaultTimeout(10_000);
+    const complaints: string[] = [];
+    const outside: string[] = [];
+    page.on('console', (message) => {
+      if (message.type() === 'error' || message.type() === 'warning') complaints.push(message.text());
+    });
+    page.on('pageerror', (error) => complaints.push(error.message));
+    page.on('request', (request) => {
+      const url = request.url();
+      if (!url.startsWith(this.url) && !url.startsWith('blob:') && !url.startsWith('data:')) outside.push(url);
+    });
+    await page.goto(`${this.url}#/${hash}`);
+    return { page, complaints, outside };
+  }
+}
+
+/** Calls until what it returns satisfies, for 10 s. */
+export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 10_000): Promise<T> {
+  const end = Date.now() + limit;
+  for (;;) {
+    const value = await what();
+    if (satisfies(value)) return value;
+    if (Date.now() > end) throw new Error(`not within ${limit} ms; last: ${JSON.stringify(value)}`);
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+}
+
+/** Of an open page: what axe finds wrong, one line a rule with the elements. */
+export async function violations(page: Page): Promise<string[]> {
+  const source = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
+  // As a script of the debugger: the page's CSP forbids any of its own.
+  await page.evaluate(source);
+  return page.evaluate(async () => {
+    interface Axe {
+      run(): Promise<{ violations: { id: string; help: string; nodes: { target: string[]; html: string }[] }[] }>;
+    }
+    const { axe } = window as unknown as { axe: Axe };
+    const result = await axe.run();
+    return result.violations.map((v) => `${v.id}: ${v.help}: ${v.nodes.slice(0, 3).map((n) => `${n.target.join(' ')} ${n.html.slice(0, 120)}`).join(' | ')}`);
+  });
+}

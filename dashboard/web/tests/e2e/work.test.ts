@@ -1,0 +1,181 @@
+import { afterAll, beforeAll, describe, expect, it } from 'vitest';
+import type { Page } from 'playwright-core';
+import { eventually, onMock, Stage, violations } from './stage';
+
+let stage: Stage;
+beforeAll(async () => {
+  stage = await Stage.open();
+});
+afterAll(() => stage.close());
+
+const curve = (page: Page, name: RegExp): Promise<string | null> => page.getByRole('img', { name }).getAttribute('aria-label');
+
+/** Cells of a line of CSV without quotes in them. */
+const cells = (line = ''): string[] => [...line.matchAll(/(?:^|,)(?:"([^"]*)"|([^,]*))/g)].map((match) => match[1] ?? match[2] ?? '');
+
+describe.runIf(onMock)('training', () => {
+  // A group whose runs have all ended: nothing moves while it is looked at.
+  const ended = (params = ''): string => `training?runs=${encodeURIComponent('features-1830/policy/1/1763740800000005')}${params}`;
+
+  it('the mean of the seeds stays the same when a seed is hidden', async () => {
+    const { page } = await stage.page(ended());
+    await page.waitForSelector('.uplot');
+    const mean = await curve(page, /^SPL/);
+    expect(mean).toContain('mean of 5: last 0.');
+    const csv = async (): Promise<string[]> => {
+      const [download] = await Promise.all([
+        page.waitForEvent('download'),
+        page.getByRole('button', { name: 'Download SPL as CSV' }).click(),
+      ]);
+      let text = '';
+      for await (const part of await download.createReadStream()) text += String(part);
+      return text.trim().split('\r\n');
+    };
+    const before = await csv();
+    await page.getByRole('checkbox', { name: /^seed 3/ }).click();
+    await page.waitForFunction(() => location.hash.includes('hide='));
+    expect(await curve(page, /^SPL/)).toBe(mean);
+    const after = await csv();
+    const meanOf = (lines: string[]): string[] => {
+      const column = cells(lines[0]).findIndex((name) => name.includes('lowest')) - 1;
+      expect(column).toBeGreaterThan(0);
+      return lines.slice(1).map((line) => cells(line)[column] ?? '').filter(Boolean);
+    };
+    expect(cells(before[0]).length).toBe(cells(after[0]).length + 1);
+    expect(meanOf(after)).toEqual(meanOf(before));
+    await page.context().close();
+  });
+
+  it('shows the controls as reference lines', async () => {
+    const { page } = await stage.page(ended());
+    const references = page.locator('section[aria-label="SPL"] .references');
+    await references.getByText('blind').waitFor();
+    expect(await references.innerText()).toMatch(/shortest path\s*1\.000/);
+    expect(await references.innerText()).toContain('sequence filter, summer');
+    await page.context().close();
+  });
+
+  it('has each chart as a table, other axes, and smoothing', async () => {
+    const { page, complaints } = await stage.page(ended());
+    await page.getByRole('button', { name: 'Reward as a table' }).click();
+    const rows = page.locator('section[aria-label="Reward"] tbody tr');
+    expect(await rows.count()).toBe(40);
+    const last = (): Promise<string> => rows.last().innerText();
+    const smoothed = await last();
+    await page.getByRole('slider', { name: /Smoothing/ }).fill('0');
+    await eventually(last, (now) => now !== smoothed);
+    await page.getByRole('radio', { name: 'Time' }).check({ force: true });
+    expect(await page.locator('section[aria-label="Reward"] thead').innerText()).toContain('wall time');
+    expect(complaints).toEqual([]);
+    expect(await violations(page)).toEqual([]);
+    await page.context().close();
+  });
+
+  it('asks for the points of a part of a long run', async () => {
+    const { page } = await stage.page(`training?runs=${encodeURIComponent('pixels-0412/learner/1/1763740800000010')}`);
+    await page.waitForSelector('.uplot');
+    const box = await page.locator('section[aria-label="Reward"] .u-over').boundingBox();
+    if (!box) throw new Error('no plot');
+    await page.mouse.move(box.x + 100, box.y + 60);
+    await page.mouse.down();
+    await page.mouse.move(box.x + 140, box.y + 60, { steps: 4 });
+    await page.mouse.up();
+    await eventually(() => Promise.resolve(stage.dashboard.asked.filter((one) => one.includes('from='))), (asked) => asked.length > 0);
+    await page.getByRole('button', { name: 'Whole range' }).first().click();
+    await page.context().close();
+  });
+});
+
+describe.runIf(onMock)('deployment', () => {
+  it('leads from an evaluation to its worst tasks and replays one by keys', async () => {
+    const { page, complaints } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}`);
+    await page.getByRole('button', { name: 'Worst tasks of place_filter, update 90 on night' }).click();
+    const row = page.locator('#episodes tbody tr').first();
+    await row.getByRole('cell', { name: 'night', exact: true }).waitFor();
+    await row.getByRole('button').click();
+    const slider = page.getByRole('slider', { name: 'Step' });
+    await slider.waitFor();
+    expect(await slider.evaluate((element) => element === document.activeElement)).toBe(true);
+    const step = page.locator('.transport-step');
+    expect(await step.innerText()).toMatch(/^0 \//);
+    await page.keyboard.press('ArrowRight');
+    expect(await step.innerText()).toMatch(/^1 \//);
+    await page.keyboard.press('Space');
+    await page.getByRole('button', { name: 'Pause' }).waitFor();
+    await eventually(() => step.innerText(), (text) => Number(text.split(' ')[0]) >= 3);
+    await page.keyboard.press('End');
+    const [at, last] = (await step.innerText()).split(' / ');
+    expect(at).toBe(last);
+    await page.getByRole('button', { name: 'Play', exact: true }).waitFor();
+    expect(await violations(page)).toEqual([]);
+    expect(complaints).toEqual([]);
+    await page.context().close();
+  });
+
+  it('says so when the actions of an episode were not kept', async () => {
+    const { page } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}&episode=1000097`);
+    await page.getByText('Its actions were not kept').waitFor();
+    await page.context().close();
+  });
+});
+
+describe.runIf(onMock)('compare', () => {
+  it('shows what differs in the manifests; groups count every run', async () => {
+    const { page } = await stage.page('compare');
+    const manifests = page.locator('section[aria-label="Manifests"]');
+    await manifests.getByText('parameters.learner.gamma').waitFor();
+    expect(await manifests.getByText('parameters.learner.clip').count()).toBe(0);
+    const groups = page.locator('section[aria-label="Over seeds"] tbody tr', { hasText: 'features-1830' });
+    const before = await groups.innerText();
+    await page.locator('section[aria-label="Runs"] input[type=checkbox]:checked').last().click();
+    await page.waitForFunction(() => location.hash.includes('runs='));
+    expect(await groups.innerText()).toBe(before);
+    await manifests.getByRole('radio', { name: 'All' }).check({ force: true });
+    await manifests.getByText('parameters.learner.clip').waitFor();
+    await page.context().close();
+  });
+
+  it('removes a run only when it is said twice', async () => {
+    const { page } = await stage.page('compare');
+    const rows = page.locator('section[aria-label="Runs"] tbody tr');
+    await rows.first().waitFor();
+    const count = await rows.count();
+    await page.getByRole('button', { name: /^Remove raw_images/ }).click();
+    await page.getByRole('button', { name: 'Keep' }).click();
+    expect(await rows.count()).toBe(count);
+    await page.getByRole('button', { name: /^Remove raw_images/ }).click();
+    await page.getByRole('button', { name: 'Remove with its episodes' }).click();
+    await eventually(() => rows.count(), (now) => now === count - 1);
+    await page.context().close();
+  });
+});
+
+describe('colours', () => {
+  it('follow the system until one is chosen, which is remembered', async () => {
+    const { page } = await stage.page('overview', { colorScheme: 'dark' });
+    const shown = (): Promise<string | undefined> => page.evaluate(() => document.documentElement.dataset.theme);
+    const ground = (): Promise<string> => page.evaluate(() => getComputedStyle(document.documentElement).backgroundColor);
+    const dark = await ground();
+    expect(await shown()).toBe('dark');
+    await page.getByRole('button', { name: /^Colours/ }).click();
+    expect(await shown()).toBe('light');
+    expect(await ground()).not.toBe(dark);
+    await page.reload();
+    await page.waitForSelector('h1');
+    expect(await shown()).toBe('light');
+    await page.context().close();
+  });
+});
+
+it('is used by keyboard alone: from the first link to a page and its title', async () => {
+  const { page } = await stage.page('overview');
+  await page.waitForSelector('h1');
+  await page.keyboard.press('Tab');
+  expect(await page.evaluate(() => document.activeElement?.textContent)).toBe('Skip to the content');
+  await page.keyboard.press('Tab');
+  await page.keyboard.press('Tab');
+  await page.keyboard.press('Enter');
+  await page.waitForFunction(() => document.querySelector('h1')?.textContent === 'Training');
+  expect(await page.evaluate(() => document.activeElement?.tagName)).toBe('H1');
+  await page.context().close();
+});

@@ -1,0 +1,56 @@
+import { describe, expect, it } from 'vitest';
+import type { Evaluation } from '../../src/api/types';
+import { byTraversal, checkpoints, evaluationName, newest } from '../../src/maths/evaluations';
+
+function of(policy: string, update: number, traversal: string, shuffled = false): Evaluation {
+  return {
+    policy,
+    update,
+    shuffled,
+    traversal,
+    tasks: 10,
+    completed: 1,
+    failed: 0,
+    spl: update / 100,
+    spl_low: 0,
+    spl_high: 1,
+    reward: 1,
+    mean_steps: 5,
+    shortest_mean: 5,
+    excess: 1,
+  };
+}
+
+const list = [
+  of('blind', 0, 'winter'),
+  of('agent', 10, 'winter'),
+  of('agent', 20, 'winter', true),
+  of('agent', 20, 'winter'),
+  of('shortest_path', 0, 'winter'),
+  of('sequence_filter', 0, 'winter'),
+  of('agent', 10, 'summer'),
+];
+
+describe('evaluations', () => {
+  it('are named by policy, update and what was shown', () => {
+    expect(evaluationName(of('agent', 20, 'winter', true))).toBe('agent, update 20, shuffled frames');
+    expect(evaluationName(of('blind', 0, 'winter'))).toBe('blind');
+  });
+  it('stand by traversal: agents first, the newest checkpoint first, then shuffled, then the controls', () => {
+    const groups = byTraversal(list);
+    expect([...groups.keys()]).toEqual(['winter', 'summer']);
+    expect(groups.get('winter')?.map(evaluationName)).toEqual([
+      'agent, update 20',
+      'agent, update 10',
+      'agent, update 20, shuffled frames',
+      'sequence_filter',
+      'blind',
+      'shortest_path',
+    ]);
+  });
+  it('of the agent alone make the curve of checkpoints', () => {
+    expect(checkpoints(list).get('winter')?.map((one) => one.update)).toEqual([10, 20]);
+    expect(newest(list).get('winter')?.update).toBe(20);
+    expect(newest(list).get('summer')?.update).toBe(10);
+  });
+});

@@ -1,0 +1,99 @@
+import { describe, expect, it } from 'vitest';
+import { backOff } from '../../src/api/live';
+import type { Run, SceneAgent } from '../../src/api/types';
+import { groupRuns } from '../../src/maths/groups';
+import { compareManifests, flatten } from '../../src/maths/manifest';
+import { extend, Trails } from '../../src/maths/trail';
+
+function run(name: string, seed: number, agent: string): Run {
+  return {
+    id: `${name}/policy/${seed}`,
+    run: name,
+    policy: 'policy',
+    seed,
+    agent,
+    learner: 'ppo',
+    state: 'ended',
+    started: 0,
+    last: 0,
+    updates: 1,
+    steps: 1,
+    episodes: 1,
+    recorded_episodes: 1,
+    reward: 1,
+    spl: 1,
+    wall: 1,
+    steps_per_second: 1,
+  };
+}
+
+describe('groupRuns', () => {
+  const runs = [run('b', 2, 'x'), run('b', 1, 'x'), run('a', 3, 'x'), run('a', 1, 'y')];
+  it('by sweep: one policy_service and agent, seeds in order', () => {
+    expect(groupRuns(runs, 'sweep').map((group) => group.runs.map((one) => one.id))).toEqual([
+      ['b/policy/1', 'b/policy/2'],
+      ['a/policy/3'],
+      ['a/policy/1'],
+    ]);
+  });
+  it('by agent and learner', () => {
+    expect(groupRuns(runs, 'agent').map((group) => [group.label, group.runs.length])).toEqual([
+      ['x · ppo', 3],
+      ['y · ppo', 1],
+    ]);
+  });
+});
+
+describe('manifests', () => {
+  it('flattens', () => {
+    expect([...flatten({ a: { b: 0.2, c: [1, 'x'] }, d: null })]).toEqual([
+      ['a.b', '0.2'],
+      ['a.c', '1, x'],
+      ['d', 'null'],
+    ]);
+  });
+  it('tells what differs; an unknown manifest differs in nothing', () => {
+    const rows = compareManifests([{ seed: 1, clip: 0.2 }, null, { seed: 2, clip: 0.2, extra: 'e' }]);
+    expect(rows.map((row) => [row.key, row.differs])).toEqual([
+      ['seed', true],
+      ['clip', false],
+      ['extra', true],
+    ]);
+    expect(rows[0]?.values).toEqual(['1', null, '2']);
+  });
+});
+
+describe('trails', () => {
+  const agent = (changes: Partial<SceneAgent>): SceneAgent => ({ frame: 5, position: 5, start: 5, goal: 9, steps: 0, flags: 1, ...changes });
+  it('collects positions of an episode, also when it was seen late', () => {
+    const trail = extend(undefined, agent({ position: 7, steps: 2, flags: 0 }));
+    expect(trail).toEqual({ start: 5, goal: 9, steps: [0, 2], positions: [5, 7] });
+    extend(trail, agent({ position: 8, steps: 3, flags: 0 }));
+    extend(trail, agent({ position: 8, steps: 3, flags: 0 })); // the same once more
+    expect(trail.positions).toEqual([5, 7, 8]);
+  });
+  it.each([
+    ['another goal', agent({ goal: 2, steps: 9, flags: 0 })],
+    ['fewer steps', agent({ steps: 1, flags: 0 })],
+    ['a first observation', agent({ steps: 0, flags: 1 })],
+  ])('begins anew with %s', (_, next) => {
+    const old = extend(extend(undefined, agent({})), agent({ position: 6, steps: 3, flags: 0 }));
+    expect(extend(old, next)).not.toBe(old);
+  });
+  it('begins anew on another route', () => {
+    const trails = new Trails();
+    const scene = { traversal: 'a', hash: '1', first_frame: 0, frames: 9, step: 1, mode: 'train', policy: 'p', agents: 1 };
+    trails.add({ ...scene, list: [agent({ position: 6, steps: 1, flags: 0 })] });
+    trails.add({ ...scene, list: [agent({ position: 7, steps: 2, flags: 0 })] });
+    expect(trails.of(0)?.positions).toEqual([5, 6, 7]);
+    trails.add({ ...scene, hash: '2', list: [agent({ position: 7, steps: 3, flags: 0 })] });
+    expect(trails.of(0)?.positions).toEqual([5, 7]);
+  });
+});
+
+describe('backOff', () => {
+  it('doubles from half a second to ten, less a little by chance', () => {
+    expect([1, 2, 3, 4, 5, 6, 20].map((n) => backOff(n, 0))).toEqual([500, 1000, 2000, 4000, 8000, 10_000, 10_000]);
+    expect(backOff(1, 1)).toBe(375);
+  });
+});

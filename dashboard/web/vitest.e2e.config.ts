@@ -1,0 +1,12 @@
+import { defineConfig } from 'vitest/config';
+
+// One browser, one page at a time: a chromium takes more than a core while it draws.
+export default defineConfig({
+  test: {
+    include: ['tests/e2e/**/*.test.ts'],
+    globalSetup: 'tests/e2e/browser.ts',
+    fileParallelism: false,
+    testTimeout: 30_000,
+    hookTimeout: 60_000,
+  },
+});

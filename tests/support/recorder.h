@@ -1,0 +1,81 @@
+#pragma once
+
+#include <map>
+#include <string>
+
+#include "core/node.h"
+#include "tests/support/wait.h"
+
+namespace citylearn::testing {
+
+/// What a recorder has on disk: it outlives the process.
+using EpisodeStore = std::map<std::string, std::map<std::uint64_t, msg::EpisodeStat>>;  // by env_service and number
+
+/// Records the episodes of all env_services of a run, and acknowledges what it has.
+class Recorder {
+ public:
+  Recorder(const MiddlewareOptions& middleware, const std::string& run, const std::string& id, EpisodeStore& kept)
+      : store(kept), node([&] {
+          Node::Options options;
+          options.middleware = middleware;
+          options.service = "recorder";
+          options.id = id;
+          options.run = run;
+          return options;
+        }()) {
+    node.announce<msg::EpisodeAcknowledgement>();
+    node.listen<msg::TraversalInfo>();
+    node.listen<msg::EpisodeStat>();
+  }
+
+  EpisodeStore& store;
+  Node node;
+  int repeated = 0;                               ///< episodes that were in the store already
+  std::map<std::string, std::uint64_t> recorded;  ///< by env_service: all up to this one are here, or nobody's any more
+
+  bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience = kPatience) {
+    const Clock::time_point deadline = Clock::now() + patience;
+    while (!condition()) {
+      if (Clock::now() >= deadline) return false;
+      spin();
+    }
+    return true;
+  }
+  void spin() {
+    node.wait(Clock::now() + std::chrono::milliseconds(20));
+    bool news = Clock::now() >= next_;
+    while (node.take(info_)) {
+      const std::string id = info_.header().sender().c_str();
+      news = news || !incarnations_.contains(id);
+      incarnations_[id] = std::max<std::uint64_t>(incarnations_[id], info_.header().incarnation());
+    }
+    while (node.take(episode_)) {
+      const std::string id = episode_.header().sender().c_str();
+      incarnations_[id] = std::max<std::uint64_t>(incarnations_[id], episode_.header().incarnation());
+      repeated += !store[id].emplace(episode_.episode(), episode_).second;
+      recorded[id] = std::max<std::uint64_t>(recorded[id], episode_.acknowledged());
+      while (store[id].contains(recorded[id] + 1)) ++recorded[id];
+      news = true;
+    }
+    if (news) acknowledge(false);
+  }
+  void acknowledge(bool leaving) {
+    next_ = Clock::now() + std::chrono::milliseconds(200);
+    for (const auto& [id, incarnation] : incarnations_) {
+      msg::EpisodeAcknowledgement message;
+      message.environment() = id;
+      message.environment_incarnation() = incarnation;
+      message.episode() = recorded[id];
+      message.leaving() = leaving;
+      node.publish(message);
+    }
+  }
+
+ private:
+  std::map<std::string, std::uint64_t> incarnations_;
+  Clock::time_point next_{};
+  msg::TraversalInfo info_;
+  msg::EpisodeStat episode_;
+};
+
+}  // namespace citylearn::testing

@@ -1,0 +1,52 @@
+// A dashboard without a page: recorder_process MIDDLEWARE DOMAIN STORE. Leaves at SIGTERM.
+#include <spdlog/spdlog.h>
+
+#include <csignal>
+#include <cstdio>
+#include <string>
+
+#include "dashboard/recorder.h"
+
+namespace {
+
+volatile std::sig_atomic_t stopped = 0;
+
+template <class Message>
+void hand_on(citylearn::Node& node, citylearn::Recorder& recorder) {
+  Message message;
+  while (node.take(message)) recorder.hear(message);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  using namespace citylearn;
+  if (argc != 4) throw Error("needs MIDDLEWARE DOMAIN STORE");
+  std::signal(SIGTERM, [](int) { stopped = 1; });
+  Store::Options store_options;
+  store_options.path = argv[3];
+  Store store(store_options);
+  Node::Options options;
+  options.middleware.name = argv[1];
+  options.middleware.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
+  options.service = "dashboard";
+  options.id = "dashboard";
+  Node node(options);
+  Recorder recorder(node, store);
+  node.report(msg::RUNNING, "records");
+  std::puts("records");
+  std::fflush(stdout);
+  while (!stopped) {
+    node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(100)));
+    hand_on<msg::ServiceStatus>(node, recorder);
+    hand_on<msg::TraversalInfo>(node, recorder);
+    hand_on<msg::RunInfo>(node, recorder);
+    hand_on<msg::TrainingStat>(node, recorder);
+    recorder.turn();
+  }
+  recorder.finish(false);
+  return 0;
+} catch (const std::exception& error) {
+  std::fprintf(stderr, "recorder_process: %s\n", error.what());
+  return 1;
+}

@@ -1,0 +1,134 @@
+// The dashboard's recorder beside real services: killed again and again while they train, it loses nothing and has
+// nothing twice.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <set>
+#include <sstream>
+#include <tuple>
+
+#include "dashboard/sqlite.h"
+#include "dashboard/store_reader.h"
+#include "tests/support/service.h"
+#include "tests/support/trial.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::seconds;
+using Named = std::tuple<std::string, std::string, std::string>;  // environment, incarnation, episode
+
+constexpr seconds kLong{40};
+constexpr int kKills = 20;
+
+/// Episodes that the policy_service recorded, which is a recorder of its own.
+std::set<Named> in_csv(const std::string& path) {
+  std::set<Named> all;
+  std::ifstream in(path);
+  std::string line, environment, incarnation, episode;
+  std::getline(in, line);
+  while (std::getline(in, line)) {
+    std::istringstream fields(line);
+    std::getline(fields, environment, ',');
+    std::getline(fields, incarnation, ',');
+    std::getline(fields, episode, ',');
+    EXPECT_TRUE(all.emplace(environment, incarnation, episode).second) << "twice: " << line;
+  }
+  return all;
+}
+
+std::set<Named> in_store(const std::string& path) {
+  Database database(path, Database::Mode::kRead);
+  Statement rows(database,
+                 "SELECT environment, incarnation, episode FROM episodes e JOIN sources s ON s.id = e.source");
+  std::set<Named> all;
+  while (rows.step()) EXPECT_TRUE(all.emplace(rows.text(0), rows.text(1), rows.text(2)).second);
+  return all;
+}
+
+std::int64_t recorded(const std::string& path, const std::string& table = "episodes") {
+  return Database(path, Database::Mode::kRead).number("SELECT COUNT(*) FROM " + table);
+}
+
+class Vendors : public ::testing::TestWithParam<const char*> {
+ protected:
+  int domain() const { return std::string(GetParam()) == "fastdds" ? 211 : 212; }
+};
+INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+
+TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
+  Trial run(GetParam(), domain());
+  const std::string store = run.folder() / "dashboard.sqlite";
+  int started = 0;
+  const auto recorder = [&] {
+    return std::make_unique<Service>(Arguments{CITYLEARN_RECORDER_PROCESS, GetParam(), std::to_string(domain()), store},
+                                     run.folder() / ("recorder-" + std::to_string(++started) + ".log"));
+  };
+  const auto env = run.env("summer", {"--agents", "16", "--recorders", "dashboard", "--linger", "60"});
+  const auto training = run.policy({"--agent", "place_filter", "--steps", "1000000000", "--checkpoint-every", "20",
+                                    "--output", run.folder() / "out", "--evaluate", "summer"});
+  int busy = 0;
+  for (int kill = 0; kill < kKills; ++kill) {
+    const auto victim = recorder();
+    ASSERT_TRUE(victim->says("records", kLong)) << victim->output();
+    // In the middle of recording, as long as there is something to be recorded.
+    const std::int64_t before = recorded(store);
+    busy += poll_until([&] { return recorded(store) > before; }, seconds(2));
+    victim->send(SIGKILL);
+    ASSERT_EQ(victim->wait(kLong), 128 + SIGKILL) << victim->output();
+  }
+  EXPECT_GE(busy, kKills / 2);
+  const auto last = recorder();
+  ASSERT_TRUE(last->says("records", kLong)) << last->output();
+  const std::int64_t before = recorded(store, "training");  // of whom it has heard, so that it will hear its end
+  ASSERT_TRUE(poll_until([&] { return recorded(store, "training") > before; }, kLong));
+  training->send(SIGTERM);
+  ASSERT_TRUE(training->wait(kLong).has_value()) << training->output();
+  const auto evaluation = run.policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "64", "--evaluate", "summer",
+                                      "--output", run.folder() / "blind"});
+  ASSERT_EQ(evaluation->wait(kLong), 0) << evaluation->output();
+  env->send(SIGTERM);  // it stays until the dashboard has everything
+  ASSERT_EQ(env->wait(kLong), 0) << env->output();
+  last->send(SIGTERM);
+  ASSERT_EQ(last->wait(kLong), 0) << last->output();
+
+  // The env_service's own count, without gaps; and the policy_service, a recorder of its own, knows of nothing else.
+  const std::set<Named> mine = in_store(store), theirs = in_csv(run.folder() / "out/episodes.csv");
+  EXPECT_GT(theirs.size(), 1000u);
+  EXPECT_TRUE(std::includes(mine.begin(), mine.end(), theirs.begin(), theirs.end()));
+  EXPECT_NE(env->output().find("stops: " + std::to_string(mine.size()) + " episodes, all acknowledged"),
+            std::string::npos)
+      << mine.size() << "\n"
+      << env->output();
+  EXPECT_EQ(Database(store, Database::Mode::kRead).number("SELECT MAX(episode) FROM episodes"),
+            static_cast<std::int64_t>(mine.size()));
+
+  StoreReader reader(store);
+  const auto runs = reader.runs();
+  ASSERT_GE(runs.size(), 2u);
+  const RunRow &blind = runs[0], &trained = runs[1];
+  EXPECT_EQ(blind.agent, "blind");
+  EXPECT_TRUE(blind.ended);
+  const auto evaluations = reader.evaluations(blind.id);
+  ASSERT_EQ(evaluations.size(), 1u);
+  EXPECT_EQ(evaluations[0].key.policy, "blind");
+  EXPECT_EQ(evaluations[0].episodes, 64u);
+  EXPECT_EQ(trained.agent, "place_filter");
+  EXPECT_TRUE(trained.ended);
+  EXPECT_EQ(trained.recorded + blind.recorded, mine.size());
+  std::uint64_t updates = 0;
+  reader.training(trained.id, [&](const Statement&) { ++updates; });
+  ASSERT_TRUE(trained.newest);
+  EXPECT_EQ(updates, trained.newest->update) << "those of the time when it was gone were asked for";
+  for (const EpisodeRow& row : reader.episodes(trained.id, {}, false, 200)) {
+    const auto replay = reader.episode(row.rowid);
+    ASSERT_TRUE(replay->path) << row.rowid;
+    EXPECT_EQ(replay->path->size(), (row.steps + 3) / 4);
+    EXPECT_TRUE(replay->hash);
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing
