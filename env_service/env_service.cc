@@ -369,9 +369,8 @@ void EnvService::on_request(const msg::MapRequest& request) {
     to.assign(begin, begin + static_cast<std::ptrdiff_t>(count));
   };
   copy(traversal_.positions, map_chunk_.position());
-  const bool both = traversal_.latitude.size() == traversal_.longitude.size();
-  copy(both ? traversal_.latitude : std::vector<double>(), map_chunk_.latitude());
-  copy(both ? traversal_.longitude : std::vector<double>(), map_chunk_.longitude());
+  copy(traversal_.latitude, map_chunk_.latitude());
+  copy(traversal_.longitude, map_chunk_.longitude());
   node_.publish(map_chunk_);
 }
 

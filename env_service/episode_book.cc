@@ -202,11 +202,11 @@ std::optional<EpisodeBook::Sending> EpisodeBook::next(Clock::time_point now) {
 }
 
 Clock::time_point EpisodeBook::due() const {
-  if (sent_ < episodes_) return Clock::time_point::min();
+  if (sent_ < episodes_) return {};
   Clock::time_point due = Clock::time_point::max();
   each(*this, [&](const Recorder& recorder) {
     if (recorder.sent < recorder.limit)
-      due = Clock::time_point::min();
+      due = {};
     else if (recorder.acknowledged < sent_)
       due = std::min(due, recorder.again);
   });

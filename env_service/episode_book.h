@@ -42,7 +42,7 @@ class EpisodeBook {
   };
   /// The next one to be sent now, if any.
   std::optional<Sending> next(Clock::time_point now);
-  /// When next() will have something, as far as is known.
+  /// When next() will have something, as far as is known: the clock's beginning means now.
   Clock::time_point due() const;
   /// What is not acknowledged goes out again now and at short intervals.
   void hurry(Clock::time_point now);
