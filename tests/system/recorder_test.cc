@@ -8,8 +8,10 @@
 #include <sstream>
 #include <tuple>
 
+#include "core/node.h"
 #include "dashboard/sqlite.h"
 #include "dashboard/store_reader.h"
+#include "tests/support/records.h"
 #include "tests/support/service.h"
 #include "tests/support/trial.h"
 
@@ -127,6 +129,40 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
     ASSERT_TRUE(replay->path) << row.rowid;
     EXPECT_EQ(replay->path->size(), (row.steps + 3) / 4);
     EXPECT_TRUE(replay->hash);
+  }
+}
+
+/// `many` messages to a reader that is there.
+template <class... Messages>
+void publish_each(Node& node, int many, Messages... messages) {
+  for (int i = 0; i < many; ++i) (node.publish(messages), ...);
+}
+
+// What a killed recorder leaves behind: readers that acknowledge nothing, until their lease ends. Fast DDS 2.9 by
+// itself hangs in one of some hundred deletions of their writers.
+TEST(FastDds, AServiceEndsThoughItsRecorderDoesNotAnswer) {
+  constexpr int kRounds = 30, kDomain = 213;
+  const Folder folder;
+  const Service recorder({CITYLEARN_RECORDER_PROCESS, "fastdds", std::to_string(kDomain), folder / "dashboard.sqlite"},
+                         folder / "recorder.log");
+  ASSERT_TRUE(recorder.says("records", kLong)) << recorder.output();
+  for (int round = 0; round < kRounds; ++round) {
+    recorder.send(SIGCONT);
+    Node::Options options;
+    options.middleware.name = "fastdds";
+    options.middleware.domain = kDomain;
+    options.service = "env_service";
+    options.id = "env-summer";
+    Node node(options);
+    const Clock::time_point deadline = Clock::now() + kLong;
+    const auto matched = [&] {
+      return node.readers<msg::EpisodeStat>() > 0 && node.readers<msg::TrainingStat>() > 0 &&
+             node.readers<msg::TraversalInfo>() > 0 && node.readers<msg::RunInfo>() > 0;
+    };
+    while (!matched() && Clock::now() < deadline) node.wait(Clock::now() + std::chrono::milliseconds(10));
+    ASSERT_TRUE(matched());
+    recorder.send(SIGSTOP);
+    publish_each(node, 256, episode(1), training_stat(1), traversal_info(), run_info());
   }
 }
 
