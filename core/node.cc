@@ -94,7 +94,7 @@ void Node::heartbeat() {
 
 bool Node::wait(Clock::time_point deadline) {
   while (true) {
-    if (Clock::now() >= next_heartbeat_) heartbeat();
+    beat();
     const bool ready = middleware_->wait(std::min(deadline, next_heartbeat_));
     for (const std::string& line : middleware_->faults()) {
       spdlog::error("{}", line);

@@ -99,6 +99,12 @@ class Node {
   /// due, and logs the middleware's faults.
   bool wait(Clock::time_point deadline);
 
+  /// Publishes the heartbeat when it is due: for who waits elsewhere.
+  void beat() {
+    if (Clock::now() >= next_heartbeat_) heartbeat();
+  }
+  Clock::time_point next_beat() const { return next_heartbeat_; }
+
   /// What the next heartbeats say. A changed state is sent at once.
   void report(msg::State state, const std::string& activity, float rate = 0);
 

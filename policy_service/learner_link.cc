@@ -29,6 +29,7 @@ msg::LearnerInfo info_of(const Trainer& trainer) {
 
 LearnerLink::LearnerLink(Node& node, Trainer& trainer, const LearnerLinkOptions& options)
     : node_(node),
+      heart_(node),
       trainer_(trainer),
       options_(options),
       // Room for the update that comes next, and for one more to be taken in meanwhile.
@@ -137,7 +138,7 @@ UpdateFigures LearnerLink::learn() {
   trainer_.describe(info_);
   lag_ = queue_.assemble(trainer_.batch(), version(), static_cast<int>(info_.lesson_frames()), rollout_);
   Rollout* const rollout = &rollout_;
-  const UpdateFigures figures = trainer_.learn({&rollout, 1}, queue_.finished());
+  const UpdateFigures figures = heart_.beside([&] { return trainer_.learn({&rollout, 1}, queue_.finished()); });
   send_parameters();
   for (const auto& [id, actor] : actors_)
     if (actor.here) acknowledge(id);  // there is room again

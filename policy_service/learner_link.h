@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/node.h"
+#include "policy_service/heart.h"
 #include "policy_service/parameter_chunks.h"
 #include "policy_service/trainer.h"
 #include "policy_service/trajectories.h"
@@ -64,6 +65,7 @@ class LearnerLink {
   std::uint64_t version() const { return trainer_.progress().updates; }
 
   Node& node_;
+  Heart heart_;
   Trainer& trainer_;
   LearnerLinkOptions options_;
   TrajectoryQueue queue_;

@@ -19,6 +19,7 @@
 #include "policy_service/evaluation.h"
 #include "policy_service/farewell.h"
 #include "policy_service/fleet.h"
+#include "policy_service/heart.h"
 #include "policy_service/interchange/event_log.h"
 #include "policy_service/interchange/safetensors.h"
 #include "policy_service/learner_link.h"
@@ -95,6 +96,7 @@ class Run {
   PolicyServiceOptions options_;
   bool control_alone_ = false;  ///< mode evaluate without a checkpoint: the agent is a control
   Node& node_;
+  Heart heart_;
   Fleet& fleet_;
   std::uint64_t job_ = 0;              ///< names this run; kept when it is resumed
   std::unique_ptr<RunRecord> record_;  ///< once all is known that it tells
@@ -116,7 +118,7 @@ class Run {
 };
 
 Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
-    : options_(options), node_(node), fleet_(fleet) {
+    : options_(options), node_(node), heart_(node), fleet_(fleet) {
   control_alone_ = options_.mode == "evaluate" && options_.checkpoint.empty();
   if (!options_.output.empty()) {
     // Neither is it overwritten, nor may a later --resume take its checkpoints for this run's.
@@ -376,7 +378,7 @@ void Run::train_until_done() {
     UpdateFigures figures;
     {
       const Stopwatch watch(report_.update);
-      figures = trainer_->update();
+      figures = heart_.beside([this] { return trainer_->update(); });
     }
     after_update(figures, steps_before);
     if (trainer_->done() || (options_.time_limit > 0 && training_wall() >= options_.time_limit)) return;

@@ -272,6 +272,7 @@ int main(int count, char** arguments) {
   settings.frames = (uint32_t)frames;
   settings.max_steps = (uint32_t)max_steps;
   settings.seed = (uint64_t)seed;
+  strcpy(settings.policy, "forager");
   const Learner explorer = {&self, explore, ignore_episode};
   session_command(session, school, settings, &explorer);
   while (self.ticks < self.enough) session_spin(session);

@@ -10,6 +10,7 @@
 #include "core/random.h"
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
+#include "policy_service/heart.h"
 #include "policy_service/metrics_log.h"
 #include "policy_service/run_record.h"
 #include "policy_service/score.h"
@@ -248,6 +249,31 @@ TEST_F(RunRecordTest, GivesItsStatsAgainToWhoAsks) {
   EXPECT_TRUE(stats(record).empty()) << "not there, nothing, another run";
   ask(~std::uint64_t{0}, ~std::uint64_t{0});
   EXPECT_TRUE(stats(record).empty());
+}
+
+TEST_F(RunRecordTest, AHeartBeatsWhileTheNodesThreadComputes) {
+  watcher.listen<msg::ServiceStatus>();
+  Heart heart(policy);
+  msg::ServiceStatus status;
+  int beats = 0;
+  // Work that ends when two heartbeats were heard, a second apart.
+  const bool heard = heart.beside([&] {
+    const Clock::time_point deadline = Clock::now() + testing::kPatience;
+    while (beats < 2 && Clock::now() < deadline) {
+      watcher.wait(Clock::now() + std::chrono::milliseconds(20));
+      while (watcher.take(status)) beats += status.header().sender() == "policy";
+    }
+    return beats >= 2;
+  });
+  EXPECT_TRUE(heard);
+  policy.report(msg::RUNNING, "its own again");
+  EXPECT_TRUE(testing::poll_until(
+      [&] {
+        while (watcher.take(status))
+          if (status.activity() == "its own again") return true;
+        return false;
+      },
+      testing::kPatience));
 }
 
 TEST(RunRecord, AResumedRunKeepsItsJob) {
