@@ -343,8 +343,8 @@ TEST_P(Learners, LearnTheSmallCity) {
   options.network_parameters.clear();
   options.learner_parameters =
       known({{"learning-rate", 3e-3}, {"minibatch", 8}, {"entropy-until", 0.7}, {"gamma", 0.95}});
-  options.trainer_parameters = {
-      {"segment", 32}, {"sequence", 16}, {"steps", 50000}, {"noise-frame", 0.3}, {"noise-episode", 0.3}};
+  options.trainer_parameters = {{"segment", 32},      {"sequence", 16},     {"steps", 50000},
+                                {"noise-frame", 0.3}, {"noise-place", 0.3}, {"noise-episode", 0.3}};
   Loop loop(city, options, 1, 16);
   while (!loop.trainer.done()) loop.update();
   EXPECT_GT(loop.trainer.progress().spl, 0.95);
