@@ -49,6 +49,8 @@ export class Stage {
     const complaints: string[] = [];
     const outside: string[] = [];
     page.on('console', (message) => {
+      // The browser notes each 503; here it means "is being fetched", and the page asks again.
+      if (/status of 503/.test(message.text())) return;
       if (message.type() === 'error' || message.type() === 'warning') complaints.push(message.text());
     });
     page.on('pageerror', (error) => complaints.push(error.message));
