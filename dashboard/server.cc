@@ -2,6 +2,7 @@
 
 #include <openssl/err.h>
 #include <openssl/ssl.h>
+#include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <boost/asio/co_spawn.hpp>
@@ -92,6 +93,8 @@ void Server::Inside::open() {
     std::string host = address.is_unspecified() ? "localhost" : address.to_string();
     if (host.find(':') != std::string::npos) host = "[" + host + "]";
     url = (access.tls ? "https://" : "http://") + host + ":" + std::to_string(access.port);
+    if (!access.tls && !address.is_loopback())
+      spdlog::warn("the token travels as it is: give --tls-cert and --tls-key where others may listen");
     acceptor.listen(asio::socket_base::max_listen_connections, wrong);
     check();
   } else {
