@@ -5,7 +5,7 @@ import { inject } from 'vitest';
 import { Mock, type MockOptions } from '../../mock/server';
 
 // CITYLEARN_DASHBOARD: address of a dashboard to test in place of the mock. Specs that need to kill something are then skipped.
-export const ADDRESS = process.env.CITYLEARN_DASHBOARD;
+export const ADDRESS = process.env.CITYLEARN_DASHBOARD ? new URL('/', process.env.CITYLEARN_DASHBOARD).href : undefined;
 export const onMock = ADDRESS === undefined;
 
 export interface Opened {
