@@ -400,6 +400,13 @@ Answer Api::run(const RunRow& row) {
                                   {"frames", traversal.frames},
                                   {"agents", traversal.agents},
                                   {"images", traversal.images}});
+  if (!live_ || json["state"] != "running") return json_answer(json);
+  // Those it has not been on yet: the siblings that it will be evaluated on.
+  for (Json& hosted : live_->traversals(row.run)) {
+    const auto same = [&](const Json& one) { return one["environment"] == hosted["environment"]; };
+    if (std::none_of(json["traversals"].begin(), json["traversals"].end(), same))
+      json["traversals"].push_back(std::move(hosted));
+  }
   return json_answer(json);
 }
 

@@ -106,7 +106,14 @@ void Live::hear(const msg::TraversalInfo& info) {
   // Of a process that is dead, kept by the middleware for late joiners.
   if (info.header().incarnation() < hosted.incarnation && services_.lives(environment.first, environment.second))
     return;
-  hosted = {info.header().incarnation(), info.hash(), info.frames(), info.images()};
+  hosted = {info.header().incarnation(),
+            info.hash(),
+            info.frames(),
+            info.images(),
+            info.agents(),
+            info.dataset().c_str(),
+            info.traversal().c_str(),
+            info.condition().c_str()};
   if (hosted_.size() <= kMostHosted) return;
   const auto dead = std::find_if(hosted_.begin(), hosted_.end(), [this](const auto& entry) {
     return !services_.lives(entry.first.first, entry.first.second);
@@ -317,6 +324,22 @@ std::optional<Live::Environment> Live::host_of(std::uint64_t hash, bool images, 
         services_.lives(environment.first, environment.second))
       return environment;
   return std::nullopt;
+}
+
+nlohmann::json Live::traversals(const std::string& run) {
+  nlohmann::json list = nlohmann::json::array();
+  const std::lock_guard lock(mutex_);
+  for (const auto& [environment, hosted] : hosted_)
+    if (environment.first == run && services_.lives(environment.first, environment.second))
+      list.push_back({{"environment", environment.second},
+                      {"dataset", hosted.dataset},
+                      {"traversal", hosted.traversal},
+                      {"condition", hosted.condition},
+                      {"hash", hash_text(hosted.hash)},
+                      {"frames", hosted.frames},
+                      {"agents", hosted.agents},
+                      {"images", hosted.images}});
+  return list;
 }
 
 LiveView::Map Live::map(std::uint64_t hash) {

@@ -50,6 +50,7 @@ class Live : public LiveView {
 
   nlohmann::json services() override;
   nlohmann::json events(std::size_t limit) override;
+  nlohmann::json traversals(const std::string& run) override;
   Map map(std::uint64_t hash) override;
   Picture frame(std::uint64_t hash, std::uint32_t index) override;
 
@@ -59,6 +60,8 @@ class Live : public LiveView {
     std::uint64_t incarnation = 0, hash = 0;
     std::uint32_t frames = 0;
     bool images = false;
+    std::uint32_t agents = 0;
+    std::string dataset, traversal, condition;
   };
   /// What an agent sees, for a picture topic that is watched.
   struct Panel {

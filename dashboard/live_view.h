@@ -28,6 +28,8 @@ class LiveView {
   virtual nlohmann::json services() = 0;
   /// Events that are not in the store, newest first, as in GET /api/events.
   virtual nlohmann::json events(std::size_t limit) = 0;
+  /// What the env_services of `run` that are there host, each as in "traversals" of GET /api/runs/ID.
+  virtual nlohmann::json traversals(const std::string& run) = 0;
   virtual Map map(std::uint64_t hash) = 0;
   virtual Picture frame(std::uint64_t hash, std::uint32_t index) = 0;
 };

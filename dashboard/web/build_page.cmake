@@ -1,5 +1,6 @@
 # cmake -DNPM= -DWEB= -DPAGE= -DSTAMP= -P: installs what package-lock.json names where that has changed, then builds the page.
-# Packages that cannot be had are no error: then there is no page and no stamp, and the next build tries again.
+# Packages that cannot be had are no error: then there is no new page and no stamp, and the next build tries again.
+file(REMOVE ${STAMP})
 set(ENV{PLAYWRIGHT_SKIP_BROWSER_DOWNLOAD} 1)
 file(SHA256 ${WEB}/package-lock.json wanted)
 set(installed none)

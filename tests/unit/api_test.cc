@@ -29,6 +29,12 @@ class FakeLive : public LiveView {
   Json events(std::size_t) override {
     return {{{"time", 2.0}, {"run", "demo"}, {"service", "env-summer"}, {"kind", "lost"}, {"text", "no heartbeat"}}};
   }
+  Json traversals(const std::string& run) override {
+    if (run != "demo") return Json::array();
+    return Json::parse(R"([{"environment":"env-fall","dataset":"synthetic","traversal":"fall","condition":"fall",
+                            "hash":"00000000000000ab","frames":160,"agents":16,"images":true},
+                           {"environment":"env-summer","dataset":"another"}])");
+  }
   Map map(std::uint64_t hash) override {
     if (hash == 0xAB) return {Readiness::kHere, {{"hash", "00000000000000ab"}, {"frames", 2}}};
     return {hash == 0xCD ? Readiness::kComing : Readiness::kNone, {}};
@@ -142,10 +148,16 @@ TEST_F(ApiTest, ARunsTraversals) {
   store_.describe(traversal_info("env-summer", 8));
   store_.describe(traversal_info("env-of-others", 8));
   store_.record(std::vector{episode(1), episode(1, "env-summer", 8)});
-  const Json run = json({"runs", id_});
-  EXPECT_EQ(run["traversals"],
-            Json::parse(R"([{"environment":"env-summer","dataset":"synthetic","traversal":"summer","condition":"summer",
-                             "hash":"fedcba9876543210","frames":160,"agents":16,"images":false}])"));
+  const Json summer = Json::parse(R"({"environment":"env-summer","dataset":"synthetic","traversal":"summer",
+      "condition":"summer","hash":"fedcba9876543210","frames":160,"agents":16,"images":false})");
+  const Json running = json({"runs", id_})["traversals"];
+  ASSERT_EQ(running.size(), 2u) << "also what it may be evaluated on";
+  EXPECT_EQ(running[0], summer) << "as its episodes knew it";
+  EXPECT_EQ(running[1]["environment"], "env-fall");
+  msg::RunInfo end = run_info(0, 500, 2);
+  end.ended(true);
+  store_.heard(end);
+  EXPECT_EQ(json({"runs", id_})["traversals"], Json::array({summer})) << "what its episodes were on";
 }
 
 TEST_F(ApiTest, TrainingWhole) {

@@ -2,6 +2,7 @@
 // hub's clients.
 #include "dashboard/live.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
@@ -511,6 +512,14 @@ TEST_F(LiveRun, TheApiGetsPicturesAndMapsByHash) {
   EXPECT_EQ(live.map(hash).readiness, Readiness::kNone);
   ASSERT_TRUE(until([&] { return live.frame(hash, 7).readiness != Readiness::kNone; }));
   ASSERT_TRUE(until([&] { return live.frame(hash, 7).readiness == Readiness::kHere; }));
+  const Json hosted = live.traversals(run);
+  ASSERT_EQ(hosted.size(), 1u);
+  EXPECT_EQ(hosted[0]["environment"], "env-street");
+  EXPECT_EQ(hosted[0]["traversal"], "street");
+  EXPECT_EQ(hosted[0]["hash"], fmt::format("{:016x}", hash));
+  EXPECT_EQ(hosted[0]["agents"], 2);
+  EXPECT_EQ(hosted[0]["images"], true);
+  EXPECT_EQ(live.traversals("another run"), Json::array());
   const LiveView::Picture picture = live.frame(hash, 7);
   EXPECT_EQ(picture.type, "image/png");
   EXPECT_EQ(header_of({picture.type, picture.bytes}).width, 80);

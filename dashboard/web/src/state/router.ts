@@ -22,7 +22,20 @@ export function hrefOf(page: PageName, params: Record<string, string> = {}): str
 
 export const place = signal<Place>(placeOf(location.hash));
 
-window.addEventListener('hashchange', () => (place.value = placeOf(location.hash)));
+let writing: ReturnType<typeof setTimeout> | undefined;
+
+window.addEventListener('hashchange', () => {
+  clearTimeout(writing);
+  place.value = placeOf(location.hash);
+});
+
+// A slider changes more often than browsers let the address change.
+function write(hash: string): void {
+  clearTimeout(writing);
+  writing = setTimeout(() => {
+    if (placeOf(location.hash).page === placeOf(hash).page) history.replaceState(null, '', hash);
+  }, 150);
+}
 
 /** Changes parameters of the page without a new entry in the history. Null removes one. */
 export function setParams(changes: Record<string, string | null>): void {
@@ -33,7 +46,7 @@ export function setParams(changes: Record<string, string | null>): void {
     else next.set(key, value);
   }
   const query = next.toString();
-  history.replaceState(null, '', `#/${page}${query ? `?${query}` : ''}`);
+  write(`#/${page}${query ? `?${query}` : ''}`);
   place.value = { page, params: next };
 }
 

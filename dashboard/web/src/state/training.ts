@@ -119,6 +119,16 @@ function seriesOf(id: string): Series {
   return series;
 }
 
+// What nobody looks at any more is kept for a while: who comes back sees it at once.
+const MOST_KEPT = 32;
+
+function forget(): void {
+  for (const [id, series] of all) {
+    if (all.size <= MOST_KEPT) return;
+    if (series.users === 0) all.delete(id);
+  }
+}
+
 /** The training of these runs, live while the component is there. */
 export function useTraining(ids: readonly string[]): Map<string, Training> {
   const key = ids.join('\n');
@@ -127,6 +137,7 @@ export function useTraining(ids: readonly string[]): Map<string, Training> {
     for (const series of mine) if (series.users++ === 0) series.start();
     return () => {
       for (const series of mine) if (--series.users === 0) series.end();
+      forget();
     };
   }, [key]);
   return new Map(ids.map((id) => [id, seriesOf(id).value.value]));

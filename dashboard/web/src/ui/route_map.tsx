@@ -59,7 +59,7 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
   const to = whole ? frames : first + count;
   useEffect(() => setView(null), [points, from, to, size.width]);
   const fitted = useMemo(
-    () => fit(points.slice(from, to), size.width, height, gps ? 36 : 28),
+    () => fit(points.slice(from, to), size.width, height, gps ? 36 : 60),
     [points, from, to, size.width, height, gps],
   );
   const current = view ?? fitted;
@@ -245,6 +245,7 @@ function drawRuler(ctx: CanvasRenderingContext2D, d: Drawing): void {
   });
   ctx.fillStyle = soft;
   for (const frame of ticks(from, to, d.width / 110)) {
+    if (at(frame) < 20 || at(frame) > d.width - 24) continue; // its words would be cut
     line(ctx, [{ x: at(frame), y: base }, { x: at(frame), y: base + 7 }], soft, 1);
     text(ctx, integer(frame), at(frame), base + 20, 'center');
     const along = d.map?.position[frame] ?? null;

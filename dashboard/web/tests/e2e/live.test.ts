@@ -60,12 +60,12 @@ describe.runIf(onMock)('what gets lost', () => {
     const row = page.locator('tr', { hasText: 'env-fall' });
     await row.locator('.state-running').waitFor();
     stage.dashboard.lose('env-fall');
-    await row.locator('.state-lost').waitFor({ timeout: 2000 });
+    await row.locator('.state-lost').waitFor({ timeout: 5000 });
     expect(await row.getAttribute('class')).toContain('bad');
     expect(await page.locator('.badge').innerText()).toContain('1');
     await page.locator('.event-lost', { hasText: 'env-fall' }).waitFor();
     stage.dashboard.bring('env-fall');
-    await row.locator('.state-running').waitFor({ timeout: 2000 });
+    await row.locator('.state-running').waitFor({ timeout: 5000 });
     await page.locator('.badge').waitFor({ state: 'detached' });
     await page.locator('.event-back', { hasText: 'env-fall' }).waitFor();
     expect(complaints).toEqual([]);

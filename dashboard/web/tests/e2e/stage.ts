@@ -5,7 +5,7 @@ import { inject } from 'vitest';
 import { Mock, type MockOptions } from '../../mock/server';
 
 // CITYLEARN_DASHBOARD: address of a dashboard to test in place of the mock. Specs that need to kill something are then skipped.
-export const ADDRESS = process.env.CITYLEARN_DASHBOARD;
+export const ADDRESS = process.env.CITYLEARN_DASHBOARD ? new URL('/', process.env.CITYLEARN_DASHBOARD).href : undefined;
 export const onMock = ADDRESS === undefined;
 
 export interface Opened {
@@ -49,6 +49,8 @@ export class Stage {
     const complaints: string[] = [];
     const outside: string[] = [];
     page.on('console', (message) => {
+      // The browser notes each 503; here it means "is being fetched", and the page asks again.
+      if (/status of 503/.test(message.text())) return;
       if (message.type() === 'error' || message.type() === 'warning') complaints.push(message.text());
     });
     page.on('pageerror', (error) => complaints.push(error.message));
