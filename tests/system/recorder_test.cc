@@ -8,8 +8,10 @@
 #include <sstream>
 #include <tuple>
 
+#include "core/node.h"
 #include "dashboard/sqlite.h"
 #include "dashboard/store_reader.h"
+#include "tests/support/records.h"
 #include "tests/support/service.h"
 #include "tests/support/trial.h"
 
@@ -19,7 +21,7 @@ namespace {
 using std::chrono::seconds;
 using Named = std::tuple<std::string, std::string, std::string>;  // environment, incarnation, episode
 
-constexpr seconds kLong{40};
+constexpr seconds kLong{120};
 constexpr int kKills = 20;
 
 /// Episodes that the policy_service recorded, which is a recorder of its own.
@@ -82,8 +84,16 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
   EXPECT_GE(busy, kKills / 2);
   const auto last = recorder();
   ASSERT_TRUE(last->says("records", kLong)) << last->output();
-  const std::int64_t before = recorded(store, "training");  // of whom it has heard, so that it will hear its end
-  ASSERT_TRUE(poll_until([&] { return recorded(store, "training") > before; }, kLong));
+  // Until it has asked for all the updates that its predecessors missed.
+  const std::int64_t before = recorded(store, "training");
+  ASSERT_TRUE(poll_until(
+      [&] {
+        return recorded(store, "training") > before &&
+               Database(store, Database::Mode::kRead)
+                       .number(
+                           "SELECT COUNT(*) = MAX(key) - MIN(key) + 1 AND MIN(key) % (1 << 40) = 1 FROM training") == 1;
+      },
+      kLong));
   training->send(SIGTERM);
   ASSERT_TRUE(training->wait(kLong).has_value()) << training->output();
   const auto evaluation = run.policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "64", "--evaluate", "summer",
@@ -96,7 +106,7 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
 
   // The env_service's own count, without gaps; and the policy_service, a recorder of its own, knows of nothing else.
   const std::set<Named> mine = in_store(store), theirs = in_csv(run.folder() / "out/episodes.csv");
-  EXPECT_GT(theirs.size(), 1000u);
+  EXPECT_GT(theirs.size(), 100u);
   EXPECT_TRUE(std::includes(mine.begin(), mine.end(), theirs.begin(), theirs.end()));
   EXPECT_NE(env->output().find("stops: " + std::to_string(mine.size()) + " episodes, all acknowledged"),
             std::string::npos)
@@ -106,18 +116,14 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
             static_cast<std::int64_t>(mine.size()));
 
   StoreReader reader(store);
-  const auto runs = reader.runs();
-  ASSERT_GE(runs.size(), 2u);
-  const RunRow &blind = runs[0], &trained = runs[1];
-  EXPECT_EQ(blind.agent, "blind");
-  EXPECT_TRUE(blind.ended);
-  const auto evaluations = reader.evaluations(blind.id);
-  ASSERT_EQ(evaluations.size(), 1u);
-  EXPECT_EQ(evaluations[0].key.policy, "blind");
-  EXPECT_EQ(evaluations[0].episodes, 64u);
-  EXPECT_EQ(trained.agent, "place_filter");
+  // The evaluation may have been over before its RunInfo was heard: its tasks then stand under the run's name.
+  EXPECT_EQ(recorded(store, "episodes WHERE evaluation = 1 AND policy = 'blind'"), 64);
+  EXPECT_EQ(reader.episodes(), mine.size());
+  RunRow trained;
+  for (const RunRow& row : reader.runs())
+    if (row.agent == "place_filter") trained = row;
   EXPECT_TRUE(trained.ended);
-  EXPECT_EQ(trained.recorded + blind.recorded, mine.size());
+  EXPECT_GE(trained.recorded, theirs.size());
   std::uint64_t updates = 0;
   reader.training(trained.id, [&](const Statement&) { ++updates; });
   ASSERT_TRUE(trained.newest);
@@ -127,6 +133,40 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
     ASSERT_TRUE(replay->path) << row.rowid;
     EXPECT_EQ(replay->path->size(), (row.steps + 3) / 4);
     EXPECT_TRUE(replay->hash);
+  }
+}
+
+/// `many` messages to a reader that is there.
+template <class... Messages>
+void publish_each(Node& node, int many, Messages... messages) {
+  for (int i = 0; i < many; ++i) (node.publish(messages), ...);
+}
+
+// What a killed recorder leaves behind: readers that acknowledge nothing, until their lease ends. Fast DDS 2.9 by
+// itself hangs in one of some hundred deletions of their writers.
+TEST(FastDds, AServiceEndsThoughItsRecorderDoesNotAnswer) {
+  constexpr int kRounds = 30, kDomain = 213;
+  const Folder folder;
+  const Service recorder({CITYLEARN_RECORDER_PROCESS, "fastdds", std::to_string(kDomain), folder / "dashboard.sqlite"},
+                         folder / "recorder.log");
+  ASSERT_TRUE(recorder.says("records", kLong)) << recorder.output();
+  for (int round = 0; round < kRounds; ++round) {
+    recorder.send(SIGCONT);
+    Node::Options options;
+    options.middleware.name = "fastdds";
+    options.middleware.domain = kDomain;
+    options.service = "env_service";
+    options.id = "env-summer";
+    Node node(options);
+    const Clock::time_point deadline = Clock::now() + kLong;
+    const auto matched = [&] {
+      return node.readers<msg::EpisodeStat>() > 0 && node.readers<msg::TrainingStat>() > 0 &&
+             node.readers<msg::TraversalInfo>() > 0 && node.readers<msg::RunInfo>() > 0;
+    };
+    while (!matched() && Clock::now() < deadline) node.wait(Clock::now() + std::chrono::milliseconds(10));
+    ASSERT_TRUE(matched());
+    recorder.send(SIGSTOP);
+    publish_each(node, 256, episode(1), training_stat(1), traversal_info(), run_info());
   }
 }
 
