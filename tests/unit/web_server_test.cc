@@ -124,7 +124,7 @@ TEST(AccessToken, IsMadeOnceAndOnlyForItsOwner) {
     EXPECT_TRUE(one->knows({"", "", "bearer " + token, ""}));
   }
   for (const std::string& wrong : {std::string(), std::string("Bearer "), "Bearer " + token.substr(1), "Basic " + token,
-                                  token, "Bearer " + token + "0", "Bearer  " + token})
+                                   token, "Bearer " + token + "0", "Bearer  " + token})
     EXPECT_FALSE(access.knows({"", "", wrong, ""})) << wrong;
 }
 
