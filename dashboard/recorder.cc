@@ -238,10 +238,12 @@ void Recorder::ask() {
 
 void Recorder::finish(bool leave) {
   const Clock::time_point deadline = Clock::now() + kIdle;
-  do {
+  bool more = true;
+  while (more && !failing_ && Clock::now() < deadline) {
     take();
+    more = !episodes_.empty();
     commit();
-  } while (!failing_ && Clock::now() < deadline && node_.wait(Clock::now()));
+  }
   attempt([&] { store_.flush(true); });
   if (!leave) return;
   for (const Sender& environment : environments_) attempt([&] { acknowledge(environment, true); });
