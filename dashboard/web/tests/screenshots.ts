@@ -7,7 +7,7 @@ import { ARGS, executable, PAGES } from './chromium';
 // npm run screenshots [-- FOLDER [WIDTHxHEIGHT ...]]: a picture of each page, light and dark. CITYLEARN_DASHBOARD is the address of the
 // dashboard that they are taken of; without it, the built page before the mock.
 const [folder = '../../docs/pictures/dashboard', ...sizes] = process.argv.slice(2).filter((arg) => arg !== '--');
-const MOST = 150_000; // bytes of a picture
+const MOST = 300_000; // bytes of a picture
 
 type Places = Record<(typeof PAGES)[number], string>;
 const MOCKED: Places = {
