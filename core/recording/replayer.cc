@@ -92,6 +92,7 @@ void Replayer::on_acknowledgement() {
     episodes.marks.erase(recorder);
   } else {
     std::uint64_t& mark = episodes.marks[recorder];
+    if (message.episode() > mark) episodes.given_up = false;
     mark = std::max(mark, message.episode());
   }
   std::uint64_t least = ~std::uint64_t{0};
@@ -127,6 +128,7 @@ void Replayer::send_again(Clock::time_point now) {
                                    "' and is not waited for any more");
       episodes.marks.clear();
       episodes.waiting.clear();
+      episodes.given_up = true;
       continue;
     }
     for (std::size_t i = 0; i < std::min(episodes.waiting.size(), kAgainAtOnce); ++i) {
@@ -220,10 +222,11 @@ bool Replayer::must_wait(Voice& voice, Clock::time_point now) {
   if (!voice.awaited) {
     // Of what every reader needs, only so much is kept for one that comes late.
     const bool counts = voice.topic->profile == Profile::kDurable || voice.topic->profile == Profile::kCommand;
-    const bool heard = voice.publisher->matched() > 0;
-    if (counts && !heard && !unheard_[voice.topic->name]) {
-      if (now - voice.made < kPatience) return true;
-      unheard_[voice.topic->name] = true;
+    const std::string& topic = voice.topic->name;
+    if (voice.publisher->matched() > 0) {
+      heard_.insert(topic);
+    } else if (counts && now - (heard_.contains(topic) ? voice.made : *begun_) < kPatience) {
+      return true;
     }
     voice.awaited = true;
   }
@@ -255,7 +258,7 @@ void Replayer::play(Voice& voice) {
       Episodes& episodes = episodes_[next_->sender];
       episodes.voice = &voice;
       // Where nobody ever acknowledges, nobody is waited for.
-      if (!acknowledged_ && now - *first_episode_ > kPatience) return;
+      if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kPatience)) return;
       if (episodes.waiting.empty()) {
         episodes.progress = now;
         episodes.again = now + kAgain;
@@ -300,6 +303,7 @@ bool Replayer::turn() {
       return true;
     }
     Voice& to = voice(*next_->topic, next_->sender);
+    if (!begun_) begun_ = now;
     if (must_wait(to, now)) {
       if (!held_since_) held_since_ = now;
       due_ = now + kGlance;

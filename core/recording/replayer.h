@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -68,6 +69,7 @@ class Replayer {
     std::map<std::string, std::uint64_t> marks;           // of recorders
     Clock::time_point progress, again;
     Voice* voice = nullptr;
+    bool given_up = false;  // nobody acknowledged for long
   };
   struct Next {
     const Topic* topic = nullptr;
@@ -103,9 +105,10 @@ class Replayer {
   std::uint64_t last_time_ = 0;             // likewise
   std::optional<Clock::time_point> begin_;  // when first_time_ is, or would have been
   std::optional<Clock::time_point> held_since_;
+  std::optional<Clock::time_point> begun_;  // the first message was to be played
 
   std::map<std::tuple<std::string, std::string, std::uint64_t>, Voice> voices_;  // by topic and sender
-  std::map<std::string, bool> unheard_;                                          // topics that nobody listened to
+  std::set<std::string> heard_;                                                  // topics that somebody listens to
   std::map<Key, Episodes> episodes_;
   std::optional<Clock::time_point> first_episode_;
   bool acknowledged_ = false;                                         // by somebody, ever

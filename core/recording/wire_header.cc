@@ -82,6 +82,7 @@ bool with_run(std::span<const std::byte> message, const std::string& run, Bytes&
   walk.align(sizeof(std::uint64_t));
   const std::size_t rest = walk.at();
   walk.number<std::uint64_t>();
+  walk.number<std::uint64_t>();
   if (!walk.good() || run.size() > kLongest) return false;
   to.assign(message.begin(), message.begin() + static_cast<std::ptrdiff_t>(first));
   append(to, run, walk.little());
