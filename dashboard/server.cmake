@@ -12,5 +12,5 @@ target_link_libraries(citylearn_web_server
   PUBLIC citylearn_dashboard
   PRIVATE citylearn_warnings Boost::headers OpenSSL::SSL OpenSSL::Crypto Threads::Threads)
 
-add_executable(dashboard main.cc)
-target_link_libraries(dashboard PRIVATE citylearn_web_server citylearn_warnings)
+add_executable(dashboard main.cc playback.cc)
+target_link_libraries(dashboard PRIVATE citylearn_web_server citylearn_recording citylearn_warnings)

@@ -1,6 +1,8 @@
 #include "core/recording/replayer.h"
 
 #include <algorithm>
+#include <charconv>
+#include <cmath>
 
 #include "core/recording/wire_header.h"
 
@@ -51,6 +53,15 @@ std::vector<std::string> watched_topics() {
           topic_of<msg::MapChunk>().name,      topic_of<msg::ImageChunk>().name};
 }
 
+double replay_speed(const std::string& text) {
+  if (text == "max") return 0;
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value) || value <= 0)
+    throw Error("is neither a number above 0 nor max", "--speed " + text);
+  return value;
+}
+
 Replayer::Replayer(Middleware& middleware, const ReplayOptions& options)
     : middleware_(middleware), options_(options), all_(all_topics()) {
   if (options_.files.empty()) throw Error("there is nothing to be replayed", "", "name a recording");
@@ -63,6 +74,7 @@ Replayer::Replayer(Middleware& middleware, const ReplayOptions& options)
   for (const std::string& file : options_.files) McapReader check(file);
   acknowledgements_ = middleware_.create_subscription(topic_of<msg::EpisodeAcknowledgement>());
   requests_ = middleware_.create_subscription(topic_of<msg::TrainingStatRequest>());
+  map_requests_ = middleware_.create_subscription(topic_of<msg::MapRequest>());
   due_ = quiet_since_ = next_state_ = Clock::now();
 }
 
@@ -78,6 +90,7 @@ void Replayer::hear() {
   };
   take(*acknowledgements_, [this] { on_acknowledgement(); });
   take(*requests_, [this] { on_request(); });
+  take(*map_requests_, [this] { on_map_request(); });
 }
 
 void Replayer::on_acknowledgement() {
@@ -116,6 +129,15 @@ void Replayer::on_request() {
     ++figures_.repeated;
   }
   quiet_since_ = Clock::now();
+}
+
+void Replayer::on_map_request() {
+  msg::MapRequest message;
+  decode(std::span<const std::byte>(taken_), message);
+  const auto map = maps_.find({message.environment().c_str(), message.hash(), message.first()});
+  if (map == maps_.end()) return;
+  map->second.first->publisher->publish(map->second.second);
+  ++figures_.repeated;
 }
 
 void Replayer::send_again(Clock::time_point now) {
@@ -267,6 +289,9 @@ void Replayer::play(Voice& voice) {
     } else if (is(*voice.topic, topic_of<msg::TrainingStat>())) {
       decode(bytes, stat_);
       stats_[{next_->sender.first, next_->sender.second, stat_.job()}][stat_.update()] = bytes_;
+    } else if (is(*voice.topic, topic_of<msg::MapChunk>())) {
+      decode(bytes, map_);
+      maps_[{next_->sender.first, map_.hash(), map_.first()}] = {&voice, bytes_};
     } else if (is(*voice.topic, topic_of<msg::RunInfo>())) {
       voice.last = bytes_;
     }

@@ -28,10 +28,14 @@ struct ReplayOptions {
 /// them.
 std::vector<std::string> watched_topics();
 
+/// ReplayOptions::speed as people write it: a number above 0, or max. Throws Error when it is neither.
+double replay_speed(const std::string& text);
+
 /// Plays recordings into a middleware: the recorded bytes on their topics, each sender with writers of its own, in the
 /// order and at the distance in time in which they came. Does what a recorder of episodes and statistics expects of
 /// their senders, so that it gets all of them at any speed: waits for its acknowledgements of episodes, sends them
-/// again, sends TrainingStats again when asked (idl/episode.idl, idl/training.idl). Used by one thread.
+/// again, sends TrainingStats and maps again when asked (idl/episode.idl, idl/training.idl, idl/scene.idl). Used by one
+/// thread.
 class Replayer {
  public:
   /// `middleware` must outlive it. Throws Error when a file is none, or a topic is unknown.
@@ -87,6 +91,7 @@ class Replayer {
   void hear();
   void on_acknowledgement();
   void on_request();
+  void on_map_request();
   void send_again(Clock::time_point now);
   bool settled(Clock::time_point now);
 
@@ -94,7 +99,7 @@ class Replayer {
   const ReplayOptions options_;
   std::map<std::string, const Topic*> topics_;  // to be played
   std::vector<Topic> all_;
-  std::unique_ptr<Subscription> acknowledgements_, requests_;
+  std::unique_ptr<Subscription> acknowledgements_, requests_, map_requests_;
 
   std::size_t files_opened_ = 0;
   std::unique_ptr<McapReader> reader_;
@@ -115,12 +120,16 @@ class Replayer {
   using Job = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, job
   std::map<Job, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
 
+  using Map = std::tuple<std::string, std::uint64_t, std::uint32_t>;  // env_service, hash, first
+  std::map<Map, std::pair<Voice*, Bytes>> maps_;                      // played
+
   Clock::time_point due_, quiet_since_, next_state_;
   std::optional<Clock::time_point> over_;
   Figures figures_;
   Bytes taken_;
   msg::EpisodeStat episode_;
   msg::TrainingStat stat_;
+  msg::MapChunk map_;
 };
 
 }  // namespace citylearn

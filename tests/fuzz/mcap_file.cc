@@ -1,9 +1,6 @@
 #include <fstream>
-#include <memory>
-#include <set>
 
 #include "core/recording/mcap.h"
-#include "core/recording/replayer.h"
 #include "core/recording/wire_header.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/service.h"

@@ -2,8 +2,6 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
-#include <charconv>
-#include <cmath>
 #include <cstdio>
 
 #include "core/recording/replayer.h"
@@ -43,18 +41,9 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.get_option("--run")->description("Run in which all that is said");
 }
 
-double speed_of(const std::string& text) {
-  if (text == "max") return 0;
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value) || value <= 0)
-    throw Error("is neither a number above 0 nor max", "--speed " + text);
-  return value;
-}
-
 int replay(CommandLine& line) {
   if (line.node.run != kAsRecorded) line.replay.run = line.node.run;
-  line.replay.speed = speed_of(line.speed);
+  line.replay.speed = replay_speed(line.speed);
   line.node.middleware.participant = line.node.id;
   const std::unique_ptr<Middleware> middleware = create_middleware(line.node.middleware);
   Replayer replayer(*middleware, line.replay);
@@ -76,7 +65,7 @@ int replay_to_learner(CommandLine& line) {
   Node node(line.node);
   TrajectoryReplay replay(node, line.replay.files);
   while (!stop_requested() && replay.turn()) node.wait(replay.due());
-  std::printf("%llu trajectories learned from%s\n", static_cast<unsigned long long>(replay.acknowledged()),
+  std::printf("%llu trajectories taken in%s\n", static_cast<unsigned long long>(replay.acknowledged()),
               replay.learner_ended() ? "; the learner has ended" : "");
   return 0;
 }
