@@ -180,6 +180,38 @@ TEST(Replay, TakesTheTimeThatItTook) {
   EXPECT_GE(seconds(1), 1.0);
 }
 
+TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
+  const Folder folder;
+  msg::MapChunk map;
+  sign(map.header(), "env-summer", 7);
+  map.hash(0xABC);
+  map.frames(2);
+  map.position({1.5f, 2.5f});
+  {
+    Tape tape(folder / "a.mcap");
+    tape.say(map, kStart);
+    tape.writer.close();
+  }
+  const auto wire = middleware(37);
+  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  ASSERT_TRUE(play(*wire, replayer));
+  Node node(Watcher::options(37));
+  node.listen<msg::MapChunk>();
+  msg::MapChunk taken;
+  while (node.take(taken)) continue;  // kept for late joiners
+  msg::MapRequest request;
+  request.environment("env-summer");
+  request.hash(0xABD);
+  node.publish(request);
+  replayer.turn();
+  EXPECT_FALSE(node.take(taken)) << "of another traversal there is none";
+  request.hash(0xABC);
+  node.publish(request);
+  replayer.turn();
+  ASSERT_TRUE(node.take(taken));
+  EXPECT_EQ(taken.position(), map.position());
+}
+
 TEST(Replay, TellsWhatItLeavesOut) {
   const Folder folder;
   {
