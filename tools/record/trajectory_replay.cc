@@ -11,6 +11,7 @@ using std::chrono::milliseconds;
 using std::chrono::seconds;
 
 constexpr std::uint64_t kOnTheWay = 32;  // half of what a writer keeps
+constexpr std::uint64_t kAgainAtOnce = 8;
 constexpr milliseconds kAgain{200};
 constexpr seconds kStatus{1};
 constexpr seconds kPatience{30};  // an update may be long
@@ -114,8 +115,10 @@ void TrajectoryReplay::send() {
   while (sent_ < until && (sent_ < number_ || fetch())) publish(++sent_);
   const Clock::time_point now = Clock::now();
   if (sent_ <= acknowledged_ || now < again_) return;
-  publish(acknowledged_ + 1);
-  ++node_.traffic.resent;
+  for (std::uint64_t number = acknowledged_ + 1; number <= std::min(sent_, acknowledged_ + kAgainAtOnce); ++number) {
+    publish(number);
+    ++node_.traffic.resent;
+  }
   again_ = now + kAgain;
 }
 
