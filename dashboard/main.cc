@@ -1,3 +1,4 @@
+#include <spdlog/spdlog.h>
 #include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
@@ -5,10 +6,12 @@
 #include <atomic>
 #include <filesystem>
 #include <iostream>
+#include <optional>
 
 #include "core/service.h"
 #include "dashboard/api.h"
 #include "dashboard/live.h"
+#include "dashboard/playback.h"
 #include "dashboard/recorder.h"
 #include "dashboard/runs_feed.h"
 #include "dashboard/server.h"
@@ -23,6 +26,9 @@ struct CommandLine {
   ServerOptions server;
   std::vector<std::string> allow_hosts;
   std::string store = "runs/dashboard.sqlite";
+  CLI::Option* store_option = nullptr;
+  std::vector<std::string> open;
+  std::string speed = "1";
   std::string recognition;
   bool leave = false;
   Node::Options node;
@@ -53,7 +59,15 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--tls-cert", server.tls_certificate, "Certificate chain, PEM: HTTPS instead of HTTP")->group(group);
   app.add_option("--tls-key", server.tls_key, "Its key, PEM")->group(group);
   const std::string records = "Records";
-  app.add_option("--store", line.store, "File with all that is recorded; made where it is not there")
+  line.store_option =
+      app.add_option("--store", line.store, "File with all that is recorded; made where it is not there")
+          ->capture_default_str()
+          ->group(records);
+  app.add_option("--open", line.open,
+                 "Show recordings (./run record) instead of what runs; without --store nothing of them is kept")
+      ->type_name("FILE.mcap ...")
+      ->group(records);
+  app.add_option("--speed", line.speed, "Of recordings: times as fast as it was; max: as fast as it can be recorded")
       ->capture_default_str()
       ->group(records);
   app.add_option("--recognition", line.recognition, "Folder of place-recognition results, as `./run vpr` writes them")
@@ -103,6 +117,13 @@ int serve(CommandLine& line) {
   line.server.allow_hosts.insert(line.allow_hosts.begin(), line.allow_hosts.end());
   if (line.node.run == kAllRuns) line.node.run.clear();  // as the node says it
   allow_many_files();
+  std::optional<TemporaryFolder> temporary;
+  std::optional<Playback> playback;
+  if (!line.open.empty()) {
+    line.node.middleware.name = "inprocess";
+    if (line.store_option->count() == 0) line.store = temporary.emplace().path() + "/dashboard.sqlite";
+    playback.emplace(line.node.middleware.domain, ReplayOptions{line.open, replay_speed(line.speed), {}, ""});
+  }
   const std::unique_ptr<Store> store = open_store(line.store);
   Node node(line.node);  // before the server: its sockets then have low numbers, whatever clients do
   ClientHub hub;
@@ -132,6 +153,16 @@ int serve(CommandLine& line) {
     hand_on(node, stat, recorder, live);
     recorder.turn();
     live.turn();
+    for (const std::string& news : playback ? playback->news() : std::vector<std::string>()) {
+      const Event event{now_seconds(), "", line.node.id, "recording", news};
+      spdlog::info("{}", news);
+      live.show(event);
+      try {
+        store->record(event);
+      } catch (const Error& error) {
+        spdlog::error("{}", error.what());
+      }
+    }
     recorded = recorder.recorded();
     failing = recorder.failing();
     node.wait(std::min({recorder.due(), live.due(), Clock::now() + std::chrono::milliseconds(50)}));

@@ -16,5 +16,5 @@ if(CMAKE_CXX_FLAGS MATCHES "undefined")
   set_source_files_properties(session.cc PROPERTIES COMPILE_OPTIONS -fno-sanitize=undefined)
 endif()
 
-add_executable(dashboard main.cc)
-target_link_libraries(dashboard PRIVATE citylearn_web_server citylearn_warnings)
+add_executable(dashboard main.cc playback.cc)
+target_link_libraries(dashboard PRIVATE citylearn_web_server citylearn_recording citylearn_warnings)

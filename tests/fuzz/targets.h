@@ -30,6 +30,8 @@ bool picture(Input input);
 /// What encoders read beside pictures; the first byte chooses: a reduction, the head of NetVLAD, the frame of an ONNX
 /// model (the model itself is OpenCV's to read).
 bool encoder_file(Input input);
+/// A recording: all its messages, their headers, and those changed to another run. Taken when it is whole.
+bool mcap_file(Input input);
 
 struct Target {
   std::string_view name;
@@ -38,6 +40,7 @@ struct Target {
 inline constexpr Target kTargets[] = {
     {"features_csv", features_csv},   {"text_table", text_table}, {"dataset_folder", dataset_folder},
     {"feature_store", feature_store}, {"picture", picture},       {"encoder_file", encoder_file},
+    {"mcap_file", mcap_file},
 };
 
 /// Ends the process when something does not hold.

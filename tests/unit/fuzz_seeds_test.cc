@@ -34,6 +34,8 @@ const std::set<std::string> kRefused = {
     "dataset_folder/plain-loose-images",
     "dataset_folder/bdd",
     "dataset_folder/plain-conflict",
+    "mcap_file/cut-short",
+    "mcap_file/compressed",
 };
 
 TEST(FuzzSeeds, EachTargetTakesItsSeedsOrRefusesThem) {

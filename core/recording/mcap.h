@@ -1,0 +1,136 @@
+#pragma once
+
+#include <cstdint>
+#include <fstream>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "core/middleware.h"
+
+namespace citylearn {
+
+// Files of MCAP (https://mcap.dev/spec, version 0): messages of several channels, each with a schema, in chunks that
+// are whole or not there. Knows bytes and names, no message of ours. Times are nanoseconds since 1970.
+
+using McapMetadata = std::map<std::string, std::string>;
+
+/// A channel and its schema.
+struct McapChannel {
+  std::string topic;
+  std::string type;             ///< the schema's name: "citylearn::msg::Action"
+  std::string schema_encoding;  ///< "omgidl"
+  std::string schema;           ///< text of it
+  std::string encoding;         ///< of messages: "cdr"
+  McapMetadata metadata = {};
+};
+
+/// Writes one file. What was flushed survives the end of this process, whatever ends it.
+class McapWriter {
+ public:
+  struct Options {
+    std::string library;                              ///< who writes
+    McapMetadata about;                               ///< kept as the metadata "recording"
+    std::size_t chunk_bytes = 1 << 20;                ///< a chunk is written when it has so many
+    std::uint64_t chunk_nanoseconds = 1'000'000'000;  ///< or spans so much time
+  };
+  /// Throws Error naming the file when it is there already or cannot be made; so do all others when it cannot be
+  /// written (disk full).
+  McapWriter(const std::string& path, const Options& options);
+  /// Without close(): what is not flushed is lost, and there is no summary.
+  ~McapWriter();
+  McapWriter(const McapWriter&) = delete;
+  McapWriter& operator=(const McapWriter&) = delete;
+
+  /// Number of the channel.
+  std::uint16_t add(const McapChannel& channel);
+  void write(std::uint16_t channel, std::uint64_t time, std::span<const std::byte> data);
+  /// Writes the chunk that is being filled.
+  void flush();
+  /// Time since which something waits to be flushed; 0: nothing does.
+  std::uint64_t waiting_since() const { return chunk_.empty() ? 0 : chunk_first_; }
+  /// Writes all that is left and the summary. Nothing can be written afterwards.
+  void close();
+
+  std::uint64_t bytes() const { return at_ + chunk_.size(); }
+
+ private:
+  using Index = std::vector<std::pair<std::uint64_t, std::uint64_t>>;  // time, offset in the chunk
+  struct Channel {
+    std::uint32_t written = 0;
+    Index index;  // of the chunk that is being filled
+  };
+  struct Chunk {
+    std::uint64_t first, last, start, length, index_length, size;
+    std::map<std::uint16_t, std::uint64_t> indexes;
+  };
+  void put(std::string_view bytes);
+
+  const std::string path_;
+  const Options options_;
+  int file_ = -1;
+  std::uint64_t at_ = 0;                          // bytes in the file
+  std::uint32_t crc_ = 0;                         // of them
+  std::string schema_records_, channel_records_;  // for the summary
+  std::vector<Channel> channels_;                 // number - 1
+  std::string chunk_;                             // records
+  std::uint64_t chunk_first_ = 0, chunk_last_ = 0;
+  std::vector<Chunk> chunks_;
+};
+
+struct McapMessage {
+  const McapChannel* channel = nullptr;  ///< lives as long as the reader
+  std::uint32_t sequence = 0;
+  std::uint64_t log_time = 0;
+  std::span<const std::byte> data;  ///< until the next call
+};
+
+/// Reads a file from its beginning to its end, chunk by chunk, without looking at its indexes: so one that was cut
+/// short is read up to there.
+class McapReader {
+ public:
+  /// Throws Error naming the file when it cannot be read or is no MCAP file.
+  explicit McapReader(const std::string& path);
+
+  /// The next message; nothing at the end. Throws Error naming the file and the byte where it is damaged: a wrong
+  /// checksum, a record that ends beyond its place, a channel that was not announced, a compression.
+  std::optional<McapMessage> next();
+
+  /// Said after the end: what is missing there ("cut short after 12345 bytes"); empty when the file is whole.
+  const std::string& missing() const { return missing_; }
+  const std::string& path() const { return path_; }
+  /// Of all metadata records so far, by name.
+  const std::map<std::string, McapMetadata>& metadata() const { return metadata_; }
+
+ private:
+  struct Schema {
+    std::string name, encoding, data;
+  };
+  bool read_record();
+  void cut_short();
+  void take_chunk(std::string_view content);
+  void take_schema(std::string_view content);
+  void take_channel(std::string_view content);
+  McapMessage message(std::string_view content) const;
+  [[noreturn]] void fail(const std::string& what, const std::string& remedy = "") const;
+
+  const std::string path_;
+  std::ifstream file_;
+  std::uint64_t size_ = 0, at_ = 0;  // bytes of the file, and of those before the next record
+  std::uint64_t record_ = 0;         // where the present one begins
+  unsigned char opcode_ = 0;
+  std::string content_;  // of the present record
+  std::string chunk_;
+  std::size_t chunk_at_ = 0;
+  bool ended_ = false;
+  std::string missing_;
+  std::map<std::uint16_t, Schema> schemas_;
+  std::map<std::uint16_t, McapChannel> channels_;
+  std::map<std::string, McapMetadata> metadata_;
+};
+
+}  // namespace citylearn

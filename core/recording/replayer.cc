@@ -1,0 +1,349 @@
+#include "core/recording/replayer.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "core/recording/wire_header.h"
+
+namespace citylearn {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::nanoseconds;
+
+constexpr int kAtOnce = 256;  // messages of a turn
+
+// A writer keeps few messages for readers that are behind (core/middleware.h). So it is given time: these many of them
+// within kPeriod, half of what it keeps.
+constexpr milliseconds kPeriod{20};
+int most_in_period(Profile profile) {
+  switch (profile) {
+    case Profile::kStream:
+      return 8;
+    case Profile::kState:
+      return kAtOnce;  // the newest alone counts
+    case Profile::kCommand:
+      return 32;
+    case Profile::kDurable:
+      return 128;
+  }
+  return 1;
+}
+
+constexpr std::size_t kUnacknowledged = 128;  // episodes of an env_service
+constexpr std::size_t kAgainAtOnce = 32;
+constexpr milliseconds kAgain{300};
+constexpr milliseconds kPatience{2000};  // with readers that do not come and recorders that do not answer
+constexpr milliseconds kQuiet{1500};     // nobody asks: a recorder asks again after a second
+constexpr milliseconds kStateAgain{1000};
+constexpr milliseconds kLongestEnd{30000};
+constexpr milliseconds kGlance{5};
+constexpr std::size_t kMostVoices = 4096;
+constexpr double kLongestWait = 1e18;                  // nanoseconds: what the clock bears
+constexpr std::uint64_t kLongestGap = 10'000'000'000;  // nanoseconds between two files
+
+bool is(const Topic& topic, const Topic& other) { return topic.name == other.name; }
+
+}  // namespace
+
+std::vector<std::string> watched_topics() {
+  return {topic_of<msg::ServiceStatus>().name, topic_of<msg::TraversalInfo>().name, topic_of<msg::RunInfo>().name,
+          topic_of<msg::TrainingStat>().name,  topic_of<msg::EpisodeStat>().name,   topic_of<msg::Scene>().name,
+          topic_of<msg::MapChunk>().name,      topic_of<msg::ImageChunk>().name};
+}
+
+double replay_speed(const std::string& text) {
+  if (text == "max") return 0;
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value) || value <= 0)
+    throw Error("is neither a number above 0 nor max", "--speed " + text);
+  return value;
+}
+
+Replayer::Replayer(Middleware& middleware, const ReplayOptions& options)
+    : middleware_(middleware), options_(options), all_(all_topics()) {
+  if (options_.files.empty()) throw Error("there is nothing to be replayed", "", "name a recording");
+  for (const std::string& given : options_.topics.empty() ? watched_topics() : options_.topics) {
+    const std::string name = given.starts_with("citylearn/") ? given : "citylearn/" + given;
+    const auto known = std::find_if(all_.begin(), all_.end(), [&](const Topic& topic) { return topic.name == name; });
+    if (known == all_.end()) throw Error("there is no such topic", "--topics " + given, "idl/ has them all");
+    topics_[name] = &*known;
+  }
+  for (const std::string& file : options_.files) McapReader check(file);
+  acknowledgements_ = middleware_.create_subscription(topic_of<msg::EpisodeAcknowledgement>());
+  requests_ = middleware_.create_subscription(topic_of<msg::TrainingStatRequest>());
+  map_requests_ = middleware_.create_subscription(topic_of<msg::MapRequest>());
+  due_ = quiet_since_ = next_state_ = Clock::now();
+}
+
+// What comes.
+
+void Replayer::hear() {
+  const auto take = [this](Subscription& from, auto handle) {
+    while (from.take(taken_)) try {
+        handle();
+      } catch (const Error&) {
+        continue;  // not for us, then
+      }
+  };
+  take(*acknowledgements_, [this] { on_acknowledgement(); });
+  take(*requests_, [this] { on_request(); });
+  take(*map_requests_, [this] { on_map_request(); });
+}
+
+void Replayer::on_acknowledgement() {
+  msg::EpisodeAcknowledgement message;
+  decode(std::span<const std::byte>(taken_), message);
+  const auto found = episodes_.find({message.environment().c_str(), message.environment_incarnation()});
+  acknowledged_ = true;
+  if (found == episodes_.end()) return;
+  Episodes& episodes = found->second;
+  const std::string recorder = message.header().sender().c_str();
+  if (message.leaving()) {
+    episodes.marks.erase(recorder);
+  } else {
+    std::uint64_t& mark = episodes.marks[recorder];
+    if (message.episode() > mark) episodes.given_up = false;
+    mark = std::max(mark, message.episode());
+  }
+  std::uint64_t least = ~std::uint64_t{0};
+  for (const auto& [id, mark] : episodes.marks) least = std::min(least, mark);
+  if (std::erase_if(episodes.waiting, [&](const auto& entry) { return entry.first <= least; }) == 0) return;
+  episodes.progress = quiet_since_ = Clock::now();
+  episodes.again = episodes.progress + kAgain;
+}
+
+void Replayer::on_request() {
+  msg::TrainingStatRequest message;
+  decode(std::span<const std::byte>(taken_), message);
+  const Key sender{message.policy().c_str(), message.policy_incarnation()};
+  const auto played = stats_.find({sender.first, sender.second, message.job()});
+  if (played == stats_.end()) return;
+  Voice& to = voice(topic_of<msg::TrainingStat>(), sender);
+  auto stat = played->second.lower_bound(message.first());
+  for (std::uint32_t sent = 0; sent < msg::MAX_STATS_ASKED; ++sent, ++stat) {
+    if (stat == played->second.end() || stat->first > message.last()) break;
+    to.publisher->publish(stat->second);
+    ++figures_.repeated;
+  }
+  quiet_since_ = Clock::now();
+}
+
+void Replayer::on_map_request() {
+  msg::MapRequest message;
+  decode(std::span<const std::byte>(taken_), message);
+  const auto map = maps_.find({message.environment().c_str(), message.hash(), message.first()});
+  if (map == maps_.end()) return;
+  map->second.first->publisher->publish(map->second.second);
+  ++figures_.repeated;
+}
+
+void Replayer::send_again(Clock::time_point now) {
+  for (auto& [sender, episodes] : episodes_) {
+    if (episodes.waiting.empty() || now < episodes.again) continue;
+    if (now - episodes.progress >= kPatience) {
+      if (!episodes.marks.empty())
+        figures_.remarks.push_back("'" + episodes.marks.begin()->first + "' has not recorded episode " +
+                                   std::to_string(episodes.waiting.front().first) + " of '" + sender.first +
+                                   "' and is not waited for any more");
+      episodes.marks.clear();
+      episodes.waiting.clear();
+      episodes.given_up = true;
+      continue;
+    }
+    for (std::size_t i = 0; i < std::min(episodes.waiting.size(), kAgainAtOnce); ++i) {
+      episodes.voice->publisher->publish(episodes.waiting[i].second);
+      ++figures_.repeated;
+    }
+    episodes.again = now + kAgain;
+  }
+}
+
+// What goes out.
+
+/// The next file; false when there is none.
+bool Replayer::open() {
+  if (reader_ && !reader_->missing().empty()) figures_.remarks.push_back(reader_->path() + ": " + reader_->missing());
+  reader_.reset();
+  if (files_opened_ == options_.files.size()) return false;
+  reader_ = std::make_unique<McapReader>(options_.files[files_opened_++]);
+  fresh_ = true;
+  return true;
+}
+
+/// When a message that came at `time` is to be played; in the order of the recording.
+Clock::time_point Replayer::due_time(std::uint64_t time) {
+  if (!begin_) {
+    begin_ = Clock::now();
+    first_time_ = last_time_ = time;
+  }
+  if (fresh_ && (time < last_time_ || time - last_time_ > kLongestGap))
+    first_time_ += time - last_time_;  // another recording, not the next part of this one: it follows at once
+  else if (time > last_time_)
+    figures_.seconds += 1e-9 * static_cast<double>(time - last_time_);
+  fresh_ = false;
+  last_time_ = time;
+  const auto after = static_cast<double>(static_cast<std::int64_t>(time - first_time_));
+  if (options_.speed <= 0 || after <= 0) return *begin_;
+  return *begin_ + nanoseconds(static_cast<std::int64_t>(std::min(after / options_.speed, kLongestWait)));
+}
+
+/// The next message that is to be played, into next_ and bytes_; false when there is none.
+bool Replayer::fetch() {
+  while (true) {
+    if (!reader_ && !open()) return false;
+    std::optional<McapMessage> message;
+    while ((message = reader_->next())) {
+      const McapChannel& channel = *message->channel;
+      const auto topic = topics_.find(channel.topic);
+      if (topic == topics_.end()) {
+        if (!channel.topic.starts_with("citylearn/")) ++figures_.skipped["topic " + channel.topic + " is none of ours"];
+        continue;
+      }
+      if (channel.encoding != "cdr" || channel.type != topic->second->type) {
+        ++figures_.skipped["topic " + channel.topic + " has '" + channel.type + "' as '" + channel.encoding +
+                           "' instead of '" + topic->second->type + "' as 'cdr'"];
+        continue;
+      }
+      const auto header = header_of(message->data);
+      if (!header || message->data.size() > topic->second->largest) {
+        ++figures_.skipped["topic " + channel.topic + ": not readable"];
+        continue;
+      }
+      if (header->protocol != msg::PROTOCOL) {
+        ++figures_
+              .skipped["of protocol " + std::to_string(header->protocol) + ", not " + std::to_string(msg::PROTOCOL)];
+        continue;
+      }
+      if (options_.run.empty() || !with_run(message->data, options_.run, bytes_))
+        bytes_.assign(message->data.begin(), message->data.end());
+      next_ = Next{topic->second, {header->sender, header->incarnation}, due_time(message->log_time)};
+      return true;
+    }
+    if (!open()) return false;
+  }
+}
+
+Replayer::Voice& Replayer::voice(const Topic& topic, const Key& sender) {
+  auto key = std::make_tuple(topic.name, sender.first, sender.second);
+  // Beyond any system that there is: the rest of a topic share a writer.
+  if (voices_.size() >= kMostVoices && !voices_.contains(key)) key = {topic.name, "", 0};
+  Voice& voice = voices_[key];
+  if (!voice.publisher) {
+    voice.topic = &topic;
+    voice.publisher = middleware_.create_publisher(topic);
+    voice.made = voice.period = Clock::now();
+  }
+  return voice;
+}
+
+/// Whether the next message would be too much for those who listen.
+bool Replayer::must_wait(Voice& voice, Clock::time_point now) {
+  if (!voice.awaited) {
+    // Of what every reader needs, only so much is kept for one that comes late.
+    const bool counts = voice.topic->profile == Profile::kDurable || voice.topic->profile == Profile::kCommand;
+    const std::string& topic = voice.topic->name;
+    if (voice.publisher->matched() > 0) {
+      heard_.insert(topic);
+    } else if (counts && now - (heard_.contains(topic) ? voice.made : *begun_) < kPatience) {
+      return true;
+    }
+    voice.awaited = true;
+  }
+  if (now - voice.period >= kPeriod) {
+    voice.period = now;
+    voice.in_period = 0;
+  }
+  if (voice.in_period >= most_in_period(voice.topic->profile)) return true;
+  if (!is(*voice.topic, topic_of<msg::EpisodeStat>())) return false;
+  const auto episodes = episodes_.find(next_->sender);
+  return episodes != episodes_.end() && episodes->second.waiting.size() >= kUnacknowledged;
+}
+
+void Replayer::publish(Voice& voice, const Bytes& bytes) {
+  voice.publisher->publish(bytes);
+  ++voice.in_period;
+  ++figures_.played[voice.topic->name];
+  figures_.bytes += bytes.size();
+}
+
+void Replayer::play(Voice& voice) {
+  publish(voice, bytes_);
+  const Clock::time_point now = Clock::now();
+  const std::span<const std::byte> bytes(bytes_);
+  try {
+    if (is(*voice.topic, topic_of<msg::EpisodeStat>())) {
+      decode(bytes, episode_);
+      if (!first_episode_) first_episode_ = now;
+      Episodes& episodes = episodes_[next_->sender];
+      episodes.voice = &voice;
+      // Where nobody ever acknowledges, nobody is waited for.
+      if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kPatience)) return;
+      if (episodes.waiting.empty()) {
+        episodes.progress = now;
+        episodes.again = now + kAgain;
+      }
+      episodes.waiting.emplace_back(episode_.episode(), bytes_);
+    } else if (is(*voice.topic, topic_of<msg::TrainingStat>())) {
+      decode(bytes, stat_);
+      stats_[{next_->sender.first, next_->sender.second, stat_.job()}][stat_.update()] = bytes_;
+    } else if (is(*voice.topic, topic_of<msg::MapChunk>())) {
+      decode(bytes, map_);
+      maps_[{next_->sender.first, map_.hash(), map_.first()}] = {&voice, bytes_};
+    } else if (is(*voice.topic, topic_of<msg::RunInfo>())) {
+      voice.last = bytes_;
+    }
+  } catch (const Error&) {
+    // Played as it is: what it was then, it is now.
+  }
+}
+
+/// After the last message: whether everybody has what there was.
+bool Replayer::settled(Clock::time_point now) {
+  if (!over_) over_ = quiet_since_ = now;
+  const bool waited_for =
+      std::any_of(episodes_.begin(), episodes_.end(), [](const auto& entry) { return !entry.second.waiting.empty(); });
+  if ((!waited_for && now - quiet_since_ >= kQuiet) || now - *over_ >= kLongestEnd) return true;
+  // A recorder asks for statistics only while it hears of the run.
+  if (now >= next_state_) {
+    next_state_ = now + kStateAgain;
+    for (auto& [key, voice] : voices_)
+      if (!voice.last.empty()) voice.publisher->publish(voice.last);
+  }
+  due_ = now + kGlance;
+  return false;
+}
+
+bool Replayer::turn() {
+  hear();
+  Clock::time_point now = Clock::now();
+  send_again(now);
+  due_ = now;  // there may be more
+  for (int played = 0; played < kAtOnce; ++played) {
+    if (!next_ && !fetch()) return !settled(now);
+    if (next_->due > now && options_.speed > 0) {
+      due_ = std::min(next_->due, now + kAgain);
+      return true;
+    }
+    Voice& to = voice(*next_->topic, next_->sender);
+    if (!begun_) begun_ = now;
+    if (must_wait(to, now)) {
+      if (!held_since_) held_since_ = now;
+      due_ = now + kGlance;
+      return true;
+    }
+    if (held_since_) {
+      // All that follows is so much later.
+      *begin_ += now - *held_since_;
+      held_since_.reset();
+    }
+    play(to);
+    next_.reset();
+    now = Clock::now();
+  }
+  return true;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,135 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "core/messages.h"
+#include "core/middleware.h"
+#include "core/recording/mcap.h"
+
+namespace citylearn {
+
+struct ReplayOptions {
+  std::vector<std::string> files;   ///< one after the other
+  double speed = 1;                 ///< times as fast as it was; 0: as fast as who listens can follow
+  std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: what those who watch hear
+  std::string run;                  ///< said in this run; empty: in the run that was recorded
+};
+
+/// Topics of ReplayOptions when none are named: what services say of themselves. Nothing that a service obeys is among
+/// them.
+std::vector<std::string> watched_topics();
+
+/// ReplayOptions::speed as people write it: a number above 0, or max. Throws Error when it is neither.
+double replay_speed(const std::string& text);
+
+/// Plays recordings into a middleware: the recorded bytes on their topics, each sender with writers of its own, in the
+/// order and at the distance in time in which they came. Does what a recorder of episodes and statistics expects of
+/// their senders, so that it gets all of them at any speed: waits for its acknowledgements of episodes, sends them
+/// again, sends TrainingStats and maps again when asked (idl/episode.idl, idl/training.idl, idl/scene.idl). Used by one
+/// thread.
+class Replayer {
+ public:
+  /// `middleware` must outlive it. Throws Error when a file is none, or a topic is unknown.
+  Replayer(Middleware& middleware, const ReplayOptions& options);
+
+  /// Plays what is due; to be called when something may have come, and at due(). False when all is played and nobody
+  /// waits for anything any more. Throws Error where a file is damaged, naming the byte; what is before it was played.
+  bool turn();
+  Clock::time_point due() const { return due_; }
+
+  struct Figures {
+    std::map<std::string, std::uint64_t> played;   ///< messages by topic
+    std::map<std::string, std::uint64_t> skipped;  ///< messages by what was wrong with them
+    std::uint64_t bytes = 0;                       ///< played
+    std::uint64_t repeated = 0;                    ///< messages sent again
+    double seconds = 0;                            ///< that the recordings last
+    std::vector<std::string> remarks;              ///< lines: a file that is cut short, a recorder that went away
+  };
+  const Figures& figures() const { return figures_; }
+
+ private:
+  using Key = std::pair<std::string, std::uint64_t>;  // sender and incarnation
+  /// One sender's writer of one topic.
+  struct Voice {
+    const Topic* topic = nullptr;
+    std::unique_ptr<Publisher> publisher;
+    Clock::time_point made, period;
+    int in_period = 0;
+    bool awaited = false;  // a reader is there, or none came
+    Bytes last;            // of RunInfo
+  };
+  /// Of one env_service: played and not acknowledged.
+  struct Episodes {
+    std::deque<std::pair<std::uint64_t, Bytes>> waiting;  // by number
+    std::map<std::string, std::uint64_t> marks;           // of recorders
+    Clock::time_point progress, again;
+    Voice* voice = nullptr;
+    bool given_up = false;  // nobody acknowledged for long
+  };
+  struct Next {
+    const Topic* topic = nullptr;
+    Key sender;
+    Clock::time_point due;
+  };
+
+  Clock::time_point due_time(std::uint64_t time);
+  bool fetch();
+  bool open();
+  Voice& voice(const Topic& topic, const Key& sender);
+  bool must_wait(Voice& voice, Clock::time_point now);
+  void play(Voice& voice);
+  void publish(Voice& voice, const Bytes& bytes);
+  void hear();
+  void on_acknowledgement();
+  void on_request();
+  void on_map_request();
+  void send_again(Clock::time_point now);
+  bool settled(Clock::time_point now);
+
+  Middleware& middleware_;
+  const ReplayOptions options_;
+  std::map<std::string, const Topic*> topics_;  // to be played
+  std::vector<Topic> all_;
+  std::unique_ptr<Subscription> acknowledgements_, requests_, map_requests_;
+
+  std::size_t files_opened_ = 0;
+  std::unique_ptr<McapReader> reader_;
+  std::optional<Next> next_;
+  Bytes bytes_;                             // of next_
+  bool fresh_ = false;                      // nothing of the file was taken yet
+  std::uint64_t first_time_ = 0;            // recorded, nanoseconds
+  std::uint64_t last_time_ = 0;             // likewise
+  std::optional<Clock::time_point> begin_;  // when first_time_ is, or would have been
+  std::optional<Clock::time_point> held_since_;
+  std::optional<Clock::time_point> begun_;  // the first message was to be played
+
+  std::map<std::tuple<std::string, std::string, std::uint64_t>, Voice> voices_;  // by topic and sender
+  std::set<std::string> heard_;                                                  // topics that somebody listens to
+  std::map<Key, Episodes> episodes_;
+  std::optional<Clock::time_point> first_episode_;
+  bool acknowledged_ = false;                                         // by somebody, ever
+  using Job = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, job
+  std::map<Job, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
+
+  using Map = std::tuple<std::string, std::uint64_t, std::uint32_t>;  // env_service, hash, first
+  std::map<Map, std::pair<Voice*, Bytes>> maps_;                      // played
+
+  Clock::time_point due_, quiet_since_, next_state_;
+  std::optional<Clock::time_point> over_;
+  Figures figures_;
+  Bytes taken_;
+  msg::EpisodeStat episode_;
+  msg::TrainingStat stat_;
+  msg::MapChunk map_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,40 @@
+#include <fstream>
+
+#include "core/recording/mcap.h"
+#include "core/recording/wire_header.h"
+#include "tests/fuzz/targets.h"
+#include "tests/support/service.h"
+
+namespace citylearn::fuzz {
+
+bool mcap_file(Input input) {
+  static const testing::Folder folder;
+  static const std::string path = folder / "x.mcap";
+  {
+    std::ofstream file(path, std::ios::binary | std::ios::trunc);
+    file.write(reinterpret_cast<const char*>(input.data()), static_cast<std::streamsize>(input.size()));
+  }
+  bool whole = false;
+  const bool good = accepted([&] {
+    McapReader reader(path);
+    std::size_t bytes = 0;
+    Bytes renamed;
+    while (const auto message = reader.next()) {
+      bytes += message->data.size() + 22;
+      require(bytes <= input.size(), "messages are within the file");
+      require(message->channel != nullptr, "a message has a channel");
+      const auto header = header_of(message->data);
+      require(header.has_value() == with_run(message->data, "another", renamed), "what has a header has a run");
+      if (!header) continue;
+      const auto again = header_of(renamed);
+      require(again && again->run == "another" && again->sender == header->sender &&
+                  again->incarnation == header->incarnation && again->message == header->message,
+              "another run changes nothing else");
+    }
+    require(!reader.next(), "the end stays the end");
+    whole = reader.missing().empty();
+  });
+  return good && whole;
+}
+
+}  // namespace citylearn::fuzz

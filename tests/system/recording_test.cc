@@ -1,0 +1,154 @@
+// Recording a run of real services, and playing it: to a recorder, to the dashboard, to a learner.
+#include <gtest/gtest.h>
+
+#include <set>
+#include <tuple>
+
+#include "dashboard/sqlite.h"
+#include "tests/support/recordings.h"
+#include "tests/support/service.h"
+#include "tests/support/trial.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::seconds;
+
+constexpr seconds kLong{120};
+
+/// All that is kept of each episode, without where and when it was put down.
+std::set<std::string> episodes_in(const std::string& path) {
+  Database database(path, Database::Mode::kRead);
+  Statement rows(
+      database,
+      "SELECT environment || ' ' || incarnation || ' ' || episode || ' ' || agent || ' ' || evaluation || ' ' "
+      "|| start || ' ' || goal || ' ' || steps || ' ' || reward || ' ' || completed || ' ' || hex(path) "
+      "FROM episodes e JOIN sources s ON s.id = e.source");
+  std::set<std::string> all;
+  while (rows.step()) EXPECT_TRUE(all.insert(rows.text(0)).second);
+  return all;
+}
+
+std::set<std::string> updates_in(const std::string& path) {
+  Database database(path, Database::Mode::kRead);
+  Statement rows(database, "SELECT key & ((1 << 40) - 1) FROM training");
+  std::set<std::string> all;
+  while (rows.step()) EXPECT_TRUE(all.insert(rows.text(0)).second);
+  return all;
+}
+
+/// Services of one domain, each with its log in the trial's folder.
+struct Wire {
+  std::string vendor;
+  int domain;
+  const Folder& folder;
+
+  std::unique_ptr<Service> recorder(const std::string& store) const {
+    auto service = std::make_unique<Service>(
+        Arguments{CITYLEARN_RECORDER_PROCESS, vendor, std::to_string(domain), folder / store}, folder / store + ".log");
+    EXPECT_TRUE(service->says("records", kLong)) << service->output();
+    return service;
+  }
+  std::unique_ptr<Service> run(const std::string& program, const std::string& log, Arguments arguments) const {
+    arguments.insert(arguments.begin(), {program, "--middleware", vendor, "--domain", std::to_string(domain)});
+    return std::make_unique<Service>(arguments, folder / log);
+  }
+};
+
+int end(Service& service, int signal = SIGTERM) {
+  service.send(signal);
+  return service.wait(kLong).value_or(-1);
+}
+
+class Vendors : public ::testing::TestWithParam<const char*> {
+ protected:
+  int domain(int test) const { return 220 + 2 * test + (std::string(GetParam()) == "fastdds" ? 0 : 1); }
+};
+INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+
+TEST_P(Vendors, AReplayedRunIsTheRun) {
+  Trial trial(GetParam(), domain(0));
+  const Wire wire{GetParam(), domain(0), trial.folder()};
+  const std::string file = trial.folder() / "run.mcap";
+  const auto record = wire.run(CITYLEARN_RECORD, "record.log", {"--output", file});
+  ASSERT_TRUE(record->says("records to", kLong)) << record->output();
+  {
+    const auto recorder = wire.recorder("original.sqlite");
+    const auto env = trial.env("summer", {"--recorders", "dashboard", "--linger", "60"});
+    const auto policy = trial.train(40, "out");
+    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    ASSERT_EQ(end(*env), 0) << env->output();
+    ASSERT_EQ(end(*recorder), 0) << recorder->output();
+  }
+  ASSERT_EQ(end(*record, SIGINT), 0) << record->output();
+  EXPECT_NE(record->output().find("citylearn/episode_stat"), std::string::npos) << record->output();
+  std::string missing = "?";
+  EXPECT_FALSE(all_of(file, &missing).empty());
+  EXPECT_EQ(missing, "");
+
+  // To the next recorder that comes: what the first one has, it has too.
+  const auto recorder = wire.recorder("replayed.sqlite");
+  const auto replay = wire.run(CITYLEARN_REPLAY, "replay.log", {file, "--speed", "max"});
+  ASSERT_EQ(replay->wait(kLong), 0) << replay->output();
+  ASSERT_EQ(end(*recorder), 0) << recorder->output();
+  const auto original = episodes_in(trial.folder() / "original.sqlite");
+  EXPECT_GT(original.size(), 50u);
+  EXPECT_EQ(episodes_in(trial.folder() / "replayed.sqlite"), original) << replay->output();
+  EXPECT_EQ(updates_in(trial.folder() / "replayed.sqlite").size(), 40u) << replay->output();
+
+  // The dashboard opens it by itself.
+  const auto dashboard =
+      wire.run(CITYLEARN_DASHBOARD, "dashboard.log",
+               {"--open", file, "--speed", "max", "--port", "0", "--store", trial.folder() / "opened.sqlite"});
+  ASSERT_TRUE(dashboard->says("the recording is over", kLong)) << dashboard->output();
+  ASSERT_EQ(end(*dashboard), 0) << dashboard->output();
+  EXPECT_EQ(episodes_in(trial.folder() / "opened.sqlite"), original) << dashboard->output();
+  EXPECT_EQ(updates_in(trial.folder() / "opened.sqlite").size(), 40u) << dashboard->output();
+}
+
+TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
+  Trial trial(GetParam(), domain(1));
+  const Wire wire{GetParam(), domain(1), trial.folder()};
+  const std::string file = trial.folder() / "run.mcap";
+  const auto record =
+      wire.run(CITYLEARN_RECORD, "record.log", {"--output", file, "--topics", "trajectory,learner_info"});
+  ASSERT_TRUE(record->says("records to", kLong)) << record->output();
+  const auto env = trial.env("summer");
+  const auto learner = [&](int updates, const std::string& output) {
+    return trial.train(updates, output, {"--role", "learner", "--trainer-agents", "8", "--learner", "vtrace"});
+  };
+  {
+    const auto first = learner(30, "first");
+    const auto actor = trial.policy({"--role", "actor", "--id", "actor"});
+    ASSERT_EQ(first->wait(kLong), 0) << first->output();
+  }
+  const auto trajectories = [&] {
+    std::size_t count = 0;
+    for (const Heard& heard : all_of(file)) count += heard.topic == "citylearn/trajectory";
+    return count;
+  };
+  // 30 updates of 8 agents; a chunk is on the disk a second after its first message.
+  ASSERT_TRUE(poll_until([&] { return trajectories() >= 240; }, kLong)) << record->output();
+  record->send(SIGKILL);
+  ASSERT_EQ(record->wait(kLong), 128 + SIGKILL);
+
+  const auto second = learner(25, "second");
+  const auto replay = wire.run(CITYLEARN_REPLAY, "replay.log", {file, "--learner"});
+  ASSERT_EQ(second->wait(kLong), 0) << second->output() << replay->output();
+  ASSERT_EQ(replay->wait(kLong), 0) << replay->output();
+  EXPECT_NE(replay->output().find("trajectories taken in"), std::string::npos) << replay->output();
+  EXPECT_NE(contents(trial.folder() / "second/summary.json").find("\"steps\": 12800"), std::string::npos)
+      << contents(trial.folder() / "second/summary.json");
+
+  // A learner for other trajectories is not what they are played to.
+  const auto other =
+      trial.train(25, "other", {"--role", "learner", "--trainer-agents", "8", "--trainer-sequence", "32"});
+  const auto wrong = wire.run(CITYLEARN_REPLAY, "wrong.log", {file, "--learner"});
+  ASSERT_EQ(wrong->wait(kLong), 1) << wrong->output() << other->output();
+  EXPECT_NE(wrong->output().find("has 64 steps a trajectory, the learner wants 32"), std::string::npos)
+      << wrong->output();
+}
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,70 @@
+// ./run record: what a run says, into MCAP files.
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "core/service.h"
+#include "tools/record/recording.h"
+
+namespace {
+
+using namespace citylearn;
+
+const std::string kAllRuns = "all";
+constexpr double kMegabyte = 1e6;
+
+struct CommandLine {
+  RecordingOptions recording;
+  double split = 0;
+  Node::Options node;
+};
+
+void add_options(CLI::App& app, CommandLine& line) {
+  const std::string group = "Recording";
+  app.add_option("--output", line.recording.output, "File to be written")
+      ->type_name("FILE.mcap")
+      ->required()
+      ->group(group);
+  app.add_option("--topics", line.recording.topics, "Of these topics alone: scene,episode_stat,... (all)")
+      ->delimiter(',')
+      ->group(group);
+  app.add_option("--split-mb", line.split, "Go on in FILE-2.mcap ... at so many megabytes; 0: one file")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e6))
+      ->group(group);
+  line.node.service = line.node.id = "record";
+  line.node.run = kAllRuns;
+  add_node_options(app, line.node);
+  app.get_option("--run")->description("Run to record, or all of the domain's");
+}
+
+int record(CommandLine& line) {
+  if (line.node.run != kAllRuns) line.recording.run = line.node.run;
+  line.recording.split = static_cast<std::uint64_t>(line.split * kMegabyte);
+  line.recording.library = "citylearn " + version();
+  line.node.middleware.participant = line.node.id;
+  const std::unique_ptr<Middleware> middleware = create_middleware(line.node.middleware);
+  Recording recording(*middleware, line.recording);
+  spdlog::info("records to {}", line.recording.output);
+  while (!stop_requested()) {
+    middleware->wait(Clock::now() + std::chrono::milliseconds(100));
+    recording.turn();
+    for (const std::string& fault : middleware->faults()) spdlog::error("{}", fault);
+  }
+  recording.close();
+  for (const auto& [topic, count] : recording.counts())
+    std::printf("%-36s %10llu messages %12.3f MB\n", topic.c_str(), static_cast<unsigned long long>(count.messages),
+                static_cast<double>(count.bytes) / kMegabyte);
+  for (const std::string& file : recording.files()) std::printf("%s\n", file.c_str());
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CommandLine line;
+  return service_main(
+      argc, argv, "Writes what the services of a run say to an MCAP file, until Ctrl-C.",
+      [&](CLI::App& app) { add_options(app, line); }, [&] { return record(line); });
+}

@@ -1,0 +1,112 @@
+#include "tools/record/recording.h"
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+
+#include "core/error.h"
+#include "core/messages.h"
+#include "core/recording/idl_text.h"
+#include "core/recording/wire_header.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::uint64_t kFlushAfter = 1'000'000'000;  // nanoseconds
+constexpr int kAtOnce = 256;                          // of a topic, before the others
+
+std::uint64_t now_nanoseconds() {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count());
+}
+
+std::string name_of(Profile profile) {
+  switch (profile) {
+    case Profile::kStream:
+      return "stream";
+    case Profile::kState:
+      return "state";
+    case Profile::kCommand:
+      return "command";
+    case Profile::kDurable:
+      return "durable";
+  }
+  return "";
+}
+
+}  // namespace
+
+Recording::Recording(Middleware& middleware, const RecordingOptions& options) : options_(options) {
+  std::set<std::string> wanted;
+  for (const std::string& given : options_.topics)
+    wanted.insert(given.starts_with("citylearn/") ? given : "citylearn/" + given);
+  for (const Topic& topic : all_topics())
+    if (options_.topics.empty() || wanted.erase(topic.name) > 0) sources_.push_back({topic, nullptr});
+  if (!wanted.empty()) throw Error("there is no such topic", "--topics " + *wanted.begin(), "idl/ has them all");
+  begin_file();
+  for (Source& source : sources_) source.subscription = middleware.create_subscription(source.topic);
+}
+
+void Recording::begin_file() {
+  std::filesystem::path path = options_.output;
+  if (!files_.empty())
+    path.replace_filename(path.stem().string() + "-" + std::to_string(files_.size() + 1) + path.extension().string());
+  McapWriter::Options options;
+  options.library = options_.library;
+  options.about = {{"run", options_.run}, {"part", std::to_string(files_.size() + 1)}};
+  writer_ = std::make_unique<McapWriter>(path, options);
+  files_.push_back(path);
+  for (Source& source : sources_) source.channel = 0;
+}
+
+void Recording::write(Source& source) {
+  if (!options_.run.empty()) {
+    // What has no header that can be read is kept: whoever looks into the file wants to know.
+    const auto header = header_of(taken_);
+    if (header && header->run != options_.run) {
+      ++other_runs_;
+      return;
+    }
+  }
+  if (options_.split > 0 && writer_->bytes() >= options_.split) {
+    writer_->close();
+    begin_file();
+  }
+  if (source.channel == 0)
+    source.channel = writer_->add({source.topic.name,
+                                   source.topic.type,
+                                   "omgidl",
+                                   idl_of(source.topic.type),
+                                   "cdr",
+                                   {{"profile", name_of(source.topic.profile)},
+                                    {"type", source.topic.type},
+                                    {"protocol", std::to_string(msg::PROTOCOL)}}});
+  writer_->write(source.channel, now_nanoseconds(), taken_);
+  Count& count = counts_[source.topic.name];
+  ++count.messages;
+  count.bytes += taken_.size();
+}
+
+void Recording::turn() {
+  bool more = true;
+  while (more) {
+    more = false;
+    for (Source& source : sources_) {
+      int taken = 0;
+      while (taken < kAtOnce && source.subscription->take(taken_)) {
+        write(source);
+        ++taken;
+      }
+      more = more || taken == kAtOnce;
+    }
+  }
+  if (const std::uint64_t since = writer_->waiting_since(); since != 0 && now_nanoseconds() - since >= kFlushAfter)
+    writer_->flush();
+}
+
+void Recording::close() {
+  turn();
+  writer_->close();
+}
+
+}  // namespace citylearn

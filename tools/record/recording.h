@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "core/middleware.h"
+#include "core/recording/mcap.h"
+
+namespace citylearn {
+
+struct RecordingOptions {
+  std::string output;               ///< FILE.mcap; the next parts are FILE-2.mcap, FILE-3.mcap ...
+  std::string run;                  ///< others are left out; empty: all
+  std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: all
+  std::uint64_t split = 0;          ///< bytes of a file at which the next part begins; 0: never
+  std::string library;              ///< of the files' headers
+};
+
+/// Writes what is said in a domain to MCAP files: the bytes as they came, one channel a topic. It takes no part in
+/// anything: it announces nothing, acknowledges nothing and decodes no more than who speaks. Used by one thread.
+class Recording {
+ public:
+  /// `middleware` must outlive it. Throws Error when a topic is unknown or the file cannot be made; all others do when
+  /// it cannot be written.
+  Recording(Middleware& middleware, const RecordingOptions& options);
+
+  /// Writes what has come; and a chunk, so that it is safe, when something has waited for a second.
+  void turn();
+  /// What has come until now, and the summary.
+  void close();
+
+  struct Count {
+    std::uint64_t messages = 0, bytes = 0;
+    auto operator<=>(const Count&) const = default;
+  };
+  const std::map<std::string, Count>& counts() const { return counts_; }  ///< by topic
+  const std::vector<std::string>& files() const { return files_; }
+  std::uint64_t other_runs() const { return other_runs_; }  ///< messages left out
+
+ private:
+  struct Source {
+    Topic topic;
+    std::unique_ptr<Subscription> subscription;
+    std::uint16_t channel = 0;  // in the present file; 0: none yet
+  };
+  void begin_file();
+  void write(Source& source);
+
+  const RecordingOptions options_;
+  std::vector<Source> sources_;
+  std::unique_ptr<McapWriter> writer_;
+  std::vector<std::string> files_;
+  std::map<std::string, Count> counts_;
+  std::uint64_t other_runs_ = 0;
+  Bytes taken_;
+};
+
+}  // namespace citylearn

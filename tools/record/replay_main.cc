@@ -1,0 +1,80 @@
+// ./run replay: plays MCAP recordings to a dashboard, or their trajectories to a learner.
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "core/recording/replayer.h"
+#include "core/service.h"
+#include "tools/record/trajectory_replay.h"
+
+namespace {
+
+using namespace citylearn;
+
+const std::string kAsRecorded = "as-recorded";
+
+struct CommandLine {
+  ReplayOptions replay;
+  std::string speed = "1";
+  bool learner = false;
+  Node::Options node;
+};
+
+void add_options(CLI::App& app, CommandLine& line) {
+  const std::string group = "Recording";
+  app.add_option("files", line.replay.files, "Recordings, one after the other")
+      ->type_name("FILE.mcap ...")
+      ->required()
+      ->group(group);
+  app.add_option("--speed", line.speed, "Times as fast as it was; max: as fast as who listens can follow")
+      ->capture_default_str()
+      ->group(group);
+  app.add_option("--topics", line.replay.topics,
+                 "Of these topics alone: scene,action,... (those that say something and command nothing)")
+      ->delimiter(',')
+      ->group(group);
+  app.add_flag("--learner", line.learner, "Play the trajectories to the learner of --run instead")->group(group);
+  line.node.service = line.node.id = "replay";
+  line.node.run = kAsRecorded;
+  add_node_options(app, line.node);
+  app.get_option("--run")->description("Run in which all that is said");
+}
+
+int replay(CommandLine& line) {
+  if (line.node.run != kAsRecorded) line.replay.run = line.node.run;
+  line.replay.speed = replay_speed(line.speed);
+  line.node.middleware.participant = line.node.id;
+  const std::unique_ptr<Middleware> middleware = create_middleware(line.node.middleware);
+  Replayer replayer(*middleware, line.replay);
+  spdlog::info("plays {}", line.replay.files.front());
+  while (!stop_requested() && replayer.turn()) middleware->wait(replayer.due());
+  const Replayer::Figures& figures = replayer.figures();
+  for (const std::string& remark : figures.remarks) spdlog::warn("{}", remark);
+  for (const auto& [what, count] : figures.skipped) spdlog::warn("{} messages left out: {}", count, what);
+  for (const auto& [topic, count] : figures.played)
+    std::printf("%-36s %10llu messages\n", topic.c_str(), static_cast<unsigned long long>(count));
+  std::printf("%.1f s, %.3f MB\n", figures.seconds, static_cast<double>(figures.bytes) / 1e6);
+  return 0;
+}
+
+int replay_to_learner(CommandLine& line) {
+  if (!line.replay.topics.empty() || line.speed != "1")
+    throw Error("plays trajectories, as fast as they are learned from", "--learner", "leave out --topics and --speed");
+  if (line.node.run == kAsRecorded) line.node.run = "default";
+  Node node(line.node);
+  TrajectoryReplay replay(node, line.replay.files);
+  while (!stop_requested() && replay.turn()) node.wait(replay.due());
+  std::printf("%llu trajectories taken in%s\n", static_cast<unsigned long long>(replay.acknowledged()),
+              replay.learner_ended() ? "; the learner has ended" : "");
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CommandLine line;
+  return service_main(
+      argc, argv, "Plays recordings to a dashboard, or to a learner.", [&](CLI::App& app) { add_options(app, line); },
+      [&] { return line.learner ? replay_to_learner(line) : replay(line); });
+}

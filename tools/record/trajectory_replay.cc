@@ -1,0 +1,157 @@
+#include "tools/record/trajectory_replay.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+namespace citylearn {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr std::uint64_t kOnTheWay = 32;  // half of what a writer keeps
+constexpr std::uint64_t kAgainAtOnce = 8;
+constexpr milliseconds kAgain{200};
+constexpr seconds kStatus{1};
+constexpr seconds kPatience{30};  // an update may be long
+
+}  // namespace
+
+TrajectoryReplay::TrajectoryReplay(Node& node, std::vector<std::string> files) : node_(node), files_(std::move(files)) {
+  for (const std::string& file : files_) McapReader check(file);
+  node_.announce<msg::Trajectory>();
+  node_.announce<msg::ActorStatus>();
+  node_.listen<msg::LearnerInfo>();
+  node_.listen<msg::TrajectoryAcknowledgement>();
+  again_ = progress_ = next_status_ = due_ = Clock::now();
+}
+
+void TrajectoryReplay::meet(const msg::LearnerInfo& info) {
+  if (info.header().incarnation() < info_.header().incarnation()) return;
+  if (info.header().incarnation() > info_.header().incarnation()) {
+    if (info_.header().incarnation() != 0)
+      throw Error("began anew while the recording was played to it",
+                  "learner '" + info.header().sender().to_string() + "'", "play it again");
+    spdlog::info("plays to learner '{}'", info.header().sender().c_str());
+    next_status_ = progress_ = Clock::now();
+  }
+  info_ = info;
+  ended_ = !info.training();
+}
+
+void TrajectoryReplay::on_acknowledgement(const msg::TrajectoryAcknowledgement& a) {
+  if (a.actor() != node_.options().id || a.actor_incarnation() != node_.incarnation() ||
+      a.header().incarnation() != info_.header().incarnation() || a.number() > number_ || a.number() < acknowledged_)
+    return;
+  if (a.number() > acknowledged_ || a.limit() > limit_) again_ = Clock::now() + kAgain;
+  limit_ = a.limit();
+  if (limit_ <= a.number()) progress_ = Clock::now();  // it has no room: it waits for others, or learns
+  for (; acknowledged_ < a.number(); ++acknowledged_) {
+    unacknowledged_.pop_front();
+    progress_ = Clock::now();
+  }
+  sent_ = std::max(sent_, acknowledged_);
+}
+
+void TrajectoryReplay::hear() {
+  while (node_.take(heard_)) meet(heard_);
+  while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
+}
+
+void TrajectoryReplay::require_fits(const msg::Trajectory& trajectory) const {
+  const auto require = [&](std::uint64_t has, std::uint64_t wanted, const std::string& what) {
+    if (has != wanted)
+      throw Error("has " + std::to_string(has) + " " + what + ", the learner wants " + std::to_string(wanted),
+                  reader_->path());
+  };
+  require(trajectory.action().size(), info_.steps(), "steps a trajectory");
+  require(trajectory.feature_dimension(), info_.feature_dimension(), "features");
+}
+
+/// The next one that is recorded, behind the others; false when there is none.
+bool TrajectoryReplay::fetch() {
+  const Topic& topic = topic_of<msg::Trajectory>();
+  while (!read_all_) {
+    std::optional<McapMessage> message;
+    if (reader_) message = reader_->next();
+    if (!message) {
+      if (reader_ && !reader_->missing().empty()) spdlog::warn("{}: {}", reader_->path(), reader_->missing());
+      read_all_ = files_opened_ == files_.size();
+      if (!read_all_) reader_ = std::make_unique<McapReader>(files_[files_opened_++]);
+      continue;
+    }
+    if (message->channel->topic != topic.name || message->channel->type != topic.type) continue;
+    msg::Trajectory trajectory;
+    try {
+      decode(message->data, trajectory);
+    } catch (const Error& error) {
+      spdlog::warn("{}: left out: {}", reader_->path(), error.what());
+      continue;
+    }
+    const msg::Header& header = trajectory.header();
+    if (!seen_
+             .emplace(header.sender().c_str(), header.incarnation(), trajectory.learner_incarnation(),
+                      trajectory.number())
+             .second)
+      continue;
+    require_fits(trajectory);
+    trajectory.learner() = info_.header().sender();
+    trajectory.learner_incarnation() = info_.header().incarnation();
+    trajectory.number() = ++number_;
+    unacknowledged_.push_back(std::move(trajectory));
+    return true;
+  }
+  return false;
+}
+
+void TrajectoryReplay::send() {
+  const auto publish = [&](std::uint64_t number) {
+    msg::Trajectory& trajectory = unacknowledged_[static_cast<std::size_t>(number - acknowledged_ - 1)];
+    trajectory.version() = std::min(trajectory.version(), info_.version());
+    node_.publish(trajectory);
+  };
+  const std::uint64_t until = std::min(limit_, acknowledged_ + kOnTheWay);
+  while (sent_ < until && (sent_ < number_ || fetch())) publish(++sent_);
+  const Clock::time_point now = Clock::now();
+  if (sent_ <= acknowledged_ || now < again_) return;
+  for (std::uint64_t number = acknowledged_ + 1; number <= std::min(sent_, acknowledged_ + kAgainAtOnce); ++number) {
+    publish(number);
+    ++node_.traffic.resent;
+  }
+  again_ = now + kAgain;
+}
+
+void TrajectoryReplay::send_status() {
+  next_status_ = Clock::now() + kStatus;
+  status_.learner() = info_.header().sender();
+  status_.learner_incarnation() = info_.header().incarnation();
+  status_.version() = info_.version();
+  status_.unacknowledged() = static_cast<std::uint32_t>(unacknowledged_.size());
+  node_.publish(status_);
+}
+
+bool TrajectoryReplay::turn() {
+  hear();
+  const Clock::time_point now = Clock::now();
+  due_ = now + milliseconds(100);
+  if (info_.header().incarnation() == 0) {
+    node_.report(msg::WAITING, "waiting for a learner");
+    return true;
+  }
+  if (ended_) return false;
+  node_.report(msg::RUNNING, "plays trajectories to '" + info_.header().sender().to_string() + "'");
+  if (now >= next_status_) send_status();
+  send();
+  if (read_all_ && unacknowledged_.empty()) {
+    if (number_ == 0)
+      throw Error("has no trajectories", files_.front(), "record a run of --role learner and --role actor");
+    return false;
+  }
+  if (sent_ > acknowledged_ && now - progress_ > kPatience)
+    throw Error("takes none of the trajectories", "learner '" + info_.header().sender().to_string() + "'",
+                "its log says what is wrong with them; --agent must be as it was");
+  return true;
+}
+
+}  // namespace citylearn
