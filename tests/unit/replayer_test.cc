@@ -244,6 +244,22 @@ TEST(Replay, TellsWhatItLeavesOut) {
   EXPECT_THROW(Replayer(*wire, {{folder / "none.mcap"}, 0, {}, ""}), Error);
 }
 
+TEST(Recording, CountsWhatItMissed) {
+  const Folder folder;
+  const auto wire = middleware(38), other = middleware(38);
+  Recording recording(*wire, {folder / "a.mcap", "", {"episode_stat", "run_info"}, 0, "test"});
+  const auto episodes = other->create_publisher(topic_of<msg::EpisodeStat>());
+  const auto runs = other->create_publisher(topic_of<msg::RunInfo>());
+  // Numbers of two senders, one of them heard from the fifth on; late ones are none that were missed.
+  for (const std::uint64_t number : {1, 2, 5, 6, 4, 9}) episodes->publish(encoded(episode(number, "env-a")));
+  for (const std::uint64_t number : {5, 6, 8}) episodes->publish(encoded(episode(number, "env-b")));
+  for (const std::uint64_t number : {1, 9}) runs->publish(encoded(run_info(1, 500, number)));
+  recording.close();
+  EXPECT_EQ(recording.counts().at("citylearn/episode_stat").messages, 9u);
+  EXPECT_EQ(recording.counts().at("citylearn/episode_stat").missed, 5u);
+  EXPECT_EQ(recording.counts().at("citylearn/run_info").missed, 0u);
+}
+
 TEST(Recording, KeepsTheBytesOfItsRunInParts) {
   const Folder folder;
   const auto wire = middleware(36), other = middleware(36);

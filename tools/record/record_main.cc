@@ -53,9 +53,11 @@ int record(CommandLine& line) {
     for (const std::string& fault : middleware->faults()) spdlog::error("{}", fault);
   }
   recording.close();
-  for (const auto& [topic, count] : recording.counts())
+  for (const auto& [topic, count] : recording.counts()) {
     std::printf("%-36s %10llu messages %12.3f MB\n", topic.c_str(), static_cast<unsigned long long>(count.messages),
                 static_cast<double>(count.bytes) / kMegabyte);
+    if (count.missed > 0) spdlog::warn("{} messages of {} came too fast and were missed", count.missed, topic);
+  }
   for (const std::string& file : recording.files()) std::printf("%s\n", file.c_str());
   return 0;
 }

@@ -7,7 +7,6 @@
 #include "core/error.h"
 #include "core/messages.h"
 #include "core/recording/idl_text.h"
-#include "core/recording/wire_header.h"
 
 namespace citylearn {
 namespace {
@@ -59,14 +58,23 @@ void Recording::begin_file() {
   for (Source& source : sources_) source.channel = 0;
 }
 
+/// A writer keeps some messages for a reader that is behind, not all: those that were too many are told.
+void Recording::follow(const Source& source, const WireHeader& header) {
+  if (source.topic.profile == Profile::kState) return;  // only the newest is promised
+  const auto [newest, first] =
+      newest_.try_emplace({source.topic.name, header.sender, header.incarnation}, header.message);
+  if (first || header.message <= newest->second) return;
+  counts_[source.topic.name].missed += header.message - newest->second - 1;
+  newest->second = header.message;
+}
+
 void Recording::write(Source& source) {
-  if (!options_.run.empty()) {
-    // What has no header that can be read is kept: whoever looks into the file wants to know.
-    const auto header = header_of(taken_);
-    if (header && header->run != options_.run) {
-      ++other_runs_;
-      return;
-    }
+  // What has no header that can be read is kept: whoever looks into the file wants to know.
+  const auto header = header_of(taken_);
+  if (header) follow(source, *header);
+  if (header && !options_.run.empty() && header->run != options_.run) {
+    ++other_runs_;
+    return;
   }
   if (options_.split > 0 && writer_->bytes() >= options_.split) {
     writer_->close();

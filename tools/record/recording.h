@@ -5,10 +5,12 @@
 #include <memory>
 #include <set>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "core/middleware.h"
 #include "core/recording/mcap.h"
+#include "core/recording/wire_header.h"
 
 namespace citylearn {
 
@@ -35,6 +37,7 @@ class Recording {
 
   struct Count {
     std::uint64_t messages = 0, bytes = 0;
+    std::uint64_t missed = 0;  ///< by the senders' own count, since they were first heard; none of topics of kState
     auto operator<=>(const Count&) const = default;
   };
   const std::map<std::string, Count>& counts() const { return counts_; }  ///< by topic
@@ -49,12 +52,14 @@ class Recording {
   };
   void begin_file();
   void write(Source& source);
+  void follow(const Source& source, const WireHeader& header);
 
   const RecordingOptions options_;
   std::vector<Source> sources_;
   std::unique_ptr<McapWriter> writer_;
   std::vector<std::string> files_;
   std::map<std::string, Count> counts_;
+  std::map<std::tuple<std::string, std::string, std::uint64_t>, std::uint64_t> newest_;  // by topic and sender
   std::uint64_t other_runs_ = 0;
   Bytes taken_;
 };
