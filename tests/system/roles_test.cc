@@ -127,7 +127,7 @@ TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
   const auto a = other.actor("a"), b = other.actor("b");
   ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << a->output();
   for (const auto* actor : {a.get(), b.get()})
-    EXPECT_NE(actor->output().find("serves env_service"), std::string::npos) << actor->output();
+    EXPECT_NE(actor->output().find("serves env_service"), std::string::npos) << a->output() << b->output();
   EXPECT_EQ(a->wait(seconds(10)), 0) << a->output();
   EXPECT_EQ(b->wait(seconds(10)), 0) << b->output();
   const Json summary = Json::parse(contents(run.trial.folder() / "out/summary.json"));
