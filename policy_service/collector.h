@@ -12,8 +12,8 @@ namespace citylearn {
 
 struct CollectorOptions {
   std::uint64_t seed = 1;
-  int first_frame = 0;                        ///< of the route, index on the traversal
-  int segment = 64, sequence = 64;            ///< steps; see Trainer
+  int first_frame = 0;              ///< of the route, index on the traversal
+  int segment = 64, sequence = 64;  ///< steps; see Trainer
   /// Lengths of what disguises a frame's features, in lengths of these: new at each look; of each place, for an
   /// episode; of a whole episode.
   double noise_frame = 0, noise_place = 0, noise_episode = 0;

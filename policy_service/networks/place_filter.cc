@@ -180,13 +180,13 @@ class PlaceFilter : public AgentNetwork<S> {
     S features, mask, persistence, floor, goal;
   };
   struct Work : Workspace<S> {
-    Matrix<S> similarity;                            // N x U
-    Matrix<S> moved, log_prior, belief;              // N x TB
-    Matrix<S> belief_gradient;                       // N x TB
-    Matrix<S> head_input, input_gradient;            // 8 x TB
-    Matrix<S> layer1, layer2, layer_gradient;        // units x TB
-    Matrix<S> both;                                  // 4 x TB: logits and value
-    Vector<S> column;                                // N
+    Matrix<S> similarity;                      // N x U
+    Matrix<S> moved, log_prior, belief;        // N x TB
+    Matrix<S> belief_gradient;                 // N x TB
+    Matrix<S> head_input, input_gradient;      // 8 x TB
+    Matrix<S> layer1, layer2, layer_gradient;  // units x TB
+    Matrix<S> both;                            // 4 x TB: logits and value
+    Vector<S> column;                          // N
   };
 
   Scalars scalars(const Vector<S>& parameters) const {
