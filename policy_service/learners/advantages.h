@@ -23,8 +23,7 @@ inline void estimate_advantages(std::span<Rollout* const> rollouts, double gamma
   if (!normalise) return;
   const double mean = sum / count, deviation = std::sqrt(std::max(0.0, squares / count - mean * mean));
   for (Rollout* rollout : rollouts)
-    for (float& advantage : rollout->advantage)
-      advantage = static_cast<float>((advantage - mean) / (deviation + 1e-8));
+    for (float& advantage : rollout->advantage) advantage = static_cast<float>((advantage - mean) / (deviation + 1e-8));
 }
 
 }  // namespace citylearn

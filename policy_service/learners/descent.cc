@@ -1,5 +1,7 @@
 #include "policy_service/learners/descent.h"
 
+#include "policy_service/learners/saved_state.h"
+
 namespace citylearn {
 namespace {
 
@@ -86,17 +88,8 @@ void Descent::save(LearnerState& state) const {
 }
 
 void Descent::check(const LearnerState& state) const {
-  for (const char* name : {"updates", "steps", "adam_steps"})
-    if (!state.counters.contains(name)) throw Error("has no counter '" + std::string(name) + "'", name_);
-  for (const char* name : {"parameters", "adam.first", "adam.second"}) {
-    const auto found = state.tensors.find(name);
-    if (found == state.tensors.end()) throw Error("has no tensor '" + std::string(name) + "'", name_);
-    if (found->second.size() != parameters_.size())
-      throw Error("tensor '" + std::string(name) + "' has " + std::to_string(found->second.size()) + " numbers, not " +
-                      std::to_string(parameters_.size()),
-                  name_);
-    if (!found->second.allFinite()) throw Error("tensor '" + std::string(name) + "' has numbers that are none", name_);
-  }
+  require_state(state, name_, {"updates", "steps", "adam_steps"}, {"parameters", "adam.first", "adam.second"},
+                parameters_.size());
 }
 
 void Descent::load(const LearnerState& state) {

@@ -15,6 +15,7 @@
 #include "core/messages.h"
 #include "policy_service/learner.h"
 #include "policy_service/learners/advantages.h"
+#include "policy_service/learners/saved_state.h"
 #include "policy_service/learners/sequences.h"
 
 namespace citylearn {
@@ -205,16 +206,8 @@ class TorchPpo : public Learner {
   }
 
   void load(const LearnerState& state) override {
-    for (const char* name : {"updates", "steps", "adam_steps"})
-      if (!state.counters.contains(name)) throw Error("has no counter '" + std::string(name) + "'", kWho);
-    for (const char* name : {"parameters", "adam.first", "adam.second"}) {
-      const auto found = state.tensors.find(name);
-      if (found == state.tensors.end()) throw Error("has no tensor '" + std::string(name) + "'", kWho);
-      if (found->second.size() != parameters_.size())
-        throw Error("tensor '" + std::string(name) + "' has " + std::to_string(found->second.size()) +
-                        " numbers, not " + std::to_string(parameters_.size()),
-                    kWho);
-    }
+    require_state(state, kWho, {"updates", "steps", "adam_steps"}, {"parameters", "adam.first", "adam.second"},
+                  parameters_.size());
     updates_ = state.counters.at("updates");
     steps_ = state.counters.at("steps");
     adam_steps_ = state.counters.at("adam_steps");

@@ -1,59 +1,20 @@
 // What every learner promises (policy_service/learner.h), asked of all that are registered in this program.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <limits>
 #include <memory>
 
 #include "core/error.h"
 #include "policy_service/learner.h"
+#include "tests/contract/learner_walk.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 constexpr int kPlaces = 12, kFeatures = 6;
-
-/// What some agents might have seen and done: walks on a route, episodes that end both ways. No two `number`s alike.
-Rollout walk(const AgentNetwork<float>& network, std::uint64_t number, int steps, int agents, int sequence) {
-  Rollout rollout;
-  rollout.resize(kFeatures, static_cast<int>(network.state_size()), steps, agents, sequence);
-  Random random{number, 77};
-  Matrix<float> places(kFeatures, kPlaces);
-  for (float& value : places.reshaped()) value = static_cast<float>(random.normal());
-  rollout.states.setZero();
-  rollout.max_steps = 2 * kPlaces;
-  rollout.inputs.frames = rollout.next.frames = kPlaces;
-  for (int agent = 0; agent < agents; ++agent) {
-    int place = static_cast<int>(random.below(kPlaces)), goal = 0;
-    std::uint8_t previous = 255;
-    for (int t = 0; t <= steps; ++t) {
-      NetworkInputs<float>& inputs = t < steps ? rollout.inputs : rollout.next;
-      const std::ptrdiff_t column = t < steps ? t * agents + agent : agent;
-      const auto k = static_cast<std::size_t>(column);
-      if (previous == 255) goal = (place + 1 + static_cast<int>(random.below(kPlaces - 1))) % kPlaces;
-      inputs.see(column, place, places.col(place));
-      inputs.shown[k] = inputs.position[k] = place;
-      inputs.goal[k] = goal;
-      inputs.previous_action[k] = previous;
-      inputs.first[k] = previous == 255;
-      inputs.allowed[k] = static_cast<std::uint8_t>(1 | (place < kPlaces - 1) << 1 | (place > 0) << 2);
-      if (t == steps) break;
-      std::uint8_t action = 0;
-      do action = static_cast<std::uint8_t>(random.below(3));
-      while (!(inputs.allowed[k] >> action & 1));
-      place += action == 1 ? 1 : action == 2 ? -1 : 0;
-      const bool reached = place == goal, late = !reached && random.below(20) == 0;
-      rollout.action[k] = action;
-      rollout.log_probability[k] = static_cast<float>(-1 - random.uniform());
-      rollout.value[k] = static_cast<float>(random.uniform());
-      rollout.reward[k] = reached ? 1.0f : -1.0f / kPlaces;
-      rollout.ended[k] = reached ? Rollout::kTerminated : late ? Rollout::kTruncated : Rollout::kGoesOn;
-      rollout.final_value[k] = late ? 0.5f : 0.0f;
-      previous = reached || late ? std::uint8_t{255} : action;
-    }
-    rollout.last_value[static_cast<std::size_t>(agent)] = 0.25f;
-  }
-  return rollout;
-}
 
 std::vector<std::string> learners() {
   std::vector<std::string> names;
@@ -61,38 +22,93 @@ std::vector<std::string> learners() {
   return names;
 }
 
-class LearnerContract : public testing::TestWithParam<std::string> {
+bool same(const LearnerState& one, const LearnerState& other) {
+  return one.counters == other.counters &&
+         std::equal(one.tensors.begin(), one.tensors.end(), other.tensors.begin(), other.tensors.end(),
+                    [](const auto& a, const auto& b) {
+                      return a.first == b.first && a.second.size() == b.second.size() && a.second == b.second;
+                    });
+}
+
+/// A network, and learners for it without a trainer.
+class LearnerContract : public ::testing::TestWithParam<std::string> {
  protected:
   LearnerContract() {
-    const auto& entry = NetworkRegistry<float>::instance().find("network", "features");
-    network_parameters_ = Parameters("network", entry.parameters, {{"hidden", 16}, {"cells", 8}});
+    Random random{3};
     task_.features = kFeatures;
     task_.frames = kPlaces;
-    network_ = entry.create(network_parameters_, task_);
+    task_.reference.resize(kFeatures, kPlaces);
+    for (float& value : task_.reference.reshaped()) value = static_cast<float>(random.normal());
+    network_ = network(8);
+  }
+  const LearnerRegistry::Entry& entry() const { return LearnerRegistry::instance().find("learner", GetParam()); }
+  Parameters network_parameters(int cells) const {
+    return Parameters("network", NetworkRegistry<float>::instance().find("network", "features").parameters,
+                      {{"hidden", 16}, {"cells", static_cast<double>(cells)}});
+  }
+  std::unique_ptr<AgentNetwork<float>> network(int cells) const {
+    return NetworkRegistry<float>::instance().find("network", "features").create(network_parameters(cells), task_);
+  }
+  std::unique_ptr<Learner> make(const AgentNetwork<float>& network, int cells, std::uint64_t seed,
+                                const std::map<std::string, double>& given) const {
+    return entry().create(Parameters("learner", entry().parameters, given),
+                          LearnerTask{network, "features", network_parameters(cells), task_, seed, 10000});
   }
   std::unique_ptr<Learner> make(std::uint64_t seed, const std::map<std::string, double>& given = {}) const {
-    const auto& entry = LearnerRegistry::instance().find("learner", GetParam());
-    return entry.create(Parameters("learner", entry.parameters, given),
-                        LearnerTask{*network_, "features", network_parameters_, task_, seed, 10000});
+    return make(*network_, 8, seed, given);
   }
   /// `updates` updates from two environments with different numbers of agents.
-  void learn(Learner& learner, std::uint64_t first, std::uint64_t updates) const {
+  void learn(Learner& learner, std::uint64_t first, std::uint64_t updates, float log_probability = -1) const {
     for (std::uint64_t i = first; i < first + updates; ++i) {
-      Rollout one = walk(*network_, 2 * i, 16, 4, 8), other = walk(*network_, 2 * i + 1, 16, 1, 8);
-      Rollout* both[] = {&one, &other};
-      const UpdateFigures figures = learner.update(both);
-      for (const double figure : {figures.policy_loss, figures.value_loss, figures.entropy, figures.gradient_norm})
-        ASSERT_TRUE(std::isfinite(figure)) << "update " << i;
-      ASSERT_TRUE(learner.parameters().allFinite()) << "update " << i;
+      const int cells = static_cast<int>(network_->state_size());
+      Rollout one = walk(task_, cells, {2 * i, 4, 16, 8, log_probability});
+      Rollout other = walk(task_, cells, {2 * i + 1, 1, 16, 8, log_probability});
+      update(learner, {&one, &other});
     }
+  }
+  static void update(Learner& learner, std::vector<Rollout*> rollouts) {
+    const UpdateFigures figures = learner.update(rollouts);
+    EXPECT_TRUE(learner.parameters().allFinite());
+    for (const double figure :
+         {figures.policy_loss, figures.value_loss, figures.entropy, figures.divergence, figures.clipped,
+          figures.localisation_loss, figures.orientation_loss, figures.gradient_norm, figures.learning_rate})
+      EXPECT_TRUE(std::isfinite(figure));
+  }
+  static LearnerState saved(const Learner& learner) {
+    LearnerState state;
+    learner.save(state);
+    return state;
   }
 
   NetworkTask task_;
-  Parameters network_parameters_;
   std::unique_ptr<AgentNetwork<float>> network_;
 };
-INSTANTIATE_TEST_SUITE_P(, LearnerContract, testing::ValuesIn(learners()),
+INSTANTIATE_TEST_SUITE_P(, LearnerContract, ::testing::ValuesIn(learners()),
                          [](const auto& tested) { return tested.param; });
+
+TEST_P(LearnerContract, TellsWhatItIs) {
+  const std::string &help = entry().help, &name = entry().name;
+  EXPECT_FALSE(help.empty());
+  EXPECT_EQ(help.find('\n'), help.npos);
+  EXPECT_TRUE(std::all_of(name.begin(), name.end(),
+                          [](unsigned char c) { return std::islower(c) || std::isdigit(c) || c == '_'; }));
+}
+
+TEST_P(LearnerContract, ParametersHaveDefaultsWithinTheirRanges) {
+  for (const ParameterSpec& spec : entry().parameters) {
+    EXPECT_FALSE(spec.help.empty()) << spec.name;
+    EXPECT_NO_THROW(make(1, {{spec.name, spec.standard}})) << spec.name;
+    for (const double value : {spec.minimum - 1, spec.maximum * 1.1 + 1}) {
+      try {
+        make(1, {{spec.name, value}});
+        ADD_FAILURE() << spec.name << " = " << value << " was taken";
+      } catch (const Error& error) {
+        EXPECT_NE(std::string(error.what()).find(spec.name), std::string::npos) << error.what();
+      }
+    }
+  }
+  EXPECT_THROW(make(1, {{"no-such-parameter", 1}}), Error);
+}
 
 TEST_P(LearnerContract, SameSeedSameBitsOtherSeedOthers) {
   const auto one = make(1), again = make(1), other = make(2);
@@ -107,48 +123,81 @@ TEST_P(LearnerContract, SameSeedSameBitsOtherSeedOthers) {
 TEST_P(LearnerContract, GoesOnFromWhatItSavedBitForBit) {
   const auto straight = make(1), resumed = make(1);
   learn(*straight, 0, 3);
-  LearnerState state;
-  straight->save(state);
-  ASSERT_TRUE(state.tensors.contains("parameters"));
-  EXPECT_EQ(state.tensors["parameters"], straight->parameters());
-  resumed->load(state);
+  const LearnerState middle = saved(*straight);
+  ASSERT_TRUE(middle.tensors.contains("parameters"));
+  EXPECT_EQ(middle.tensors.at("parameters"), straight->parameters());
+  learn(*resumed, 70, 1);  // what it learned before is gone
+  resumed->load(middle);
+  EXPECT_TRUE(same(middle, saved(*resumed)));
   learn(*straight, 3, 3);
   learn(*resumed, 3, 3);
   EXPECT_EQ(straight->parameters(), resumed->parameters());
+  EXPECT_TRUE(same(saved(*straight), saved(*resumed)));
+  EXPECT_FALSE(same(saved(*straight), middle));
 }
 
 TEST_P(LearnerContract, RefusesWhatIsNotItsOwnAndIsAsBefore) {
   const auto learner = make(1), untouched = make(1);
   learn(*learner, 0, 2);
   learn(*untouched, 0, 2);
-  LearnerState state;
-  learner->save(state);
-  EXPECT_THROW(learner->load({}), Error);
-  for (const auto& [name, tensor] : state.tensors) {
-    LearnerState damaged = state;
-    damaged.tensors[name] = Vector<float>::Zero(tensor.size() + 1);
-    EXPECT_THROW(learner->load(damaged), Error) << name << " of another size";
-    damaged.tensors.erase(name);
-    EXPECT_THROW(learner->load(damaged), Error) << "without " << name;
-  }
-  for (const auto& [name, count] : state.counters) {
-    LearnerState damaged = state;
+  const LearnerState good = saved(*learner);
+  const auto expect_refused = [&](const LearnerState& state, const std::string& what) {
+    try {
+      learner->load(state);
+      ADD_FAILURE() << what << " was taken";
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find(GetParam()), std::string::npos) << error.what();
+    }
+    EXPECT_TRUE(same(good, saved(*learner))) << what;
+  };
+  expect_refused({}, "nothing");
+  for (const auto& [name, count] : good.counters) {
+    LearnerState damaged = good;
     damaged.counters.erase(name);
-    EXPECT_THROW(learner->load(damaged), Error) << "without " << name;
+    expect_refused(damaged, "no counter " + name);
   }
+  for (const auto& [name, tensor] : good.tensors) {
+    LearnerState damaged = good;
+    damaged.tensors[name] = Vector<float>::Zero(tensor.size() + 1);
+    expect_refused(damaged, "longer " + name);
+    damaged.tensors.erase(name);
+    expect_refused(damaged, "no tensor " + name);
+    damaged = good;
+    damaged.tensors[name](0) = std::numeric_limits<float>::quiet_NaN();
+    expect_refused(damaged, "not a number in " + name);
+  }
+  const auto larger = network(9);
+  expect_refused(saved(*make(*larger, 9, 1, {})), "another network");
   learn(*learner, 2, 2);
   learn(*untouched, 2, 2);
   EXPECT_EQ(learner->parameters(), untouched->parameters());
+  learner->load(good);
 }
 
-TEST_P(LearnerContract, ParametersHaveDefaultsWithinTheirRanges) {
-  for (const ParameterSpec& spec : LearnerRegistry::instance().find("learner", GetParam()).parameters) {
-    EXPECT_FALSE(spec.help.empty()) << spec.name;
-    EXPECT_NO_THROW(make(1, {{spec.name, spec.standard}})) << spec.name;
-    EXPECT_THROW(make(1, {{spec.name, spec.maximum + std::max(1.0, spec.maximum)}}), Error) << spec.name;
+/// One agent or many, environments of different sizes, the shortest sequences.
+TEST_P(LearnerContract, TakesRolloutsOfAnyNumberOfAgents) {
+  const auto learner = make(1);
+  const int cells = static_cast<int>(network_->state_size());
+  for (std::uint64_t i = 0; i < 3; ++i) {
+    Rollout alone = walk(task_, cells, {i, 1, 12, 12});
+    update(*learner, {&alone});
   }
-  EXPECT_THROW(make(1, {{"no-such-parameter", 1}}), Error);
+  Rollout one = walk(task_, cells, {1, 1}), five = walk(task_, cells, {2, 5}), two = walk(task_, cells, {3, 2});
+  const Vector<float> before = learner->parameters();
+  update(*learner, {&one, &five, &two});
+  EXPECT_NE(before, learner->parameters());
+  const auto short_sequences = make(1);
+  Rollout many = walk(task_, cells, {5, 2, 24, 3});
+  update(*short_sequences, {&many});
+}
+
+/// Actors may lag, and what they did may have become as good as impossible.
+TEST_P(LearnerContract, BearsSamplesOfOlderParameters) {
+  for (const float log_probability : {0.0f, -1e-6f, -30.0f, -200.0f, -1e9f, -std::numeric_limits<float>::infinity()})
+    learn(*make(1), 0, 4, log_probability);
+  const auto learner = make(1);
+  for (int i = 0; i < 8; ++i) learn(*learner, 1, 1);  // the same again and again, ever staler
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing
