@@ -61,8 +61,12 @@ bool ParameterAssembly::expect(std::uint64_t version, std::uint64_t total_bytes,
 
 bool ParameterAssembly::take(const msg::PolicyParameters& chunk) {
   if (!expect(chunk.version(), chunk.total_bytes(), chunk.hash(), chunk.chunks())) return false;
-  const auto found = parts_.find(chunk.version());
-  if (found == parts_.end()) return true;
+  auto found = parts_.find(chunk.version());
+  if (found == parts_.end()) {
+    if (chunk.chunks() > 1 || (newest_ && chunk.version() <= newest_->version)) return true;
+    // Whole in this one chunk: of use, however many newer ones have been announced meanwhile.
+    found = parts_.emplace(chunk.version(), Part{chunk.hash(), {false}, 1, Vector<float>(parameters_)}).first;
+  }
   Part& part = found->second;
   if (chunk.hash() != part.hash || chunk.data().size() != size_of(chunk.chunk(), chunk.total_bytes())) return false;
   if (part.has[chunk.chunk()]) return true;

@@ -291,6 +291,24 @@ TEST(ParameterChunks, AFasterLearnerDoesNotKeepAVersionFromBeingComplete) {
   EXPECT_FALSE(assembly.missing());
 }
 
+/// A learner that announces faster than its parameters come keeps nobody waiting for ever.
+TEST(ParameterChunks, OnesThatFitOneChunkAreTakenThoughNewerOnesAreAnnounced) {
+  const Vector<float> values = Vector<float>::Random(100);
+  ParameterAssembly assembly(values.size());
+  std::vector<ParameterChunks> versions;
+  for (std::uint64_t version = 0; version < 5; ++version) versions.emplace_back(version, values);
+  for (const ParameterChunks& announced : versions)
+    EXPECT_TRUE(assembly.expect(announced.version(), announced.total_bytes(), announced.hash(), announced.chunks()));
+  msg::PolicyParameters chunk;
+  versions[2].fill(0, chunk);
+  EXPECT_TRUE(assembly.take(chunk));
+  ASSERT_TRUE(assembly.newest());
+  EXPECT_EQ(assembly.newest()->version, 2u);
+  versions[1].fill(0, chunk);
+  EXPECT_TRUE(assembly.take(chunk));
+  EXPECT_EQ(assembly.newest()->version, 2u);
+}
+
 TEST(ParameterChunks, DamagedAndForeignOnesAreRefused) {
   const Vector<float> values = some_parameters(1);
   const ParameterChunks all(7, values);
