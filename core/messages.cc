@@ -119,6 +119,8 @@ void visit(M& m, Visitor& v) {
   v("repeated", m.repeated());
   v("resent", m.resent());
   v("rejected", m.rejected());
+  v("foreign", m.foreign());
+  v("alarm", m.alarm());
 }
 
 template <Of<TaskSettings> M, class Visitor>

@@ -79,54 +79,6 @@ bool Wakeup::wait(Clock::time_point deadline) {
   return raised;
 }
 
-void TypeCheck::participant_found(const std::string& participant, const std::string& name) {
-  std::lock_guard lock(mutex_);
-  participants_[participant] = name;
-}
-
-void TypeCheck::participant_lost(const std::string& participant) {
-  std::lock_guard lock(mutex_);
-  participants_.erase(participant);
-  std::erase_if(endpoints_, [&](const auto& item) { return item.second.participant == participant; });
-}
-
-void TypeCheck::endpoint_found(const std::string& endpoint, const std::string& participant, bool writes,
-                               const std::string& topic, const std::string& type) {
-  std::lock_guard lock(mutex_);
-  if (endpoints_.try_emplace(endpoint, Endpoint{participant, writes, topic, type}).second) changed_ = true;
-}
-
-void TypeCheck::endpoint_lost(const std::string& endpoint) {
-  std::lock_guard lock(mutex_);
-  endpoints_.erase(endpoint);
-}
-
-void TypeCheck::own(const Topic& topic) {
-  std::lock_guard lock(mutex_);
-  const auto [known, added] = own_.try_emplace(topic.name, topic.type);
-  if (!added && known->second != topic.type)
-    throw Error("type is " + topic.type + ", but this process already uses it with " + known->second,
-                "topic " + topic.name);
-  if (added) changed_ = true;
-}
-
-std::vector<std::string> TypeCheck::faults() {
-  std::vector<std::string> lines;
-  if (!changed_.exchange(false)) return lines;
-  std::lock_guard lock(mutex_);
-  for (auto& [key, endpoint] : endpoints_) {
-    const auto expected = own_.find(endpoint.topic);
-    if (endpoint.reported || expected == own_.end() || expected->second == endpoint.type) continue;
-    endpoint.reported = true;
-    const auto name = participants_.find(endpoint.participant);
-    const std::string who =
-        name == participants_.end() || name->second.empty() ? "an unnamed participant" : "'" + name->second + "'";
-    lines.push_back("topic " + endpoint.topic + ": " + who + (endpoint.writes ? " publishes" : " reads") + " type " +
-                    endpoint.type + ", expected " + expected->second);
-  }
-  return lines;
-}
-
 }  // namespace parts
 
 namespace {
@@ -156,36 +108,51 @@ std::string resolve_interface(const std::string& wanted) {
   throw Error("unknown interface '" + wanted + "'", "interface", "those with IPv4: " + known);
 }
 
-Network::Peer resolve_peer(const std::string& peer) {
+/// `option` is where the host was given, for messages. Without a port it gets `standard`.
+Network::Peer resolve_peer(const std::string& peer, const std::string& option, int standard) {
   std::string host = peer;
-  int port = 0;
+  int port = standard;
   if (const std::size_t colon = peer.rfind(':'); colon != std::string::npos) {
     host = peer.substr(0, colon);
     const std::string digits = peer.substr(colon + 1);
     if (digits.empty() || digits.size() > 5 || digits.find_first_not_of("0123456789") != std::string::npos)
-      throw Error("'" + peer + "' has no valid port", "peers", "write HOST or HOST:PORT");
+      throw Error("'" + peer + "' has no valid port", option, "write HOST or HOST:PORT");
     port = std::stoi(digits);
-    if (port < 1 || port > 65535) throw Error("'" + peer + "' has no valid port", "peers", "ports are 1..65535");
+    if (port < 1 || port > 65535) throw Error("'" + peer + "' has no valid port", option, "ports are 1..65535");
   }
   addrinfo hints{};
   hints.ai_family = AF_INET;
   hints.ai_socktype = SOCK_DGRAM;
   addrinfo* found = nullptr;
   if (const int status = getaddrinfo(host.c_str(), nullptr, &hints, &found); status != 0)
-    throw Error("host '" + host + "' has no IPv4 address: " + gai_strerror(status), "peers");
+    throw Error("host '" + host + "' has no IPv4 address: " + gai_strerror(status), option);
   const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, freeaddrinfo);
-  return {dotted(found->ai_addr), port};
+  return {peer, dotted(found->ai_addr), port};
 }
 
 Network resolve(const MiddlewareOptions& options) {
-  Network network{options.domain, options.participant, options.interface, resolve_interface(options.interface), {}};
-  network.peers.push_back({network.address, 0});
-  for (const std::string& peer : options.peers) {
-    network.peers.push_back(resolve_peer(peer));
-    if (is_loopback(network.address) && !is_loopback(network.peers.back().address))
-      throw Error("'" + peer + "' cannot be reached through interface '" + options.interface + "'", "peers",
-                  "name the interface that leads there");
+  Network network{options.domain, options.participant, "", {}, {}, {}, options.security};
+  if (!options.security.empty()) throw Error("no middleware can keep to it yet", "security");
+  if (options.interfaces.empty()) throw Error("name at least one", "interface");
+  for (const std::string& interface : options.interfaces) {
+    network.interfaces += (network.interfaces.empty() ? "" : ",") + interface;
+    const std::string address = resolve_interface(interface);
+    if (std::find(network.addresses.begin(), network.addresses.end(), address) != network.addresses.end()) continue;
+    network.addresses.push_back(address);
+    network.peers.push_back({interface, address, 0});
   }
+  const bool at_home = std::all_of(network.addresses.begin(), network.addresses.end(), is_loopback);
+  const auto reachable = [&](const Network::Peer& peer, const std::string& option) {
+    if (at_home && !is_loopback(peer.address))
+      throw Error("'" + peer.name + "' cannot be reached through interface '" + network.interfaces + "'", option,
+                  "name the interface that leads there");
+    return peer;
+  };
+  for (const std::string& peer : options.peers)
+    network.peers.push_back(reachable(resolve_peer(peer, "peers", 0), "peers"));
+  for (const std::string& server : options.discovery_servers)
+    network.discovery_servers.push_back(
+        reachable(resolve_peer(server, "discovery-server", parts::kDiscoveryServerPort), "discovery-server"));
   return network;
 }
 
@@ -200,6 +167,8 @@ std::vector<std::pair<std::string, std::string>> list_middlewares() {
 std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) {
   if (options.domain > 232) throw Error("must be 0..232, is " + std::to_string(options.domain), "domain");
   const std::string& name = options.name;
+  if (!options.discovery_servers.empty() && name == "cyclonedds")
+    throw Error("cyclonedds cannot use Fast DDS's", "discovery-server", "--peers finds others too");
   if (name == "inprocess") return parts::create_inprocess(options.domain, options.participant);
   if (name == "fastdds") return parts::create_fastdds(resolve(options));
   if (name == "cyclonedds") return parts::create_cyclonedds(resolve(options));

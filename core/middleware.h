@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "core/surroundings.h"
+
 namespace citylearn {
 
 using Clock = std::chrono::steady_clock;
@@ -60,8 +62,8 @@ class Middleware {
   virtual std::unique_ptr<Subscription> create_subscription(const Topic& topic) = 0;
   /// Waits until a subscription may have a sample (true) or the deadline has passed (false). May return true early.
   virtual bool wait(Clock::time_point deadline) = 0;
-  /// What went wrong on the wire since the last call, a line each: "topic X: Y publishes type A, expected B".
-  virtual std::vector<std::string> faults() = 0;
+  /// The others, as discovered up to now.
+  virtual Surroundings& surroundings() = 0;
   /// "fastdds", "cyclonedds", "inprocess"; decorators put their own name in front: "lossy:fastdds".
   virtual std::string name() const = 0;
 };
@@ -69,9 +71,11 @@ class Middleware {
 struct MiddlewareOptions {
   std::string name = "cyclonedds";  ///< strictly this one: unknown or failing is an Error, never another one
   std::uint32_t domain = 0;         ///< 0..232
-  std::string interface = "lo";     ///< name or IPv4 address; "lo" keeps everything on this machine
-  std::vector<std::string> peers;   ///< hosts (or host:port) asked for participants beside this machine's own
-  std::string participant;          ///< name shown to other participants
+  std::vector<std::string> interfaces = {"lo"};  ///< the only ones used, by name or IPv4 address; "lo": this machine
+  std::vector<std::string> peers;  ///< hosts (or host:port) asked for participants beside this machine's own
+  std::vector<std::string> discovery_servers;  ///< host[:port], instead of asking peers; fastdds only
+  std::string security;                        ///< folder with this service's keys (docs/security.md); empty: none
+  std::string participant;                     ///< name shown to other participants
 };
 
 /// Creates the middleware `options.name`: `fastdds`, `cyclonedds`, `inprocess`, or a decorator in front of one:

@@ -189,14 +189,15 @@ void forward_log(void*, const dds_log_data_t* data) {
 }
 
 std::string config_of(const Network& network) {
-  std::string peers;
+  std::string interfaces, peers;
+  for (const std::string& address : network.addresses)
+    interfaces += "<NetworkInterface address=\"" + address + "\" multicast=\"false\"/>";
   for (const Network::Peer& peer : network.peers)
     peers += "<Peer address=\"" + peer.address + (peer.port ? ":" + std::to_string(peer.port) : "") + "\"/>";
   // A send buffer less than asked for is no failure, so only the upper bound of the socket buffers is set. The
   // watermarks are above what the deepest history holds: a writer never waits for a reader.
-  return "<General><Interfaces><NetworkInterface address=\"" + network.address +
-         "\" "
-         "multicast=\"false\"/></Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>65500B</"
+  return "<General><Interfaces>" + interfaces +
+         "</Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>65500B</"
          "MaxMessageSize>"
          "<FragmentSize>64000B</FragmentSize></General>"
          "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>" +
@@ -231,7 +232,7 @@ class Domain {
     domain_ = dds_create_domain(network.domain, config.c_str());
     if (domain_ >= 0) return;
     std::lock_guard lock(log_mutex);
-    throw Error("cannot start in domain " + std::to_string(network.domain) + " on " + network.interface + ": " +
+    throw Error("cannot start in domain " + std::to_string(network.domain) + " on " + network.interfaces + ": " +
                     (last_complaint.empty() ? dds_strretcode(-domain_) : last_complaint),
                 "cyclonedds");
   }
@@ -375,9 +376,9 @@ class CycloneMiddleware : public Middleware {
     return std::make_unique<CycloneSubscription>(participant_, own(topic).topic, topic, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
-  std::vector<std::string> faults() override {
+  Surroundings& surroundings() override {
     if (discovered_.exchange(false)) look_at_discovery();
-    return types_.faults();
+    return surroundings_;
   }
   std::string name() const override { return "cyclonedds"; }
 
@@ -388,7 +389,7 @@ class CycloneMiddleware : public Middleware {
   };
 
   const Known& own(const Topic& topic) {
-    types_.own(topic);
+    surroundings_.own(topic.name, topic.type);
     Known& known = topics_[topic.name];
     if (!known.type) {
       const QosOwner qos = make_qos();
@@ -405,19 +406,19 @@ class CycloneMiddleware : public Middleware {
   }
 
   void look_at_discovery() {
-    take_all<dds_builtintopic_participant_t>(participants_,
-                                             [&](const dds_builtintopic_participant_t& found, bool alive) {
-                                               if (!alive) return types_.participant_lost(text_of(found.key));
-                                               char* name = nullptr;
-                                               dds_qget_entity_name(found.qos, &name);
-                                               types_.participant_found(text_of(found.key), name ? name : "");
-                                               dds_free(name);
-                                             });
+    take_all<dds_builtintopic_participant_t>(
+        participants_, [&](const dds_builtintopic_participant_t& found, bool alive) {
+          if (!alive) return surroundings_.participant_lost(text_of(found.key));
+          char* name = nullptr;
+          dds_qget_entity_name(found.qos, &name);
+          surroundings_.participant_found(text_of(found.key), {name ? name : "", "", {}});
+          dds_free(name);
+        });
     const auto endpoints = [&](dds_entity_t reader, bool writes) {
       take_all<dds_builtintopic_endpoint_t>(reader, [&](const dds_builtintopic_endpoint_t& found, bool alive) {
-        if (!alive) return types_.endpoint_lost(text_of(found.key));
-        types_.endpoint_found(text_of(found.key), text_of(found.participant_key), writes, found.topic_name,
-                              found.type_name);
+        if (!alive) return surroundings_.endpoint_lost(text_of(found.key));
+        surroundings_.endpoint_found(text_of(found.key), text_of(found.participant_key), writes, found.topic_name,
+                                     found.type_name);
       });
     };
     endpoints(publications_, true);
@@ -426,7 +427,7 @@ class CycloneMiddleware : public Middleware {
 
   const std::shared_ptr<Domain> domain_;
   std::atomic<bool> discovered_{false};
-  TypeCheck types_;
+  Surroundings surroundings_;
   Wakeup wakeup_;
   std::map<std::string, Known> topics_;
   dds_entity_t participant_, participants_, publications_, subscriptions_;

@@ -104,36 +104,36 @@ std::string text_of(const Guid& guid) {
 /// What discovery tells, on Fast's threads.
 class Discovery : public dds::DomainParticipantListener {
  public:
-  explicit Discovery(TypeCheck& types) : types_(types) {}
+  explicit Discovery(Surroundings& surroundings) : surroundings_(surroundings) {}
 
   void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& info) override {
     const std::string key = text_of(info.info.m_guid.guidPrefix);
     if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT)
-      types_.participant_found(key, info.info.m_participantName.to_string());
+      surroundings_.participant_found(key, {info.info.m_participantName.to_string(), "", {}});
     else if (info.status != rtps::ParticipantDiscoveryInfo::CHANGED_QOS_PARTICIPANT)
-      types_.participant_lost(key);
+      surroundings_.participant_lost(key);
   }
   void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) override {
     if (info.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER)
       found(info.info, true);
     else if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER)
-      types_.endpoint_lost(text_of(info.info.guid()));
+      surroundings_.endpoint_lost(text_of(info.info.guid()));
   }
   void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& info) override {
     if (info.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER)
       found(info.info, false);
     else if (info.status == rtps::ReaderDiscoveryInfo::REMOVED_READER)
-      types_.endpoint_lost(text_of(info.info.guid()));
+      surroundings_.endpoint_lost(text_of(info.info.guid()));
   }
 
  private:
   template <class Info>
   void found(const Info& info, bool writes) {
-    types_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes, info.topicName().to_string(),
-                          info.typeName().to_string());
+    surroundings_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes,
+                                 info.topicName().to_string(), info.typeName().to_string());
   }
 
-  TypeCheck& types_;
+  Surroundings& surroundings_;
 };
 
 class FastPublisher : public Publisher {
@@ -250,22 +250,26 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
 /// First index whose two UDP ports are free on this address. Fast itself would take ports beyond those that others look
 /// at.
 int free_index(const Network& network) {
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  inet_pton(AF_INET, network.address.c_str(), &address.sin_addr);
-  const auto is_free = [&](int port) {
+  const auto is_free_at = [&](const std::string& where, int port) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    inet_pton(AF_INET, where.c_str(), &address.sin_addr);
     const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     address.sin_port = htons(static_cast<std::uint16_t>(port));
     const bool bound = handle >= 0 && bind(handle, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
     if (handle >= 0) close(handle);
     return bound;
   };
+  const auto is_free = [&](int port) {
+    return std::all_of(network.addresses.begin(), network.addresses.end(),
+                       [&](const std::string& where) { return is_free_at(where, port); });
+  };
   for (int index = 0; index < kParticipants; ++index) {
     const int port = discovery_port(network.domain, index);
     if (is_free(port) && is_free(port + 1)) return index;
   }
   throw Error("all " + std::to_string(kParticipants) + " participants' ports of domain " +
-                  std::to_string(network.domain) + " are taken on " + network.interface,
+                  std::to_string(network.domain) + " are taken on " + network.interfaces,
               "fastdds", "choose another domain");
 }
 
@@ -282,7 +286,7 @@ class FastMiddleware : public Middleware {
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-    udp->interfaceWhiteList = {network.address};
+    udp->interfaceWhiteList = network.addresses;
     udp->maxInitialPeersRange = kParticipants;
     udp->maxMessageSize = 65500;
     udp->sendBufferSize = kSocketBuffer;
@@ -298,8 +302,10 @@ class FastMiddleware : public Middleware {
     // announcements for old ones.
     static std::atomic<int> started{0};
     wire.participant_id = started++;
-    wire.builtin.metatrafficUnicastLocatorList.push_back(locator(network.address, port));  // and so no multicast
-    wire.default_unicast_locator_list.push_back(locator(network.address, port + 1));
+    for (const std::string& address : network.addresses) {
+      wire.builtin.metatrafficUnicastLocatorList.push_back(locator(address, port));  // and so no multicast
+      wire.default_unicast_locator_list.push_back(locator(address, port + 1));
+    }
     for (const Network::Peer& peer : network.peers)
       wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));
     wire.builtin.discovery_config.leaseDuration = Duration_t(10, 0u);
@@ -312,7 +318,7 @@ class FastMiddleware : public Middleware {
                                                                                      dds::StatusMask::none());
     if (!participant_)
       throw Error("fastdds cannot start a participant in domain " + std::to_string(network.domain) + " on " +
-                  network.interface);
+                  network.interfaces);
     publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
     subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
   }
@@ -332,12 +338,12 @@ class FastMiddleware : public Middleware {
     return std::make_unique<FastSubscription>(subscriber_, own(topic), topic, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
-  std::vector<std::string> faults() override { return types_.faults(); }
+  Surroundings& surroundings() override { return surroundings_; }
   std::string name() const override { return "fastdds"; }
 
  private:
   dds::Topic* own(const Topic& topic) {
-    types_.own(topic);
+    surroundings_.own(topic.name, topic.type);
     dds::Topic*& known = topics_[topic.name];  // Fast refuses a second topic of one name
     if (!known) {
       // One type may serve several topics; Fast keeps one description of it.
@@ -355,8 +361,8 @@ class FastMiddleware : public Middleware {
     return known;
   }
 
-  TypeCheck types_;
-  Discovery discovery_{types_};
+  Surroundings surroundings_;
+  Discovery discovery_{surroundings_};
   Wakeup wakeup_;
   std::map<std::string, dds::Topic*> topics_;
   dds::DomainParticipant* participant_ = nullptr;

@@ -132,15 +132,15 @@ class InprocessMiddleware : public Middleware {
       : bus_(Bus::of(domain)), participant_(std::move(participant)) {}
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    types_.own(topic);
+    surroundings_.own(topic.name, topic.type);
     return std::make_unique<InprocessPublisher>(bus_, topic, participant_);
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
-    types_.own(topic);
+    surroundings_.own(topic.name, topic.type);
     return std::make_unique<InprocessSubscription>(bus_, topic, participant_, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
-  std::vector<std::string> faults() override {
+  Surroundings& surroundings() override {
     // No discovery here: look at what there is when something has come.
     if (const std::uint64_t now = bus_->endpoints; seen_ != now) {
       seen_ = now;
@@ -148,21 +148,21 @@ class InprocessMiddleware : public Middleware {
       for (const Endpoint* writer : bus_->writers) look(*writer, true);
       for (const Endpoint* reader : bus_->readers) look(*reader, false);
     }
-    return types_.faults();
+    return surroundings_;
   }
   std::string name() const override { return "inprocess"; }
 
  private:
   void look(const Endpoint& endpoint, bool writes) {
-    types_.participant_found(endpoint.participant, endpoint.participant);
-    types_.endpoint_found(std::to_string(endpoint.id), endpoint.participant, writes, endpoint.topic.name,
-                          endpoint.topic.type);
+    surroundings_.participant_found(endpoint.participant, {endpoint.participant, "inprocess", {}});
+    surroundings_.endpoint_found(std::to_string(endpoint.id), endpoint.participant, writes, endpoint.topic.name,
+                                 endpoint.topic.type);
   }
 
   const std::shared_ptr<Bus> bus_;
   const std::string participant_;
   Wakeup wakeup_;
-  TypeCheck types_;
+  Surroundings surroundings_;
   std::uint64_t seen_ = 0;
 };
 

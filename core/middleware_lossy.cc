@@ -115,7 +115,7 @@ class LossyMiddleware : public Middleware {
     for (LossyPublisher* publisher : *publishers_) publisher->flush();
     return inner_->wait(deadline);
   }
-  std::vector<std::string> faults() override { return inner_->faults(); }
+  Surroundings& surroundings() override { return inner_->surroundings(); }
   std::string name() const override { return "lossy:" + inner_->name(); }
 
  private:

@@ -4,7 +4,6 @@
 
 #include <atomic>
 #include <condition_variable>
-#include <map>
 #include <mutex>
 #include <string>
 #include <vector>
@@ -34,17 +33,23 @@ inline int discovery_port(std::uint32_t domain, int index) {
   return 7400 + 250 * static_cast<int>(domain) + 10 + 2 * index;
 }
 
+/// Where Fast DDS's discovery server listens unless told otherwise.
+inline constexpr int kDiscoveryServerPort = 11811;
+
 /// MiddlewareOptions with the network resolved and checked.
 struct Network {
   struct Peer {
+    std::string name;     ///< as given
     std::string address;  ///< IPv4
     int port;             ///< 0: the discovery ports of every index
   };
   std::uint32_t domain;
   std::string participant;
-  std::string interface;    ///< as given, for messages
-  std::string address;      ///< IPv4 address of the interface
-  std::vector<Peer> peers;  ///< this host's own address comes first
+  std::string interfaces;               ///< as given, for messages
+  std::vector<std::string> addresses;   ///< IPv4 addresses of the interfaces, at least one
+  std::vector<Peer> peers;              ///< this host's own addresses come first
+  std::vector<Peer> discovery_servers;  ///< each with a port
+  std::string security;                 ///< folder with keys; empty: none
 };
 
 /// Throws Error when the sample is larger than its topic allows.
@@ -89,36 +94,6 @@ class Wakeup {
   std::atomic<bool> asleep_{false};
   std::mutex mutex_;
   std::condition_variable condition_;
-};
-
-/// Compares the types of remote endpoints with those of our own topics and words the differences, once per endpoint.
-/// All methods may be called from any thread.
-class TypeCheck {
- public:
-  void participant_found(const std::string& participant, const std::string& name);
-  void participant_lost(const std::string& participant);
-  /// Keys identify endpoint and participant for good (a GUID in any form).
-  void endpoint_found(const std::string& endpoint, const std::string& participant, bool writes,
-                      const std::string& topic, const std::string& type);
-  void endpoint_lost(const std::string& endpoint);
-  /// A topic of our own. Throws Error when we have it with another type already.
-  void own(const Topic& topic);
-  /// Differences found since the last call.
-  std::vector<std::string> faults();
-
- private:
-  struct Endpoint {
-    std::string participant;
-    bool writes;
-    std::string topic, type;
-    bool reported = false;
-  };
-
-  std::mutex mutex_;
-  std::map<std::string, std::string> participants_;  // key -> name
-  std::map<std::string, Endpoint> endpoints_;
-  std::map<std::string, std::string> own_;  // topic -> type
-  std::atomic<bool> changed_{false};
 };
 
 std::unique_ptr<Middleware> create_fastdds(const Network& network);

@@ -60,16 +60,19 @@ Node::Channel& Node::subscription(const Topic& topic) {
   return channel;
 }
 
-void Node::stamp(msg::Header& header, std::uint64_t number) const {
+void Node::stamp(msg::Header& header, const std::string& run, std::uint64_t number) const {
   header.protocol(msg::PROTOCOL);
-  header.run(options_.run);
+  header.run(run);
   header.sender(options_.id);
   header.incarnation(incarnation_);
   header.message(number);
 }
 
 bool Node::accept(const msg::Header& header) {
-  if (!options_.run.empty() && header.run() != options_.run) return false;
+  if (!options_.run.empty() && header.run() != options_.run) {
+    ++traffic.foreign;
+    return false;
+  }
   return header.incarnation() != incarnation_ || header.sender() != options_.id;
 }
 
@@ -89,6 +92,7 @@ void Node::heartbeat() {
   status_.repeated(traffic.repeated);
   status_.resent(traffic.resent);
   status_.rejected(traffic.rejected);
+  status_.foreign(traffic.foreign);
   publish(status_);
 }
 
@@ -96,7 +100,7 @@ bool Node::wait(Clock::time_point deadline) {
   while (true) {
     beat();
     const bool ready = middleware_->wait(std::min(deadline, next_heartbeat_));
-    for (const std::string& line : middleware_->faults()) {
+    for (const std::string& line : middleware_->surroundings().faults()) {
       spdlog::error("{}", line);
       faults_.push_back(line);
     }
@@ -111,6 +115,22 @@ void Node::report(msg::State state, const std::string& activity, float rate) {
   status_.activity(activity.substr(0, 256));
   status_.rate(rate);
   if (changed) heartbeat();
+}
+
+void Node::alarm(const std::string& what, const std::string& trouble) {
+  const auto known = alarms_.find(what);
+  if (known == alarms_.end() ? trouble.empty() : known->second == trouble) return;
+  if (trouble.empty()) {
+    alarms_.erase(known);
+    spdlog::info("{}: is well again", what);
+  } else {
+    alarms_[what] = trouble;
+    spdlog::error("{}: {}", what, trouble);
+  }
+  std::string all;
+  for (const auto& [name, text] : alarms_) all += (all.empty() ? "" : "; ") + name + ": " + text;
+  status_.alarm(all.substr(0, 256));
+  heartbeat();
 }
 
 }  // namespace citylearn

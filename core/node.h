@@ -16,6 +16,7 @@ struct Traffic {
   std::uint64_t repeated = 0;
   std::uint64_t resent = 0;
   std::uint64_t rejected = 0;
+  std::uint64_t foreign = 0;
 };
 
 /// One service on the wire: its identity in a run, and typed writers and readers over one Middleware.
@@ -33,18 +34,14 @@ class Node {
 
   template <class Message>
   void publish(Message& message) {  // stamps message.header()
-    Channel& channel = publisher(topic_of<Message>());
-    stamp(message.header(), ++channel.written);
-    encode(message, buffer_);
-    channel.publisher->publish(buffer_);
+    publish(message, options_.run);
   }
 
   /// The same, said in another run: for a node that hears all of them.
   template <class Message>
   void publish(Message& message, const std::string& run) {
     Channel& channel = publisher(topic_of<Message>());
-    stamp(message.header(), ++channel.written);
-    message.header().run() = run.c_str();
+    stamp(message.header(), run, ++channel.written);
     encode(message, buffer_);
     channel.publisher->publish(buffer_);
   }
@@ -108,7 +105,13 @@ class Node {
   /// What the next heartbeats say. A changed state is sent at once.
   void report(msg::State state, const std::string& activity, float rate = 0);
 
+  /// Says in every heartbeat, and once in the log, that `what` ("checkpoint") is in trouble until somebody mends it
+  /// ("the disk is full; the one before is kept"). Without a trouble: that it is no more.
+  void alarm(const std::string& what, const std::string& trouble);
+
   const Options& options() const { return options_; }
+  /// The others in the domain.
+  Surroundings& surroundings() { return middleware_->surroundings(); }
   std::uint64_t incarnation() const { return incarnation_; }
   std::string middleware_name() const { return middleware_->name(); }
   /// Faults of the middleware seen so far (type mismatches), a line each.
@@ -124,7 +127,7 @@ class Node {
   };
   Channel& publisher(const Topic& topic);
   Channel& subscription(const Topic& topic);
-  void stamp(msg::Header& header, std::uint64_t number) const;
+  void stamp(msg::Header& header, const std::string& run, std::uint64_t number) const;
   bool accept(const msg::Header& header);
   void reject(const Error& error);
   void heartbeat();
@@ -137,6 +140,7 @@ class Node {
   msg::ServiceStatus status_;
   Clock::time_point started_, next_heartbeat_;
   std::vector<std::string> faults_;
+  std::map<std::string, std::string> alarms_;
   std::set<std::string> rejected_;  // kinds logged: type and field
 };
 

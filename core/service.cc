@@ -84,14 +84,24 @@ void add_node_options(CLI::App& app, Node::Options& options) {
       ->envname("CITYLEARN_DOMAIN")
       ->check(CLI::Range(0, 232))
       ->group(group);
-  app.add_option("--interface", middleware.interface,
-                 "Network interface, by name or IPv4 address; lo stays on this machine")
+  app.add_option("--interface", middleware.interfaces,
+                 "The only network interfaces used, by name or IPv4 address: A,B,...; lo stays on this machine")
+      ->delimiter(',')
       ->capture_default_str()
       ->envname("CITYLEARN_INTERFACE")
       ->group(group);
   app.add_option("--peers", middleware.peers, "Other hosts to find services on: HOST[:PORT],...")
       ->delimiter(',')
       ->envname("CITYLEARN_PEERS")
+      ->group(group);
+  app.add_option("--discovery-server", middleware.discovery_servers,
+                 "Fast DDS discovery servers to find services by, instead of --peers: HOST[:PORT],... (port 11811)")
+      ->delimiter(',')
+      ->envname("CITYLEARN_DISCOVERY_SERVER")
+      ->group(group);
+  app.add_option("--security", middleware.security,
+                 "Folder with this service's keys (docs/security.md): talks to nobody who has none")
+      ->envname("CITYLEARN_SECURITY")
       ->group(group);
   app.add_option_function<std::string>(
          "--log-level", [](const std::string& level) { spdlog::set_level(spdlog::level::from_str(level)); },

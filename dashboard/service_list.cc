@@ -116,6 +116,8 @@ nlohmann::json ServiceList::json(Clock::time_point now) const {
                         {"repeated", status.repeated()},
                         {"resent", status.resent()},
                         {"rejected", status.rejected()},
+                        {"foreign", status.foreign()},
+                        {"alarm", status.alarm().c_str()},
                         {"since", service.since}});
   }
   return {{"now", now_seconds()}, {"services", services}};

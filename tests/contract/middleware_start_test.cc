@@ -86,12 +86,12 @@ TEST_P(Vendor, DomainIsChecked) {
 
 TEST_P(Vendor, InterfaceIsChecked) {
   MiddlewareOptions options = options_of(GetParam());
-  options.interface = "wan7";
+  options.interfaces = {"wan7"};
   EXPECT_TRUE(start_error(options).starts_with("interface: unknown interface 'wan7' (those with IPv4: "))
       << start_error(options);
-  options.interface = "203.0.113.9";
+  options.interfaces = {"203.0.113.9"};
   EXPECT_NE(start_error(options), "");
-  options.interface = "127.0.0.1";
+  options.interfaces = {"127.0.0.1"};
   EXPECT_EQ(start_error(options), "");
 }
 

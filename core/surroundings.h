@@ -1,0 +1,72 @@
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <map>
+#include <mutex>
+#include <string>
+#include <vector>
+
+namespace citylearn {
+
+/// Who else is in a DDS domain, as discovery tells a middleware, and what is wrong with it. Vendors' threads tell, the
+/// service asks: all methods may be called from any thread.
+class Surroundings {
+ public:
+  struct Participant {
+    std::string name;    ///< as in MiddlewareOptions; empty when it has none
+    std::string vendor;  ///< "fastdds", "cyclonedds", or the RTPS vendor id: "vendor 01.03"; may be empty
+    std::vector<std::string> addresses;  ///< IPv4 addresses that it is reached at
+  };
+  struct Endpoint {
+    std::string participant;  ///< name
+    bool writes = false;
+    std::string topic, type;
+    bool mismatch = false;  ///< of another type than ours of that topic
+  };
+
+  std::vector<Participant> participants();
+  std::vector<Endpoint> endpoints();
+
+  /// What went wrong since the last call, a line each: "topic X: Y publishes type A, expected B", or a peer at whose
+  /// address nobody has been heard for kPatience.
+  std::vector<std::string> faults();
+  static constexpr std::chrono::seconds kPatience{4};
+
+  // Told by the middleware. Keys identify participants and endpoints for good (a GUID in any form).
+
+  void participant_found(const std::string& key, const Participant& participant);
+  void participant_lost(const std::string& key);
+  void endpoint_found(const std::string& key, const std::string& participant, bool writes, const std::string& topic,
+                      const std::string& type);
+  void endpoint_lost(const std::string& key);
+  /// A topic of our own. Throws Error when we have it with another type already.
+  void own(const std::string& topic, const std::string& type);
+  /// Somebody should be heard at this IPv4 address; `peer` is what the user wrote.
+  void expect(const std::string& peer, const std::string& address);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  struct Remote {
+    std::string participant;  // key
+    bool writes;
+    std::string topic, type;
+    bool reported = false;
+  };
+  struct Expected {
+    std::string peer;
+    Clock::time_point until;
+  };
+  std::string name_of(const std::string& participant) const;
+  bool differs(const Remote& remote) const;
+
+  std::mutex mutex_;
+  std::map<std::string, Participant> participants_;
+  std::map<std::string, Remote> endpoints_;
+  std::map<std::string, std::string> own_;    // topic -> type
+  std::map<std::string, Expected> expected_;  // address -> not heard yet, not told yet
+  std::atomic<bool> changed_{false};
+  std::atomic<bool> expecting_{false};
+};
+
+}  // namespace citylearn
