@@ -1,4 +1,6 @@
 // How fast, and how well, does an agent learn with nothing between environment and trainer? (README.md)
+#include "tools/inprocess/training.h"
+
 #include <malloc.h>
 
 #include <CLI/CLI.hpp>
@@ -10,13 +12,11 @@
 #include <string>
 #include <vector>
 
-#include "bench/training/pictures.h"
 #include "core/plugins.h"
 #include "env_service/dataset.h"
-#include "env_service/environment.h"
 #include "policy_service/network_policy.h"
-#include "policy_service/trainer.h"
 #include "policy_service/worker.h"
+#include "tools/inprocess/pictures.h"
 
 namespace citylearn {
 namespace {
@@ -55,57 +55,32 @@ void give_parameters(const std::vector<std::string>& set, TrainerOptions& option
   }
 }
 
-struct Figures {
-  double completed = 0, spl = 0, steps = 0, reward = 0;
-};
-
-Figures evaluate(const TrainedAgent& agent, const Traversal& traversal, const Options& options, bool shuffle) {
-  const int room = static_cast<int>(msg::MAX_FEATURES) / traversal.dimension;  // agents whose features fit
-  Environment environment(traversal, std::min({256, room, options.tasks}));
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::EVALUATE;
-  settings.first_frame() = static_cast<std::uint32_t>(options.trainer.first_frame);
-  settings.frames() = static_cast<std::uint32_t>(options.frames);
-  settings.max_steps() = static_cast<std::uint32_t>(options.frames);
-  settings.seed() = 4711;
-  settings.tasks() = static_cast<std::uint32_t>(options.tasks);
-  settings.shuffle() = shuffle;
-  environment.reset(settings);
+Score evaluate(const TrainedAgent& agent, const Traversal& traversal, const Options& options, bool shuffle) {
   NetworkPolicy policy(agent, {});
-  Figures sums;
-  msg::Observation observation;
-  std::vector<std::uint8_t> choice;
-  while (!environment.done()) {
-    environment.observe(observation);
-    policy.act(observation, choice);
-    environment.step(choice);
-    for (const Environment::Episode& episode : environment.finished()) {
-      sums.completed += episode.completed ? 1.0 / options.tasks : 0;
-      sums.steps += static_cast<double>(episode.steps) / options.tasks;
-      sums.reward += static_cast<double>(episode.reward) / options.tasks;
-      if (episode.completed)
-        sums.spl += static_cast<double>(episode.shortest) / std::max(episode.shortest, episode.steps) / options.tasks;
-    }
-  }
-  return sums;
+  Trial trial;
+  trial.first_frame = options.trainer.first_frame;
+  trial.frames = trial.max_steps = options.frames;
+  trial.tasks = options.tasks;
+  trial.shuffle = shuffle;
+  return score(try_out(policy, traversal, trial));
 }
 
 void print_evaluation(const TrainedAgent& agent, const std::vector<Traversal>& traversals, const Options& options) {
   for (const Traversal& traversal : traversals)
     for (const bool shuffle : {false, true}) {
       if (shuffle && !options.shuffled) continue;
-      const Figures f = evaluate(agent, traversal, options, shuffle);
+      const Score f = evaluate(agent, traversal, options, shuffle);
       std::printf("  %-8s%-9s completed %.4f  SPL %.4f  steps %5.1f  reward %.4f\n", traversal.name.c_str(),
-                  shuffle ? " shuffled" : "", f.completed, f.spl, f.steps, f.reward);
+                  shuffle ? " shuffled" : "", f.completed, f.spl, f.mean_steps, f.reward);
     }
   std::fflush(stdout);
 }
 
 void train(const Options& options) {
   const auto dataset = DatasetRegistry::instance().find("dataset", options.dataset);
-  const std::map<std::string, double> features =
-      options.dataset == "synthetic" && options.encoder.empty() ? std::map<std::string, double>{{"images", 0}}
-                                                                : std::map<std::string, double>{};
+  const std::map<std::string, double> features = options.dataset == "synthetic" && options.encoder.empty()
+                                                     ? std::map<std::string, double>{{"images", 0}}
+                                                     : std::map<std::string, double>{};
   const auto source = dataset.create(Parameters("dataset", dataset.parameters, features), options.data);
   Traversal route = source->load(options.train);
   std::vector<Traversal> others;
@@ -116,55 +91,18 @@ void train(const Options& options) {
     for (Traversal& other : others) other = pictures.encode(other);
   }
 
-  NetworkTask task;
-  task.features = route.dimension;
-  task.frames = options.frames;
-  task.reference = Eigen::Map<const Matrix<float>>(route.features.data(), route.dimension, route.frames)
-                       .middleCols(options.trainer.first_frame, options.frames);
-  Trainer trainer(options.trainer, task);
-  const int agents = options.agents > 0
-                         ? options.agents
-                         : static_cast<int>(trainer.parameters()["trainer"]["agents"]) / options.environments;
-  std::vector<Environment> environments(static_cast<std::size_t>(options.environments), Environment(route, agents));
-  for (int i = 0; i < options.environments; ++i) trainer.add(i, agents);
+  InprocessTraining training(options.trainer, route, options.frames, options.environments, options.agents);
+  Trainer& trainer = training.trainer();
   for (const auto& [part, values] : trainer.parameters()) {
     std::printf("%s:", part.c_str());
     for (const auto& [name, value] : values) std::printf(" %s=%g", name.c_str(), value);
     std::printf("\n");
   }
 
-  msg::Observation observation;
-  msg::TaskSettings settings;
-  std::vector<std::uint8_t> choice;
-  std::uint64_t cut = ~std::uint64_t{0};
-  double acting = 0, learning = 0, wall_to_spl90 = 0, wall_to_spl95 = 0, judging = 0;
+  double wall_to_spl90 = 0, wall_to_spl95 = 0, judging = 0;
   const Clock::time_point start = Clock::now();
   while (!trainer.done() && (options.time_limit <= 0 || since(start) - judging < options.time_limit)) {
-    const bool anew = trainer.cut() != cut;
-    cut = trainer.cut();
-    for (int i = 0; i < options.environments; ++i) {
-      Environment& environment = environments[static_cast<std::size_t>(i)];
-      if (anew) {
-        trainer.settings(i, settings);
-        environment.reset(settings);
-      } else {
-        const Clock::time_point begin = Clock::now();
-        trainer.resume(i, choice);
-        acting += since(begin);
-        environment.step(choice);
-      }
-      while (true) {
-        environment.observe(observation);
-        const Clock::time_point begin = Clock::now();
-        const bool go_on = trainer.act(i, observation, choice);
-        acting += since(begin);
-        if (!go_on) break;
-        environment.step(choice);
-      }
-    }
-    const Clock::time_point begin = Clock::now();
-    const UpdateFigures figures = trainer.update();
-    learning += since(begin);
+    const UpdateFigures figures = training.update();
     const TrainingProgress& progress = trainer.progress();
     if (progress.episodes >= 100 && progress.spl >= 0.9 && wall_to_spl90 == 0) {
       wall_to_spl90 = since(start) - judging;
@@ -198,7 +136,7 @@ void train(const Options& options) {
       "it\n",
       options.trainer.agent.c_str(), static_cast<unsigned long long>(options.trainer.seed),
       static_cast<unsigned long long>(progress.steps), static_cast<unsigned long long>(progress.episodes), wall,
-      static_cast<double>(progress.steps) / wall, 100 * acting / wall, 100 * learning / wall);
+      static_cast<double>(progress.steps) / wall, 100 * training.acting() / wall, 100 * training.learning() / wall);
   if (progress.episodes_to_spl95)
     std::printf("SPL of the last 100 training episodes reached 0.95 after %llu episodes, %llu steps, %.1f s\n",
                 static_cast<unsigned long long>(*progress.episodes_to_spl95),

@@ -1,109 +1,37 @@
 #include "tools/vpr/plot.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "core/error.h"
+#include "tools/chart/chart.h"
 
 namespace citylearn::vpr {
 namespace {
 
-// Plot area and margins, in SVG units.
-constexpr double kLeft = 62, kTop = 44, kSide = 420, kLegend = 300;
-
-// Okabe & Ito's colours, told apart by most colour-blind people, in shades with contrast on white and on black.
-constexpr std::array kColours = {"#0b84c8", "#d55e00", "#009e73", "#b8860b",
-                                 "#c0569b", "#7a6ff0", "#d0453b", "#5c9a1b"};
-constexpr std::array kDashes = {"", "7 4", "2 3", "10 3 2 3"};
-
-std::string number(double value, const char* format = "%.4g") {
-  char text[32];
-  std::snprintf(text, sizeof(text), format, value);
-  return text;
-}
-
-std::string escaped(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '<')
-      result += "&lt;";
-    else if (c == '>')
-      result += "&gt;";
-    else if (c == '&')
-      result += "&amp;";
-    else
-      result += static_cast<unsigned char>(c) < ' ' ? ' ' : c;
-  }
-  return result;
-}
-
-std::string text_at(double x, double y, const std::string& kind, const std::string& text) {
-  return "<text class=\"" + kind + "\" x=\"" + number(x) + "\" y=\"" + number(y) + "\">" + escaped(text) + "</text>\n";
-}
-
-std::string point(double recall, double precision) {
-  return number(kLeft + kSide * recall, "%.1f") + "," + number(kTop + kSide * (1 - precision), "%.1f") + " ";
-}
-
-std::string axes(const std::string& title) {
-  std::string svg = text_at(kLeft, 24, "title", title);
-  for (int i = 0; i <= 10; ++i) {
-    const double at = kSide * i / 10;
-    const bool labelled = i % 2 == 0;
-    const std::string kind = labelled ? "grid" : "grid faint";
-    svg += "<path class=\"" + kind + "\" d=\"M" + number(kLeft + at) + " " + number(kTop) + "v" + number(kSide) + "M" +
-           number(kLeft) + " " + number(kTop + at) + "h" + number(kSide) + "\"/>\n";
-    if (!labelled) continue;
-    svg += text_at(kLeft + at, kTop + kSide + 18, "tick middle", number(i / 10.0, "%.1f"));
-    svg += text_at(kLeft - 8, kTop + kSide - at + 4, "tick end", number(i / 10.0, "%.1f"));
-  }
-  svg += text_at(kLeft + kSide / 2, kTop + kSide + 40, "axis middle", "recall");
-  svg += "<text class=\"axis middle\" transform=\"translate(18 " + number(kTop + kSide / 2) +
-         ") rotate(-90)\">precision</text>\n";
-  return svg;
-}
+constexpr double kPixels = 420;  // a side of the plot
 
 }  // namespace
 
 std::string precision_recall_svg(const std::string& title, const std::vector<Curve>& curves) {
-  const double height = std::max(kTop + kSide + 56, kTop + 20 + 20 * static_cast<double>(curves.size()));
-  const double width = kLeft + kSide + 24 + kLegend;
-  std::string svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 " + number(width) + " " + number(height) +
-                    "\" width=\"" + number(width) + "\" height=\"" + number(height) + "\" role=\"img\">\n<title>" +
-                    escaped(title) + "</title>\n";
-  svg +=
-      "<style>\n"
-      "svg { background: #ffffff; color: #1f2328; font: 12px system-ui, sans-serif; }\n"
-      "text { fill: currentColor; } .title { font-size: 15px; font-weight: 600; } .axis { font-size: 13px; }\n"
-      ".middle { text-anchor: middle; } .end { text-anchor: end; } .tick { opacity: .8; }\n"
-      ".grid { stroke: currentColor; stroke-opacity: .22; fill: none; } .faint { stroke-opacity: .08; }\n"
-      ".curve { fill: none; stroke-width: 2; stroke-linejoin: round; }\n"
-      "@media (prefers-color-scheme: dark) { svg { background: #0d1117; color: #e6edf3; } }\n"
-      "</style>\n";
-  svg += axes(title);
-  for (std::size_t i = 0; i < curves.size(); ++i) {
-    const std::string stroke = std::string("stroke=\"") + kColours[i % kColours.size()] + "\" stroke-dasharray=\"" +
-                               kDashes[i / kColours.size() % kDashes.size()] + "\"";
-    const Curve& curve = curves[i];
-    std::string points;
-    if (!curve.recall.empty()) points += point(0, curve.precision.front());
-    // Points closer than a pixel to the last one drawn say nothing new.
-    double drawn_recall = -1, drawn_precision = -1;
-    for (std::size_t k = 0; k < curve.recall.size(); ++k) {
-      const double step = std::hypot(curve.recall[k] - drawn_recall, curve.precision[k] - drawn_precision);
-      if (step * kSide < 0.7 && k + 1 < curve.recall.size()) continue;
-      points += point(drawn_recall = curve.recall[k], drawn_precision = curve.precision[k]);
+  Chart chart{title, {"recall", 0, 1}, {"precision", 0, 1}, {}};
+  chart.width = chart.height = kPixels;
+  for (const Curve& curve : curves) {
+    Line& line = chart.lines.emplace_back(Line{curve.label, {}, {}});
+    if (curve.recall.empty()) continue;
+    line.x = {0};
+    line.y = {curve.precision.front()};
+    for (std::size_t i = 0; i < curve.recall.size(); ++i) {
+      // Points closer than a pixel to the last one drawn say nothing new.
+      const double step = std::hypot(curve.recall[i] - line.x.back(), curve.precision[i] - line.y.back());
+      if (step * kPixels < 0.7 && i + 1 < curve.recall.size()) continue;
+      line.x.push_back(curve.recall[i]);
+      line.y.push_back(curve.precision[i]);
     }
-    svg += "<polyline class=\"curve\" " + stroke + " points=\"" + points + "\"/>\n";
-    const double y = kTop + 12 + 20 * static_cast<double>(i), x = kLeft + kSide + 24;
-    svg += "<path class=\"curve\" " + stroke + " d=\"M" + number(x) + " " + number(y - 4) + "h26\"/>\n";
-    svg += text_at(x + 34, y, "label", curve.label);
   }
-  return svg + "</svg>\n";
+  return svg_of(chart);
 }
 
 std::string matrix_png(const Eigen::Ref<const Eigen::MatrixXf>& matrix, int most) {

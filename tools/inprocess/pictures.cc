@@ -1,4 +1,4 @@
-#include "bench/training/pictures.h"
+#include "tools/inprocess/pictures.h"
 
 #include <algorithm>
 #include <opencv2/core.hpp>

@@ -1,0 +1,108 @@
+#include "tools/inprocess/training.h"
+
+#include <algorithm>
+#include <chrono>
+
+namespace citylearn {
+namespace {
+
+double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+}  // namespace
+
+NetworkTask network_task(const Traversal& route, int first, int frames) {
+  if (first < 0 || frames < 2 || first + frames > route.frames)
+    throw Error("has " + std::to_string(route.frames) + " frames, the route needs frames " + std::to_string(first) +
+                    ".." + std::to_string(first + frames - 1),
+                "traversal '" + route.name + "'", "choose fewer");
+  NetworkTask task;
+  task.features = route.dimension;
+  task.frames = frames;
+  task.reference =
+      Eigen::Map<const Matrix<float>>(route.features.data(), route.dimension, route.frames).middleCols(first, frames);
+  return task;
+}
+
+InprocessTraining::InprocessTraining(const TrainerOptions& options, const Traversal& route, int frames,
+                                     int environments, int agents)
+    : trainer_(options, network_task(route, options.first_frame, frames)),
+      environments_(static_cast<std::size_t>(environments),
+                    Environment(route, agents > 0 ? agents
+                                                  : static_cast<int>(trainer_.parameters()["trainer"]["agents"]) /
+                                                        environments)) {
+  for (int i = 0; i < environments; ++i) trainer_.add(i, environments_.front().agents());
+}
+
+void InprocessTraining::step(Environment& environment) {
+  environment.step(choice_);
+  finished_.insert(finished_.end(), environment.finished().begin(), environment.finished().end());
+}
+
+UpdateFigures InprocessTraining::update() {
+  const bool anew = trainer_.cut() != cut_;
+  cut_ = trainer_.cut();
+  finished_.clear();
+  for (std::size_t i = 0; i < environments_.size(); ++i) {
+    Environment& environment = environments_[i];
+    const int number = static_cast<int>(i);
+    if (anew) {
+      trainer_.settings(number, settings_);
+      environment.reset(settings_);
+    } else {
+      const Clock::time_point begin = Clock::now();
+      trainer_.resume(number, choice_);
+      acting_ += since(begin);
+      step(environment);
+    }
+    while (true) {
+      environment.observe(observation_);
+      const Clock::time_point begin = Clock::now();
+      const bool more = trainer_.act(number, observation_, choice_);
+      acting_ += since(begin);
+      if (!more) break;
+      step(environment);
+    }
+  }
+  const Clock::time_point begin = Clock::now();
+  const UpdateFigures figures = trainer_.update();
+  learning_ += since(begin);
+  return figures;
+}
+
+std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& traversal, const Trial& trial) {
+  const int room = traversal.dimension > 0 ? static_cast<int>(msg::MAX_FEATURES) / traversal.dimension : 256;
+  Environment environment(traversal, std::max(1, std::min({256, room, trial.tasks})));
+  msg::TaskSettings settings;
+  settings.task_mode() = msg::EVALUATE;
+  settings.first_frame() = static_cast<std::uint32_t>(trial.first_frame);
+  settings.frames() = static_cast<std::uint32_t>(trial.frames);
+  settings.max_steps() = static_cast<std::uint32_t>(trial.max_steps);
+  settings.seed() = trial.seed;
+  settings.tasks() = static_cast<std::uint32_t>(trial.tasks);
+  settings.shuffle() = trial.shuffle;
+  environment.reset(settings);
+  std::vector<Environment::Episode> episodes(static_cast<std::size_t>(trial.tasks));
+  msg::Observation observation;
+  std::vector<std::uint8_t> choice;
+  while (!environment.done()) {
+    environment.observe(observation);
+    policy.act(observation, choice);
+    environment.step(choice);
+    for (const Environment::Episode& episode : environment.finished())
+      episodes[static_cast<std::size_t>(episode.task)] = episode;
+  }
+  return episodes;
+}
+
+Score score(const std::vector<Environment::Episode>& episodes) {
+  std::vector<msg::EpisodeStat> stats(episodes.size());
+  for (std::size_t i = 0; i < episodes.size(); ++i) {
+    stats[i].steps() = static_cast<std::uint32_t>(episodes[i].steps);
+    stats[i].shortest() = static_cast<std::uint32_t>(episodes[i].shortest);
+    stats[i].reward() = episodes[i].reward;
+    stats[i].completed() = episodes[i].completed;
+  }
+  return score(stats);
+}
+
+}  // namespace citylearn

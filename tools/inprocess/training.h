@@ -1,0 +1,61 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "env_service/environment.h"
+#include "policy_service/policy.h"
+#include "policy_service/score.h"
+#include "policy_service/trainer.h"
+
+namespace citylearn {
+
+/// A trainer and its environments in one process, nothing on a wire. What it learns is what the services learn in
+/// lockstep.
+class InprocessTraining {
+ public:
+  /// Frames options.first_frame .. + frames - 1 of `route`, which must outlive this and have features (an agent that
+  /// needs none takes it as it is). `agents` of each environment; 0: the network's recommendation in all. Throws Error
+  /// as Trainer does.
+  InprocessTraining(const TrainerOptions& options, const Traversal& route, int frames, int environments = 1,
+                    int agents = 0);
+
+  /// One segment of every environment, and what is learned from it.
+  UpdateFigures update();
+
+  Trainer& trainer() { return trainer_; }
+  /// Episodes that ended in the last update's segment, by environment.
+  const std::vector<Environment::Episode>& finished() const { return finished_; }
+  double acting() const { return acting_; }      ///< seconds so far
+  double learning() const { return learning_; }  ///< seconds so far
+
+ private:
+  void step(Environment& environment);
+
+  Trainer trainer_;
+  std::vector<Environment> environments_;
+  std::vector<Environment::Episode> finished_;
+  std::uint64_t cut_ = ~std::uint64_t{0};
+  double acting_ = 0, learning_ = 0;
+  msg::Observation observation_;
+  msg::TaskSettings settings_;
+  std::vector<std::uint8_t> choice_;
+};
+
+/// The task of a traversal's frames first .. first + frames - 1, as a network is made for it.
+NetworkTask network_task(const Traversal& route, int first, int frames);
+
+/// The numbered tasks that a policy is tried on.
+struct Trial {
+  int first_frame = 0, frames = 128, max_steps = 128, tasks = 2000;
+  std::uint64_t seed = 4711;  ///< the same seed: the same tasks, on whichever traversal
+  bool shuffle = false;       ///< frames shown in a random order
+};
+
+/// Episodes by task. `policy` is asked for a fresh policy once. Throws Error.
+std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& traversal, const Trial& trial);
+Score score(const std::vector<Environment::Episode>& episodes);
+
+}  // namespace citylearn

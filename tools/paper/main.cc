@@ -1,0 +1,133 @@
+// ./run paper: the paper's figures and tables on the data at hand, in one report.
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <iostream>
+
+#include "core/files.h"
+#include "core/service.h"
+#include "encoder_service/encoder_options.h"
+#include "policy_service/sweep.h"
+#include "tools/paper/section.h"
+
+namespace {
+
+using namespace citylearn;
+using namespace citylearn::paper;
+
+struct CommandLine {
+  WorldOptions world;
+  std::string seeds, output = "runs/paper", store = "runs/store";
+  std::vector<std::string> only;
+  bool quick = false;
+  std::string text;  ///< as typed, without --only
+};
+
+std::vector<std::unique_ptr<Section>> sections() {
+  std::vector<std::unique_ptr<Section>> all;
+  all.push_back(make_compute());
+  all.push_back(make_recognition());
+  all.push_back(make_curves());
+  all.push_back(make_deployment());
+  all.push_back(make_datasets());
+  return all;
+}
+
+void add_options(CLI::App& app, CommandLine& line) {
+  const std::string data = "Recordings", report = "Report";
+  add_dataset_options(app, line.world.source, data);
+  app.add_option("--train", line.world.source.traversal, "Traversal that is learned from")
+      ->capture_default_str()
+      ->group(data);
+  app.add_option("--encoder", line.world.encoders,
+                 "Encoders of pictures, of " + encoder_names() + " (hog,vlad; --quick: hog)")
+      ->delimiter(',')
+      ->group(data);
+  app.add_option("--model", line.world.files.model, "Network of the encoders that need one")
+      ->type_name("FILE")
+      ->group(data);
+  app.add_option("--store", line.store, "Folder that keeps what was encoded")
+      ->type_name("DIR")
+      ->envname("CITYLEARN_STORE")
+      ->capture_default_str()
+      ->group(data);
+  app.add_flag("--quick", line.quick, "Fewer seeds, tasks and encoders: 15 minutes on two processors")->group(report);
+  app.add_option("--seeds", line.seeds, "As 1..5 (1..5; --quick: 1..2)")->group(report);
+  std::vector<std::string> names;
+  for (const auto& section : sections()) names.push_back(section->name());
+  app.add_option("--only", line.only, "These parts of the report: " + CLI::detail::join(names, ","))
+      ->delimiter(',')
+      ->check(CLI::IsMember(names))
+      ->group(report);
+  app.add_option("--output", line.output, "Folder of report.html, its figures and tables, and of the work that is done")
+      ->type_name("DIR")
+      ->capture_default_str()
+      ->group(report);
+}
+
+/// Who is compared: the paper's agents, and the one that this project recommends.
+std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint64_t>& seeds, bool quick) {
+  const std::vector<std::string> known = world.representations({64});
+  const std::string features = known.front();
+  const std::vector<std::uint64_t> few(seeds.begin(),
+                                       seeds.begin() + (quick ? 1 : static_cast<std::ptrdiff_t>(seeds.size())));
+  std::vector<Context::Agent> agents = {{"baseline", "baseline (sees its position)", features, seeds, 15},
+                                        {"features", "features (the paper's)", features, few, 60}};
+  if (world.pictures()) agents.push_back({"raw_images", "raw images", "raw84", few, 120});
+  agents.push_back({"place_filter", "place_filter (ours)", features, seeds, 6});
+  return agents;
+}
+
+int make_report(CommandLine& line) {
+  if (line.world.encoders.empty() && line.world.source.dataset == "synthetic")
+    line.world.encoders = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
+  line.world.store = line.store == "none" ? "" : line.store;
+  line.world.most_frames = line.quick ? 512 : 4000;
+  const std::vector<std::uint64_t> seeds = parse_seeds(!line.seeds.empty() ? line.seeds : line.quick ? "1..2" : "1..5");
+  World world(line.world);
+  Work work(line.output + "/work");
+  Context context{
+      world, work, line.quick, seeds, std::min(128, world.frames()), line.text, agents_of(world, seeds, line.quick)};
+  std::vector<std::unique_ptr<Section>> wanted;
+  for (auto& section : sections())
+    if (line.only.empty() || std::find(line.only.begin(), line.only.end(), section->name()) != line.only.end())
+      wanted.push_back(std::move(section));
+  for (const auto& section : wanted) section->plan(context);
+  const bool well = work.run();
+  Report report(line.output);
+  for (const auto& section : wanted) {
+    report.section(section->name(), section->title());
+    section->tell(context, report);
+  }
+  report.write("CityLearn's experiments, again", "Made by: " + line.text + ", version " + version() + ", " +
+                                                     (world.drawn() ? "on drawn recordings" : "on real recordings") +
+                                                     ".");
+  std::cout << line.output << "/report.html" << std::endl;
+  return well ? 0 : 1;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CommandLine line;
+  for (int i = 1; i < argc; ++i) {
+    const std::string word = argv[i];
+    if (word == "--only")
+      ++i;
+    else if (!word.starts_with("--only="))
+      line.text += " " + word;
+  }
+  line.text = "./run paper" + line.text;
+  return service_main(
+      argc, argv, "Repeats the paper's experiments on the data at hand and writes a report.",
+      [&](CLI::App& app) { add_options(app, line); },
+      [&] {
+        try {
+          return make_report(line);
+        } catch (const Stopped&) {
+          spdlog::warn("stopped; the same command goes on from here");
+          return 130;
+        }
+      });
+}

@@ -1,0 +1,110 @@
+#include "tools/paper/report.h"
+
+#include <openssl/evp.h>
+#include <spdlog/fmt/fmt.h>
+
+#include <cmath>
+
+#include "core/files.h"
+#include "tools/chart/chart.h"
+
+namespace citylearn::paper {
+namespace {
+
+constexpr const char* kStyle =
+    "body{font:16px/1.55 system-ui,sans-serif;max-width:1000px;margin:2rem auto;padding:0 1rem;color:#1f2328;"
+    "background:#fff}h1{font-size:1.9rem;line-height:1.2}h2{margin-top:3rem;border-bottom:1px solid #d0d7de}"
+    "nav a{margin-right:1rem}figure{margin:1.5rem 0;overflow-x:auto}figure img{max-width:100%;height:auto}"
+    "figcaption,caption{font-size:.9rem;color:#57606a;text-align:left;margin:.3rem 0}"
+    ".wide{overflow-x:auto}table{border-collapse:collapse;font-size:.9rem;font-variant-numeric:tabular-nums}"
+    "th,td{padding:.3rem .7rem;border-bottom:1px solid #d0d7de;text-align:left;white-space:nowrap}"
+    "td+td{text-align:right}th+th{text-align:right}.remark{border-left:4px solid #bf8700;padding:.2rem 1rem;"
+    "background:#fff8c5}code{font-size:.9em}"
+    "@media(prefers-color-scheme:dark){body{color:#e6edf3;background:#0d1117}h2,th,td{border-color:#30363d}"
+    "figcaption,caption{color:#9198a1}.remark{background:#2e2a1f}a{color:#4493f8}}";
+
+std::string base64(const std::string& bytes) {
+  std::string text(4 * ((bytes.size() + 2) / 3) + 1, '\0');
+  const int length =
+      EVP_EncodeBlock(reinterpret_cast<unsigned char*>(text.data()),
+                      reinterpret_cast<const unsigned char*>(bytes.data()), static_cast<int>(bytes.size()));
+  text.resize(static_cast<std::size_t>(length));
+  return text;
+}
+
+std::string csv_field(const std::string& text) {
+  if (text.find_first_of(",\"\n") == text.npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return quoted + "\"";
+}
+
+std::string csv_line(const std::vector<std::string>& fields) {
+  std::string line;
+  for (std::size_t i = 0; i < fields.size(); ++i) line += (i ? "," : "") + csv_field(fields[i]);
+  return line + "\n";
+}
+
+}  // namespace
+
+void Report::section(const std::string& name, const std::string& title) {
+  contents_ += "<a href=\"#" + name + "\">" + escaped(title) + "</a>\n";
+  body_ += "<h2 id=\"" + name + "\">" + escaped(title) + "</h2>\n";
+}
+
+void Report::text(const std::string& paragraph) { body_ += "<p>" + escaped(paragraph) + "</p>\n"; }
+
+void Report::remark(const std::string& paragraph) { body_ += "<p class=\"remark\">" + escaped(paragraph) + "</p>\n"; }
+
+void Report::table(const ReportTable& table) {
+  std::string csv = csv_line(table.columns);
+  body_ += "<div class=\"wide\"><table><caption>" + escaped(table.caption) + "</caption>\n<tr>";
+  for (const std::string& column : table.columns) body_ += "<th scope=\"col\">" + escaped(column) + "</th>";
+  body_ += "</tr>\n";
+  for (const std::vector<std::string>& row : table.rows) {
+    csv += csv_line(row);
+    body_ += "<tr>";
+    for (const std::string& field : row) body_ += "<td>" + escaped(field) + "</td>";
+    body_ += "</tr>\n";
+  }
+  body_ += "</table></div>\n";
+  write_file(folder_ + "/" + table.name + ".csv", csv);
+}
+
+void Report::figure(const std::string& name, const std::string& svg, const std::string& caption) {
+  write_file(folder_ + "/" + name + ".svg", svg);
+  // As an image, so that its style stays its own.
+  body_ += "<figure><img alt=\"" + escaped(caption) + "\" src=\"data:image/svg+xml;base64," + base64(svg) +
+           "\"><figcaption>" + escaped(caption) + "</figcaption></figure>\n";
+}
+
+void Report::picture(const std::string& name, const std::string& png, const std::string& caption) {
+  write_file(folder_ + "/" + name + ".png", png);
+  body_ += "<figure><img alt=\"" + escaped(caption) + "\" src=\"data:image/png;base64," + base64(png) +
+           "\"><figcaption>" + escaped(caption) + "</figcaption></figure>\n";
+}
+
+void Report::write(const std::string& title, const std::string& about) const {
+  write_file(folder_ + "/report.html",
+             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+             "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>" +
+                 escaped(title) + "</title>\n<style>" + kStyle + "</style>\n</head>\n<body>\n<h1>" + escaped(title) +
+                 "</h1>\n<p>" + escaped(about) + "</p>\n<nav>\n" + contents_ + "</nav>\n" + body_ +
+                 "</body>\n</html>\n");
+}
+
+std::string fixed(double value, int digits) {
+  return std::isfinite(value) ? fmt::format("{:.{}f}", value, digits) : "-";
+}
+
+std::string text_of(const Estimate& estimate, int digits) {
+  const std::string middle = fixed(estimate.mean, digits);
+  if (!std::isfinite(estimate.low) || !std::isfinite(estimate.high)) return middle;
+  return middle + " (" + fixed(estimate.low, digits) + ".." + fixed(estimate.high, digits) + ")";
+}
+
+std::string percent(const Estimate& estimate) {
+  return text_of({100 * estimate.mean, 100 * estimate.low, 100 * estimate.high, estimate.n}, 1) + " %";
+}
+
+}  // namespace citylearn::paper

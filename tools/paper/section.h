@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "tools/paper/report.h"
+#include "tools/paper/study.h"
+#include "tools/paper/work.h"
+#include "tools/paper/world.h"
+
+namespace citylearn::paper {
+
+/// What all sections share.
+struct Context {
+  World& world;
+  Work& work;
+  bool quick = false;
+  std::vector<std::uint64_t> seeds;
+  int frames = 128;     ///< N of the paper's route
+  std::string command;  ///< that makes the report again, without --only
+
+  /// The agents compared, each on the representation it is meant for.
+  struct Agent {
+    std::string agent, label, representation;
+    std::vector<std::uint64_t> seeds;
+    double seconds = 0;  ///< of one training, guessed
+  };
+  std::vector<Agent> agents;
+  /// One of their trainings on the paper's route.
+  Study study(const Agent& agent, std::uint64_t seed) const;
+  /// Outcomes of all seeds that did not fail.
+  std::vector<Json> outcomes(const Agent& agent) const;
+};
+
+/// A part of the report: names the work it needs, then tells what came of it. One file each, which ends in its
+/// definition; sections() lists them.
+class Section {
+ public:
+  virtual ~Section() = default;
+  virtual std::string name() const = 0;   ///< for --only: "figure-7"
+  virtual std::string title() const = 0;  ///< "Fig. 7: training curves"
+  virtual void plan(Context& context) const = 0;
+  /// Throws Error when a figure cannot be made; then it says so in the report.
+  virtual void tell(const Context& context, Report& report) const = 0;
+};
+
+std::unique_ptr<Section> make_compute();      ///< Fig. 2
+std::unique_ptr<Section> make_recognition();  ///< Fig. 6
+std::unique_ptr<Section> make_curves();       ///< Fig. 7
+std::unique_ptr<Section> make_deployment();   ///< Fig. 8 and 9
+std::unique_ptr<Section> make_datasets();     ///< Tables I and II
+
+}  // namespace citylearn::paper

@@ -1,0 +1,122 @@
+#include <algorithm>
+#include <cmath>
+
+#include "tools/chart/chart.h"
+#include "tools/paper/section.h"
+
+namespace citylearn::paper {
+namespace {
+
+constexpr double kSmoothing = 0.9;
+constexpr int kPoints = 200;
+
+std::vector<double> numbers(const Json& array) {
+  std::vector<double> values;
+  for (const Json& value : array) values.push_back(value.is_number() ? value.get<double>() : NAN);
+  return values;
+}
+
+/// Mean of the seeds and its interval, over episodes.
+Line curve(const Context::Agent& agent, const std::vector<Json>& outcomes, const std::string& figure) {
+  Line line{agent.label, {}, {}};
+  double last = 0;
+  for (const Json& outcome : outcomes) last = std::max(last, outcome["episodes"].get<double>());
+  for (int i = 1; i <= kPoints; ++i) line.x.push_back(last * i / kPoints);
+  std::vector<std::vector<double>> seeds;
+  for (const Json& outcome : outcomes) {
+    const Json& curve = outcome["curve"];
+    seeds.push_back(interpolated(numbers(curve["episodes"]), smoothed(numbers(curve[figure]), kSmoothing), line.x));
+  }
+  for (std::size_t i = 0; i < line.x.size(); ++i) {
+    std::vector<double> values;
+    for (const std::vector<double>& seed : seeds) values.push_back(seed[i]);
+    const Estimate estimate = of_mean(values);
+    line.y.push_back(estimate.mean);
+    line.low.push_back(estimate.low);
+    line.high.push_back(estimate.high);
+  }
+  return line;
+}
+
+/// Mean over the last 100 episodes' worth of updates, of one seed.
+double final_value(const Json& outcome, const std::string& figure) {
+  const std::vector<double> episodes = numbers(outcome["curve"]["episodes"]),
+                            values = numbers(outcome["curve"][figure]);
+  double sum = 0, weight = 0;
+  for (std::size_t i = values.size(); i-- > 0 && episodes.back() - episodes[i] < 500;) {
+    const double count = episodes[i] - (i > 0 ? episodes[i - 1] : 0);
+    if (!std::isfinite(values[i])) continue;
+    sum += count * values[i];
+    weight += count;
+  }
+  return weight > 0 ? sum / weight : NAN;
+}
+
+class Curves : public Section {
+ public:
+  std::string name() const override { return "figure-7"; }
+  std::string title() const override { return "Fig. 7: training curves"; }
+
+  void plan(Context& context) const override {
+    for (const Context::Agent& agent : context.agents)
+      for (const std::uint64_t seed : agent.seeds) context.work.add(unit_of(context.study(agent, seed), context.world));
+  }
+
+  void tell(const Context& context, Report& report) const override {
+    report.text("Episodes of training, each update's finished ones averaged, smoothed by " + fixed(kSmoothing, 1) +
+                ", mean of the seeds with its 95 % interval. The paper: 16 agents, five seeds; reward 0.99 (baseline), "
+                "0.92 (NetVLAD-64); slightly below and slightly above 50 steps an episode.");
+    chart(context, report, "reward", "reward an episode", 0, 1);
+    chart(context, report, "length", "steps an episode", 0, static_cast<double>(context.frames));
+    ReportTable table{
+        "figure-7",
+        "At the end of training, mean over the last 500 episodes (95 % interval over seeds). An agent that "
+        "never looks has reward 0.92 and SPL 0.85 on this task.",
+        {"agent", "representation", "seeds", "episodes", "reward", "SPL", "steps", "episodes to SPL 0.95"},
+        {}};
+    for (const Context::Agent& agent : context.agents) {
+      const std::vector<Json> outcomes = context.outcomes(agent);
+      if (outcomes.empty()) continue;
+      const auto of = [&](const auto& value) {
+        std::vector<double> values;
+        for (const Json& outcome : outcomes) values.push_back(value(outcome));
+        return of_mean(values);
+      };
+      const Estimate reached =
+          of([](const Json& o) { return o["spl95"].is_null() ? NAN : o["spl95"]["episodes"].get<double>(); });
+      table.rows.push_back(
+          {agent.label, agent.representation, std::to_string(outcomes.size()),
+           text_of(of([](const Json& o) { return o["episodes"].get<double>(); }), 0),
+           text_of(of([](const Json& o) { return final_value(o, "reward"); }), 3),
+           text_of(of([](const Json& o) { return final_value(o, "spl"); }), 3),
+           text_of(of([](const Json& o) { return final_value(o, "length"); }), 1),
+           text_of(reached, 0) + (reached.n < static_cast<int>(outcomes.size())
+                                      ? " in " + std::to_string(reached.n) + " of " + std::to_string(outcomes.size())
+                                      : "")});
+    }
+    report.table(table);
+  }
+
+ private:
+  static void chart(const Context& context, Report& report, const std::string& figure, const std::string& label,
+                    double low, double high) {
+    Chart chart{"Training: " + label, {"episodes"}, {label, low, high}, {}};
+    std::vector<double> ends;
+    for (const Context::Agent& agent : context.agents) {
+      const std::vector<Json> outcomes = context.outcomes(agent);
+      if (outcomes.empty()) continue;
+      chart.lines.push_back(curve(agent, outcomes, figure));
+      ends.push_back(chart.lines.back().x.back());
+    }
+    chart.x = axis_around("episodes", ends, /*from_zero=*/true);
+    chart.width = 560;
+    report.figure("figure-7-" + figure, svg_of(chart),
+                  label + " while training. Command: " + context.command + " --only figure-7");
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<Section> make_curves() { return std::make_unique<Curves>(); }
+
+}  // namespace citylearn::paper

@@ -1,0 +1,145 @@
+#include <cmath>
+
+#include "tools/chart/chart.h"
+#include "tools/paper/section.h"
+
+namespace citylearn::paper {
+namespace {
+
+const std::vector<std::string> kControls = {"blind", "shortest_path", "sequence_filter"};
+
+class Deployment : public Section {
+ public:
+  std::string name() const override { return "figure-8-9"; }
+  std::string title() const override { return "Fig. 8 and 9: deployment and generalisation"; }
+
+  void plan(Context& context) const override {
+    for (const Context::Agent& agent : context.agents)
+      for (const std::uint64_t seed : agent.seeds) context.work.add(unit_of(context.study(agent, seed), context.world));
+    for (const ControlStudy& control : controls(context)) context.work.add(unit_of(control, context.world));
+  }
+
+  void tell(const Context& context, Report& report) const override {
+    report.text(
+        "Each 100 episodes of training the agent as it is then walks tasks on the traversal it learns from (Fig. "
+        "8) and on those it never saw (Fig. 9): a random start, a random goal, at most as many steps as places. "
+        "The paper tells how many were completed; completion alone cannot tell a navigator from an agent that "
+        "sweeps the route without looking, so the success weighted by path length (SPL) stands beside it.");
+    for (const std::string& traversal : context.world.names())
+      for (const std::string figure : {"completed", "spl"}) chart(context, report, traversal, figure);
+    trials(context, report);
+  }
+
+ private:
+  static std::vector<ControlStudy> controls(const Context& context) {
+    std::vector<ControlStudy> all;
+    for (const std::string& name : kControls) {
+      ControlStudy control;
+      control.control = name;
+      // Those that look do it on what most agents see.
+      control.representation = context.agents.back().representation;
+      control.frames = context.frames;
+      control.tasks = context.quick ? 500 : 2000;
+      control.traversals = context.world.names();
+      all.push_back(control);
+    }
+    return all;
+  }
+
+  static void chart(const Context& context, Report& report, const std::string& traversal, const std::string& figure) {
+    const bool learned = traversal == context.world.train();
+    const std::string label = figure == "spl" ? "SPL" : "share of tasks completed";
+    Chart chart{
+        traversal + (learned ? " (learned from): " : " (never seen): ") + label, {"episodes"}, {label, 0, 1}, {}};
+    chart.width = 560;
+    chart.height = 260;
+    std::vector<double> ends;
+    for (const Context::Agent& agent : context.agents) {
+      std::map<double, std::vector<double>> by_episodes;  // checkpoints lie a little beyond each hundred
+      for (const Json& outcome : context.outcomes(agent))
+        for (const Json& row : outcome["deployments"])
+          if (row["traversal"] == traversal)
+            by_episodes[100 * std::floor(row["episodes"].get<double>() / 100)].push_back(row[figure].get<double>());
+      Line line{agent.label, {}, {}};
+      for (const auto& [episodes, values] : by_episodes) {
+        const Estimate estimate = of_mean(values);
+        line.x.push_back(episodes);
+        line.y.push_back(estimate.mean);
+        line.low.push_back(estimate.low);
+        line.high.push_back(estimate.high);
+      }
+      if (!line.x.empty()) ends.push_back(line.x.back());
+      chart.lines.push_back(line);
+    }
+    chart.x = axis_around("episodes", ends, /*from_zero=*/true);
+    for (const ControlStudy& control : controls(context)) {
+      const Json& rows = context.work.outcome(unit_of(control, context.world).spec);
+      for (const Json& row : rows)
+        if (row["traversal"] == traversal) {
+          const double value = row[figure].get<double>();
+          chart.lines.push_back({control.control, {0, chart.x.high}, {value, value}, {}, {}, -1, true});
+        }
+    }
+    report.figure((learned ? "figure-8-" : "figure-9-") + traversal + "-" + figure, svg_of(chart),
+                  chart.title +
+                      ", mean of the seeds with its 95 % interval; dashed: policies that learn nothing. Command: " +
+                      context.command + " --only figure-8-9");
+  }
+
+  static void trials(const Context& context, Report& report) {
+    ReportTable table{
+        "figure-8-9",
+        "After training: means over the same tasks for everybody (agents: over seeds, 95 % interval of the "
+        "mean; one seed or control: of the share, Wilson). Excess: steps / shortest path of completed tasks. "
+        "Shuffled: completed when the frames are shown in a random order; an agent that looks must fail then.",
+        {"policy", "traversal", "seeds x tasks", "completed", "failed", "SPL", "excess", "steps", "reward", "shuffled"},
+        {}};
+    for (const std::string& traversal : context.world.names()) {
+      for (const Context::Agent& agent : context.agents) {
+        std::map<std::string, std::vector<double>> figures;
+        double tasks = 0;
+        std::size_t seeds = 0;
+        for (const Json& outcome : context.outcomes(agent)) {
+          ++seeds;
+          for (const Json& row : outcome["trials"]) {
+            if (row["traversal"] != traversal) continue;
+            if (row["shuffled"].get<bool>()) {
+              figures["shuffled"].push_back(row["completed"].get<double>());
+              continue;
+            }
+            tasks = row["tasks"].get<double>();
+            for (const char* name : {"completed", "spl", "excess", "steps", "reward"})
+              figures[name].push_back(row[name].is_number() ? row[name].get<double>() : NAN);
+          }
+        }
+        if (seeds == 0) continue;
+        const auto share = [&](const std::string& name) {
+          return seeds > 1 ? of_mean(figures[name]) : of_share(figures[name].front() * tasks, static_cast<int>(tasks));
+        };
+        const Estimate completed = share("completed");
+        table.rows.push_back({agent.label, traversal, fixed(static_cast<double>(seeds), 0) + " x " + fixed(tasks, 0),
+                              percent(completed), fixed(100 * (1 - completed.mean), 1) + " %",
+                              text_of(of_mean(figures["spl"]), 3), text_of(of_mean(figures["excess"]), 2),
+                              text_of(of_mean(figures["steps"]), 1), text_of(of_mean(figures["reward"]), 3),
+                              percent(share("shuffled"))});
+      }
+      for (const ControlStudy& control : controls(context))
+        for (const Json& row : context.work.outcome(unit_of(control, context.world).spec)) {
+          if (row["traversal"] != traversal) continue;
+          const int tasks = row["tasks"].get<int>();
+          const Estimate completed = of_share(row["completed"].get<double>() * tasks, tasks);
+          table.rows.push_back({control.control, traversal, "1 x " + std::to_string(tasks), percent(completed),
+                                fixed(100 * (1 - completed.mean), 1) + " %", fixed(row["spl"].get<double>(), 3),
+                                fixed(row["excess"].is_number() ? row["excess"].get<double>() : NAN, 2),
+                                fixed(row["steps"].get<double>(), 1), fixed(row["reward"].get<double>(), 3), "-"});
+        }
+    }
+    report.table(table);
+  }
+};
+
+}  // namespace
+
+std::unique_ptr<Section> make_deployment() { return std::make_unique<Deployment>(); }
+
+}  // namespace citylearn::paper

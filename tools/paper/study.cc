@@ -1,0 +1,181 @@
+#include "tools/paper/study.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <chrono>
+#include <cmath>
+
+#include "core/service.h"
+#include "policy_service/control.h"
+#include "policy_service/network_policy.h"
+
+namespace citylearn::paper {
+namespace {
+
+double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+Json as_json(const Score& score) {
+  return {{"tasks", score.tasks},           {"completed", score.completed}, {"spl", score.spl},
+          {"excess", number(score.excess)}, {"steps", score.mean_steps},    {"reward", score.reward}};
+}
+
+Trial trial_of(int first, int frames, int tasks, bool shuffle) {
+  Trial trial;
+  trial.first_frame = first;
+  trial.frames = trial.max_steps = frames;
+  trial.tasks = tasks;
+  trial.shuffle = shuffle;
+  return trial;
+}
+
+Json tried(const TrainedAgent& agent, const Traversal& traversal, const Trial& trial) {
+  if (stop_requested()) throw Stopped{};
+  NetworkPolicy policy(agent, {});
+  return as_json(score(try_out(policy, traversal, trial)));
+}
+
+/// Means over the episodes that ended in one update.
+void add_point(Json& curve, const TrainingProgress& progress, double seconds,
+               const std::vector<Environment::Episode>& finished) {
+  double reward = 0, spl = 0, length = 0;
+  for (const Environment::Episode& episode : finished) {
+    reward += static_cast<double>(episode.reward);
+    length += episode.steps;
+    if (episode.completed) spl += static_cast<double>(episode.shortest) / std::max(episode.shortest, episode.steps);
+  }
+  const auto n = static_cast<double>(finished.size());  // none: NaN, which is null
+  curve["episodes"].push_back(progress.episodes);
+  curve["steps"].push_back(progress.steps);
+  curve["seconds"].push_back(seconds);
+  curve["reward"].push_back(number(reward / n));
+  curve["spl"].push_back(number(spl / n));
+  curve["length"].push_back(number(length / n));
+}
+
+Json train(const Study& study, World& world) {
+  const Traversal& route = world.traversal(study.representation, world.train());
+  TrainerOptions options;
+  options.agent = study.agent;
+  options.learner = study.learner;
+  options.seed = study.seed;
+  options.first_frame = study.first;
+  if (study.steps > 0) options.trainer_parameters["steps"] = static_cast<double>(study.steps);
+  // As many environments as it takes for the agents' features to fit an observation.
+  const auto parameters = Trainer::recommended_parameters(study.agent, study.learner);
+  const int agents = static_cast<int>(parameters.at("trainer").at("agents"));
+  const int room = std::max(1, static_cast<int>(msg::MAX_FEATURES) / std::max(1, route.dimension));
+  int environments = 1;
+  while (agents / environments > room || agents % environments != 0) ++environments;
+  InprocessTraining training(options, route, study.frames, environments);
+  Trainer& trainer = training.trainer();
+
+  Json curve = {{"episodes", Json::array()}, {"steps", Json::array()}, {"seconds", Json::array()},
+                {"reward", Json::array()},   {"spl", Json::array()},   {"length", Json::array()}};
+  Json deployments = Json::array(), trials = Json::array(), spl95 = nullptr;
+  double judging = 0;
+  std::uint64_t deploy_at = 0;
+  const Clock::time_point start = Clock::now();
+  while (!trainer.done()) {
+    if (stop_requested()) throw Stopped{};
+    training.update();
+    const TrainingProgress& progress = trainer.progress();
+    add_point(curve, progress, since(start) - judging, training.finished());
+    if (spl95.is_null() && progress.episodes_to_spl95)
+      spl95 = {{"episodes", *progress.episodes_to_spl95},
+               {"steps", *progress.steps_to_spl95},
+               {"seconds", since(start) - judging}};
+    if (study.deploy_every > 0 && progress.episodes >= deploy_at) {
+      const Clock::time_point pause = Clock::now();
+      while (deploy_at <= progress.episodes) deploy_at += static_cast<std::uint64_t>(study.deploy_every);
+      for (const std::string& name : study.traversals) {
+        Json row = tried(trainer.agent(), world.traversal(study.representation, name),
+                         trial_of(study.first, study.frames, study.tasks_between, false));
+        row["traversal"] = name;
+        row["episodes"] = progress.episodes;
+        deployments.push_back(std::move(row));
+      }
+      judging += since(pause);
+    }
+  }
+  const double seconds = since(start) - judging;
+  for (const std::string& name : study.traversals)
+    for (const bool shuffled : {false, true}) {
+      Json row = tried(trainer.agent(), world.traversal(study.representation, name),
+                       trial_of(study.first, study.frames, study.tasks, shuffled));
+      row["traversal"] = name;
+      row["shuffled"] = shuffled;
+      trials.push_back(std::move(row));
+    }
+  return {{"curve", curve},
+          {"deployments", deployments},
+          {"trials", trials},
+          {"episodes", trainer.progress().episodes},
+          {"steps", trainer.progress().steps},
+          {"seconds", seconds},
+          {"spl95", spl95}};
+}
+
+/// Recordings as they are: other data, other outcome.
+Json hashes(World& world, const std::vector<std::string>& names) {
+  Json all = Json::object();
+  for (const std::string& name : names) all[name] = fmt::format("{:016x}", world.recording(name).hash());
+  return all;
+}
+
+}  // namespace
+
+Unit unit_of(const Study& study, World& world) {
+  Unit unit;
+  unit.name =
+      fmt::format("training {} on {}, {} places, seed {}", study.agent, study.representation, study.frames, study.seed);
+  unit.spec = {{"kind", "training"},
+               {"agent", study.agent},
+               {"learner", study.learner},
+               {"parameters", Trainer::recommended_parameters(study.agent, study.learner)},
+               {"representation", study.representation},
+               {"train", world.train()},
+               {"recordings", hashes(world, study.traversals)},
+               {"frames", {study.first, study.first + study.frames}},
+               {"seed", study.seed},
+               {"steps", study.steps},
+               {"tasks", {study.tasks, study.tasks_between}},
+               {"deploy_every", study.deploy_every}};
+  unit.seconds = study.seconds;
+  unit.compute = [study, &world] { return train(study, world); };
+  return unit;
+}
+
+Unit unit_of(const ControlStudy& study, World& world) {
+  Unit unit;
+  unit.name = fmt::format("{} on {}, {} places", study.control, study.representation, study.frames);
+  unit.spec = {{"kind", "control"},
+               {"control", study.control},
+               {"representation", study.representation},
+               {"train", world.train()},
+               {"recordings", hashes(world, study.traversals)},
+               {"frames", {study.first, study.first + study.frames}},
+               {"tasks", study.tasks}};
+  unit.seconds = 1;
+  unit.compute = [study, &world] {
+    const NetworkTask route =
+        network_task(world.traversal(study.representation, world.train()), study.first, study.frames);
+    ControlTask task{study.first, study.frames, route.features, {}};
+    task.reference.assign(route.reference.data(), route.reference.data() + route.reference.size());
+    Json rows = Json::array();
+    for (const std::string& name : study.traversals) {
+      if (stop_requested()) throw Stopped{};
+      const auto& entry = ControlRegistry::instance().find("control", study.control);
+      const auto policy = entry.create(Parameters("control " + study.control, entry.parameters, {}), task);
+      Json row = as_json(score(try_out(*policy, world.traversal(study.representation, name),
+                                       trial_of(study.first, study.frames, study.tasks, false))));
+      row["traversal"] = name;
+      rows.push_back(std::move(row));
+    }
+    return rows;
+  };
+  return unit;
+}
+
+}  // namespace citylearn::paper

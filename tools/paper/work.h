@@ -1,0 +1,54 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "tools/vpr/descriptors.h"
+
+namespace citylearn::paper {
+
+using Json = nlohmann::json;
+
+/// Ctrl-C or SIGTERM has come: what is complete is kept, what is not is left.
+using vpr::Stopped;
+
+/// One piece of work, whose outcome depends on its spec alone.
+struct Unit {
+  std::string name;               ///< for people: "features hog-64, seed 3"
+  Json spec;                      ///< all that the outcome depends on; with `kVersion` it names the outcome's file
+  double seconds = 1;             ///< that it takes, guessed, for the time left
+  std::function<Json()> compute;  ///< throws Error, Stopped (asked of stop_requested() now and then)
+};
+
+/// Does units of work, each once: outcomes are kept in a folder, written whole, and found again by the next run. Used
+/// by one thread.
+class Work {
+ public:
+  /// Raised when the same spec gives another outcome than before.
+  static constexpr int kVersion = 1;
+
+  /// Creates the folder. Throws Error.
+  explicit Work(std::string folder);
+
+  /// Registers a unit; the same spec twice is one unit.
+  void add(Unit unit);
+  /// Does what is not there yet, in the order of add(), with a line of progress and time left. Units that throw Error
+  /// are told and left out; the others go on. False when one failed. Throws Stopped.
+  bool run();
+  /// Outcome of a unit; null when there is none (it failed).
+  const Json& outcome(const Json& spec) const;
+
+  int units() const { return static_cast<int>(units_.size()); }
+
+ private:
+  std::string path_of(const Json& spec) const;
+
+  std::string folder_;
+  std::vector<Unit> units_;
+  std::map<std::string, Json> outcomes_;  ///< by path
+};
+
+}  // namespace citylearn::paper

@@ -1,0 +1,114 @@
+#include "tools/paper/world.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "core/error.h"
+#include "tools/inprocess/pictures.h"
+#include "tools/vpr/descriptors.h"
+
+namespace citylearn::paper {
+namespace {
+
+const std::string kAsRead = "features";
+const std::string kRaw = "raw84";
+
+}  // namespace
+
+struct World::Encoded {
+  std::unique_ptr<Encoder> encoder;
+  std::map<std::string, Eigen::MatrixXf> descriptors;  ///< D x F, by traversal
+};
+
+World::World(const WorldOptions& options) : options_(options) {
+  const std::unique_ptr<Dataset> dataset = open_dataset(options.source);
+  const std::string learned = chosen_traversal(*dataset, options.source);
+  names_ = {learned};
+  for (const std::string& name : dataset->names())
+    if (name != learned) names_.push_back(name);
+  Selection selection = options.source.selection;
+  const Traversal whole = select(*dataset, learned, selection);
+  if (whole.frames > options.most_frames) selection.end = selection.first + options.most_frames * selection.step;
+  recordings_[learned] = select(*dataset, learned, selection);
+  selection.align = learned;
+  for (std::size_t i = 1; i < names_.size();) {
+    Traversal other = select(*dataset, names_[i], selection);
+    // Pictures and features in one folder do not mix: what is of the other kind is something else.
+    if ((other.images == nullptr) == (recordings_[learned].images == nullptr)) {
+      recordings_[names_[i]] = std::move(other);
+      ++i;
+    } else {
+      spdlog::warn("traversal '{}' is of another kind than '{}': left out", names_[i], learned);
+      names_.erase(names_.begin() + static_cast<std::ptrdiff_t>(i));
+    }
+  }
+  if (!pictures() && !options_.encoders.empty())
+    throw Error("dataset " + options.source.dataset + " has features already", "--encoder", "leave it out");
+}
+
+World::~World() = default;
+
+bool World::pictures() const { return recordings_.at(train()).images != nullptr; }
+
+int World::frames() const {
+  int frames = recordings_.at(train()).frames;
+  for (const auto& [name, recording] : recordings_) frames = std::min(frames, recording.frames);
+  return frames;
+}
+
+const std::string& World::train() const { return names_.front(); }
+
+std::vector<std::string> World::names() const { return names_; }
+
+const Traversal& World::recording(const std::string& name) const { return recordings_.at(name); }
+
+World::Encoded& World::encoded(const std::string& name) {
+  std::unique_ptr<Encoded>& slot = encoded_[name];
+  if (slot) return *slot;
+  auto made = std::make_unique<Encoded>();
+  const auto& entry = EncoderRegistry::instance().find("encoder", name);
+  made->encoder = entry.create(Parameters("encoder " + name, entry.parameters, {}), options_.files);
+  vpr::teach(*made->encoder, recordings_.at(train()));
+  slot = std::move(made);
+  return *slot;
+}
+
+std::vector<std::string> World::representations(const std::vector<int>& dimensions) {
+  if (!pictures()) return {kAsRead};
+  std::vector<std::string> found;
+  for (const std::string& encoder : options_.encoders)
+    for (const int dimension : dimensions)
+      if (dimension <= std::min(encoded(encoder).encoder->spec().dimension, recordings_.at(train()).frames - 1))
+        found.push_back(encoder + "-" + std::to_string(dimension));
+  found.push_back(kRaw);
+  return found;
+}
+
+const Traversal& World::traversal(const std::string& representation, const std::string& name) {
+  if (representation == kAsRead) return recordings_.at(name);
+  Traversal& result = traversals_[{representation, name}];
+  if (result.frames > 0) return result;
+  if (representation == kRaw)
+    return result = Pictures(kRaw, recordings_.at(train()), 0, std::min(options_.raw_frames, frames()))
+                        .encode(recordings_.at(name));
+  const std::size_t dash = representation.rfind('-');
+  const std::string encoder = representation.substr(0, dash);
+  Encoded& parts = encoded(encoder);
+  const auto descriptors = [&](const std::string& of) -> const Eigen::MatrixXf& {
+    Eigen::MatrixXf& matrix = parts.descriptors[of];
+    if (matrix.size() == 0)
+      matrix = vpr::encode(*parts.encoder, recordings_.at(of), encoder + " " + of, options_.store).matrix;
+    return matrix;
+  };
+  const auto reduction =
+      Reduction::learn(descriptors(train()), {.dimension = std::stoi(representation.substr(dash + 1))});
+  const Eigen::MatrixXf features = reduction.apply(descriptors(name));
+  Traversal made = recordings_.at(name);
+  made.images.reset();
+  made.dimension = static_cast<int>(features.rows());
+  made.features.assign(features.data(), features.data() + features.size());
+  return result = std::move(made);
+}
+
+}  // namespace citylearn::paper

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "encoder_service/encoder.h"
+#include "encoder_service/reduction.h"
+#include "env_service/selection.h"
+
+namespace citylearn::paper {
+
+struct WorldOptions {
+  Source source;                      ///< dataset and folder; its traversal is the one learned from
+  std::vector<std::string> encoders;  ///< of pictures, by name; empty where the dataset has features
+  EncoderFiles files;                 ///< of theirs
+  int most_frames = 1000;             ///< of each recording, from its beginning
+  int raw_frames = 128;               ///< of those, as pixels
+  std::string store;                  ///< folder that keeps what was encoded
+};
+
+/// The recordings of the study: the route as each traversal shows it, in each representation, frame i everywhere the
+/// same place. Encodes when asked, once. Throws Error, Stopped.
+class World {
+ public:
+  explicit World(const WorldOptions& options);
+  ~World();
+
+  const std::string& dataset() const { return options_.source.dataset; }
+  bool drawn() const { return dataset() == "synthetic"; }  ///< else real recordings
+  bool pictures() const;
+  int frames() const;                      ///< of the route
+  const std::string& train() const;        ///< the traversal learned from
+  std::vector<std::string> names() const;  ///< of all traversals, that one first
+  /// As it was read, pictures or features.
+  const Traversal& recording(const std::string& name) const;
+
+  /// Representations of the frames: "features" as the dataset has them, else "ENCODER-D" for D of `dimensions` that the
+  /// route's frames and the encoder allow (D principal components, learned on the traversal learned from), and
+  /// "raw84" (pixels; of the first `raw_frames` alone).
+  std::vector<std::string> representations(const std::vector<int>& dimensions);
+  /// A traversal with the features of a representation.
+  const Traversal& traversal(const std::string& representation, const std::string& name);
+
+ private:
+  struct Encoded;
+  Encoded& encoded(const std::string& encoder);
+
+  WorldOptions options_;
+  std::vector<std::string> names_;
+  std::map<std::string, Traversal> recordings_;
+  std::map<std::string, std::unique_ptr<Encoded>> encoded_;              ///< by encoder
+  std::map<std::pair<std::string, std::string>, Traversal> traversals_;  ///< by representation and name
+};
+
+}  // namespace citylearn::paper
