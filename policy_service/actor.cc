@@ -119,6 +119,7 @@ class Actor {
   void send_trajectories();
   void ask_for_parameters();
   void send_status();
+  std::string why_idle() const;
   void report();
   void leave();
 
@@ -132,6 +133,7 @@ class Actor {
   int slots_ = 0;
   bool answered_ = false;  // the learner has answered our last status
   bool warned_ = false;
+  std::string told_;  // why nothing is served, as logged
   double waited_ = 0;
   Clock::time_point started_, learner_heard_{}, next_status_{}, next_assign_{}, next_report_{}, last_report_,
       last_turn_;
@@ -329,6 +331,7 @@ void Actor::assign() {
     fleet_.take_charge(seat);
     enroll(seat);
     spdlog::info("serves env_service '{}'", seat.id);
+    told_.clear();
   }
 }
 
@@ -514,6 +517,31 @@ void Actor::spin() {
   if (now >= next_report_) report();
 }
 
+/// What stands between this actor and an env_service; it serves none.
+std::string Actor::why_idle() const {
+  const Session& s = *session_;
+  if (!s.info.training()) return "waiting for the next learner";
+  const std::string traversal = s.info.traversal().c_str();
+  std::string theirs;
+  std::size_t all = 0;
+  for (const auto& [id, seat] : fleet_.seats()) {
+    if (!ours(*seat)) continue;
+    ++all;
+    const auto other = std::find_if(others_.begin(), others_.end(), [&](const auto& entry) {
+      return entry.second.environments.contains(seat->incarnation());
+    });
+    theirs += (theirs.empty() ? " ('" : ", '") + id + "' ";
+    theirs += other != others_.end() ? "is served by '" + other->first + "'"
+              : seat->busy           ? "gets actions from somebody"
+                                     : "is free";
+  }
+  if (all == 0) return "waiting for an env_service on '" + traversal + "' as the learner knows it";
+  if (!s.collector) return "waiting for the features of '" + traversal + "'";
+  if (!s.parameters->newest())
+    return "waiting for parameters of learner '" + std::string(s.info.header().sender().c_str()) + "'";
+  return fmt::format("waiting for an env_service that no other actor serves{})", theirs);
+}
+
 void Actor::report() {
   const Clock::time_point now = Clock::now();
   const double rate = static_cast<double>(std::exchange(steps_, 0)) /
@@ -536,8 +564,9 @@ void Actor::report() {
                              session_->unacknowledged.size(), silent ? ", which is silent" : "", waited_),
                  static_cast<float>(rate));
   } else if (served_.empty()) {
-    node_.report(msg::WAITING, session_->info.training() ? "waiting for an env_service that no other actor serves"
-                                                         : "waiting for the next learner");
+    const std::string why = why_idle();
+    if (std::exchange(told_, why) != why) spdlog::info("{}", why);
+    node_.report(msg::WAITING, why);
   } else {
     node_.report(msg::RUNNING,
                  fmt::format("acting on {} env_service{} for learner '{}', version {}", served_.size(),
