@@ -196,10 +196,11 @@ constexpr int kAroundFragment = 128;
 /// Hosts that were cut off find each other again this soon: Cyclone announces at 0.8 of its lease of 10 s otherwise.
 const char* const kFoundAgain = "<SPDPInterval>1s</SPDPInterval>";
 
-/// Packets get lost between hosts. A heartbeat is what tells of it; the defaults (100 ms, and as long to the request)
-/// make each lost one cost 200 ms.
+/// Packets get lost between hosts. A writer's heartbeat is what tells of it, and a step waits for it; the defaults
+/// (after 100 ms, and as long until the request) make each lost packet cost 200 ms.
 const char* const kRepairs =
-    "<HeartbeatInterval min=\"5ms\" minsched=\"5ms\" max=\"1s\">10ms</HeartbeatInterval><NackDelay>0s</NackDelay>";
+    "<HeartbeatInterval min=\"1ms\" minsched=\"1ms\" max=\"1s\">1ms</HeartbeatInterval><NackDelay>0s</NackDelay>"
+    "<AckDelay>0s</AckDelay>";
 
 std::string config_of(const Network& network) {
   std::string interfaces, peers;

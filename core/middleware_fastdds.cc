@@ -32,6 +32,11 @@ using eprosima::fastrtps::types::ReturnCode_t;
 
 constexpr std::uint32_t kSocketBuffer = 4 << 20;
 
+// While a sample is not acknowledged, a writer tells so often what it has, in nanoseconds. A reader asks for what it
+// lacks once each time. Packets get lost between hosts, hardly ever on loopback.
+constexpr std::uint32_t kHeartbeatAtHome = 10'000'000;
+constexpr std::uint32_t kHeartbeat = 2'000'000;
+
 /// Sample for Fast: bytes to be written, or where to put bytes read.
 struct Raw {
   std::span<const std::byte> out;
@@ -145,7 +150,7 @@ class Discovery : public dds::DomainParticipantListener {
 
 class FastPublisher : public Publisher {
  public:
-  FastPublisher(dds::Publisher* publisher, dds::Topic* dds_topic, const Topic& topic)
+  FastPublisher(dds::Publisher* publisher, dds::Topic* dds_topic, const Topic& topic, std::uint32_t heartbeat)
       : publisher_(publisher), topic_(topic) {
     dds::DataWriterQos qos;
     const int depth = depth_of(topic.profile).writer;
@@ -165,7 +170,7 @@ class FastPublisher : public Publisher {
     qos.data_sharing().off();
     // The defaults (3 s heartbeats, 5 ms answers) make each lost packet cost that much.
     qos.reliable_writer_qos().times.initialHeartbeatDelay = Duration_t(0, 0u);
-    qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, 10'000'000u);
+    qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, heartbeat);
     qos.reliable_writer_qos().times.nackResponseDelay = Duration_t(0, 0u);
     qos.reliable_writer_qos().times.nackSupressionDuration = Duration_t(0, 0u);
     // A full history, as it always is after a while, would make Fast add a heartbeat to each sample, which wakes a
@@ -275,7 +280,7 @@ void join(const std::vector<Network::Peer>& servers, rtps::DiscoverySettings& di
 
 class FastMiddleware : public Middleware {
  public:
-  explicit FastMiddleware(const Network& network) {
+  explicit FastMiddleware(const Network& network) : heartbeat_(network.at_home ? kHeartbeatAtHome : kHeartbeat) {
     forward_log_once();
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
@@ -330,7 +335,7 @@ class FastMiddleware : public Middleware {
   }
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    return std::make_unique<FastPublisher>(publisher_, own(topic), topic);
+    return std::make_unique<FastPublisher>(publisher_, own(topic), topic, heartbeat_);
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
     return std::make_unique<FastSubscription>(subscriber_, own(topic), topic, wakeup_);
@@ -359,6 +364,7 @@ class FastMiddleware : public Middleware {
     return known;
   }
 
+  const std::uint32_t heartbeat_;
   Surroundings surroundings_;
   Discovery discovery_{surroundings_};
   Wakeup wakeup_;

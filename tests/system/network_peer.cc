@@ -60,7 +60,7 @@ std::byte filling(std::uint32_t number, std::size_t at) {
 }
 
 Topic large(const CommandLine& line) {
-  return {"citylearn/test_large", "citylearn::test::Large", Profile::kStream, line.size};
+  return {"citylearn/test_large", "citylearn::test::Large", Profile::kDurable, line.size};
 }
 
 int send(const CommandLine& line) {

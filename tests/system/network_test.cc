@@ -2,7 +2,9 @@
 // partitions do. The longer ones are in network_long_test.cc.
 #include <gtest/gtest.h>
 
-#include <regex>
+#include <map>
+#include <sstream>
+#include <utility>
 
 #include "tests/support/hosts.h"
 #include "tests/support/wait.h"
@@ -129,6 +131,132 @@ TEST_P(Pairing, LargeSamplesArriveWholeThoughOnePacketInTwentyIsLost) {
       << reader->output();
   RecordProperty("delays", reader->output());
 }
+
+/// Fields of a line of CSV.
+std::vector<std::string> fields(const std::string& line) {
+  std::vector<std::string> all;
+  std::istringstream in(line);
+  for (std::string field; std::getline(in, field, ',');) all.push_back(field);
+  return all;
+}
+
+/// A training of place_filter: env_services of the drawn city on hosts of their own, a policy_service on host 0.
+class Training : public Network, public ::testing::WithParamInterface<std::tuple<std::string, std::string>> {
+ protected:
+  std::unique_ptr<Service> env(const Hosts& hosts, int host) {
+    return hosts.start(
+        host,
+        with_node({CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--id", "env-" + std::to_string(++count_),
+                   "--agents", "8", "--synthetic-images", "0", "--synthetic-frames", "160"},
+                  std::get<0>(GetParam()), Hosts::address(0)),
+        folder_ / ("env-" + std::to_string(count_) + ".log"));
+  }
+  std::unique_ptr<Service> policy(const Hosts& hosts, const std::string& output, int steps,
+                                  const Arguments& more = {}) {
+    Arguments command = with_node(
+        {CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--environments", "4", "--steps", std::to_string(steps),
+         "--tasks", "200", "--evaluate", "summer", "--wait", "60", "--output", folder_ / output},
+        std::get<1>(GetParam()), Hosts::address(1) + "," + Hosts::address(2));
+    command.insert(command.end(), more.begin(), more.end());
+    return hosts.start(0, command, folder_ / (output + ".log"));
+  }
+  /// Steps trained up to now, and when the last of them were.
+  std::pair<double, double> progress(const std::string& output) const {
+    std::istringstream metrics(testing::contents(folder_ / (output + "/metrics.csv")));
+    std::pair<double, double> last{0, 0};
+    std::string line;
+    std::getline(metrics, line);
+    while (std::getline(metrics, line) && !metrics.eof())  // the last one may still be written
+      last = {std::stod(fields(line).at(1)), std::stod(fields(line).at(4))};
+    return last;
+  }
+  void expect_rejoined(std::chrono::seconds apart) {
+    Hosts hosts(2);
+    const auto environment = env(hosts, 1);
+    const auto learner = policy(hosts, "out", 1,
+                                {"--environments", "1", "--steps", "100000000", "--time-limit",
+                                 std::to_string(apart.count() + 8), "--peers", Hosts::address(1)});
+    ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
+    hosts.cut(0, 1);
+    ASSERT_FALSE(learner->wait(apart)) << learner->output();
+    const double before = progress("out").first;
+    ASSERT_FALSE(learner->wait(200ms));
+    EXPECT_EQ(progress("out").first, before);  // it was cut off
+    hosts.heal();
+    const Clock::time_point healed = Clock::now();
+    EXPECT_TRUE(testing::poll_until([&] { return progress("out").first > before; }, 10s)) << learner->output();
+    RecordProperty("rejoined_after", std::to_string(std::chrono::duration<double>(Clock::now() - healed).count()));
+    ASSERT_EQ(learner->wait(60s), 0) << learner->output();
+    EXPECT_GE(expect_all_episodes("out"), 200);
+    EXPECT_FALSE(environment->wait(0ms)) << environment->output();
+  }
+
+  /// Every env_service's episodes are there, numbered without a gap, none twice; returns how many.
+  int expect_all_episodes(const std::string& output) const {
+    std::istringstream log(testing::contents(folder_ / (output + "/episodes.csv")));
+    std::string line;
+    std::getline(log, line);
+    std::map<std::string, std::vector<int>> numbers;
+    int count = 0, tasks = 0;
+    for (; std::getline(log, line); ++count) {
+      const auto values = fields(line);
+      numbers[values.at(0) + " " + values.at(1)].push_back(std::stoi(values.at(2)));
+      tasks += values.at(5) == "1";
+    }
+    for (auto& [environment, list] : numbers) {
+      std::sort(list.begin(), list.end());
+      for (std::size_t i = 0; i < list.size(); ++i) EXPECT_EQ(list[i], static_cast<int>(i) + 1) << environment;
+    }
+    EXPECT_EQ(tasks, 200);
+    return count;
+  }
+
+ private:
+  static Arguments with_node(Arguments command, const std::string& vendor, const std::string& peers) {
+    command.insert(command.end(),
+                   {"--middleware", vendor, "--domain", "2", "--interface", Hosts::interface(), "--peers", peers});
+    return command;
+  }
+};
+const auto kPairings = ::testing::Values(std::tuple("cyclonedds", "cyclonedds"), std::tuple("fastdds", "fastdds"),
+                                         std::tuple("cyclonedds", "fastdds"));
+std::string pairing_name(const ::testing::TestParamInfo<std::tuple<std::string, std::string>>& info) {
+  return std::get<0>(info.param) + "_" + std::get<1>(info.param);
+}
+INSTANTIATE_TEST_SUITE_P(All, Training, kPairings, pairing_name);
+
+// Loss comes and goes in one training: what else the machine does meets both alike.
+TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost) {
+  Hosts hosts(3);
+  std::vector<std::unique_ptr<Service>> envs;
+  for (const int host : {1, 2, 1, 2}) envs.push_back(env(hosts, host));
+  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", "17"});
+  ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
+  double steps[2] = {0, 0}, seconds[2] = {0, 0};
+  for (int phase = 0; phase < 8; ++phase) {
+    const int lossy = phase % 2;
+    const auto [steps_before, time_before] = progress("out");
+    hosts.lose(lossy ? 5 : 0);
+    ASSERT_FALSE(learner->wait(2s)) << learner->output();
+    const auto [steps_after, time_after] = progress("out");
+    steps[lossy] += steps_after - steps_before;
+    seconds[lossy] += time_after - time_before;
+  }
+  ASSERT_EQ(learner->wait(60s), 0) << learner->output();
+  EXPECT_GE(expect_all_episodes("out"), 400);
+  RecordProperty("steps_per_second",
+                 std::to_string(steps[0] / seconds[0]) + ", with loss " + std::to_string(steps[1] / seconds[1]));
+  EXPECT_GE(steps[1] / seconds[1], 0.5 * steps[0] / seconds[0]);
+}
+
+// The only env_service is cut off from the policy_service. Both stay, and go on when they hear each other again.
+TEST_P(Training, GoesOnAfterAPartition) { expect_rejoined(4s); }
+
+class LongPartition : public Training {};
+INSTANTIATE_TEST_SUITE_P(All, LongPartition, kPairings, pairing_name);
+
+// Longer than the participants' leases: each has forgotten the other.
+TEST_P(LongPartition, OfThirtySecondsIsOverWithinTen) { expect_rejoined(30s); }
 
 }  // namespace
 }  // namespace citylearn
