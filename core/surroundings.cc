@@ -1,8 +1,17 @@
 #include "core/surroundings.h"
 
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
 #include "core/error.h"
 
 namespace citylearn {
+namespace {
+
+constexpr auto kTold = std::chrono::steady_clock::time_point::max();  // the end of waiting for a peer, once it was told
+
+}  // namespace
 
 std::string Surroundings::name_of(const std::string& participant) const {
   const auto found = participants_.find(participant);
@@ -43,24 +52,36 @@ std::vector<std::string> Surroundings::faults() {
                     remote.type + ", expected " + own_.at(remote.topic));
   }
   const Clock::time_point now = Clock::now();
-  std::erase_if(expected_, [&](const auto& item) {
-    const auto& [address, expected] = item;
-    for (const auto& [key, participant] : participants_)
-      for (const std::string& each : participant.addresses)
-        if (each == address) return true;
-    if (now < expected.until) return false;
-    lines.push_back("peer '" + expected.peer + "': nobody answers at " + address +
-                    " (does a service of this domain run there, and does its --interface lead here? citylearn_doctor "
-                    "tells more)");
-    return true;
-  });
-  expecting_ = !expected_.empty();
+  expecting_ = false;
+  for (auto item = expected_.begin(); item != expected_.end();) {
+    auto& [address, expected] = *item;
+    const auto found =
+        std::find_if(participants_.begin(), participants_.end(), [&, &where = address](const auto& each) {
+          const std::vector<std::string>& addresses = each.second.addresses;
+          return std::find(addresses.begin(), addresses.end(), where) != addresses.end();
+        });
+    if (found != participants_.end()) {
+      if (expected.until == kTold) spdlog::info("peer '{}': answers at {} after all", expected.peer, address);
+      item = expected_.erase(item);
+      continue;
+    }
+    if (expected.until != kTold && now >= expected.until) {
+      lines.push_back("peer '" + expected.peer + "': nobody answers at " + address +
+                      " (does a service of this domain run there, and does its --interface lead here? citylearn_doctor "
+                      "tells more)");
+      expected.until = kTold;
+    }
+    // Those that were told are looked at again when a participant is found.
+    if (expected.until != kTold) expecting_ = true;
+    ++item;
+  }
   return lines;
 }
 
 void Surroundings::participant_found(const std::string& key, const Participant& participant) {
   std::lock_guard lock(mutex_);
   participants_[key] = participant;
+  expecting_ = !expected_.empty();
 }
 
 void Surroundings::participant_lost(const std::string& key) {
