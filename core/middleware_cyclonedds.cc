@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "core/middleware_parts.h"
+#include "core/security.h"
 
 // Cyclone's public C API moves samples that its own IDL compiler describes. To move CDR bytes that are ready made, we
 // bring our own kind of type (ddsi_sertype) and sample (ddsi_serdata), as ROS 2's rmw_cyclonedds does.
@@ -351,6 +352,9 @@ class CycloneMiddleware : public Middleware {
   explicit CycloneMiddleware(const Network& network) : domain_(Domain::of(network)) {
     const QosOwner qos = make_qos();
     dds_qset_entity_name(qos.get(), network.participant.c_str());
+    if (!network.security.empty())
+      for (const auto& [name, value] : cyclonedds_security(network.security))
+        dds_qset_prop(qos.get(), name.c_str(), value.c_str());
     participant_ = require(dds_create_participant(network.domain, qos.get(), nullptr), "create a participant",
                            "domain " + std::to_string(network.domain));
     const ListenerOwner listener(dds_create_listener(this), dds_delete_listener);

@@ -24,6 +24,7 @@
 
 #include "core/error.h"
 #include "core/middleware_parts.h"
+#include "core/security.h"
 
 namespace citylearn::parts {
 namespace {
@@ -313,6 +314,9 @@ class FastMiddleware : public Middleware {
     wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(1, 0u);
     wire.builtin.typelookup_config.use_client = false;
     wire.builtin.typelookup_config.use_server = false;
+    if (!network.security.empty())
+      for (const auto& [name, value] : fastdds_security(network.security))
+        qos.properties().properties().emplace_back(name, value);
 
     participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(network.domain, qos, &discovery_,
                                                                                      dds::StatusMask::none());
