@@ -1,0 +1,2 @@
+add_executable(security_peer ${CMAKE_CURRENT_LIST_DIR}/security_peer.cc)
+target_link_libraries(security_peer PRIVATE citylearn_core citylearn_warnings)
