@@ -133,6 +133,8 @@ Network::Peer resolve_peer(const std::string& peer, const std::string& option, i
 
 Network resolve(const MiddlewareOptions& options) {
   Network network{options.domain, options.participant, "", {}, {}, {}, ""};
+  if (!options.security.empty() && options.domain > parts::kMostSecureDomain)
+    throw Error("must be 0.." + std::to_string(parts::kMostSecureDomain) + " with --security", "domain");
   if (!options.security.empty()) network.security = parts::check_security(options.security, options.participant);
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
   for (const std::string& interface : options.interfaces) {

@@ -184,7 +184,10 @@ std::string last_complaint;
 void forward_log(void*, const dds_log_data_t* data) {
   std::string line(data->message, data->size);
   while (!line.empty() && line.back() == '\n') line.pop_back();
-  spdlog::debug("cyclonedds: {}", line);
+  if (const auto told = explain_security(line))
+    tell_security(*told);
+  else
+    spdlog::debug("cyclonedds: {}", line);
   std::lock_guard lock(log_mutex);
   last_complaint = line;
 }
@@ -352,9 +355,11 @@ class CycloneMiddleware : public Middleware {
   explicit CycloneMiddleware(const Network& network) : domain_(Domain::of(network)) {
     const QosOwner qos = make_qos();
     dds_qset_entity_name(qos.get(), network.participant.c_str());
-    if (!network.security.empty())
+    if (!network.security.empty()) {
       for (const auto& [name, value] : cyclonedds_security(network.security))
         dds_qset_prop(qos.get(), name.c_str(), value.c_str());
+      surroundings_.guard();
+    }
     participant_ = require(dds_create_participant(network.domain, qos.get(), nullptr), "create a participant",
                            "domain " + std::to_string(network.domain));
     const ListenerOwner listener(dds_create_listener(this), dds_delete_listener);

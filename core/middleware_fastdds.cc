@@ -78,6 +78,7 @@ class RawType : public dds::TopicDataType {
 class LogForwarder : public dds::LogConsumer {
  public:
   void Consume(const dds::Log::Entry& entry) override {
+    if (const auto line = explain_security(entry.message)) return tell_security(*line);
     if (entry.kind == dds::Log::Kind::Error)
       spdlog::warn("fastdds: {} ({})", entry.message, entry.context.category);
     else
@@ -314,9 +315,11 @@ class FastMiddleware : public Middleware {
     wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(1, 0u);
     wire.builtin.typelookup_config.use_client = false;
     wire.builtin.typelookup_config.use_server = false;
-    if (!network.security.empty())
+    if (!network.security.empty()) {
       for (const auto& [name, value] : fastdds_security(network.security))
         qos.properties().properties().emplace_back(name, value);
+      surroundings_.guard();
+    }
 
     participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(network.domain, qos, &discovery_,
                                                                                      dds::StatusMask::none());

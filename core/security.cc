@@ -14,7 +14,9 @@
 #include <ctime>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <sstream>
 
 #include "core/error.h"
@@ -34,6 +36,7 @@ constexpr const char* kRevoked = "crl.pem";
 
 constexpr std::uintmax_t kLargest = 1 << 20;   // bytes of a file
 constexpr std::time_t kSoon = 14 * 24 * 3600;  // before a certificate ends we warn
+constexpr std::size_t kMostTold = 100;         // different lines in kQuiet
 constexpr const char* kRenew = "compose/keystore renew makes a new one";
 
 template <class Type, void (*free)(Type*)>
@@ -188,22 +191,23 @@ std::vector<std::string> values_of(const std::string& text, const std::string& n
 
 /// Never half: a governance that lets strangers in, or leaves data in clear, is refused.
 void check_governance(const std::string& text, const std::string& path) {
+  constexpr const char* kRemedy = "compose/keystore makes one that protects everything";
+  const std::vector<std::string> no = {"false", "FALSE", "0"}, yes = {"true", "TRUE", "1"},
+                                 encrypted = {"ENCRYPT", "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"};
+  std::vector<std::string> genuine = encrypted;
+  genuine.insert(genuine.begin(), {"SIGN", "SIGN_WITH_ORIGIN_AUTHENTICATION"});
   const std::vector<std::pair<std::string, std::vector<std::string>>> wanted = {
-      {"allow_unauthenticated_participants", {"false", "FALSE", "0"}},
-      {"enable_join_access_control", {"true", "TRUE", "1"}},
-      {"enable_read_access_control", {"true", "TRUE", "1"}},
-      {"enable_write_access_control", {"true", "TRUE", "1"}},
-      {"discovery_protection_kind", {"ENCRYPT", "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"}},
-      {"rtps_protection_kind",
-       {"SIGN", "ENCRYPT", "SIGN_WITH_ORIGIN_AUTHENTICATION", "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"}},
-      {"data_protection_kind", {"ENCRYPT"}}};
+      {"allow_unauthenticated_participants", no}, {"enable_join_access_control", yes},
+      {"enable_read_access_control", yes},        {"enable_write_access_control", yes},
+      {"enable_discovery_protection", yes},       {"discovery_protection_kind", encrypted},
+      {"liveliness_protection_kind", encrypted},  {"rtps_protection_kind", genuine},
+      {"metadata_protection_kind", encrypted}};
   for (const auto& [name, allowed] : wanted) {
     const std::vector<std::string> values = values_of(text, name);
-    if (values.empty()) throw Error("lacks " + name, path);
+    if (values.empty()) throw Error("lacks " + name, path, kRemedy);
     for (const std::string& value : values)
       if (std::find(allowed.begin(), allowed.end(), value) == allowed.end())
-        throw Error(name + " is " + value + ", must be " + allowed[0], path,
-                    "compose/keystore makes one that protects everything");
+        throw Error(name + " is " + value + ", must be " + allowed[0], path, kRemedy);
   }
 }
 
@@ -260,6 +264,46 @@ std::string check_security(const std::string& folder, const std::string& partici
   check_documents(path, participant);
   ERR_clear_error();
   return path.string();
+}
+
+std::optional<std::string> explain_security(const std::string& message) {
+  struct Meaning {
+    const char* part;     // of the vendor's message
+    const char* meaning;  // followed by the vendor's words
+  };
+  static constexpr Meaning kMeanings[] = {
+      {"while validating local", "our own keys are refused"},
+      {"Error validating remote permissions", "kept somebody out whose permissions our authority has not signed"},
+      {"Could not get remote participant", "kept somebody out whose permissions our authority has not signed"},
+      {"Certificate not valid", "kept somebody out whose certificate is not valid, or of another authority"},
+      {"Invalidation error of certificate",
+       "kept somebody out whose certificate is not valid, or of another authority"},
+      {"handshake failed", "kept somebody out who could not show an identity"},
+      {"handshake request failed", "kept somebody out who could not show an identity"},
+      {"handshake reply failed", "kept somebody out who could not show an identity"},
+      {"Error checking creation of local", "our permissions do not allow this"},
+      {"Error checking remote", "refused what somebody's permissions do not allow"},
+      {"denied by default rule", "refused what somebody's permissions do not allow"},
+      {"found in deny_rule", "refused what somebody's permissions do not allow"},
+      {"No rule found for", "refused what somebody's permissions do not allow"},
+  };
+  for (const auto& [part, meaning] : kMeanings)
+    if (message.find(part) != std::string::npos)
+      return std::string("security: ") + meaning + ": " + Error(message).what();
+  return std::nullopt;
+}
+
+void tell_security(const std::string& line) {
+  using Clock = std::chrono::steady_clock;
+  static std::mutex mutex;
+  static std::map<std::string, Clock::time_point> told;
+  {
+    std::lock_guard lock(mutex);
+    const Clock::time_point now = Clock::now();
+    std::erase_if(told, [&](const auto& item) { return now - item.second >= kQuiet; });
+    if (told.size() >= kMostTold || !told.try_emplace(line, now).second) return;
+  }
+  spdlog::warn("{}", line);
 }
 
 Properties fastdds_security(const std::string& folder) {

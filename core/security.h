@@ -3,6 +3,8 @@
 // DDS Security (docs/security.md): a service's folder of keys, checked before anything starts, and what the vendors
 // want to know of it. Knows no vendor's headers.
 
+#include <chrono>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <utility>
@@ -17,6 +19,9 @@ namespace citylearn::parts {
 /// path.
 std::string check_security(const std::string& folder, const std::string& participant);
 
+/// Domains that governance and permissions can name (DDS Security 1.1, 9.4.1.2).
+inline constexpr std::uint32_t kMostSecureDomain = 230;
+
 /// Properties of a participant, names and values.
 using Properties = std::vector<std::pair<std::string, std::string>>;
 
@@ -29,5 +34,9 @@ Properties cyclonedds_security(const std::string& folder);
 /// What a vendor's own message about security means, in a line for a person: who was refused, and why. Nothing when the
 /// message is of something else.
 std::optional<std::string> explain_security(const std::string& message);
+
+/// Logs such a line as a warning; vendors repeat themselves every second, so the same one once in kQuiet. Any thread.
+void tell_security(const std::string& line);
+inline constexpr std::chrono::seconds kQuiet{60};
 
 }  // namespace citylearn::parts

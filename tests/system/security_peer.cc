@@ -51,9 +51,8 @@ int run(char** arguments) {
     const Clock::time_point next = Clock::now() + std::chrono::milliseconds(20);
     while (middleware->wait(next))
       while (subscription && subscription->take(taken)) received = true;
+    for (const std::string& fault : middleware->surroundings().faults()) spdlog::error("{}", fault);
   }
-  for (const auto& p : middleware->surroundings().participants()) std::printf("P %s\n", p.name.c_str());
-  for (const auto& p : middleware->surroundings().endpoints()) std::printf("E %s %s %d\n", p.participant.c_str(), p.topic.c_str(), p.writes);
   return received ? 3 : 0;
 }
 
@@ -62,7 +61,6 @@ int run(char** arguments) {
 
 int main(int count, char** arguments) {
   if (count != 7) return 2;
-  spdlog::set_level(spdlog::level::debug);
   try {
     return citylearn::run(arguments);
   } catch (const std::exception& error) {
