@@ -15,6 +15,7 @@
 
 #include "core/error.h"
 #include "core/middleware_parts.h"
+#include "core/security.h"
 
 namespace citylearn {
 namespace parts {
@@ -193,8 +194,10 @@ Network::Peer resolve_peer(const std::string& peer, const std::string& option, i
 }
 
 Network resolve(const MiddlewareOptions& options) {
-  Network network{options.domain, options.participant, "", {}, false, kLargestDatagram, {}, {}, options.security};
-  if (!options.security.empty()) throw Error("no middleware can keep to it yet", "security");
+  Network network{options.domain, options.participant, "", {}, false, kLargestDatagram, {}, {}, ""};
+  if (!options.security.empty() && options.domain > parts::kMostSecureDomain)
+    throw Error("must be 0.." + std::to_string(parts::kMostSecureDomain) + " with --security", "domain");
+  if (!options.security.empty()) network.security = parts::check_security(options.security, options.participant);
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
   for (const std::string& interface : options.interfaces) {
     network.interfaces += (network.interfaces.empty() ? "" : ",") + interface;
@@ -232,6 +235,8 @@ std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) 
   const std::string& name = options.name;
   if (!options.discovery_servers.empty() && name == "cyclonedds")
     throw Error("cyclonedds cannot use Fast DDS's", "discovery-server", "--peers finds others too");
+  if (name == "inprocess" && !options.security.empty())
+    throw Error("inprocess has no wire to protect", "security", "leave it out, or choose another middleware");
   if (name == "inprocess") return parts::create_inprocess(options.domain, options.participant);
   if (name == "fastdds") return parts::create_fastdds(resolve(options));
   if (name == "cyclonedds") return parts::create_cyclonedds(resolve(options));

@@ -14,6 +14,7 @@
 #include "core/cyclonedds_remote.h"
 #include "core/error.h"
 #include "core/middleware_parts.h"
+#include "core/security.h"
 
 // Cyclone's public C API moves samples that its own IDL compiler describes. To move CDR bytes that are ready made, we
 // bring our own kind of type (ddsi_sertype) and sample (ddsi_serdata), as ROS 2's rmw_cyclonedds does.
@@ -185,7 +186,10 @@ std::string last_complaint;
 void forward_log(void*, const dds_log_data_t* data) {
   std::string line(data->message, data->size);
   while (!line.empty() && line.back() == '\n') line.pop_back();
-  spdlog::debug("cyclonedds: {}", line);
+  if (const auto told = explain_security(line))
+    tell_security(*told);
+  else
+    spdlog::debug("cyclonedds: {}", line);
   std::lock_guard lock(log_mutex);
   last_complaint = line;
 }
@@ -377,6 +381,11 @@ class CycloneMiddleware : public Middleware {
   explicit CycloneMiddleware(const Network& network) : domain_(Domain::of(network)), addresses_(network.addresses) {
     const QosOwner qos = make_qos();
     dds_qset_entity_name(qos.get(), network.participant.c_str());
+    if (!network.security.empty()) {
+      for (const auto& [name, value] : cyclonedds_security(network.security))
+        dds_qset_prop(qos.get(), name.c_str(), value.c_str());
+      surroundings_.guard();
+    }
     participant_ = require(dds_create_participant(network.domain, qos.get(), nullptr), "create a participant",
                            "domain " + std::to_string(network.domain));
     const ListenerOwner listener(dds_create_listener(this), dds_delete_listener);

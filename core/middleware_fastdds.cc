@@ -21,6 +21,7 @@
 
 #include "core/error.h"
 #include "core/middleware_parts.h"
+#include "core/security.h"
 
 namespace citylearn::parts {
 namespace {
@@ -79,6 +80,7 @@ class RawType : public dds::TopicDataType {
 class LogForwarder : public dds::LogConsumer {
  public:
   void Consume(const dds::Log::Entry& entry) override {
+    if (const auto line = explain_security(entry.message)) return tell_security(*line);
     if (entry.kind == dds::Log::Kind::Error)
       spdlog::warn("fastdds: {} ({})", entry.message, entry.context.category);
     else
@@ -316,6 +318,11 @@ class FastMiddleware : public Middleware {
     wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(1, 0u);
     wire.builtin.typelookup_config.use_client = false;
     wire.builtin.typelookup_config.use_server = false;
+    if (!network.security.empty()) {
+      for (const auto& [name, value] : fastdds_security(network.security))
+        qos.properties().properties().emplace_back(name, value);
+      surroundings_.guard();
+    }
 
     participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(network.domain, qos, &discovery_,
                                                                                      dds::StatusMask::none());
