@@ -111,7 +111,7 @@ def script(container):
     user, group = service.user.split(":")
     environment = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": "/", "HOSTNAME": container.hostname} | service.environment
     rights = ["--reuid", user, "--regid", group, "--clear-groups", "--no-new-privs", "--bounding-set", "-all",
-              "--pdeathsig", "KILL"]  # a change of user forgets what unshare --kill-child set
+              "--pdeathsig", "KILL"]  # again: a change of user forgets it
     command = ["chroot", ".", "setpriv", *rights, "env", "-i", *(f"{k}={v}" for k, v in environment.items()), *service.command]
     lines.append("exec " + shlex.join(command))
     return "\n".join(lines)
@@ -136,9 +136,11 @@ class Container:
         self.names.write_text("".join(f"{address} {name}\n" for name, address in names.items()))
 
     def command(self, namespace):
-        """Dies with compose/hosts, and all inside dies with it."""
-        return ["setpriv", "--pdeathsig", "KILL", "nsenter", f"--net=/run/netns/{namespace}", "unshare", "--mount", "--pid",
-                "--fork", "--uts", "--ipc", "--kill-child", "sh", "-c", script(self)]
+        """Dies with compose/hosts, and all inside dies with it. The shell in between is there for the status of a service that
+        is killed, which `unshare --fork` of Debian 12 loses."""
+        dying = ["setpriv", "--pdeathsig", "KILL"]
+        return [*dying, "nsenter", f"--net=/run/netns/{namespace}", "unshare", "--mount", "--pid", "--uts", "--ipc",
+                "sh", "-c", '"$@" & wait $!', "sh", *dying, "sh", "-c", script(self)]
 
     @staticmethod
     def inside(pid):
