@@ -143,7 +143,7 @@ class Topology(unittest.TestCase):
 
     SETTINGS = {
         "RUN": "trial", "FRAMES": "0:48", "PLACES": "48", "ENCODER_OPTIONS": "--dimension 24", "HEALTH_INTERVAL": "1s",
-        "POLICY_OPTIONS": "--steps 100000000 --time-limit 12 --tasks 50 --checkpoint-every 20",
+        "POLICY_OPTIONS": "--steps 100000000 --time-limit 10 --tasks 50 --checkpoint-every 20",
     }
 
     def expect_all_healthy(self, up, learner):
