@@ -124,9 +124,7 @@ services:
                 up.wait_state(service, "state", "running")
             command = [support.COMPOSE / "hosts", "ps", self.folder / "trial.yaml", "--project", up.project]
             self.assertIn("running", subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-            inside = subprocess.run([*command[:1], "exec", *command[2:], "user", "hostname"], capture_output=True, text=True,
-                                    check=True)
-            self.assertEqual(inside.stdout, "user\n")
+            self.assertEqual(up.inside("user", "hostname"), "user\n")
             subprocess.run([*command[:1], "down", *command[2:]], check=True)
             self.assertEqual(up.end(), 0)
             said = up.output.read_text()

@@ -64,6 +64,8 @@ class Up:
     """`compose/hosts up FILE`, as a context: ends with it, whatever happened."""
 
     def __init__(self, file, *options, settings=None, seconds=120):
+        self.file = file
+        self.options = [option for option in options if option == "--profile" or option == "*"]
         self.project = f"test-{os.getpid()}-{Path(file).stem}"
         self.seconds = seconds
         self.temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
@@ -110,6 +112,11 @@ class Up:
     def log(self, service):
         path = STATES / self.project / "logs" / f"{service}.log"
         return path.read_text(errors="replace") if path.exists() else ""
+
+    def inside(self, service, *words):
+        """What a command that runs inside a service says."""
+        command = [COMPOSE / "hosts", "exec", self.file, "--project", self.project, "--env-file", self.folder / "settings.env"]
+        return subprocess.run([*command, *self.options, service, *words], capture_output=True, text=True, check=True).stdout
 
     def wait_state(self, service, key, value):
         def holds():
