@@ -7,6 +7,7 @@ from pathlib import Path
 
 
 CGROUPS = Path("/sys/fs/cgroup")
+MARK = "container=compose-hosts"  # in a service's environment, as other engines leave theirs
 
 
 def prepare_volume(source, user):
@@ -109,10 +110,9 @@ def script(container):
     if service.read_only:
         lines.append("mount -o remount,ro .")
     user, group = service.user.split(":")
-    environment = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": "/", "HOSTNAME": container.hostname} | service.environment
     rights = ["--reuid", user, "--regid", group, "--clear-groups", "--no-new-privs", "--bounding-set", "-all",
               "--pdeathsig", "KILL"]  # again: a change of user forgets it
-    command = ["chroot", ".", "setpriv", *rights, "env", "-i", *(f"{k}={v}" for k, v in environment.items()), *service.command]
+    command = ["chroot", ".", "setpriv", *rights, "env", "-i", *container.environment, *service.command]
     lines.append("exec " + shlex.join(command))
     return "\n".join(lines)
 
@@ -127,6 +127,8 @@ class Container:
         self.root, self.names, self.log = folder / "roots" / name, folder / "names" / name, folder / "logs" / f"{name}.log"
         self.volumes, self.limits = volumes, limits
         self.address = ""
+        known = {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": "/", "HOSTNAME": self.hostname} | service.environment
+        self.environment = [MARK, *(f"{name}={value}" for name, value in known.items())]
         for path in (self.root, self.names.parent, self.log.parent):
             path.mkdir(parents=True, exist_ok=True)
 
@@ -144,18 +146,22 @@ class Container:
 
     @staticmethod
     def inside(pid):
-        """The service's own process, a child of the one that was started; None before it is there."""
+        """The service's own process, a child of the one that was started; None while its root is still being built."""
         try:
-            children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        except OSError:
+            child = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0]
+            is_service = MARK in environment_of(child)
+        except (OSError, IndexError):
             return None
-        return int(children[0]) if children else None
+        return int(child) if is_service else None
+
+
+def environment_of(pid):
+    return [each for each in Path(f"/proc/{pid}/environ").read_text().split("\0") if each]
 
 
 def enter(pid, words):
     """A command inside a running service: in its namespaces, as its user, with its environment."""
-    environment = [each for each in Path(f"/proc/{pid}/environ").read_text().split("\0") if each]
     facts = os.stat(f"/proc/{pid}")
     return ["setpriv", "--pdeathsig", "KILL", "nsenter", "--target", str(pid), "--mount", "--uts", "--ipc", "--net", "--pid",
             "--root", "--wd", "setpriv", "--reuid", str(facts.st_uid), "--regid", str(facts.st_gid), "--clear-groups",
-            "env", "-i", *environment, *words]
+            "env", "-i", *environment_of(pid), *words]

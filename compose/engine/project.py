@@ -1,6 +1,7 @@
 """A topology that runs: who is started when, watched, restarted and ended. One thread; a coroutine a service."""
 
 import asyncio
+import dataclasses
 import fcntl
 import json
 import os
@@ -41,15 +42,14 @@ def folder_of(project):
 
 
 def states_of(project):
-    """Process id of the `up` that runs a project, its folder, and the state of each service."""
-    folder = folder_of(project)
+    """Process id of the `up` that runs a project, and the state of each service."""
     try:
-        content = json.loads((folder / "state.json").read_text())
+        content = json.loads((folder_of(project) / "state.json").read_text())
     except OSError:
         content = {"owner": 0}
     if not networks.is_ours(content["owner"]):
         raise ComposeError(f"'{project}' does not run", "", "compose/hosts up FILE starts it")
-    return content["owner"], folder, content["services"]
+    return content["owner"], content["services"]
 
 
 class Running:
@@ -130,7 +130,7 @@ class Project:
         for volume in service.volumes:
             source = str(self.volumes / volume.source) if volume.named else volume.source
             containers.prepare_volume(source, service.user)
-            volumes.append(type(volume)(source, volume.target, volume.named, volume.read_only))
+            volumes.append(dataclasses.replace(volume, source=source))
         container = Container(name, service, self.prefix, self.folder, volumes, limits)
         container.address = self.network.join(container.host, service.network, service.address)
         for port in service.ports:
@@ -193,6 +193,8 @@ class Project:
         while not self.stopping.is_set():
             begin = time.monotonic()
             await self.start(each)
+            if self.stopping.is_set():
+                await self.end(each)  # stop() may have come by while it was starting
             health = asyncio.create_task(self.watch(each)) if each.service.health else None
             status = await each.process.wait()
             if health:

@@ -125,6 +125,8 @@ services:
             command = [support.COMPOSE / "hosts", "ps", self.folder / "trial.yaml", "--project", up.project]
             self.assertIn("running", subprocess.run(command, capture_output=True, text=True, check=True).stdout)
             self.assertEqual(up.inside("user", "hostname"), "user\n")
+            logs = subprocess.run([*command[:1], "logs", *command[2:], "deaf"], capture_output=True, text=True, check=False)
+            self.assertEqual((logs.returncode, logs.stdout), (0, ""))
             subprocess.run([*command[:1], "down", *command[2:]], check=True)
             self.assertEqual(up.end(), 0)
             said = up.output.read_text()

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -94,6 +95,8 @@ class Up:
         if kind:
             print(self.report(), file=sys.stderr)
         self.temporary.cleanup()
+        shutil.rmtree(STATES / self.project, ignore_errors=True)
+        (STATES / f"{self.project}.lock").unlink(missing_ok=True)
 
     def report(self):
         """What everybody said, for a test that failed."""
