@@ -67,7 +67,7 @@ class Topology:
     name: str
     folder: Path  # of the file
     services: list
-    networks: dict  # name -> ipaddress.IPv4Network or None
+    networks: dict  # name -> Range
     hosts: dict  # host -> address, on the network "hosts"
 
 
@@ -306,18 +306,26 @@ def service_of(name, value, folder, hosts):
     return service
 
 
-def network_range(name, value):
-    understand(f"network {name}", value or {}, {"driver", "ipam", "internal"})
+@dataclass
+class Range:
+    subnet: ipaddress.IPv4Network = None  # None: any
+    chosen: ipaddress.IPv4Network = None  # part of it from which addresses are taken where none is given; None: all of it
+
+
+def range_of(name, value):
+    where = f"network {name}"
+    understand(where, value or {}, {"driver", "ipam", "internal"})
     ipam = (value or {}).get("ipam", {})
-    understand(f"network {name}: ipam", ipam, {"config"})
+    understand(f"{where}: ipam", ipam, {"config"})
     config = ipam.get("config", [])
     if not config:
-        return None
-    understand(f"network {name}: ipam.config", config[0], {"subnet"})
+        return Range()
+    understand(f"{where}: ipam.config", config[0], {"subnet", "ip_range"})
     try:
-        return ipaddress.IPv4Network(config[0].get("subnet"))
+        subnet = ipaddress.IPv4Network(config[0].get("subnet"))
+        return Range(subnet, ipaddress.IPv4Network(config[0].get("ip_range", subnet)))
     except ValueError as error:
-        raise ComposeError(str(error), f"network {name}") from None
+        raise ComposeError(str(error), where) from None
 
 
 def load(path, env_file=None, profiles=(), project=None):
@@ -333,7 +341,7 @@ def load(path, env_file=None, profiles=(), project=None):
     variables = variables_of(env_file, folder)
     hosts = pairs(substituted(content.get("x-hosts", {}), variables, "x-hosts"), ":", "x-hosts")
     content = substituted(content, variables, "")
-    networks = {name: network_range(name, value) for name, value in (content.get("networks") or {}).items()}
+    networks = {name: range_of(name, value) for name, value in (content.get("networks") or {}).items()}
     named = content.get("volumes") or {}
     for name, value in named.items():
         understand(f"volume {name}", value or {}, {"driver"})
@@ -358,5 +366,5 @@ def load(path, env_file=None, profiles=(), project=None):
             if other not in names:
                 raise ComposeError(f"depends on '{other}', which is not there", f"service {service.name}")
     used = {service.network for service in services}
-    networks = {name: networks.get(name) for name in sorted(used)}
+    networks = {name: networks.get(name, Range()) for name in sorted(used)}
     return Topology(project or content.get("name", folder.name), folder, services, networks, hosts)

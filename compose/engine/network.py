@@ -25,8 +25,9 @@ class Network:
         self.prefix = f"{PREFIX}{os.getpid()}-"
         self.bridges = self.prefix + "bridges"
         self.numbers = {name: number for number, name in enumerate(topology.networks)}
-        self.ranges = {name: chosen or ipaddress.IPv4Network(f"10.213.{number}.0/24")
-                       for number, (name, chosen) in enumerate(topology.networks.items())}
+        self.ranges = {name: given.subnet or ipaddress.IPv4Network(f"10.213.{number}.0/24")
+                       for number, (name, given) in enumerate(topology.networks.items())}
+        self.chosen = {name: given.chosen or self.ranges[name] for name, given in topology.networks.items()}
         if "hosts" in self.ranges:
             first = next(iter(topology.hosts.values()))
             self.ranges["hosts"] = ipaddress.IPv4Network(f"{first}/24", strict=False)
@@ -62,11 +63,12 @@ class Network:
         """Makes the host where it is not there yet, with eth0 on the network. Returns its address."""
         if host in self.addresses:
             return self.addresses[host]
-        if not address:  # .1 is the engines' gateway
-            free = (str(each) for each in list(self.ranges[network].hosts())[1:])
+        if not address:
+            gateway = self.ranges[network].network_address + 1  # the engines' own
+            free = (str(each) for each in self.chosen[network].hosts() if each != gateway)
             address = next((each for each in free if each not in self.taken[network]), "")
             if not address:
-                raise ComposeError(f"{self.ranges[network]} has no address left", f"network {network}")
+                raise ComposeError(f"{self.chosen[network]} has no address left", f"network {network}")
             self.taken[network].add(address)
         space, link = self.namespace(host), f"link{self.links}"
         self.links += 1

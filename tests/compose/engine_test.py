@@ -108,10 +108,16 @@ services:
                 self.assertEqual(status, 137, said)
 
     def test_replicas_are_services_of_their_own(self):
-        with self.up("services: {many: {command: [sleep, infinity], deploy: {replicas: 3}}}") as up:
+        with self.up("""
+services:
+  many: {command: [sleep, infinity], deploy: {replicas: 3}, networks: [net]}
+  one: {command: [sleep, infinity], networks: {net: {ipv4_address: 10.99.0.2}}}
+networks: {net: {ipam: {config: [{subnet: 10.99.0.0/24, ip_range: 10.99.0.128/29}]}}}
+""") as up:
             for number in (1, 2, 3):
                 up.wait_state(f"many-{number}", "state", "running")
-            self.assertEqual(len({state["address"] for state in up.states().values()}), 3)
+            self.assertEqual([state["address"] for state in up.states().values()],
+                             ["10.99.0.129", "10.99.0.130", "10.99.0.131", "10.99.0.2"])
 
     def test_sigterm_ends_dependents_first_and_leaves_nothing(self):
         with self.up("""
