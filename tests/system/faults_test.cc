@@ -66,13 +66,13 @@ class Town {
   }
   std::unique_ptr<Service> env(const std::string& traversal, const std::string& id) {
     Arguments options = {"--agents", "8", "--id", id, "--recorders", "dashboard", "--linger", "60"};
-    if (plan_.pictures) options.insert(options.end(), {"--dataset", "synthetic", "--frames", "0:64"});
+    if (plan_.pictures) options.insert(options.end(), {"--dataset", "synthetic", "--frames", "0:96"});
     return trial_.env(traversal, options);
   }
   std::unique_ptr<Service> policy(Arguments options, const std::string& output) {
     options.insert(options.end(), {"--agent", "place_filter", "--learner", "relabel", "--checkpoint-every", "5",
                                    "--output", trial_.folder() / output, "--tasks", "200", "--evaluate", "summer"});
-    if (plan_.pictures) options.insert(options.end(), {"--frames", "64"});
+    if (plan_.pictures) options.insert(options.end(), {"--frames", "96"});
     return trial_.policy(options);
   }
   Json summary(const std::string& output) const {
