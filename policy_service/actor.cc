@@ -5,12 +5,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <deque>
 #include <memory>
 #include <optional>
 #include <set>
 #include <sstream>
 
+#include "core/rejections.h"
 #include "core/service.h"
 #include "policy_service/collector.h"
 #include "policy_service/farewell.h"
@@ -65,6 +67,16 @@ std::map<std::string, double> parse_parameters(const std::string& text) {
   return values;
 }
 
+/// Why no learner says so; empty when one may.
+std::string nonsense(const msg::LearnerInfo& info) {
+  if (info.steps() < 1 || info.steps() > msg::MAX_STEPS) return "with trajectories of " + std::to_string(info.steps());
+  if (info.lesson_frames() < 1 || info.lesson_frames() > info.frames()) return "with a lesson beyond the route";
+  if (info.window() < 1) return "that wants nothing";
+  for (const double noise : {info.noise_frame(), info.noise_place(), info.noise_episode()})
+    if (!std::isfinite(noise) || noise < 0) return "with a noise that is no length";
+  return "";
+}
+
 class Actor {
  public:
   explicit Actor(const ActorOptions& options);
@@ -107,6 +119,7 @@ class Actor {
   void on_status(const msg::ActorStatus& status);
   void on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement);
   void on_parameters(const msg::PolicyParameters& chunk);
+  bool of_learner(const msg::Header& header, const std::string& what);
   bool ours(const Seat& seat) const;
   bool prepare();
   void assign();
@@ -126,6 +139,7 @@ class Actor {
   ActorOptions options_;
   Node node_;
   Fleet fleet_;
+  Rejections rejections_;
   std::unique_ptr<Session> session_;
   std::map<Seat*, Served> served_;
   std::map<std::string, Other> others_;
@@ -144,7 +158,8 @@ class Actor {
   msg::PolicyParameters chunk_;
 };
 
-Actor::Actor(const ActorOptions& options) : options_(options), node_(named(options.node)), fleet_(node_) {
+Actor::Actor(const ActorOptions& options)
+    : options_(options), node_(named(options.node)), fleet_(node_), rejections_(node_) {
   node_.announce<msg::ActorStatus>();
   node_.announce<msg::Trajectory>();
   node_.announce<msg::ParametersRequest>();
@@ -162,9 +177,24 @@ Actor::Actor(const ActorOptions& options) : options_(options), node_(named(optio
 
 // The learner.
 
+/// Of the learner this actor works for. Others are of an earlier process, or not to be believed.
+bool Actor::of_learner(const msg::Header& header, const std::string& what) {
+  const msg::Header& learner = session_->info.header();
+  if (header.incarnation() == learner.incarnation() && header.sender() == learner.sender()) return true;
+  if (header.incarnation() < learner.incarnation())
+    ++node_.traffic.repeated;
+  else
+    rejections_.add(header, what + " of who is not the learner");
+  return false;
+}
+
 void Actor::on_info(const msg::LearnerInfo& info) {
+  if (const std::string wrong = nonsense(info); !wrong.empty()) {
+    rejections_.add(info.header(), "a learner " + wrong);
+    return;
+  }
   const bool fresh = !session_ || info.header().incarnation() > session_->info.header().incarnation();
-  if (!fresh && info.header().incarnation() < session_->info.header().incarnation()) return;  // of one that is dead
+  if (!fresh && !of_learner(info.header(), "an announcement")) return;
   learner_heard_ = Clock::now();
   if (!fresh) {
     const bool lesson = info.lesson() != session_->info.lesson();
@@ -237,9 +267,8 @@ bool Actor::prepare() {
 }
 
 void Actor::on_parameters(const msg::PolicyParameters& chunk) {
-  if (!session_ || !session_->parameters || chunk.header().incarnation() != session_->info.header().incarnation())
-    return;
-  if (!session_->parameters->take(chunk)) ++node_.traffic.rejected;
+  if (!session_ || !session_->parameters || !of_learner(chunk.header(), "parameters")) return;
+  if (!session_->parameters->take(chunk)) rejections_.add(chunk.header(), "parameters that are damaged");
 }
 
 /// Asks for what was lost, or was sent before we came; for more at once when all that was asked for has come.
@@ -466,12 +495,12 @@ void Actor::send_trajectories() {
 void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement) {
   if (!session_ || acknowledgement.actor() != node_.options().id ||
       acknowledgement.actor_incarnation() != node_.incarnation() ||
-      acknowledgement.header().incarnation() != session_->info.header().incarnation())
+      !of_learner(acknowledgement.header(), "an acknowledgement"))
     return;
   answered_ = true;
   Session& s = *session_;
   if (acknowledgement.number() > s.number) {
-    ++node_.traffic.rejected;
+    rejections_.add(acknowledgement.header(), "an acknowledgement of trajectories that were never sent");
     return;
   }
   if (acknowledgement.number() < s.acknowledged) {  // an older one
