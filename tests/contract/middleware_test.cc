@@ -271,7 +271,7 @@ TEST_P(AnyMiddleware, ADifferentTypeIsAFaultToldOnceOnEachSide) {
   std::vector<std::string> at_a, at_b;
   const auto look = [&] {
     for (const auto& [middleware, lines] : {std::pair{a.get(), &at_a}, {b.get(), &at_b}})
-      for (const std::string& line : middleware->faults())
+      for (const std::string& line : middleware->surroundings().faults())
         if (line.find(topic().name + ":") != std::string::npos) lines->push_back(line);
     return !at_a.empty() && !at_b.empty();
   };

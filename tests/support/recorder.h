@@ -34,12 +34,7 @@ class Recorder {
   std::map<std::string, std::uint64_t> recorded;  ///< by env_service: all up to this one are here, or nobody's any more
 
   bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience = kPatience) {
-    const Clock::time_point deadline = Clock::now() + patience;
-    while (!condition()) {
-      if (Clock::now() >= deadline) return false;
-      spin();
-    }
-    return true;
+    return eventually([this] { spin(); }, condition, patience);
   }
   void spin() {
     node.wait(Clock::now() + std::chrono::milliseconds(20));

@@ -81,12 +81,7 @@ class ScriptedPolicy {
   void give_up() { version_ = 0; }
 
   bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience = kPatience) {
-    const Clock::time_point deadline = Clock::now() + patience;
-    while (!condition()) {
-      if (Clock::now() >= deadline) return false;
-      spin();
-    }
-    return true;
+    return eventually([this] { spin(); }, condition, patience);
   }
 
   void spin() {

@@ -97,7 +97,7 @@ TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
   EXPECT_TRUE(testing::eventually(
       *middleware,
       [&] {
-        for (const std::string& line : middleware->faults())
+        for (const std::string& line : middleware->surroundings().faults())
           if (line.find(longest("peer")) != std::string::npos) faults.push_back(line);
         return faults.size() >= 2;
       },

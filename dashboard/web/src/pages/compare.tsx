@@ -14,6 +14,7 @@ import { param, place, setParams } from '../state/router';
 import { runs } from '../state/session';
 import { useTraining } from '../state/training';
 import { Card, Empty, Failed, IconButton, Segmented, Select, Show, State, Swatch } from '../ui/basics';
+import { AxisPicker } from '../ui/axis_picker';
 import { Chart, type Line } from '../ui/chart';
 import { runName } from '../ui/run_select';
 import { SaveTable, Table, type Column } from '../ui/table';
@@ -215,16 +216,7 @@ function Curves({ chosen }: { chosen: readonly Run[] }): JSX.Element {
     <div class="stack">
       <div class="controls card">
         <Select label="Figure" value={metric.value} options={METRICS} onChange={(value) => setParams({ metric: value })} />
-        <Segmented
-          label="Horizontal axis"
-          value={x}
-          options={[
-            { value: 'episodes', label: 'Episodes' },
-            { value: 'steps', label: 'Steps' },
-            { value: 'wall', label: 'Time' },
-          ]}
-          onChange={(value) => setParams({ x: value })}
-        />
+        <AxisPicker value={x} onChange={(value) => setParams({ x: value })} />
       </div>
       <Chart
         title={metric.label}

@@ -12,6 +12,7 @@ import { runs } from '../state/session';
 import { useDetail, useTraining } from '../state/training';
 import { Card, Empty, Failed, Loading, Segmented, Show, Slider } from '../ui/basics';
 import type { Range } from '../maths/seeds';
+import { AxisPicker } from '../ui/axis_picker';
 import { Chart, type Reference } from '../ui/chart';
 import { RunPicker } from '../ui/run_picker';
 
@@ -136,14 +137,8 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
       />
       <div class="stack">
         <div class="controls card">
-          <Segmented
-            label="Horizontal axis"
+          <AxisPicker
             value={x}
-            options={[
-              { value: 'episodes', label: 'Episodes' },
-              { value: 'steps', label: 'Steps' },
-              { value: 'wall', label: 'Time' },
-            ]}
             onChange={(value) => {
               setZoom(null);
               setParams({ x: value });
