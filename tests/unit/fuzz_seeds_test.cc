@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/image_header.h"
+#include "core/messages.h"
 #include "encoder_service/encoder.h"
 #include "tests/fuzz/messages.h"
 #include "tests/fuzz/targets.h"
@@ -37,7 +38,6 @@ const std::set<std::string> kRefused = {
     "dataset_folder/plain-conflict",
     "mcap_file/cut-short",
     "mcap_file/compressed",
-    "web_request/about",  // a parameter that it does not know
     "web_request/curve-of-none",
     "web_request/frame",  // of a traversal that is not there, as the next one
     "web_request/map",
