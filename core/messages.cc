@@ -699,6 +699,10 @@ template <class Message>
 void decode(std::span<const std::byte> bytes, Message& message) {
   const std::string& type = topic_of<Message>().type;
   if (bytes.size() < kEncapsulation) throw Error("cut short", type);
+  // fastcdr also reads parameter lists, of which nobody else here knows (core/recording/wire_header).
+  const auto encapsulation = std::to_integer<unsigned>(bytes[0]) << 8 | std::to_integer<unsigned>(bytes[1]);
+  if (encapsulation > 1)
+    throw Error("encapsulation " + std::to_string(encapsulation) + ", should be CDR: 0 or 1", type);
   // FastBuffer wants a pointer to writable bytes; nothing is written through it here.
   char* data = const_cast<char*>(reinterpret_cast<const char*>(bytes.data()));
   eprosima::fastcdr::FastBuffer buffer(data, bytes.size());

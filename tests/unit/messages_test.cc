@@ -97,6 +97,16 @@ TEST(Messages, BigEndianIsRead) {
   EXPECT_TRUE(equal(sent, received));
 }
 
+TEST(Messages, OtherEncapsulationsAreRefused) {
+  Bytes bytes = encoded(sample_of<msg::Action>(Size::kTypical));
+  for (const unsigned kind : {2u, 3u, 7u, 0x101u}) {  // parameter lists, XCDR2, nonsense
+    bytes[0] = static_cast<std::byte>(kind >> 8);
+    bytes[1] = static_cast<std::byte>(kind);
+    EXPECT_EQ(decode_error<msg::Action>(bytes),
+              "citylearn::msg::Action: encapsulation " + std::to_string(kind) + ", should be CDR: 0 or 1");
+  }
+}
+
 TEST(Messages, PaddingIsAllowedMoreIsNot) {
   Bytes bytes = encoded(sample_of<msg::EpisodeAcknowledgement>(Size::kTypical));
   bytes.resize(bytes.size() + 3);
