@@ -6,6 +6,7 @@
 #include <fstream>
 #include <sstream>
 #include <tuple>
+#include <utility>
 
 #include "core/messages.h"
 #include "policy_service/agent_network.h"
@@ -37,7 +38,12 @@ std::string Measured::name() const {
   return text.str();
 }
 
-std::vector<Measured> read_measured(const std::string& path) {
+namespace {
+
+using Lines = std::map<std::string, std::map<std::string, std::map<std::string, std::vector<Used>>>>;
+
+/// `all`: each case once; `lines`: by case, phase and kind.
+void read_file(const std::string& path, std::vector<Measured>& all, Lines& lines) {
   std::ifstream in(path);
   if (!in) throw Error("cannot be read", path, "bench_scale writes it");
   const auto split = [](const std::string& line) {
@@ -49,7 +55,6 @@ std::vector<Measured> read_measured(const std::string& path) {
   std::string line;
   std::getline(in, line);
   const std::vector<std::string> columns = split(line);
-  std::vector<Measured> all;
   for (int number = 2; std::getline(in, line); ++number) {
     const std::vector<std::string> cells = split(line);
     const std::string where = path + ":" + std::to_string(number);
@@ -79,10 +84,33 @@ std::vector<Measured> read_measured(const std::string& path) {
     m.update = static_cast<int>(used["update"]), used.count = static_cast<int>(used["count"]);
     m.dashboard = used["dashboard"] != 0, m.encoder = used["encoder"] != 0, m.ports = used["ports"] != 0;
     const auto same = [&](const Measured& other) { return other.name() == m.name(); };
-    auto known = std::find_if(all.begin(), all.end(), same);
-    if (known == all.end()) known = all.insert(all.end(), m);
-    known->phases[phase][kind] = used;
+    if (std::none_of(all.begin(), all.end(), same)) all.push_back(m);
+    lines[m.name()][phase][kind].push_back(used);
   }
+}
+
+double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const std::size_t middle = values.size() / 2;
+  return values.size() % 2 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
+}
+
+}  // namespace
+
+std::vector<Measured> read_measured(const std::vector<std::string>& paths) {
+  std::vector<Measured> all;
+  Lines lines;
+  for (const std::string& path : paths) read_file(path, all, lines);
+  for (Measured& m : all)
+    for (const auto& [phase, kinds] : lines[m.name()])
+      for (const auto& [kind, each] : kinds) {
+        Used& used = m.phases[phase][kind] = each.front();
+        for (auto& [column, value] : used.values) {
+          std::vector<double> values;
+          for (const Used& one : each) values.push_back(one[column]);
+          value = median(values);
+        }
+      }
   return all;
 }
 
@@ -129,14 +157,23 @@ enum Unknown {
   kEnvAgent,
   kActorTick,
   kActorAgent,
+  kActorHelper,
   kUpdateStep,
   kUpdate,
+  kUpdateHelper,
   kUnknowns
 };
 
 std::vector<double*> fields(Costs& c) {
-  return {&c.send, &c.send_byte, &c.receive,   &c.receive_byte, &c.take,        &c.take_byte,   &c.wake_middleware,
-          &c.wake, &c.env_tick,  &c.env_agent, &c.actor_tick,   &c.actor_agent, &c.update_step, &c.update};
+  std::vector<double*> all(kUnknowns);
+  all[kSend] = &c.send, all[kSendByte] = &c.send_byte;
+  all[kReceive] = &c.receive, all[kReceiveByte] = &c.receive_byte;
+  all[kTake] = &c.take, all[kTakeByte] = &c.take_byte;
+  all[kWakeMiddleware] = &c.wake_middleware, all[kWake] = &c.wake;
+  all[kEnvTick] = &c.env_tick, all[kEnvAgent] = &c.env_agent;
+  all[kActorTick] = &c.actor_tick, all[kActorAgent] = &c.actor_agent, all[kActorHelper] = &c.actor_helper;
+  all[kUpdateStep] = &c.update_step, all[kUpdate] = &c.update, all[kUpdateHelper] = &c.update_helper;
+  return all;
 }
 
 struct Equation {
@@ -155,6 +192,8 @@ Equation equation(const Measured& m, const std::string& kind, bool main) {
     e.terms[kReceive] = received;
     e.terms[kReceiveByte] = received_bytes;
     e.terms[kWakeMiddleware] = used["others_sleeps"] * steps;
+    if (kind == "actor") e.terms[kActorHelper] = steps / m.actors;
+    if (kind == "learner") e.terms[kUpdateHelper] = steps;
     return e;
   }
   e.terms[kSend] = used["sent_datagrams"] * steps;
@@ -202,36 +241,43 @@ Costs fit(const std::vector<Equation>& all, Costs costs, int first) {
   return costs;
 }
 
+/// What each service has every second without any training, and for each other one.
+template <class Value>
+std::pair<double, double> idle_line(const std::vector<Measured>& cases, const Value& value) {
+  std::vector<std::pair<double, double>> idle;  // others, value
+  for (const Measured& m : cases)
+    if (m.phases.contains("idle"))
+      for (const auto& [kind, used] : m.phases.at("idle")) idle.emplace_back(m.envs + m.actors - 1, value(used));
+  if (idle.empty()) return {};
+  Eigen::MatrixXd a(static_cast<Eigen::Index>(idle.size()), 2);
+  for (std::size_t i = 0; i < idle.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    a(row, 0) = 1 / idle[i].second;
+    a(row, 1) = idle[i].first / idle[i].second;
+  }
+  const Vector x = nonnegative_least_squares(a, Vector::Ones(a.rows()));
+  return {x[0], x[1]};
+}
+
 }  // namespace
 
 Costs calibrate(const std::vector<Measured>& cases) {
   if (cases.empty()) throw Error("no case to calibrate by");
   Costs costs = fit(equations(cases), {}, 0);
-  // What there is without any training.
-  std::vector<std::pair<double, double>> idle;  // others, seconds per second
-  for (const Measured& m : cases)
-    if (m.phases.contains("idle"))
-      for (const auto& [kind, used] : m.phases.at("idle"))
-        idle.emplace_back(m.envs + m.actors - 1, (used["main_us"] + used["others_us"]) * 1e-6);
-  if (idle.empty()) return costs;
-  Eigen::MatrixXd a(static_cast<Eigen::Index>(idle.size()), 2);
-  Vector b(static_cast<Eigen::Index>(idle.size()));
-  for (std::size_t i = 0; i < idle.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    a(row, 0) = 1 / idle[i].second;
-    a(row, 1) = idle[i].first / idle[i].second;
-    b[row] = 1;
-  }
-  const Vector x = nonnegative_least_squares(a, b);
-  costs.background = x[0], costs.background_other = x[1];
+  std::tie(costs.background, costs.background_other) =
+      idle_line(cases, [](const Used& used) { return (used["main_us"] + used["others_us"]) * 1e-6; });
+  std::tie(costs.background_sent, costs.background_sent_other) =
+      idle_line(cases, [](const Used& used) { return used["sent_bytes"]; });
   return costs;
 }
 
 Costs calibrate_agent(const std::vector<Measured>& cases, Costs costs) {
-  costs.actor_tick = costs.actor_agent = costs.update_step = costs.update = 0;
+  costs.actor_tick = costs.actor_agent = costs.actor_helper = 0;
+  costs.update_step = costs.update = costs.update_helper = 0;
   std::vector<Equation> all;
   for (const Measured& m : cases)
-    for (const char* kind : {"actor", "learner"}) all.push_back(equation(m, kind, true));
+    for (const char* kind : {"actor", "learner"})
+      for (const bool main : {true, false}) all.push_back(equation(m, kind, main));
   return fit(all, costs, kActorTick);
 }
 

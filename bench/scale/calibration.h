@@ -28,8 +28,8 @@ struct Measured {
   std::string name() const;
 };
 
-/// The lines of a file that bench_scale printed. Throws Error that names file and line.
-std::vector<Measured> read_measured(const std::string& path);
+/// What bench_scale printed; of several runs the medians. Throws Error that names file and line.
+std::vector<Measured> read_measured(const std::vector<std::string>& paths);
 
 /// Whether a case is one that simulate() describes: actors, features by value, and nobody else.
 bool simulated(const Measured& measured);

@@ -7,6 +7,7 @@
 #include <iostream>
 #include <map>
 #include <memory>
+#include <regex>
 #include <set>
 #include <sstream>
 
@@ -404,10 +405,10 @@ std::vector<Case> cases() {
 int main(int argc, char** argv) try {
   for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { stop = 1; });
   const std::string middleware = argc > 1 ? argv[1] : "cyclonedds";
-  const std::string wanted = argc > 2 ? argv[2] : "";
+  const std::regex wanted(argc > 2 ? argv[2] : "");
   std::printf("%s\n", kColumns);
   for (const Case& c : cases())
-    if (wanted.empty() || describe(c).find(wanted) != std::string::npos) measure(c, middleware, stdout);
+    if (std::regex_search(describe(c), wanted)) measure(c, middleware, stdout);
   return 0;
 } catch (const std::exception& error) {
   std::cerr << "bench_scale: " << error.what() << "\n";

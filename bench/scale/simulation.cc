@@ -103,9 +103,21 @@ struct Host {
 /// A service: the middleware's thread that receives, and its own.
 struct Process {
   Process(int number, Host& where, const Costs& costs)
-      : host(number), middleware(where.machine, costs.wake_middleware), main(where.machine, costs.wake) {}
+      : host(number),
+        middleware(where.machine, costs.wake_middleware),
+        main(where.machine, costs.wake),
+        helper(where.machine) {}
+  /// Both halves of something; `done` after the later one.
+  void both(double own, double helpers, std::function<void()> done) {
+    const auto halves = std::make_shared<int>(2);
+    const auto half = [halves, done = std::move(done)] {
+      if (--*halves == 0) done();
+    };
+    helper.add(helpers, half);
+    main.add(own, half);
+  }
   const int host;
-  Thread middleware, main;
+  Thread middleware, main, helper;
   double sent = 0, received = 0;  // bytes
 };
 
@@ -351,7 +363,8 @@ void Run::answer(Env& env, bool again) {
   const double half = copies_work((copies + 1) / 2, sizes_.action);
   const double rest = copies_work((copies - 1) / 2, sizes_.action);
   const double tick = again ? 0 : costs_.actor_tick + costs_.actor_agent * layout_.agents;
-  actor.main.add(tick + half, [this, &env, &actor, step, copies] {
+  const double helper = again ? 0 : costs_.actor_helper * layout_.agents;
+  actor.both(tick + half, helper, [this, &env, &actor, step, copies] {
     actor.sent += sizes_.action;
     deliver(actor, env, sizes_.action, 0, [this, &env, step] { on_action(env, step); });
     copies_out(actor, copies - 1, sizes_.action);
@@ -552,7 +565,8 @@ void Run::learn() {
   }
   const double steps = static_cast<double>(layout_.batch) * layout_.steps;
   const double work = costs_.update + steps * costs_.update_step / layout_.learner_speed;
-  learner_works("learning", work, [this, lag, steps] {
+  learner_->both(work, steps * costs_.update_helper / layout_.learner_speed, [this, lag, steps, work] {
+    if (counting_) outcome_.learner_does["learning"] += work;
     ++version_;
     ++outcome_.updates;
     if (counting_) learned_ += steps, lag_ += lag * steps;
@@ -586,6 +600,7 @@ void Run::on_chunk(Actor& actor, std::uint64_t version) {
 void Run::beat(Process& process) {
   const double others = layout_.envs + layout_.actors + layout_.recorders;
   const double work = costs_.background + costs_.background_other * layout_.beats_heard * others;
+  process.sent += costs_.background_sent + costs_.background_sent_other * layout_.beats_heard * others;
   process.middleware.add(work, [] {});
   events_.after(1, [this, &process] { beat(process); });
 }
@@ -614,10 +629,10 @@ Outcome Run::execute() {
   events_.run_until(options_.warm_up);
 
   struct Look {
-    double middleware, main, sent, received;
+    double middleware, main, helper, sent, received;
   };
   const auto look = [](const Process& process) {
-    return Look{process.middleware.used(), process.main.used(), process.sent, process.received};
+    return Look{process.middleware.used(), process.main.used(), process.helper.used(), process.sent, process.received};
   };
   const auto look_at_all = [&] {
     std::vector<Look> looks;
@@ -662,12 +677,13 @@ Outcome Run::execute() {
   const double steps = std::max(1.0, steps_);
   for (std::size_t i = 0; i < after.size(); ++i) {
     const double middleware = after[i].middleware - before[i].middleware, main = after[i].main - before[i].main;
+    const double helper = after[i].helper - before[i].helper;
     const double sent = (after[i].sent - before[i].sent) / steps;
     const double received = (after[i].received - before[i].received) / steps;
     const bool env = i < envs_.size(), last = i + 1 == after.size();
     const std::string kind = env ? "env_service" : last ? "learner" : "actor";
     const double count = static_cast<double>(env ? envs_.size() : last ? 1 : actors_.size());
-    (env ? o.env_cpu : last ? o.learner_cpu : o.actor_cpu) += (middleware + main) / steps / count;
+    (env ? o.env_cpu : last ? o.learner_cpu : o.actor_cpu) += (middleware + main + helper) / steps / count;
     (env ? o.env_sent : last ? o.learner_sent : o.actor_sent) += sent / count;
     (env ? o.env_received : last ? o.learner_received : o.actor_received) += received / count;
     busiest(kind, main / elapsed);

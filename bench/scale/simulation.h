@@ -106,11 +106,14 @@ struct Costs {
   // Of an env_service's tick: the environment, and its Observation. Of an actor's: the network.
   double env_tick = 0, env_agent = 0;
   double actor_tick = 0, actor_agent = 0;
+  double actor_helper = 0;  ///< an agent, by the thread that does one half of them beside
   // Of the learner.
-  double update_step = 0;  ///< to learn from one step
-  double update = 0;       ///< beside it, for each update
+  double update_step = 0;    ///< to learn from one step
+  double update = 0;         ///< beside it, for each update
+  double update_helper = 0;  ///< a step, by the thread that does one half beside
   // Of every service and second, for each other one: heartbeats and discovery.
   double background = 0, background_other = 0;
+  double background_sent = 0, background_sent_other = 0;  ///< bytes
 };
 
 /// Bytes on the wire of one message, with everything around it; none of them depends on who hears it.

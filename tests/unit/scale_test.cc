@@ -1,9 +1,16 @@
 // The simulation that docs/scaling.md extrapolates with (bench/scale).
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <optional>
 
+#include "bench/scale/calibration.h"
 #include "bench/scale/simulation.h"
+#include "core/error.h"
 #include "core/random.h"
 
 namespace citylearn::scale {
@@ -174,6 +181,66 @@ TEST(Simulation, WhatIsAddressedCostsOthersNothing) {
   const Outcome addressed = simulate(layout, some_costs(), some_sizes(), options);
   EXPECT_NEAR(all.env_sent / addressed.env_sent, layout.actors, 0.3 * layout.actors);
   EXPECT_GT(addressed.steps_per_second, 2 * all.steps_per_second);
+}
+
+/// What bench_scale measured with `middleware`, as it is in the repository.
+std::vector<Measured> measured(const std::string& middleware) {
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(CITYLEARN_SOURCE_DIR "/bench/scale/measured"))
+    if (entry.path().filename().string().starts_with(middleware)) files.push_back(entry.path());
+  std::sort(files.begin(), files.end());
+  return read_measured(files);
+}
+
+class Vendors : public testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Calibration, Vendors, testing::Values("cyclonedds", "fastdds"),
+                         [](const auto& each) { return each.param; });
+
+TEST_P(Vendors, AMeasuredCaseFollowsFromTheOthers) {
+  std::vector<Measured> others;
+  std::optional<Measured> wanted;
+  for (const Measured& m : measured(GetParam())) {
+    if (!simulated(m) || m.agent != "place_filter") continue;
+    if (m.envs == 4 && m.agents == 16 && m.actors == 2)
+      wanted = m;
+    else
+      others.push_back(m);
+  }
+  ASSERT_TRUE(wanted.has_value());
+  ASSERT_GT(others.size(), 10u);
+  const Outcome o = simulate(layout_of(*wanted), calibrate(others), sizes_of("place_filter", 16, 64));
+  const auto microseconds = [&](const char* kind) {
+    const Used& used = wanted->used("run", kind);
+    return used["main_us"] + used["others_us"];
+  };
+  const auto within = [](double is, double should, double share) { EXPECT_NEAR(is, should, share * should); };
+  const Used &env = wanted->used("run", "env"), &actor = wanted->used("run", "actor");
+  within(o.steps_per_second, env["steps_per_s"], 0.2);
+  within(1e6 * o.env_cpu, microseconds("env"), 0.2);
+  within(1e6 * o.actor_cpu, microseconds("actor"), 0.2);
+  within(1e6 * o.learner_cpu, microseconds("learner"), 0.2);
+  within(o.lag, env["lag"], 0.2);
+  // The middlewares' own heartbeats and announcements are not simulated.
+  within(o.env_sent, env["sent_bytes"], 0.1);
+  within(o.actor_received, actor["received_bytes"], 0.1);
+}
+
+TEST(Measured, WrongFilesAreNamedWithTheirLine) {
+  const std::string path = testing::TempDir() + "scale_test_" + std::to_string(getpid()) + ".csv";
+  const auto complaint = [&](const std::string& text) -> std::string {
+    std::ofstream(path) << text;
+    try {
+      read_measured({path});
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_NE(complaint("a,b\n1\n").find(path + ":2"), std::string::npos);
+  EXPECT_NE(complaint("a,b\n1,x\n").find("'x' is no number"), std::string::npos);
+  EXPECT_NE(complaint("a,b\n1,2\n").find("column"), std::string::npos);
+  std::filesystem::remove(path);
+  EXPECT_THROW(read_measured({path}), Error);
 }
 
 }  // namespace
