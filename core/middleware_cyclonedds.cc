@@ -11,7 +11,7 @@
 #include <cstring>
 #include <new>
 
-#include "core/cyclonedds_remote.h"
+#include "core/middleware_cyclonedds_remote.h"
 #include "core/error.h"
 #include "core/middleware_parts.h"
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <map>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <utility>
 
@@ -130,6 +131,50 @@ TEST_P(Pairing, LargeSamplesArriveWholeThoughOnePacketInTwentyIsLost) {
   EXPECT_NE(reader->output().find("received 90 of 90 whole and in order, 0 not"), std::string::npos)
       << reader->output();
   RecordProperty("delays", reader->output());
+}
+
+/// What the doctor says on host 0 of a peer, and that it is not content.
+std::string diagnosis(const Hosts& hosts, const Folder& folder, const std::string& vendor, const std::string& peer) {
+  const auto doctor = hosts.start(0,
+                                  {CITYLEARN_DOCTOR, "--seconds", "2", "--middleware", vendor, "--domain", "2",
+                                   "--interface", Hosts::interface(), "--peers", peer},
+                                  folder / "doctor.log");
+  EXPECT_EQ(doctor->wait(kPatience), 1) << doctor->output();
+  return doctor->output();
+}
+
+TEST_P(Vendor, TheDoctorTellsAMissingHostASilentOneAndOneWithoutServices) {
+  Hosts hosts(2);
+  const std::string there = Hosts::address(1);
+  EXPECT_NE(diagnosis(hosts, folder_, GetParam(), "10.77.0.99").find("no host answers at 10.77.0.99"),
+            std::string::npos);
+  const std::string empty = diagnosis(hosts, folder_, GetParam(), there);
+  EXPECT_NE(empty.find("nobody listens on its UDP port 7910"), std::string::npos) << empty;
+  EXPECT_NE(empty.find("nobody was heard in domain 2"), std::string::npos) << empty;
+  const auto service = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
+  hosts.wall_off(1);
+  const std::string walled = diagnosis(hosts, folder_, GetParam(), there);
+  EXPECT_NE(walled.find("a firewall between? open UDP ports 7910..8005"), std::string::npos) << walled;
+}
+
+TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {
+  const Hosts hosts(2);
+  const auto service = peer(hosts, 1, other(), "meet", {"--peers", Hosts::address(0), "--run", "stroll"});
+  const auto doctor = hosts.start(0,
+                                  {CITYLEARN_DOCTOR, "--seconds", "3", "--json", "--middleware", one(), "--domain", "2",
+                                   "--interface", Hosts::interface(), "--peers", Hosts::address(1)},
+                                  folder_ / "doctor.log");
+  ASSERT_EQ(doctor->wait(kPatience), 0) << doctor->output();
+  const auto found = nlohmann::json::parse(doctor->output());
+  ASSERT_EQ(found["participants"].size(), 1u) << found;
+  EXPECT_EQ(found["participants"][0]["name"], "peer-1");
+  EXPECT_EQ(found["participants"][0]["vendor"], other());
+  EXPECT_EQ(found["participants"][0]["addresses"], nlohmann::json({Hosts::address(1)}));
+  ASSERT_EQ(found["services"].size(), 1u) << found;
+  EXPECT_EQ(found["services"][0]["id"], "peer-1");
+  EXPECT_EQ(found["services"][0]["run"], "stroll");
+  EXPECT_EQ(found["services"][0]["state"], "running");
+  EXPECT_NEAR(found["services"][0]["clock_ahead"].get<double>(), 0, 0.5);
 }
 
 /// Fields of a line of CSV.
