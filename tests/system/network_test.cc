@@ -1,5 +1,5 @@
 // Hosts of their own, a real packet size, no multicast: how services find each other there, and what loss and
-// partitions do. The longer ones are in network_long_test.cc.
+// partitions do. Suites whose name begins with Long are for `./run test --long`.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -47,7 +47,7 @@ class Network : public ::testing::Test {
 };
 
 class Vendor : public Network, public ::testing::WithParamInterface<std::string> {};
-INSTANTIATE_TEST_SUITE_P(All, Vendor, ::testing::Values("cyclonedds", "fastdds"),
+INSTANTIATE_TEST_SUITE_P(Hosts, Vendor, ::testing::Values("cyclonedds", "fastdds"),
                          [](const auto& param_info) { return param_info.param; });
 
 /// Writer's and reader's vendor, or the first and the other hosts'.
@@ -57,9 +57,29 @@ class Pairing : public Network, public ::testing::WithParamInterface<std::tuple<
   const std::string& other() const { return std::get<1>(GetParam()); }
 };
 const auto kVendors = ::testing::Values("cyclonedds", "fastdds");
-INSTANTIATE_TEST_SUITE_P(All, Pairing, ::testing::Combine(kVendors, kVendors), [](const auto& param_info) {
+INSTANTIATE_TEST_SUITE_P(Hosts, Pairing, ::testing::Combine(kVendors, kVendors), [](const auto& param_info) {
   return std::get<0>(param_info.param) + "_" + std::get<1>(param_info.param);
 });
+
+// A test that was killed leaves namespaces, and what ran there; the next one clears them.
+TEST_F(Network, HostsOfAKilledTestAreCleared) {
+  const std::string report = folder_ / "child";
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const Hosts hosts(1);
+    hosts.start(0, {NETWORK_PEER, "meet", "--domain", "2", "--interface", Hosts::interface()}, report).release();
+    ::_exit(0);
+  }
+  ASSERT_GT(child, 0);
+  ::waitpid(child, nullptr, 0);
+  const std::string name = "citylearn-" + std::to_string(child) + "-0";
+  ASSERT_FALSE(testing::shell("ip netns pids " + name).empty());
+  const int process = std::stoi(testing::shell("ip netns pids " + name));
+  const Hosts hosts(1);
+  EXPECT_EQ(testing::shell("ip netns list").find(name), std::string::npos);
+  EXPECT_TRUE(
+      testing::poll_until([&] { return !std::filesystem::exists("/proc/" + std::to_string(process) + "/exe"); }, 5s));
+}
 
 TEST_P(Pairing, ThreeHostsMeetWithinThreeSeconds) {
   const Hosts hosts(3);
@@ -269,17 +289,17 @@ const auto kPairings = ::testing::Values(std::tuple("cyclonedds", "cyclonedds"),
 std::string pairing_name(const ::testing::TestParamInfo<std::tuple<std::string, std::string>>& info) {
   return std::get<0>(info.param) + "_" + std::get<1>(info.param);
 }
-INSTANTIATE_TEST_SUITE_P(All, Training, kPairings, pairing_name);
+INSTANTIATE_TEST_SUITE_P(Hosts, Training, kPairings, pairing_name);
 
 // Loss comes and goes in one training: what else the machine does meets both alike.
 TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost) {
   Hosts hosts(3);
   std::vector<std::unique_ptr<Service>> envs;
   for (const int host : {1, 2, 1, 2}) envs.push_back(env(hosts, host));
-  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", "17"});
+  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", "13"});
   ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
   double steps[2] = {0, 0}, seconds[2] = {0, 0};
-  for (int phase = 0; phase < 8; ++phase) {
+  for (int phase = 0; phase < 6; ++phase) {
     const int lossy = phase % 2;
     const auto [steps_before, time_before] = progress("out");
     hosts.lose(lossy ? 5 : 0);
@@ -299,7 +319,7 @@ TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost)
 TEST_P(Training, GoesOnAfterAPartition) { expect_rejoined(4s); }
 
 class LongPartition : public Training {};
-INSTANTIATE_TEST_SUITE_P(All, LongPartition, kPairings, pairing_name);
+INSTANTIATE_TEST_SUITE_P(Hosts, LongPartition, kPairings, pairing_name);
 
 // Longer than the participants' leases: each has forgotten the other.
 TEST_P(LongPartition, OfThirtySecondsIsOverWithinTen) { expect_rejoined(30s); }
