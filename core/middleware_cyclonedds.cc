@@ -11,8 +11,8 @@
 #include <cstring>
 #include <new>
 
-#include "core/middleware_cyclonedds_remote.h"
 #include "core/error.h"
+#include "core/middleware_cyclonedds_remote.h"
 #include "core/middleware_parts.h"
 
 // Cyclone's public C API moves samples that its own IDL compiler describes. To move CDR bytes that are ready made, we

@@ -180,7 +180,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
         "firewall may let packets through one way only)",
         run.empty() ? "" : " of run '" + run + "'"));
   for (const std::string& fault : middleware->surroundings().faults())
-    if (fault.starts_with("topic ")) findings.problems.push_back(fault);
+    if (!fault.starts_with("peer ")) findings.problems.push_back(fault);  // peers are looked at below, and closer
   for (const std::string& line : heartbeats.unreadable()) findings.problems.push_back(line);
   look_at_peers(options, findings);
   look_at_services(findings);
