@@ -199,15 +199,22 @@ Network resolve(const MiddlewareOptions& options) {
     throw Error("must be 0.." + std::to_string(parts::kMostSecureDomain) + " with --security", "domain");
   if (!options.security.empty()) network.security = parts::check_security(options.security, options.participant);
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
-  for (const std::string& interface : options.interfaces) {
+  std::vector<Interface> interfaces;
+  for (const std::string& interface : options.interfaces) interfaces.push_back(resolve_interface(interface));
+  network.at_home = std::all_of(interfaces.begin(), interfaces.end(),
+                                [](const Interface& each) { return is_loopback(each.address); });
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    const std::string& interface = options.interfaces[i];
     network.interfaces += (network.interfaces.empty() ? "" : ",") + interface;
-    const auto [address, packet] = resolve_interface(interface);
+    const auto& [address, packet] = interfaces[i];
+    // Beside another interface it has no use: whoever is told that 127.0.0.1 is where we are would talk to itself. This
+    // host's services reach each other at the other interface's address, and no packet of that leaves the machine.
+    if (!network.at_home && is_loopback(address)) continue;
     if (std::find(network.addresses.begin(), network.addresses.end(), address) != network.addresses.end()) continue;
     network.datagram = std::min(network.datagram, packet - kHeaders);
     network.addresses.push_back(address);
     network.peers.push_back({interface, address, 0});
   }
-  network.at_home = std::all_of(network.addresses.begin(), network.addresses.end(), is_loopback);
   const auto reachable = [&](const Network::Peer& peer, const std::string& option) {
     if (network.at_home && !is_loopback(peer.address))
       throw Error("'" + peer.name + "' cannot be reached through interface '" + network.interfaces + "'", option,

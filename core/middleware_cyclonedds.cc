@@ -11,8 +11,8 @@
 #include <cstring>
 #include <new>
 
-#include "core/cyclonedds_remote.h"
 #include "core/error.h"
+#include "core/middleware_cyclonedds_remote.h"
 #include "core/middleware_parts.h"
 #include "core/security.h"
 

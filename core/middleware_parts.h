@@ -1,6 +1,6 @@
 #pragma once
 
-// What the middlewares share among themselves. Private to core/middleware*.cc.
+// What the middlewares share among themselves. Private to core/middleware*.cc; the doctor reads its ports.
 
 #include <atomic>
 #include <condition_variable>

@@ -105,8 +105,14 @@ class Hosts {
     cuts_.emplace_back(a, b);
     apply();
   }
+  /// Nothing but ARP passes to and from this one: a firewall that drops.
+  void wall_off(int host) {
+    walls_.push_back(host);
+    apply();
+  }
   void heal() {
     cuts_.clear();
+    walls_.clear();
     apply();
   }
   /// Packets that a host's interface has sent and received.
@@ -144,6 +150,10 @@ class Hosts {
       for (int network = 0; network < networks_; ++network)
         for (const auto& [from, to] : {std::pair{a, b}, {b, a}})
           rules += "iifname " + port(from, network) + " oifname " + port(to, network) + " drop\n";
+    for (const int host : walls_)
+      for (int network = 0; network < networks_; ++network)
+        for (const char* way : {"iifname ", "oifname "})
+          rules += "meta protocol ip " + (way + port(host, network)) + " drop\n";
     if (percent_ > 0) rules += "meta protocol ip numgen random mod 100 < " + std::to_string(percent_) + " drop\n";
     shell("ip netns exec " + bridges() + " nft -f - <<'END'\n" + rules + "}\n}\nEND");
   }
@@ -176,6 +186,7 @@ class Hosts {
   const int hosts_, networks_;
   int percent_ = 0;
   std::vector<std::pair<int, int>> cuts_;
+  std::vector<int> walls_;
 };
 
 }  // namespace citylearn::testing

@@ -1,8 +1,9 @@
 // Hosts of their own, a real packet size, no multicast: how services find each other there, and what loss and
-// partitions do. The longer ones are in network_long_test.cc.
+// partitions do. Suites whose name begins with Long are for `./run test --long`.
 #include <gtest/gtest.h>
 
 #include <map>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <utility>
 
@@ -46,7 +47,7 @@ class Network : public ::testing::Test {
 };
 
 class Vendor : public Network, public ::testing::WithParamInterface<std::string> {};
-INSTANTIATE_TEST_SUITE_P(All, Vendor, ::testing::Values("cyclonedds", "fastdds"),
+INSTANTIATE_TEST_SUITE_P(Hosts, Vendor, ::testing::Values("cyclonedds", "fastdds"),
                          [](const auto& param_info) { return param_info.param; });
 
 /// Writer's and reader's vendor, or the first and the other hosts'.
@@ -56,9 +57,29 @@ class Pairing : public Network, public ::testing::WithParamInterface<std::tuple<
   const std::string& other() const { return std::get<1>(GetParam()); }
 };
 const auto kVendors = ::testing::Values("cyclonedds", "fastdds");
-INSTANTIATE_TEST_SUITE_P(All, Pairing, ::testing::Combine(kVendors, kVendors), [](const auto& param_info) {
+INSTANTIATE_TEST_SUITE_P(Hosts, Pairing, ::testing::Combine(kVendors, kVendors), [](const auto& param_info) {
   return std::get<0>(param_info.param) + "_" + std::get<1>(param_info.param);
 });
+
+// A test that was killed leaves namespaces, and what ran there; the next one clears them.
+TEST_F(Network, HostsOfAKilledTestAreCleared) {
+  const std::string report = folder_ / "child";
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const Hosts hosts(1);
+    hosts.start(0, {NETWORK_PEER, "meet", "--domain", "2", "--interface", Hosts::interface()}, report).release();
+    ::_exit(0);
+  }
+  ASSERT_GT(child, 0);
+  ::waitpid(child, nullptr, 0);
+  const std::string name = "citylearn-" + std::to_string(child) + "-0";
+  ASSERT_FALSE(testing::shell("ip netns pids " + name).empty());
+  const int process = std::stoi(testing::shell("ip netns pids " + name));
+  const Hosts hosts(1);
+  EXPECT_EQ(testing::shell("ip netns list").find(name), std::string::npos);
+  EXPECT_TRUE(
+      testing::poll_until([&] { return !std::filesystem::exists("/proc/" + std::to_string(process) + "/exe"); }, 5s));
+}
 
 TEST_P(Pairing, ThreeHostsMeetWithinThreeSeconds) {
   const Hosts hosts(3);
@@ -100,6 +121,7 @@ TEST_P(Vendor, OnlyInterfacesThatWereNamedAreUsed) {
   EXPECT_GT(hosts.packets(0, 0), 0);
   for (int host : {0, 1})
     for (int network : {1, 2}) EXPECT_EQ(hosts.packets(host, network), 0) << host << " " << network;
+  meet("lo,net0", 0);
   meet("net0,net1", 1);
   EXPECT_GT(hosts.packets(0, 1), 0);
   for (int host : {0, 1}) EXPECT_EQ(hosts.packets(host, 2), 0) << host;
@@ -130,6 +152,50 @@ TEST_P(Pairing, LargeSamplesArriveWholeThoughOnePacketInTwentyIsLost) {
   EXPECT_NE(reader->output().find("received 90 of 90 whole and in order, 0 not"), std::string::npos)
       << reader->output();
   RecordProperty("delays", reader->output());
+}
+
+/// What the doctor says on host 0 of a peer, and that it is not content.
+std::string diagnosis(const Hosts& hosts, const Folder& folder, const std::string& vendor, const std::string& peer) {
+  const auto doctor = hosts.start(0,
+                                  {CITYLEARN_DOCTOR, "--seconds", "2", "--middleware", vendor, "--domain", "2",
+                                   "--interface", Hosts::interface(), "--peers", peer},
+                                  folder / "doctor.log");
+  EXPECT_EQ(doctor->wait(kPatience), 1) << doctor->output();
+  return doctor->output();
+}
+
+TEST_P(Vendor, TheDoctorTellsAMissingHostASilentOneAndOneWithoutServices) {
+  Hosts hosts(2);
+  const std::string there = Hosts::address(1);
+  EXPECT_NE(diagnosis(hosts, folder_, GetParam(), "10.77.0.99").find("no host answers at 10.77.0.99"),
+            std::string::npos);
+  const std::string empty = diagnosis(hosts, folder_, GetParam(), there);
+  EXPECT_NE(empty.find("nobody listens on its UDP port 7910"), std::string::npos) << empty;
+  EXPECT_NE(empty.find("nobody was heard in domain 2"), std::string::npos) << empty;
+  const auto service = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
+  hosts.wall_off(1);
+  const std::string walled = diagnosis(hosts, folder_, GetParam(), there);
+  EXPECT_NE(walled.find("a firewall between? open UDP ports 7910..8005"), std::string::npos) << walled;
+}
+
+TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {
+  const Hosts hosts(2);
+  const auto service = peer(hosts, 1, other(), "meet", {"--peers", Hosts::address(0), "--run", "stroll"});
+  const auto doctor = hosts.start(0,
+                                  {CITYLEARN_DOCTOR, "--seconds", "3", "--json", "--middleware", one(), "--domain", "2",
+                                   "--interface", Hosts::interface(), "--peers", Hosts::address(1)},
+                                  folder_ / "doctor.log");
+  ASSERT_EQ(doctor->wait(kPatience), 0) << doctor->output();
+  const auto found = nlohmann::json::parse(doctor->output());
+  ASSERT_EQ(found["participants"].size(), 1u) << found;
+  EXPECT_EQ(found["participants"][0]["name"], "peer-1");
+  EXPECT_EQ(found["participants"][0]["vendor"], other());
+  EXPECT_EQ(found["participants"][0]["addresses"], nlohmann::json({Hosts::address(1)}));
+  ASSERT_EQ(found["services"].size(), 1u) << found;
+  EXPECT_EQ(found["services"][0]["id"], "peer-1");
+  EXPECT_EQ(found["services"][0]["run"], "stroll");
+  EXPECT_EQ(found["services"][0]["state"], "running");
+  EXPECT_NEAR(found["services"][0]["clock_ahead"].get<double>(), 0, 0.5);
 }
 
 /// Fields of a line of CSV.
@@ -223,17 +289,17 @@ const auto kPairings = ::testing::Values(std::tuple("cyclonedds", "cyclonedds"),
 std::string pairing_name(const ::testing::TestParamInfo<std::tuple<std::string, std::string>>& info) {
   return std::get<0>(info.param) + "_" + std::get<1>(info.param);
 }
-INSTANTIATE_TEST_SUITE_P(All, Training, kPairings, pairing_name);
+INSTANTIATE_TEST_SUITE_P(Hosts, Training, kPairings, pairing_name);
 
 // Loss comes and goes in one training: what else the machine does meets both alike.
 TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost) {
   Hosts hosts(3);
   std::vector<std::unique_ptr<Service>> envs;
   for (const int host : {1, 2, 1, 2}) envs.push_back(env(hosts, host));
-  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", "17"});
+  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", "13"});
   ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
   double steps[2] = {0, 0}, seconds[2] = {0, 0};
-  for (int phase = 0; phase < 8; ++phase) {
+  for (int phase = 0; phase < 6; ++phase) {
     const int lossy = phase % 2;
     const auto [steps_before, time_before] = progress("out");
     hosts.lose(lossy ? 5 : 0);
@@ -253,7 +319,7 @@ TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost)
 TEST_P(Training, GoesOnAfterAPartition) { expect_rejoined(4s); }
 
 class LongPartition : public Training {};
-INSTANTIATE_TEST_SUITE_P(All, LongPartition, kPairings, pairing_name);
+INSTANTIATE_TEST_SUITE_P(Hosts, LongPartition, kPairings, pairing_name);
 
 // Longer than the participants' leases: each has forgotten the other.
 TEST_P(LongPartition, OfThirtySecondsIsOverWithinTen) { expect_rejoined(30s); }

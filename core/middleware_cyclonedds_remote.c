@@ -1,4 +1,4 @@
-#include "core/cyclonedds_remote.h"
+#include "core/middleware_cyclonedds_remote.h"
 
 #include <arpa/inet.h>
 #include <dds/ddsi/ddsi_domaingv.h>
