@@ -272,6 +272,8 @@ std::optional<std::string> explain_security(const std::string& message) {
     const char* meaning;  // followed by the vendor's words
   };
   static constexpr Meaning kMeanings[] = {
+      {"octet sequence to ASN1",
+       "a participant of the other DDS vendor cannot show us its identity (docs/security.md)"},
       {"while validating local", "our own keys are refused"},
       {"Error validating remote permissions", "kept somebody out whose permissions our authority has not signed"},
       {"Could not get remote participant", "kept somebody out whose permissions our authority has not signed"},
@@ -282,6 +284,7 @@ std::optional<std::string> explain_security(const std::string& message) {
       {"handshake request failed", "kept somebody out who could not show an identity"},
       {"handshake reply failed", "kept somebody out who could not show an identity"},
       {"Error checking creation of local", "our permissions do not allow this"},
+      {"Access control does not allow remote", "refused what somebody's permissions do not allow"},
       {"Error checking remote", "refused what somebody's permissions do not allow"},
       {"denied by default rule", "refused what somebody's permissions do not allow"},
       {"found in deny_rule", "refused what somebody's permissions do not allow"},

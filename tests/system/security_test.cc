@@ -88,12 +88,21 @@ class Victim {
       const Clock::time_point next = Clock::now() + std::chrono::milliseconds(20);
       Bytes taken;
       while (middleware_->wait(next))
-        while (subscription_->take(taken))
+        while (subscription_->take(taken) && ++count_ > 0)
           heard_.insert(std::string(reinterpret_cast<const char*>(taken.data()) + 4, taken.size() - 4));
       for (const std::string& fault : middleware_->surroundings().faults()) log.add(fault);
     }
     return true;
   }
+  /// Knows, by discovery, that this participant publishes actions.
+  bool sees(const std::string& name) {
+    const auto endpoints = middleware_->surroundings().endpoints();
+    return std::any_of(endpoints.begin(), endpoints.end(), [&](const Surroundings::Endpoint& each) {
+      return each.participant == name && each.writes && each.topic == kAction;
+    });
+  }
+  /// Samples heard of anybody.
+  int count() const { return count_; }
   bool heard(const std::string& name) const {
     // Payloads are padded to a multiple of 4 on the way.
     return std::any_of(heard_.begin(), heard_.end(), [&](const std::string& each) { return each.starts_with(name); });
@@ -112,6 +121,7 @@ class Victim {
   std::unique_ptr<Publisher> publisher_;
   std::unique_ptr<Subscription> subscription_;
   std::set<std::string> heard_;
+  int count_ = 0;
 };
 
 /// A participant of another process, that nobody has checked: publishes actions and reads observations.
@@ -148,42 +158,21 @@ TEST_P(Secured, TrainsAndEvaluatesAsAnOpenRunDoes) {
   EXPECT_EQ(checkpoints[true], checkpoints[false]) << "encryption changes nothing that is learned";
 }
 
-/// Everybody who takes part in a run with pictures, each as its own kind: none lacks a permission.
-TEST_P(Secured, EveryKindOfServiceHasThePermissionsItNeeds) {
+/// A learner and an actor, each as its own kind, and a policy_service's env_service: none lacks a permission.
+TEST_P(Secured, ALearnerAndItsActorHaveThePermissionsTheyNeed) {
   Keystore keys;
-  const int domain = domain_of(GetParam(), 1);
-  Trial run(GetParam(), domain);
-  const Arguments wire = {"--domain", std::to_string(domain), "--middleware", GetParam()};
+  Trial run(GetParam(), domain_of(GetParam(), 1));
   const auto with = [&](const std::string& kind, const std::string& id, Arguments more) {
     more.insert(more.end(), {"--id", id, "--security", keys.add(kind, id)});
     return more;
   };
-  const auto tool = [&](const std::string& program, const std::string& kind, const std::string& id, Arguments more) {
-    Arguments command = {program};
-    more = with(kind, id, more);
-    command.insert(command.end(), wire.begin(), wire.end());
-    command.insert(command.end(), more.begin(), more.end());
-    return std::make_unique<Service>(command, run.folder() / (id + ".log"));
-  };
-  const auto dashboard =
-      tool(CITYLEARN_DASHBOARD, "dashboard", "dashboard", {"--store", run.folder() / "store.sqlite", "--port", "0"});
-  const auto record = tool(CITYLEARN_RECORD, "record", "record", {"--output", run.folder() / "run.mcap"});
-  const auto env = run.env("summer", with("env_service", "env",
-                                          {"--dataset", "synthetic", "--synthetic-images", "1", "--synthetic-frames",
-                                           "160", "--recorders", "dashboard"}));
-  const auto encoder = run.encoder(
-      with("encoder_service", "encoder", {"--reference", "summer", "--encoder", "tiny", "--dimension", "16"}));
+  const auto env = run.env("summer", with("env_service", "env", {}));
   const auto actor = run.policy(with("actor", "actor", {"--role", "actor"}));
   const auto learner = run.train(40, "out", with("learner", "learner", {"--role", "learner", "--trainer-agents", "8"}));
-  EXPECT_EQ(learner->wait(kLong * 2).value_or(-1), 0)
-      << learner->output() << actor->output() << encoder->output() << env->output();
+  EXPECT_EQ(learner->wait(kLong * 2).value_or(-1), 0) << learner->output() << actor->output() << env->output();
   EXPECT_EQ(actor->wait(kLong).value_or(-1), 0) << actor->output();
-  for (const auto& service : {&dashboard, &record, &env, &encoder}) {
-    (*service)->send(SIGTERM);
-    EXPECT_EQ((*service)->wait(kLong).value_or(-1), 0) << (*service)->output();
-    EXPECT_EQ((*service)->output().find("ermission"), std::string::npos) << (*service)->output();
-  }
-  EXPECT_NE(record->output().find("citylearn/trajectory "), std::string::npos) << record->output();
+  env->send(SIGTERM);
+  EXPECT_EQ(env->wait(kLong).value_or(-1), 0) << env->output();
   EXPECT_NE(env->output().find("all acknowledged"), std::string::npos) << env->output();
 }
 
@@ -191,6 +180,10 @@ TEST_P(Secured, EveryKindOfServiceHasThePermissionsItNeeds) {
 struct Intruder {
   std::string name, complaint;
 };
+
+/// Prints its name alone in test names.
+void PrintTo(const Intruder& intruder, std::ostream* out) { *out << intruder.name; }
+
 const Intruder kIntruders[] = {
     {"unauthenticated", "'unauthenticated'"},
     {"other_authority", "'other_authority'"},
@@ -233,7 +226,12 @@ TEST_P(Intruders, GetNothingInOrOutAndAreLogged) {
   Victim victim(vendor, domain, keys.add("env_service", "env-1"));
   Child friendly(peer(vendor, domain, friend_keys, "friend"));
   Child hostile(with_environment(environment, peer(vendor, domain, intruder_keys, intruder.name)));
-  EXPECT_TRUE(victim.until([&] { return victim.heard("friend") && log.has(intruder.complaint); }, log)) << log.text();
+  // Cyclone DDS drops the writer of somebody who may not write without a word (docs/security.md).
+  const bool silent = vendor == "cyclonedds" && intruder.name == "topic_not_permitted";
+  const auto noticed = [&] { return silent ? victim.sees(intruder.name) : log.has(intruder.complaint); };
+  EXPECT_TRUE(victim.until([&] { return victim.heard("friend") && noticed(); }, log)) << log.text();
+  const int before = victim.count();
+  EXPECT_TRUE(victim.until([&] { return victim.count() >= before + 25; }, log)) << "half a second of the friend's";
   EXPECT_FALSE(victim.heard(intruder.name)) << log.text();
   // Reading observations is an encoder's right.
   EXPECT_EQ(hostile.finish(seconds(10)), intruder.name == "topic_not_permitted" ? 3 : 0) << "it received something";
@@ -269,6 +267,27 @@ TEST_P(Secured, WhoeverWasRevokedIsKeptOut) {
   EXPECT_TRUE(victim.until([&] { return victim.heard("friend") && log.has("'lost'"); }, log)) << log.text();
   EXPECT_FALSE(victim.heard("lost")) << log.text();
   EXPECT_EQ(hostile.finish(seconds(10)), 0);
+}
+
+/// Known of the two vendors together (docs/security.md): who asks first is settled by the names, and Fast DDS asks with
+/// a key that Cyclone DDS cannot read. Whoever finds this test failing may cross the limit out.
+TEST(SecuredMixed, WorksWhereCycloneAsksFirstAndIsToldWhereFastDoes) {
+  Keystore keys;
+  const std::string env_keys = keys.add("env_service", "env-1"), friend_keys = keys.add("policy_service", "policy");
+  for (const std::string vendor : {"cyclonedds", "fastdds"}) {
+    const int domain = domain_of(vendor, 5);
+    Log log;
+    Victim victim(vendor, domain, env_keys);  // 'env-1' has the lower number, and asks
+    Child other(peer(vendor == "fastdds" ? "cyclonedds" : "fastdds", domain, friend_keys, "policy"));
+    if (vendor == "cyclonedds") {
+      EXPECT_TRUE(victim.until([&] { return victim.heard("policy"); }, log)) << log.text();
+      EXPECT_EQ(other.finish(seconds(10)), 3);
+    } else {
+      EXPECT_TRUE(victim.until([&] { return log.has("'policy'"); }, log)) << log.text();
+      EXPECT_FALSE(victim.heard("policy"));
+      EXPECT_EQ(other.finish(seconds(10)), 0);
+    }
+  }
 }
 
 // --- What is seen on the wire

@@ -192,6 +192,34 @@ TEST_F(Keys, AreRenewedAndNeverOverwritten) {
   EXPECT_NE(store_.run({"list", store_.of("")}).second.find("env_service      env-1"), std::string::npos);
 }
 
+TEST(Security, IsEnforcedOrRefused) {
+  const auto start_error = [](const std::string& middleware, std::uint32_t domain) -> std::string {
+    MiddlewareOptions options;
+    options.name = middleware;
+    options.domain = domain;
+    options.security = "/nowhere";
+    try {
+      create_middleware(options);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_NE(start_error("inprocess", 0).find("no wire to protect"), std::string::npos);
+  EXPECT_NE(start_error("lossy:inprocess", 0).find("no wire to protect"), std::string::npos);
+  for (const std::string vendor : {"cyclonedds", "fastdds"}) {
+    EXPECT_NE(start_error(vendor, 0).find("'/nowhere' is no folder"), std::string::npos);
+    EXPECT_EQ(start_error(vendor, 231), "domain: must be 0..230 with --security");
+  }
+}
+
+TEST(Keystore, IsCleanShell) {
+  if (!fs::exists("/usr/bin/shellcheck")) GTEST_SKIP() << "needs shellcheck";
+  const testing::Folder folder;
+  testing::Service check({"/usr/bin/shellcheck", CITYLEARN_SOURCE_DIR "/compose/keystore"}, folder / "said");
+  EXPECT_EQ(check.wait(std::chrono::seconds(60)).value_or(-1), 0) << check.output();
+}
+
 TEST(Security, LinesOfTheVendorsAreExplained) {
   EXPECT_EQ(parts::explain_security("Cannot allocate"), std::nullopt);
   const auto line = parts::explain_security("Begin handshake reply failed: Certificate\nnot valid: subject: /CN=x");
