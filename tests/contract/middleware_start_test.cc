@@ -8,6 +8,7 @@
 #include "core/error.h"
 #include "core/middleware.h"
 #include "core/node.h"
+#include "tests/support/wait.h"
 
 namespace citylearn {
 namespace {
@@ -23,7 +24,7 @@ std::string start_error(MiddlewareOptions options) {
   } catch (const Error& error) {
     line = error.what();
   }
-  EXPECT_LT(Clock::now() - begin, std::chrono::seconds(5));
+  EXPECT_LT(Clock::now() - begin, std::chrono::seconds(5 * testing::kSlowness));
   EXPECT_EQ(line.find('\n'), std::string::npos);
   return line;
 }

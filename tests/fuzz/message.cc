@@ -94,6 +94,7 @@ const std::map<std::string, MessageTarget>& message_targets() {
                       {"big-endian", big_endian(typical)}};
       target.run = run<Message>;
     });
+    require(!__sanitizer_install_malloc_and_free_hooks || allocated_bytes > 0, "memory is counted");
     return all;
   }();
   return targets;
