@@ -101,6 +101,7 @@ class Service {
     process_ = 0;
     return status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   }
+  pid_t process() const { return process_; }
   std::string output() const { return contents(output_); }
   bool says(const std::string& text, std::chrono::milliseconds patience) const {
     return poll_until([&] { return output().find(text) != std::string::npos; }, patience);
