@@ -82,10 +82,14 @@ class LogForwarder : public dds::LogConsumer {
   void Consume(const dds::Log::Entry& entry) override {
     if (const auto line = explain_security(entry.message)) return tell_security(*line);
     if (entry.kind == dds::Log::Kind::Error)
-      spdlog::warn("fastdds: {} ({})", entry.message, entry.context.category);
+      logger_->warn("fastdds: {} ({})", entry.message, entry.context.category);
     else
-      spdlog::debug("fastdds: {} ({})", entry.message, entry.context.category);
+      logger_->debug("fastdds: {} ({})", entry.message, entry.context.category);
   }
+
+ private:
+  // Fast's thread may still have something to say when spdlog is gone already, at the end of the program.
+  const std::shared_ptr<spdlog::logger> logger_ = spdlog::default_logger();
 };
 
 void forward_log_once() {

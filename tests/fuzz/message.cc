@@ -46,7 +46,7 @@ bool run(Input input) {
   const auto header = header_of(input);
   if (!decoded(input, message)) return false;
 
-  // NaN and infinity are numbers like others here: comparing bytes sees that their bits stay as they came.
+  // Bytes are compared, not numbers: where NaN is let through, its bits stay as they came.
   const Bytes bytes = testing::encoded(message);
   require(bytes.size() <= topic_of<Message>().largest, "what was taken can be sent");
   require(bytes.size() <= input.size() && input.size() - bytes.size() <= 3, "nothing but padding is left out");
@@ -94,6 +94,7 @@ const std::map<std::string, MessageTarget>& message_targets() {
                       {"big-endian", big_endian(typical)}};
       target.run = run<Message>;
     });
+    require(!__sanitizer_install_malloc_and_free_hooks || allocated_bytes > 0, "memory is counted");
     return all;
   }();
   return targets;

@@ -105,8 +105,30 @@ TEST_F(Hostile, ForgedRunsAndOtherProtocolsAreCounted) {
   EXPECT_EQ(node_.traffic.rejected, 1u);
 }
 
-TEST_F(Hostile, NumbersThatAreNoneComeThroughAsTheyWereSent) {
-  // A TrainingStat before the first episode has them by right: who learns from floats looks at them itself.
+TEST_F(Hostile, NumbersThatAreNoneAreCountedWhereServicesComputeWithThem) {
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN(), kEndless = std::numeric_limits<float>::infinity();
+  std::uint64_t rejected = 0;
+  const auto expect_rejected = [&]<class Message>(const Message& message) {
+    EXPECT_FALSE(takes<Message>(encoded(message))) << topic_of<Message>().type;
+    EXPECT_EQ(node_.traffic.rejected, ++rejected);
+  };
+  for (const float wrong : {kNone, -kNone, kEndless, -kEndless}) {
+    auto observation = good<msg::Observation>();
+    observation.features().back() = wrong;
+    expect_rejected(observation);
+    observation = good<msg::Observation>();
+    observation.reward().front() = wrong;
+    expect_rejected(observation);
+    auto episode = good<msg::EpisodeStat>();
+    episode.reward(wrong);
+    expect_rejected(episode);
+    auto status = good<msg::ServiceStatus>();
+    status.uptime(wrong);
+    expect_rejected(status);
+  }
+}
+
+TEST_F(Hostile, TrainingStatsHaveNumbersThatAreNoneByRight) {
   auto sent = good<msg::TrainingStat>();
   sent.wall(-std::numeric_limits<double>::infinity());
   sent.lag(std::numeric_limits<float>::signaling_NaN());
