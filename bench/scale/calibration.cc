@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <set>
 #include <sstream>
 #include <tuple>
 #include <utility>
@@ -95,6 +96,9 @@ double median(std::vector<double> values) {
   return values.size() % 2 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
 }
 
+const std::set<std::string> kPerSecond = {"busy_cores", "idle_cores", "received_per_s", "repeated_per_s",
+                                          "resent_per_s"};
+
 }  // namespace
 
 std::vector<Measured> read_measured(const std::vector<std::string>& paths) {
@@ -105,11 +109,20 @@ std::vector<Measured> read_measured(const std::vector<std::string>& paths) {
     for (const auto& [phase, kinds] : lines[m.name()])
       for (const auto& [kind, each] : kinds) {
         Used& used = m.phases[phase][kind] = each.front();
-        for (auto& [column, value] : used.values) {
+        // Runs go at different speeds, as others leave them more or less of the machine: what is per second is compared
+        // per step.
+        const auto speed = [&](const Used& one, const std::string& column) {
+          const bool per_second = kPerSecond.contains(column) && phase == "run";
+          return per_second ? one["steps_per_s"] : 1.0;
+        };
+        const auto median_of = [&](const std::string& column) {
           std::vector<double> values;
-          for (const Used& one : each) values.push_back(one[column]);
-          value = median(values);
-        }
+          for (const Used& one : each) values.push_back(one[column] / speed(one, column));
+          return median(values);
+        };
+        used.values["steps_per_s"] = median_of("steps_per_s");
+        for (auto& [column, value] : used.values)
+          if (column != "steps_per_s") value = median_of(column) * speed(used, column);
       }
   return all;
 }

@@ -83,8 +83,9 @@ void extrapolate(const std::string& agent, const Costs& costs, const std::vector
   for (const Scenario& scenario : scenarios) {
     Options options;
     options.gather = scenario.layout.hosts < 30 ? 1e-3 : 2e-3;
-    // Long enough for all windows to be full.
-    options.warm_up = 10, options.seconds = 5;
+    // Long enough for all windows to be full, and for a number of updates.
+    const double update = scenario.layout.batch * scenario.layout.steps * costs.update_step;
+    options.warm_up = std::max(8.0, 5 * update), options.seconds = std::max(4.0, 20 * update);
     const Outcome o = simulate(scenario.layout, costs, sizes_of(agent, scenario.layout.agents, 64), options);
     const auto largest = [](const std::map<std::string, double>& shares) {
       std::vector<std::pair<double, std::string>> sorted;

@@ -206,6 +206,7 @@ class Run {
   void send_parameters();
   void on_chunk(Actor& actor, std::uint64_t version);
   void beat(Process& process);
+  void confirm_all();
   std::uint64_t limit_of(const Known& known) const;
 
   const Layout layout_;
@@ -605,6 +606,13 @@ void Run::beat(Process& process) {
   events_.after(1, [this, &process] { beat(process); });
 }
 
+/// Every second all env_services hear again how far their episodes are recorded (Fleet::spin).
+void Run::confirm_all() {
+  for (const auto& env : envs_) to_confirm_.insert(env->index);
+  handled();
+  events_.after(1, [this] { confirm_all(); });
+}
+
 Outcome Run::execute() {
   for (auto& actor : actors_) watch_trajectories(*actor);
   for (auto& env : envs_) {
@@ -618,6 +626,7 @@ Outcome Run::execute() {
   }
   for (auto& actor : actors_) beat(*actor);
   beat(*learner_);
+  events_.after(1, [this] { confirm_all(); });
   if (!layout_.addressed_steps) {
     hand_over(observations_, actors_, options_.gather);
     hand_over(actions_, envs_, options_.gather);
