@@ -29,6 +29,8 @@ int run(char** arguments) {
   const std::string writes = arguments[5], reads = arguments[6];
   network.interfaces = "lo";
   network.addresses = {"127.0.0.1"};
+  network.at_home = true;
+  network.datagram = 65500;
   network.peers = {{"lo", "127.0.0.1", 0}};
   std::unique_ptr<Middleware> middleware;
   std::unique_ptr<Publisher> publisher;
