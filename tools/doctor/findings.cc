@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "core/middleware_parts.h"
 #include "core/service.h"
@@ -14,7 +15,7 @@
 namespace citylearn::doctor {
 namespace {
 
-constexpr int kProbePatience = 1200;   // ms: the kernel asks three times, a second apart at most, who has an address
+constexpr int kProbePatience = 3500;   // ms: a host refuses once a second, and is asked thrice for its address
 constexpr double kClockTolerance = 1;  // seconds
 constexpr double kStale = 5;           // seconds without a heartbeat
 
@@ -156,10 +157,11 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
   findings.first_port = parts::discovery_port(options.domain, 0);
   findings.last_port = parts::discovery_port(options.domain, parts::kParticipants - 1) + 1;
 
-  const auto middleware = create_middleware(as_doctor(options));
+  std::unique_ptr<Middleware> middleware = create_middleware(as_doctor(options));
   findings.middleware = middleware->name();
   for (const Topic& topic : all_topics()) middleware->surroundings().own(topic.name, topic.type);
-  Heartbeats heartbeats(*middleware);
+  std::optional<Heartbeats> heard(std::in_place, *middleware);
+  Heartbeats& heartbeats = *heard;
   for (const Clock::time_point deadline = in_seconds(seconds); Clock::now() < deadline && !stop_requested();) {
     middleware->wait(std::min(deadline, Clock::now() + std::chrono::milliseconds(100)));
     middleware->surroundings();  // takes in what discovery tells
@@ -182,6 +184,8 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
   for (const std::string& fault : middleware->surroundings().faults())
     if (!fault.starts_with("peer ")) findings.problems.push_back(fault);  // peers are looked at below, and closer
   for (const std::string& line : heartbeats.unreadable()) findings.problems.push_back(line);
+  heard.reset();
+  middleware.reset();  // what it asks at peers would use up their answers
   look_at_peers(options, findings);
   look_at_services(findings);
   if (findings.ports.size() + 2 >= 2 * parts::kParticipants)

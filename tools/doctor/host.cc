@@ -21,6 +21,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
+constexpr int kProbeAgain = 250;  // ms
+
 std::string dotted(const in_addr& address) {
   char text[INET_ADDRSTRLEN] = "";
   inet_ntop(AF_INET, &address, text, sizeof text);
@@ -134,15 +136,17 @@ Answer probe(const std::string& from, const std::string& address, int port, int 
   inet_pton(AF_INET, address.c_str(), &there.sin_addr);
   there.sin_port = htons(static_cast<std::uint16_t>(port));
   Answer answer = Answer::kSilent;
-  // One byte: no RTPS, so whoever listens drops it. A host where nobody does says so (ICMP), and the socket learns it.
-  const char byte = 0;
   if (handle < 0 || bind(handle, reinterpret_cast<const sockaddr*>(&here), sizeof here) != 0 ||
-      connect(handle, reinterpret_cast<const sockaddr*>(&there), sizeof there) != 0 ||
-      ::send(handle, &byte, 1, 0) < 0) {
+      connect(handle, reinterpret_cast<const sockaddr*>(&there), sizeof there) != 0)
     answer = Answer::kNoHost;
-  } else if (pollfd ready{handle, POLLIN, 0}; poll(&ready, 1, patience_ms) > 0) {
+  // One byte: no RTPS, so whoever listens drops it. A host where nobody does says so (ICMP), and the socket learns it.
+  // Again and again, because hosts say so once a second at most, and discovery has asked at many ports before.
+  for (int left = patience_ms; answer == Answer::kSilent && left > 0; left -= kProbeAgain) {
+    const char byte = 0;
     char reply = 0;
-    if (recv(handle, &reply, 1, MSG_DONTWAIT) < 0)
+    pollfd ready{handle, POLLIN, 0};
+    if (::send(handle, &byte, 1, 0) < 0 ||
+        (poll(&ready, 1, std::min(left, kProbeAgain)) > 0 && recv(handle, &reply, 1, MSG_DONTWAIT) < 0))
       answer = errno == ECONNREFUSED ? Answer::kRefused : Answer::kNoHost;  // EHOSTUNREACH, ENETUNREACH
   }
   if (handle >= 0) close(handle);
