@@ -7,6 +7,7 @@
 #include <string>
 
 #include "core/node.h"
+#include "tests/support/wait.h"
 
 namespace citylearn::testing {
 
@@ -64,12 +65,7 @@ class Witness {
     }
   }
   bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience) {
-    const Clock::time_point deadline = Clock::now() + patience;
-    while (!condition()) {
-      if (Clock::now() >= deadline) return false;
-      spin();
-    }
-    return true;
+    return eventually([this] { spin(); }, condition, patience);
   }
   /// For so long, whatever happens.
   void listen(std::chrono::milliseconds time) {
