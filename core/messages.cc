@@ -4,6 +4,8 @@
 #include <fastcdr/exceptions/Exception.h>
 
 #include <algorithm>
+#include <bit>
+#include <cmath>
 #include <cstring>
 #include <type_traits>
 
@@ -500,8 +502,27 @@ std::string counts(std::size_t is, std::size_t should) {
   return std::to_string(is) + " entries, should be " + std::to_string(should);
 }
 
+/// Neither NaN nor infinite: all of it is read, without a branch a number.
+bool finite(const std::vector<float>& numbers) {
+  constexpr std::uint32_t kExponent = 0x7F800000;
+  bool wrong = false;
+  for (const float number : numbers) wrong |= (std::bit_cast<std::uint32_t>(number) & kExponent) == kExponent;
+  return !wrong;
+}
+
+void require_finite(bool finite, const std::string& type, const char* field) {
+  if (!finite) refuse(type, field, "not finite");
+}
+
 template <class Message>
 void check(const Message&, const std::string&) {}
+
+void check(const ServiceStatus& m, const std::string& type) {
+  require_finite(std::isfinite(m.uptime()), type, "uptime");
+  require_finite(std::isfinite(m.rate()), type, "rate");
+}
+
+void check(const ActorStatus& m, const std::string& type) { require_finite(std::isfinite(m.waited()), type, "waited"); }
 
 void check(const Observation& m, const std::string& type) {
   const std::size_t agents = m.frame().size();
@@ -520,9 +541,12 @@ void check(const Observation& m, const std::string& type) {
   for (std::uint8_t action : m.previous_action())
     if (action >= kActions && action != kNoAction)
       refuse(type, "previous_action", "unknown action " + std::to_string(action));
+  require_finite(finite(m.reward()), type, "reward");
+  require_finite(finite(m.features()), type, "features");
 }
 
 void check(const EpisodeStat& m, const std::string& type) {
+  require_finite(std::isfinite(m.reward()), type, "reward");
   const std::size_t octets = (std::size_t{m.steps()} + 3) / 4;
   if (!m.path().empty() && m.path().size() != octets) refuse(type, "path", counts(m.path().size(), octets));
 }
@@ -675,6 +699,10 @@ template <class Message>
 void decode(std::span<const std::byte> bytes, Message& message) {
   const std::string& type = topic_of<Message>().type;
   if (bytes.size() < kEncapsulation) throw Error("cut short", type);
+  // fastcdr also reads parameter lists, of which nobody else here knows (core/recording/wire_header).
+  const auto encapsulation = std::to_integer<unsigned>(bytes[0]) << 8 | std::to_integer<unsigned>(bytes[1]);
+  if (encapsulation > 1)
+    throw Error("encapsulation " + std::to_string(encapsulation) + ", should be CDR: 0 or 1", type);
   // FastBuffer wants a pointer to writable bytes; nothing is written through it here.
   char* data = const_cast<char*>(reinterpret_cast<const char*>(bytes.data()));
   eprosima::fastcdr::FastBuffer buffer(data, bytes.size());

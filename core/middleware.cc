@@ -5,12 +5,17 @@
 #include <net/if.h>
 #include <netdb.h>
 #include <sched.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cstdio>
 #include <cstring>
 
 #include "core/error.h"
 #include "core/middleware_parts.h"
+#include "core/security.h"
 
 namespace citylearn {
 namespace parts {
@@ -79,11 +84,54 @@ bool Wakeup::wait(Clock::time_point deadline) {
   return raised;
 }
 
+int free_index(const Network& network) {
+  const auto is_free_at = [](const std::string& where, int port) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    inet_pton(AF_INET, where.c_str(), &address.sin_addr);
+    const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    const bool bound = handle >= 0 && bind(handle, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+    if (handle >= 0) close(handle);
+    return bound;
+  };
+  const auto is_free = [&](int port) {
+    return std::all_of(network.addresses.begin(), network.addresses.end(),
+                       [&](const std::string& where) { return is_free_at(where, port); });
+  };
+  for (int index = 0; index < kParticipants; ++index) {
+    const int port = discovery_port(network.domain, index);
+    if (is_free(port) && is_free(port + 1)) return index;
+  }
+  throw Error("all " + std::to_string(kParticipants) + " participants' ports of domain " +
+                  std::to_string(network.domain) + " are taken on " + network.interfaces,
+              "domain", "a host has room for so many services in a domain; choose another one for other runs");
+}
+
+void expect_peers(const Network& network, Surroundings& surroundings) {
+  for (const auto* list : {&network.peers, &network.discovery_servers})
+    for (const Network::Peer& peer : *list)
+      if (!peer.address.starts_with("127.") &&
+          std::find(network.addresses.begin(), network.addresses.end(), peer.address) == network.addresses.end())
+        surroundings.expect(peer.name, peer.address);
+}
+
+std::string vendor_name(std::uint8_t major, std::uint8_t minor) {
+  if (major == 0x01 && minor == 0x0F) return "fastdds";
+  if (major == 0x01 && minor == 0x10) return "cyclonedds";
+  char text[16];
+  std::snprintf(text, sizeof text, "vendor %02x.%02x", major, minor);
+  return text;
+}
+
 }  // namespace parts
 
 namespace {
 
 using parts::Network;
+
+constexpr int kLargestDatagram = 65500;  // UDP over IPv4 has room for 65507
+constexpr int kHeaders = 28;             // of IPv4 and UDP
 
 std::string dotted(const sockaddr* address) {
   char text[INET_ADDRSTRLEN] = "";
@@ -93,8 +141,23 @@ std::string dotted(const sockaddr* address) {
 
 bool is_loopback(const std::string& address) { return address.starts_with("127."); }
 
-/// IPv4 address of an interface given by name or by that address.
-std::string resolve_interface(const std::string& wanted) {
+/// Bytes that an interface sends in one packet.
+int packet_size(const char* name) {
+  ifreq request{};
+  std::snprintf(request.ifr_name, sizeof request.ifr_name, "%s", name);
+  const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const bool known = handle >= 0 && ioctl(handle, SIOCGIFMTU, &request) == 0;
+  if (handle >= 0) close(handle);
+  return known ? request.ifr_mtu : 1500;
+}
+
+struct Interface {
+  std::string address;  ///< IPv4
+  int packet;           ///< bytes
+};
+
+/// The interface given by name or by IPv4 address.
+Interface resolve_interface(const std::string& wanted) {
   ifaddrs* list = nullptr;
   if (getifaddrs(&list) != 0) throw Error(std::strerror(errno), "network interfaces");
   const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
@@ -102,7 +165,7 @@ std::string resolve_interface(const std::string& wanted) {
   for (const ifaddrs* entry = list; entry; entry = entry->ifa_next) {
     if (!entry->ifa_addr || entry->ifa_addr->sa_family != AF_INET || !(entry->ifa_flags & IFF_UP)) continue;
     const std::string address = dotted(entry->ifa_addr);
-    if (wanted == entry->ifa_name || wanted == address) return address;
+    if (wanted == entry->ifa_name || wanted == address) return {address, packet_size(entry->ifa_name)};
     known += (known.empty() ? "" : ", ") + std::string(entry->ifa_name) + " " + address;
   }
   throw Error("unknown interface '" + wanted + "'", "interface", "those with IPv4: " + known);
@@ -131,19 +194,29 @@ Network::Peer resolve_peer(const std::string& peer, const std::string& option, i
 }
 
 Network resolve(const MiddlewareOptions& options) {
-  Network network{options.domain, options.participant, "", {}, {}, {}, options.security};
-  if (!options.security.empty()) throw Error("no middleware can keep to it yet", "security");
+  Network network{options.domain, options.participant, "", {}, false, kLargestDatagram, {}, {}, ""};
+  if (!options.security.empty() && options.domain > parts::kMostSecureDomain)
+    throw Error("must be 0.." + std::to_string(parts::kMostSecureDomain) + " with --security", "domain");
+  if (!options.security.empty()) network.security = parts::check_security(options.security, options.participant);
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
-  for (const std::string& interface : options.interfaces) {
+  std::vector<Interface> interfaces;
+  for (const std::string& interface : options.interfaces) interfaces.push_back(resolve_interface(interface));
+  network.at_home = std::all_of(interfaces.begin(), interfaces.end(),
+                                [](const Interface& each) { return is_loopback(each.address); });
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    const std::string& interface = options.interfaces[i];
     network.interfaces += (network.interfaces.empty() ? "" : ",") + interface;
-    const std::string address = resolve_interface(interface);
+    const auto& [address, packet] = interfaces[i];
+    // Beside another interface it has no use: whoever is told that 127.0.0.1 is where we are would talk to itself. This
+    // host's services reach each other at the other interface's address, and no packet of that leaves the machine.
+    if (!network.at_home && is_loopback(address)) continue;
     if (std::find(network.addresses.begin(), network.addresses.end(), address) != network.addresses.end()) continue;
+    network.datagram = std::min(network.datagram, packet - kHeaders);
     network.addresses.push_back(address);
     network.peers.push_back({interface, address, 0});
   }
-  const bool at_home = std::all_of(network.addresses.begin(), network.addresses.end(), is_loopback);
   const auto reachable = [&](const Network::Peer& peer, const std::string& option) {
-    if (at_home && !is_loopback(peer.address))
+    if (network.at_home && !is_loopback(peer.address))
       throw Error("'" + peer.name + "' cannot be reached through interface '" + network.interfaces + "'", option,
                   "name the interface that leads there");
     return peer;
@@ -169,6 +242,8 @@ std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) 
   const std::string& name = options.name;
   if (!options.discovery_servers.empty() && name == "cyclonedds")
     throw Error("cyclonedds cannot use Fast DDS's", "discovery-server", "--peers finds others too");
+  if (name == "inprocess" && !options.security.empty())
+    throw Error("inprocess has no wire to protect", "security", "leave it out, or choose another middleware");
   if (name == "inprocess") return parts::create_inprocess(options.domain, options.participant);
   if (name == "fastdds") return parts::create_fastdds(resolve(options));
   if (name == "cyclonedds") return parts::create_cyclonedds(resolve(options));

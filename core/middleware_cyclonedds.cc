@@ -1,3 +1,4 @@
+#include <arpa/inet.h>
 #include <dds/dds.h>
 #include <dds/ddsi/ddsi_serdata.h>
 #include <dds/ddsi/ddsi_sertype.h>
@@ -11,7 +12,9 @@
 #include <new>
 
 #include "core/error.h"
+#include "core/middleware_cyclonedds_remote.h"
 #include "core/middleware_parts.h"
+#include "core/security.h"
 
 // Cyclone's public C API moves samples that its own IDL compiler describes. To move CDR bytes that are ready made, we
 // bring our own kind of type (ddsi_sertype) and sample (ddsi_serdata), as ROS 2's rmw_cyclonedds does.
@@ -183,10 +186,25 @@ std::string last_complaint;
 void forward_log(void*, const dds_log_data_t* data) {
   std::string line(data->message, data->size);
   while (!line.empty() && line.back() == '\n') line.pop_back();
-  spdlog::debug("cyclonedds: {}", line);
+  if (const auto told = explain_security(line))
+    tell_security(*told);
+  else
+    spdlog::debug("cyclonedds: {}", line);
   std::lock_guard lock(log_mutex);
   last_complaint = line;
 }
+
+/// Headers that stand around a fragment in a message, at most.
+constexpr int kAroundFragment = 128;
+
+/// Hosts that were cut off find each other again this soon: Cyclone announces at 0.8 of its lease of 10 s otherwise.
+const char* const kFoundAgain = "<SPDPInterval>1s</SPDPInterval>";
+
+/// Packets get lost between hosts. A writer's heartbeat is what tells of it, and a step waits for it; the defaults
+/// (after 100 ms, and as long until the request) make each lost packet cost 200 ms.
+const char* const kRepairs =
+    "<HeartbeatInterval min=\"1ms\" minsched=\"1ms\" max=\"1s\">1ms</HeartbeatInterval><NackDelay>0s</NackDelay>"
+    "<AckDelay>0s</AckDelay>";
 
 std::string config_of(const Network& network) {
   std::string interfaces, peers;
@@ -194,16 +212,17 @@ std::string config_of(const Network& network) {
     interfaces += "<NetworkInterface address=\"" + address + "\" multicast=\"false\"/>";
   for (const Network::Peer& peer : network.peers)
     peers += "<Peer address=\"" + peer.address + (peer.port ? ":" + std::to_string(peer.port) : "") + "\"/>";
+  const int fragment = network.at_home ? 64000 : network.datagram - kAroundFragment;
   // A send buffer less than asked for is no failure, so only the upper bound of the socket buffers is set. The
   // watermarks are above what the deepest history holds: a writer never waits for a reader.
-  return "<General><Interfaces>" + interfaces +
-         "</Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>65500B</"
-         "MaxMessageSize>"
-         "<FragmentSize>64000B</FragmentSize></General>"
+  return "<General><Interfaces>" + interfaces + "</Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>" +
+         std::to_string(network.datagram) + "B</MaxMessageSize><FragmentSize>" + std::to_string(fragment) +
+         "B</FragmentSize></General>"
          "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>" +
-         std::to_string(kParticipants - 1) + "</MaxAutoParticipantIndex><Peers>" + peers +
-         "</Peers></Discovery>"
-         "<Internal><SocketReceiveBufferSize max=\"4MB\"/><SocketSendBufferSize max=\"4MB\"/>"
+         std::to_string(kParticipants - 1) + "</MaxAutoParticipantIndex><Peers>" + peers + "</Peers>" +
+         (network.at_home ? "" : kFoundAgain) +
+         "</Discovery><Internal><SocketReceiveBufferSize max=\"4MB\"/><SocketSendBufferSize max=\"4MB\"/>" +
+         (network.at_home ? "" : kRepairs) +
          "<Watermarks><WhcHigh>64MB</WhcHigh><WhcHighInit>64MB</WhcHighInit></Watermarks></Internal>";
 }
 
@@ -231,6 +250,7 @@ class Domain {
     }
     domain_ = dds_create_domain(network.domain, config.c_str());
     if (domain_ >= 0) return;
+    free_index(network);  // has a clearer word when that is what is wrong
     std::lock_guard lock(log_mutex);
     throw Error("cannot start in domain " + std::to_string(network.domain) + " on " + network.interfaces + ": " +
                     (last_complaint.empty() ? dds_strretcode(-domain_) : last_complaint),
@@ -334,6 +354,16 @@ class CycloneSubscription : public Subscription {
 
 std::string text_of(const dds_guid_t& guid) { return {reinterpret_cast<const char*>(guid.v), sizeof guid.v}; }
 
+/// Type of what a built-in reader reads, once it has read something: this participant itself, at least.
+const ddsi_sertype* type_of(dds_entity_t reader) {
+  ddsi_serdata* data = nullptr;
+  dds_sample_info_t info;
+  if (dds_readcdr(reader, &data, 1, &info, DDS_ANY_STATE) != 1) throw Error("cannot read discovery", "cyclonedds");
+  const ddsi_sertype* type = data->type;
+  ddsi_serdata_unref(data);
+  return type;
+}
+
 /// Calls `visit(sample, alive)` for each change that a built-in reader has.
 template <class Info, class Visit>
 void take_all(dds_entity_t reader, Visit visit) {
@@ -348,9 +378,14 @@ void take_all(dds_entity_t reader, Visit visit) {
 
 class CycloneMiddleware : public Middleware {
  public:
-  explicit CycloneMiddleware(const Network& network) : domain_(Domain::of(network)) {
+  explicit CycloneMiddleware(const Network& network) : domain_(Domain::of(network)), addresses_(network.addresses) {
     const QosOwner qos = make_qos();
     dds_qset_entity_name(qos.get(), network.participant.c_str());
+    if (!network.security.empty()) {
+      for (const auto& [name, value] : cyclonedds_security(network.security))
+        dds_qset_prop(qos.get(), name.c_str(), value.c_str());
+      surroundings_.guard();
+    }
     participant_ = require(dds_create_participant(network.domain, qos.get(), nullptr), "create a participant",
                            "domain " + std::to_string(network.domain));
     const ListenerOwner listener(dds_create_listener(this), dds_delete_listener);
@@ -362,6 +397,11 @@ class CycloneMiddleware : public Middleware {
     participants_ = builtin(DDS_BUILTIN_TOPIC_DCPSPARTICIPANT);
     publications_ = builtin(DDS_BUILTIN_TOPIC_DCPSPUBLICATION);
     subscriptions_ = builtin(DDS_BUILTIN_TOPIC_DCPSSUBSCRIPTION);
+    dds_guid_t guid;
+    require(dds_get_guid(participant_, &guid), "name itself", "cyclonedds");
+    self_ = text_of(guid);
+    builtin_type_ = type_of(participants_);
+    expect_peers(network, surroundings_);
   }
   ~CycloneMiddleware() override {
     for (dds_entity_t reader : {participants_, publications_, subscriptions_}) dds_set_listener(reader, nullptr);
@@ -405,17 +445,32 @@ class CycloneMiddleware : public Middleware {
     return known;
   }
 
+  Surroundings::Participant described(const std::string& name, const dds_guid_t& guid) const {
+    CycloneRemote remote;
+    if (!cyclone_remote(builtin_type_, guid.v, &remote)) return {name, "cyclonedds", addresses_};  // of this process
+    Surroundings::Participant participant{name, vendor_name(remote.vendor[0], remote.vendor[1]), {}};
+    for (std::size_t i = 0; i < remote.addresses; ++i) {
+      char text[INET_ADDRSTRLEN] = "";
+      inet_ntop(AF_INET, remote.address[i], text, sizeof text);
+      participant.addresses.push_back(text);
+    }
+    return participant;
+  }
+
   void look_at_discovery() {
     take_all<dds_builtintopic_participant_t>(
         participants_, [&](const dds_builtintopic_participant_t& found, bool alive) {
-          if (!alive) return surroundings_.participant_lost(text_of(found.key));
+          const std::string key = text_of(found.key);
+          if (key == self_) return;
+          if (!alive) return surroundings_.participant_lost(key);
           char* name = nullptr;
           dds_qget_entity_name(found.qos, &name);
-          surroundings_.participant_found(text_of(found.key), {name ? name : "", "", {}});
+          surroundings_.participant_found(key, described(name ? name : "", found.key));
           dds_free(name);
         });
     const auto endpoints = [&](dds_entity_t reader, bool writes) {
       take_all<dds_builtintopic_endpoint_t>(reader, [&](const dds_builtintopic_endpoint_t& found, bool alive) {
+        if (text_of(found.participant_key) == self_) return;
         if (!alive) return surroundings_.endpoint_lost(text_of(found.key));
         surroundings_.endpoint_found(text_of(found.key), text_of(found.participant_key), writes, found.topic_name,
                                      found.type_name);
@@ -426,6 +481,9 @@ class CycloneMiddleware : public Middleware {
   }
 
   const std::shared_ptr<Domain> domain_;
+  const std::vector<std::string> addresses_;
+  std::string self_;
+  const ddsi_sertype* builtin_type_ = nullptr;  // of what the built-in readers read; knows the domain
   std::atomic<bool> discovered_{false};
   Surroundings surroundings_;
   Wakeup wakeup_;

@@ -1,9 +1,6 @@
-#include <arpa/inet.h>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
 #include <spdlog/spdlog.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cstring>
@@ -24,6 +21,7 @@
 
 #include "core/error.h"
 #include "core/middleware_parts.h"
+#include "core/security.h"
 
 namespace citylearn::parts {
 namespace {
@@ -34,6 +32,11 @@ using eprosima::fastrtps::Duration_t;
 using eprosima::fastrtps::types::ReturnCode_t;
 
 constexpr std::uint32_t kSocketBuffer = 4 << 20;
+
+// While a sample is not acknowledged, a writer tells so often what it has, in nanoseconds. A reader asks for what it
+// lacks once each time. Packets get lost between hosts, hardly ever on loopback.
+constexpr std::uint32_t kHeartbeatAtHome = 10'000'000;
+constexpr std::uint32_t kHeartbeat = 2'000'000;
 
 /// Sample for Fast: bytes to be written, or where to put bytes read.
 struct Raw {
@@ -77,11 +80,16 @@ class RawType : public dds::TopicDataType {
 class LogForwarder : public dds::LogConsumer {
  public:
   void Consume(const dds::Log::Entry& entry) override {
+    if (const auto line = explain_security(entry.message)) return tell_security(*line);
     if (entry.kind == dds::Log::Kind::Error)
-      spdlog::warn("fastdds: {} ({})", entry.message, entry.context.category);
+      logger_->warn("fastdds: {} ({})", entry.message, entry.context.category);
     else
-      spdlog::debug("fastdds: {} ({})", entry.message, entry.context.category);
+      logger_->debug("fastdds: {} ({})", entry.message, entry.context.category);
   }
+
+ private:
+  // Fast's thread may still have something to say when spdlog is gone already, at the end of the program.
+  const std::shared_ptr<spdlog::logger> logger_ = spdlog::default_logger();
 };
 
 void forward_log_once() {
@@ -108,10 +116,20 @@ class Discovery : public dds::DomainParticipantListener {
 
   void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& info) override {
     const std::string key = text_of(info.info.m_guid.guidPrefix);
-    if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT)
-      surroundings_.participant_found(key, {info.info.m_participantName.to_string(), "", {}});
-    else if (info.status != rtps::ParticipantDiscoveryInfo::CHANGED_QOS_PARTICIPANT)
+    if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT) {
+      Surroundings::Participant participant{
+          info.info.m_participantName.to_string(), vendor_name(info.info.m_VendorId[0], info.info.m_VendorId[1]), {}};
+      for (const auto* locators : {&info.info.metatraffic_locators, &info.info.default_locators})
+        for (const rtps::Locator_t& each : locators->unicast) {
+          if (each.kind != LOCATOR_KIND_UDPv4) continue;
+          const std::string address = rtps::IPLocator::toIPv4string(each);
+          auto& known = participant.addresses;
+          if (std::find(known.begin(), known.end(), address) == known.end()) known.push_back(address);
+        }
+      surroundings_.participant_found(key, participant);
+    } else if (info.status != rtps::ParticipantDiscoveryInfo::CHANGED_QOS_PARTICIPANT) {
       surroundings_.participant_lost(key);
+    }
   }
   void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) override {
     if (info.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER)
@@ -138,7 +156,7 @@ class Discovery : public dds::DomainParticipantListener {
 
 class FastPublisher : public Publisher {
  public:
-  FastPublisher(dds::Publisher* publisher, dds::Topic* dds_topic, const Topic& topic)
+  FastPublisher(dds::Publisher* publisher, dds::Topic* dds_topic, const Topic& topic, std::uint32_t heartbeat)
       : publisher_(publisher), topic_(topic) {
     dds::DataWriterQos qos;
     const int depth = depth_of(topic.profile).writer;
@@ -158,7 +176,7 @@ class FastPublisher : public Publisher {
     qos.data_sharing().off();
     // The defaults (3 s heartbeats, 5 ms answers) make each lost packet cost that much.
     qos.reliable_writer_qos().times.initialHeartbeatDelay = Duration_t(0, 0u);
-    qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, 10'000'000u);
+    qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, heartbeat);
     qos.reliable_writer_qos().times.nackResponseDelay = Duration_t(0, 0u);
     qos.reliable_writer_qos().times.nackSupressionDuration = Duration_t(0, 0u);
     // A full history, as it always is after a while, would make Fast add a heartbeat to each sample, which wakes a
@@ -247,48 +265,35 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
   dds::DataReader* reader_;
 };
 
-/// First index whose two UDP ports are free on this address. Fast itself would take ports beyond those that others look
-/// at.
-int free_index(const Network& network) {
-  const auto is_free_at = [&](const std::string& where, int port) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    inet_pton(AF_INET, where.c_str(), &address.sin_addr);
-    const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    address.sin_port = htons(static_cast<std::uint16_t>(port));
-    const bool bound = handle >= 0 && bind(handle, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
-    if (handle >= 0) close(handle);
-    return bound;
-  };
-  const auto is_free = [&](int port) {
-    return std::all_of(network.addresses.begin(), network.addresses.end(),
-                       [&](const std::string& where) { return is_free_at(where, port); });
-  };
-  for (int index = 0; index < kParticipants; ++index) {
-    const int port = discovery_port(network.domain, index);
-    if (is_free(port) && is_free(port + 1)) return index;
-  }
-  throw Error("all " + std::to_string(kParticipants) + " participants' ports of domain " +
-                  std::to_string(network.domain) + " are taken on " + network.interfaces,
-              "fastdds", "choose another domain");
-}
-
 rtps::Locator_t locator(const std::string& address, int port) {
   rtps::Locator_t result;
   rtps::IPLocator::createLocator(LOCATOR_KIND_UDPv4, address, static_cast<std::uint32_t>(port), result);
   return result;
 }
 
+/// Found by servers instead of by announcements. As one who hears of everybody, so that a wrong type is told here too.
+void join(const std::vector<Network::Peer>& servers, rtps::DiscoverySettings& discovery) {
+  discovery.discoveryProtocol = rtps::DiscoveryProtocol_t::SUPER_CLIENT;
+  for (const Network::Peer& server : servers) {
+    rtps::RemoteServerAttributes attributes;
+    attributes.metatrafficUnicastLocatorList.push_back(locator(server.address, server.port));
+    // Fast tells its servers apart by number: the first of everybody's list is the one started with `-i 0`.
+    rtps::get_server_client_default_guidPrefix(static_cast<int>(discovery.m_DiscoveryServers.size()),
+                                               attributes.guidPrefix);
+    discovery.m_DiscoveryServers.push_back(attributes);
+  }
+}
+
 class FastMiddleware : public Middleware {
  public:
-  explicit FastMiddleware(const Network& network) {
+  explicit FastMiddleware(const Network& network) : heartbeat_(network.at_home ? kHeartbeatAtHome : kHeartbeat) {
     forward_log_once();
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     udp->interfaceWhiteList = network.addresses;
     udp->maxInitialPeersRange = kParticipants;
-    udp->maxMessageSize = 65500;
+    udp->maxMessageSize = static_cast<std::uint32_t>(network.datagram);
     udp->sendBufferSize = kSocketBuffer;
     udp->receiveBufferSize = kSocketBuffer;
     qos.transport().use_builtin_transports = false;
@@ -306,13 +311,22 @@ class FastMiddleware : public Middleware {
       wire.builtin.metatrafficUnicastLocatorList.push_back(locator(address, port));  // and so no multicast
       wire.default_unicast_locator_list.push_back(locator(address, port + 1));
     }
-    for (const Network::Peer& peer : network.peers)
-      wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));
+    if (network.discovery_servers.empty())
+      for (const Network::Peer& peer : network.peers)
+        wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));
+    else
+      join(network.discovery_servers, wire.builtin.discovery_config);
+    expect_peers(network, surroundings_);
     wire.builtin.discovery_config.leaseDuration = Duration_t(10, 0u);
     // Two participants that start at once may miss each other's first announcement; then this is how long they wait.
     wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(1, 0u);
     wire.builtin.typelookup_config.use_client = false;
     wire.builtin.typelookup_config.use_server = false;
+    if (!network.security.empty()) {
+      for (const auto& [name, value] : fastdds_security(network.security))
+        qos.properties().properties().emplace_back(name, value);
+      surroundings_.guard();
+    }
 
     participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(network.domain, qos, &discovery_,
                                                                                      dds::StatusMask::none());
@@ -332,7 +346,7 @@ class FastMiddleware : public Middleware {
   }
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    return std::make_unique<FastPublisher>(publisher_, own(topic), topic);
+    return std::make_unique<FastPublisher>(publisher_, own(topic), topic, heartbeat_);
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
     return std::make_unique<FastSubscription>(subscriber_, own(topic), topic, wakeup_);
@@ -361,6 +375,7 @@ class FastMiddleware : public Middleware {
     return known;
   }
 
+  const std::uint32_t heartbeat_;
   Surroundings surroundings_;
   Discovery discovery_{surroundings_};
   Wakeup wakeup_;

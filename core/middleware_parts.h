@@ -1,6 +1,6 @@
 #pragma once
 
-// What the middlewares share among themselves. Private to core/middleware*.cc.
+// What the middlewares share among themselves. Private to core/middleware*.cc; the doctor reads its ports.
 
 #include <atomic>
 #include <condition_variable>
@@ -47,10 +47,22 @@ struct Network {
   std::string participant;
   std::string interfaces;               ///< as given, for messages
   std::vector<std::string> addresses;   ///< IPv4 addresses of the interfaces, at least one
+  bool at_home;                         ///< loopback alone
+  int datagram;                         ///< bytes of UDP payload that cross the interfaces in one packet, at most 65500
   std::vector<Peer> peers;              ///< this host's own addresses come first
   std::vector<Peer> discovery_servers;  ///< each with a port
   std::string security;                 ///< folder with keys; empty: none
 };
+
+/// First index whose two UDP ports are free on all addresses; Error when there is none.
+int free_index(const Network& network);
+
+/// Tells `surroundings` of the user's peers and discovery servers that someone should be heard there, this host's own
+/// addresses excepted.
+void expect_peers(const Network& network, Surroundings& surroundings);
+
+/// "fastdds", "cyclonedds" or "vendor 01.03".
+std::string vendor_name(std::uint8_t major, std::uint8_t minor);
 
 /// Throws Error when the sample is larger than its topic allows.
 void check_size(const Topic& topic, std::size_t size);

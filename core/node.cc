@@ -102,7 +102,8 @@ bool Node::wait(Clock::time_point deadline) {
     const bool ready = middleware_->wait(std::min(deadline, next_heartbeat_));
     for (const std::string& line : middleware_->surroundings().faults()) {
       spdlog::error("{}", line);
-      faults_.push_back(line);
+      // A peer may still come; a foreign type on our topics will not go away by waiting.
+      if (line.starts_with("topic ")) faults_.push_back(line);
     }
     if (ready) return true;
     if (Clock::now() >= deadline) return false;

@@ -1,8 +1,34 @@
 #include "core/surroundings.h"
 
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
 #include "core/error.h"
 
 namespace citylearn {
+namespace {
+
+constexpr auto kTold = std::chrono::steady_clock::time_point::max();  // the end of waiting for a peer, once it was told
+
+/// Whoever floods a domain with participants is told this often, and costs no more memory.
+constexpr std::size_t kMostStrangers = 1000;
+
+/// Others choose their names freely, and these go into our log.
+std::string printable(std::string text) {
+  for (char& c : text)
+    if (static_cast<unsigned char>(c) < ' ' || c == '\x7F') c = '?';
+  return text;
+}
+
+std::string describe(const Surroundings::Participant& participant) {
+  std::string who = participant.name.empty() ? "an unnamed participant" : "'" + participant.name + "'";
+  if (!participant.vendor.empty()) who += ", " + participant.vendor;
+  for (const std::string& address : participant.addresses) who += ", at " + address;
+  return who;
+}
+
+}  // namespace
 
 std::string Surroundings::name_of(const std::string& participant) const {
   const auto found = participants_.find(participant);
@@ -32,8 +58,9 @@ std::vector<Surroundings::Endpoint> Surroundings::endpoints() {
 std::vector<std::string> Surroundings::faults() {
   std::vector<std::string> lines;
   const bool changed = changed_.exchange(false);
-  if (!changed && !expecting_) return lines;
+  if (!changed && !expecting_ && !strange_) return lines;
   std::lock_guard lock(mutex_);
+  tell_strangers(lines);
   for (auto& [key, remote] : endpoints_) {
     if (remote.reported || !differs(remote)) continue;
     remote.reported = true;
@@ -43,36 +70,80 @@ std::vector<std::string> Surroundings::faults() {
                     remote.type + ", expected " + own_.at(remote.topic));
   }
   const Clock::time_point now = Clock::now();
-  std::erase_if(expected_, [&](const auto& item) {
-    const auto& [address, expected] = item;
-    for (const auto& [key, participant] : participants_)
-      for (const std::string& each : participant.addresses)
-        if (each == address) return true;
-    if (now < expected.until) return false;
-    lines.push_back("peer '" + expected.peer + "': nobody answers at " + address +
-                    " (does a service of this domain run there, and does its --interface lead here? citylearn_doctor "
-                    "tells more)");
-    return true;
-  });
-  expecting_ = !expected_.empty();
+  expecting_ = false;
+  for (auto item = expected_.begin(); item != expected_.end();) {
+    auto& [address, expected] = *item;
+    const auto found =
+        std::find_if(participants_.begin(), participants_.end(), [&, &where = address](const auto& each) {
+          const std::vector<std::string>& addresses = each.second.addresses;
+          return std::find(addresses.begin(), addresses.end(), where) != addresses.end();
+        });
+    if (found != participants_.end()) {
+      if (expected.until == kTold) spdlog::info("peer '{}': answers at {} after all", expected.peer, address);
+      item = expected_.erase(item);
+      continue;
+    }
+    if (expected.until != kTold && now >= expected.until) {
+      lines.push_back("peer '" + expected.peer + "': nobody answers at " + address +
+                      " (does a service of this domain run there, and does its --interface lead here? citylearn_doctor "
+                      "tells more)");
+      expected.until = kTold;
+    }
+    // Those that were told are looked at again when a participant is found.
+    if (expected.until != kTold) expecting_ = true;
+    ++item;
+  }
   return lines;
 }
 
+void Surroundings::tell_strangers(std::vector<std::string>& lines) {
+  const Clock::time_point now = Clock::now();
+  strange_ = false;
+  for (auto& [key, stranger] : strangers_) {
+    if (stranger.told) continue;
+    if (now < stranger.until && !stranger.gone) {
+      strange_ = true;
+      continue;
+    }
+    stranger.told = true;
+    lines.push_back("security: " + stranger.who +
+                    ": has shown no identity that is trusted here, and is kept out (docs/security.md tells why that "
+                    "may be)");
+  }
+}
+
+void Surroundings::guard() { guarding_ = true; }
+
 void Surroundings::participant_found(const std::string& key, const Participant& participant) {
   std::lock_guard lock(mutex_);
-  participants_[key] = participant;
+  Participant& found = participants_[key] = participant;
+  expecting_ = !expected_.empty();
+  found.name = printable(found.name);
+  const auto known = [&](const auto& endpoint) { return endpoint.second.participant == key; };
+  if (!guarding_ || std::any_of(endpoints_.begin(), endpoints_.end(), known)) return;
+  if (strangers_.size() >= kMostStrangers) std::erase_if(strangers_, [](const auto& item) { return item.second.told; });
+  if (strangers_.size() >= kMostStrangers) return;
+  strangers_.try_emplace(key, Stranger{describe(found), Clock::now() + kIdentified}).first->second.gone = false;
+  strange_ = true;
 }
 
 void Surroundings::participant_lost(const std::string& key) {
   std::lock_guard lock(mutex_);
   participants_.erase(key);
+  if (const auto stranger = strangers_.find(key); stranger != strangers_.end()) stranger->second.gone = true;
   std::erase_if(endpoints_, [&](const auto& item) { return item.second.participant == key; });
 }
 
 void Surroundings::endpoint_found(const std::string& key, const std::string& participant, bool writes,
                                   const std::string& topic, const std::string& type) {
   std::lock_guard lock(mutex_);
-  if (endpoints_.try_emplace(key, Remote{participant, writes, topic, type}).second) changed_ = true;
+  if (endpoints_.try_emplace(key, Remote{participant, writes, printable(topic), printable(type)}).second)
+    changed_ = true;
+  if (const auto stranger = strangers_.find(participant); stranger != strangers_.end()) {
+    if (stranger->second.told)
+      spdlog::info("security: {}: has shown a trusted identity after all", stranger->second.who);
+    strangers_.erase(stranger);
+  }
 }
 
 void Surroundings::endpoint_lost(const std::string& key) {

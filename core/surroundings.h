@@ -33,6 +33,10 @@ class Surroundings {
   std::vector<std::string> faults();
   static constexpr std::chrono::seconds kPatience{4};
 
+  /// With DDS Security: whoever is there, and of whom nothing else is heard for so long, has shown no identity that is
+  /// trusted here. faults() tells of each once.
+  static constexpr std::chrono::seconds kIdentified{5};
+
   // Told by the middleware. Keys identify participants and endpoints for good (a GUID in any form).
 
   void participant_found(const std::string& key, const Participant& participant);
@@ -42,6 +46,8 @@ class Surroundings {
   void endpoint_lost(const std::string& key);
   /// A topic of our own. Throws Error when we have it with another type already.
   void own(const std::string& topic, const std::string& type);
+  /// Strangers are to be told from here on: a participant whose endpoints are unknown is one (security encrypts them).
+  void guard();
   /// Somebody should be heard at this IPv4 address; `peer` is what the user wrote.
   void expect(const std::string& peer, const std::string& address);
 
@@ -59,6 +65,7 @@ class Surroundings {
   };
   std::string name_of(const std::string& participant) const;
   bool differs(const Remote& remote) const;
+  void tell_strangers(std::vector<std::string>& lines);
 
   std::mutex mutex_;
   std::map<std::string, Participant> participants_;
@@ -67,6 +74,14 @@ class Surroundings {
   std::map<std::string, Expected> expected_;  // address -> not heard yet, not told yet
   std::atomic<bool> changed_{false};
   std::atomic<bool> expecting_{false};
+  struct Stranger {
+    std::string who;
+    Clock::time_point until;  // then it is told
+    bool told = false, gone = false;
+  };
+  std::map<std::string, Stranger> strangers_;  // key
+  std::atomic<bool> guarding_{false};
+  std::atomic<bool> strange_{false};  // some are not told yet
 };
 
 }  // namespace citylearn

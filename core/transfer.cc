@@ -1,6 +1,7 @@
 #include "core/transfer.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <limits>
 
@@ -57,12 +58,30 @@ Transfer::Transfer(const What& what)
   here_.assign(missing_, false);
 }
 
-Transfer::Taken Transfer::take(const msg::TraversalChunk& chunk) {
+bool Transfer::wants(const msg::TraversalChunk& chunk) const {
   const std::uint32_t index = chunk.chunk() - first_chunk_;  // one before the run becomes a large number
-  if (chunk.hash() != what_.hash || chunk.feature_dimension() != what_.dimension || index >= here_.size() ||
-      here_[index])
-    return Taken::kNotWanted;
-  if (chunk.frames() != what_.frames || chunk.data().size() != layout_.bytes(chunk.chunk())) return Taken::kDamaged;
+  return chunk.hash() == what_.hash && chunk.feature_dimension() == what_.dimension && index < here_.size() &&
+         !here_[index];
+}
+
+bool Transfer::sound(const msg::TraversalChunk& chunk) const {
+  if (chunk.frames() != what_.frames || chunk.data().size() != layout_.bytes(chunk.chunk())) return false;
+  bool sound = true;
+  layout_.each_piece(chunk.chunk(), [&](std::uint32_t, std::size_t column, std::size_t count, std::size_t offset) {
+    const auto* data = chunk.data().data() + offset * sizeof(float);
+    for (std::size_t i = 0; i < count; ++i) {
+      float number;
+      std::memcpy(&number, data + i * sizeof(float), sizeof number);
+      sound = sound && (std::isfinite(number) || (column + i == 0 && std::isnan(number)));
+    }
+  });
+  return sound;
+}
+
+Transfer::Taken Transfer::take(const msg::TraversalChunk& chunk) {
+  if (!wants(chunk)) return Taken::kNotWanted;
+  if (!sound(chunk)) return Taken::kDamaged;
+  const std::uint32_t index = chunk.chunk() - first_chunk_;
   const auto* data = chunk.data().data();
   layout_.each_piece(chunk.chunk(),
                      [&](std::uint32_t frame, std::size_t column, std::size_t count, std::size_t offset) {

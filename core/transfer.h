@@ -68,8 +68,11 @@ class Transfer {
   explicit Transfer(const What& what);
 
   /// kNotWanted: of another traversal or dimension, of frames beside the run, or here already. kDamaged: of another
-  /// number of frames or bytes than it should be; nothing of it is used.
+  /// number of frames or bytes than it should be, or with numbers that are not finite (a position may be NaN); nothing
+  /// of it is used.
   Taken take(const msg::TraversalChunk& chunk);
+  /// It has the hash, dimension and frames of what is still missing.
+  bool wants(const msg::TraversalChunk& chunk) const;
   bool complete() const { return missing_ == 0; }
   std::uint32_t missing() const { return missing_; }  ///< chunks
   const What& what() const { return what_; }
@@ -84,6 +87,8 @@ class Transfer {
   std::vector<float> features;   ///< count x D, frame-major
 
  private:
+  bool sound(const msg::TraversalChunk& chunk) const;
+
   What what_;
   ChunkLayout layout_;
   std::uint32_t first_chunk_ = 0;

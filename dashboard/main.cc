@@ -34,17 +34,19 @@ struct CommandLine {
   Node::Options node;
 };
 
-/// Where the build puts the page: beside this program.
-std::string page_beside_program() {
+/// Where the build puts the page, beside this program, or an installation: bin/ and share/citylearn/page.
+std::string page_of_program() {
   std::error_code none;
   const auto program = std::filesystem::read_symlink("/proc/self/exe", none);
-  return none ? "" : (program.parent_path() / "page").string();
+  if (none) return "";
+  const auto installed = program.parent_path().parent_path() / "share/citylearn/page";
+  return std::filesystem::is_directory(installed, none) ? installed : program.parent_path() / "page";
 }
 
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string group = "Web server";
   ServerOptions& server = line.server;
-  server.page = page_beside_program();
+  server.page = page_of_program();
   app.add_option("--listen", server.listen, "Address; any but this machine's own needs --token-file")
       ->capture_default_str()
       ->group(group);

@@ -30,8 +30,8 @@ bool Recorder::attempt(const std::function<void()>& work) {
     // Not fatal: a disk may be emptied. What is not committed is not acknowledged, so nothing is lost meanwhile.
     next_try_ = Clock::now() + options_.again_after;
     wake_at(next_try_);
+    node_.alarm("store", std::string("nothing is recorded: ") + error.what());
     if (!failing_) {
-      spdlog::error("nothing is recorded: {}", error.what());
       tell({now_seconds(), "", node_.options().id, "alarm", std::string("nothing is recorded: ") + error.what()});
     }
     failing_ = true;
@@ -163,7 +163,7 @@ void Recorder::commit() {
     if (!failing_) return;
     // Only here: what merely reads succeeds on a full disk too.
     failing_ = false;
-    spdlog::warn("recording again");
+    node_.alarm("store", "");
     tell({now_seconds(), "", node_.options().id, "alarm", "recording again"});
   });
 }

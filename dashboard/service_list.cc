@@ -64,6 +64,10 @@ void ServiceList::hear(const msg::ServiceStatus& status, Clock::time_point now, 
   const bool failed = status.service_state() == msg::FAILED;
   if (failed && (state != "failed" || is != before))
     events.push_back(event_of(status, "failed", status.activity().c_str()));
+  // One that begins with an alarm is not well for that; one that starts again has none of its predecessor's.
+  if (const std::string alarm = status.alarm().c_str(), earlier = is == before ? service.status.alarm().c_str() : "";
+      alarm != earlier)
+    events.push_back(event_of(status, "alarm", alarm.empty() ? "well again: " + earlier : alarm));
   service.status = status;
   service.heard = now;
   service.silent = false;

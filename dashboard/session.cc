@@ -19,7 +19,6 @@
 #include <boost/beast/websocket.hpp>
 #include <boost/beast/websocket/ssl.hpp>
 #include <ctime>
-#include <nlohmann/json.hpp>
 
 #include "dashboard/target.h"
 
@@ -34,7 +33,6 @@ using asio::ip::tcp;
 using boost::system::error_code;
 using Time = Connection::Time;
 
-constexpr std::size_t kMostTopics = 64, kLongestTopic = 512;  // IDs of runs are long
 constexpr int kSendBuffer = 256 << 10;  // what waits in the kernel is old when a slow client gets it
 constexpr std::size_t kLingerBytes = 1 << 20;
 constexpr std::chrono::milliseconds kLingerTime{2000};
@@ -257,19 +255,6 @@ asio::awaitable<Answer> on_worker(Premises& premises, const Call& call) {
   Answer answer =
       co_await asio::async_initiate<const asio::use_awaitable_t<>, void(Answer)>(begin, asio::use_awaitable);
   co_return answer;
-}
-
-/// {"watch": [topics]}; nothing where `text` is something else.
-std::optional<std::set<std::string>> topics_of(const std::string& text) {
-  const auto said = nlohmann::json::parse(text, nullptr, false);
-  if (!said.is_object() || !said.contains("watch") || !said["watch"].is_array()) return std::nullopt;
-  if (said["watch"].size() > kMostTopics) return std::nullopt;
-  std::set<std::string> topics;
-  for (const auto& topic : said["watch"]) {
-    if (!topic.is_string() || topic.get_ref<const std::string&>().size() > kLongestTopic) return std::nullopt;
-    topics.insert(topic.get<std::string>());
-  }
-  return topics;
 }
 
 template <class Stream>
@@ -498,8 +483,8 @@ class Session : public Connection, public std::enable_shared_from_this<Session<S
       co_await live_->async_read(said, with(error));
       if (error) break;
       heard_ = now();
-      const auto topics =
-          live_->got_text() ? topics_of(beast::buffers_to_string(said.data())) : std::optional<std::set<std::string>>();
+      const auto topics = live_->got_text() ? parse_watch(beast::buffers_to_string(said.data()))
+                                            : std::optional<std::set<std::string>>();
       if (!topics) {
         ++premises_.broken;
         deadline = now() + kLingerTime;

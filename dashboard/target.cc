@@ -1,9 +1,12 @@
 #include "dashboard/target.h"
 
 #include <cstdint>
+#include <nlohmann/json.hpp>
 
 namespace citylearn {
 namespace {
+
+constexpr std::size_t kMostTopics = 64, kLongestTopic = 512;  // IDs of runs are long
 
 int hexadecimal(char c) {
   if (c >= '0' && c <= '9') return c - '0';
@@ -83,6 +86,18 @@ std::optional<Target> parse_target(std::string_view text) {
   });
   if (!query) return std::nullopt;
   return target;
+}
+
+std::optional<std::set<std::string>> parse_watch(const std::string& text) {
+  const auto said = nlohmann::json::parse(text, nullptr, false);
+  if (!said.is_object() || !said.contains("watch") || !said["watch"].is_array()) return std::nullopt;
+  if (said["watch"].size() > kMostTopics) return std::nullopt;
+  std::set<std::string> topics;
+  for (const auto& topic : said["watch"]) {
+    if (!topic.is_string() || topic.get_ref<const std::string&>().size() > kLongestTopic) return std::nullopt;
+    topics.insert(topic.get<std::string>());
+  }
+  return topics;
 }
 
 }  // namespace citylearn

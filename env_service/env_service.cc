@@ -10,6 +10,7 @@
 #include <tuple>
 #include <utility>
 
+#include "core/rejections.h"
 #include "core/transfer.h"
 #include "env_service/environment.h"
 #include "env_service/episode_book.h"
@@ -27,7 +28,8 @@ constexpr milliseconds kSceneAgain{100};
 constexpr seconds kSilence{3};         // without an Action: the policy_service is gone or busy
 constexpr milliseconds kLeaving{500};  // for acknowledgements of recorders that nothing was heard of
 constexpr milliseconds kStopCheck{50};
-constexpr std::size_t kMostFeatures = std::size_t{64} << 20;  // bytes kept here; more stay with the encoder_service
+constexpr std::uint64_t kClocksApart = 24ull * 3600 * 1'000'000;  // of two hosts, microseconds; more is no clock
+constexpr std::size_t kMostFeatures = std::size_t{64} << 20;      // bytes kept here; more stay with the encoder_service
 
 Node::Options named(Node::Options options, const Traversal& traversal) {
   for (const auto& [what, text] : {std::pair{"name", traversal.name}, {"condition", traversal.condition}})
@@ -43,6 +45,11 @@ bool newer(const msg::SettingsId& a, const msg::SettingsId& b) {
 
 bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
   return a.incarnation() == b.incarnation() && a.version() == b.version();
+}
+
+std::uint64_t microseconds_now() {
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
 }
 
 std::string route(const msg::TaskSettings& settings) {
@@ -86,6 +93,7 @@ class EnvService {
 
   const Traversal& traversal_;
   Node node_;
+  Rejections rejections_;
   Environment environment_;
 
   msg::TraversalInfo info_;       // its `settings` are those in force
@@ -132,6 +140,7 @@ class EnvService {
 EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& options)
     : traversal_(traversal),
       node_(named(options.node, traversal_)),
+      rejections_(node_),
       environment_(traversal_, options.agents),
       book_(options.recorders),
       linger_(options.linger) {
@@ -195,7 +204,12 @@ void EnvService::take_all() {
 void EnvService::on_settings(const msg::TaskSettings& settings) {
   if (settings.environment() != node_.options().id) return;
   if (settings.settings().version() == 0) {
-    ++node_.traffic.rejected;
+    rejections_.add(settings.header(), "settings without a version");
+    return;
+  }
+  // The incarnation is a time: from the far future it would win over everybody's for ever.
+  if (settings.settings().incarnation() > microseconds_now() + kClocksApart) {
+    rejections_.add(settings.header(), "settings from the future");
     return;
   }
   if (!newer(settings.settings(), newest_)) {
@@ -245,6 +259,11 @@ void EnvService::on_action(const msg::Action& action) {
   if (!awaiting_action_ || action.environment_incarnation() != node_.incarnation() ||
       action.step() != observation_.step() || !same(action.settings(), observation_.settings())) {
     ++node_.traffic.repeated;
+    return;
+  }
+  if (action.header().sender() != settings_.header().sender() ||
+      action.header().incarnation() != settings_.header().incarnation()) {
+    rejections_.add(action.header(), "an action of who is not in charge");
     return;
   }
   try {
@@ -302,7 +321,7 @@ void EnvService::on_features(const msg::TraversalChunk& chunk) {
     }
     features_.emplace(Transfer::What{info_.hash(), info_.frames(), dimension});
   }
-  if (features_->take(chunk) == Transfer::Taken::kDamaged) ++node_.traffic.rejected;
+  if (features_->take(chunk) == Transfer::Taken::kDamaged) rejections_.add(chunk.header(), "features that are damaged");
   if (!features_->complete()) return;
   environment_.set_features(static_cast<int>(dimension), std::move(features_->features));
   features_.reset();
@@ -379,7 +398,8 @@ void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowled
       acknowledgement.environment_incarnation() != node_.incarnation())
     return;
   const EpisodeBook::Taken taken = book_.take(acknowledgement, now_);
-  if (taken == EpisodeBook::Taken::kImpossible) ++node_.traffic.rejected;
+  if (taken == EpisodeBook::Taken::kImpossible)
+    rejections_.add(acknowledgement.header(), "an acknowledgement of episodes that never were");
   if (taken == EpisodeBook::Taken::kRepeated) ++node_.traffic.repeated;
 }
 
@@ -415,7 +435,7 @@ void EnvService::record_episodes() {
   send_episodes();
   if (book_.problem() == problem_) return;
   problem_ = book_.problem();
-  spdlog::error("{}", problem_);
+  node_.alarm("episodes", problem_);
   report();
 }
 

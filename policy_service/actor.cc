@@ -5,12 +5,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <deque>
 #include <memory>
 #include <optional>
 #include <set>
 #include <sstream>
 
+#include "core/rejections.h"
 #include "core/service.h"
 #include "policy_service/collector.h"
 #include "policy_service/farewell.h"
@@ -65,6 +67,16 @@ std::map<std::string, double> parse_parameters(const std::string& text) {
   return values;
 }
 
+/// Why no learner says so; empty when one may.
+std::string nonsense(const msg::LearnerInfo& info) {
+  if (info.steps() < 1 || info.steps() > msg::MAX_STEPS) return "with trajectories of " + std::to_string(info.steps());
+  if (info.lesson_frames() < 1 || info.lesson_frames() > info.frames()) return "with a lesson beyond the route";
+  if (info.window() < 1) return "that wants nothing";
+  for (const double noise : {info.noise_frame(), info.noise_place(), info.noise_episode()})
+    if (!std::isfinite(noise) || noise < 0) return "with a noise that is no length";
+  return "";
+}
+
 class Actor {
  public:
   explicit Actor(const ActorOptions& options);
@@ -107,6 +119,7 @@ class Actor {
   void on_status(const msg::ActorStatus& status);
   void on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement);
   void on_parameters(const msg::PolicyParameters& chunk);
+  bool of_learner(const msg::Header& header, const std::string& what);
   bool ours(const Seat& seat) const;
   bool prepare();
   void assign();
@@ -119,12 +132,14 @@ class Actor {
   void send_trajectories();
   void ask_for_parameters();
   void send_status();
+  std::string why_idle() const;
   void report();
   void leave();
 
   ActorOptions options_;
   Node node_;
   Fleet fleet_;
+  Rejections rejections_;
   std::unique_ptr<Session> session_;
   std::map<Seat*, Served> served_;
   std::map<std::string, Other> others_;
@@ -132,6 +147,7 @@ class Actor {
   int slots_ = 0;
   bool answered_ = false;  // the learner has answered our last status
   bool warned_ = false;
+  std::string told_;  // why nothing is served, as logged
   double waited_ = 0;
   Clock::time_point started_, learner_heard_{}, next_status_{}, next_assign_{}, next_report_{}, last_report_,
       last_turn_;
@@ -142,7 +158,8 @@ class Actor {
   msg::PolicyParameters chunk_;
 };
 
-Actor::Actor(const ActorOptions& options) : options_(options), node_(named(options.node)), fleet_(node_) {
+Actor::Actor(const ActorOptions& options)
+    : options_(options), node_(named(options.node)), fleet_(node_), rejections_(node_) {
   node_.announce<msg::ActorStatus>();
   node_.announce<msg::Trajectory>();
   node_.announce<msg::ParametersRequest>();
@@ -160,9 +177,24 @@ Actor::Actor(const ActorOptions& options) : options_(options), node_(named(optio
 
 // The learner.
 
+/// Of the learner this actor works for. Others are of an earlier process, or not to be believed.
+bool Actor::of_learner(const msg::Header& header, const std::string& what) {
+  const msg::Header& learner = session_->info.header();
+  if (header.incarnation() == learner.incarnation() && header.sender() == learner.sender()) return true;
+  if (header.incarnation() < learner.incarnation())
+    ++node_.traffic.repeated;
+  else
+    rejections_.add(header, what + " of who is not the learner");
+  return false;
+}
+
 void Actor::on_info(const msg::LearnerInfo& info) {
+  if (const std::string wrong = nonsense(info); !wrong.empty()) {
+    rejections_.add(info.header(), "a learner " + wrong);
+    return;
+  }
   const bool fresh = !session_ || info.header().incarnation() > session_->info.header().incarnation();
-  if (!fresh && info.header().incarnation() < session_->info.header().incarnation()) return;  // of one that is dead
+  if (!fresh && !of_learner(info.header(), "an announcement")) return;
   learner_heard_ = Clock::now();
   if (!fresh) {
     const bool lesson = info.lesson() != session_->info.lesson();
@@ -235,9 +267,8 @@ bool Actor::prepare() {
 }
 
 void Actor::on_parameters(const msg::PolicyParameters& chunk) {
-  if (!session_ || !session_->parameters || chunk.header().incarnation() != session_->info.header().incarnation())
-    return;
-  if (!session_->parameters->take(chunk)) ++node_.traffic.rejected;
+  if (!session_ || !session_->parameters || !of_learner(chunk.header(), "parameters")) return;
+  if (!session_->parameters->take(chunk)) rejections_.add(chunk.header(), "parameters that are damaged");
 }
 
 /// Asks for what was lost, or was sent before we came; for more at once when all that was asked for has come.
@@ -329,6 +360,7 @@ void Actor::assign() {
     fleet_.take_charge(seat);
     enroll(seat);
     spdlog::info("serves env_service '{}'", seat.id);
+    told_.clear();
   }
 }
 
@@ -463,12 +495,12 @@ void Actor::send_trajectories() {
 void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement) {
   if (!session_ || acknowledgement.actor() != node_.options().id ||
       acknowledgement.actor_incarnation() != node_.incarnation() ||
-      acknowledgement.header().incarnation() != session_->info.header().incarnation())
+      !of_learner(acknowledgement.header(), "an acknowledgement"))
     return;
   answered_ = true;
   Session& s = *session_;
   if (acknowledgement.number() > s.number) {
-    ++node_.traffic.rejected;
+    rejections_.add(acknowledgement.header(), "an acknowledgement of trajectories that were never sent");
     return;
   }
   if (acknowledgement.number() < s.acknowledged) {  // an older one
@@ -514,6 +546,31 @@ void Actor::spin() {
   if (now >= next_report_) report();
 }
 
+/// What stands between this actor and an env_service; it serves none.
+std::string Actor::why_idle() const {
+  const Session& s = *session_;
+  if (!s.info.training()) return "waiting for the next learner";
+  const std::string traversal = s.info.traversal().c_str();
+  std::string theirs;
+  std::size_t all = 0;
+  for (const auto& [id, seat] : fleet_.seats()) {
+    if (!ours(*seat)) continue;
+    ++all;
+    const auto other = std::find_if(others_.begin(), others_.end(), [&](const auto& entry) {
+      return entry.second.environments.contains(seat->incarnation());
+    });
+    theirs += (theirs.empty() ? " ('" : ", '") + id + "' ";
+    theirs += other != others_.end() ? "is served by '" + other->first + "'"
+              : seat->busy           ? "gets actions from somebody"
+                                     : "is free";
+  }
+  if (all == 0) return "waiting for an env_service on '" + traversal + "' as the learner knows it";
+  if (!s.collector) return "waiting for the features of '" + traversal + "'";
+  if (!s.parameters->newest())
+    return "waiting for parameters of learner '" + std::string(s.info.header().sender().c_str()) + "'";
+  return fmt::format("waiting for an env_service that no other actor serves{})", theirs);
+}
+
 void Actor::report() {
   const Clock::time_point now = Clock::now();
   const double rate = static_cast<double>(std::exchange(steps_, 0)) /
@@ -536,8 +593,9 @@ void Actor::report() {
                              session_->unacknowledged.size(), silent ? ", which is silent" : "", waited_),
                  static_cast<float>(rate));
   } else if (served_.empty()) {
-    node_.report(msg::WAITING, session_->info.training() ? "waiting for an env_service that no other actor serves"
-                                                         : "waiting for the next learner");
+    const std::string why = why_idle();
+    if (std::exchange(told_, why) != why) spdlog::info("{}", why);
+    node_.report(msg::WAITING, why);
   } else {
     node_.report(msg::RUNNING,
                  fmt::format("acting on {} env_service{} for learner '{}', version {}", served_.size(),

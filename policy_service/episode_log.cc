@@ -1,11 +1,8 @@
 #include "policy_service/episode_log.h"
 
 #include <spdlog/fmt/fmt.h>
-#include <unistd.h>
 
-#include <cerrno>
 #include <cinttypes>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 
@@ -34,13 +31,8 @@ void EpisodeLog::Progress::skip_to(std::uint64_t episode) {
 EpisodeLog::EpisodeLog(const std::string& path) : path_(path) {
   if (path_.empty()) return;
   load();
-  file_ = std::fopen(path_.c_str(), "a");
-  if (!file_) throw Error(std::strerror(errno), path_, "choose another --output");
-  if (std::filesystem::file_size(path_) == 0) std::fprintf(file_, "%s\n", kHeader);
-}
-
-EpisodeLog::~EpisodeLog() {
-  if (file_) std::fclose(file_);
+  file_.emplace(path_);
+  if (file_->size() == 0) file_->add(std::string(kHeader) + "\n");
 }
 
 void EpisodeLog::load() {
@@ -75,23 +67,26 @@ EpisodeLog::Progress& EpisodeLog::progress_of(const msg::EpisodeStat& episode) {
 void EpisodeLog::pass_over(const msg::EpisodeStat& episode) { progress_of(episode).add(episode.episode()); }
 
 bool EpisodeLog::record(const msg::EpisodeStat& episode) {
+  if (file_ && file_->waiting() > kMostWaiting) return false;
   Progress& progress = progress_of(episode);
   if (episode.episode() <= progress.contiguous || progress.beyond.contains(episode.episode())) return false;
   progress.add(episode.episode());
   ++total_;
   if (file_)
-    fmt::print(file_, "{},{},{},{},{},{},{},{},{},{},{},{:.6f},{}\n", episode.header().sender().c_str(),
-               episode.header().incarnation(), episode.episode(), episode.agent(), episode.traversal().c_str(),
-               episode.evaluation() ? 1 : 0, episode.task(), episode.start(), episode.goal(), episode.steps(),
-               episode.shortest(), episode.reward(), episode.completed() ? 1 : 0);
+    file_->add(fmt::format("{},{},{},{},{},{},{},{},{},{},{},{:.6f},{}\n", episode.header().sender().c_str(),
+                           episode.header().incarnation(), episode.episode(), episode.agent(),
+                           episode.traversal().c_str(), episode.evaluation() ? 1 : 0, episode.task(), episode.start(),
+                           episode.goal(), episode.steps(), episode.shortest(), episode.reward(),
+                           episode.completed() ? 1 : 0));
   return true;
 }
 
 std::uint64_t EpisodeLog::recorded(const std::string& environment, std::uint64_t incarnation) {
-  if (file_ && (std::fflush(file_) != 0 || std::ferror(file_)))
-    throw Error(std::strerror(errno), path_, "free some space");
+  const bool handed_on = !file_ || file_->flush();
   const auto found = progress_.find({environment, incarnation});
-  return found == progress_.end() ? 0 : found->second.contiguous;
+  if (found == progress_.end()) return 0;
+  if (handed_on) found->second.handed_on = found->second.contiguous;
+  return found->second.handed_on;
 }
 
 }  // namespace citylearn

@@ -1,11 +1,12 @@
 #pragma once
 
 #include <cstdint>
-#include <cstdio>
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 
+#include "core/growing_file.h"
 #include "core/messages.h"
 
 namespace citylearn {
@@ -18,31 +19,32 @@ class EpisodeLog {
   /// An empty path records in memory alone. Throws Error naming the file when it is not an episode log or cannot be
   /// written.
   explicit EpisodeLog(const std::string& path);
-  ~EpisodeLog();
-  EpisodeLog(const EpisodeLog&) = delete;
-  EpisodeLog& operator=(const EpisodeLog&) = delete;
 
-  /// True when this episode was new. Order and repetition don't matter.
+  /// True when this episode was new. Order and repetition don't matter. While the disk takes nothing, rows wait, and
+  /// beyond kMostWaiting bytes of them episodes are not taken: their env_service sends them again.
   bool record(const msg::EpisodeStat& episode);
   /// Counts as recorded without a row: it is not of this log.
   void pass_over(const msg::EpisodeStat& episode);
   /// Hands the rows to the operating system and returns the number up to which all of this env_service's episodes are
-  /// recorded. Throws Error when that fails (disk full): nothing is then acknowledged.
+  /// recorded. When that fails (disk full), problem() says so and the number is that of the last time it went well.
   std::uint64_t recorded(const std::string& environment, std::uint64_t incarnation);
+  std::string problem() const { return file_ ? file_->problem() : ""; }
   std::uint64_t total() const { return total_; }
 
  private:
   struct Progress {
-    std::uint64_t contiguous = 0;          ///< all episodes up to this one are recorded
+    std::uint64_t contiguous = 0;          ///< all episodes up to this one are recorded, or wait for the disk
+    std::uint64_t handed_on = 0;           ///< up to this one none waits
     std::map<std::uint64_t, bool> beyond;  ///< recorded ones after a gap
     void add(std::uint64_t episode);
     void skip_to(std::uint64_t episode);
   };
+  static constexpr std::size_t kMostWaiting = 16 << 20;
   void load();
   Progress& progress_of(const msg::EpisodeStat& episode);
 
   std::string path_;
-  std::FILE* file_ = nullptr;
+  std::optional<GrowingFile> file_;
   std::map<std::pair<std::string, std::uint64_t>, Progress> progress_;
   std::uint64_t total_ = 0;
 };

@@ -53,12 +53,18 @@ void FeatureCache::ask(RouteFeatures& route, const std::string& environment) {
   node_.publish(request_);
 }
 
-void FeatureCache::take(const msg::TraversalChunk& chunk) {
+bool FeatureCache::take(const msg::TraversalChunk& chunk, bool believed) {
+  bool right = true;
   for (const auto& route : routes_) {
+    if (!believed) {
+      right = right && !route->transfer.wants(chunk);
+      continue;
+    }
     const Transfer::Taken taken = route->transfer.take(chunk);
     if (taken == Transfer::Taken::kYes) route->moved = Clock::now();
-    if (taken == Transfer::Taken::kDamaged) ++node_.traffic.rejected;
+    if (taken == Transfer::Taken::kDamaged) right = false;
   }
+  return right;
 }
 
 }  // namespace citylearn

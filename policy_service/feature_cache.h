@@ -38,7 +38,8 @@ class FeatureCache {
   std::shared_ptr<RouteFeatures> want(const msg::TraversalInfo& info, std::uint32_t first, std::uint32_t count);
   /// Asks an env_service (or the encoder_service that serves it) for what is missing, when it is time to.
   void ask(RouteFeatures& route, const std::string& environment);
-  void take(const msg::TraversalChunk& chunk);
+  /// False when it is of use and damaged, or not `believed` to come from who has the features: then it is not used.
+  bool take(const msg::TraversalChunk& chunk, bool believed = true);
 
  private:
   void forget();

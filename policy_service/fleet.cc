@@ -20,9 +20,33 @@ bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
   return a.incarnation() == b.incarnation() && a.version() == b.version();
 }
 
+/// What a process says of itself for good.
+bool same_traversal(const msg::TraversalInfo& a, const msg::TraversalInfo& b) {
+  return a.hash() == b.hash() && a.frames() == b.frames() && a.agents() == b.agents() &&
+         a.traversal() == b.traversal() && a.images() == b.images();
+}
+
+/// Why no env_service with these settings can have sent it; empty when one can.
+std::string nonsense(const Seat& seat, const msg::Observation& observation) {
+  const msg::TaskSettings& settings = seat.settings;
+  const auto beside = [&](const std::vector<std::uint32_t>& frames) {
+    return std::any_of(frames.begin(), frames.end(), [&](std::uint32_t frame) {
+      return frame < settings.first_frame() || frame - settings.first_frame() >= settings.frames();
+    });
+  };
+  if (observation.goal().size() != seat.info.agents()) return "of another number of agents";
+  if (beside(observation.position())) return "with a position beside the route";
+  if (beside(observation.goal())) return "with a goal beside the route";
+  if (beside(observation.frame())) return "with a frame beside the route";
+  for (const std::uint8_t allowed : observation.allowed())
+    if ((allowed & ((1u << kActions) - 1)) == 0) return "that allows no action";
+  return "";
+}
+
 }  // namespace
 
-Fleet::Fleet(Node& node, const FleetOptions& options) : node_(node), options_(options), features_(node) {
+Fleet::Fleet(Node& node, const FleetOptions& options)
+    : node_(node), options_(options), rejections_(node), features_(node) {
   node_.announce<msg::TaskSettings>();
   node_.announce<msg::Action>();
   node_.announce<msg::TraversalRequest>();
@@ -43,6 +67,27 @@ Seat* Fleet::known(const msg::Header& header) {
   return found->second.get();
 }
 
+/// As known(), of messages that only the newest process of an env_service sends. An older one is dead; a newer one
+/// would have announced itself.
+Seat* Fleet::speaking(const msg::Header& header) {
+  if (Seat* seat = known(header)) return seat;
+  const auto found = seats_.find(header.sender().c_str());
+  if (found == seats_.end() || header.incarnation() < found->second->incarnation())
+    ++node_.traffic.repeated;
+  else
+    rejections_.add(header, "a message of another process than the one that announced itself");
+  return nullptr;
+}
+
+/// Of an env_service, or of the encoder_service that completed its announcement.
+bool Fleet::serves_features(const msg::Header& header) const {
+  return std::any_of(seats_.begin(), seats_.end(), [&](const auto& entry) {
+    const msg::TraversalInfo& info = entry.second->info;
+    return (header.sender() == info.header().sender() && header.incarnation() == info.header().incarnation()) ||
+           (header.sender() == info.encoder_service() && header.incarnation() == info.encoder_incarnation());
+  });
+}
+
 void Fleet::spin(Clock::time_point deadline) {
   ask_for_features();
   send_due_settings();
@@ -50,10 +95,12 @@ void Fleet::spin(Clock::time_point deadline) {
   node_.wait(std::min(deadline, Clock::now() + std::chrono::milliseconds(50)));
   while (node_.take(info_)) on_info(info_);
   while (node_.take(status_)) on_status(status_);
-  while (node_.take(chunk_)) features_.take(chunk_);
+  while (node_.take(chunk_))
+    if (!features_.take(chunk_, serves_features(chunk_.header())))
+      rejections_.add(chunk_.header(), "features that are damaged, or of who does not have them");
   while (hears_observations_ && node_.take(observation_)) on_observation(observation_);
   while (hears_episodes_ && node_.take(episode_))
-    if (Seat* seat = known(episode_.header()); seat && finished) finished(*seat, episode_);
+    if (Seat* seat = speaking(episode_.header()); seat && finished) finished(*seat, episode_);
   if (!records_ || Clock::now() < next_acknowledgements_) return;
   next_acknowledgements_ = Clock::now() + kAcknowledgementsAgain;
   for (const auto& [id, seat] : seats_)
@@ -92,8 +139,15 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
   std::unique_ptr<Seat>& slot = seats_[info.header().sender().c_str()];
   // Of a process that is dead, kept by the middleware for late joiners; unless it is the newer one that went away (an
   // env_service ends when it finds another one with its id).
-  if (slot && slot->incarnation() > info.header().incarnation() && alive(*slot)) return;
+  if (slot && slot->incarnation() > info.header().incarnation() && alive(*slot)) {
+    ++node_.traffic.repeated;
+    return;
+  }
   const bool fresh = !slot || slot->incarnation() != info.header().incarnation();
+  if (!fresh && !same_traversal(info, slot->info)) {
+    rejections_.add(info.header(), "an announcement that differs from what this process said before");
+    return;
+  }
   if (!slot) slot = std::make_unique<Seat>();
   Seat& seat = *slot;
   seat.heard = Clock::now();
@@ -121,11 +175,12 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
 }
 
 void Fleet::on_observation(msg::Observation& observation) {
-  Seat* seat = known(observation.header());
-  if (seat) seat->heard_charge = std::max<std::uint64_t>(seat->heard_charge, observation.settings().incarnation());
+  Seat* seat = speaking(observation.header());
+  if (!seat) return;
+  seat->heard_charge = std::max<std::uint64_t>(seat->heard_charge, observation.settings().incarnation());
   // Images: what counts is the same observation with features.
-  if (seat && !observation.by_reference() && observation.feature_dimension() != seat->info.feature_dimension()) return;
-  if (!seat || seat->settings.settings().version() == 0 || !same(observation.settings(), seat->settings.settings())) {
+  if (!observation.by_reference() && observation.feature_dimension() != seat->info.feature_dimension()) return;
+  if (seat->settings.settings().version() == 0 || !same(observation.settings(), seat->settings.settings())) {
     ++node_.traffic.repeated;
     return;
   }
@@ -136,12 +191,16 @@ void Fleet::on_observation(msg::Observation& observation) {
     node_.publish(seat->last_action);
     return;
   }
-  if (observation.step() != seat->next_step || seat->waiting || observation.goal().size() != seat->info.agents()) {
+  if (observation.step() != seat->next_step || seat->waiting) {
     ++node_.traffic.repeated;
     return;
   }
-  if (observation.by_reference() && !complete(*seat, observation)) {
-    ++node_.traffic.rejected;
+  std::string wrong = nonsense(*seat, observation);
+  if (wrong.empty() && observation.by_reference() && !complete(*seat, observation))
+    wrong = "of frames without features";
+  if (!wrong.empty()) {
+    rejections_.add(observation.header(), "an observation " + wrong);
+    seat->heard = {};  // nobody need wait for it
     return;
   }
   seat->waiting = true;

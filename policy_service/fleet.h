@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "core/node.h"
+#include "core/rejections.h"
 #include "policy_service/feature_cache.h"
 
 namespace citylearn {
@@ -112,6 +113,8 @@ class Fleet {
 
  private:
   Seat* known(const msg::Header& header);
+  Seat* speaking(const msg::Header& header);
+  bool serves_features(const msg::Header& header) const;
   void on_status(const msg::ServiceStatus& status);
   void on_info(const msg::TraversalInfo& info);
   void on_observation(msg::Observation& observation);
@@ -124,6 +127,7 @@ class Fleet {
 
   Node& node_;
   FleetOptions options_;
+  Rejections rejections_;
   FeatureCache features_;
   std::map<std::string, std::unique_ptr<Seat>> seats_;
   template <class What>

@@ -33,7 +33,8 @@ LearnerLink::LearnerLink(Node& node, Trainer& trainer, const LearnerLinkOptions&
       trainer_(trainer),
       options_(options),
       // Room for the update that comes next, and for one more to be taken in meanwhile.
-      queue_(shape_of(info_of(trainer), trainer.agent().network->state_size()), 2 * trainer.batch()) {
+      queue_(shape_of(info_of(trainer), trainer.agent().network->state_size()), 2 * trainer.batch()),
+      rejections_(node) {
   node_.announce<msg::LearnerInfo>();
   node_.announce<msg::PolicyParameters>();
   node_.announce<msg::TrajectoryAcknowledgement>();
@@ -88,7 +89,10 @@ void LearnerLink::count_actors() {
 void LearnerLink::on_status(const msg::ActorStatus& status) {
   const std::string id = status.header().sender().c_str();
   Actor& actor = actors_[id];
-  if (status.header().incarnation() < actor.incarnation) return;  // of a process that is dead
+  if (status.header().incarnation() < actor.incarnation) {  // of a process that is dead
+    ++node_.traffic.repeated;
+    return;
+  }
   if (status.header().incarnation() > actor.incarnation) actor.waited_before += std::exchange(actor.waited, 0);
   if (!actor.here || actor.incarnation != status.header().incarnation())
     spdlog::info("actor '{}' {}", id, actor.incarnation == 0 ? "joins" : "is back");
@@ -112,9 +116,8 @@ void LearnerLink::on_trajectory(msg::Trajectory& trajectory) {
     if (queue_.take(trajectory, version()) != TrajectoryQueue::Taken::kTaken) ++node_.traffic.repeated;
     to_acknowledge_.insert(id);
   } catch (const Error& error) {
-    ++node_.traffic.rejected;
-    if (complained_.insert(id).second)
-      spdlog::warn("rejected a trajectory of actor '{}': {} (more of it are counted, not logged)", id, error.what());
+    const std::string wrong = error.what();
+    rejections_.add(trajectory.header(), "a trajectory (" + wrong.substr(0, wrong.find(": ")) + ")", wrong);
   }
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/node.h"
+#include "core/rejections.h"
 #include "policy_service/heart.h"
 #include "policy_service/parameter_chunks.h"
 #include "policy_service/trainer.h"
@@ -74,7 +75,8 @@ class LearnerLink {
   msg::LearnerInfo info_;
   Clock::time_point next_info_{};
   std::map<std::string, Actor> actors_;
-  std::set<std::string> to_acknowledge_, complained_;
+  Rejections rejections_;
+  std::set<std::string> to_acknowledge_;
   std::map<std::uint64_t, Held> held_;  ///< parameters by version: the newest, and what is being asked for
   msg::ActorStatus status_;
   msg::Trajectory trajectory_;

@@ -2,8 +2,6 @@
 
 #include <spdlog/fmt/fmt.h>
 
-#include <cerrno>
-#include <cstring>
 #include <fstream>
 
 #include "core/files.h"
@@ -17,7 +15,7 @@ constexpr const char* kHeader =
 
 }  // namespace
 
-MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) : path_(path) {
+MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) {
   std::string kept = std::string(kHeader) + "\n";
   if (after_update > 0) {
     std::ifstream in(path);
@@ -35,12 +33,7 @@ MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) : pa
     }
   }
   write_file(path, kept);
-  file_ = std::fopen(path.c_str(), "a");
-  if (!file_) throw Error(std::strerror(errno), path, "choose another --output");
-}
-
-MetricsLog::~MetricsLog() {
-  if (file_) std::fclose(file_);
+  file_.emplace(path);
 }
 
 double MetricsLog::wall_at(std::uint64_t episodes) const {
@@ -50,11 +43,11 @@ double MetricsLog::wall_at(std::uint64_t episodes) const {
 }
 
 void MetricsLog::write(const msg::TrainingStat& s) {
-  fmt::print(file_, "{},{},{},{},{:.3f},{:.0f},{:.5f},{:.5f},{:.6g},{:.6g},{:.5f},{:.6g},{:.5f},{:.5g},{:.6g},{:.3f}\n",
-             s.update(), s.steps(), s.episodes(), s.lesson(), s.wall(), s.steps_per_second(), s.reward(), s.spl(),
-             s.policy_loss(), s.value_loss(), s.entropy(), s.divergence(), s.clipped(), s.gradient_norm(),
-             s.learning_rate(), s.lag());
-  if (std::fflush(file_) != 0) throw Error(std::strerror(errno), path_, "free some space");
+  file_->add(fmt::format(
+      "{},{},{},{},{:.3f},{:.0f},{:.5f},{:.5f},{:.6g},{:.6g},{:.5f},{:.6g},{:.5f},{:.5g},{:.6g},{:.3f}\n", s.update(),
+      s.steps(), s.episodes(), s.lesson(), s.wall(), s.steps_per_second(), s.reward(), s.spl(), s.policy_loss(),
+      s.value_loss(), s.entropy(), s.divergence(), s.clipped(), s.gradient_norm(), s.learning_rate(), s.lag()));
+  file_->flush();
 }
 
 }  // namespace citylearn

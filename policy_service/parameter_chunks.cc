@@ -3,6 +3,7 @@
 #include <openssl/sha.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 namespace citylearn {
@@ -23,6 +24,18 @@ std::size_t chunks_of(std::size_t bytes) {
 /// Bytes of chunk `index`, of so many in all.
 std::size_t size_of(std::size_t index, std::size_t bytes) {
   return std::min<std::size_t>(msg::MAX_CHUNK, bytes - index * msg::MAX_CHUNK);
+}
+
+/// Whether all the floats of a chunk are. None lies in two chunks.
+bool finite(const std::vector<std::uint8_t>& bytes) {
+  static_assert(msg::MAX_CHUNK % sizeof(float) == 0);
+  bool all = true;
+  for (std::size_t at = 0; at + sizeof(float) <= bytes.size(); at += sizeof(float)) {
+    float number;
+    std::memcpy(&number, bytes.data() + at, sizeof number);
+    all = all && std::isfinite(number);
+  }
+  return all;
 }
 
 }  // namespace
@@ -70,6 +83,7 @@ bool ParameterAssembly::take(const msg::PolicyParameters& chunk) {
   Part& part = found->second;
   if (chunk.hash() != part.hash || chunk.data().size() != size_of(chunk.chunk(), chunk.total_bytes())) return false;
   if (part.has[chunk.chunk()]) return true;
+  if (!finite(chunk.data())) return false;
   std::memcpy(reinterpret_cast<unsigned char*>(part.values.data()) + std::size_t{chunk.chunk()} * msg::MAX_CHUNK,
               chunk.data().data(), chunk.data().size());
   part.has[chunk.chunk()] = true;

@@ -78,6 +78,8 @@ class Run {
   void after_update(const UpdateFigures& figures, std::uint64_t steps_before);
   void evaluate_others();
   void save_checkpoint();
+  void write_unsaved();
+  void tell_of_files();
   double training_wall() const { return wall_before_ + seconds_since(training_since_); }
   std::string checkpoints() const { return options_.output + "/checkpoints"; }
   std::map<std::string, msg::TraversalInfo> traversals() const;
@@ -90,6 +92,7 @@ class Run {
   const std::vector<float>& reference();
   std::string manifest() const;
   void begin_record();
+  void require_all_written();
   void write_summary();
   void leave();
 
@@ -103,6 +106,13 @@ class Run {
   std::unique_ptr<EpisodeLog> episodes_;
   std::unique_ptr<MetricsLog> metrics_;
   std::unique_ptr<EventLog> events_;
+  /// A checkpoint that the disk did not take, and when it is tried again.
+  struct Unsaved {
+    std::uint64_t update = 0;
+    Checkpoint checkpoint;
+    Clock::time_point again{};
+  };
+  std::optional<Unsaved> unsaved_;
   Progress progress_;
   std::set<Seat*> to_acknowledge_;
   std::unique_ptr<Trainer> trainer_;
@@ -127,6 +137,10 @@ Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
     std::error_code error;
     std::filesystem::create_directories(options_.output + "/checkpoints", error);
     if (error) throw Error(error.message(), options_.output, "choose another --output");
+    // What a process that was killed had begun to write.
+    for (const std::string& folder : {options_.output, checkpoints()})
+      for (const auto& entry : std::filesystem::directory_iterator(folder, error))
+        if (entry.path().extension() == ".tmp") std::filesystem::remove(entry.path(), error);
   }
   job_ = options_.resume ? job_of(options_.output + "/manifest.json") : new_job();
   const std::string log = options_.output.empty() ? "" : options_.output + "/episodes.csv";
@@ -148,6 +162,8 @@ void Run::spin() {
   if (link_) link_->handle();
   if (record_) record_->handle();
   acknowledge();
+  write_unsaved();
+  tell_of_files();
   if (stop_requested()) throw Stopped();
 }
 
@@ -302,14 +318,34 @@ void Run::drop_lost_seats() {
 }
 
 void Run::save_checkpoint() {
-  const Checkpoint checkpoint = trainer_->checkpoint();
+  Checkpoint checkpoint = trainer_->checkpoint();
   if (options_.output.empty()) return;
+  unsaved_ = Unsaved{trainer_->progress().updates, std::move(checkpoint)};
+  write_unsaved();
+}
+
+/// A full disk must not end the training: the last checkpoints are still there, and the disk may be emptied.
+void Run::write_unsaved() {
+  if (!unsaved_ || Clock::now() < unsaved_->again) return;
   try {
-    write_checkpoint_of_update(checkpoints(), trainer_->progress().updates, checkpoint);
+    write_checkpoint_of_update(checkpoints(), unsaved_->update, unsaved_->checkpoint);
   } catch (const Error& error) {
-    // A full disk must not end the training: the last checkpoints are still there, and the next one may fit.
-    spdlog::error("no checkpoint of update {}: {}", trainer_->progress().updates, error.what());
+    unsaved_->again = Clock::now() + std::chrono::seconds(1);
+    node_.alarm("checkpoint", std::string(error.what()) + "; those before it are kept");
+    return;
   }
+  unsaved_.reset();
+  node_.alarm("checkpoint", "");
+}
+
+/// What could not be written waits in memory; whoever watches hears of it until it is on the disk.
+void Run::tell_of_files() {
+  node_.alarm("episodes.csv", episodes_->problem());
+  if (!metrics_) return;
+  if (!metrics_->problem().empty()) metrics_->flush();
+  if (!events_->problem().empty()) events_->flush();
+  node_.alarm("metrics.csv", metrics_->problem());
+  node_.alarm("tensorboard", events_->problem());
 }
 
 void Run::after_update(const UpdateFigures& figures, std::uint64_t steps_before) {
@@ -609,6 +645,17 @@ void Run::evaluate_all() {
   }
 }
 
+/// At the end nobody tries again any more.
+void Run::require_all_written() {
+  if (unsaved_) unsaved_->again = {};
+  write_unsaved();
+  acknowledge();
+  if (unsaved_)
+    throw Error("no checkpoint of update " + std::to_string(unsaved_->update) + " could be written", options_.output,
+                "free some space, then go on with --resume");
+  if (!episodes_->problem().empty()) throw Error(episodes_->problem());
+}
+
 void Run::write_summary() {
   if (options_.output.empty()) return;
   write_file(options_.output + "/summary.json", summary_json(options_, trainer_ ? &report_ : nullptr, rows_));
@@ -648,6 +695,7 @@ int Run::execute() {
                                               : "");
     return 130;
   }
+  require_all_written();
   write_summary();
   std::cout << table(rows_) << std::flush;
   if (!options_.output.empty()) spdlog::info("wrote {}/summary.json", options_.output);

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cerrno>
 #include <charconv>
 #include <chrono>
 #include <cmath>
@@ -191,8 +190,7 @@ EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
   char host[256] = "host";
   ::gethostname(host, sizeof host - 1);
   path_ = folder + "/" + std::string(kPrefix) + std::to_string(seconds) + "." + host + "." + std::to_string(::getpid());
-  file_ = std::fopen(path_.c_str(), "wbe");
-  if (!file_) throw Error(std::strerror(errno), path_, "choose another --output");
+  file_.emplace(path_, false);
   record(Message().real(kWallTime, now()).text(kFileVersion, "brain.Event:2").bytes());
   if (after_steps > 0)  // for whoever has read the points that are gone
     record(Message()
@@ -200,11 +198,7 @@ EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
                .number(kStep, after_steps + 1)
                .text(kSessionLog, Message().number(kStatus, kStart).bytes())
                .bytes());
-  if (std::fflush(file_) != 0) throw Error(std::strerror(errno), path_, "free some space");
-}
-
-EventLog::~EventLog() {
-  if (file_) std::fclose(file_);
+  if (!file_->flush()) throw Error(file_->problem());
 }
 
 void EventLog::finished(const msg::EpisodeStat& episode) {
@@ -235,7 +229,7 @@ void EventLog::write(const msg::TrainingStat& s) {
   for (const auto& [tag, value] : points)
     if (!std::isnan(value)) summary.text(kValue, Message().text(kTag, tag).real(kSimpleValue, value).bytes());
   record(Message().real(kWallTime, now()).number(kStep, s.steps()).text(kSummary, summary.bytes()).bytes());
-  if (std::fflush(file_) != 0) throw Error(std::strerror(errno), path_, "free some space");
+  file_->flush();
 }
 
 void EventLog::record(const std::string& event) {
@@ -246,8 +240,7 @@ void EventLog::record(const std::string& event) {
   bytes.append(reinterpret_cast<const char*>(&of_length), sizeof of_length);
   bytes += event;
   bytes.append(reinterpret_cast<const char*>(&of_event), sizeof of_event);
-  if (std::fwrite(bytes.data(), 1, bytes.size(), file_) != bytes.size())
-    throw Error(std::strerror(errno), path_, "free some space");
+  file_->add(bytes);
 }
 
 }  // namespace citylearn

@@ -1,9 +1,10 @@
 #pragma once
 
 #include <cstdint>
-#include <cstdio>
+#include <optional>
 #include <string>
 
+#include "core/growing_file.h"
 #include "core/messages.h"
 
 namespace citylearn {
@@ -22,21 +23,20 @@ class EventLog {
   /// points past it, which a killed process wrote and which will come again. With 0 older event files go. Throws Error
   /// naming the file that cannot be written.
   EventLog(const std::string& folder, std::uint64_t after_steps);
-  ~EventLog();
-  EventLog(const EventLog&) = delete;
-  EventLog& operator=(const EventLog&) = delete;
 
   /// A finished training episode, for the mean length of those since the last write.
   void finished(const msg::EpisodeStat& episode);
-  /// Throws Error when it cannot be written.
+  /// What cannot be written (disk full) waits; problem() then says so until flush() went well.
   void write(const msg::TrainingStat& stat);
+  void flush() { file_->flush(); }
+  const std::string& problem() const { return file_->problem(); }
   const std::string& path() const { return path_; }
 
  private:
   void record(const std::string& event);
 
   std::string path_;
-  std::FILE* file_ = nullptr;
+  std::optional<GrowingFile> file_;
   std::uint64_t episodes_ = 0, episode_steps_ = 0;
 };
 

@@ -275,7 +275,7 @@ TEST_P(AnyMiddleware, ADifferentTypeIsAFaultToldOnceOnEachSide) {
         if (line.find(topic().name + ":") != std::string::npos) lines->push_back(line);
     return !at_a.empty() && !at_b.empty();
   };
-  EXPECT_TRUE(eventually(*a, look, std::chrono::seconds(5)));
+  EXPECT_TRUE(eventually(*a, look, std::chrono::seconds(5 * testing::kSlowness)));
   a->wait(Clock::now() + std::chrono::milliseconds(100));
   look();
   EXPECT_EQ(at_a, std::vector<std::string>{"topic " + topic().name +

@@ -32,15 +32,20 @@ bool picture(Input input);
 bool encoder_file(Input input);
 /// A recording: all its messages, their headers, and those changed to another run. Taken when it is whole.
 bool mcap_file(Input input);
+/// What a browser says to the dashboard: the target of a request, then lines Host, Origin, Authorization and Cookie,
+/// then the message of a WebSocket. Taken when the API has an answer.
+bool web_request(Input input);
+/// A message of the type whose topic is citylearn/$CITYLEARN_FUZZ_MESSAGE, as it comes over the wire.
+bool message(Input input);
 
 struct Target {
   std::string_view name;
   bool (*run)(Input);
 };
 inline constexpr Target kTargets[] = {
-    {"features_csv", features_csv},   {"text_table", text_table}, {"dataset_folder", dataset_folder},
-    {"feature_store", feature_store}, {"picture", picture},       {"encoder_file", encoder_file},
-    {"mcap_file", mcap_file},
+    {"features_csv", features_csv},   {"text_table", text_table},   {"dataset_folder", dataset_folder},
+    {"feature_store", feature_store}, {"picture", picture},         {"encoder_file", encoder_file},
+    {"mcap_file", mcap_file},         {"web_request", web_request},
 };
 
 /// Ends the process when something does not hold.

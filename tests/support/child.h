@@ -12,6 +12,7 @@
 
 #include "core/error.h"
 #include "core/middleware.h"
+#include "tests/support/wait.h"
 
 namespace citylearn::testing {
 
@@ -44,7 +45,7 @@ class Child {
     input_ = -1;
     if (process_ <= 0) return status_;
     pollfd ended{static_cast<int>(syscall(SYS_pidfd_open, process_, 0)), POLLIN, 0};
-    if (poll(&ended, 1, static_cast<int>(patience.count())) != 1) kill(process_, SIGKILL);
+    if (poll(&ended, 1, static_cast<int>(patience.count()) * kSlowness) != 1) kill(process_, SIGKILL);
     close(ended.fd);
     int status = 0;
     waitpid(process_, &status, 0);

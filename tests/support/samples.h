@@ -143,6 +143,8 @@ inline void fill(Filler& f, msg::ServiceStatus& m) {
   m.repeated(f.number<std::uint64_t>());
   m.resent(f.number<std::uint64_t>());
   m.rejected(f.number<std::uint64_t>());
+  m.foreign(f.number<std::uint64_t>());
+  m.alarm(f.text(256));
 }
 
 inline void fill(Filler& f, msg::TaskSettings& m) {

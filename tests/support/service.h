@@ -18,6 +18,7 @@
 
 #include "core/error.h"
 #include "core/middleware.h"
+#include "tests/support/wait.h"
 
 namespace citylearn::testing {
 
@@ -46,9 +47,9 @@ inline std::string contents(const std::string& path) {
   return text.str();
 }
 
-/// Asks until `condition` holds; false when it has not within `patience`.
+/// Asks until `condition` holds; false when it has not within `patience` (x kSlowness).
 inline bool poll_until(const std::function<bool()>& condition, std::chrono::milliseconds patience) {
-  const Clock::time_point deadline = Clock::now() + patience;
+  const Clock::time_point deadline = Clock::now() + patience * kSlowness;
   while (!condition()) {
     if (Clock::now() >= deadline) return false;
     ::poll(nullptr, 0, 5);
@@ -87,11 +88,12 @@ class Service {
   void send(int signal) const {
     if (process_ > 0) ::kill(process_, signal);
   }
-  /// Exit status (128 + signal when killed by one), or nothing when it still runs after `patience`.
+  /// Exit status (128 + signal when killed by one), or nothing when it still runs after `patience` (x
+  /// kSlowness).
   std::optional<int> wait(std::chrono::milliseconds patience) {
     if (process_ <= 0) return status_;
     pollfd ended{static_cast<int>(::syscall(SYS_pidfd_open, process_, 0)), POLLIN, 0};
-    const int ready = ::poll(&ended, 1, static_cast<int>(patience.count()));
+    const int ready = ::poll(&ended, 1, static_cast<int>(patience.count()) * kSlowness);
     ::close(ended.fd);
     if (ready != 1) return std::nullopt;
     int status = 0;
@@ -99,6 +101,7 @@ class Service {
     process_ = 0;
     return status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   }
+  pid_t process() const { return process_; }
   std::string output() const { return contents(output_); }
   bool says(const std::string& text, std::chrono::milliseconds patience) const {
     return poll_until([&] { return output().find(text) != std::string::npos; }, patience);

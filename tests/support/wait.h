@@ -6,7 +6,17 @@
 
 namespace citylearn::testing {
 
-inline constexpr std::chrono::seconds kPatience{20};  // a loaded machine is slow, a broken one is never right
+/// Sanitizers slow down what they watch (GCC's names for them): every deadline of the tests is so many times later.
+#if defined(__SANITIZE_THREAD__)
+inline constexpr int kSlowness = 8;
+#elif defined(__SANITIZE_ADDRESS__)
+inline constexpr int kSlowness = 4;
+#else
+inline constexpr int kSlowness = 1;
+#endif
+
+inline constexpr std::chrono::seconds kPatience{20 *
+                                                kSlowness};  // a loaded machine is slow, a broken one is never right
 
 /// Asks `condition` again and again, with a `turn` of something that waits for a short while in between; false when it
 /// never came true.

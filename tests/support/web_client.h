@@ -19,6 +19,7 @@
 
 #include "core/error.h"
 #include "core/middleware.h"
+#include "tests/support/wait.h"
 
 namespace citylearn::testing {
 
@@ -36,7 +37,7 @@ class WebClient {
     int opcode = 0;
     std::string payload;
   };
-  static constexpr std::chrono::milliseconds kPatience{20'000};
+  static constexpr std::chrono::milliseconds kPatience{20'000 * kSlowness};
 
   explicit WebClient(std::uint16_t port, bool tls = false, const char* from = "127.0.0.1", int receive_buffer = 0)
       : socket_(::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0)), port_(port) {

@@ -232,6 +232,45 @@ TEST_F(FleetTest, WhereFeaturesDoNotComeOtherSeatsGoOnAndItIsAnErrorInTheEnd) {
   EXPECT_TRUE(player.shown["miser"].empty());
 }
 
+TEST_F(FleetTest, FeaturesOfWhoDoesNotHaveThemAreNotTaken) {
+  // An env_service that announces a traversal, and a stranger who answers in its place.
+  const auto raw = [&](const std::string& id) {
+    Node::Options with;
+    with.middleware.name = "inprocess";
+    with.service = with.id = id;
+    with.run = run_;
+    return std::make_unique<Node>(with);
+  };
+  const auto owner = raw("owner"), stranger = raw("stranger");
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  info.traversal() = "road";
+  info.hash() = 77;
+  info.frames() = 3;
+  info.feature_dimension() = 2;
+  msg::TraversalChunk chunk;
+  chunk.hash() = 77;
+  const std::vector<float> positions(3), features(2, 5.0f);
+  ChunkLayout(3, 2).fill(
+      0, positions, [&](std::uint32_t) { return std::span<const float>(features); }, chunk);
+  FleetOptions options;
+  options.observing = Observing::kByReference;
+  Player player(run_, options);
+  owner->publish(info);
+  ASSERT_TRUE(player.seat("owner"));
+  player.fleet.command(*player.seat("owner"), route(0, 3));
+  const auto& route = player.seat("owner")->features;
+  stranger->publish(chunk);
+  ASSERT_TRUE(player.until([&] { return player.node.traffic.rejected == 1; }));
+  EXPECT_FALSE(route->complete());
+  owner->publish(chunk);
+  ASSERT_TRUE(player.until([&] { return route->complete(); }));
+  EXPECT_EQ(player.node.traffic.rejected, 1u);
+  stranger->publish(chunk);
+  owner->publish(info);
+  ASSERT_TRUE(player.until([&] { return player.node.traffic.received >= 5; }));
+  EXPECT_EQ(player.node.traffic.rejected, 1u) << "nobody wants it any more";
+}
+
 TEST_F(FleetTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
   Traversal traversal = wide_traversal("road", 3000, 1);
   for (int i = 0; i < traversal.frames; ++i) {

@@ -15,7 +15,7 @@ namespace {
 
 using Json = nlohmann::json;
 using Merge = Hub::Merge;
-constexpr std::chrono::seconds kPatience{20};
+constexpr std::chrono::seconds kPatience = testing::kPatience;
 
 std::vector<std::byte> bytes(const std::string& text) {
   std::vector<std::byte> out(text.size());

@@ -5,6 +5,7 @@
 
 #include <atomic>
 #include <cstdlib>
+#include <limits>
 #include <new>
 #include <set>
 
@@ -97,6 +98,16 @@ TEST(Messages, BigEndianIsRead) {
   EXPECT_TRUE(equal(sent, received));
 }
 
+TEST(Messages, OtherEncapsulationsAreRefused) {
+  Bytes bytes = encoded(sample_of<msg::Action>(Size::kTypical));
+  for (const unsigned kind : {2u, 3u, 7u, 0x101u}) {  // parameter lists, XCDR2, nonsense
+    bytes[0] = static_cast<std::byte>(kind >> 8);
+    bytes[1] = static_cast<std::byte>(kind);
+    EXPECT_EQ(decode_error<msg::Action>(bytes),
+              "citylearn::msg::Action: encapsulation " + std::to_string(kind) + ", should be CDR: 0 or 1");
+  }
+}
+
 TEST(Messages, PaddingIsAllowedMoreIsNot) {
   Bytes bytes = encoded(sample_of<msg::EpisodeAcknowledgement>(Size::kTypical));
   bytes.resize(bytes.size() + 3);
@@ -160,6 +171,30 @@ std::string error_after(Change change) {
   auto message = sample_of<Message>(Size::kTypical);
   change(message);
   return decode_error<Message>(encoded(message));
+}
+
+TEST(Messages, NumbersMustBeFiniteWhereNobodyMeansAnythingElse) {
+  const float nan = std::numeric_limits<float>::quiet_NaN(), infinite = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(error_after<msg::Observation>([&](auto& m) { m.features().back() = nan; }),
+            "citylearn::msg::Observation.features: not finite");
+  EXPECT_EQ(error_after<msg::Observation>([&](auto& m) { m.features()[0] = -infinite; }),
+            "citylearn::msg::Observation.features: not finite");
+  EXPECT_EQ(error_after<msg::Observation>([&](auto& m) { m.reward()[5] = infinite; }),
+            "citylearn::msg::Observation.reward: not finite");
+  EXPECT_EQ(error_after<msg::EpisodeStat>([&](auto& m) { m.reward() = nan; }),
+            "citylearn::msg::EpisodeStat.reward: not finite");
+  EXPECT_EQ(error_after<msg::ServiceStatus>([&](auto& m) { m.rate() = infinite; }),
+            "citylearn::msg::ServiceStatus.rate: not finite");
+  EXPECT_EQ(error_after<msg::ServiceStatus>([&](auto& m) { m.uptime() = nan; }),
+            "citylearn::msg::ServiceStatus.uptime: not finite");
+  EXPECT_EQ(error_after<msg::ActorStatus>([&](auto& m) { m.waited() = nan; }),
+            "citylearn::msg::ActorStatus.waited: not finite");
+  EXPECT_EQ(error_after<msg::TrainingStat>([&](auto& m) { m.spl() = nan; }), "") << "a figure that is not there yet";
+  EXPECT_EQ(error_after<msg::Observation>([&](auto& m) {
+              m.features()[0] = std::numeric_limits<float>::max();
+              m.features()[1] = std::numeric_limits<float>::denorm_min();
+            }),
+            "");
 }
 
 TEST(Messages, InconsistentContentNamesTypeAndField) {

@@ -309,6 +309,16 @@ TEST(ParameterChunks, OnesThatFitOneChunkAreTakenThoughNewerOnesAreAnnounced) {
   EXPECT_EQ(assembly.newest()->version, 2u);
 }
 
+TEST(ParameterChunks, OnesThatAreNotFiniteAreRefused) {
+  Vector<float> values = some_parameters(1);
+  values[values.size() - 1] = std::numeric_limits<float>::quiet_NaN();
+  ParameterAssembly assembly(values.size());
+  const ParameterChunks diverged(1, values);
+  for (std::uint32_t index = 0; index < diverged.chunks(); ++index)
+    EXPECT_EQ(assembly.take(chunk_of(diverged, index)), index + 1 < diverged.chunks()) << index;
+  EXPECT_FALSE(assembly.newest()) << "though their hash is right";
+}
+
 TEST(ParameterChunks, DamagedAndForeignOnesAreRefused) {
   const Vector<float> values = some_parameters(1);
   const ParameterChunks all(7, values);

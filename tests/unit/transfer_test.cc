@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstring>
+#include <limits>
 #include <numeric>
 
 #include "core/random.h"
@@ -54,6 +56,22 @@ struct Route {
 /// frame.
 const std::pair<std::uint32_t, std::uint32_t> kSizes[] = {{500, 64},  {7, 12287},  {6, 12288}, {5, 21168}, {30000, 0},
                                                           {24, 4095}, {3, 100000}, {1, 1},     {12288, 0}, {12289, 0}};
+
+TEST(Transfer, NumbersThatAreNotFiniteAreDamage) {
+  const float nan = std::numeric_limits<float>::quiet_NaN(), infinite = std::numeric_limits<float>::infinity();
+  const Route route(4, 3);
+  const auto with = [&](std::size_t at, float number) {
+    Transfer transfer = route.transfer();
+    msg::TraversalChunk chunk = route.chunks[0];
+    std::memcpy(chunk.data().data() + at * sizeof number, &number, sizeof number);
+    return transfer.take(chunk);
+  };
+  EXPECT_EQ(with(5, 1e30f), Taken::kYes);
+  EXPECT_EQ(with(5, nan), Taken::kDamaged) << "a feature of frame 1";
+  EXPECT_EQ(with(7, -infinite), Taken::kDamaged);
+  EXPECT_EQ(with(4, nan), Taken::kYes) << "its position, which may be unknown";
+  EXPECT_EQ(with(4, infinite), Taken::kDamaged);
+}
 
 TEST(ChunkLayout, EveryByteStandsInOneChunkAndAllButTheLastAreFull) {
   for (const auto& [frames, dimension] : kSizes) {

@@ -130,6 +130,10 @@ export class Mock {
     this.tell(this.world.bring(id));
   }
 
+  alarm(id: string, text: string): void {
+    this.tell(this.world.alarm(id, text));
+  }
+
   private tell(event: ReturnType<World['lose']>): void {
     if (!event) return;
     this.send('events', {}, JSON.stringify(event));

@@ -448,6 +448,8 @@ export class World {
       repeated: 2 * i,
       resent: i,
       rejected: 0,
+      foreign: 0,
+      alarm: '',
       since: this.started - 90,
     });
     const list = this.traversals.map((t, i) =>
@@ -500,6 +502,16 @@ export class World {
 
   bring(id: string): ServiceEvent | null {
     return this.turn(id, 'running', 'back', 'heard again');
+  }
+
+  /** The service says that something is wrong, or with an empty text that it is no more. */
+  alarm(id: string, text: string): ServiceEvent | null {
+    const service = this.services.find((one) => one.id === id);
+    if (!service) return null;
+    service.alarm = text;
+    const event: ServiceEvent = { time: Date.now() / 1000, run: service.run, service: id, kind: 'alarm', text: text || 'is well again' };
+    this.events.unshift(event);
+    return event;
   }
 
   private turn(id: string, state: ServiceState, kind: EventKind, text: string): ServiceEvent | null {

@@ -141,6 +141,9 @@ export interface Service {
   repeated: number | null;
   resent: number | null;
   rejected: number | null;
+  foreign: number | null;
+  /** What goes wrong until somebody mends it; empty when nothing does. */
+  alarm: string;
   since: number | null;
 }
 export interface Services {

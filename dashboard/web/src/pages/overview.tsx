@@ -80,6 +80,8 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
   const list = services.value.state === 'ready' ? services.value.value.services : [];
   const up = list.filter((service) => !['lost', 'stopped', 'failed'].includes(service.state)).length;
   const gone = list.filter((service) => service.state === 'lost' || service.state === 'failed').length;
+  const alarms = list.filter((service) => service.alarm).length;
+  const notes = [gone && `${gone} lost or failed`, alarms && plural(alarms, 'alarm')].filter(Boolean).join(', ');
   const lessons = rows.map((one) => (one ? latest(one, 'lesson') : null)).filter((lesson) => lesson !== null);
   const store = about.value.state === 'ready' ? about.value.value.store : null;
   return (
@@ -91,7 +93,7 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
         value={lessons.length ? [...new Set(lessons)].map(integer).join(', ') : '–'}
         note={lessons.length && lessons.every((lesson) => lesson === 0) ? 'no curriculum, or its first' : undefined}
       />
-      <Figure label="Services up" value={integer(up)} note={gone ? `${gone} lost or failed` : undefined} />
+      <Figure label="Services up" value={integer(up)} note={notes || undefined} />
       <Figure
         label="Episodes recorded"
         value={store ? short(Math.max(store.episodes, 0)) : '–'}
@@ -181,6 +183,13 @@ function Services(): JSX.Element {
     { key: 'kind', label: 'Kind', show: (s) => s.service, cell: (s) => s.service },
     { key: 'state', label: 'State', show: (s) => <State state={s.state} />, cell: (s) => s.state },
     { key: 'activity', label: 'Activity', wide: true, show: (s) => s.activity, cell: (s) => s.activity },
+    {
+      key: 'alarm',
+      label: 'Alarm',
+      wide: true,
+      show: (s) => (s.alarm ? <span class="alarm">{s.alarm}</span> : '–'),
+      cell: (s) => s.alarm,
+    },
     { key: 'rate', label: 'Steps/s', number: true, show: (s) => (s.rate ? short(s.rate) : '–'), cell: (s) => s.rate },
     {
       key: 'heartbeat_age',
@@ -204,6 +213,7 @@ function Services(): JSX.Element {
     { key: 'resent', label: 'Resent', number: true, show: (s) => short(s.resent), cell: (s) => s.resent },
     { key: 'repeated', label: 'Repeated', number: true, show: (s) => short(s.repeated), cell: (s) => s.repeated },
     { key: 'rejected', label: 'Rejected', number: true, show: (s) => short(s.rejected), cell: (s) => s.rejected },
+    { key: 'foreign', label: 'Foreign', number: true, show: (s) => short(s.foreign), cell: (s) => s.foreign },
     { key: 'run', label: 'Run', show: (s) => s.run, cell: (s) => s.run },
   ];
   const list = there
@@ -225,7 +235,7 @@ function Services(): JSX.Element {
               columns={columns}
               rows={list}
               rowKey={(s) => `${s.run}/${s.id}`}
-              rowClass={(s) => (s.state === 'lost' || s.state === 'failed' ? 'bad' : s.state === 'stopped' ? 'past' : undefined)}
+              rowClass={(s) => (s.alarm || s.state === 'lost' || s.state === 'failed' ? 'bad' : s.state === 'stopped' ? 'past' : undefined)}
             />
           ) : (
             <Empty title="No service heard yet">

@@ -72,6 +72,22 @@ describe.runIf(onMock)('what gets lost', () => {
     await page.context().close();
   });
 
+  it('an alarm stands in its service\'s row, in the overview and among the events until it is over', async () => {
+    const { page } = await stage.page('overview');
+    const row = page.locator('tr', { hasText: 'policy_service' });
+    await row.locator('.state-running').waitFor();
+    expect(await row.locator('.alarm').count()).toBe(0);
+    stage.dashboard.alarm('policy', 'checkpoint: No space left on device');
+    await row.locator('.alarm', { hasText: 'No space left' }).waitFor({ timeout: 5000 });
+    expect(await row.getAttribute('class')).toContain('bad');
+    await page.locator('.figures', { hasText: '1 alarm' }).waitFor();
+    await page.locator('.event-alarm', { hasText: 'checkpoint' }).waitFor();
+    stage.dashboard.alarm('policy', '');
+    await row.locator('.alarm').waitFor({ state: 'detached' });
+    await page.locator('.event-alarm', { hasText: 'is well again' }).waitFor();
+    await page.context().close();
+  });
+
   it('says that the dashboard is gone, keeps what it had, and reconnects by itself', async () => {
     const { page } = await stage.page('overview');
     await page.waitForSelector('.run-card');

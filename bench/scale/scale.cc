@@ -1,0 +1,416 @@
+// See README.md.
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <fstream>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <regex>
+#include <set>
+#include <sstream>
+
+#include "bench/scale/hosts.h"
+#include "core/node.h"
+#include "tests/support/service.h"
+
+namespace {
+
+using namespace citylearn;
+using namespace citylearn::scale;
+using testing::Folder;
+using testing::Service;
+using Arguments = std::vector<std::string>;
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr int kWindows = 5;
+constexpr std::uint32_t kDomain = 43;
+constexpr seconds kPatience{90};
+
+/// The hosts are to go even then.
+volatile std::sig_atomic_t stop = 0;
+
+/// One layout of services, each on a host of its own.
+struct Case {
+  int envs = 1, agents = 16, actors = 1, dimension = 64;
+  std::string agent = "place_filter";
+  bool dashboard = false, encoder = false;
+  bool runs = true;            ///< a learner is started; else the services only know each other
+  bool ports = false;          ///< peers are named with their ports
+  int update = 16;             ///< sequences that an update takes: --trainer-agents
+  std::string observing = "";  ///< role both: --observations
+};
+
+std::string describe(const Case& c) {
+  std::ostringstream text;
+  text << c.envs << " x " << c.agents << " agents, " << c.actors << " actors, " << c.dimension << " features, "
+       << c.agent << (c.observing.empty() ? "" : ", " + c.observing) << (c.dashboard ? ", dashboard" : "")
+       << (c.encoder ? ", encoder" : "") << (c.ports ? ", peers with ports" : "") << (c.runs ? "" : ", no learner");
+  return text.str();
+}
+
+double median(std::vector<double> values) {
+  if (values.empty()) return 0;
+  std::sort(values.begin(), values.end());
+  const std::size_t middle = values.size() / 2;
+  return values.size() % 2 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
+}
+
+/// How far training is, by the newest lines of its metrics.csv.
+struct Progress {
+  double steps = 0, episodes = 0;
+  double lag = 0;  ///< updates, mean of those lines
+};
+
+Progress progress_in(const std::string& path) {
+  std::ifstream in(path, std::ios::binary | std::ios::ate);
+  constexpr std::streamoff kTail = 4096;
+  in.seekg(std::max<std::streamoff>(0, in.tellg() - kTail));
+  Progress progress;
+  std::string line;
+  int lines = 0;
+  for (std::getline(in, line);
+       std::getline(in, line) && !in.eof();) {  // neither the first one nor half of the last one
+    double update, lesson;
+    const std::size_t comma = line.rfind(',');
+    if (std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf", &update, &progress.steps, &progress.episodes, &lesson) != 4)
+      continue;
+    progress.lag += std::stod(line.substr(comma + 1));
+    ++lines;
+  }
+  progress.lag /= std::max(1, lines);
+  return progress;
+}
+
+/// The services of one case, and somebody who hears their heartbeats.
+class Scene {
+ public:
+  Scene(const Case& c, const std::string& middleware)
+      : case_(c), middleware_(middleware), hosts_(c.envs + c.actors + 4) {
+    hosts_.enter(0);
+    for (int i = 0; i < c.envs; ++i) start_env(i);
+    for (int i = 0; i < c.actors; ++i)
+      start("actor-" + std::to_string(i), {CITYLEARN_POLICY_SERVICE, "--role", "actor"});
+    if (c.dashboard)
+      start("dashboard",
+            {CITYLEARN_DASHBOARD, "--port", "0", "--store", folder_ / "store.sqlite", "--recognition", folder_.path()});
+    if (c.encoder) start("encoder", {CITYLEARN_ENCODER_SERVICE, "--store", folder_ / "features", "--encoder", "hog"});
+    Node::Options options;
+    options.middleware = network("watcher");
+    options.service = "watcher";
+    options.id = "watcher";
+    options.run = run_;
+    node_ = std::make_unique<Node>(options);
+    node_->listen<msg::ServiceStatus>();
+  }
+
+  /// Until all have been heard.
+  void meet() {
+    until([this] { return heard_.size() == services_.size(); }, "not all services were heard");
+  }
+  void learn() {
+    Arguments command = {CITYLEARN_POLICY_SERVICE,
+                         "--role",
+                         case_.actors > 0 ? "learner" : "both",
+                         "--agent",
+                         case_.agent,
+                         "--trainer-agents",
+                         std::to_string(case_.update),
+                         "--steps",
+                         "1000000000",
+                         "--checkpoint-every",
+                         "1000000",
+                         "--environments",
+                         std::to_string(case_.envs),
+                         "--evaluate",
+                         "summer",
+                         "--tasks",
+                         "1",
+                         "--output",
+                         folder_ / "out"};
+    if (!case_.observing.empty()) command.insert(command.end(), {"--observations", case_.observing});
+    start("policy", command);
+    meet();
+  }
+  Progress progress() const { return progress_in(folder_ / "out/metrics.csv"); }
+  void await_steps(double many) {
+    until([&] { return progress().steps >= many; }, "training does not go on");
+  }
+  /// Just after an update.
+  void await_update() {
+    const double before = progress().steps;
+    until([&] { return progress().steps > before; }, "training does not go on");
+  }
+  void hear(Clock::duration how_long) {
+    const Clock::time_point end = Clock::now() + how_long;
+    while (Clock::now() < end) spin(std::min(end, Clock::now() + milliseconds(5)));
+  }
+  std::map<std::string, Usage> usage() const {
+    std::map<std::string, Usage> all;
+    for (const auto& [id, process] : heard_) all[id] = usage_of(process);
+    return all;
+  }
+  const std::map<std::string, msg::ServiceStatus>& statuses() const { return statuses_; }
+
+ private:
+  MiddlewareOptions network(const std::string& id) {
+    MiddlewareOptions options;
+    options.name = middleware_;
+    options.domain = kDomain;
+    options.interfaces = {"eth0"};
+    options.peers = peers();
+    options.participant = id;
+    return options;
+  }
+  Arguments peers() const {
+    Arguments all;
+    const int count = case_.envs + case_.actors + 4;
+    for (int host = 0; host < count; ++host)
+      all.push_back(Hosts::address(host) + (case_.ports ? ":" + std::to_string(7400 + 250 * kDomain + 10) : ""));
+    return all;
+  }
+  void start_env(int number) {
+    Arguments command = {CITYLEARN_ENV_SERVICE,    "--agents", std::to_string(case_.agents),
+                         "--synthetic-frames",     "160",      "--synthetic-images",
+                         case_.encoder ? "1" : "0"};
+    if (!case_.encoder) command.insert(command.end(), {"--synthetic-dimension", std::to_string(case_.dimension)});
+    start("env-" + std::to_string(number), command);
+  }
+  void start(const std::string& id, Arguments command) {
+    std::string list;
+    for (const std::string& peer : peers()) list += (list.empty() ? "" : ",") + peer;
+    command.insert(command.end(), {"--id", id, "--run", run_, "--middleware", middleware_, "--domain",
+                                   std::to_string(kDomain), "--interface", "eth0", "--peers", list});
+    const int host = static_cast<int>(services_.size()) + 1;  // 0: the watcher
+    services_[id] = std::make_unique<Service>(hosts_.on(host, command), folder_ / (id + ".log"));
+  }
+  void spin(Clock::time_point deadline) {
+    if (stop) throw Error("stopped by a signal");
+    node_->wait(deadline);
+    msg::ServiceStatus status;
+    while (node_->take(status)) {
+      const std::string id = status.header().sender().c_str();
+      heard_[id] = static_cast<int>(status.process());
+      statuses_[id] = status;
+    }
+  }
+  template <class Condition>
+  void until(const Condition& condition, const std::string& trouble) {
+    const Clock::time_point deadline = Clock::now() + kPatience;
+    while (!condition()) {
+      if (Clock::now() > deadline) {
+        std::string logs;
+        for (const auto& [id, service] : services_) {
+          const std::string log = service->output();
+          logs += "\n" + id + ": " + log.substr(log.size() > 300 ? log.size() - 300 : 0);
+        }
+        throw Error(trouble + " within " + std::to_string(kPatience.count()) + " s" + logs, describe(case_));
+      }
+      spin(Clock::now() + milliseconds(5));
+    }
+  }
+
+  const Case case_;
+  const std::string middleware_, run_ = "scale";
+  const Folder folder_;
+  Hosts hosts_;
+  std::map<std::string, std::unique_ptr<Service>> services_;
+  std::map<std::string, int> heard_;
+  std::map<std::string, msg::ServiceStatus> statuses_;
+  std::unique_ptr<Node> node_;
+};
+
+std::string kind_of(const std::string& id) {
+  const std::string kind = id.substr(0, id.find('-'));
+  return kind == "policy" ? "learner" : kind;
+}
+
+/// Of one kind of service in one phase: the mean of its services, the median of the windows, per step of one agent or
+/// per second.
+struct Row {
+  std::string phase, kind;
+  int count = 0;
+  Usage usage;
+  double steps_per_second = 0, busy = 0, idle = 0;  ///< cores that the case used, and that nobody used
+  double episodes = 0, lag = 0;                     ///< per step; in updates
+  double received = 0, repeated = 0, resent = 0;    ///< per second, as the services count
+};
+
+const char* const kColumns =
+    "middleware,envs,agents,actors,dimension,agent,observing,dashboard,encoder,ports,update,phase,kind,count,main_us,"
+    "others_us,main_sleeps,others_sleeps,sent_bytes,received_bytes,sent_packets,received_packets,sent_datagrams,"
+    "received_datagrams,lost,"
+    "resident_mb,steps_per_s,busy_cores,idle_cores,episodes_per_step,lag,received_per_s,repeated_per_s,resent_per_s";
+
+void print(std::FILE* file, const std::string& middleware, const Case& c, const Row& r) {
+  const Usage& u = r.usage;
+  std::fprintf(
+      file,
+      "%s,%d,%d,%d,%d,%s,%s,%d,%d,%d,%d,%s,%s,%d,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.4g,%.5g,%.4g,"
+      "%.4g,%.4g,%.4g,%.5g,%.4g,%.4g\n",
+      middleware.c_str(), c.envs, c.agents, c.actors, c.dimension, c.agent.c_str(), c.observing.c_str(), c.dashboard,
+      c.encoder, c.ports, c.update, r.phase.c_str(), r.kind.c_str(), r.count, 1e6 * u.main, 1e6 * u.others,
+      u.main_sleeps, u.others_sleeps, u.sent_bytes, u.received_bytes, u.sent_packets, u.received_packets,
+      u.sent_datagrams, u.received_datagrams, u.lost_datagrams, u.resident / 1e6, r.steps_per_second, r.busy, r.idle,
+      r.episodes, r.lag, r.received, r.repeated, r.resent);
+  std::fflush(file);
+}
+
+struct Look {
+  double when = 0;  ///< seconds
+  std::map<std::string, Usage> usage;
+  double idle = 0;  ///< of all processors
+  Progress progress;
+};
+
+/// What was used between the looks at the services, by kind: per step, or per second where nothing is learned.
+std::vector<Row> rows_of(const std::string& phase, const std::vector<Look>& looks, bool learns) {
+  std::map<std::string, std::vector<Usage>> windows;
+  std::map<std::string, int> counts;
+  std::vector<double> rates, busy, free, episodes, lag;
+  for (const auto& [id, usage] : looks.front().usage) ++counts[kind_of(id)];
+  for (std::size_t w = 1; w < looks.size(); ++w) {
+    const Look &from = looks[w - 1], &to = looks[w];
+    const double elapsed = to.when - from.when;
+    const double per = learns ? to.progress.steps - from.progress.steps : elapsed;
+    double cores = 0;
+    std::map<std::string, Usage> sums;
+    for (const auto& [id, usage] : to.usage) {
+      Usage used = usage;
+      used -= from.usage.at(id);
+      cores += used.main + used.others;
+      used *= 1 / per;
+      used.resident = usage.resident;
+      sums[kind_of(id)] += used;
+    }
+    for (auto& [kind, sum] : sums) {
+      sum *= 1.0 / counts[kind];
+      windows[kind].push_back(sum);
+    }
+    rates.push_back(learns ? per / elapsed : 0);
+    episodes.push_back(learns ? (to.progress.episodes - from.progress.episodes) / per : 0);
+    lag.push_back(to.progress.lag);
+    busy.push_back(cores / elapsed);
+    free.push_back((to.idle - from.idle) / elapsed);
+  }
+  std::vector<Row> rows;
+  for (const auto& [kind, usages] : windows) {
+    Row row;
+    row.phase = phase, row.kind = kind, row.count = counts[kind];
+    for (double Usage::*field : Usage::fields()) {
+      std::vector<double> values;
+      for (const Usage& usage : usages) values.push_back(usage.*field);
+      row.usage.*field = median(values);
+    }
+    row.steps_per_second = median(rates), row.busy = median(busy), row.idle = median(free);
+    row.episodes = median(episodes), row.lag = median(lag);
+    rows.push_back(row);
+  }
+  return rows;
+}
+
+double seconds_now() { return std::chrono::duration<double>(Clock::now().time_since_epoch()).count(); }
+
+/// Looks at the services at the start and after each of the windows that `next` waits for.
+template <class Next>
+std::vector<Row> observe(Scene& scene, const std::string& phase, int windows, bool learns, const Next& next) {
+  std::vector<Look> looks;
+  const auto look = [&] {
+    looks.push_back({seconds_now(), scene.usage(), idle_processor_seconds(), scene.progress()});
+  };
+  look();
+  const auto before = scene.statuses();
+  for (int window = 0; window < windows; ++window) {
+    next();
+    look();
+  }
+  std::vector<Row> rows = rows_of(phase, looks, learns);
+  for (Row& row : rows)
+    for (const auto& [id, status] : scene.statuses()) {
+      const auto first = before.find(id);
+      if (kind_of(id) != row.kind || first == before.end()) continue;
+      const double elapsed = std::max(1e-3, status.uptime() - first->second.uptime()) * row.count;
+      row.received += static_cast<double>(status.received() - first->second.received()) / elapsed;
+      row.repeated += static_cast<double>(status.repeated() - first->second.repeated()) / elapsed;
+      row.resent += static_cast<double>(status.resent() - first->second.resent()) / elapsed;
+    }
+  return rows;
+}
+
+void measure(const Case& c, const std::string& middleware, std::FILE* file) {
+  std::fprintf(stderr, "%s: %s\n", middleware.c_str(), describe(c).c_str());
+  Scene scene(c, middleware);
+  scene.meet();
+  scene.hear(seconds(2));  // the last ones find each other
+  // All there is since each process began: to start, and to find each other.
+  Look before, begun{1, scene.usage(), 0, {}};
+  for (const auto& [id, usage] : begun.usage) before.usage[id] = Usage();
+  for (const Row& row : rows_of("start", {before, begun}, false)) print(file, middleware, c, row);
+  for (const Row& row : observe(scene, "idle", 3, false, [&] { scene.hear(seconds(2)); }))
+    print(file, middleware, c, row);
+  if (!c.runs) return;
+  scene.learn();
+  scene.await_steps(8 * 64 * c.update);
+  scene.await_update();
+  const auto rows = observe(scene, "run", kWindows, true, [&] {
+    scene.hear(seconds(1));
+    scene.await_update();
+  });
+  for (const Row& row : rows) print(file, middleware, c, row);
+}
+
+std::vector<Case> cases() {
+  std::vector<Case> all;
+  const auto add = [&](int envs, int agents, int actors) -> Case& {
+    Case c;
+    c.envs = envs, c.agents = agents, c.actors = actors;
+    all.push_back(c);
+    return all.back();
+  };
+  for (const int envs : {2, 4, 8, 16}) add(envs, 1, 0).runs = false;
+  {
+    Case& c = add(8, 1, 0);
+    c.runs = false;
+    c.ports = true;
+  }
+  for (const int envs : {1, 2, 4, 8}) add(envs, 16, 1);
+  for (const int agents : {1, 4, 64}) add(1, agents, 1);
+  add(8, 1, 1);
+  add(8, 64, 1);
+  add(2, 16, 2);
+  add(4, 16, 2);
+  add(8, 16, 2);
+  add(4, 16, 4);
+  add(8, 16, 4);
+  add(8, 64, 4);
+  add(1, 64, 1).dimension = 256;  // by reference: 64 KiB do not fit one datagram
+  add(4, 64, 2).dimension = 256;
+  for (const char* observing : {"whole", "by_reference"}) add(1, 16, 0).observing = observing;
+  for (const char* observing : {"whole", "by_reference"}) {
+    Case& c = add(1, 64, 0);
+    c.observing = observing;
+    c.dimension = 256;
+  }
+  add(1, 16, 1).agent = "features";
+  add(2, 16, 2).agent = "features";
+  add(2, 16, 1).dashboard = true;
+  add(2, 16, 1).encoder = true;
+  return all;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) try {
+  for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { stop = 1; });
+  const std::string middleware = argc > 1 ? argv[1] : "cyclonedds";
+  const std::regex wanted(argc > 2 ? argv[2] : "");
+  std::printf("%s\n", kColumns);
+  for (const Case& c : cases())
+    if (std::regex_search(describe(c), wanted)) measure(c, middleware, stdout);
+  return 0;
+} catch (const std::exception& error) {
+  std::cerr << "bench_scale: " << error.what() << "\n";
+  return 1;
+}

@@ -1,0 +1,14 @@
+# cmake --install BUILD --prefix DIR: the programs, the dashboard's page, and the units of systemd.
+include(GNUInstallDirs)
+foreach(program env_service encoder_service policy_service dashboard
+        citylearn_data citylearn_doctor citylearn_record citylearn_replay citylearn_vpr citylearn_discovery_server)
+  if(TARGET ${program})
+    install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+  endif()
+endforeach()
+# Where npm is missing there is no page, and the dashboard says so.
+install(DIRECTORY ${CMAKE_BINARY_DIR}/dashboard/page/ DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/page OPTIONAL)
+file(GLOB units ${CMAKE_SOURCE_DIR}/compose/systemd/*.service ${CMAKE_SOURCE_DIR}/compose/systemd/*.target)
+install(FILES ${units} DESTINATION lib/systemd/system)
+install(FILES ${CMAKE_SOURCE_DIR}/compose/systemd/citylearn.sysusers DESTINATION lib/sysusers.d RENAME citylearn.conf)
+install(FILES ${CMAKE_SOURCE_DIR}/compose/systemd/citylearn.env DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn)

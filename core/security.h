@@ -1,0 +1,42 @@
+#pragma once
+
+// DDS Security (docs/security.md): a service's folder of keys, checked before anything starts, and what the vendors
+// want to know of it. Knows no vendor's headers.
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace citylearn::parts {
+
+/// Checks the folder as compose/keystore makes it: identity_ca.pem, permissions_ca.pem, governance.p7s,
+/// permissions.p7s, cert.pem and key.pem, and crl.pem where there is one. All must be there, valid now, signed by their
+/// authorities and fit together; nobody but its owner may read the key; the certificate must be that of `participant`;
+/// and the governance must protect what this project promises. Throws Error that names the file. Returns the absolute
+/// path.
+std::string check_security(const std::string& folder, const std::string& participant);
+
+/// Domains that governance and permissions can name (DDS Security 1.1, 9.4.1.2).
+inline constexpr std::uint32_t kMostSecureDomain = 230;
+
+/// Properties of a participant, names and values.
+using Properties = std::vector<std::pair<std::string, std::string>>;
+
+/// What Fast DDS must be told, of a folder that has been checked.
+Properties fastdds_security(const std::string& folder);
+
+/// The same for Cyclone DDS. Throws Error when its security plug-ins are not installed.
+Properties cyclonedds_security(const std::string& folder);
+
+/// What a vendor's own message about security means, in a line for a person: who was refused, and why. Nothing when the
+/// message is of something else.
+std::optional<std::string> explain_security(const std::string& message);
+
+/// Logs such a line as a warning; vendors repeat themselves every second, so the same one once in kQuiet. Any thread.
+void tell_security(const std::string& line);
+inline constexpr std::chrono::seconds kQuiet{60};
+
+}  // namespace citylearn::parts

@@ -1,0 +1,113 @@
+#include <fastcdr/Cdr.h>
+
+#include <cstdlib>
+
+#include "core/messages.h"
+#include "core/recording/wire_header.h"
+#include "tests/fuzz/messages.h"
+#include "tests/support/samples.h"
+
+// The sanitizers' own; absent where there is none. What decode() may allocate is then left to messages_test.
+extern "C" __attribute__((weak)) int __sanitizer_install_malloc_and_free_hooks(void (*allocated)(const volatile void*,
+                                                                                                 std::size_t),
+                                                                               void (*freed)(const volatile void*));
+
+namespace citylearn::fuzz {
+namespace {
+
+using testing::Size;
+
+constexpr std::size_t kError = 4096;  // bytes that an Error and its texts may need
+
+thread_local std::size_t allocated_bytes = 0;  // ever, by this thread
+void count_bytes(const volatile void*, std::size_t size) { allocated_bytes += size; }
+void count_nothing(const volatile void*) {}
+
+/// decode(), held to its promises about errors and memory. True when the bytes were taken.
+template <class Message>
+bool decoded(Input bytes, Message& message) {
+  static const std::string& type = topic_of<Message>().type;
+  const std::size_t before = allocated_bytes;
+  const bool taken = accepted([&] {
+    try {
+      decode(bytes, message);
+    } catch (const Error& error) {
+      require(std::string_view(error.what()).starts_with(type), "an Error names the type");
+      throw;
+    }
+  });
+  require(allocated_bytes - before <= bytes.size() + kError, "no more is allocated than the bytes can hold");
+  return taken;
+}
+
+template <class Message>
+bool run(Input input) {
+  Message message;
+  const auto header = header_of(input);
+  if (!decoded(input, message)) return false;
+
+  // Bytes are compared, not numbers: where NaN is let through, its bits stay as they came.
+  const Bytes bytes = testing::encoded(message);
+  require(bytes.size() <= topic_of<Message>().largest, "what was taken can be sent");
+  require(bytes.size() <= input.size() && input.size() - bytes.size() <= 3, "nothing but padding is left out");
+  Message again = testing::sample_of<Message>(Size::kTypical);  // nothing of it may shine through
+  require(decoded(bytes, again), "what was written is taken");
+  require(testing::encoded(again) == bytes, "a second time round changes nothing");
+
+  // What recorders do without knowing the type.
+  require(header && header->protocol == message.header().protocol() && header->run == message.header().run().c_str() &&
+              header->sender == message.header().sender().c_str() &&
+              header->incarnation == message.header().incarnation() && header->message == message.header().message(),
+          "the header is found without the type");
+  Bytes renamed;
+  require(with_run(input, "another", renamed) && decoded(renamed, again), "another run");
+  require(std::string_view(again.header().run().c_str()) == "another", "has its name");
+  again.header().run(header->run);
+  require(testing::encoded(again) == bytes, "and all else as before");
+  return true;
+}
+
+template <class Message>
+Bytes big_endian(const Message& message) {
+  Bytes bytes(testing::encoded(message).size());
+  eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(bytes.data()), bytes.size());
+  eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::BIG_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
+  cdr.serialize_encapsulation();
+  message.serialize(cdr);
+  return bytes;
+}
+
+}  // namespace
+
+const std::map<std::string, MessageTarget>& message_targets() {
+  static const auto targets = [] {
+    if (__sanitizer_install_malloc_and_free_hooks)
+      __sanitizer_install_malloc_and_free_hooks(count_bytes, count_nothing);
+    std::map<std::string, MessageTarget> all;
+    testing::for_each_message([&]<class Message>() {
+      const std::string& topic = topic_of<Message>().name;
+      MessageTarget& target = all[topic.substr(topic.find('/') + 1)];
+      const auto least = testing::sample_of<Message>(Size::kLeast),
+                 typical = testing::sample_of<Message>(Size::kTypical);
+      target.seeds = {{"least", testing::encoded(least)},
+                      {"typical", testing::encoded(typical)},
+                      {"big-endian", big_endian(typical)}};
+      target.run = run<Message>;
+    });
+    require(!__sanitizer_install_malloc_and_free_hooks || allocated_bytes > 0, "memory is counted");
+    return all;
+  }();
+  return targets;
+}
+
+bool message(Input input) {
+  static const MessageTarget& target = [&]() -> const MessageTarget& {
+    const char* name = std::getenv("CITYLEARN_FUZZ_MESSAGE");
+    const auto found = message_targets().find(name ? name : "");
+    require(found != message_targets().end(), "CITYLEARN_FUZZ_MESSAGE names a type, as 'observation'");
+    return found->second;
+  }();
+  return target.run(input);
+}
+
+}  // namespace citylearn::fuzz

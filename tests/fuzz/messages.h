@@ -1,0 +1,23 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <string>
+
+#include "core/middleware.h"
+#include "tests/fuzz/targets.h"
+
+namespace citylearn::fuzz {
+
+/// One type of message: what it begins with, and what must hold whatever the bytes are.
+struct MessageTarget {
+  /// By name: bytes that are taken, of either byte order and of all but the largest size.
+  std::map<std::string, Bytes> seeds;
+  /// Tells whether the bytes were taken.
+  std::function<bool(Input)> run;
+};
+
+/// Every type of the wire, by its topic without "citylearn/".
+const std::map<std::string, MessageTarget>& message_targets();
+
+}  // namespace citylearn::fuzz

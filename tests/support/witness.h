@@ -1,0 +1,95 @@
+#pragma once
+
+#include <compare>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <string>
+
+#include "core/node.h"
+#include "tests/support/wait.h"
+
+namespace citylearn::testing {
+
+/// A process of a service.
+struct Source {
+  std::string id;
+  std::uint64_t incarnation = 0;
+  auto operator<=>(const Source&) const = default;
+};
+
+/// Hears what the services of a domain say of themselves and acknowledge to one another, and says nothing.
+class Witness {
+ public:
+  Witness(const std::string& middleware, int domain)
+      : node([&] {
+          Node::Options options;
+          options.middleware.name = middleware;
+          options.middleware.domain = static_cast<std::uint32_t>(domain);
+          options.service = options.id = "witness";
+          options.run = "";
+          return options;
+        }()) {
+    node.listen<msg::ServiceStatus>();
+    node.listen<msg::TrainingStat>();
+    node.listen<msg::EpisodeStat>();
+    node.listen<msg::EpisodeAcknowledgement>();
+  }
+
+  Node node;
+  std::uint64_t updates = 0;                         ///< TrainingStats heard
+  std::uint64_t steps = 0;                           ///< in the newest of them
+  std::map<std::string, msg::ServiceStatus> status;  ///< of the newest process, by id
+  std::map<Source, std::uint64_t> finished;          ///< by env_service: the largest number of an episode heard
+  /// By recorder and env_service: episodes up to this one are acknowledged.
+  std::map<std::string, std::map<Source, std::uint64_t>> acknowledged;
+
+  void spin() {
+    node.wait(Clock::now() + std::chrono::milliseconds(20));
+    while (node.take(status_)) {
+      msg::ServiceStatus& known = status[status_.header().sender().c_str()];
+      if (status_.header().incarnation() >= known.header().incarnation()) known = status_;
+    }
+    while (node.take(stat_)) {
+      ++updates;
+      steps = stat_.steps();
+    }
+    while (node.take(episode_)) {
+      std::uint64_t& largest = finished[{episode_.header().sender().c_str(), episode_.header().incarnation()}];
+      largest = std::max<std::uint64_t>(largest, episode_.episode());
+    }
+    while (node.take(acknowledgement_)) {
+      std::uint64_t& largest = acknowledged[acknowledgement_.header().sender().c_str()][{
+          acknowledgement_.environment().c_str(), acknowledgement_.environment_incarnation()}];
+      largest = std::max<std::uint64_t>(largest, acknowledgement_.episode());
+    }
+  }
+  bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience) {
+    return eventually([this] { spin(); }, condition, patience);
+  }
+  /// For so long, whatever happens.
+  void listen(std::chrono::milliseconds time) {
+    until([] { return false; }, time);
+  }
+  std::uint64_t incarnation(const std::string& id) const {
+    const auto found = status.find(id);
+    return found == status.end() ? 0 : found->second.header().incarnation();
+  }
+  std::string alarm(const std::string& id) const {
+    const auto found = status.find(id);
+    return found == status.end() ? "" : found->second.alarm().c_str();
+  }
+  /// Of the newest process of an env_service.
+  std::uint64_t episodes(const std::string& id) const {
+    const auto found = finished.find({id, incarnation(id)});
+    return found == finished.end() ? 0 : found->second;
+  }
+
+ private:
+  msg::ServiceStatus status_;
+  msg::TrainingStat stat_;
+  msg::EpisodeStat episode_;
+  msg::EpisodeAcknowledgement acknowledgement_;
+};
+
+}  // namespace citylearn::testing

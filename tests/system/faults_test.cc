@@ -1,0 +1,184 @@
+// A training run whose services are killed at random moments: it goes on, loses nothing and learns as well.
+// The suites Long... kill more often: `./run test --long`.
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "core/random.h"
+#include "tests/support/ledger.h"
+#include "tests/support/trial.h"
+#include "tests/support/witness.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using Json = nlohmann::json;
+
+constexpr seconds kLong{120}, kBack{10};
+
+struct Plan {
+  std::string middleware;
+  int domain = 0;
+  int kills = 5;          ///< of each service
+  bool pictures = false;  ///< and an encoder_service
+};
+
+/// Env_services, an encoder_service where there are pictures, a policy_service and a dashboard.
+class Town {
+ public:
+  explicit Town(const Plan& plan)
+      : witness(plan.middleware, plan.domain), plan_(plan), trial_(plan.middleware, plan.domain) {
+    if (plan_.pictures) start("encoder");
+    for (const std::string id : {"dashboard", "one", "two", "policy"}) start(id);
+  }
+
+  Witness witness;
+  std::vector<std::string> ids() const {
+    std::vector<std::string> ids;
+    for (const auto& [id, service] : services_) ids.push_back(id);
+    return ids;
+  }
+  Service& operator[](const std::string& id) { return *services_.at(id); }
+  std::string store() const { return trial_.folder() / "dashboard.sqlite"; }
+  std::string out() const { return trial_.folder() / "out"; }
+
+  void start(const std::string& id) {
+    std::unique_ptr<Service>& service = services_[id];
+    if (id == "policy") {
+      // A wire that loses actions makes the run last: each is asked for again after 50 ms.
+      std::vector<std::string> options = {
+          "--middleware", "lossy,drop=0.1,seed=4:" + plan_.middleware, "--environments", "2", "--steps", "1000000000"};
+      if (service) options.push_back("--resume");
+      service = policy(options, "out");
+    } else if (id == "dashboard") {
+      service = std::make_unique<Service>(
+          Arguments{CITYLEARN_DASHBOARD, "--store", store(), "--domain", std::to_string(plan_.domain), "--middleware",
+                    plan_.middleware, "--port", "0"},
+          trial_.folder() / ("dashboard-" + std::to_string(++starts_) + ".log"));
+    } else if (id == "encoder") {
+      service = trial_.encoder({"--encoder", "hog", "--reference", "summer"});
+    } else {
+      service = env("summer", id);
+    }
+  }
+  std::unique_ptr<Service> env(const std::string& traversal, const std::string& id) {
+    Arguments options = {"--agents", "8", "--id", id, "--recorders", "dashboard", "--linger", "60"};
+    if (plan_.pictures) options.insert(options.end(), {"--dataset", "synthetic", "--frames", "0:96"});
+    return trial_.env(traversal, options);
+  }
+  std::unique_ptr<Service> policy(Arguments options, const std::string& output) {
+    options.insert(options.end(), {"--agent", "place_filter", "--learner", "relabel", "--checkpoint-every", "5",
+                                   "--output", trial_.folder() / output, "--tasks", "200", "--evaluate", "summer"});
+    if (plan_.pictures) options.insert(options.end(), {"--frames", "96"});
+    return trial_.policy(options);
+  }
+  Json summary(const std::string& output) const {
+    return Json::parse(contents(trial_.folder() / (output + "/summary.json")));
+  }
+
+ private:
+  Plan plan_;
+  Trial trial_;
+  int starts_ = 0;
+  std::map<std::string, std::unique_ptr<Service>> services_;
+};
+
+void survive(const Plan& plan) {
+  Town town(plan);
+  Witness& witness = town.witness;
+  ASSERT_TRUE(witness.until([&] { return witness.updates >= 10; }, kLong)) << town["policy"].output();
+  std::vector<std::string> victims;
+  for (const std::string& id : town.ids())
+    if (id != "two") victims.insert(victims.end(), static_cast<std::size_t>(plan.kills), id);
+  Random random{11};
+  for (std::size_t i = victims.size(); i > 1; --i) std::swap(victims[i - 1], victims[random.below(i)]);
+  std::map<std::string, double> slowest;
+  for (const std::string& id : victims) {
+    witness.listen(milliseconds(100 + random.below(900)));
+    const std::uint64_t before = witness.incarnation(id);
+    const Clock::time_point since = Clock::now();
+    town[id].send(SIGKILL);
+    ASSERT_EQ(town[id].wait(kLong), 128 + SIGKILL) << id << " had ended before\n" << town[id].output();
+    town.start(id);
+    // It is there again, it does its work, and the run goes on with it.
+    const auto works = [&] {
+      if (witness.incarnation(id) == before) return false;
+      return id == "one" ? witness.episodes(id) > 0 : true;
+    };
+    ASSERT_TRUE(witness.until(works, kBack)) << id << "\n" << town[id].output();
+    const std::uint64_t updates = witness.updates;
+    ASSERT_TRUE(witness.until([&] { return witness.updates > updates + 1; },
+                              std::chrono::ceil<milliseconds>(since + kBack - Clock::now())))
+        << id << "\n"
+        << town["policy"].output();
+    const double took = std::chrono::duration<double>(Clock::now() - since).count();
+    slowest[id] = std::max(slowest[id], took);
+  }
+
+  // The rest of the run: an update more, and the evaluation. Nobody disturbs it.
+  const std::uint64_t steps = witness.steps;
+  town["policy"].send(SIGTERM);
+  ASSERT_EQ(town["policy"].wait(kLong), 130) << town["policy"].output();
+  auto last = town.policy({"--resume", "--steps", "1000000000", "--time-limit", "0.001", "--environments", "2"}, "out");
+  ASSERT_TRUE(witness.until([&] { return last->wait(milliseconds(1)).has_value(); }, kLong)) << last->output();
+  for (const std::string id : {"one", "two"}) town[id].send(SIGTERM);
+  Ledger counted;
+  for (const std::string id : {"one", "two"}) {
+    ASSERT_TRUE(witness.until([&] { return town[id].wait(milliseconds(1)).has_value(); }, kLong)) << town[id].output();
+    const std::string said = town[id].output(), words = "stops: ";
+    const std::size_t at = said.find(words);
+    ASSERT_NE(said.find(" episodes, all acknowledged"), std::string::npos) << said;
+    const auto count = std::stoull(said.substr(at + words.size()));
+    for (std::uint64_t episode = 1; episode <= count; ++episode) counted[{id, witness.incarnation(id)}].insert(episode);
+  }
+  town["dashboard"].send(SIGTERM);
+  ASSERT_EQ(town["dashboard"].wait(kLong), 0) << town["dashboard"].output();
+
+  const Ledger recorded = in_store(town.store()), learned = in_csv(town.out() + "/episodes.csv");
+  for (const auto& [source, episodes] : counted) {
+    EXPECT_EQ(recorded.at(source), episodes) << source.id;
+    EXPECT_EQ(learned.at(source), episodes) << source.id;
+  }
+  expect_all_acknowledged(recorded, witness.acknowledged["dashboard"]);
+  expect_all_acknowledged(learned, witness.acknowledged["policy"]);
+
+  // As good as a run of as many steps that nobody disturbed.
+  auto one = town.env("summer", "one"), two = town.env("summer", "two");
+  if (plan.pictures) town.start("encoder");
+  town.start("dashboard");
+  auto calm = town.policy({"--steps", std::to_string(steps), "--environments", "2"}, "calm");
+  ASSERT_EQ(calm->wait(kLong), 0) << calm->output();
+  for (const std::string output : {"out", "calm"}) {
+    const Json score = town.summary(output)["evaluate"]["summer"];
+    EXPECT_EQ(score["completed"], 1.0) << output;
+    EXPECT_GE(score["spl"], 0.9) << output;
+    std::printf("%s: %llu steps, SPL %.3f\n", output.c_str(), static_cast<unsigned long long>(steps),
+                score["spl"].get<double>());
+  }
+  for (const auto& [id, took] : slowest) std::printf("%s: goes on within %.1f s\n", id.c_str(), took);
+  std::printf("%zu episodes counted at the end, %zu recorded, %zu learned from\n", entries(counted), entries(recorded),
+              entries(learned));
+}
+
+class Kills : public ::testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(, Kills, ::testing::Values("fastdds", "cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+
+int domain(const std::string& vendor, int offset) { return (vendor == "fastdds" ? 214 : 217) + offset; }
+
+TEST_P(Kills, TrainingGoesOnAndNothingIsLost) { survive({GetParam(), domain(GetParam(), 0), 5, false}); }
+
+TEST(KillsWithPictures, TrainingGoesOnAndNothingIsLost) { survive({"cyclonedds", 220, 1, true}); }
+
+class LongKills : public ::testing::TestWithParam<const char*> {};
+INSTANTIATE_TEST_SUITE_P(, LongKills, ::testing::Values("fastdds", "cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+
+TEST_P(LongKills, TrainingGoesOnAndNothingIsLost) { survive({GetParam(), domain(GetParam(), 1), 20, false}); }
+TEST_P(LongKills, TrainingOnPicturesGoesOnAndNothingIsLost) { survive({GetParam(), domain(GetParam(), 2), 20, true}); }
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,90 @@
+// A training run whose disk is full for a while: it goes on, says so, keeps what it had, and makes up for it when there
+// is room again.
+#include <gtest/gtest.h>
+
+#include "policy_service/checkpoint.h"
+#include "tests/support/ledger.h"
+#include "tests/support/private_machine.h"
+#include "tests/support/trial.h"
+#include "tests/support/witness.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr seconds kLong{60};
+constexpr int kDomain = 223;
+
+bool any_temporary(const std::string& folder) {
+  for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
+    if (entry.path().extension() == ".tmp") return true;
+  return false;
+}
+
+TEST(FullDisk, TrainingGoesOnWithAlarmsAndMakesUpForItWhenThereIsRoom) {
+  if (!enter_private_machine()) GTEST_SKIP() << "only root may have a small disk of its own";
+  Trial run("cyclonedds", kDomain);
+  const std::string folder = run.folder() / "disk", out = folder + "/out", store = folder + "/dashboard.sqlite";
+  const SmallDisk disk(folder, "16m");
+  Witness witness("cyclonedds", kDomain);
+  Service recorder({CITYLEARN_RECORDER_PROCESS, "cyclonedds", std::to_string(kDomain), store},
+                   run.folder() / "recorder.log");
+  ASSERT_TRUE(recorder.says("records", kLong)) << recorder.output();
+  const auto env = run.env("summer", {"--recorders", "dashboard", "--linger", "60"});
+  const auto policy =
+      run.policy({"--middleware", "lossy,drop=0.1,seed=3:cyclonedds", "--agent", "place_filter", "--steps",
+                  "1000000000", "--checkpoint-every", "2", "--output", out, "--evaluate", "summer"});
+  ASSERT_TRUE(witness.until([&] { return witness.updates >= 6; }, kLong)) << policy->output();
+
+  disk.fill();
+  const auto alarmed = [&](const std::string& id, const std::string& what) {
+    return witness.alarm(id).find(what) != std::string::npos;
+  };
+  EXPECT_TRUE(witness.until(
+      [&] {
+        return alarmed("policy", "checkpoint: ") && alarmed("policy", "episodes.csv: ") &&
+               alarmed("dashboard", "store: ");
+      },
+      kLong))
+      << witness.alarm("policy") << "\n"
+      << witness.alarm("dashboard") << "\n"
+      << policy->output();
+  EXPECT_TRUE(alarmed("policy", "No space left on device")) << witness.alarm("policy");
+  const std::uint64_t updates = witness.updates;
+  EXPECT_TRUE(witness.until([&] { return witness.updates > updates + 4; }, kLong)) << "training goes on";
+  // What was there is there and whole, nothing is there in part.
+  const auto newest = newest_checkpoint(out + "/checkpoints");
+  ASSERT_TRUE(newest);
+  EXPECT_NO_THROW(read_checkpoint(*newest));
+  EXPECT_TRUE(witness.until([&] { return !any_temporary(out); }, kLong));
+  EXPECT_EQ(contents(out + "/episodes.csv").back(), '\n');
+  EXPECT_EQ(contents(out + "/metrics.csv").back(), '\n');
+
+  disk.make_room();
+  EXPECT_TRUE(
+      witness.until([&] { return witness.alarm("policy").empty() && witness.alarm("dashboard").empty(); }, seconds(10)))
+      << witness.alarm("policy") << "\n"
+      << witness.alarm("dashboard");
+  EXPECT_TRUE(witness.until([&] { return newest_checkpoint(out + "/checkpoints") != newest; }, kLong));
+  EXPECT_NO_THROW(read_checkpoint(*newest_checkpoint(out + "/checkpoints")));
+
+  env->send(SIGTERM);
+  ASSERT_TRUE(witness.until([&] { return env->wait(milliseconds(1)).has_value(); }, kLong)) << env->output();
+  EXPECT_NE(env->output().find("all acknowledged"), std::string::npos) << env->output();
+  policy->send(SIGTERM);
+  EXPECT_EQ(policy->wait(kLong), 130) << policy->output();
+  recorder.send(SIGTERM);
+  EXPECT_EQ(recorder.wait(kLong), 0) << recorder.output();
+  const Ledger recorded = in_store(store), learned = in_csv(out + "/episodes.csv");
+  EXPECT_EQ(recorded, learned);
+  ASSERT_EQ(recorded.size(), 1u);
+  EXPECT_NE(env->output().find("stops: " + std::to_string(entries(recorded)) + " episodes"), std::string::npos);
+  expect_all_acknowledged(recorded, witness.acknowledged["dashboard"]);
+  for (const std::string what : {"checkpoint", "episodes.csv"})
+    EXPECT_NE(policy->output().find(what + ": is well again"), std::string::npos) << what;
+}
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,338 @@
+// Messages that are not to be believed: each is dropped and counted, and training goes on.
+#include <gtest/gtest.h>
+
+#include <limits>
+
+#include "tests/support/trial.h"
+#include "tests/support/witness.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr seconds kLong{60}, kSoon{10};
+constexpr int kTimes = 5;  // each message, at least
+const float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinite = std::numeric_limits<float>::infinity();
+
+/// Says what it likes, in whoever's name.
+class Stranger {
+ public:
+  Stranger(const std::string& middleware, int domain)
+      : options_([&] {
+          Node::Options options;
+          options.middleware.name = middleware;
+          options.middleware.domain = static_cast<std::uint32_t>(domain);
+          options.service = "stranger";
+          options.id = "stranger";
+          return options;
+        }()),
+        node(options_),
+        raw_(create_middleware([&] {
+          MiddlewareOptions raw = options_.middleware;
+          raw.participant = "raw";
+          return raw;
+        }())) {}
+
+  Node::Options options_;
+  Node node;
+
+  /// The next message of that kind that `wanted` likes.
+  template <class Message>
+  Message hear(const std::function<bool(const Message&)>& wanted = [](const Message&) { return true; }) {
+    Message message;
+    const Clock::time_point deadline = Clock::now() + kLong;
+    while (Clock::now() < deadline) {
+      while (node.take(message))
+        if (wanted(message)) return message;
+      node.wait(Clock::now() + milliseconds(20));
+    }
+    ADD_FAILURE() << "nothing of " << topic_of<Message>().type << " was heard";
+    return message;
+  }
+  /// As it is, header and all.
+  template <class Message>
+  void say(const Message& message) {
+    node.forward(message);
+  }
+  /// Its bytes as `change` leaves them.
+  template <class Message>
+  void say(const Message& message, const std::function<void(Bytes&)>& change) {
+    Bytes bytes;
+    encode(message, bytes);
+    change(bytes);
+    auto& publisher = publishers_[topic_of<Message>().name];
+    if (!publisher) publisher = raw_->create_publisher(topic_of<Message>());
+    publisher->publish(bytes);
+  }
+
+ private:
+  std::unique_ptr<Middleware> raw_;
+  std::map<std::string, std::unique_ptr<Publisher>> publishers_;
+};
+
+/// Puts an unknown value where two messages that differ in an enumerator alone differ.
+template <class Message>
+std::function<void(Bytes&)> unknown_enumerator(const Message& one, const Message& other) {
+  Bytes a, b;
+  encode(one, a);
+  encode(other, b);
+  for (std::size_t at = 0; at < a.size(); ++at)
+    if (a[at] != b[at]) return [at](Bytes& bytes) { bytes[at] = std::byte{200}; };
+  ADD_FAILURE() << "they are the same";
+  return [](Bytes&) {};
+}
+
+class Hostile : public ::testing::TestWithParam<const char*> {
+ protected:
+  Hostile()
+      : domain_(std::string(GetParam()) == "fastdds" ? 227 : 228),
+        trial_(GetParam(), domain_),
+        witness_(GetParam(), domain_),
+        stranger_(GetParam(), domain_) {}
+
+  using Count = std::uint64_t (*)(const msg::ServiceStatus&);
+  static std::uint64_t rejected(const msg::ServiceStatus& status) { return status.rejected(); }
+  static std::uint64_t repeated(const msg::ServiceStatus& status) { return status.repeated(); }
+  static std::uint64_t foreign(const msg::ServiceStatus& status) { return status.foreign(); }
+
+  /// Service `id` counts the message that `attack` sends, each time anew.
+  void expect_counted(const std::string& what, const std::string& id, Count count,
+                      const std::function<void()>& attack) {
+    ASSERT_TRUE(witness_.until([&] { return witness_.status.contains(id); }, kLong));
+    const std::uint64_t before = count(witness_.status[id]);
+    EXPECT_TRUE(witness_.until(
+        [&] {
+          attack();
+          return count(witness_.status[id]) >= before + kTimes;
+        },
+        kSoon))
+        << what << ": " << count(witness_.status[id]) - before << " counted by " << id;
+  }
+  void expect_training_goes_on() {
+    const std::uint64_t updates = witness_.updates;
+    EXPECT_TRUE(witness_.until([&] { return witness_.updates > updates + 3; }, kSoon));
+  }
+  bool matched(const std::function<bool()>& condition) { return witness_.until(condition, kLong); }
+
+  const int domain_;
+  Trial trial_;
+  Witness witness_;
+  Stranger stranger_;
+};
+// What is believed does not depend on the vendor: one of them is asked each time.
+INSTANTIATE_TEST_SUITE_P(, Hostile, ::testing::Values("cyclonedds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+INSTANTIATE_TEST_SUITE_P(Long, Hostile, ::testing::Values("fastdds"),
+                         [](const auto& vendor) { return std::string(vendor.param); });
+
+TEST_P(Hostile, APolicyServiceBelievesEnvServicesAlone) {
+  const auto env = trial_.env("summer");
+  const auto policy =
+      trial_.train(10'000'000, "out", {"--middleware", "lossy,drop=0.1,seed=2:" + std::string(GetParam())});
+  stranger_.node.announce<msg::Observation>();
+  stranger_.node.announce<msg::TraversalInfo>();
+  stranger_.node.announce<msg::EpisodeStat>();
+  stranger_.node.announce<msg::ServiceStatus>();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << policy->output();
+  ASSERT_TRUE(matched([&] { return stranger_.node.readers<msg::Observation>() >= 1; }));
+  const auto observation = stranger_.hear<msg::Observation>();
+  const auto info = stranger_.hear<msg::TraversalInfo>();
+  const auto episode = stranger_.hear<msg::EpisodeStat>();
+  const auto status = stranger_.hear<msg::ServiceStatus>([](const auto& m) { return m.service() == "env_service"; });
+
+  auto nan = observation;
+  nan.features()[1] = kNan;
+  expect_counted("NaN in features", "policy", rejected, [&] { stranger_.say(nan); });
+  nan = observation;
+  nan.reward()[0] = kInfinite;
+  expect_counted("infinite reward", "policy", rejected, [&] { stranger_.say(nan); });
+  auto forged = observation;
+  ++forged.header().incarnation();
+  expect_counted("another process's observation", "policy", rejected, [&] { stranger_.say(forged); });
+  forged.header().incarnation() -= 2;
+  expect_counted("a dead process's observation", "policy", repeated, [&] { stranger_.say(forged); });
+  forged = observation;
+  forged.header().run() = "another";
+  expect_counted("a foreign run", "policy", foreign, [&] { stranger_.say(forged); });
+  expect_counted("an old observation", "policy", repeated, [&] { stranger_.say(observation); });
+  auto other = info;
+  other.agents() = 3;
+  expect_counted("another number of agents", "policy", rejected, [&] { stranger_.say(other); });
+  auto ended = episode;
+  ended.reward() = kInfinite;
+  expect_counted("an infinite episode", "policy", rejected, [&] { stranger_.say(ended); });
+  ended = episode;
+  ++ended.header().incarnation();
+  expect_counted("another process's episode", "policy", rejected, [&] { stranger_.say(ended); });
+  auto beat = status;
+  beat.rate() = kNan;
+  expect_counted("a rate that is no number", "policy", rejected, [&] { stranger_.say(beat); });
+  beat = status;
+  beat.service_state() = status.service_state() == msg::RUNNING ? msg::WAITING : msg::RUNNING;
+  expect_counted("an unknown state", "policy", rejected,
+                 [&] { stranger_.say(status, unknown_enumerator(status, beat)); });
+  expect_training_goes_on();
+  for (const std::string kind : {"Observation.features: not finite", "Observation.reward: not finite",
+                                 "a message of another process", "an announcement that differs", "ServiceStatus.rate"})
+    EXPECT_NE(policy->output().find(kind), std::string::npos) << kind << "\n" << policy->output();
+  const std::string said = policy->output();
+  const std::size_t once = said.find("a message of another process");
+  EXPECT_EQ(said.find("a message of another process", once + 1), std::string::npos) << "logged once";
+}
+
+TEST_P(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
+  const auto env = trial_.env("summer");
+  const auto policy = trial_.train(10'000'000, "out");
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << policy->output();
+  // It introduces itself as the env_services do, is told what to do, and shows places that are beside the route.
+  auto info = stranger_.hear<msg::TraversalInfo>();
+  auto observation = stranger_.hear<msg::Observation>();
+  const auto introduce = [&] { stranger_.node.publish(info); };
+  introduce();
+  Clock::time_point again = Clock::now();
+  msg::TaskSettings settings;
+  ASSERT_TRUE(witness_.until(
+      [&] {
+        if (Clock::now() >= again) introduce(), again = Clock::now() + milliseconds(200);
+        while (stranger_.node.take(settings))
+          if (settings.environment() == "stranger") return true;
+        return false;
+      },
+      kLong));
+  observation.settings() = settings.settings();
+  observation.step() = 0;
+  observation.position()[0] = settings.first_frame() + settings.frames();
+  expect_counted("a position beside the route", "policy", rejected, [&] { stranger_.node.publish(observation); });
+  expect_training_goes_on();
+  EXPECT_NE(policy->output().find("with a position beside the route"), std::string::npos) << policy->output();
+}
+
+TEST_P(Hostile, AnEnvServiceObeysWhoIsInCharge) {
+  const auto env = trial_.env("summer");
+  const auto policy = trial_.train(10'000'000, "out");
+  stranger_.node.announce<msg::Action>();
+  stranger_.node.announce<msg::TaskSettings>();
+  stranger_.node.announce<msg::EpisodeAcknowledgement>();
+  stranger_.node.listen<msg::TaskSettings>();
+  stranger_.node.listen<msg::Observation>();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << policy->output();
+  const auto settings = stranger_.hear<msg::TaskSettings>();
+  const auto genuine = stranger_.hear<msg::Action>();
+  const std::string id = "env-summer";
+
+  // While the policy_service sleeps, the env_service waits for the action that it now gets from somebody else.
+  policy->send(SIGSTOP);
+  ASSERT_TRUE(witness_.until([&] { return witness_.status[id].service_state() == msg::WAITING; }, kSoon));
+  msg::Observation observation;
+  while (stranger_.node.take(observation)) continue;  // of before
+  observation = stranger_.hear<msg::Observation>();
+  msg::Action action = genuine;
+  action.settings() = observation.settings();
+  action.step() = observation.step();
+  expect_counted("an action of who is not in charge", id, rejected, [&] { stranger_.node.publish(action); });
+  action.header() = genuine.header();
+  ++action.header().incarnation();
+  expect_counted("an action of another process", id, rejected, [&] { stranger_.say(action); });
+  action.header() = genuine.header();
+  action.choice()[0] = 7;
+  expect_counted("an unknown action", id, rejected, [&] { stranger_.say(action); });
+  policy->send(SIGCONT);
+
+  expect_counted("an old action", id, repeated, [&] { stranger_.say(genuine); });
+  auto foreign_action = genuine;
+  foreign_action.header().run() = "another";
+  expect_counted("a foreign run", id, foreign, [&] { stranger_.say(foreign_action); });
+  auto other = settings;
+  other.settings().version() = 0;
+  expect_counted("settings without a version", id, rejected, [&] { stranger_.say(other); });
+  other = settings;
+  other.settings().incarnation() = std::numeric_limits<std::uint64_t>::max();
+  expect_counted("settings from the future", id, rejected, [&] { stranger_.say(other); });
+  other = settings;
+  other.settings().incarnation() -= 1;
+  expect_counted("settings of before", id, repeated, [&] { stranger_.say(other); });
+  other = settings;
+  other.task_mode() = settings.task_mode() == msg::TRAIN ? msg::EVALUATE : msg::TRAIN;
+  expect_counted("an unknown mode", id, rejected,
+                 [&] { stranger_.say(settings, unknown_enumerator(settings, other)); });
+  msg::EpisodeAcknowledgement acknowledgement;
+  acknowledgement.environment() = id;
+  acknowledgement.environment_incarnation() = witness_.incarnation(id);
+  acknowledgement.episode() = 1'000'000'000;
+  expect_counted("episodes that never were", id, rejected, [&] { stranger_.node.publish(acknowledgement); });
+  expect_training_goes_on();
+  for (const std::string kind :
+       {"an action of who is not in charge", "Action.choice: unknown action 7", "settings without a version",
+        "settings from the future", "TaskSettings.task_mode", "an acknowledgement of episodes that never were"})
+    EXPECT_NE(env->output().find(kind), std::string::npos) << kind << "\n" << env->output();
+}
+
+TEST_P(Hostile, LearnerAndActorBelieveEachOtherAlone) {
+  const auto env = trial_.env("summer");
+  const auto learner = trial_.train(10'000'000, "out", {"--role", "learner"});
+  const auto actor = trial_.policy({"--role", "actor", "--id", "actor"});
+  stranger_.node.announce<msg::Trajectory>();
+  stranger_.node.announce<msg::LearnerInfo>();
+  stranger_.node.announce<msg::PolicyParameters>();
+  stranger_.node.announce<msg::TrajectoryAcknowledgement>();
+  ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << learner->output() << actor->output();
+  const auto trajectory = stranger_.hear<msg::Trajectory>();
+  const auto info = stranger_.hear<msg::LearnerInfo>();
+  const auto parameters = stranger_.hear<msg::PolicyParameters>();
+  const auto acknowledgement = stranger_.hear<msg::TrajectoryAcknowledgement>();
+
+  // As another actor, which the learner would believe.
+  auto wrong = trajectory;
+  wrong.number() = 1;
+  const auto as_actor = [&] { stranger_.node.publish(wrong); };
+  wrong.features()[3] = kNan;
+  expect_counted("NaN in a trajectory", "policy", rejected, as_actor);
+  wrong.features() = trajectory.features();
+  wrong.reward()[0] = kInfinite;
+  expect_counted("an infinite reward", "policy", rejected, as_actor);
+  wrong.reward() = trajectory.reward();
+  wrong.position()[1] = 1'000'000;
+  expect_counted("a position beside the route", "policy", rejected, as_actor);
+  wrong.position() = trajectory.position();
+  wrong.version() = 1'000'000'000;
+  expect_counted("of parameters to come", "policy", rejected, as_actor);
+  wrong.version() = trajectory.version();
+  wrong.learner_incarnation() -= 1;
+  expect_counted("for a dead learner", "policy", repeated, as_actor);
+  auto foreign_one = trajectory;
+  foreign_one.header().run() = "another";
+  expect_counted("of a foreign run", "policy", foreign, [&] { stranger_.say(foreign_one); });
+
+  auto noisy = info;
+  noisy.noise_place() = kNan;
+  expect_counted("a noise that is no number", "actor", rejected, [&] { stranger_.say(noisy); });
+  auto usurper = info;
+  usurper.header().sender() = "usurper";
+  expect_counted("a learner in another's name", "actor", rejected, [&] { stranger_.say(usurper); });
+  auto forged = parameters;
+  forged.header().sender() = "usurper";
+  expect_counted("parameters of who is not the learner", "actor", rejected, [&] { stranger_.say(forged); });
+  forged = parameters;
+  --forged.header().incarnation();
+  expect_counted("parameters of a dead learner", "actor", repeated, [&] { stranger_.say(forged); });
+  forged = parameters;
+  forged.version() += 1'000'000;
+  std::memcpy(forged.data().data(), &kNan, sizeof kNan);
+  expect_counted("NaN in parameters", "actor", rejected, [&] { stranger_.say(forged); });
+  auto taken = acknowledgement;
+  taken.number() = 1'000'000'000;
+  expect_counted("trajectories that were never sent", "actor", rejected, [&] { stranger_.say(taken); });
+  taken = acknowledgement;
+  taken.header().sender() = "usurper";
+  expect_counted("an acknowledgement of another", "actor", rejected, [&] { stranger_.say(taken); });
+  expect_training_goes_on();
+  for (const std::string kind :
+       {"a learner with a noise", "an announcement of who is not the learner", "parameters of who is not the learner",
+        "parameters that are damaged", "an acknowledgement of trajectories that were never sent"})
+    EXPECT_NE(actor->output().find(kind), std::string::npos) << kind << "\n" << actor->output();
+}
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,328 @@
+// Hosts of their own, a real packet size, no multicast: how services find each other there, and what loss and
+// partitions do. Suites whose name begins with Long are for `./run test --long`.
+#include <gtest/gtest.h>
+
+#include <map>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <utility>
+
+#include "tests/support/hosts.h"
+#include "tests/support/wait.h"
+
+namespace citylearn {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::Folder;
+using testing::Hosts;
+using testing::kPatience;
+using testing::Service;
+
+using Arguments = std::vector<std::string>;
+
+/// The number behind `text` in what a service said; -1 when it did not.
+double number_after(const std::string& output, const std::string& text) {
+  const std::size_t at = output.find(text);
+  return at == std::string::npos ? -1 : std::atof(output.c_str() + at + text.size());
+}
+
+class Network : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (const std::string reason = Hosts::unavailable(); !reason.empty()) GTEST_SKIP() << reason;
+  }
+
+  /// `role` of network_peer, on a host.
+  std::unique_ptr<Service> peer(const Hosts& hosts, int host, const std::string& vendor, const std::string& role,
+                                const Arguments& more) {
+    Arguments command = {
+        NETWORK_PEER, role,          "--middleware",    vendor, "--id", "peer-" + std::to_string(host), "--domain",
+        "2",          "--interface", Hosts::interface()};
+    command.insert(command.end(), more.begin(), more.end());
+    return hosts.start(host, command, folder_ / ("peer-" + std::to_string(++count_) + ".log"));
+  }
+  const Folder folder_;
+  int count_ = 0;
+};
+
+class Vendor : public Network, public ::testing::WithParamInterface<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Hosts, Vendor, ::testing::Values("cyclonedds", "fastdds"),
+                         [](const auto& param_info) { return param_info.param; });
+
+/// Writer's and reader's vendor, or the first and the other hosts'.
+class Pairing : public Network, public ::testing::WithParamInterface<std::tuple<std::string, std::string>> {
+ protected:
+  const std::string& one() const { return std::get<0>(GetParam()); }
+  const std::string& other() const { return std::get<1>(GetParam()); }
+};
+const auto kVendors = ::testing::Values("cyclonedds", "fastdds");
+INSTANTIATE_TEST_SUITE_P(Hosts, Pairing, ::testing::Combine(kVendors, kVendors), [](const auto& param_info) {
+  return std::get<0>(param_info.param) + "_" + std::get<1>(param_info.param);
+});
+
+// A test that was killed leaves namespaces, and what ran there; the next one clears them.
+TEST_F(Network, HostsOfAKilledTestAreCleared) {
+  const std::string report = folder_ / "child";
+  const pid_t child = ::fork();
+  if (child == 0) {
+    const Hosts hosts(1);
+    hosts.start(0, {NETWORK_PEER, "meet", "--domain", "2", "--interface", Hosts::interface()}, report).release();
+    ::_exit(0);
+  }
+  ASSERT_GT(child, 0);
+  ::waitpid(child, nullptr, 0);
+  const std::string name = "citylearn-" + std::to_string(child) + "-0";
+  ASSERT_FALSE(testing::shell("ip netns pids " + name).empty());
+  const int process = std::stoi(testing::shell("ip netns pids " + name));
+  const Hosts hosts(1);
+  EXPECT_EQ(testing::shell("ip netns list").find(name), std::string::npos);
+  EXPECT_TRUE(
+      testing::poll_until([&] { return !std::filesystem::exists("/proc/" + std::to_string(process) + "/exe"); }, 5s));
+}
+
+TEST_P(Pairing, ThreeHostsMeetWithinThreeSeconds) {
+  const Hosts hosts(3);
+  const std::string all = Hosts::address(0) + "," + Hosts::address(1) + "," + Hosts::address(2);
+  std::vector<std::unique_ptr<Service>> peers;
+  for (int host = 0; host < 3; ++host)
+    peers.push_back(peer(hosts, host, host == 0 ? one() : other(), "meet", {"--others", "2", "--peers", all}));
+  for (const auto& each : peers) {
+    ASSERT_TRUE(each->says("met 2 in ", kPatience)) << each->output();
+    EXPECT_LT(number_after(each->output(), "met 2 in "), 3) << each->output();
+    EXPECT_EQ(each->output().find("nobody answers"), std::string::npos) << each->output();
+  }
+}
+
+TEST_P(Vendor, AWrongPeerIsNamedWithinFiveSeconds) {
+  const Hosts hosts(3);
+  const std::string late = Hosts::address(2);
+  const auto first = peer(hosts, 0, GetParam(), "meet", {"--peers", Hosts::address(1) + ",10.77.0.99," + late});
+  const auto second = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
+  EXPECT_TRUE(first->says("peer '10.77.0.99': nobody answers at 10.77.0.99", 5s)) << first->output();
+  EXPECT_TRUE(first->says("peer '" + late + "': nobody answers", 1s)) << first->output();
+  EXPECT_EQ(first->output().find("peer '" + Hosts::address(1)), std::string::npos) << first->output();
+  EXPECT_TRUE(first->says("met 1 in ", kPatience)) << first->output();
+  const auto third = peer(hosts, 2, GetParam(), "meet", {"--peers", Hosts::address(0)});
+  EXPECT_TRUE(first->says("peer '" + late + "': answers at " + late + " after all", kPatience)) << first->output();
+}
+
+TEST_P(Vendor, OnlyInterfacesThatWereNamedAreUsed) {
+  const Hosts hosts(2, 3);
+  const auto meet = [&](const std::string& interfaces, int network) {
+    const auto first =
+        peer(hosts, 0, GetParam(), "meet", {"--interface", interfaces, "--peers", Hosts::address(1, network)});
+    const auto second =
+        peer(hosts, 1, GetParam(), "meet", {"--interface", interfaces, "--peers", Hosts::address(0, network)});
+    EXPECT_TRUE(first->says("met 1 in ", kPatience)) << first->output();
+    EXPECT_TRUE(second->says("met 1 in ", kPatience)) << second->output();
+  };
+  meet("net0", 0);
+  EXPECT_GT(hosts.packets(0, 0), 0);
+  for (int host : {0, 1})
+    for (int network : {1, 2}) EXPECT_EQ(hosts.packets(host, network), 0) << host << " " << network;
+  meet("lo,net0", 0);
+  meet("net0,net1", 1);
+  EXPECT_GT(hosts.packets(0, 1), 0);
+  for (int host : {0, 1}) EXPECT_EQ(hosts.packets(host, 2), 0) << host;
+}
+
+TEST_F(Network, FastHostsMeetByADiscoveryServer) {
+  const std::string program = "/usr/bin/fast-discovery-server";
+  if (::access(program.c_str(), X_OK) != 0) GTEST_SKIP() << "no " << program << " (fastdds-tools)";
+  const Hosts hosts(3);
+  const Arguments by_server = {"--discovery-server", Hosts::address(0) + "," + Hosts::address(0) + ":11999"};
+  const auto first = peer(hosts, 1, "fastdds", "meet", by_server);
+  EXPECT_TRUE(first->says("peer '" + Hosts::address(0) + "': nobody answers", 5s)) << first->output();
+  const auto server =
+      hosts.start(0, {program, "-i", "0", "-l", Hosts::address(0), "-p", "11811"}, folder_ / "server.log");
+  const auto second = peer(hosts, 2, "fastdds", "meet", {"--discovery-server", Hosts::address(0)});
+  for (const auto* each : {&first, &second}) EXPECT_TRUE((*each)->says("met 1 in ", kPatience)) << (*each)->output();
+  EXPECT_LT(number_after(second->output(), "met 1 in "), 3);
+  EXPECT_TRUE(first->says("after all", kPatience)) << first->output();
+}
+
+// 1 MB at 30 Hz for 3 s through packets of 1500 bytes.
+TEST_P(Pairing, LargeSamplesArriveWholeThoughOnePacketInTwentyIsLost) {
+  Hosts hosts(2);
+  hosts.lose(5);
+  const auto reader = peer(hosts, 1, other(), "receive", {"--peers", Hosts::address(0)});
+  const auto writer = peer(hosts, 0, one(), "send", {"--peers", Hosts::address(1)});
+  ASSERT_TRUE(reader->says("received ", 60s)) << reader->output() << writer->output();
+  EXPECT_NE(reader->output().find("received 90 of 90 whole and in order, 0 not"), std::string::npos)
+      << reader->output();
+  RecordProperty("delays", reader->output());
+}
+
+/// What the doctor says on host 0 of a peer, and that it is not content.
+std::string diagnosis(const Hosts& hosts, const Folder& folder, const std::string& vendor, const std::string& peer) {
+  const auto doctor = hosts.start(0,
+                                  {CITYLEARN_DOCTOR, "--seconds", "2", "--middleware", vendor, "--domain", "2",
+                                   "--interface", Hosts::interface(), "--peers", peer},
+                                  folder / "doctor.log");
+  EXPECT_EQ(doctor->wait(kPatience), 1) << doctor->output();
+  return doctor->output();
+}
+
+TEST_P(Vendor, TheDoctorTellsAMissingHostASilentOneAndOneWithoutServices) {
+  Hosts hosts(2);
+  const std::string there = Hosts::address(1);
+  EXPECT_NE(diagnosis(hosts, folder_, GetParam(), "10.77.0.99").find("no host answers at 10.77.0.99"),
+            std::string::npos);
+  const std::string empty = diagnosis(hosts, folder_, GetParam(), there);
+  EXPECT_NE(empty.find("nobody listens on its UDP port 7910"), std::string::npos) << empty;
+  EXPECT_NE(empty.find("nobody was heard in domain 2"), std::string::npos) << empty;
+  const auto service = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
+  hosts.wall_off(1);
+  const std::string walled = diagnosis(hosts, folder_, GetParam(), there);
+  EXPECT_NE(walled.find("a firewall between? open UDP ports 7910..8005"), std::string::npos) << walled;
+}
+
+TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {
+  const Hosts hosts(2);
+  const auto service = peer(hosts, 1, other(), "meet", {"--peers", Hosts::address(0), "--run", "stroll"});
+  const auto doctor = hosts.start(0,
+                                  {CITYLEARN_DOCTOR, "--seconds", "3", "--json", "--middleware", one(), "--domain", "2",
+                                   "--interface", Hosts::interface(), "--peers", Hosts::address(1)},
+                                  folder_ / "doctor.log");
+  ASSERT_EQ(doctor->wait(kPatience), 0) << doctor->output();
+  const auto found = nlohmann::json::parse(doctor->output());
+  ASSERT_EQ(found["participants"].size(), 1u) << found;
+  EXPECT_EQ(found["participants"][0]["name"], "peer-1");
+  EXPECT_EQ(found["participants"][0]["vendor"], other());
+  EXPECT_EQ(found["participants"][0]["addresses"], nlohmann::json({Hosts::address(1)}));
+  ASSERT_EQ(found["services"].size(), 1u) << found;
+  EXPECT_EQ(found["services"][0]["id"], "peer-1");
+  EXPECT_EQ(found["services"][0]["run"], "stroll");
+  EXPECT_EQ(found["services"][0]["state"], "running");
+  EXPECT_NEAR(found["services"][0]["clock_ahead"].get<double>(), 0, 0.5);
+}
+
+/// Fields of a line of CSV.
+std::vector<std::string> fields(const std::string& line) {
+  std::vector<std::string> all;
+  std::istringstream in(line);
+  for (std::string field; std::getline(in, field, ',');) all.push_back(field);
+  return all;
+}
+
+/// A training of place_filter: env_services of the drawn city on hosts of their own, a policy_service on host 0.
+class Training : public Network, public ::testing::WithParamInterface<std::tuple<std::string, std::string>> {
+ protected:
+  std::unique_ptr<Service> env(const Hosts& hosts, int host) {
+    return hosts.start(
+        host,
+        with_node({CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--id", "env-" + std::to_string(++count_),
+                   "--agents", "8", "--synthetic-images", "0", "--synthetic-frames", "160"},
+                  std::get<0>(GetParam()), Hosts::address(0)),
+        folder_ / ("env-" + std::to_string(count_) + ".log"));
+  }
+  std::unique_ptr<Service> policy(const Hosts& hosts, const std::string& output, int steps,
+                                  const Arguments& more = {}) {
+    Arguments command = with_node(
+        {CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--environments", "4", "--steps", std::to_string(steps),
+         "--tasks", "200", "--evaluate", "summer", "--wait", "60", "--output", folder_ / output},
+        std::get<1>(GetParam()), Hosts::address(1) + "," + Hosts::address(2));
+    command.insert(command.end(), more.begin(), more.end());
+    return hosts.start(0, command, folder_ / (output + ".log"));
+  }
+  /// Steps trained up to now, and when the last of them were.
+  std::pair<double, double> progress(const std::string& output) const {
+    std::istringstream metrics(testing::contents(folder_ / (output + "/metrics.csv")));
+    std::pair<double, double> last{0, 0};
+    std::string line;
+    std::getline(metrics, line);
+    while (std::getline(metrics, line) && !metrics.eof())  // the last one may still be written
+      last = {std::stod(fields(line).at(1)), std::stod(fields(line).at(4))};
+    return last;
+  }
+  void expect_rejoined(std::chrono::seconds apart) {
+    Hosts hosts(2);
+    const auto environment = env(hosts, 1);
+    const auto learner = policy(hosts, "out", 1,
+                                {"--environments", "1", "--steps", "100000000", "--time-limit",
+                                 std::to_string(apart.count() + 8), "--peers", Hosts::address(1)});
+    ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
+    hosts.cut(0, 1);
+    ASSERT_FALSE(learner->wait(apart)) << learner->output();
+    const double before = progress("out").first;
+    ASSERT_FALSE(learner->wait(200ms));
+    EXPECT_EQ(progress("out").first, before);  // it was cut off
+    hosts.heal();
+    const Clock::time_point healed = Clock::now();
+    EXPECT_TRUE(testing::poll_until([&] { return progress("out").first > before; }, 10s)) << learner->output();
+    RecordProperty("rejoined_after", std::to_string(std::chrono::duration<double>(Clock::now() - healed).count()));
+    ASSERT_EQ(learner->wait(60s), 0) << learner->output();
+    EXPECT_GE(expect_all_episodes("out"), 200);
+    EXPECT_FALSE(environment->wait(0ms)) << environment->output();
+  }
+
+  /// Every env_service's episodes are there, numbered without a gap, none twice; returns how many.
+  int expect_all_episodes(const std::string& output) const {
+    std::istringstream log(testing::contents(folder_ / (output + "/episodes.csv")));
+    std::string line;
+    std::getline(log, line);
+    std::map<std::string, std::vector<int>> numbers;
+    int count = 0, tasks = 0;
+    for (; std::getline(log, line); ++count) {
+      const auto values = fields(line);
+      numbers[values.at(0) + " " + values.at(1)].push_back(std::stoi(values.at(2)));
+      tasks += values.at(5) == "1";
+    }
+    for (auto& [environment, list] : numbers) {
+      std::sort(list.begin(), list.end());
+      for (std::size_t i = 0; i < list.size(); ++i) EXPECT_EQ(list[i], static_cast<int>(i) + 1) << environment;
+    }
+    EXPECT_EQ(tasks, 200);
+    return count;
+  }
+
+ private:
+  static Arguments with_node(Arguments command, const std::string& vendor, const std::string& peers) {
+    command.insert(command.end(),
+                   {"--middleware", vendor, "--domain", "2", "--interface", Hosts::interface(), "--peers", peers});
+    return command;
+  }
+};
+const auto kPairings = ::testing::Values(std::tuple("cyclonedds", "cyclonedds"), std::tuple("fastdds", "fastdds"),
+                                         std::tuple("cyclonedds", "fastdds"));
+std::string pairing_name(const ::testing::TestParamInfo<std::tuple<std::string, std::string>>& info) {
+  return std::get<0>(info.param) + "_" + std::get<1>(info.param);
+}
+INSTANTIATE_TEST_SUITE_P(Hosts, Training, kPairings, pairing_name);
+
+// Loss comes and goes in one training: what else the machine does meets both alike.
+TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost) {
+  Hosts hosts(3);
+  std::vector<std::unique_ptr<Service>> envs;
+  for (const int host : {1, 2, 1, 2}) envs.push_back(env(hosts, host));
+  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", "13"});
+  ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
+  double steps[2] = {0, 0}, seconds[2] = {0, 0};
+  for (int phase = 0; phase < 6; ++phase) {
+    const int lossy = phase % 2;
+    const auto [steps_before, time_before] = progress("out");
+    hosts.lose(lossy ? 5 : 0);
+    ASSERT_FALSE(learner->wait(2s)) << learner->output();
+    const auto [steps_after, time_after] = progress("out");
+    steps[lossy] += steps_after - steps_before;
+    seconds[lossy] += time_after - time_before;
+  }
+  ASSERT_EQ(learner->wait(60s), 0) << learner->output();
+  EXPECT_GE(expect_all_episodes("out"), 400);
+  RecordProperty("steps_per_second",
+                 std::to_string(steps[0] / seconds[0]) + ", with loss " + std::to_string(steps[1] / seconds[1]));
+  EXPECT_GE(steps[1] / seconds[1], 0.5 * steps[0] / seconds[0]);
+}
+
+// The only env_service is cut off from the policy_service. Both stay, and go on when they hear each other again.
+TEST_P(Training, GoesOnAfterAPartition) { expect_rejoined(4s); }
+
+class LongPartition : public Training {};
+INSTANTIATE_TEST_SUITE_P(Hosts, LongPartition, kPairings, pairing_name);
+
+// Longer than the participants' leases: each has forgotten the other.
+TEST_P(LongPartition, OfThirtySecondsIsOverWithinTen) { expect_rejoined(30s); }
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,72 @@
+// security_peer MIDDLEWARE DOMAIN FOLDER NAME WRITES READS: a participant with the keys in FOLDER (none: "") that
+// nobody has checked, so that what protects is the wire alone. Writes its name to the topic WRITES ("" for none) fifty
+// times a second and reads READS, until its standard input ends. Exit status: 0 when nothing came, 3 when something
+// did, 4 when the vendor did not let it begin.
+#include <poll.h>
+#include <spdlog/spdlog.h>
+
+#include <cstdio>
+
+#include "core/error.h"
+#include "core/middleware_parts.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::size_t kLargest = 1024;
+
+bool input_ended() {
+  pollfd input{0, POLLIN, 0};
+  return poll(&input, 1, 0) > 0;
+}
+
+int run(char** arguments) {
+  parts::Network network{};
+  const std::string vendor = arguments[1];
+  network.domain = static_cast<std::uint32_t>(std::stoul(arguments[2]));
+  network.security = arguments[3];
+  network.participant = arguments[4];
+  const std::string writes = arguments[5], reads = arguments[6];
+  network.interfaces = "lo";
+  network.addresses = {"127.0.0.1"};
+  network.at_home = true;
+  network.datagram = 65500;
+  network.peers = {{"lo", "127.0.0.1", 0}};
+  std::unique_ptr<Middleware> middleware;
+  std::unique_ptr<Publisher> publisher;
+  std::unique_ptr<Subscription> subscription;
+  try {
+    middleware = vendor == "fastdds" ? parts::create_fastdds(network) : parts::create_cyclonedds(network);
+    if (!reads.empty()) subscription = middleware->create_subscription({reads, "Text", Profile::kStream, kLargest});
+    if (!writes.empty()) publisher = middleware->create_publisher({writes, "Text", Profile::kStream, kLargest});
+  } catch (const Error& error) {
+    std::fprintf(stderr, "%s: %s\n", arguments[4], error.what());
+    return 4;
+  }
+  Bytes text(4 + network.participant.size()), taken;
+  text[1] = std::byte{1};
+  std::copy_n(reinterpret_cast<const std::byte*>(network.participant.data()), network.participant.size(),
+              text.begin() + 4);
+  bool received = false;
+  while (!input_ended()) {
+    if (publisher) publisher->publish(text);
+    const Clock::time_point next = Clock::now() + std::chrono::milliseconds(20);
+    while (middleware->wait(next))
+      while (subscription && subscription->take(taken)) received = true;
+    for (const std::string& fault : middleware->surroundings().faults()) spdlog::error("{}", fault);
+  }
+  return received ? 3 : 0;
+}
+
+}  // namespace
+}  // namespace citylearn
+
+int main(int count, char** arguments) {
+  if (count != 7) return 2;
+  try {
+    return citylearn::run(arguments);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "security_peer: %s\n", error.what());
+    return 1;
+  }
+}

@@ -1,0 +1,357 @@
+// DDS Security on the wire: a secured run goes on as an open one does, nobody else gets anything in or out, and each
+// attempt is in the log.
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <linux/if_packet.h>
+#include <net/ethernet.h>
+#include <net/if.h>
+#include <sched.h>
+#include <spdlog/sinks/base_sink.h>
+#include <spdlog/spdlog.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <mutex>
+
+#include "core/error.h"
+#include "core/middleware.h"
+#include "tests/support/child.h"
+#include "tests/support/keystore.h"
+#include "tests/support/trial.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::seconds;
+
+constexpr int kDomain = 61;  // and some for each vendor
+constexpr seconds kLong{60};
+
+int domain_of(const std::string& vendor, int number) { return kDomain + 2 * number + (vendor == "fastdds" ? 1 : 0); }
+
+/// What this process logs while it lives.
+class Log {
+ public:
+  Log() : sink_(std::make_shared<Sink>()), before_(spdlog::default_logger()) {
+    spdlog::set_default_logger(std::make_shared<spdlog::logger>("test", sink_));
+  }
+  ~Log() { spdlog::set_default_logger(before_); }
+  void add(const std::string& line) { sink_->add(line + "\n"); }
+  std::string text() const { return sink_->text(); }
+  bool has(const std::string& part) const { return text().find(part) != std::string::npos; }
+
+ private:
+  class Sink : public spdlog::sinks::base_sink<std::mutex> {
+   public:
+    void add(const std::string& line) {
+      std::lock_guard lock(mutex_);
+      text_ += line;
+    }
+    std::string text() {
+      std::lock_guard lock(mutex_);
+      return text_;
+    }
+
+   private:
+    void sink_it_(const spdlog::details::log_msg& message) override {
+      text_.append(message.payload.data(), message.payload.size());
+      text_ += '\n';
+    }
+    void flush_() override {}
+    std::string text_;
+  };
+  const std::shared_ptr<Sink> sink_;
+  const std::shared_ptr<spdlog::logger> before_;
+};
+
+Topic text_topic(const std::string& name) { return {name, "Text", Profile::kStream, 1024}; }
+const char* const kObservation = "citylearn/observation";
+const char* const kAction = "citylearn/action";
+
+/// An env_service's part, through all checks: publishes observations and reads actions.
+class Victim {
+ public:
+  Victim(const std::string& vendor, int domain, const std::string& keys)
+      : middleware_(create_middleware(options(vendor, domain, keys))) {
+    publisher_ = middleware_->create_publisher(text_topic(kObservation));
+    subscription_ = middleware_->create_subscription(text_topic(kAction));
+  }
+  /// Lives until `condition` holds; false when it does not within `patience`.
+  bool until(const std::function<bool()>& condition, Log& log, seconds patience = kLong) {
+    const Clock::time_point deadline = Clock::now() + patience;
+    Bytes sample = {std::byte{0}, std::byte{1}, std::byte{0}, std::byte{0}, std::byte{'?'}};
+    while (!condition()) {
+      if (Clock::now() >= deadline) return false;
+      publisher_->publish(sample);
+      const Clock::time_point next = Clock::now() + std::chrono::milliseconds(20);
+      Bytes taken;
+      while (middleware_->wait(next))
+        while (subscription_->take(taken) && ++count_ > 0)
+          heard_.insert(std::string(reinterpret_cast<const char*>(taken.data()) + 4, taken.size() - 4));
+      for (const std::string& fault : middleware_->surroundings().faults()) log.add(fault);
+    }
+    return true;
+  }
+  /// Knows, by discovery, that this participant publishes actions.
+  bool sees(const std::string& name) {
+    const auto endpoints = middleware_->surroundings().endpoints();
+    return std::any_of(endpoints.begin(), endpoints.end(), [&](const Surroundings::Endpoint& each) {
+      return each.participant == name && each.writes && each.topic == kAction;
+    });
+  }
+  /// Samples heard of anybody.
+  int count() const { return count_; }
+  bool heard(const std::string& name) const {
+    // Payloads are padded to a multiple of 4 on the way.
+    return std::any_of(heard_.begin(), heard_.end(), [&](const std::string& each) { return each.starts_with(name); });
+  }
+
+ private:
+  static MiddlewareOptions options(const std::string& vendor, int domain, const std::string& keys) {
+    MiddlewareOptions options;
+    options.name = vendor;
+    options.domain = static_cast<std::uint32_t>(domain);
+    options.security = keys;
+    options.participant = "env-1";
+    return options;
+  }
+  std::unique_ptr<Middleware> middleware_;
+  std::unique_ptr<Publisher> publisher_;
+  std::unique_ptr<Subscription> subscription_;
+  std::set<std::string> heard_;
+  int count_ = 0;
+};
+
+/// A participant of another process, that nobody has checked: publishes actions and reads observations.
+Arguments peer(const std::string& vendor, int domain, const std::string& keys, const std::string& name) {
+  return {SECURITY_PEER, vendor, std::to_string(domain), keys, name, kAction, kObservation};
+}
+
+Arguments with_environment(const Arguments& variables, const Arguments& command) {
+  Arguments all = {"/usr/bin/env"};
+  all.insert(all.end(), variables.begin(), variables.end());
+  all.insert(all.end(), command.begin(), command.end());
+  return all;
+}
+
+const auto kVendors = ::testing::Values("cyclonedds", "fastdds");
+const auto kName = [](const auto& param_info) { return param_info.param; };
+
+class Secured : public ::testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(All, Secured, kVendors, kName);
+
+TEST_P(Secured, TrainsAndEvaluatesAsAnOpenRunDoes) {
+  Keystore keys;
+  const std::string env_keys = keys.add("env_service", "env-summer"),
+                    policy_keys = keys.add("policy_service", "policy");
+  std::map<bool, std::pair<std::string, std::string>> checkpoints;
+  for (const bool secured : {false, true}) {
+    Trial run(GetParam(), domain_of(GetParam(), 0));
+    const auto env = run.env("summer", secured ? Arguments{"--security", env_keys} : Arguments{});
+    const auto policy = run.train(40, "out", secured ? Arguments{"--security", policy_keys} : Arguments{});
+    ASSERT_EQ(policy->wait(kLong).value_or(-1), 0) << policy->output() << env->output();
+    checkpoints[secured] = run.checkpoint("out");
+  }
+  EXPECT_FALSE(checkpoints[true].first.empty());
+  EXPECT_EQ(checkpoints[true], checkpoints[false]) << "encryption changes nothing that is learned";
+}
+
+/// A learner and an actor, each as its own kind, and a policy_service's env_service: none lacks a permission.
+TEST_P(Secured, ALearnerAndItsActorHaveThePermissionsTheyNeed) {
+  Keystore keys;
+  Trial run(GetParam(), domain_of(GetParam(), 1));
+  const auto with = [&](const std::string& kind, const std::string& id, Arguments more) {
+    more.insert(more.end(), {"--id", id, "--security", keys.add(kind, id)});
+    return more;
+  };
+  const auto env = run.env("summer", with("env_service", "env", {}));
+  const auto actor = run.policy(with("actor", "actor", {"--role", "actor"}));
+  const auto learner = run.train(40, "out", with("learner", "learner", {"--role", "learner", "--trainer-agents", "8"}));
+  EXPECT_EQ(learner->wait(kLong * 2).value_or(-1), 0) << learner->output() << actor->output() << env->output();
+  EXPECT_EQ(actor->wait(kLong).value_or(-1), 0) << actor->output();
+  env->send(SIGTERM);
+  EXPECT_EQ(env->wait(kLong).value_or(-1), 0) << env->output();
+  EXPECT_NE(env->output().find("all acknowledged"), std::string::npos) << env->output();
+}
+
+/// Who tries to get in, by name; and what the log must then say.
+struct Intruder {
+  std::string name, complaint;
+};
+
+/// Prints its name alone in test names.
+void PrintTo(const Intruder& intruder, std::ostream* out) { *out << intruder.name; }
+
+const Intruder kIntruders[] = {
+    {"unauthenticated", "'unauthenticated'"},
+    {"other_authority", "'other_authority'"},
+    {"expired", "'expired'"},
+    {"self_signed_permissions", "authority has not signed"},
+    {"topic_not_permitted", "citylearn/action"},
+};
+
+class Intruders : public ::testing::TestWithParam<std::tuple<std::string, Intruder>> {};
+INSTANTIATE_TEST_SUITE_P(All, Intruders, ::testing::Combine(kVendors, ::testing::ValuesIn(kIntruders)),
+                         [](const auto& param_info) {
+                           return std::get<0>(param_info.param) + "_" + std::get<1>(param_info.param).name;
+                         });
+
+/// Keys of the intruder, and what makes its process what it is.
+std::pair<std::string, Arguments> arm(const std::string& name, Keystore& keys, Keystore& other) {
+  if (name == "other_authority") return {other.add("policy_service", name), {}};
+  if (name == "expired")
+    return {keys.add("policy_service", name, "1 day ago"), {"LD_PRELOAD=" UNLAWFUL, "CITYLEARN_CLOCK=-172800"}};
+  if (name == "topic_not_permitted")
+    return {keys.add("encoder_service", name), {"LD_PRELOAD=" UNLAWFUL, "CITYLEARN_LAWLESS=1"}};
+  if (name == "self_signed_permissions") {
+    // A true identity, with permissions and governance of an authority of its own.
+    const std::string own = keys.add("encoder_service", name), forged = other.add("policy_service", name);
+    for (const char* file : {"permissions_ca.pem", "permissions.p7s", "governance.p7s"})
+      std::filesystem::copy_file(forged + "/" + file, own + "/" + file,
+                                 std::filesystem::copy_options::overwrite_existing);
+    return {own, {}};
+  }
+  return {"", {}};
+}
+
+TEST_P(Intruders, GetNothingInOrOutAndAreLogged) {
+  const auto& [vendor, intruder] = GetParam();
+  const int domain = domain_of(vendor, 2);
+  Keystore keys, other;
+  const std::string friend_keys = keys.add("policy_service", "friend");
+  const auto [intruder_keys, environment] = arm(intruder.name, keys, other);
+  Log log;
+  Victim victim(vendor, domain, keys.add("env_service", "env-1"));
+  Child friendly(peer(vendor, domain, friend_keys, "friend"));
+  Child hostile(with_environment(environment, peer(vendor, domain, intruder_keys, intruder.name)));
+  // Cyclone DDS drops the writer of somebody who may not write without a word (docs/security.md).
+  const bool silent = vendor == "cyclonedds" && intruder.name == "topic_not_permitted";
+  const auto noticed = [&] { return silent ? victim.sees(intruder.name) : log.has(intruder.complaint); };
+  EXPECT_TRUE(victim.until([&] { return victim.heard("friend") && noticed(); }, log)) << log.text();
+  const int before = victim.count();
+  EXPECT_TRUE(victim.until([&] { return victim.count() >= before + 25; }, log)) << "half a second of the friend's";
+  EXPECT_FALSE(victim.heard(intruder.name)) << log.text();
+  // Reading observations is an encoder's right.
+  EXPECT_EQ(hostile.finish(seconds(10)), intruder.name == "topic_not_permitted" ? 3 : 0) << "it received something";
+  EXPECT_EQ(friendly.finish(seconds(10)), 3) << "a friend receives";
+}
+
+/// Without any trick, its own vendor stops it already.
+TEST_P(Secured, AServiceCannotPublishWhatItsKindMayNot) {
+  Keystore keys;
+  MiddlewareOptions options;
+  options.name = GetParam();
+  options.domain = static_cast<std::uint32_t>(domain_of(GetParam(), 3));
+  options.participant = "encoder";
+  options.security = keys.add("encoder_service", "encoder");
+  const auto middleware = create_middleware(options);
+  EXPECT_NE(middleware->create_publisher(text_topic(kObservation)), nullptr);
+  EXPECT_THROW(middleware->create_publisher(text_topic(kAction)), Error);
+}
+
+TEST_P(Secured, WhoeverWasRevokedIsKeptOut) {
+  const int domain = domain_of(GetParam(), 4);
+  Keystore keys;
+  const std::string friend_keys = keys.add("policy_service", "friend"),
+                    revoked_keys = keys.add("policy_service", "lost");
+  const std::string kept = keys.folder() / "kept";  // by whoever has stolen them
+  std::filesystem::copy(revoked_keys, kept);
+  const std::string env_keys = keys.add("env_service", "env-1");
+  keys.expect({"revoke", keys.of(""), "lost"});
+  Log log;
+  Victim victim(GetParam(), domain, env_keys);
+  Child friendly(peer(GetParam(), domain, friend_keys, "friend"));
+  Child hostile(peer(GetParam(), domain, kept, "lost"));
+  EXPECT_TRUE(victim.until([&] { return victim.heard("friend") && log.has("'lost'"); }, log)) << log.text();
+  EXPECT_FALSE(victim.heard("lost")) << log.text();
+  EXPECT_EQ(hostile.finish(seconds(10)), 0);
+}
+
+/// Known of the two vendors together (docs/security.md): who asks first is settled by the names, and Fast DDS asks with
+/// a key that Cyclone DDS cannot read. Whoever finds this test failing may cross the limit out.
+TEST(SecuredMixed, WorksWhereCycloneAsksFirstAndIsToldWhereFastDoes) {
+  Keystore keys;
+  const std::string env_keys = keys.add("env_service", "env-1"), friend_keys = keys.add("policy_service", "policy");
+  for (const std::string vendor : {"cyclonedds", "fastdds"}) {
+    const int domain = domain_of(vendor, 5);
+    Log log;
+    Victim victim(vendor, domain, env_keys);  // 'env-1' has the lower number, and asks
+    Child other(peer(vendor == "fastdds" ? "cyclonedds" : "fastdds", domain, friend_keys, "policy"));
+    if (vendor == "cyclonedds") {
+      EXPECT_TRUE(victim.until([&] { return victim.heard("policy"); }, log)) << log.text();
+      EXPECT_EQ(other.finish(seconds(10)), 3);
+    } else {
+      EXPECT_TRUE(victim.until([&] { return log.has("'policy'"); }, log)) << log.text();
+      EXPECT_FALSE(victim.heard("policy"));
+      EXPECT_EQ(other.finish(seconds(10)), 0);
+    }
+  }
+}
+
+// --- What is seen on the wire
+// ----------------------------------------------------------------------------------------------------------
+
+/// A network of this process alone, with a loopback; false where that is not allowed.
+bool enter_own_network() {
+  if (unshare(CLONE_NEWNET) != 0) return false;
+  const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  ifreq request{};
+  std::strcpy(request.ifr_name, "lo");
+  request.ifr_flags = IFF_UP | IFF_RUNNING;
+  const bool up = ioctl(handle, SIOCSIFFLAGS, &request) == 0;
+  close(handle);
+  return up;
+}
+
+enum Seen { kNotAllowed = 10, kNothing, kInClear, kHidden };
+
+/// Two participants talk until the friend's actions arrive; then what of them was seen on the loopback.
+Seen listen_in(const std::string& vendor, const std::string& env_keys, const std::string& friend_keys) {
+  const std::string secret = "friend-with-a-name-that-nobody-else-has";
+  if (!enter_own_network()) return kNotAllowed;
+  const int ear = socket(AF_PACKET, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, htons(ETH_P_ALL));
+  if (ear < 0) return kNotAllowed;
+  const int room = 8 << 20;
+  setsockopt(ear, SOL_SOCKET, SO_RCVBUFFORCE, &room, sizeof room);
+  Log log;
+  Victim victim(vendor, kDomain, env_keys);
+  Child friendly(peer(vendor, kDomain, friend_keys, secret));
+  std::size_t packets = 0;
+  bool clear = false;
+  std::vector<char> packet(1 << 17);
+  const auto look = [&] {
+    for (ssize_t size; (size = recv(ear, packet.data(), packet.size(), 0)) > 0; ++packets)
+      // Who is there is announced in clear; what is said begins after a sample's encapsulation.
+      clear |=
+          std::string_view(packet.data(), static_cast<std::size_t>(size)).find(std::string("\0\1\0\0", 4) + secret) !=
+          std::string_view::npos;
+    return victim.heard(secret);
+  };
+  if (!victim.until(look, log)) return kNothing;
+  victim.until([&] { return look() && packets > 200; }, log, seconds(10));
+  return clear ? kInClear : kHidden;
+}
+
+/// In a process of its own, which has a network of its own.
+Seen listen_in_apart(const std::string& vendor, const std::string& env_keys, const std::string& friend_keys) {
+  const pid_t child = fork();
+  if (child == 0) _exit(listen_in(vendor, env_keys, friend_keys));
+  int status = 0;
+  waitpid(child, &status, 0);
+  return WIFEXITED(status) ? static_cast<Seen>(WEXITSTATUS(status)) : kNothing;
+}
+
+TEST_P(Secured, ASnifferSeesNothingThatIsSaid) {
+  Keystore keys;
+  const std::string env_keys = keys.add("env_service", "env-1"),
+                    friend_keys = keys.add("policy_service", "friend-with-a-name-that-nobody-else-has");
+  const Seen open = listen_in_apart(GetParam(), "", "");
+  if (open == kNotAllowed) GTEST_SKIP() << "this needs to make a network namespace and a packet socket";
+  EXPECT_EQ(open, kInClear) << "the ear hears what is not encrypted";
+  EXPECT_EQ(listen_in_apart(GetParam(), env_keys, friend_keys), kHidden);
+}
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,125 @@
+// Endurance: 16 env_services of 16 agents each, a policy_service and a recorder, for half an hour, and a kill a minute.
+// `./run test --long`. CITYLEARN_SOAK_MINUTES says another time.
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <cstdlib>
+
+#include "core/random.h"
+#include "tests/support/ledger.h"
+#include "tests/support/process_watch.h"
+#include "tests/support/trial.h"
+#include "tests/support/witness.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
+constexpr int kDomain = 225;
+constexpr int kEnvironments = 16, kMortal = 8;  // the others live through all of it
+constexpr seconds kLong{120}, kBack{10}, kLook{5};
+constexpr double kMostSlope = 1;  // MB a minute
+
+double soak_minutes() {
+  const char* given = std::getenv("CITYLEARN_SOAK_MINUTES");
+  return given && *given ? std::strtod(given, nullptr) : 30;
+}
+
+/// Stops all, and waits for those that have something to say at their end.
+int ended(Service& service) {
+  service.send(SIGTERM);
+  return service.wait(kLong).value_or(-1);
+}
+
+TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
+  const double minutes = soak_minutes();
+  Trial run("cyclonedds", kDomain);
+  const std::string store = run.folder() / "dashboard.sqlite", out = run.folder() / "out";
+  Witness witness("cyclonedds", kDomain);
+  Service recorder({CITYLEARN_RECORDER_PROCESS, "cyclonedds", std::to_string(kDomain), store},
+                   run.folder() / "recorder.log");
+  ASSERT_TRUE(recorder.says("records", kLong)) << recorder.output();
+  const auto id = [](int number) { return "env-" + std::to_string(number); };
+  const auto environment = [&](int number) {
+    return run.env("summer", {"--agents", "16", "--id", id(number), "--recorders", "dashboard", "--linger", "60"});
+  };
+  std::vector<std::unique_ptr<Service>> environments;
+  for (int number = 0; number < kEnvironments; ++number) environments.push_back(environment(number));
+  // What its wire loses is sent again after 50 ms and more: it is what keeps this from taking all of the machine.
+  const auto policy =
+      run.policy({"--middleware", "lossy,drop=0.2,repeat=0.02,reorder=0.02,seed=5:cyclonedds", "--agent",
+                  "place_filter", "--steps", "1000000000", "--checkpoint-every", "10", "--environments",
+                  std::to_string(kEnvironments), "--output", out, "--evaluate", "summer"});
+  ASSERT_TRUE(witness.until([&] { return witness.updates >= 3; }, kLong)) << policy->output();
+
+  std::vector<ProcessWatch> watches{{"policy", policy->process()}, {"recorder", recorder.process()}};
+  for (int number = kMortal; number < kEnvironments; ++number)
+    watches.emplace_back(id(number), environments[static_cast<std::size_t>(number)]->process());
+  const Clock::time_point begin = Clock::now();
+  const auto passed = [&] { return std::chrono::duration<double>(Clock::now() - begin).count() / 60; };
+  Random random{6};
+  Clock::time_point next_look = begin;
+  int kills = 0;
+  double slowest = 0;
+  while (passed() < minutes) {
+    if (Clock::now() >= next_look) {
+      next_look += kLook;
+      for (ProcessWatch& watch : watches) ASSERT_TRUE(watch.look(passed())) << watch.name() << " is gone";
+    }
+    if (passed() >= kills + 0.5 && passed() + 0.25 < minutes) {
+      const int number = static_cast<int>(random.below(kMortal));
+      auto& victim = environments[static_cast<std::size_t>(number)];
+      const std::uint64_t before = witness.incarnation(id(number));
+      const Clock::time_point since = Clock::now();
+      victim->send(SIGKILL);
+      ASSERT_EQ(victim->wait(kLong), 128 + SIGKILL) << victim->output();
+      victim = environment(number);
+      EXPECT_TRUE(witness.until(
+          [&] { return witness.incarnation(id(number)) != before && witness.episodes(id(number)) > 0; }, kBack))
+          << "kill " << kills << " of " << id(number) << "\n"
+          << victim->output();
+      slowest = std::max(slowest, std::chrono::duration<double>(Clock::now() - since).count());
+      ++kills;
+    }
+    witness.listen(milliseconds(200));
+  }
+
+  // Nothing new begins; what was finished is recorded by both before they go.
+  for (auto& one : environments) one->send(SIGTERM);
+  Ledger counted;  // by those env_services that could tell at their end
+  for (int number = 0; number < kEnvironments; ++number) {
+    auto& one = environments[static_cast<std::size_t>(number)];
+    ASSERT_TRUE(witness.until([&] { return one->wait(milliseconds(1)).has_value(); }, kLong)) << one->output();
+    const std::string said = one->output(), before = "stops: ", after = " episodes, all acknowledged";
+    const std::size_t at = said.find(before), end = said.find(after);
+    ASSERT_TRUE(at != std::string::npos && end != std::string::npos) << said;
+    auto& episodes = counted[{id(number), witness.incarnation(id(number))}];
+    const auto count = std::stoull(said.substr(at + before.size(), end - at - before.size()));
+    for (std::uint64_t episode = 1; episode <= count; ++episode) episodes.insert(episodes.end(), episode);
+  }
+  EXPECT_EQ(ended(*policy), 130) << policy->output();
+  EXPECT_EQ(ended(recorder), 0) << recorder.output();
+
+  const Ledger recorded = in_store(store), learned = in_csv(out + "/episodes.csv");
+  for (const auto& [source, episodes] : counted) {
+    EXPECT_EQ(recorded.at(source).size(), episodes.size()) << source.id;
+    EXPECT_EQ(learned.at(source).size(), episodes.size()) << source.id;
+  }
+  expect_all_acknowledged(recorded, witness.acknowledged["dashboard"]);
+  expect_all_acknowledged(learned, witness.acknowledged["policy"]);
+  std::printf(
+      "%.1f minutes, %d kills, back within %.1f s, %zu updates heard, %zu episodes counted, %zu recorded, %zu "
+      "learned from\n",
+      passed(), kills, slowest, static_cast<std::size_t>(witness.updates), entries(counted), entries(recorded),
+      entries(learned));
+  for (const ProcessWatch& watch : watches) {
+    std::printf("%s\n", watch.says().c_str());
+    EXPECT_LT(watch.slope(), kMostSlope) << watch.says();
+    EXPECT_LE(watch.more_files(), 0) << watch.says();
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,294 @@
+#include "tools/doctor/findings.h"
+
+#include <fmt/core.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "core/middleware_parts.h"
+#include "core/service.h"
+
+namespace citylearn::doctor {
+namespace {
+
+constexpr int kProbePatience = 3500;   // ms: a host refuses once a second, and is asked thrice for its address
+constexpr double kClockTolerance = 1;  // seconds
+constexpr double kStale = 5;           // seconds without a heartbeat
+
+double wall_clock() {
+  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+/// The sender's clock when it sent a heartbeat: an incarnation is the microsecond it started at.
+double sent_at(const msg::ServiceStatus& status) {
+  return static_cast<double>(status.header().incarnation()) / 1e6 + status.uptime();
+}
+
+const char* name_of(msg::State state) {
+  switch (state) {
+    case msg::STARTING:
+      return "starting";
+    case msg::WAITING:
+      return "waiting";
+    case msg::RUNNING:
+      return "running";
+    case msg::STOPPING:
+      return "stopping";
+    case msg::FAILED:
+      return "FAILED";
+  }
+  return "?";
+}
+
+std::string joined(const std::vector<std::string>& parts) {
+  std::string all;
+  for (const std::string& part : parts) all += (all.empty() ? "" : ", ") + part;
+  return all;
+}
+
+MiddlewareOptions as_doctor(MiddlewareOptions options) {
+  options.participant = "doctor";
+  return options;
+}
+
+Clock::time_point in_seconds(double seconds) {
+  return Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+}
+
+/// A peer or discovery server at whose address no participant was heard: what is known of it.
+std::string account_of(const std::string& peer, const std::string& address, int port, const Findings& findings) {
+  const std::string ports = fmt::format("UDP ports {}..{}", findings.first_port, findings.last_port);
+  // From the first of our interfaces that is no loopback.
+  std::string from;
+  for (const Interface& each : findings.interfaces)
+    if (from.empty() && findings.used.contains(each.address) && !each.address.starts_with("127.")) from = each.address;
+  switch (probe(from, address, port, kProbePatience)) {
+    case Answer::kNoHost:
+      return fmt::format("peer '{}': no host answers at {} (is it up, and does --interface lead there?)", peer,
+                         address);
+    case Answer::kRefused:
+      return fmt::format(
+          "peer '{}': the host {} is up, but nobody listens on its UDP port {} (no service runs there in "
+          "domain {}, or its --interface is another one)",
+          peer, address, port, findings.domain);
+    case Answer::kSilent:
+      break;
+  }
+  return fmt::format(
+      "peer '{}': nothing comes back from {} (a firewall between? open {} both ways; or its services do "
+      "not name this host in --peers, or are secured otherwise)",
+      peer, address, ports);
+}
+
+void look_at_peers(const MiddlewareOptions& options, Findings& findings) {
+  const auto heard_at = [&](const std::string& address) {
+    return std::any_of(findings.participants.begin(), findings.participants.end(), [&](const auto& participant) {
+      return std::find(participant.addresses.begin(), participant.addresses.end(), address) !=
+             participant.addresses.end();
+    });
+  };
+  for (const auto& [list, standard] :
+       {std::pair{&options.peers, findings.first_port}, {&options.discovery_servers, parts::kDiscoveryServerPort}})
+    for (const std::string& peer : *list) {
+      const std::size_t colon = peer.rfind(':');
+      const std::string address = address_of(peer.substr(0, colon));
+      if (address.empty() || address.starts_with("127.") || findings.used.contains(address) || heard_at(address))
+        continue;
+      const int port = colon == std::string::npos ? standard : std::atoi(peer.c_str() + colon + 1);
+      findings.problems.push_back(account_of(peer, address, port, findings));
+    }
+}
+
+void look_at_services(Findings& findings) {
+  for (const Heartbeats::Service& service : findings.services) {
+    const msg::ServiceStatus& status = service.newest;
+    const std::string who =
+        fmt::format("service '{}' of run '{}'", status.header().sender().c_str(), status.header().run().c_str());
+    if (status.service_state() == msg::FAILED)
+      findings.problems.push_back(fmt::format("{}: FAILED: {}", who, status.activity().c_str()));
+    if (*status.alarm().c_str()) findings.problems.push_back(fmt::format("{}: {}", who, status.alarm().c_str()));
+    if (service.heard > 1 && std::abs(service.ahead) > kClockTolerance)
+      findings.hints.push_back(
+          fmt::format("the clock of '{}' was {:.1f} s {} ours when {} started (set both by NTP: of "
+                      "two processes with one name the later start counts)",
+                      status.host().c_str(), std::abs(service.ahead), service.ahead > 0 ? "ahead of" : "behind",
+                      status.header().sender().c_str()));
+  }
+}
+
+}  // namespace
+
+Heartbeats::Heartbeats(Middleware& middleware)
+    : subscription_(middleware.create_subscription(topic_of<msg::ServiceStatus>())) {}
+
+void Heartbeats::take() {
+  while (subscription_->take(buffer_)) {
+    try {
+      decode(std::span<const std::byte>(buffer_), status_);
+    } catch (const Error& error) {
+      unreadable_.insert(error.what());
+      continue;
+    }
+    Service& service = services_[{status_.header().run().to_string(), status_.header().sender().to_string()}];
+    const auto &known = service.newest.header(), &header = status_.header();
+    if (service.heard > 0 && (header.incarnation() < known.incarnation() ||
+                              (header.incarnation() == known.incarnation() && header.message() <= known.message())))
+      continue;
+    // What is late on its way seems to come from a clock that is behind: the least late one tells most.
+    const double ahead = sent_at(status_) - wall_clock();
+    const bool again = service.heard > 0 && header.incarnation() == known.incarnation();
+    service.ahead = again ? std::max(service.ahead, ahead) : ahead;
+    service.heard = again ? service.heard + 1 : 1;
+    service.newest = status_;
+  }
+}
+
+Findings examine(const MiddlewareOptions& options, const std::string& run, double seconds) {
+  Findings findings;
+  findings.interfaces = interfaces();
+  for (const std::string& wanted : options.interfaces)
+    for (const Interface& each : findings.interfaces)
+      if (wanted == each.name || wanted == each.address) findings.used.insert(each.address);
+  findings.domain = options.domain;
+  findings.first_port = parts::discovery_port(options.domain, 0);
+  findings.last_port = parts::discovery_port(options.domain, parts::kParticipants - 1) + 1;
+
+  std::unique_ptr<Middleware> middleware = create_middleware(as_doctor(options));
+  findings.middleware = middleware->name();
+  for (const Topic& topic : all_topics()) middleware->surroundings().own(topic.name, topic.type);
+  std::optional<Heartbeats> heard(std::in_place, *middleware);
+  Heartbeats& heartbeats = *heard;
+  for (const Clock::time_point deadline = in_seconds(seconds); Clock::now() < deadline && !stop_requested();) {
+    middleware->wait(std::min(deadline, Clock::now() + std::chrono::milliseconds(100)));
+    middleware->surroundings();  // takes in what discovery tells
+    heartbeats.take();
+  }
+
+  findings.participants = middleware->surroundings().participants();
+  findings.ports = ports_taken(findings.first_port, findings.last_port, getpid());
+  for (const auto& [name, service] : heartbeats.services())
+    if (run.empty() || name.first == run) findings.services.push_back(service);
+  if (findings.participants.empty())
+    findings.problems.push_back(
+        fmt::format("nobody was heard in domain {} on {} within {} s (same --domain, --interface and --peers there?)",
+                    options.domain, joined(options.interfaces), seconds));
+  else if (findings.services.empty())
+    findings.problems.push_back(fmt::format(
+        "participants are heard, but no service{} (do they hear this host? their --peers must name it, and a "
+        "firewall may let packets through one way only)",
+        run.empty() ? "" : " of run '" + run + "'"));
+  for (const std::string& fault : middleware->surroundings().faults())
+    if (!fault.starts_with("peer ")) findings.problems.push_back(fault);  // peers are looked at below, and closer
+  for (const std::string& line : heartbeats.unreadable()) findings.problems.push_back(line);
+  heard.reset();
+  middleware.reset();  // what it asks at peers would use up their answers
+  look_at_peers(options, findings);
+  look_at_services(findings);
+  if (findings.ports.size() + 2 >= 2 * parts::kParticipants)
+    findings.hints.push_back(
+        fmt::format("domain {} has no more room on this host: {} participants (other runs may have "
+                    "another --domain)",
+                    options.domain, parts::kParticipants));
+  for (const Limit& limit : limits_too_small())
+    findings.hints.push_back(fmt::format("{} is {}: {} (sudo sysctl -w {}={})", limit.name, limit.value, limit.why,
+                                         limit.name, limit.wanted));
+  return findings;
+}
+
+std::string as_text(const Findings& findings) {
+  std::string text = "interfaces\n";
+  for (const Interface& each : findings.interfaces)
+    text += fmt::format("  {:<15} {:<15} packets of {} bytes{}{}\n", each.name, each.address, each.packet,
+                        each.up ? "" : ", down", findings.used.contains(each.address) ? "  <- used" : "");
+  text +=
+      fmt::format("middleware\n  {}, domain {}: UDP ports {}..{}, {} of them taken by others here\n",
+                  findings.middleware, findings.domain, findings.first_port, findings.last_port, findings.ports.size());
+  for (const Port& port : findings.ports)
+    text += fmt::format(
+        "  {} {}\n", port.number,
+        port.process ? fmt::format("{} (process {})", port.program, port.process) : "somebody this user may not see");
+  text += fmt::format("participants: {}\n", findings.participants.size());
+  for (const auto& each : findings.participants)
+    text += fmt::format("  {:<24} {:<12} {}\n", each.name.empty() ? "(no name)" : each.name, each.vendor,
+                        joined(each.addresses));
+  text += fmt::format("services: {}\n", findings.services.size());
+  for (const Heartbeats::Service& service : findings.services) {
+    const msg::ServiceStatus& status = service.newest;
+    text += fmt::format("  {:<24} {:<16} run {}, host {}, process {}, {}: {}{}\n", status.header().sender().c_str(),
+                        status.service().c_str(), status.header().run().c_str(), status.host().c_str(),
+                        status.process(), name_of(status.service_state()), status.activity().c_str(),
+                        status.foreign() ? fmt::format(" ({} messages of other runs)", status.foreign()) : "");
+  }
+  for (const std::string& hint : findings.hints) text += "hint: " + hint + "\n";
+  for (const std::string& problem : findings.problems) text += "PROBLEM: " + problem + "\n";
+  if (findings.problems.empty()) text += "all is well\n";
+  return text;
+}
+
+std::string as_json(const Findings& findings) {
+  using Json = nlohmann::ordered_json;
+  Json json = {{"middleware", findings.middleware}, {"domain", findings.domain},   {"first_port", findings.first_port},
+               {"last_port", findings.last_port},   {"interfaces", Json::array()}, {"ports", Json::array()},
+               {"participants", Json::array()},     {"services", Json::array()},   {"hints", findings.hints},
+               {"problems", findings.problems}};
+  for (const Interface& each : findings.interfaces)
+    json["interfaces"].push_back({{"name", each.name},
+                                  {"address", each.address},
+                                  {"packet", each.packet},
+                                  {"up", each.up},
+                                  {"used", findings.used.contains(each.address)}});
+  for (const Port& port : findings.ports)
+    json["ports"].push_back({{"port", port.number}, {"process", port.process}, {"program", port.program}});
+  for (const auto& each : findings.participants)
+    json["participants"].push_back({{"name", each.name}, {"vendor", each.vendor}, {"addresses", each.addresses}});
+  for (const Heartbeats::Service& service : findings.services) {
+    const msg::ServiceStatus& status = service.newest;
+    json["services"].push_back({{"id", status.header().sender().c_str()},
+                                {"service", status.service().c_str()},
+                                {"run", status.header().run().c_str()},
+                                {"host", status.host().c_str()},
+                                {"process", status.process()},
+                                {"middleware", status.middleware().c_str()},
+                                {"state", name_of(status.service_state())},
+                                {"activity", status.activity().c_str()},
+                                {"alarm", status.alarm().c_str()},
+                                {"rejected", status.rejected()},
+                                {"foreign", status.foreign()},
+                                {"clock_ahead", service.ahead}});
+  }
+  // Names and texts came over the wire: whatever is no UTF-8 in them is replaced.
+  return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+std::string check_service(const MiddlewareOptions& options, const std::string& run, const std::string& id,
+                          double seconds) {
+  const auto middleware = create_middleware(as_doctor(options));
+  Heartbeats heartbeats(*middleware);
+  const auto say = [&](const std::string& what) {
+    return fmt::format("service '{}'{}: {}", id, run.empty() ? "" : " of run '" + run + "'", what);
+  };
+  std::string trouble = fmt::format("no heartbeat within {} s", seconds);
+  for (const Clock::time_point deadline = in_seconds(seconds); Clock::now() < deadline && !stop_requested();) {
+    middleware->wait(deadline);
+    heartbeats.take();
+    for (const auto& [name, service] : heartbeats.services()) {
+      if (name.second != id || (!run.empty() && name.first != run)) continue;
+      const msg::ServiceStatus& status = service.newest;
+      // The first one may be the last word of a process that hangs: its middleware repeats it to whoever comes.
+      if (service.heard == 1 && std::abs(service.ahead) > kStale) {
+        trouble = "only an old heartbeat was heard: it hangs";
+      } else if (status.service_state() == msg::FAILED) {
+        trouble = fmt::format("FAILED: {}", status.activity().c_str());
+      } else {
+        return "";
+      }
+    }
+  }
+  return say(trouble);
+}
+
+}  // namespace citylearn::doctor
