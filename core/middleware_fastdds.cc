@@ -32,6 +32,7 @@ using eprosima::fastrtps::Duration_t;
 using eprosima::fastrtps::types::ReturnCode_t;
 
 constexpr std::uint32_t kSocketBuffer = 4 << 20;
+constexpr int kHandshake = 16384;  // bytes; twice what a service's certificate and permissions take
 
 // While a sample is not acknowledged, a writer tells so often what it has, in nanoseconds. A reader asks for what it
 // lacks once each time. Packets get lost between hosts, hardly ever on loopback.
@@ -293,7 +294,9 @@ class FastMiddleware : public Middleware {
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     udp->interfaceWhiteList = network.addresses;
     udp->maxInitialPeersRange = kParticipants;
-    udp->maxMessageSize = static_cast<std::uint32_t>(network.datagram);
+    // Fast does not cut what two sides say to prove who they are: certificate and permissions must fit one message.
+    udp->maxMessageSize = static_cast<std::uint32_t>(network.security.empty() ? network.datagram
+                                                                              : std::max(network.datagram, kHandshake));
     udp->sendBufferSize = kSocketBuffer;
     udp->receiveBufferSize = kSocketBuffer;
     qos.transport().use_builtin_transports = false;
