@@ -70,11 +70,11 @@ class Town {
     return trial_.env(traversal, options);
   }
   std::unique_ptr<Service> policy(Arguments options, const std::string& output) {
+    options.insert(options.end(), {"--agent", "place_filter", "--learner", "relabel", "--checkpoint-every", "5",
+                                   "--output", trial_.folder() / output, "--tasks", "200", "--evaluate", "summer"});
     // The recommended learning rate falls to zero within 40,000 steps; a run without an end keeps what it begins with,
     // and with that rate it forgets to look after 100,000 steps, killed or not.
-    options.insert(options.end(), {"--agent", "place_filter", "--learner", "relabel", "--relabel-learning-rate",
-                                   "0.0003", "--checkpoint-every", "5", "--output", trial_.folder() / output, "--tasks",
-                                   "200", "--evaluate", "summer"});
+    if (plan_.kills > 1) options.insert(options.end(), {"--relabel-learning-rate", "0.0003"});
     if (plan_.pictures) options.insert(options.end(), {"--frames", "96"});
     return trial_.policy(options);
   }
