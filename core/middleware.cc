@@ -25,6 +25,22 @@ namespace {
 /// Several round trips on loopback, but little against the time in which nothing comes.
 constexpr std::chrono::microseconds kLook{100};
 
+std::string dotted(const sockaddr* address) {
+  char text[INET_ADDRSTRLEN] = "";
+  inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text, sizeof text);
+  return text;
+}
+
+/// Bytes that an interface sends in one packet.
+int packet_size(const char* name) {
+  ifreq request{};
+  std::snprintf(request.ifr_name, sizeof request.ifr_name, "%s", name);
+  const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const bool known = handle >= 0 && ioctl(handle, SIOCGIFMTU, &request) == 0;
+  if (handle >= 0) close(handle);
+  return known ? request.ifr_mtu : 1500;
+}
+
 }  // namespace
 
 Depth depth_of(Profile profile) {
@@ -84,6 +100,18 @@ bool Wakeup::wait(Clock::time_point deadline) {
   return raised;
 }
 
+std::vector<Interface> interfaces() {
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) != 0) throw Error(std::strerror(errno), "network interfaces");
+  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
+  std::vector<Interface> all;
+  for (const ifaddrs* entry = list; entry; entry = entry->ifa_next)
+    if (entry->ifa_addr && entry->ifa_addr->sa_family == AF_INET)
+      all.push_back(
+          {entry->ifa_name, dotted(entry->ifa_addr), packet_size(entry->ifa_name), (entry->ifa_flags & IFF_UP) != 0});
+  return all;
+}
+
 int free_index(const Network& network) {
   const auto is_free_at = [](const std::string& where, int port) {
     sockaddr_in address{};
@@ -133,40 +161,15 @@ using parts::Network;
 constexpr int kLargestDatagram = 65500;  // UDP over IPv4 has room for 65507
 constexpr int kHeaders = 28;             // of IPv4 and UDP
 
-std::string dotted(const sockaddr* address) {
-  char text[INET_ADDRSTRLEN] = "";
-  inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text, sizeof text);
-  return text;
-}
-
 bool is_loopback(const std::string& address) { return address.starts_with("127."); }
 
-/// Bytes that an interface sends in one packet.
-int packet_size(const char* name) {
-  ifreq request{};
-  std::snprintf(request.ifr_name, sizeof request.ifr_name, "%s", name);
-  const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  const bool known = handle >= 0 && ioctl(handle, SIOCGIFMTU, &request) == 0;
-  if (handle >= 0) close(handle);
-  return known ? request.ifr_mtu : 1500;
-}
-
-struct Interface {
-  std::string address;  ///< IPv4
-  int packet;           ///< bytes
-};
-
 /// The interface given by name or by IPv4 address.
-Interface resolve_interface(const std::string& wanted) {
-  ifaddrs* list = nullptr;
-  if (getifaddrs(&list) != 0) throw Error(std::strerror(errno), "network interfaces");
-  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
+parts::Interface resolve_interface(const std::string& wanted) {
   std::string known;
-  for (const ifaddrs* entry = list; entry; entry = entry->ifa_next) {
-    if (!entry->ifa_addr || entry->ifa_addr->sa_family != AF_INET || !(entry->ifa_flags & IFF_UP)) continue;
-    const std::string address = dotted(entry->ifa_addr);
-    if (wanted == entry->ifa_name || wanted == address) return {address, packet_size(entry->ifa_name)};
-    known += (known.empty() ? "" : ", ") + std::string(entry->ifa_name) + " " + address;
+  for (const parts::Interface& each : parts::interfaces()) {
+    if (!each.up) continue;
+    if (wanted == each.name || wanted == each.address) return each;
+    known += (known.empty() ? "" : ", ") + each.name + " " + each.address;
   }
   throw Error("unknown interface '" + wanted + "'", "interface", "those with IPv4: " + known);
 }
@@ -190,7 +193,7 @@ Network::Peer resolve_peer(const std::string& peer, const std::string& option, i
   if (const int status = getaddrinfo(host.c_str(), nullptr, &hints, &found); status != 0)
     throw Error("host '" + host + "' has no IPv4 address: " + gai_strerror(status), option);
   const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, freeaddrinfo);
-  return {peer, dotted(found->ai_addr), port};
+  return {peer, parts::dotted(found->ai_addr), port};
 }
 
 Network resolve(const MiddlewareOptions& options) {
@@ -199,19 +202,19 @@ Network resolve(const MiddlewareOptions& options) {
     throw Error("must be 0.." + std::to_string(parts::kMostSecureDomain) + " with --security", "domain");
   if (!options.security.empty()) network.security = parts::check_security(options.security, options.participant);
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
-  std::vector<Interface> interfaces;
+  std::vector<parts::Interface> interfaces;
   for (const std::string& interface : options.interfaces) interfaces.push_back(resolve_interface(interface));
   network.at_home = std::all_of(interfaces.begin(), interfaces.end(),
-                                [](const Interface& each) { return is_loopback(each.address); });
+                                [](const parts::Interface& each) { return is_loopback(each.address); });
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     const std::string& interface = options.interfaces[i];
     network.interfaces += (network.interfaces.empty() ? "" : ",") + interface;
-    const auto& [address, packet] = interfaces[i];
+    const std::string& address = interfaces[i].address;
     // Beside another interface it has no use: whoever is told that 127.0.0.1 is where we are would talk to itself. This
     // host's services reach each other at the other interface's address, and no packet of that leaves the machine.
     if (!network.at_home && is_loopback(address)) continue;
     if (std::find(network.addresses.begin(), network.addresses.end(), address) != network.addresses.end()) continue;
-    network.datagram = std::min(network.datagram, packet - kHeaders);
+    network.datagram = std::min(network.datagram, interfaces[i].packet - kHeaders);
     network.addresses.push_back(address);
     network.peers.push_back({interface, address, 0});
   }

@@ -36,6 +36,15 @@ inline int discovery_port(std::uint32_t domain, int index) {
 /// Where Fast DDS's discovery server listens unless told otherwise.
 inline constexpr int kDiscoveryServerPort = 11811;
 
+/// A network interface of this host that has an IPv4 address.
+struct Interface {
+  std::string name, address;
+  int packet = 0;  ///< bytes it sends in one packet
+  bool up = false;
+};
+/// One for each address. Throws Error when the system does not tell.
+std::vector<Interface> interfaces();
+
 /// MiddlewareOptions with the network resolved and checked.
 struct Network {
   struct Peer {

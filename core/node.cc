@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "core/wall_clock.h"
+
 namespace citylearn {
 namespace {
 
@@ -18,11 +20,6 @@ MiddlewareOptions named(MiddlewareOptions options, const std::string& id) {
 void require_id(const std::string& value, const std::string& where) {
   if (value.empty() || value.size() > 64)
     throw Error("must have 1 to 64 characters, has " + std::to_string(value.size()), where);
-}
-
-std::uint64_t microseconds_since_epoch() {
-  const auto now = std::chrono::system_clock::now().time_since_epoch();
-  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
 }
 
 std::string host_name() {

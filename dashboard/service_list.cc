@@ -4,26 +4,12 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/service_state.h"
+
 namespace citylearn {
 namespace {
 
 using Json = nlohmann::json;
-
-const char* name_of(msg::State state) {
-  switch (state) {
-    case msg::STARTING:
-      return "starting";
-    case msg::WAITING:
-      return "waiting";
-    case msg::RUNNING:
-      return "running";
-    case msg::STOPPING:
-      return "stopping";
-    case msg::FAILED:
-      return "failed";
-  }
-  return "running";
-}
 
 Event event_of(const msg::ServiceStatus& status, const char* kind, const std::string& text) {
   return {now_seconds(), status.header().run().c_str(), status.header().sender().c_str(), kind, text};

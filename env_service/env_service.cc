@@ -12,6 +12,7 @@
 
 #include "core/rejections.h"
 #include "core/transfer.h"
+#include "core/wall_clock.h"
 #include "env_service/environment.h"
 #include "env_service/episode_book.h"
 
@@ -45,11 +46,6 @@ bool newer(const msg::SettingsId& a, const msg::SettingsId& b) {
 
 bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
   return a.incarnation() == b.incarnation() && a.version() == b.version();
-}
-
-std::uint64_t microseconds_now() {
-  const auto now = std::chrono::system_clock::now().time_since_epoch();
-  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
 }
 
 std::string route(const msg::TaskSettings& settings) {
@@ -208,7 +204,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     return;
   }
   // The incarnation is a time: from the far future it would win over everybody's for ever.
-  if (settings.settings().incarnation() > microseconds_now() + kClocksApart) {
+  if (settings.settings().incarnation() > microseconds_since_epoch() + kClocksApart) {
     rejections_.add(settings.header(), "settings from the future");
     return;
   }

@@ -132,6 +132,7 @@ class Actor {
   void send_trajectories();
   void ask_for_parameters();
   void send_status();
+  const std::string* served_by(const Seat& seat) const;
   std::string why_idle() const;
   void report();
   void leave();
@@ -318,6 +319,14 @@ void Actor::on_status(const msg::ActorStatus& status) {
   other.environments = std::set<std::uint64_t>(status.environments().begin(), status.environments().end());
 }
 
+/// Id of the other actor that says it serves the seat; null: none does.
+const std::string* Actor::served_by(const Seat& seat) const {
+  const auto other = std::find_if(others_.begin(), others_.end(), [&](const auto& entry) {
+    return entry.second.environments.contains(seat.incarnation());
+  });
+  return other == others_.end() ? nullptr : &other->first;
+}
+
 /// Every actor has its share of the env_services: as many as there are for each, and the first ones by id one more
 /// while some are left. It takes what nobody has, and lets go of what is beyond its share; whoever took charge last has
 /// it.
@@ -338,10 +347,7 @@ void Actor::assign() {
   for (const auto& [id, seat] : fleet_.seats()) {
     if (!ours(*seat)) continue;
     ++all;
-    const bool taken = std::any_of(others_.begin(), others_.end(), [&](const auto& entry) {
-      return entry.second.environments.contains(seat->incarnation());
-    });
-    if (!served_.contains(seat.get()) && !taken && !seat->busy) free.push_back(seat.get());
+    if (!served_.contains(seat.get()) && !served_by(*seat) && !seat->busy) free.push_back(seat.get());
   }
   const std::size_t actors = others_.size() + 1;
   const auto before = static_cast<std::size_t>(std::count_if(
@@ -556,13 +562,9 @@ std::string Actor::why_idle() const {
   for (const auto& [id, seat] : fleet_.seats()) {
     if (!ours(*seat)) continue;
     ++all;
-    const auto other = std::find_if(others_.begin(), others_.end(), [&](const auto& entry) {
-      return entry.second.environments.contains(seat->incarnation());
-    });
+    const std::string* other = served_by(*seat);
     theirs += (theirs.empty() ? " ('" : ", '") + id + "' ";
-    theirs += other != others_.end() ? "is served by '" + other->first + "'"
-              : seat->busy           ? "gets actions from somebody"
-                                     : "is free";
+    theirs += other ? "is served by '" + *other + "'" : seat->busy ? "gets actions from somebody" : "is free";
   }
   if (all == 0) return "waiting for an env_service on '" + traversal + "' as the learner knows it";
   if (!s.collector) return "waiting for the features of '" + traversal + "'";

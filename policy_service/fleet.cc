@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/wall_clock.h"
+
 namespace citylearn {
 namespace {
 
@@ -287,9 +289,7 @@ void Fleet::ask_for_features() {
 
 void Fleet::take_charge(Seat& seat) {
   // The time, as incarnations are; clocks of hosts differ, so never less than what is known.
-  const auto now = std::chrono::system_clock::now().time_since_epoch();
-  const auto microseconds = std::chrono::duration_cast<std::chrono::microseconds>(now).count();
-  seat.charge = std::max({static_cast<std::uint64_t>(microseconds), seat.heard_charge + 1, seat.charge + 1});
+  seat.charge = std::max({microseconds_since_epoch(), seat.heard_charge + 1, seat.charge + 1});
 }
 
 void Fleet::let_go(Seat& seat) {

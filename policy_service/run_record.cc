@@ -6,6 +6,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "core/wall_clock.h"
+
 namespace citylearn {
 namespace {
 
@@ -69,10 +71,7 @@ void RunRecord::send_info() {
   next_info_ = Clock::now() + kInfoAgain;
 }
 
-std::uint64_t new_job() {
-  const auto now = std::chrono::system_clock::now().time_since_epoch();
-  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
-}
+std::uint64_t new_job() { return microseconds_since_epoch(); }
 
 std::uint64_t job_of(const std::string& manifest_path) {
   std::ifstream in(manifest_path);

@@ -4,7 +4,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <atomic>
+#include <future>
 #include <thread>
 
 #include "core/node.h"
@@ -83,18 +83,17 @@ TEST_F(Doctor, NoneOrAnOldOneOrAFailureIsNot) {
 }
 
 TEST_F(Doctor, ASecondHeartbeatTellsThatAnotherClockIsBehind) {
-  std::atomic<bool> done{false};
+  std::promise<void> done;
   msg::ServiceStatus status = heartbeat("env", 60);
-  std::thread sender([&] {
-    while (!done) {
+  std::thread sender([&, ended = done.get_future()] {
+    do {
       publish(status);
       status.header().message(status.header().message() + 1);
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
-    }
+    } while (ended.wait_for(std::chrono::milliseconds(20)) == std::future_status::timeout);
   });
   EXPECT_EQ(check_service(options_, "walk", "env", 10), "");
   const Findings findings = examine(options_, "walk", 0.3);
-  done = true;
+  done.set_value();
   sender.join();
   ASSERT_FALSE(findings.hints.empty());
   EXPECT_NE(findings.hints[0].find("60.0 s behind ours"), std::string::npos) << findings.hints[0];

@@ -9,8 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "core/middleware_parts.h"
 #include "core/service.h"
+#include "core/service_state.h"
 
 namespace citylearn::doctor {
 namespace {
@@ -28,21 +28,8 @@ double sent_at(const msg::ServiceStatus& status) {
   return static_cast<double>(status.header().incarnation()) / 1e6 + status.uptime();
 }
 
-const char* name_of(msg::State state) {
-  switch (state) {
-    case msg::STARTING:
-      return "starting";
-    case msg::WAITING:
-      return "waiting";
-    case msg::RUNNING:
-      return "running";
-    case msg::STOPPING:
-      return "stopping";
-    case msg::FAILED:
-      return "FAILED";
-  }
-  return "?";
-}
+/// What must not be overlooked stands out.
+const char* shown(msg::State state) { return state == msg::FAILED ? "FAILED" : name_of(state); }
 
 std::string joined(const std::vector<std::string>& parts) {
   std::string all;
@@ -64,7 +51,7 @@ std::string account_of(const std::string& peer, const std::string& address, int 
   const std::string ports = fmt::format("UDP ports {}..{}", findings.first_port, findings.last_port);
   // From the first of our interfaces that is no loopback.
   std::string from;
-  for (const Interface& each : findings.interfaces)
+  for (const parts::Interface& each : findings.interfaces)
     if (from.empty() && findings.used.contains(each.address) && !each.address.starts_with("127.")) from = each.address;
   switch (probe(from, address, port, kProbePatience)) {
     case Answer::kNoHost:
@@ -149,9 +136,9 @@ void Heartbeats::take() {
 
 Findings examine(const MiddlewareOptions& options, const std::string& run, double seconds) {
   Findings findings;
-  findings.interfaces = interfaces();
+  findings.interfaces = parts::interfaces();
   for (const std::string& wanted : options.interfaces)
-    for (const Interface& each : findings.interfaces)
+    for (const parts::Interface& each : findings.interfaces)
       if (wanted == each.name || wanted == each.address) findings.used.insert(each.address);
   findings.domain = options.domain;
   findings.first_port = parts::discovery_port(options.domain, 0);
@@ -201,7 +188,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
 
 std::string as_text(const Findings& findings) {
   std::string text = "interfaces\n";
-  for (const Interface& each : findings.interfaces)
+  for (const parts::Interface& each : findings.interfaces)
     text += fmt::format("  {:<15} {:<15} packets of {} bytes{}{}\n", each.name, each.address, each.packet,
                         each.up ? "" : ", down", findings.used.contains(each.address) ? "  <- used" : "");
   text +=
@@ -220,7 +207,7 @@ std::string as_text(const Findings& findings) {
     const msg::ServiceStatus& status = service.newest;
     text += fmt::format("  {:<24} {:<16} run {}, host {}, process {}, {}: {}{}\n", status.header().sender().c_str(),
                         status.service().c_str(), status.header().run().c_str(), status.host().c_str(),
-                        status.process(), name_of(status.service_state()), status.activity().c_str(),
+                        status.process(), shown(status.service_state()), status.activity().c_str(),
                         status.foreign() ? fmt::format(" ({} messages of other runs)", status.foreign()) : "");
   }
   for (const std::string& hint : findings.hints) text += "hint: " + hint + "\n";
@@ -235,7 +222,7 @@ std::string as_json(const Findings& findings) {
                {"last_port", findings.last_port},   {"interfaces", Json::array()}, {"ports", Json::array()},
                {"participants", Json::array()},     {"services", Json::array()},   {"hints", findings.hints},
                {"problems", findings.problems}};
-  for (const Interface& each : findings.interfaces)
+  for (const parts::Interface& each : findings.interfaces)
     json["interfaces"].push_back({{"name", each.name},
                                   {"address", each.address},
                                   {"packet", each.packet},
@@ -253,7 +240,7 @@ std::string as_json(const Findings& findings) {
                                 {"host", status.host().c_str()},
                                 {"process", status.process()},
                                 {"middleware", status.middleware().c_str()},
-                                {"state", name_of(status.service_state())},
+                                {"state", shown(status.service_state())},
                                 {"activity", status.activity().c_str()},
                                 {"alarm", status.alarm().c_str()},
                                 {"rejected", status.rejected()},

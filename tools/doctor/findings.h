@@ -8,6 +8,7 @@
 
 #include "core/messages.h"
 #include "core/middleware.h"
+#include "core/middleware_parts.h"
 #include "tools/doctor/host.h"
 
 namespace citylearn::doctor {
@@ -38,7 +39,7 @@ class Heartbeats {
 };
 
 struct Findings {
-  std::vector<Interface> interfaces;
+  std::vector<parts::Interface> interfaces;
   std::set<std::string> used;  ///< addresses of the interfaces that --interface names
   std::string middleware;
   std::uint32_t domain = 0;

@@ -1,8 +1,6 @@
 #include "tools/doctor/host.h"
 
 #include <arpa/inet.h>
-#include <ifaddrs.h>
-#include <net/if.h>
 #include <netdb.h>
 #include <poll.h>
 #include <sys/socket.h>
@@ -55,20 +53,6 @@ std::map<std::string, int> owners(const std::map<std::string, int>& wanted) {
 }
 
 }  // namespace
-
-std::vector<Interface> interfaces() {
-  ifaddrs* list = nullptr;
-  if (getifaddrs(&list) != 0) return {};
-  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
-  std::vector<Interface> all;
-  for (const ifaddrs* entry = list; entry; entry = entry->ifa_next) {
-    if (!entry->ifa_addr || entry->ifa_addr->sa_family != AF_INET) continue;
-    const std::string packet = first_line("/sys/class/net/" + std::string(entry->ifa_name) + "/mtu");
-    all.push_back({entry->ifa_name, dotted(reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)->sin_addr),
-                   std::atoi(packet.c_str()), (entry->ifa_flags & IFF_UP) != 0});
-  }
-  return all;
-}
 
 std::vector<Port> ports_taken(int first, int last, int but_of) {
   std::map<std::string, int> by_inode;

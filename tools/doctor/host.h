@@ -8,13 +8,6 @@ namespace citylearn::doctor {
 
 // What a user without privileges can know of this host's network.
 
-struct Interface {
-  std::string name, address;  ///< IPv4
-  int packet = 0;             ///< bytes it sends in one packet
-  bool up = false;
-};
-std::vector<Interface> interfaces();
-
 /// A UDP port that is taken here.
 struct Port {
   int number = 0;

@@ -7,6 +7,7 @@
 
 #include "core/files.h"
 #include "tools/chart/chart.h"
+#include "tools/vpr/report.h"
 
 namespace citylearn::paper {
 namespace {
@@ -32,16 +33,9 @@ std::string base64(const std::string& bytes) {
   return text;
 }
 
-std::string csv_field(const std::string& text) {
-  if (text.find_first_of(",\"\n") == text.npos) return text;
-  std::string quoted = "\"";
-  for (const char c : text) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return quoted + "\"";
-}
-
 std::string csv_line(const std::vector<std::string>& fields) {
   std::string line;
-  for (std::size_t i = 0; i < fields.size(); ++i) line += (i ? "," : "") + csv_field(fields[i]);
+  for (std::size_t i = 0; i < fields.size(); ++i) line += (i ? "," : "") + vpr::csv_field(fields[i]);
   return line + "\n";
 }
 

@@ -45,7 +45,7 @@ Unit unit_of(const Case& one, World& world) {
                {"representation", one.representation},
                {"method", one.method},
                {"frames", world.frames()},
-               {"recordings", {world.recording(world.train()).hash(), world.recording(one.query).hash()}}};
+               {"recordings", {world.hash(world.train()), world.hash(one.query)}}};
   unit.seconds = one.method == "mlp" ? 8 : 2;
   unit.compute = [one, &world] { return recognise(world, one); };
   return unit;

@@ -19,6 +19,7 @@ const std::string kRaw = "raw84";
 struct World::Encoded {
   std::unique_ptr<Encoder> encoder;
   std::map<std::string, Eigen::MatrixXf> descriptors;  ///< D x F, by traversal
+  std::map<std::string, Reduction> reductions;         ///< by representation
 };
 
 World::World(const WorldOptions& options) : options_(options) {
@@ -28,14 +29,16 @@ World::World(const WorldOptions& options) : options_(options) {
   for (const std::string& name : dataset->names())
     if (name != learned) names_.push_back(name);
   Selection selection = options.source.selection;
-  const Traversal whole = select(*dataset, learned, selection);
-  if (whole.frames > options.most_frames) selection.end = selection.first + options.most_frames * selection.step;
-  recordings_[learned] = select(*dataset, learned, selection);
+  Traversal& reference = recordings_[learned] = select(*dataset, learned, selection);
+  if (reference.frames > options.most_frames) {
+    selection.end = selection.first + options.most_frames * selection.step;
+    reference = select(*dataset, learned, selection);
+  }
   selection.align = learned;
   for (std::size_t i = 1; i < names_.size();) {
     Traversal other = select(*dataset, names_[i], selection);
     // Pictures and features in one folder do not mix: what is of the other kind is something else.
-    if ((other.images == nullptr) == (recordings_[learned].images == nullptr)) {
+    if ((other.images == nullptr) == (reference.images == nullptr)) {
       recordings_[names_[i]] = std::move(other);
       ++i;
     } else {
@@ -62,6 +65,12 @@ const std::string& World::train() const { return names_.front(); }
 std::vector<std::string> World::names() const { return names_; }
 
 const Traversal& World::recording(const std::string& name) const { return recordings_.at(name); }
+
+std::uint64_t World::hash(const std::string& name) {
+  const auto [known, fresh] = hashes_.try_emplace(name, 0);
+  if (fresh) known->second = recordings_.at(name).hash();
+  return known->second;
+}
 
 World::Encoded& World::encoded(const std::string& name) {
   std::unique_ptr<Encoded>& slot = encoded_[name];
@@ -101,9 +110,11 @@ const Traversal& World::traversal(const std::string& representation, const std::
       matrix = vpr::encode(*parts.encoder, recordings_.at(of), encoder + " " + of, options_.store).matrix;
     return matrix;
   };
-  const auto reduction =
-      Reduction::learn(descriptors(train()), {.dimension = std::stoi(representation.substr(dash + 1))});
-  const Eigen::MatrixXf features = reduction.apply(descriptors(name));
+  const auto [reduction, fresh] = parts.reductions.try_emplace(representation);
+  if (fresh)
+    reduction->second =
+        Reduction::learn(descriptors(train()), {.dimension = std::stoi(representation.substr(dash + 1))});
+  const Eigen::MatrixXf features = reduction->second.apply(descriptors(name));
   Traversal made = recordings_.at(name);
   made.images.reset();
   made.dimension = static_cast<int>(features.rows());

@@ -35,6 +35,7 @@ class World {
   std::vector<std::string> names() const;  ///< of all traversals, that one first
   /// As it was read, pictures or features.
   const Traversal& recording(const std::string& name) const;
+  std::uint64_t hash(const std::string& name);  ///< of a recording
 
   /// Representations of the frames: "features" as the dataset has them, else "ENCODER-D" for D of `dimensions` that the
   /// route's frames and the encoder allow (D principal components, learned on the traversal learned from), and
@@ -50,6 +51,7 @@ class World {
   WorldOptions options_;
   std::vector<std::string> names_;
   std::map<std::string, Traversal> recordings_;
+  std::map<std::string, std::uint64_t> hashes_;
   std::map<std::string, std::unique_ptr<Encoded>> encoded_;              ///< by encoder
   std::map<std::pair<std::string, std::string>, Traversal> traversals_;  ///< by representation and name
 };

@@ -23,18 +23,18 @@ std::string number(double value, const char* format = "%.6g") {
 
 std::string share(double value) { return number(value, "%.3f"); }
 
-std::string quoted(const std::string& field) {
-  if (field.find_first_of(",\"\r\n") == field.npos) return field;
-  std::string text = "\"";
-  for (const char c : field) text += c == '"' ? "\"\"" : std::string(1, c);
-  return text + "\"";
-}
-
 std::string interval(const Interval& interval) { return share(interval.low) + "-" + share(interval.high); }
 
 nlohmann::json json_of(double value) { return std::isnan(value) ? nlohmann::json() : nlohmann::json(value); }
 
 }  // namespace
+
+std::string csv_field(const std::string& text) {
+  if (text.find_first_of(",\"\r\n") == text.npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);
+  return quoted + "\"";
+}
 
 std::string table(const std::vector<Row>& rows) {
   std::vector<std::vector<std::string>> cells = {{"encoder", "dim", "centring", "method", "query", "R@1", "(95 %)",
@@ -66,9 +66,9 @@ std::string results_csv(const std::vector<Row>& rows) {
       "recall_1_low,recall_1_high,recall_5,recall_10,auc,auc_low,auc_high,recall_at_full_precision,encode_seconds,"
       "seconds\n";
   for (const Row& row : rows) {
-    text += quoted(row.encoder) + "," + quoted(row.name) + "," + std::to_string(row.dimension) + "," +
+    text += csv_field(row.encoder) + "," + csv_field(row.name) + "," + std::to_string(row.dimension) + "," +
             (row.reduced ? "1" : "0") + "," + row.centring + "," + number(row.whitening) + "," + row.method + "," +
-            quoted(row.query) + "," + quoted(row.condition) + "," + std::to_string(row.references) + "," +
+            csv_field(row.query) + "," + csv_field(row.condition) + "," + std::to_string(row.references) + "," +
             std::to_string(row.queries) + "," + std::to_string(row.tolerance);
     for (const double value :
          {row.recall_1, row.recall_1_interval.low, row.recall_1_interval.high, row.recall_5, row.recall_10, row.auc,

@@ -32,6 +32,8 @@ struct Setting {
 
 /// A table for people, columns aligned.
 std::string table(const std::vector<Row>& rows);
+/// As a field of a CSV: quoted where it needs to be (RFC 4180).
+std::string csv_field(const std::string& text);
 /// One line a row, with a header; fields that need it are quoted (RFC 4180).
 std::string results_csv(const std::vector<Row>& rows);
 /// The setting, what the figures mean, and the rows.

@@ -1,0 +1,24 @@
+#pragma once
+
+#include "idl/status.h"
+
+namespace citylearn {
+
+/// "running"; of a state that is not known too.
+inline const char* name_of(msg::State state) {
+  switch (state) {
+    case msg::STARTING:
+      return "starting";
+    case msg::WAITING:
+      return "waiting";
+    case msg::RUNNING:
+      return "running";
+    case msg::STOPPING:
+      return "stopping";
+    case msg::FAILED:
+      return "failed";
+  }
+  return "running";
+}
+
+}  // namespace citylearn
