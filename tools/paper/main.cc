@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <iostream>
+#include <optional>
 
 #include "core/files.h"
 #include "core/service.h"
@@ -21,6 +22,7 @@ struct CommandLine {
   std::string seeds, output = "runs/paper", store = "runs/store";
   std::vector<std::string> only;
   bool quick = false;
+  double effort = 1;
   std::string text;  ///< as typed, without --only
 };
 
@@ -53,6 +55,12 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->capture_default_str()
       ->group(data);
   app.add_flag("--quick", line.quick, "Fewer seeds, tasks and encoders: 15 minutes on two processors")->group(report);
+  app.add_option(
+         "--effort", line.effort,
+         "Share of training steps and tasks: less than 1 fills the report quickly, with figures that tell nothing")
+      ->capture_default_str()
+      ->check(CLI::Range(0.001, 1.0))
+      ->group(report);
   app.add_option("--seeds", line.seeds, "As 1..5 (1..5; --quick: 1..2)")->group(report);
   std::vector<std::string> names;
   for (const auto& section : sections()) names.push_back(section->name());
@@ -79,6 +87,15 @@ std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint6
   return agents;
 }
 
+/// For sections that need pictures or a map where the data given have none.
+WorldOptions drawn_city(const CommandLine& line) {
+  WorldOptions options;
+  options.encoders = {"hog"};
+  options.most_frames = line.quick ? 256 : 512;
+  options.store = line.world.store;
+  return options;
+}
+
 int make_report(CommandLine& line) {
   if (line.world.encoders.empty() && line.world.source.dataset == "synthetic")
     line.world.encoders = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
@@ -86,9 +103,18 @@ int make_report(CommandLine& line) {
   line.world.most_frames = line.quick ? 512 : 4000;
   const std::vector<std::uint64_t> seeds = parse_seeds(!line.seeds.empty() ? line.seeds : line.quick ? "1..2" : "1..5");
   World world(line.world);
+  std::optional<World> city;
+  if (!world.drawn() || !world.pictures()) city.emplace(drawn_city(line));
   Work work(line.output + "/work");
-  Context context{
-      world, work, line.quick, seeds, std::min(128, world.frames()), line.text, agents_of(world, seeds, line.quick)};
+  Context context{world,
+                  city ? *city : world,
+                  work,
+                  line.quick,
+                  line.effort,
+                  seeds,
+                  std::min(128, world.frames()),
+                  line.text,
+                  agents_of(world, seeds, line.quick)};
   std::vector<std::unique_ptr<Section>> wanted;
   for (auto& section : sections())
     if (line.only.empty() || std::find(line.only.begin(), line.only.end(), section->name()) != line.only.end())

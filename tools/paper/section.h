@@ -15,8 +15,11 @@ namespace citylearn::paper {
 /// What all sections share.
 struct Context {
   World& world;
+  World&
+      drawn;  ///< a city that has what `world` may lack: pictures, positions on a map; `world` itself when it is drawn
   Work& work;
   bool quick = false;
+  double effort = 1;  ///< share of training steps and tasks, 0..1; below 1 figures tell nothing
   std::vector<std::uint64_t> seeds;
   int frames = 128;     ///< N of the paper's route
   std::string command;  ///< that makes the report again, without --only
@@ -28,6 +31,12 @@ struct Context {
     double seconds = 0;  ///< of one training, guessed
   };
   std::vector<Agent> agents;
+
+  /// How many tasks a trial has whose figure goes into a table, and one of those while an agent trains.
+  int tasks() const;
+  int tasks_between() const;
+  /// Training steps of an agent under `effort`; 0: its recommendation.
+  std::uint64_t steps(const std::string& agent, const std::string& learner = "ppo") const;
   /// One of their trainings on the paper's route.
   Study study(const Agent& agent, std::uint64_t seed) const;
   /// Outcomes of all seeds that did not fail.

@@ -39,7 +39,7 @@ class Deployment : public Section {
       // Those that look do it on what most agents see.
       control.representation = context.agents.back().representation;
       control.frames = context.frames;
-      control.tasks = context.quick ? 500 : 2000;
+      control.tasks = context.tasks();
       control.traversals = context.world.names();
       all.push_back(control);
     }
