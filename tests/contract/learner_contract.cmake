@@ -9,4 +9,4 @@ target_link_libraries(citylearn_learner_contract
 file(WRITE ${CMAKE_CURRENT_BINARY_DIR}/nothing.cc "")
 add_executable(learner_contract_test ${CMAKE_CURRENT_BINARY_DIR}/nothing.cc)
 target_link_libraries(learner_contract_test PRIVATE citylearn_learner_contract)
-gtest_discover_tests(learner_contract_test)
+citylearn_tests(learner_contract_test)

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/node.h"
@@ -93,7 +94,8 @@ class ScriptedPolicy {
     node.wait(now + std::chrono::milliseconds(20));
     while (node.take(taken_info_))
       if (taken_info_.header().sender() == environment_ &&
-          taken_info_.header().incarnation() >= info.header().incarnation()) {
+          std::pair(taken_info_.header().incarnation(), taken_info_.header().message()) >
+              std::pair(info.header().incarnation(), info.header().message())) {  // others come late or twice
         const bool fresh = taken_info_.header().incarnation() > info.header().incarnation();
         info = taken_info_;
         if (fresh && acknowledge) send_acknowledgement(0);  // from now on episodes are kept for it

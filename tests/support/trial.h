@@ -37,7 +37,7 @@ class Trial {
   }
   /// Training of `updates` updates of 8 agents x 64 steps.
   std::unique_ptr<Service> train(int updates, const std::string& output, Arguments more = {}) {
-    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512), "--checkpoint-every",
+    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512L), "--checkpoint-every",
                              "20", "--output", folder_ / output, "--tasks", "16", "--evaluate", "summer"});
     return policy(more);
   }

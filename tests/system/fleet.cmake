@@ -1,4 +1,4 @@
 add_executable(fleet_test system/fleet_test.cc)
 target_link_libraries(fleet_test PRIVATE
   "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_env>" "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_policy>" citylearn_warnings GTest::gtest_main)
-gtest_discover_tests(fleet_test PROPERTIES TIMEOUT 120)
+citylearn_tests(fleet_test PROPERTIES TIMEOUT 120)

@@ -5,6 +5,6 @@ target_link_libraries(network_test PRIVATE citylearn_core citylearn_warnings nlo
 target_compile_definitions(network_test PRIVATE NETWORK_PEER="$<TARGET_FILE:network_peer>"
   CITYLEARN_DOCTOR="$<TARGET_FILE:citylearn_doctor>")
 add_dependencies(network_test network_peer citylearn_doctor env_service policy_service)
-gtest_discover_tests(network_test TEST_FILTER "-*Long*" PROPERTIES TIMEOUT 120 RUN_SERIAL ON)
+citylearn_tests(network_test TEST_FILTER "-*Long*" PROPERTIES TIMEOUT 120 RUN_SERIAL ON)
 # ./run test --long
-gtest_discover_tests(network_test TEST_FILTER "*Long*" PROPERTIES TIMEOUT 300 RUN_SERIAL ON LABELS long)
+citylearn_tests(network_test TEST_FILTER "*Long*" PROPERTIES TIMEOUT 300 RUN_SERIAL ON LABELS long)

@@ -4,4 +4,4 @@ target_compile_definitions(recording_system_test PRIVATE CITYLEARN_RECORDER_PROC
   CITYLEARN_DASHBOARD="$<TARGET_FILE:dashboard>")
 target_link_libraries(recording_system_test PRIVATE citylearn_dashboard citylearn_recording citylearn_warnings GTest::gtest_main)
 add_dependencies(recording_system_test env_service policy_service recorder_process citylearn_record citylearn_replay dashboard)
-gtest_discover_tests(recording_system_test PROPERTIES TIMEOUT 600 RUN_SERIAL ON)
+citylearn_tests(recording_system_test PROPERTIES TIMEOUT 600 RUN_SERIAL ON)

@@ -1,4 +1,4 @@
 add_executable(roles_system_test system/roles_test.cc)
 target_link_libraries(roles_system_test PRIVATE citylearn_core citylearn_warnings nlohmann_json::nlohmann_json GTest::gtest_main)
 add_dependencies(roles_system_test env_service policy_service)
-gtest_discover_tests(roles_system_test PROPERTIES TIMEOUT 600 RUN_SERIAL ON)
+citylearn_tests(roles_system_test PROPERTIES TIMEOUT 600 RUN_SERIAL ON)

@@ -7,4 +7,4 @@ target_link_libraries(security_system_test PRIVATE citylearn_core citylearn_warn
 target_compile_definitions(security_system_test PRIVATE CITYLEARN_SOURCE_DIR="${CMAKE_SOURCE_DIR}"
   SECURITY_PEER="$<TARGET_FILE:security_peer>" UNLAWFUL="$<TARGET_FILE:unlawful>")
 add_dependencies(security_system_test security_peer unlawful env_service policy_service)
-gtest_discover_tests(security_system_test PROPERTIES TIMEOUT 300 RUN_SERIAL ON)
+citylearn_tests(security_system_test PROPERTIES TIMEOUT 300 RUN_SERIAL ON)

@@ -3,4 +3,4 @@ add_executable(encoders_test ${CMAKE_CURRENT_LIST_DIR}/encoders_test.cc ${CMAKE_
 target_link_libraries(encoders_test PRIVATE
   "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_encoder>" citylearn_warnings OpenCV::imgcodecs OpenCV::imgproc GTest::gtest_main)
 target_compile_definitions(encoders_test PRIVATE CITYLEARN_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
-gtest_discover_tests(encoders_test)
+citylearn_tests(encoders_test)

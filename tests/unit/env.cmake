@@ -7,4 +7,4 @@ add_executable(env_test
   ${CMAKE_CURRENT_LIST_DIR}/traversal_test.cc)
 target_link_libraries(env_test PRIVATE "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_env>" citylearn_warnings GTest::gtest_main)
 target_compile_definitions(env_test PRIVATE CITYLEARN_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
-gtest_discover_tests(env_test)
+citylearn_tests(env_test)

@@ -5,4 +5,4 @@ add_executable(dataset_formats_test
 target_link_libraries(dataset_formats_test PRIVATE "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_env>" citylearn_warnings
   nlohmann_json::nlohmann_json OpenCV::core OpenCV::imgproc OpenCV::imgcodecs OpenCV::videoio GTest::gtest_main)
 target_compile_definitions(dataset_formats_test PRIVATE CITYLEARN_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
-gtest_discover_tests(dataset_formats_test)
+citylearn_tests(dataset_formats_test)

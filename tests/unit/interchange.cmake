@@ -8,4 +8,4 @@ target_compile_definitions(interchange_test PRIVATE CITYLEARN_PERL="${PERL}" CIT
 target_link_libraries(interchange_test PRIVATE "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_interchange>" citylearn_warnings
                       OpenCV::core OpenCV::dnn onnx protobuf::libprotobuf GTest::gtest_main)
 add_dependencies(interchange_test policy_service)
-gtest_discover_tests(interchange_test)
+citylearn_tests(interchange_test)

@@ -6,4 +6,4 @@ add_executable(learning_test
   ${CMAKE_CURRENT_LIST_DIR}/vtrace_test.cc)
 target_link_libraries(learning_test PRIVATE "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_learning>" citylearn_env citylearn_warnings
                       GTest::gtest_main)
-gtest_discover_tests(learning_test)
+citylearn_tests(learning_test)

@@ -4,4 +4,4 @@ target_link_libraries(vpr_tool_test PRIVATE citylearn_core citylearn_warnings GT
 target_compile_definitions(vpr_tool_test PRIVATE CITYLEARN_VPR="$<TARGET_FILE:citylearn_vpr>"
   CITYLEARN_SOURCE_DIR="${CMAKE_SOURCE_DIR}")
 add_dependencies(vpr_tool_test citylearn_vpr)
-gtest_discover_tests(vpr_tool_test)
+citylearn_tests(vpr_tool_test)
