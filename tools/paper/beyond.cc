@@ -10,7 +10,7 @@ std::vector<Carriage> carriages(const Context& context) {
   const std::size_t most = context.quick ? 1 : 3;
   const std::vector<std::uint64_t> few(
       context.seeds.begin(), context.seeds.begin() + static_cast<std::ptrdiff_t>(std::min(most, context.seeds.size())));
-  return {{"features", "features (the paper's)", few, 60}, {"place_filter", "place_filter (ours)", context.seeds, 4}};
+  return {{"features", "features (the paper's)", few, 60}, {"place_filter", "place_filter (ours)", context.seeds, 1.5}};
 }
 
 std::uint64_t steps_of(const Context& context, const std::string& agent, double share) {

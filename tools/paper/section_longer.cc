@@ -9,7 +9,6 @@ namespace citylearn::paper {
 namespace {
 
 const std::vector<std::string> kControls = {"blind", "shortest_path", "sequence_filter"};
-constexpr int kMostForFeatures = 512;  // places, beyond which its training would take hours
 
 /// An agent on routes of several lengths.
 struct Contestant {
@@ -38,8 +37,9 @@ class Longer : public Section {
                 (context.world.drawn() ? "the drawn recordings, " : "the real recordings, ") +
                 "with as many steps as places for each task. place_filter learns by relabelling (the learner "
                 "'relabel'), features by PPO, as it is recommended for 128 places, on at most " +
-                std::to_string(kMostForFeatures) +
-                " places. Beside them what needs no learning: 'blind' sweeps without looking, 'shortest_path' knows "
+                std::to_string(most_for_features(context)) +
+                (context.quick ? " places (the whole report: 512)" : " places, beyond which it would take hours") +
+                ". Beside them what needs no learning: 'blind' sweeps without looking, 'shortest_path' knows "
                 "its place, 'sequence_filter' is Bayes' rule by hand.");
     for (const std::string& traversal : context.world.names()) chart(context, report, traversal);
     tables(context, report);
@@ -58,9 +58,10 @@ class Longer : public Section {
     for (const int number : numbers) text += (text.empty() ? "" : ", ") + std::to_string(number);
     return text;
   }
+  static int most_for_features(const Context& context) { return context.quick ? 128 : 512; }
   static std::vector<Contestant> contestants(const Context& context, int frames) {
-    std::vector<Contestant> all = {{"place_filter", "relabel", "place_filter (ours)", context.seeds, 6}};
-    if (frames <= kMostForFeatures) {
+    std::vector<Contestant> all = {{"place_filter", "relabel", "place_filter (ours)", context.seeds, 2}};
+    if (frames <= most_for_features(context)) {
       const std::size_t most = context.quick ? 1 : 3;
       std::vector<std::uint64_t> few(
           context.seeds.begin(),
@@ -71,9 +72,9 @@ class Longer : public Section {
   }
   /// What most agents see: the representation of the last one compared.
   static const std::string& seen(const Context& context) { return context.agents.back().representation; }
-  /// Tasks of a trial: fewer where each takes long.
+  /// Tasks of a trial: fewer where each takes long. Everybody has the same ones.
   static int tasks(const Context& context, int frames) {
-    return frames <= 512 ? context.tasks() : std::max(10, context.tasks() * 512 / frames);
+    return frames <= 256 ? context.tasks() : std::max(10, context.tasks() * 256 / frames);
   }
 
   static Study study(const Context& context, const Contestant& contestant, int frames, std::uint64_t seed) {
