@@ -13,6 +13,14 @@ std::vector<Carriage> carriages(const Context& context) {
   return {{"features", "features (the paper's)", few, 60}, {"place_filter", "place_filter (ours)", context.seeds, 1.5}};
 }
 
+std::string seen_in(World& world) {
+  for (const int dimension : {64, 32, 16, 8}) {
+    const std::string first = world.representations({dimension}).front();
+    if (first != "raw84") return first;
+  }
+  return world.representations({}).front();
+}
+
 std::uint64_t steps_of(const Context& context, const std::string& agent, double share) {
   const double all = Trainer::recommended_parameters(agent, kCarriedLearner).at("trainer").at("steps");
   return static_cast<std::uint64_t>(std::max(1.0, all * share * context.effort));
@@ -23,7 +31,7 @@ Study source_of(const Context& context, World& world, const Carriage& carriage, 
   Study study;
   study.agent = carriage.agent;
   study.learner = kCarriedLearner;
-  study.representation = world.representations({64}).front();
+  study.representation = seen_in(world);
   study.frames = frames;
   study.seed = seed;
   study.steps = steps_of(context, carriage.agent, share);

@@ -1,5 +1,8 @@
 #pragma once
 
+#include <string>
+#include <vector>
+
 #include "tools/paper/section.h"
 
 namespace citylearn::paper {
@@ -16,6 +19,9 @@ std::vector<Carriage> carriages(const Context& context);
 
 /// The learner of all of them: the one that needs the fewest episodes.
 inline const std::string kCarriedLearner = "relabel";
+
+/// The features that everybody sees there: 64 a frame, fewer where the route has fewer frames to learn them from.
+std::string seen_in(World& world);
 
 /// `share` of the recommended training steps, under the effort.
 std::uint64_t steps_of(const Context& context, const std::string& agent, double share);

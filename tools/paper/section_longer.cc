@@ -2,7 +2,7 @@
 #include <cmath>
 
 #include "tools/chart/chart.h"
-#include "tools/paper/section.h"
+#include "tools/paper/beyond.h"
 #include "tools/paper/trials.h"
 
 namespace citylearn::paper {
@@ -70,8 +70,6 @@ class Longer : public Section {
     }
     return all;
   }
-  /// What most agents see: the representation of the last one compared.
-  static const std::string& seen(const Context& context) { return context.agents.back().representation; }
   /// Tasks of a trial: fewer where each takes long. Everybody has the same ones.
   static int tasks(const Context& context, int frames) {
     return frames <= 256 ? context.tasks() : std::max(10, context.tasks() * 256 / frames);
@@ -81,7 +79,7 @@ class Longer : public Section {
     Study study;
     study.agent = contestant.agent;
     study.learner = contestant.learner;
-    study.representation = seen(context);
+    study.representation = seen_in(context.world);
     study.frames = frames;
     study.seed = seed;
     study.steps = context.steps(contestant.agent, contestant.learner);
@@ -95,7 +93,7 @@ class Longer : public Section {
     return study;
   }
   static ControlStudy study(const Context& context, const std::string& control, int frames) {
-    return {control, seen(context), 0, frames, tasks(context, frames), context.world.names()};
+    return {control, seen_in(context.world), 0, frames, tasks(context, frames), context.world.names()};
   }
 
   static std::vector<Json> outcomes(const Context& context, const Contestant& contestant, int frames) {
@@ -157,8 +155,8 @@ class Longer : public Section {
     ReportTable training{
         "longer-routes-training",
         "Training on '" + context.world.train() +
-            "' (95 % interval over seeds): episodes until the last 100 of them have SPL 0.95, and how much was learned "
-            "from in all.",
+            "' (95 % interval over seeds): episodes until the last 100 of them have SPL 0.95 (fewer cannot tell), and "
+            "how much was learned from in all.",
         {"places", "agent", "learner", "seeds", "episodes to SPL 0.95", "there", "episodes", "steps", "s"},
         {}};
     for (const int frames : routes(context)) {

@@ -97,8 +97,7 @@ class Transfer : public Section {
     return study;
   }
   static ControlStudy study(const Context& context, const std::string& control) {
-    const std::string representation = context.world.representations({64}).front();
-    return {control, representation, length(context), length(context), context.tasks(), context.world.names()};
+    return {control, seen_in(context.world), length(context), length(context), context.tasks(), context.world.names()};
   }
 
   static std::vector<Json> trained(const Context& context, const Carriage& carriage, const Way& way) {

@@ -55,9 +55,7 @@ class Viewpoint : public Section {
     for (const double shift : world.aside_shifts()) names.push_back(world.aside_name(shift));
     return names;
   }
-  static std::string representation(const Context& context) {
-    return subject(context).aside().representations({64}).front();
-  }
+  static std::string representation(const Context& context) { return seen_in(subject(context).aside()); }
   static std::vector<std::string> methods(const Context& context) {
     if (context.quick) return {"nearest"};
     return {"mlp", "nearest"};

@@ -246,6 +246,8 @@ Unit unit_of(const ControlStudy& study, World& world) {
                {"frames", {study.first, study.first + study.frames}},
                {"tasks", study.tasks}};
   unit.seconds = 1;
+  if (study.control == "sequence_filter")  // looks at all places at each step, and longer routes take more of both
+    unit.seconds += 4e-8 * study.tasks * study.frames * study.frames * static_cast<double>(study.traversals.size());
   unit.compute = [study, &world] {
     const NetworkTask route =
         network_task(world.traversal(study.representation, world.train()), study.first, study.frames);
