@@ -38,7 +38,8 @@ class Viewpoint : public Section {
                   world.train() + "'."
             : "These pictures are real, the shift is simulated: of each picture of '" + world.train() +
                   "' a window of 4/5 of its width, moved to the right by a share of the width. That is what a turned "
-                  "camera would see, or one to the side of things far away; nothing near hides anything else.";
+                  "camera would see, or one to the side of things far away; nothing near hides anything else. At 0 % "
+                  "the pictures are the same ones: what is not found again there looks like frames elsewhere.";
     report.text("How far the camera may be to the side of where it was when the route was learned. " + drive +
                 " Agents learn by relabelling on '" + world.train() +
                 "' alone, as the camera was, and walk the other recordings without more training.");
