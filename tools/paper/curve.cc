@@ -18,7 +18,7 @@ std::vector<double> numbers(const Json& array) {
   return values;
 }
 
-Line curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure) {
+Line curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure, double keep) {
   Line line{label, {}, {}};
   double last = 0;
   for (const Json& outcome : outcomes) last = std::max(last, outcome["episodes"].get<double>());
@@ -26,7 +26,7 @@ Line curve(const std::string& label, const std::vector<Json>& outcomes, const st
   std::vector<std::vector<double>> seeds;
   for (const Json& outcome : outcomes) {
     const Json& curve = outcome["curve"];
-    seeds.push_back(interpolated(numbers(curve["episodes"]), smoothed(numbers(curve[figure]), kSmoothing), line.x));
+    seeds.push_back(interpolated(numbers(curve["episodes"]), smoothed(numbers(curve[figure]), keep), line.x));
   }
   for (std::size_t i = 0; i < line.x.size(); ++i) {
     std::vector<double> values;

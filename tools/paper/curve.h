@@ -8,7 +8,7 @@
 
 namespace citylearn::paper {
 
-/// The weight that smoothing gives to what was before.
+/// The weight that the paper's smoothing gives to what was before.
 inline constexpr double kSmoothing = 0.9;
 
 /// Of an array with nulls, which are NaN.
@@ -16,6 +16,7 @@ std::vector<double> numbers(const Json& array);
 
 /// A figure of the trainings' curves ("reward", "spl", "length") over episodes, smoothed: mean of the seeds and its 95
 /// % interval. `outcomes` as units of studies have them (study.h).
-Line curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure);
+Line curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure,
+           double keep = kSmoothing);
 
 }  // namespace citylearn::paper

@@ -11,6 +11,9 @@ namespace {
 
 const std::vector<std::string> kControls = {"blind", "sequence_filter"};
 
+/// Smoothing of trainings that have few updates.
+constexpr double kLightly = 0.5;
+
 /// What becomes of a trained agent on the second route.
 struct Way {
   std::string label;
@@ -23,13 +26,13 @@ const Way kScratch = {"learned anew", false};
 /// All that train on the second route.
 std::vector<Way> ways(const std::string& agent) {
   if (agent == "place_filter")
-    return {{"all of it goes on learning"},
-            {"the head learns, the filter is frozen", true, {"filter"}},
-            {"the filter learns, the head is frozen", true, {"head"}},
+    return {{"all of it learns on"},
+            {"head learns, filter frozen", true, {"filter"}},
+            {"filter learns, head frozen", true, {"head"}},
             kScratch};
-  return {{"all of it goes on learning"},
-          {"the input layer learns, memory and heads are frozen", true, {"lstm", "heads", "whereabouts"}},
-          {"memory and heads learn, the input layer is frozen", true, {"sensors"}},
+  return {{"all of it learns on"},
+          {"input layer learns, rest frozen", true, {"lstm", "heads", "whereabouts"}},
+          {"input layer frozen, rest learns", true, {"sensors"}},
           kScratch};
 }
 
@@ -60,7 +63,7 @@ class Transfer : public Section {
         "frozen (their tensors stay bit for bit as they were); and beside that one that begins there at "
         "random. Everybody learns by relabelling, on the second route from at most as many steps. "
         "place_filter is told the places of the route it is on, so that on the second one only that knowledge "
-        "is exchanged; features has to learn what each place looks like." +
+        "is exchanged; features has to learn what each place looks like. Its rest is memory (LSTM) and heads." +
         (context.quick ? " Quick: half of the recommended steps on the first route, a quarter on the second." : ""));
     for (const Carriage& carriage : carriages(context)) chart(context, report, carriage);
     tables(context, report);
@@ -135,7 +138,7 @@ class Transfer : public Section {
     std::vector<double> ends;
     for (const Way& way : ways(carriage.agent)) {
       const std::vector<Json> outcomes = trained(context, carriage, way);
-      chart.lines.push_back(outcomes.empty() ? Line{way.label, {}, {}} : curve(way.label, outcomes, "spl"));
+      chart.lines.push_back(outcomes.empty() ? Line{way.label, {}, {}} : curve(way.label, outcomes, "spl", kLightly));
       if (!outcomes.empty()) ends.push_back(chart.lines.back().x.back());
     }
     chart.x = axis_around("episodes on the second route", ends, /*from_zero=*/true);
@@ -149,8 +152,7 @@ class Transfer : public Section {
     chart.height = 300;
     report.figure("transfer-" + carriage.agent, svg_of(chart),
                   chart.title + " ('" + train + "'): SPL of the episodes of training there, smoothed by " +
-                      fixed(kSmoothing, 1) +
-                      ", mean of the seeds with its 95 % interval; dashed: what trains no more. " +
+                      fixed(kLightly, 1) + ", mean of the seeds with its 95 % interval; dashed: what trains no more. " +
                       "Command: " + context.command + " --only transfer");
   }
 
