@@ -53,7 +53,7 @@ std::vector<Tick> ticks_of(const Axis& axis) {
     return ticks;
   }
   const double step = round_step(axis.high - axis.low, 5), half = step / 2;
-  for (double i = std::ceil(axis.low / half - 1e-9) + 0.0; i * half <= axis.high + 1e-9 * step; ++i)
+  for (double i = std::ceil(axis.low / half - 1e-9); i * half <= axis.high + 1e-9 * step; ++i)
     ticks.push_back({i * half, std::fmod(std::abs(i), 2) < 0.5});
   return ticks;
 }

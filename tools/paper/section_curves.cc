@@ -2,11 +2,41 @@
 #include <cmath>
 
 #include "tools/chart/chart.h"
-#include "tools/paper/curve.h"
 #include "tools/paper/section.h"
 
 namespace citylearn::paper {
 namespace {
+
+constexpr double kSmoothing = 0.9;
+constexpr int kPoints = 200;
+
+std::vector<double> numbers(const Json& array) {
+  std::vector<double> values;
+  for (const Json& value : array) values.push_back(value.is_number() ? value.get<double>() : NAN);
+  return values;
+}
+
+/// Mean of the seeds and its interval, over episodes.
+Line curve(const Context::Agent& agent, const std::vector<Json>& outcomes, const std::string& figure) {
+  Line line{agent.label, {}, {}};
+  double last = 0;
+  for (const Json& outcome : outcomes) last = std::max(last, outcome["episodes"].get<double>());
+  for (int i = 1; i <= kPoints; ++i) line.x.push_back(last * i / kPoints);
+  std::vector<std::vector<double>> seeds;
+  for (const Json& outcome : outcomes) {
+    const Json& curve = outcome["curve"];
+    seeds.push_back(interpolated(numbers(curve["episodes"]), smoothed(numbers(curve[figure]), kSmoothing), line.x));
+  }
+  for (std::size_t i = 0; i < line.x.size(); ++i) {
+    std::vector<double> values;
+    for (const std::vector<double>& seed : seeds) values.push_back(seed[i]);
+    const Estimate estimate = of_mean(values);
+    line.y.push_back(estimate.mean);
+    line.low.push_back(estimate.low);
+    line.high.push_back(estimate.high);
+  }
+  return line;
+}
 
 /// Mean over the last 100 episodes' worth of updates, of one seed.
 double final_value(const Json& outcome, const std::string& figure) {
@@ -75,7 +105,7 @@ class Curves : public Section {
     for (const Context::Agent& agent : context.agents) {
       const std::vector<Json> outcomes = context.outcomes(agent);
       if (outcomes.empty()) continue;
-      chart.lines.push_back(curve(agent.label, outcomes, figure));
+      chart.lines.push_back(curve(agent, outcomes, figure));
       ends.push_back(chart.lines.back().x.back());
     }
     chart.x = axis_around("episodes", ends, /*from_zero=*/true);

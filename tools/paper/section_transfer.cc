@@ -3,7 +3,7 @@
 
 #include "tools/chart/chart.h"
 #include "tools/paper/beyond.h"
-#include "tools/paper/curve.h"
+#include "tools/paper/mean_curve.h"
 #include "tools/paper/trials.h"
 
 namespace citylearn::paper {
@@ -138,7 +138,8 @@ class Transfer : public Section {
     std::vector<double> ends;
     for (const Way& way : ways(carriage.agent)) {
       const std::vector<Json> outcomes = trained(context, carriage, way);
-      chart.lines.push_back(outcomes.empty() ? Line{way.label, {}, {}} : curve(way.label, outcomes, "spl", kLightly));
+      chart.lines.push_back(outcomes.empty() ? Line{way.label, {}, {}}
+                                             : mean_curve(way.label, outcomes, "spl", kLightly));
       if (!outcomes.empty()) ends.push_back(chart.lines.back().x.back());
     }
     chart.x = axis_around("episodes on the second route", ends, /*from_zero=*/true);

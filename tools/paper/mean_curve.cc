@@ -1,4 +1,4 @@
-#include "tools/paper/curve.h"
+#include "tools/paper/mean_curve.h"
 
 #include <algorithm>
 #include <cmath>
@@ -10,15 +10,16 @@ namespace {
 
 constexpr int kPoints = 200;
 
-}  // namespace
-
+/// Of an array with nulls, which are NaN.
 std::vector<double> numbers(const Json& array) {
   std::vector<double> values;
   for (const Json& value : array) values.push_back(value.is_number() ? value.get<double>() : NAN);
   return values;
 }
 
-Line curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure, double keep) {
+}  // namespace
+
+Line mean_curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure, double keep) {
   Line line{label, {}, {}};
   double last = 0;
   for (const Json& outcome : outcomes) last = std::max(last, outcome["episodes"].get<double>());
