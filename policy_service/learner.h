@@ -50,6 +50,9 @@ class Learner {
   virtual void save(LearnerState& state) const = 0;
   /// Throws Error when `state` is of another network or learner; the learner is then as before.
   virtual void load(const LearnerState& state) = 0;
+  /// From now on these parts of the parameters stay as they are, bit for bit, and the others learn as if there were
+  /// none. Called before the first update. False: this learner cannot do that, and nothing has changed.
+  virtual bool freeze(std::span<const Tensor> /*tensors*/) { return false; }
 };
 
 /// Learners by name; their parameters are all the hyper-parameters.

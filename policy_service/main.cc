@@ -69,6 +69,12 @@ int main(int argc, char** argv) {
     app.add_option("--parameters", options.parameters,
                    "Safetensors file whose parameters go before those of --checkpoint");
     app.add_flag("--resume", options.resume, "Go on with the newest checkpoint in --output; begin where there is none");
+    app.add_option("--initial", options.initial,
+                   "Checkpoint whose agent's parameters training begins with, of whatever route (--mode train)")
+        ->type_name("FILE");
+    app.add_option("--freeze", options.frozen,
+                   "Tensors that training leaves as they are, A,B,...: lstm.input; or beginnings of names: lstm,heads")
+        ->delimiter(',');
     auto* seed = app.add_option("--seed", options.seed, "Everything random follows from it")->capture_default_str();
     app.add_option_function<std::string>(
            "--seeds",

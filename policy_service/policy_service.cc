@@ -1,6 +1,7 @@
 #include "policy_service/policy_service.h"
 
 #include <spdlog/fmt/fmt.h>
+#include <spdlog/fmt/ranges.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -255,9 +256,15 @@ void Run::build_trainer() {
   const std::vector<float>& features = reference();
   if (!features.empty())
     task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, options_.frames);
+  trainer.frozen = options_.frozen;
+  const std::optional<std::string> newest = options_.resume ? newest_checkpoint(checkpoints()) : std::nullopt;
+  if (!options_.initial.empty() && !newest) trainer.initial = trained_agent(read_checkpoint(options_.initial));
   trainer_ = std::make_unique<Trainer>(trainer, task);
+  if (trainer.initial)
+    spdlog::info("beginning with the agent of {} (its update {})", options_.initial, trainer.initial->update);
+  if (!trainer_->frozen().empty()) spdlog::info("these stay as they are: {}", fmt::join(trainer_->frozen(), ", "));
   if (options_.resume) {
-    if (const auto newest = newest_checkpoint(checkpoints())) {
+    if (newest) {
       trainer_->load(read_checkpoint(*newest));
       spdlog::info("going on after update {} ({} steps) of {}", trainer_->progress().updates,
                    trainer_->progress().steps, *newest);
@@ -715,6 +722,8 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
     throw Error("needs --checkpoint", "--parameters", "name the checkpoint of the agent that they are for");
   for (const std::string& name : options.controls)
     if (name != "shuffled") ControlRegistry::instance().find("control", name);
+  if (options.mode != "train" && (!options.initial.empty() || !options.frozen.empty()))
+    throw Error("is for --mode train", options.initial.empty() ? "--freeze" : "--initial");
   if (options.role != "both" && options.mode != "train") throw Error("is for --role both", "--mode " + options.mode);
   if (options.role == "learner" && options.lockstep)
     throw Error("is for --role both", "--lockstep", "what a learner gets when depends on its actors");
@@ -722,7 +731,8 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
     NetworkRegistry<float>::instance().find("agent", options.agent);
     LearnerRegistry::instance().find("learner", options.learner);
     if (!options.checkpoint.empty())
-      throw Error("not for --mode train", "--checkpoint", "to go on training use --resume");
+      throw Error("not for --mode train", "--checkpoint",
+                  "to go on training use --resume, to train its agent on another route --initial");
     if (options.resume && options.output.empty()) throw Error("needs --output", "--resume");
   } else if (options.checkpoint.empty()) {
     ControlRegistry::instance().find("control", options.agent);

@@ -26,6 +26,10 @@ struct PolicyServiceOptions {
   bool resume = false;        ///< go on with the newest checkpoint of `output`, or start where there is none
   std::uint64_t seed = 1;
 
+  // What training begins with.
+  std::string initial;              ///< a checkpoint whose agent's parameters it takes over; empty: random ones
+  std::vector<std::string> frozen;  ///< tensors, or beginnings of their names, that it leaves as they are
+
   // Where.
   std::string train = "summer";       ///< traversal learned from
   std::vector<std::string> evaluate;  ///< traversals evaluated on; empty: all that are there

@@ -39,6 +39,7 @@ struct Trainer::Parts {
   std::unique_ptr<Learner> learner;
   int segment = 0, sequence = 0;
   std::uint64_t total_steps = 0;
+  std::vector<std::string> frozen;  // names of tensors, in their order
   std::vector<Lesson> lessons;
 
   std::unique_ptr<Collector> collector;
@@ -55,6 +56,8 @@ struct Trainer::Parts {
   }
 
   void count_episodes(std::span<const FinishedEpisode> finished);
+  void take_over(const TrainedAgent& agent);
+  void freeze();
   nlohmann::json identity() const;
 };
 
@@ -135,6 +138,9 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts
   p.shared_network = chosen.network->create(p.network_parameters, p.task);
   p.learner = chosen.learner->create(p.learner_parameters, LearnerTask{*p.network, options.agent, p.network_parameters,
                                                                        p.task, options.seed, p.total_steps});
+  if (options.initial) p.take_over(*options.initial);
+  p.options.initial.reset();
+  if (!options.frozen.empty()) p.freeze();
   p.collector = std::make_unique<Collector>(
       CollectorOptions{options.seed, options.first_frame, p.segment, p.sequence, p.trainer_parameters["noise-frame"],
                        p.trainer_parameters["noise-place"], p.trainer_parameters["noise-episode"]},
@@ -144,6 +150,63 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts
 }
 
 Trainer::~Trainer() = default;
+
+namespace {
+
+std::string shape(const Tensor& tensor) { return std::to_string(tensor.rows) + " x " + std::to_string(tensor.cols); }
+
+std::string names(const std::vector<Tensor>& tensors) {
+  std::string all;
+  for (const Tensor& tensor : tensors) all += (all.empty() ? "" : ", ") + tensor.name;
+  return all;
+}
+
+}  // namespace
+
+/// The learner begins as if it had come to the agent's parameters, and knows nothing else of how.
+void Trainer::Parts::take_over(const TrainedAgent& agent) {
+  const std::string where = "initial agent";
+  if (agent.name != options.agent)
+    throw Error("is a '" + agent.name + "', the one to train a '" + options.agent + "'", where);
+  const std::vector<Tensor>&theirs = agent.network->tensors(), &ours = network->tensors();
+  for (std::size_t i = 0; i < std::max(theirs.size(), ours.size()); ++i) {
+    if (i >= ours.size() || i >= theirs.size() || theirs[i].name != ours[i].name)
+      throw Error("has the tensors " + names(theirs) + "; needed are " + names(ours), where);
+    if (theirs[i].rows != ours[i].rows || theirs[i].cols != ours[i].cols)
+      throw Error("tensor '" + ours[i].name + "' is " + shape(theirs[i]) + ", here it must be " + shape(ours[i]), where,
+                  "train with the same features and network parameters as it was");
+  }
+  if (!agent.parameters.allFinite()) throw Error("has parameters that are no numbers", where);
+  LearnerState state;
+  learner->save(state);
+  state.tensors["parameters"] = agent.parameters;
+  learner->load(state);
+  if (learner->parameters() != agent.parameters)
+    throw Error("learner '" + options.learner + "' cannot begin with given parameters", where,
+                "choose another learner");
+}
+
+void Trainer::Parts::freeze() {
+  const std::vector<Tensor>& all = network->tensors();
+  std::vector<Tensor> chosen;
+  for (const Tensor& tensor : all)
+    if (std::any_of(options.frozen.begin(), options.frozen.end(),
+                    [&](const std::string& beginning) { return tensor.name.starts_with(beginning); }))
+      chosen.push_back(tensor);
+  for (const std::string& beginning : options.frozen)
+    if (beginning.empty() ||
+        std::none_of(all.begin(), all.end(), [&](const Tensor& tensor) { return tensor.name.starts_with(beginning); }))
+      throw Error("no tensor of network '" + options.agent + "' begins with '" + beginning + "'", "tensors to freeze",
+                  "it has " + names(all));
+  if (chosen.size() == all.size())
+    throw Error("nothing is left to learn", "tensors to freeze", "freeze fewer of " + names(all));
+  if (!learner->freeze(chosen))
+    throw Error("learner '" + options.learner + "' cannot keep tensors as they are", "tensors to freeze",
+                "choose another learner");
+  for (const Tensor& tensor : chosen) frozen.push_back(tensor.name);
+}
+
+const std::vector<std::string>& Trainer::frozen() const { return parts_->frozen; }
 
 // Environments.
 
@@ -248,18 +311,20 @@ bool Trainer::done() const { return parts_->progress.steps >= parts_->total_step
 
 /// What must be the same in a trainer that goes on.
 nlohmann::json Trainer::Parts::identity() const {
-  return {{"agent", options.agent},
-          {"learner", options.learner},
-          {"network", network_parameters.values()},
-          {"learner_parameters", learner_parameters.values()},
-          {"trainer", trainer_parameters.values()},
-          {"seed", options.seed},
-          {"curriculum", options.curriculum},
-          {"task",
-           {{"features", task.features},
-            {"frames", task.frames},
-            {"first_frame", options.first_frame},
-            {"max_steps", options.max_steps}}}};
+  nlohmann::json identity = {{"agent", options.agent},
+                             {"learner", options.learner},
+                             {"network", network_parameters.values()},
+                             {"learner_parameters", learner_parameters.values()},
+                             {"trainer", trainer_parameters.values()},
+                             {"seed", options.seed},
+                             {"curriculum", options.curriculum},
+                             {"task",
+                              {{"features", task.features},
+                               {"frames", task.frames},
+                               {"first_frame", options.first_frame},
+                               {"max_steps", options.max_steps}}}};
+  if (!frozen.empty()) identity["frozen"] = frozen;
+  return identity;
 }
 
 Checkpoint Trainer::checkpoint(const std::string& manifest) {
@@ -299,6 +364,14 @@ Checkpoint Trainer::checkpoint(const std::string& manifest) {
 void Trainer::load(const Checkpoint& checkpoint) {
   Parts& p = *parts_;
   const nlohmann::json identity = p.identity();
+  // Also a checkpoint that has them goes on with them alone.
+  if (identity.contains("frozen") != checkpoint.header.contains("frozen")) {
+    const auto list = [](const nlohmann::json& header) {
+      return header.value("frozen", nlohmann::json::array()).dump();
+    };
+    throw Error("frozen was " + list(checkpoint.header) + ", now it is " + list(identity), "checkpoint",
+                "go on with the same options, or start a new run");
+  }
   for (const auto& [key, wanted] : identity.items()) {
     const auto found = checkpoint.header.find(key);
     if (found == checkpoint.header.end()) throw Error("has no '" + key + "'", "checkpoint");

@@ -26,6 +26,10 @@ struct TrainerOptions {
   int first_frame = 0;      ///< of the route, index on the traversal
   int max_steps = 0;        ///< 0 = N
   bool curriculum = false;  ///< the paper's lessons, as far as N goes
+
+  // What it begins with.
+  std::optional<TrainedAgent> initial;  ///< its parameters, learned on whatever route; none: random ones
+  std::vector<std::string> frozen;      ///< tensors of the network, or beginnings of their names, that stay as they are
 };
 
 /// How far training has come. Changes only in Trainer::update and learn.
@@ -45,7 +49,8 @@ struct TrainingProgress {
 /// its next actions from resume(), after the update.
 class Trainer {
  public:
-  /// Throws Error: unknown plug-ins or parameters, or a `task` that they cannot work with.
+  /// Throws Error: unknown plug-ins or parameters, a `task` that they cannot work with, an initial agent whose tensors
+  /// are others, frozen tensors that are not there or that the learner cannot freeze.
   Trainer(const TrainerOptions& options, const NetworkTask& task);
   ~Trainer();
   /// Parameters of collecting: segment, sequence, steps, agents, noise-frame, noise-place, noise-episode.
@@ -91,6 +96,7 @@ class Trainer {
   bool done() const;                                ///< learned from that many
   TrainedAgent agent() const;                       ///< with a copy of the present parameters
   const Vector<float>& network_parameters() const;  ///< the present ones; valid until the next update
+  const std::vector<std::string>& frozen() const;   ///< names of the tensors that stay as they are
   /// Effective parameters by "network", "learner" and "trainer", for manifests.
   std::map<std::string, std::map<std::string, double>> parameters() const;
   /// Those of `agent` and `learner` without options given: `recommended_parameters("features",

@@ -57,6 +57,9 @@ void Descent::begin_step() {
 }
 
 void Descent::end_step() {
+  // Adam then leaves them alone: moments that were never anything but zero move nothing.
+  for (const Tensor& tensor : frozen_)
+    for (Half& half : halves_) half.gradient_.segment(tensor.offset, tensor.rows * tensor.cols).setZero();
   norms_ += adam_->step(learning_rate(), halves_[0].gradient_, halves_[1].gradient_, parameters_, worker_);
   ++descents_;
   for (const Half& half : halves_) sums_ += half.sums;

@@ -3,6 +3,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -56,6 +57,8 @@ class Descent {
     const auto half = [&](int which) { work(which, halves_[static_cast<std::size_t>(which)]); };
     worker_.both(std::cref(half));
   }
+  /// These stay as they are: their gradient is zero, and so is their share of its length.
+  void freeze(std::span<const Tensor> tensors) { frozen_.assign(tensors.begin(), tensors.end()); }
   /// Before a minibatch's first both().
   void begin_step();
   /// After its last: one step of Adam.
@@ -82,6 +85,7 @@ class Descent {
   Vector<float> parameters_;
   std::uint64_t updates_ = 0, steps_ = 0;
   std::unique_ptr<Adam> adam_;
+  std::vector<Tensor> frozen_;
   std::array<Half, 2> halves_;
   LossSums sums_;  // of this update
   double norms_ = 0, descents_ = 0;

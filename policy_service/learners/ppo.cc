@@ -61,6 +61,10 @@ class Ppo : public Learner {
     descent_.check(state);
     descent_.load(state);
   }
+  bool freeze(std::span<const Tensor> tensors) override {
+    descent_.freeze(tensors);
+    return true;
+  }
 
  private:
   void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {

@@ -75,6 +75,10 @@ class Relabel : public Learner {
     vtrace_.descent().load(state);
     replay_.load(state, features_);
   }
+  bool freeze(std::span<const Tensor> tensors) override {
+    vtrace_.descent().freeze(tensors);
+    return true;
+  }
 
  private:
   static constexpr const char* kName = "relabel";

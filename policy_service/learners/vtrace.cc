@@ -38,6 +38,10 @@ class Vtrace : public Learner {
     vtrace_.descent().check(state);
     vtrace_.descent().load(state);
   }
+  bool freeze(std::span<const Tensor> tensors) override {
+    vtrace_.descent().freeze(tensors);
+    return true;
+  }
 
  private:
   void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {

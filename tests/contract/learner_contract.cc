@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <span>
 
 #include "core/error.h"
 #include "policy_service/learner.h"
@@ -118,6 +119,26 @@ TEST_P(LearnerContract, SameSeedSameBitsOtherSeedOthers) {
   EXPECT_EQ(one->parameters(), again->parameters());
   EXPECT_NE(one->parameters(), other->parameters());
   EXPECT_NE(one->parameters(), start) << "it learned nothing";
+}
+
+TEST_P(LearnerContract, FreezesBitForBitOrSaysThatItCannot) {
+  const auto learner = make(1), free = make(1);
+  const Vector<float> start = learner->parameters();
+  const Tensor &frozen = network_->tensors()[2], &before = network_->tensors()[0];
+  const bool can = learner->freeze(std::span(&frozen, 1));
+  EXPECT_EQ(learner->parameters(), start);
+  learn(*learner, 0, 3);
+  learn(*free, 0, 3);
+  const auto part = [](const Vector<float>& parameters, const Tensor& tensor) {
+    return Vector<float>(parameters.segment(tensor.offset, tensor.rows * tensor.cols));
+  };
+  if (can) {
+    EXPECT_EQ(part(learner->parameters(), frozen), part(start, frozen));
+    EXPECT_NE(part(learner->parameters(), before), part(start, before));
+    EXPECT_NE(part(free->parameters(), frozen), part(start, frozen)) << "there was nothing to keep";
+  } else {
+    EXPECT_EQ(learner->parameters(), free->parameters()) << "it is as if nobody had asked";
+  }
 }
 
 TEST_P(LearnerContract, GoesOnFromWhatItSavedBitForBit) {

@@ -6,12 +6,14 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/error.h"
 #include "core/files.h"
 #include "core/random.h"
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
 #include "policy_service/heart.h"
 #include "policy_service/metrics_log.h"
+#include "policy_service/policy_service.h"
 #include "policy_service/run_record.h"
 #include "policy_service/score.h"
 #include "tests/support/service.h"
@@ -328,6 +330,28 @@ int walk(Policy& policy, int first, int frames, int position, int goal, const st
     flags = 0;
   }
   return -1;
+}
+
+TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
+  const auto refusal = [](const PolicyServiceOptions& options) -> std::string {
+    try {
+      checked_options(options);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  PolicyServiceOptions options;
+  options.initial = "agent.clk";
+  options.frozen = {"head"};
+  EXPECT_EQ(refusal(options), "");
+  options.mode = "evaluate";
+  options.checkpoint = "agent.clk";
+  EXPECT_NE(refusal(options).find("--initial: is for --mode train"), std::string::npos) << refusal(options);
+  options.initial.clear();
+  EXPECT_NE(refusal(options).find("--freeze: is for --mode train"), std::string::npos) << refusal(options);
+  options.mode = "train";
+  EXPECT_NE(refusal(options).find("--initial"), std::string::npos) << "the way to train a checkpoint's agent further";
 }
 
 TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {

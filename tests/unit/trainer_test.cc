@@ -84,6 +84,127 @@ TEST(Trainer, RefusesACheckpointOfOtherOptions) {
   EXPECT_THROW(elsewhere.trainer.load(checkpoint), Error);
 }
 
+/// A trainer's parameters that belong to tensor `name`.
+Vector<float> part(const Trainer& trainer, const std::string& name) {
+  const TrainedAgent agent = trainer.agent();
+  for (const Tensor& tensor : agent.network->tensors())
+    if (tensor.name == name) return agent.parameters.segment(tensor.offset, tensor.rows * tensor.cols);
+  throw Error("has no tensor " + name);
+}
+
+std::string refusal(const TrainerOptions& options, const Traversal& city) {
+  try {
+    Trainer(options, task_of(city));
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST_P(EachNetwork, BeginsWithATrainedAgentOnAnotherRoute) {
+  const Traversal city = small_city_for(GetParam());
+  Loop loop(city, small(GetParam()));
+  for (int i = 0; i < 3; ++i) loop.update();
+  TrainerOptions options = small(GetParam(), 2);
+  options.initial = loop.trainer.agent();
+  Traversal other = city;
+  for (float& value : other.features) value = -value;
+  Loop again(other, options);
+  EXPECT_EQ(again.trainer.agent().parameters, loop.trainer.agent().parameters);
+  EXPECT_EQ(again.trainer.progress().updates, 0u);
+  again.update();
+  EXPECT_NE(again.trainer.agent().parameters, loop.trainer.agent().parameters);
+}
+
+class EachDescent : public testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Learners, EachDescent, testing::Values("ppo", "vtrace", "relabel"),
+                         [](const auto& tested) { return tested.param; });
+
+TEST_P(EachDescent, FrozenTensorsStayBitForBitAlsoWhenItGoesOn) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("features");
+  options.learner = GetParam();
+  options.frozen = {"lstm", "heads.weight"};
+  Loop loop(city, options);
+  EXPECT_EQ(loop.trainer.frozen(),
+            (std::vector<std::string>{"lstm.input", "lstm.recurrent", "lstm.bias", "heads.weight"}));
+  const std::vector<std::string> learning = {"sensors.weight", "sensors.bias", "heads.bias"};
+  const Trainer start(options, task_of(city));
+  const auto expect_frozen = [&](const Trainer& trainer) {
+    for (const std::string& name : trainer.frozen()) EXPECT_EQ(part(trainer, name), part(start, name)) << name;
+    for (const std::string& name : learning) EXPECT_NE(part(trainer, name), part(start, name)) << name;
+  };
+  for (int i = 0; i < 3; ++i) loop.update();
+  expect_frozen(loop.trainer);
+
+  const Checkpoint checkpoint = loop.trainer.checkpoint();
+  Loop resumed(city, options);
+  resumed.trainer.load(checkpoint);
+  for (int i = 0; i < 2; ++i) {
+    loop.update();
+    resumed.update();
+  }
+  expect_frozen(resumed.trainer);
+  EXPECT_EQ(resumed.trainer.agent().parameters, loop.trainer.agent().parameters);
+}
+
+/// The share of the others in a step must not depend on gradients that are dropped.
+TEST_P(EachDescent, WhatIsFrozenHasNoShareInTheGradientsLength) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("features");
+  options.learner = GetParam();
+  const double whole = Loop(city, options).update().gradient_norm;
+  options.frozen = {"sensors", "lstm", "heads.weight", "whereabouts"};
+  const double rest = Loop(city, options).update().gradient_norm;
+  EXPECT_GT(rest, 0);
+  EXPECT_LT(rest, 0.9 * whole);
+}
+
+TEST(Trainer, ACheckpointGoesOnWithTheSameFrozenTensorsAlone) {
+  const Traversal city = small_city();
+  TrainerOptions free = small("features"), frozen = free;
+  frozen.frozen = {"lstm"};
+  Loop without(city, free), with(city, frozen);
+  const Checkpoint made_without = without.trainer.checkpoint(), made_with = with.trainer.checkpoint();
+  EXPECT_NO_THROW(with.trainer.load(made_with));
+  for (const auto& [trainer, checkpoint] :
+       {std::pair{&without.trainer, &made_with}, std::pair{&with.trainer, &made_without}}) {
+    try {
+      trainer->load(*checkpoint);
+      FAIL() << "was not refused";
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find("frozen was "), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find("lstm.recurrent"), std::string::npos) << error.what();
+    }
+  }
+}
+
+TEST(Trainer, SaysWhyAnInitialAgentDoesNotFit) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("features");
+  options.network_parameters["cells"] = 8;
+  TrainerOptions wider = small("features");
+  wider.initial = Trainer(options, task_of(city)).agent();
+  EXPECT_NE(refusal(wider, city).find("tensor 'lstm.input' is 32 x"), std::string::npos) << refusal(wider, city);
+  wider.initial = Trainer(small("baseline"), task_of(city)).agent();
+  EXPECT_NE(refusal(wider, city).find("is a 'baseline', the one to train a 'features'"), std::string::npos)
+      << refusal(wider, city);
+  wider.initial = Trainer(small("features"), task_of(city)).agent();
+  wider.initial->parameters[5] = NAN;
+  EXPECT_NE(refusal(wider, city).find("no numbers"), std::string::npos) << refusal(wider, city);
+}
+
+TEST(Trainer, SaysWhyTensorsCannotBeFrozen) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("features");
+  options.frozen = {"lstm", "attention"};
+  EXPECT_NE(refusal(options, city).find("'attention' (it has sensors.weight, sensors.bias, lstm.input"),
+            std::string::npos)
+      << refusal(options, city);
+  options.frozen = {"sensors", "lstm", "heads", "whereabouts"};
+  EXPECT_NE(refusal(options, city).find("nothing is left to learn"), std::string::npos) << refusal(options, city);
+}
+
 TEST(Trainer, SaysWhatIsWrong) {
   const Traversal city = small_city();
   TrainerOptions options = small("baseline");
@@ -140,6 +261,20 @@ const LearnerRegistry::Registration recorder{
      }}};
 
 /// The rollout says what the environment did, and values a truncated episode as if it had gone on.
+TEST(Trainer, RefusesALearnerThatCannotBeginOrFreeze) {
+  const Traversal city = small_city();
+  TrainerOptions options = small("baseline");
+  options.learner = "recorder";
+  options.learner_parameters.clear();
+  options.frozen = {"lstm"};
+  EXPECT_NE(refusal(options, city).find("learner 'recorder' cannot keep tensors as they are"), std::string::npos)
+      << refusal(options, city);
+  options.frozen.clear();
+  options.initial = Trainer(small("baseline", 7), task_of(city)).agent();
+  EXPECT_NE(refusal(options, city).find("learner 'recorder' cannot begin with given parameters"), std::string::npos)
+      << refusal(options, city);
+}
+
 TEST(Trainer, CollectsWhatHappened) {
   const Traversal city = small_city();
   TrainerOptions options = small("features");

@@ -33,6 +33,9 @@ std::vector<std::unique_ptr<Section>> sections() {
   all.push_back(make_curves());
   all.push_back(make_deployment());
   all.push_back(make_datasets());
+  all.push_back(make_longer());
+  all.push_back(make_transfer());
+  all.push_back(make_viewpoint());
   return all;
 }
 

@@ -60,5 +60,8 @@ std::unique_ptr<Section> make_recognition();  ///< Fig. 6
 std::unique_ptr<Section> make_curves();       ///< Fig. 7
 std::unique_ptr<Section> make_deployment();   ///< Fig. 8 and 9
 std::unique_ptr<Section> make_datasets();     ///< Tables I and II
+std::unique_ptr<Section> make_longer();       ///< 128 places, 512, all
+std::unique_ptr<Section> make_transfer();     ///< a policy on a second route
+std::unique_ptr<Section> make_viewpoint();    ///< a camera to the side
 
 }  // namespace citylearn::paper

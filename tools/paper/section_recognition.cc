@@ -1,55 +1,16 @@
 #include <cmath>
 
-#include "core/service.h"
 #include "tools/chart/chart.h"
+#include "tools/paper/recognition.h"
 #include "tools/paper/section.h"
-#include "tools/vpr/methods.h"
 
 namespace citylearn::paper {
 namespace {
-
-constexpr int kTolerance = 2;  // frames
 
 const std::vector<int> kDimensions = {64, 512, 2048, 4096};
 
 /// The paper's classifier, and the plain nearest frame beside it.
 const std::vector<std::string> kMethods = {"mlp", "nearest"};
-
-struct Case {
-  std::string representation, method, query;
-};
-
-Json recognise(World& world, const Case& one) {
-  const auto matrix = [&](const std::string& name) {
-    const Traversal& traversal = world.traversal(one.representation, name);
-    return Eigen::Map<const Eigen::MatrixXf>(traversal.features.data(), traversal.dimension, traversal.frames);
-  };
-  const Eigen::MatrixXf reference = matrix(world.train()), query = matrix(one.query);
-  const auto truth =
-      GroundTruth::by_index(static_cast<int>(reference.cols()), static_cast<int>(query.cols()), kTolerance);
-  const vpr::Method::Result result = vpr::Method(one.method).run(reference, query, truth, {});
-  if (stop_requested()) throw Stopped{};
-  const PrecisionRecall curve = precision_recall(result.answers);
-  const Interval interval = auc_interval(result.answers, 1);
-  return {{"queries", result.answers.queries()},
-          {"auc", curve.auc},
-          {"auc_low", interval.low},
-          {"auc_high", interval.high},
-          {"recall", recall_at(result.answers, 1)}};
-}
-
-Unit unit_of(const Case& one, World& world) {
-  Unit unit;
-  unit.name = "recognition of '" + one.query + "' by " + one.representation + ", " + one.method;
-  unit.spec = {{"kind", "recognition"},
-               {"representation", one.representation},
-               {"method", one.method},
-               {"frames", world.frames()},
-               {"recordings", {world.hash(world.train()), world.hash(one.query)}}};
-  unit.seconds = one.method == "mlp" ? 8 : 2;
-  unit.compute = [one, &world] { return recognise(world, one); };
-  return unit;
-}
 
 class Recognition : public Section {
  public:
@@ -57,14 +18,14 @@ class Recognition : public Section {
   std::string title() const override { return "Fig. 6: place recognition"; }
 
   void plan(Context& context) const override {
-    for (const Case& one : cases(context)) context.work.add(unit_of(one, context.world));
+    for (const RecognitionCase& one : cases(context)) context.work.add(unit_of(one, context.world));
   }
 
   void tell(const Context& context, Report& report) const override {
     report.text(
         "Area under precision over recall of single frames: which frame of '" + context.world.train() +
-        "' shows the place of a frame of another traversal, right within " + std::to_string(kTolerance) + " frames, " +
-        std::to_string(context.world.frames()) +
+        "' shows the place of a frame of another traversal, right within " + std::to_string(kPlaceTolerance) +
+        " frames, " + std::to_string(context.world.frames()) +
         " frames. 'mlp' is the paper's classifier, one multi-layer perceptron trained on the reference; 'nearest' "
         "the nearest frame by cosine. In the paper the AUC falls with the dimension, halves from summer to "
         "winter and falls under a quarter from day to night.");
@@ -81,7 +42,8 @@ class Recognition : public Section {
         bars.groups.push_back(query);
         std::vector<Bars::Bar>& group = bars.values.emplace_back();
         for (const std::string& representation : bars.names) {
-          const Json& found = context.work.outcome(unit_of(Case{representation, method, query}, context.world).spec);
+          const Json& found =
+              context.work.outcome(unit_of(RecognitionCase{representation, method, query}, context.world).spec);
           if (found.is_null()) {
             group.push_back({NAN, NAN, NAN});
             continue;
@@ -109,8 +71,8 @@ class Recognition : public Section {
     std::erase(names, "raw84");  // pixels are for agents that learn to see
     return names;
   }
-  static std::vector<Case> cases(const Context& context) {
-    std::vector<Case> all;
+  static std::vector<RecognitionCase> cases(const Context& context) {
+    std::vector<RecognitionCase> all;
     for (const std::string& representation : represented(context))
       for (const std::string& method : kMethods)
         for (const std::string& query : queries(context)) all.push_back({representation, method, query});

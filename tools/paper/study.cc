@@ -1,9 +1,12 @@
 #include "tools/paper/study.h"
 
+#include <openssl/evp.h>
 #include <spdlog/fmt/fmt.h>
+#include <spdlog/fmt/ranges.h>
 
 #include <chrono>
 #include <cmath>
+#include <cstring>
 
 #include "core/service.h"
 #include "policy_service/control.h"
@@ -54,6 +57,45 @@ void add_point(Json& curve, const TrainingProgress& progress, double seconds,
   curve["length"].push_back(number(length / n));
 }
 
+/// Numbers as text, bit for bit: base64 of little-endian floats.
+std::string packed(const Vector<float>& numbers) {
+  const std::size_t bytes = static_cast<std::size_t>(numbers.size()) * sizeof(float);
+  std::string text(4 * ((bytes + 2) / 3) + 1, '\0');
+  const int length = EVP_EncodeBlock(reinterpret_cast<unsigned char*>(text.data()),
+                                     reinterpret_cast<const unsigned char*>(numbers.data()), static_cast<int>(bytes));
+  text.resize(static_cast<std::size_t>(length));
+  return text;
+}
+
+Vector<float> unpacked(const std::string& text, std::ptrdiff_t count, const std::string& where) {
+  std::vector<unsigned char> bytes(text.size());
+  const int length =
+      EVP_DecodeBlock(bytes.data(), reinterpret_cast<const unsigned char*>(text.data()), static_cast<int>(text.size()));
+  const auto wanted = static_cast<std::size_t>(count) * sizeof(float);
+  // Whole groups of three bytes come out, the last ones filled up with zeros.
+  if (length < 0 || static_cast<std::size_t>(length) != (wanted + 2) / 3 * 3)
+    throw Error("the parameters kept are not " + std::to_string(count) + " numbers", where,
+                "remove the folder of the work that is done");
+  Vector<float> numbers(count);
+  std::memcpy(numbers.data(), bytes.data(), wanted);
+  return numbers;
+}
+
+/// The agent on a route: its parameters, and what it is told of the places there.
+TrainedAgent agent_on(const Kept& kept, const Traversal& route, int first, int frames) {
+  TrainedAgent agent;
+  agent.name = kept.study["agent"].get<std::string>();
+  const std::string where = "the trained " + agent.name;
+  const Json& outcome = kept.work->outcome(kept.study);
+  if (outcome.is_null()) throw Error("its training has failed", where);
+  agent.task = network_task(route, first, frames);
+  agent.first_frame = first;
+  const auto& entry = NetworkRegistry<float>::instance().find("network", agent.name);
+  agent.network = entry.create(Parameters("network " + agent.name, entry.parameters, {}), agent.task);
+  agent.parameters = unpacked(outcome.at("parameters").get<std::string>(), agent.network->parameter_count(), where);
+  return agent;
+}
+
 Json train(const Study& study, World& world) {
   const Traversal& route = world.traversal(study.representation, world.train());
   TrainerOptions options;
@@ -62,6 +104,8 @@ Json train(const Study& study, World& world) {
   options.seed = study.seed;
   options.first_frame = study.first;
   if (study.steps > 0) options.trainer_parameters["steps"] = static_cast<double>(study.steps);
+  if (study.initial) options.initial = agent_on(*study.initial, route, study.first, study.frames);
+  options.frozen = study.frozen;
   // As many environments as it takes for the agents' features to fit an observation.
   const auto parameters = Trainer::recommended_parameters(study.agent, study.learner);
   const int agents = static_cast<int>(parameters.at("trainer").at("agents"));
@@ -108,13 +152,15 @@ Json train(const Study& study, World& world) {
       row["shuffled"] = shuffled;
       trials.push_back(std::move(row));
     }
-  return {{"curve", curve},
-          {"deployments", deployments},
-          {"trials", trials},
-          {"episodes", trainer.progress().episodes},
-          {"steps", trainer.progress().steps},
-          {"seconds", seconds},
-          {"spl95", spl95}};
+  Json outcome = {{"curve", curve},
+                  {"deployments", deployments},
+                  {"trials", trials},
+                  {"episodes", trainer.progress().episodes},
+                  {"steps", trainer.progress().steps},
+                  {"seconds", seconds},
+                  {"spl95", spl95}};
+  if (study.keep) outcome["parameters"] = packed(trainer.network_parameters());
+  return outcome;
 }
 
 /// Recordings as they are: other data, other outcome.
@@ -130,6 +176,7 @@ Unit unit_of(const Study& study, World& world) {
   Unit unit;
   unit.name =
       fmt::format("training {} on {}, {} places, seed {}", study.agent, study.representation, study.frames, study.seed);
+  if (study.first > 0) unit.name += fmt::format(", from place {} on", study.first);
   unit.spec = {{"kind", "training"},
                {"agent", study.agent},
                {"learner", study.learner},
@@ -142,8 +189,49 @@ Unit unit_of(const Study& study, World& world) {
                {"steps", study.steps},
                {"tasks", {study.tasks, study.tasks_between}},
                {"deploy_every", study.deploy_every}};
+  if (study.keep) unit.spec["keep"] = true;
+  if (study.initial) {
+    unit.name += ", carried over";
+    unit.spec["initial"] = study.initial->study;
+  }
+  if (!study.frozen.empty()) {
+    unit.name += fmt::format(", {} frozen", fmt::join(study.frozen, ", "));
+    unit.spec["frozen"] = study.frozen;
+  }
   unit.seconds = study.seconds;
   unit.compute = [study, &world] { return train(study, world); };
+  return unit;
+}
+
+Kept kept(const Study& study, World& world, const Work& work) { return {unit_of(study, world).spec, &work}; }
+
+Unit unit_of(const Carried& carried, World& world) {
+  Unit unit;
+  unit.name = fmt::format("{} as it is on {}, places {} to {}, seed {}",
+                          carried.agent.study["agent"].get<std::string>(), carried.representation, carried.first,
+                          carried.first + carried.frames - 1, carried.agent.study["seed"].get<std::uint64_t>());
+  std::vector<std::string> recordings = carried.traversals;
+  recordings.push_back(world.train());  // what it is told of the places
+  unit.spec = {{"kind", "carried"},
+               {"agent", carried.agent.study},
+               {"representation", carried.representation},
+               {"train", world.train()},
+               {"recordings", hashes(world, recordings)},
+               {"frames", {carried.first, carried.first + carried.frames}},
+               {"tasks", carried.tasks}};
+  unit.seconds = 1;
+  unit.compute = [carried, &world] {
+    const TrainedAgent agent =
+        agent_on(carried.agent, world.traversal(carried.representation, world.train()), carried.first, carried.frames);
+    Json rows = Json::array();
+    for (const std::string& name : carried.traversals) {
+      Json row = tried(agent, world.traversal(carried.representation, name),
+                       trial_of(carried.first, carried.frames, carried.tasks, false));
+      row["traversal"] = name;
+      rows.push_back(std::move(row));
+    }
+    return rows;
+  };
   return unit;
 }
 
@@ -158,6 +246,8 @@ Unit unit_of(const ControlStudy& study, World& world) {
                {"frames", {study.first, study.first + study.frames}},
                {"tasks", study.tasks}};
   unit.seconds = 1;
+  if (study.control == "sequence_filter")  // looks at all places at each step, and longer routes take more of both
+    unit.seconds += 4e-8 * study.tasks * study.frames * study.frames * static_cast<double>(study.traversals.size());
   unit.compute = [study, &world] {
     const NetworkTask route =
         network_task(world.traversal(study.representation, world.train()), study.first, study.frames);

@@ -1,11 +1,13 @@
 #include "tools/paper/world.h"
 
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 
 #include "core/error.h"
 #include "tools/inprocess/pictures.h"
+#include "tools/paper/cropped.h"
 #include "tools/vpr/descriptors.h"
 
 namespace citylearn::paper {
@@ -35,6 +37,7 @@ World::World(const WorldOptions& options) : options_(options) {
     reference = select(*dataset, learned, selection);
   }
   selection.align = learned;
+  selection_ = selection;
   for (std::size_t i = 1; i < names_.size();) {
     Traversal other = select(*dataset, names_[i], selection);
     // Pictures and features in one folder do not mix: what is of the other kind is something else.
@@ -48,6 +51,13 @@ World::World(const WorldOptions& options) : options_(options) {
   }
   if (!pictures() && !options_.encoders.empty())
     throw Error("dataset " + options.source.dataset + " has features already", "--encoder", "leave it out");
+}
+
+World::World(const WorldOptions& options, const std::vector<Traversal>& recordings) : options_(options) {
+  for (const Traversal& recording : recordings) {
+    names_.push_back(recording.name);
+    recordings_[recording.name] = recording;
+  }
 }
 
 World::~World() = default;
@@ -70,6 +80,37 @@ std::uint64_t World::hash(const std::string& name) {
   const auto [known, fresh] = hashes_.try_emplace(name, 0);
   if (fresh) known->second = recordings_.at(name).hash();
   return known->second;
+}
+
+std::vector<double> World::aside_shifts() const {
+  if (drawn()) return {0, 0.5, 1, 2, 3};
+  return {0, 0.05, 0.1, 0.2};
+}
+
+std::string World::aside_name(double shift) const {
+  return drawn() ? fmt::format("{:g} m", shift) : fmt::format("{:g} %", 100 * shift);
+}
+
+World& World::aside() {
+  if (aside_) return *aside_;
+  if (!pictures()) throw Error("has no pictures to shift", "dataset " + dataset());
+  constexpr double kWindow = 0.8;  // of the width; the largest shift goes to its edge
+  std::vector<Traversal> all = {recordings_.at(train())};
+  for (const double shift : aside_shifts()) {
+    Traversal moved = all.front();
+    if (drawn()) {
+      Source source = options_.source;
+      source.parameters[dataset()]["viewpoint"] = shift;
+      moved = select(*open_dataset(source), "shifted", selection_);
+    } else {
+      moved.images = cropped(moved.images, shift, kWindow);
+    }
+    moved.name = aside_name(shift);
+    all.push_back(std::move(moved));
+  }
+  if (!drawn()) all.front().images = cropped(all.front().images, 0, kWindow);
+  aside_.reset(new World(options_, all));
+  return *aside_;
 }
 
 World::Encoded& World::encoded(const std::string& name) {

@@ -44,16 +44,29 @@ class World {
   /// A traversal with the features of a representation.
   const Traversal& traversal(const std::string& representation, const std::string& name);
 
+  /// The traversal learned from, and the same route with the camera to the side of where it was, a traversal for each
+  /// of aside_shifts(), called aside_name(). Drawn: "shifted" with the camera so many metres further left. Real
+  /// pictures: a simulated shift, a window of 4/5 of the picture's width (of the traversal learned from too) moved
+  /// right by such a share of it. Made once; the world must have pictures. Throws Error.
+  World& aside();
+  std::vector<double> aside_shifts() const;
+  std::string aside_name(double shift) const;  ///< "1.5 m", "10 %"
+
  private:
+  /// Recordings that were made elsewhere; the first is learned from.
+  World(const WorldOptions& options, const std::vector<Traversal>& recordings);
+
   struct Encoded;
   Encoded& encoded(const std::string& encoder);
 
   WorldOptions options_;
+  Selection selection_;  ///< of all but the traversal learned from
   std::vector<std::string> names_;
   std::map<std::string, Traversal> recordings_;
   std::map<std::string, std::uint64_t> hashes_;
   std::map<std::string, std::unique_ptr<Encoded>> encoded_;              ///< by encoder
   std::map<std::pair<std::string, std::string>, Traversal> traversals_;  ///< by representation and name
+  std::unique_ptr<World> aside_;
 };
 
 }  // namespace citylearn::paper

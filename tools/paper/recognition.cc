@@ -1,0 +1,43 @@
+#include "tools/paper/recognition.h"
+
+#include "core/service.h"
+#include "tools/vpr/methods.h"
+
+namespace citylearn::paper {
+namespace {
+
+Json recognise(World& world, const RecognitionCase& one) {
+  const auto matrix = [&](const std::string& name) {
+    const Traversal& traversal = world.traversal(one.representation, name);
+    return Eigen::Map<const Eigen::MatrixXf>(traversal.features.data(), traversal.dimension, traversal.frames);
+  };
+  const Eigen::MatrixXf reference = matrix(world.train()), query = matrix(one.query);
+  const auto truth =
+      GroundTruth::by_index(static_cast<int>(reference.cols()), static_cast<int>(query.cols()), kPlaceTolerance);
+  const vpr::Method::Result result = vpr::Method(one.method).run(reference, query, truth, {});
+  if (stop_requested()) throw Stopped{};
+  const PrecisionRecall curve = precision_recall(result.answers);
+  const Interval interval = auc_interval(result.answers, 1);
+  return {{"queries", result.answers.queries()},
+          {"auc", curve.auc},
+          {"auc_low", interval.low},
+          {"auc_high", interval.high},
+          {"recall", recall_at(result.answers, 1)}};
+}
+
+}  // namespace
+
+Unit unit_of(const RecognitionCase& one, World& world) {
+  Unit unit;
+  unit.name = "recognition of '" + one.query + "' by " + one.representation + ", " + one.method;
+  unit.spec = {{"kind", "recognition"},
+               {"representation", one.representation},
+               {"method", one.method},
+               {"frames", world.frames()},
+               {"recordings", {world.hash(world.train()), world.hash(one.query)}}};
+  unit.seconds = one.method == "mlp" ? 8 : 2;
+  unit.compute = [one, &world] { return recognise(world, one); };
+  return unit;
+}
+
+}  // namespace citylearn::paper
