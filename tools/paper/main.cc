@@ -33,6 +33,7 @@ std::vector<std::unique_ptr<Section>> sections() {
   all.push_back(make_curves());
   all.push_back(make_deployment());
   all.push_back(make_datasets());
+  all.push_back(make_map());
   return all;
 }
 

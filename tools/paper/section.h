@@ -60,5 +60,6 @@ std::unique_ptr<Section> make_recognition();  ///< Fig. 6
 std::unique_ptr<Section> make_curves();       ///< Fig. 7
 std::unique_ptr<Section> make_deployment();   ///< Fig. 8 and 9
 std::unique_ptr<Section> make_datasets();     ///< Tables I and II
+std::unique_ptr<Section> make_map();          ///< a route that crosses itself
 
 }  // namespace citylearn::paper
