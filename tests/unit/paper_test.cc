@@ -1,15 +1,18 @@
 // Parts of ./run paper: figures with intervals, work that is done once, charts.
 #include <gtest/gtest.h>
+#include <spdlog/fmt/fmt.h>
 
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 
 #include "core/error.h"
+#include "core/files.h"
 #include "env_service/crossings.h"
 #include "tests/support/service.h"
 #include "tools/chart/chart.h"
 #include "tools/paper/map_study.h"
+#include "tools/paper/section.h"
 #include "tools/paper/statistics.h"
 #include "tools/paper/work.h"
 
@@ -247,6 +250,90 @@ TEST(MapStudy, TrainingIsTheSameAgain) {
   EXPECT_EQ(outcome["curve"]["episodes"].size(), outcome["curve"]["spl"].size());
   study.junctions = false;
   EXPECT_NE(unit_of(study, world).spec, unit.spec);
+}
+
+std::size_t count(const std::string& text, const std::string& part) {
+  std::size_t found = 0;
+  for (std::size_t at = 0; (at = text.find(part, at)) != std::string::npos; at += part.size()) ++found;
+  return found;
+}
+
+/// The section on a map, made in a second.
+class MapSection : public ::testing::Test {
+ protected:
+  MapSection() : work_(folder_ / "work"), section_(make_map()) {}
+
+  Context context(World& world, World& drawn) {
+    return {.world = world,
+            .drawn = drawn,
+            .work = work_,
+            .quick = true,
+            .effort = 0.01,
+            .seeds = {1, 2},
+            .frames = 128,
+            .command = "./run paper",
+            .agents = {}};
+  }
+  static WorldOptions city() {
+    WorldOptions options;
+    options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 130}};
+    return options;
+  }
+  std::string told(const Context& context) const {
+    Report report(folder_.path());
+    report.section(section_->name(), section_->title());
+    section_->tell(context, report);
+    report.write("title", "about");
+    return read_file(folder_ / "report.html");
+  }
+
+  const Folder folder_;
+  Work work_;
+  const std::unique_ptr<Section> section_;
+};
+
+TEST_F(MapSection, TellsWhatCameOfItAndWhatDidNot) {
+  World world(city());
+  Context context = this->context(world, world);
+  section_->plan(context);
+  EXPECT_EQ(work_.units(), 2 * (2 + 1 + 2) + 1);
+  EXPECT_NE(told(context).find("7 junctions"), std::string::npos) << "nothing is done yet: the map is there";
+  EXPECT_EQ(count(read_file(folder_ / "map.csv"), "\n"), 1u) << "a heading";
+  ASSERT_TRUE(work_.run());
+  const std::string report = told(context);
+  EXPECT_NE(report.find("less than the sequence filter"), std::string::npos) << "such short training is not enough";
+  EXPECT_EQ(count(read_file(folder_ / "map.csv"), "\n"), 1 + 3 * 9u);
+  const std::string map = read_file(folder_ / "map.svg");
+  EXPECT_NE(map.find("with junctions: "), std::string::npos);
+  EXPECT_NE(map.find("without: "), std::string::npos);
+}
+
+TEST_F(MapSection, TakesRecordingsThatCrossThemselves) {
+  const std::string data = folder_ / "data";
+  std::filesystem::create_directories(data);
+  const Traversal traversal = recording();
+  Random random{5};
+  for (const std::string name : {"day", "night"}) {
+    std::ofstream features(data + "/" + name + ".csv"), poses(data + "/" + name + ".poses.csv");
+    poses << "frame,lat,lon\n";
+    for (int i = 0; i < traversal.frames; ++i) {
+      for (int k = 0; k < 8; ++k) features << random.normal() << (k < 7 ? "," : "\n");
+      const auto at = static_cast<std::size_t>(i);
+      if (std::isfinite(traversal.latitude[at]))
+        poses << i << fmt::format(",{:.6f},{:.6f}\n", traversal.latitude[at], traversal.longitude[at]);
+    }
+  }
+  WorldOptions options;
+  options.source.dataset = "plain";
+  options.source.folder = data;
+  options.source.traversal = "day";
+  options.source.selection.by = "index";  // night's features are no help in finding places, nor is a gap
+  World world(options), drawn(city());
+  Context context = this->context(world, drawn);
+  section_->plan(context);
+  const std::string report = told(context);
+  EXPECT_NE(report.find("1 junction of places within 1.5 mean steps"), std::string::npos) << report;
+  EXPECT_NE(report.find("The recordings are real."), std::string::npos);
 }
 
 }  // namespace

@@ -101,6 +101,11 @@ std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_
   return walked;
 }
 
+std::string junctions_told(const Layout& layout) {
+  const std::size_t count = junctions_of(layout.turns).size();
+  return std::to_string(count) + (count == 1 ? " junction" : " junctions");
+}
+
 Line on_the_map(const Layout& layout, const std::string& label, const std::vector<int>& places) {
   std::size_t origin = 0;
   while (origin + 1 < layout.latitude.size() && !std::isfinite(layout.latitude[origin])) ++origin;
@@ -124,9 +129,9 @@ Chart map_of(const Layout& layout, const std::string& title) {
   chart.width = kWidth * wide / std::max(wide, high);
   chart.height = kWidth * high / std::max(wide, high);
   std::vector<int> joined;
-  const auto junctions = junctions_of(layout.turns);
-  for (const std::vector<int>& places : junctions) joined.insert(joined.end(), places.begin(), places.end());
-  chart.lines.push_back(on_the_map(layout, "its " + std::to_string(junctions.size()) + " junctions", joined));
+  for (const std::vector<int>& places : junctions_of(layout.turns))
+    joined.insert(joined.end(), places.begin(), places.end());
+  chart.lines.push_back(on_the_map(layout, "its " + junctions_told(layout), joined));
   chart.lines.back().points = true;
   return chart;
 }

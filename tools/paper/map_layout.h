@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "env_service/traversal.h"
@@ -30,6 +31,8 @@ Layout drawn_layout(int places);
 std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, const std::vector<int>& turns,
                                int places);
 
+/// "7 junctions".
+std::string junctions_told(const Layout& layout);
 /// Metres east and north of the layout's first known place.
 Line on_the_map(const Layout& layout, const std::string& label, const std::vector<int>& places);
 /// The layout with its junctions and what else shall be on it, as wide as high for the same metres.

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "env_service/crossings.h"
 #include "tools/paper/map_study.h"
 #include "tools/paper/section.h"
 
@@ -121,26 +120,24 @@ class Junctions : public Section {
 
  private:
   static void introduce(const Ground& ground, Report& report) {
-    const auto junctions = junctions_of(ground.layout.turns);
     report.text(
         "The paper's future work: a route that crosses itself as a map on which agents choose among neighbours. Where "
         "two stretches come by the same spot, the nearest two of their places are joined: there the action 'stay' "
-        "turns "
-        "into the other road; everywhere else actions are as they were. The shortest way may then lead over junctions. "
-        "The paper has no figures for this.");
-    report.text(
-        ground.drawn
-            ? "The recordings given here have no GPS, or do not cross themselves: these are " +
-                  std::to_string(ground.layout.frames) +
-                  " places of the drawn city, and the program lays its straight street on a map by a rule, x = sin 3t, "
-                  "y = sin 2t, with 10 m from place to place, so that it crosses itself " +
-                  std::to_string(junctions.size()) +
-                  " times. The pictures do not show the crossing roads: an agent cannot see that it stands at a "
-                  "junction, it has to know the place."
-            : "The map is that of the recordings given, by their latitude and longitude: of their frames those from " +
-                  std::to_string(ground.layout.first) + " on, " + std::to_string(ground.layout.frames) +
-                  " places, which cross themselves most often: " + std::to_string(junctions.size()) +
-                  " junctions of places within 1.5 mean steps of each other. " +
+        "turns into the other road; everywhere else actions are as they were. The shortest way may then lead over "
+        "junctions. The paper has no figures for this.");
+    const std::string places = std::to_string(ground.layout.frames) + " places";
+    if (ground.drawn)
+      report.text(
+          "There are no recordings here whose GPS shows that they cross themselves. These are " + places +
+          " of the drawn city, whose straight street the program lays on a map by a rule, x = sin 3t, y = sin 2t, with "
+          "10 m from place to place: " +
+          junctions_told(ground.layout) +
+          ". What an agent sees does not show the crossing roads: it cannot see that it stands at a junction, it has "
+          "to know the place.");
+    else
+      report.text("The map is that of the recordings given, by their latitude and longitude. Of their frames " +
+                  places + " from " + std::to_string(ground.layout.first) + " on, which cross themselves most often: " +
+                  junctions_told(ground.layout) + " of places within 1.5 mean steps of each other. " +
                   (ground.world.drawn() ? "The recordings are drawn by the program." : "The recordings are real."));
   }
 
@@ -244,24 +241,27 @@ class Junctions : public Section {
   /// Where an agent is no better than one with less, or than one that learned nothing.
   static void judge(const Context& context, const Ground& ground, Report& report) {
     const std::vector<Walker> all = walkers(context);
-    const auto spl = [&](const std::string& policy, bool junctions, const std::string& traversal) {
+    const auto figure = [&](const char* name, const std::string& policy, bool junctions, const std::string& traversal) {
       for (const Walker& walker : all)
         if (walker.policy == policy && walker.junctions == junctions)
-          return figure_of(outcomes(context, ground, walker), traversal, "spl").mean;
+          return figure_of(outcomes(context, ground, walker), traversal, name).mean;
       return static_cast<double>(NAN);
     };
     for (const Walker& walker : all) {
       if (!walker.learns || !walker.junctions) continue;
       for (const std::string& traversal : traversals(ground)) {
-        const double own = spl(walker.policy, true, traversal);
-        const auto worse_than = [&](double other, const std::string& whom) {
-          if (std::isfinite(own) && std::isfinite(other) && own < other)
-            report.remark("On '" + traversal + "' " + walker.label + " with junctions has SPL " + fixed(own, 3) +
-                          ", less than " + whom + ": " + fixed(other, 3) + ".");
+        const auto compare = [&](const char* name, const std::string& policy, bool junctions, const std::string& what,
+                                 const std::string& whom) {
+          const double own = figure(name, walker.policy, true, traversal),
+                       other = figure(name, policy, junctions, traversal);
+          if (own < other)  // neither is NaN
+            report.remark("On '" + traversal + "' " + walker.label + " with junctions has " + what + " " +
+                          fixed(own, 3) + ", less than " + whom + ": " + fixed(other, 3) + ".");
         };
-        worse_than(spl(walker.policy, false, traversal), "the same agent without them");
-        worse_than(spl("sequence_filter", true, traversal), "the sequence filter, which has learned nothing");
-        worse_than(spl("blind", false, traversal), "the sweep that never looks");
+        compare("completed", walker.policy, false, "a share of completed tasks of", "the same agent without them");
+        compare("spl", walker.policy, false, "SPL", "the same agent without them");
+        compare("spl", "sequence_filter", true, "SPL", "the sequence filter, which has learned nothing");
+        compare("spl", "blind", false, "SPL", "the sweep that never looks");
       }
     }
   }
