@@ -2,6 +2,7 @@
 #include "env_service/crossings.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cmath>
 #include <numbers>
@@ -11,6 +12,8 @@
 #include "core/messages.h"
 #include "core/random.h"
 #include "core/route_map.h"
+#include "env_service/env_service.h"
+#include "tests/support/env.h"
 
 namespace citylearn {
 namespace {
@@ -173,6 +176,20 @@ TEST(Crossings, RefusesWhatMakesNoSense) {
   EXPECT_THROW(find_turns({1, 2}, {1, 2}, {0, 5}), Error);
   EXPECT_THROW(find_turns({1, 2}, {1, 2}, {kUnknown, 5}), Error);
   EXPECT_THROW(find_turns({1, 2}, {1, 2}, {10, 0}), Error);
+}
+
+TEST(Crossings, AreNotOnTheWireYet) {
+  Traversal traversal = testing::small_traversal(4);
+  traversal.turns = {2, 1, 0, 3};
+  EnvServiceOptions options;
+  options.node.run = "crossings-" + std::to_string(getpid());
+  options.node.middleware.name = "inprocess";
+  try {
+    run_env_service(options, traversal, [] { return true; });
+    FAIL() << "was hosted";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("crosses itself"), std::string::npos) << error.what();
+  }
 }
 
 TEST(RouteMap, RefusesTurnsThatLoseAPlace) {

@@ -13,9 +13,11 @@
 #include "policy_service/episode_log.h"
 #include "policy_service/heart.h"
 #include "policy_service/metrics_log.h"
+#include "policy_service/policy_service.h"
 #include "policy_service/run_record.h"
 #include "policy_service/score.h"
 #include "tests/support/service.h"
+#include "tests/support/some_agent.h"
 #include "tests/support/wait.h"
 
 namespace citylearn {
@@ -24,6 +26,8 @@ namespace {
 namespace fs = std::filesystem;
 
 using testing::Folder;
+using testing::some_checkpoint;
+using testing::some_task;
 
 msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest, std::uint32_t steps, bool completed) {
   msg::EpisodeStat e;
@@ -347,6 +351,25 @@ TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
           EXPECT_EQ(steps, std::abs(goal - start)) << entry->name;
         }
       }
+  }
+}
+
+TEST(Evaluation, RefusesAnAgentThatKnowsAMap) {
+  const Folder folder;
+  NetworkTask task = some_task();
+  task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
+  write_checkpoint(folder / "map.clk", some_checkpoint("place_filter", task));
+  PolicyServiceOptions options;
+  options.node.run = "map-" + std::to_string(getpid());
+  options.node.id = "policy";
+  options.node.middleware.name = "inprocess";
+  options.mode = "evaluate";
+  options.checkpoint = folder / "map.clk";
+  try {
+    run_policy_service(options);
+    FAIL() << "was tried";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("crosses itself"), std::string::npos) << error.what();
   }
 }
 

@@ -254,7 +254,7 @@ class Junctions : public Section {
                                  const std::string& whom) {
           const double own = figure(name, walker.policy, true, traversal),
                        other = figure(name, policy, junctions, traversal);
-          if (own < other)  // neither is NaN
+          if (own < other && fixed(own, 3) != fixed(other, 3))  // neither is NaN
             report.remark("On '" + traversal + "' " + walker.label + " with junctions has " + what + " " +
                           fixed(own, 3) + ", less than " + whom + ": " + fixed(other, 3) + ".");
         };
