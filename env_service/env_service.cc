@@ -140,6 +140,9 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
       environment_(traversal_, options.agents),
       book_(options.recorders),
       linger_(options.linger) {
+  if (!traversal_.turns.empty())
+    throw Error("crosses itself, which the messages cannot tell yet", "traversal '" + traversal_.name + "'",
+                "leave its turns empty");
   info_.dataset() = traversal_.dataset.c_str();
   info_.traversal() = traversal_.name.c_str();
   info_.condition() = traversal_.condition.c_str();

@@ -4,6 +4,8 @@
 #include <numeric>
 #include <utility>
 
+#include "core/route_map.h"
+
 namespace citylearn {
 
 namespace {
@@ -25,6 +27,7 @@ Environment::Environment(const Traversal& traversal, int agents)
     : traversal_(traversal), traversal_hash_(traversal.hash()), dimension_(traversal.dimension) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
+  check_turns(traversal.turns, traversal.frames);
   agents_.resize(agents);
 }
 
@@ -59,6 +62,7 @@ void Environment::reset(const msg::TaskSettings& settings) {
   finished_.clear();
   finished_.reserve(agents_.size());
   const int frames = static_cast<int>(settings.frames());
+  turns_ = turns_within(traversal_.turns, static_cast<int>(settings.first_frame()), frames);
   for (int index = 0; index < agents(); ++index) {
     Agent& agent = agents_[index];
     agent = Agent{};
@@ -81,7 +85,8 @@ void Environment::begin_training_episode(Agent& agent) {
   agent.start = agent.frame;
   agent.goal = static_cast<int>(agent.random.below(frames - 1));
   if (agent.goal >= agent.frame) ++agent.goal;
-  agent.nearest = std::abs(agent.goal - agent.start);
+  if (!turns_.empty()) distances_to(agent.goal, frames, turns_, agent.distances);
+  agent.nearest = distance(agent, agent.start);
   agent.steps = 0;
   agent.episode_reward = 0;
   agent.path.clear();
@@ -114,6 +119,10 @@ std::uint8_t Environment::allowed(int frame) const {
   return mask;
 }
 
+int Environment::distance(const Agent& agent, int frame) {
+  return agent.distances.empty() ? std::abs(agent.goal - frame) : agent.distances[static_cast<std::size_t>(frame)];
+}
+
 void Environment::step(std::span<const std::uint8_t> actions) {
   if (actions.size() != agents_.size())
     throw Error(std::to_string(actions.size()) + " actions for " + std::to_string(agents_.size()) + " agents",
@@ -137,14 +146,13 @@ void Environment::step(std::span<const std::uint8_t> actions) {
       agent.reward = 0;
       continue;
     }
-    const int distance = std::abs(agent.goal - agent.frame);
-    if (actions[index] == kNext) ++agent.frame;
-    if (actions[index] == kPrevious) --agent.frame;
+    const int before = distance(agent, agent.frame);
+    agent.frame = place_after(agent.frame, actions[index], turns_);
     ++agent.steps;
     append(agent.path, agent.steps, actions[index]);
     agent.previous_action = actions[index];
     agent.flags = 0;
-    const bool free = std::abs(agent.goal - agent.frame) < distance && distance <= agent.nearest;
+    const bool free = distance(agent, agent.frame) < before && before <= agent.nearest;
     if (free) --agent.nearest;
     const bool reached = agent.frame == agent.goal;
     agent.reward = reached ? 1.0f : (free ? 0.0f : -1.0f / static_cast<float>(max_steps));
@@ -152,7 +160,7 @@ void Environment::step(std::span<const std::uint8_t> actions) {
     if (!reached && agent.steps < max_steps) continue;
     const bool fits = static_cast<std::size_t>(agent.steps) <= 4 * std::size_t{msg::MAX_PATH};
     finished_.push_back({index, agent.task, first + agent.start, first + agent.goal, agent.steps,
-                         std::abs(agent.goal - agent.start), agent.episode_reward, reached,
+                         distance(agent, agent.start), agent.episode_reward, reached,
                          fits ? agent.path : std::vector<std::uint8_t>()});
     agent.flags = reached ? msg::FLAG_TERMINATED : msg::FLAG_TRUNCATED;
     if (settings_.task_mode() == msg::EVALUATE) {

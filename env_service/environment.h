@@ -12,6 +12,8 @@ namespace citylearn {
 
 /// The navigation task of CityLearn (Chancan & Milford, ICRA 2020; reward after the authors' released environment) for
 /// M agents on one traversal. An agent stands at a frame; it stays, moves to the next frame or to the previous one.
+/// Where the traversal crosses itself (Traversal::turns), staying is turning into the other road. Distances are the
+/// fewest steps.
 ///
 /// Reward: +1 on reaching the goal, which ends the episode. A step that shortens the distance to the goal while that
 /// distance is no larger than the best of this episode costs nothing; every other step costs 1 / max_steps. After
@@ -27,7 +29,8 @@ class Environment {
     std::vector<std::uint8_t> path;  ///< its actions as EpisodeStat has them; empty where they do not fit
   };
 
-  /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS.
+  /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS and
+  /// its turns, if any, are a permutation of its frames.
   Environment(const Traversal& traversal, int agents);
 
   /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
@@ -69,12 +72,14 @@ class Environment {
     int task = 0, start = 0, frame = 0, goal = 0, steps = 0, nearest = 0;
     float episode_reward = 0, reward = 0;
     std::uint8_t previous_action = kNoAction, flags = 0;
+    std::vector<int> distances;      ///< to the goal from each place of the route; empty on a line
     std::vector<int> order;          ///< frame shown at each place of the route, when shuffled
     std::vector<std::uint8_t> path;  ///< of the episode so far, 2 bits an action
   };
   void begin_training_episode(Agent& agent);
   void begin_task(Agent& agent, int task);
   std::uint8_t allowed(int frame) const;
+  static int distance(const Agent& agent, int frame);
   std::uint32_t shown(const Agent& agent) const;
 
   const Traversal& traversal_;
@@ -82,6 +87,7 @@ class Environment {
   int dimension_;
   std::vector<float> encoded_;  ///< set_features
   msg::TaskSettings settings_;
+  std::vector<int> turns_;  ///< of the route
   std::vector<Agent> agents_;
   std::vector<Episode> finished_;
   std::uint64_t step_ = 0;

@@ -26,12 +26,13 @@ struct Traversal {
   std::vector<double> latitude;    ///< F, degrees north (WGS 84), NaN where unknown; or empty
   std::vector<double> longitude;   ///< F, degrees east, NaN where unknown; or empty
   std::vector<double> times;       ///< F, seconds since any one moment, NaN where unknown; or empty
+  std::vector<int> turns;          ///< F, where `stay` leads at each frame (core/route_map.h); empty: a line
 
   std::span<const float> feature(int frame) const {
     return {features.data() + static_cast<std::size_t>(frame) * dimension, static_cast<std::size_t>(dimension)};
   }
-  /// First 8 bytes of SHA-256 over dataset, F, D, features, positions and the images' fingerprints: other data, other
-  /// hash. The name is left out.
+  /// First 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and turns: other
+  /// data, other hash. The name is left out.
   std::uint64_t hash() const;
 };
 

@@ -24,6 +24,8 @@ struct NetworkTask {
   int frames = 128;  ///< N, places on the route
   Matrix<float>
       reference;  ///< D x N, features of the training traversal's route: the place memory of networks that have one
+  std::vector<int> turns =
+      {};  ///< N, where `stay` leads (core/route_map.h), for networks that know the map; empty: a line
 };
 
 /// Observations of B agents over T steps; column t * B + b is agent b at step t.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "core/route_map.h"
 #include "policy_service/network_policy.h"
 #include "policy_service/worker.h"
 
@@ -35,7 +36,7 @@ void fill_noise(Random& random, Eigen::Ref<Vector<float>> out) {
 
 struct Collector::Parts {
   struct Agent {
-    int start = 0, goal = 0, steps = 0;
+    int start = 0, goal = 0, shortest = 0, steps = 0;
     double reward = 0;
     std::uint64_t episode = 0;  // of this agent in this cut
     float strength = 0;         // of the episode's appearance
@@ -76,6 +77,7 @@ struct Collector::Parts {
   std::uint64_t cut = 0;
   int frames;           // places in use
   Vector<float> noise;  // of one frame
+  std::vector<int> distances;
   Worker worker;
 
   bool disguises() const { return noise_frame > 0 || noise_place > 0 || noise_episode > 0; }
@@ -254,7 +256,7 @@ void Collector::Parts::end_action(Seat& seat, const msg::Observation& observatio
                       observation.allowed()[index], features);
     }
     if (!terminated && !truncated) continue;
-    const double shortest = std::abs(agent.goal - agent.start);
+    const double shortest = agent.shortest;
     const double spl = terminated ? shortest / std::max<double>(shortest, agent.steps) : 0;
     seat.finished.push_back({seat.tick, static_cast<int>(index), agent.reward, spl});
   }
@@ -283,6 +285,12 @@ void Collector::Parts::begin_episode(Seat& seat, std::size_t index) {
   Agent& agent = seat.agent[index];
   agent.start = seat.seen.position[index];
   agent.goal = seat.seen.goal[index];
+  if (task.turns.empty()) {
+    agent.shortest = std::abs(agent.goal - agent.start);
+  } else {
+    distances_to(agent.goal, task.frames, task.turns, distances);
+    agent.shortest = distances[static_cast<std::size_t>(agent.start)];
+  }
   agent.steps = 0;
   agent.reward = 0;
   ++agent.episode;

@@ -14,6 +14,7 @@ struct ControlTask {
   int frames = 0;                ///< N, places on the route
   int dimension = 0;             ///< D of `reference`
   std::vector<float> reference;  ///< N x D, place-major: features of the training traversal's route
+  std::vector<int> turns = {};   ///< N, where `stay` leads (core/route_map.h); empty: the route is a line
 };
 
 /// Policies that learn nothing: the yardsticks beside every figure of a learned agent.

@@ -538,6 +538,9 @@ void Run::train() {
 
 void Run::load_agent() {
   agent_ = trained_agent(read_checkpoint(options_.checkpoint));
+  if (!agent_->task.turns.empty())
+    throw Error("learned a route that crosses itself, and env_services cannot tell theirs yet", options_.checkpoint,
+                "try it in one process (tools/inprocess)");
   if (!options_.parameters.empty()) load_parameters(options_.parameters, *agent_);
   if (options_.max_steps == options_.frames) options_.max_steps = agent_->task.frames;
   options_.agent = agent_->name;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/route_map.h"
 #include "policy_service/collector.h"
 
 namespace citylearn {
@@ -121,6 +122,10 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts
   p.options = options;
   p.task = task;
   if (task.frames < 2) throw Error("must be at least 2", "frames");
+  check_turns(task.turns, task.frames);
+  if (!task.turns.empty() && options.curriculum)
+    throw Error("has lessons on the beginning of the route, and this route crosses itself", "curriculum",
+                "train without it");
   if (p.options.max_steps == 0) p.options.max_steps = task.frames;
   Choices chosen = choose(options);
   p.network_parameters = std::move(chosen.network_parameters);
@@ -336,6 +341,7 @@ Checkpoint Trainer::checkpoint(const std::string& manifest) {
   p.learner->save(state);
   for (auto& [name, tensor] : state.tensors) checkpoint.tensors["learner." + name] = std::move(tensor);
   checkpoint.tensors["reference"] = p.task.reference;
+  if (!p.task.turns.empty()) checkpoint.header["turns"] = p.task.turns;
   nlohmann::json layout = nlohmann::json::array();
   for (const Tensor& tensor : p.network->tensors())
     layout.push_back({{"name", tensor.name}, {"rows", tensor.rows}, {"cols", tensor.cols}, {"offset", tensor.offset}});
@@ -391,6 +397,9 @@ void Trainer::load(const Checkpoint& checkpoint) {
   const auto reference = checkpoint.tensors.find("reference");
   if (reference == checkpoint.tensors.end() || reference->second != p.task.reference)
     throw Error("the training route's features are others than those it was made with", "checkpoint",
+                "go on with the same data, or start a new run");
+  if (checkpoint.header.value("turns", nlohmann::json::array()) != nlohmann::json(p.task.turns))
+    throw Error("the training route crosses itself elsewhere than the one it was made with", "checkpoint",
                 "go on with the same data, or start a new run");
   try {
     const nlohmann::json& saved = checkpoint.header.at("progress");

@@ -1,6 +1,8 @@
 #include <algorithm>
 #include <cmath>
+#include <map>
 
+#include "core/route_map.h"
 #include "policy_service/control.h"
 
 namespace citylearn {
@@ -8,13 +10,15 @@ namespace {
 
 /// A Bayes filter over the places of the route, without anything learned: uniform at first, moved by the known action,
 /// weighed by exp(-|x - x_ref|^2 / (2 sigma^2)) for each place's reference features, and zero at the goal while the
-/// episode lasts. Walks to the heavier side of the goal.
+/// episode lasts. Walks to the heavier side of the goal; on a map, takes the step that leads nearer from where most of
+/// the belief is.
 class SequenceFilter : public Policy {
  public:
   SequenceFilter(const ControlTask& task, double sigma) : task_(task), sigma_(sigma) {
     if (task.reference.empty())
       throw Error("needs the features of the training traversal", "sequence_filter",
                   "start an env_service on a traversal that has features");
+    check_turns(task.turns, task.frames);
   }
 
   void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override {
@@ -36,6 +40,10 @@ class SequenceFilter : public Policy {
       } else if (observation.previous_action()[i] == kPrevious) {
         belief.erase(belief.begin());
         belief.push_back(kNever);
+      } else if (!task_.turns.empty()) {
+        turned_ = belief;
+        for (std::size_t place = 0; place < turned_.size(); ++place)
+          belief[static_cast<std::size_t>(task_.turns[place])] = turned_[place];
       }
       weigh(belief, observation.features().data() + i * task_.dimension);
       belief[goal] = kNever;
@@ -45,11 +53,33 @@ class SequenceFilter : public Policy {
         belief[place] = std::max(belief[place] - top, kNever);
         (place < goal ? before : behind) += std::exp(belief[place]);
       }
-      choice[i] = allowed_or_turn(before > behind ? kNext : kPrevious, observation.allowed()[i]);
+      choice[i] = task_.turns.empty() ? allowed_or_turn(before > behind ? kNext : kPrevious, observation.allowed()[i])
+                                      : on_the_map(belief, goal, observation.allowed()[i]);
     }
   }
 
  private:
+  /// Of what is allowed, the step that most of the belief calls nearer to the goal.
+  std::uint8_t on_the_map(const std::vector<double>& belief, int goal, std::uint8_t allowed) {
+    std::vector<int>& distances = distances_[goal];
+    if (distances.empty()) distances_to(goal, task_.frames, task_.turns, distances);
+    std::uint8_t best = kStay;
+    double most = -1;
+    for (const std::uint8_t action : {kNext, kPrevious, kStay}) {
+      if (!(allowed >> action & 1)) continue;
+      double mass = 0;
+      for (int place = 0; place < task_.frames; ++place) {
+        const int to = place_after(place, action, task_.turns);
+        if (to >= 0 && to < task_.frames && distances[to] < distances[place]) mass += std::exp(belief[place]);
+      }
+      if (mass > most) {
+        best = action;
+        most = mass;
+      }
+    }
+    return best;
+  }
+
   // Beliefs are logarithms. Nothing falls below this: a place once excluded by a bad frame can come back.
   static constexpr double kNever = -50.0;
 
@@ -69,6 +99,8 @@ class SequenceFilter : public Policy {
   ControlTask task_;
   double sigma_;
   std::vector<std::vector<double>> belief_;
+  std::vector<double> turned_;
+  std::map<int, std::vector<int>> distances_;  ///< by goal, on a map
 };
 
 const ControlRegistry::Registration registration({

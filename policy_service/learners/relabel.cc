@@ -21,7 +21,11 @@ class Relabel : public Learner {
         relabelled_(parameters["relabelled"]),
         visited_(parameters["visited"]),
         replay_(static_cast<std::size_t>(parameters["replay"])),
-        vtrace_(kName, parameters, task) {}
+        vtrace_(kName, parameters, task) {
+    if (!task.task.turns.empty())
+      throw Error("knows the rewards of other goals on a line alone, and this route crosses itself", "learner relabel",
+                  "use the learner ppo or vtrace");
+  }
 
   static std::vector<ParameterSpec> parameter_specs() {
     std::vector<ParameterSpec> specs = VtraceDescent::parameter_specs();

@@ -1,5 +1,6 @@
 #include <cmath>
 
+#include "core/route_map.h"
 #include "policy_service/networks/parts.h"
 
 namespace citylearn {
@@ -15,18 +16,26 @@ namespace {
 ///   it), p = softmax(c log q' + e).
 /// Head: [2 P(place < goal), 2 P(place > goal), 1 - mask (3), half the previous action one-hot (3)] -> tanh -> tanh ->
 /// policy (3) and value (1).
+///
+/// On a map (task.turns) the action `stay` moves the belief along the turns, and the head's first two inputs are what
+/// they are on a line in other words: 2 P(next leads nearer to the goal), 2 P(previous does); 2 P(turning does) comes
+/// last. All places are in use then.
 template <class S>
 class PlaceFilter : public AgentNetwork<S> {
  public:
   PlaceFilter(const Parameters& parameters, const NetworkTask& task)
       : places_(task.frames),
         units_(parameters.integer("units")),
-        keys_(task.reference.template cast<S>().transpose()) {
+        inputs_(kInputs + (task.turns.empty() ? 0 : 1)),
+        keys_(task.reference.template cast<S>().transpose()),
+        turns_(task.turns) {
     if (task.features < 1 || task.reference.rows() != task.features || task.reference.cols() != task.frames)
       throw Error("needs the features of all " + std::to_string(task.frames) + " frames of the training route",
                   "reference", "train where the env_service has features, or give it an encoder_service");
+    check_turns(turns_, places_);
+    if (!turns_.empty()) find_ways();
     scalars_ = layout_.add("filter.scalars", kScalars, 1);
-    weights1_ = layout_.add("head.1.weight", units_, kInputs);
+    weights1_ = layout_.add("head.1.weight", units_, inputs_);
     bias1_ = layout_.add("head.1.bias", units_, 1);
     weights2_ = layout_.add("head.2.weight", units_, units_);
     bias2_ = layout_.add("head.2.bias", units_, 1);
@@ -62,7 +71,7 @@ class PlaceFilter : public AgentNetwork<S> {
     Work& work = static_cast<Work&>(workspace);
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
     for (Matrix<S>* part : {&work.moved, &work.log_prior, &work.belief}) part->resize(places_, columns);
-    work.head_input.setZero(kInputs, columns);
+    work.head_input.setZero(inputs_, columns);
     const Scalars s = scalars(parameters);
 
     work.similarity.noalias() = keys_ * inputs.features.leftCols(inputs.distinct);
@@ -92,8 +101,14 @@ class PlaceFilter : public AgentNetwork<S> {
       belief /= belief.sum();
 
       const std::ptrdiff_t goal = inputs.goal[index];
-      work.head_input(0, column) = S(2) * belief.head(goal).sum();
-      work.head_input(1, column) = S(2) * belief.tail(places_ - goal - 1).sum();
+      if (turns_.empty()) {
+        work.head_input(0, column) = S(2) * belief.head(goal).sum();
+        work.head_input(1, column) = S(2) * belief.tail(places_ - goal - 1).sum();
+      } else {
+        for (const auto& [input, way] : kWays)
+          for (std::ptrdiff_t place = 0; place < places_; ++place)
+            if (ways(goal)[place] & way) work.head_input(input, column) += S(2) * belief(place);
+      }
       for (int action = 0; action < kActions; ++action)
         work.head_input(2 + action, column) = static_cast<S>(!(allowed >> action & 1));
       if (previous < kActions) work.head_input(2 + kActions + previous, column) = S(0.5);
@@ -140,8 +155,14 @@ class PlaceFilter : public AgentNetwork<S> {
       const std::ptrdiff_t goal = inputs.goal[index];
       const auto belief = work.belief.col(column);
       auto by_belief = work.belief_gradient.col(column);
-      by_belief.head(goal).array() += S(2) * work.input_gradient(0, column);
-      by_belief.tail(places_ - goal - 1).array() += S(2) * work.input_gradient(1, column);
+      if (turns_.empty()) {
+        by_belief.head(goal).array() += S(2) * work.input_gradient(0, column);
+        by_belief.tail(places_ - goal - 1).array() += S(2) * work.input_gradient(1, column);
+      } else {
+        for (const auto& [input, way] : kWays)
+          for (std::ptrdiff_t place = 0; place < places_; ++place)
+            if (ways(goal)[place] & way) by_belief(place) += S(2) * work.input_gradient(input, column);
+      }
       by_energy = belief.array() * (by_belief.array() - by_belief.dot(belief));
 
       const std::uint8_t allowed = inputs.allowed[index];
@@ -171,7 +192,13 @@ class PlaceFilter : public AgentNetwork<S> {
 
  private:
   enum { kFeatureScale, kMaskScale, kPersistence, kFloor, kGoalScale, kScalars };
-  enum { kInputs = 2 + 2 * kActions };
+  enum { kInputs = 2 + 2 * kActions };  ///< of the head, on a line
+  enum : std::uint8_t { kByNext = 1, kByPrevious = 2, kByTurning = 4 };
+  struct Way {
+    int input;
+    std::uint8_t way;
+  };
+  static constexpr Way kWays[] = {{0, kByNext}, {1, kByPrevious}, {kInputs, kByTurning}};
   static constexpr double kStretch =
       3;  ///< scalars are stored divided by this: their learning rate is that much larger
   static constexpr std::uint8_t kInside = 0b111, kFirstPlace = 0b011, kLastPlace = 0b101;  ///< actions allowed there
@@ -183,7 +210,7 @@ class PlaceFilter : public AgentNetwork<S> {
     Matrix<S> similarity;                      // N x U
     Matrix<S> moved, log_prior, belief;        // N x TB
     Matrix<S> belief_gradient;                 // N x TB
-    Matrix<S> head_input, input_gradient;      // 8 x TB
+    Matrix<S> head_input, input_gradient;      // inputs x TB
     Matrix<S> layer1, layer2, layer_gradient;  // units x TB
     Matrix<S> both;                            // 4 x TB: logits and value
     Vector<S> column;                          // N
@@ -203,6 +230,29 @@ class PlaceFilter : public AgentNetwork<S> {
     return static_cast<int>((differing & 1) + (differing >> 1 & 1) + (differing >> 2 & 1));
   }
 
+  /// Which steps lead nearer to each goal from each place.
+  void find_ways() {
+    const auto places = static_cast<std::size_t>(places_);
+    ways_.assign(places * places, 0);
+    std::vector<int> distances;
+    for (int goal = 0; goal < places_; ++goal) {
+      distances_to(goal, places_, turns_, distances);
+      const auto nearer = [&](int from, int to) {
+        return to >= 0 && to < places_ &&
+               distances[static_cast<std::size_t>(to)] < distances[static_cast<std::size_t>(from)];
+      };
+      std::uint8_t* way = ways_.data() + static_cast<std::size_t>(goal) * places;
+      for (int place = 0; place < places_; ++place, ++way) {
+        if (nearer(place, place_after(place, kNext, turns_))) *way |= kByNext;
+        if (nearer(place, place_after(place, kPrevious, turns_))) *way |= kByPrevious;
+        if (nearer(place, place_after(place, kStay, turns_))) *way |= kByTurning;
+      }
+    }
+  }
+  const std::uint8_t* ways(std::ptrdiff_t goal) const {
+    return ways_.data() + static_cast<std::size_t>(goal) * static_cast<std::size_t>(places_);
+  }
+
   template <class From, class To>
   void shift(std::uint8_t action, const From& from, To&& to) const {
     const std::ptrdiff_t n = places_ - 1;
@@ -212,8 +262,10 @@ class PlaceFilter : public AgentNetwork<S> {
     } else if (action == kPrevious) {
       to.head(n) = from.tail(n);
       to(n) = 0;
-    } else {
+    } else if (turns_.empty()) {
       to = from;
+    } else {
+      for (std::ptrdiff_t place = 0; place <= n; ++place) to(turns_[static_cast<std::size_t>(place)]) = from(place);
     }
   }
   template <class From, class To>
@@ -223,13 +275,17 @@ class PlaceFilter : public AgentNetwork<S> {
       to.head(n) += from.tail(n);
     } else if (action == kPrevious) {
       to.tail(n) += from.head(n);
-    } else {
+    } else if (turns_.empty()) {
       to += from;
+    } else {
+      for (std::ptrdiff_t place = 0; place <= n; ++place) to(place) += from(turns_[static_cast<std::size_t>(place)]);
     }
   }
 
-  int places_, units_;
-  Matrix<S> keys_;  ///< N x D
+  int places_, units_, inputs_;
+  Matrix<S> keys_;                  ///< N x D
+  std::vector<int> turns_;          ///< N; empty on a line
+  std::vector<std::uint8_t> ways_;  ///< N x N on a map, goal-major: which steps lead nearer
   TensorLayout layout_;
   std::size_t scalars_, weights1_, bias1_, weights2_, bias2_, weights3_, bias3_;
 };

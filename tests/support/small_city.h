@@ -26,9 +26,18 @@ inline Traversal small_city(int frames = 16, int dimension = 12) {
   return city;
 }
 
+/// Where places 3 and 12 are one spot; so are 6, 9 and the last one, if there are 16 or more.
+inline Traversal crossed(Traversal city) {
+  for (int place = 0; place < city.frames; ++place) city.turns.push_back(place);
+  std::swap(city.turns.at(3), city.turns.at(12));
+  std::swap(city.turns.at(6), city.turns.at(9));
+  std::swap(city.turns.at(9), city.turns.back());
+  return city;
+}
+
 inline NetworkTask task_of(const Traversal& city) {
   return {city.dimension, city.frames,
-          Eigen::Map<const Matrix<float>>(city.features.data(), city.dimension, city.frames)};
+          Eigen::Map<const Matrix<float>>(city.features.data(), city.dimension, city.frames), city.turns};
 }
 
 /// Environments and the trainer that they serve, joined without a wire.

@@ -1,4 +1,5 @@
 add_executable(env_test
+  ${CMAKE_CURRENT_LIST_DIR}/crossings_test.cc
   ${CMAKE_CURRENT_LIST_DIR}/environment_test.cc
   ${CMAKE_CURRENT_LIST_DIR}/environment_golden_test.cc
   ${CMAKE_CURRENT_LIST_DIR}/episode_book_test.cc

@@ -136,6 +136,83 @@ TEST(EnvironmentReward, GoalIsOneEvenWhenItWasPassedFurtherAway) {
   EXPECT_EQ(walk.seen.reward()[0], 1.0f);
 }
 
+/// Places 2 and 7 are one spot.
+Traversal crossed() {
+  Traversal traversal = small_traversal(10);
+  traversal.turns = {0, 1, 7, 3, 4, 5, 6, 2, 8, 9};
+  return traversal;
+}
+
+TEST(EnvironmentMap, StayTurnsAtACrossingAndWaysAreShorter) {
+  const Traversal traversal = crossed();
+  Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 10, 20), 1, 9));
+  constexpr float kCost = -1.0f / 20;
+  const auto reward_of = [&](std::uint8_t action) {
+    walk.step(action);
+    return walk.seen.reward()[0];
+  };
+  EXPECT_EQ(reward_of(kStay), kCost) << "no crossing at 1";
+  EXPECT_EQ(walk.position(), 1);
+  EXPECT_EQ(reward_of(kNext), 0.0f) << "to 2: nearer than ever";
+  EXPECT_EQ(reward_of(kNext), kCost) << "to 3: away from the goal, as the crossing is the way";
+  EXPECT_EQ(reward_of(kPrevious), kCost);
+  EXPECT_EQ(reward_of(kStay), 0.0f) << "turns to 7";
+  EXPECT_EQ(walk.position(), 7);
+  EXPECT_EQ(walk.seen.features()[0], 7.0f) << "the other road is seen";
+  EXPECT_EQ(reward_of(kStay), kCost) << "turns back to 2";
+  EXPECT_EQ(walk.position(), 2);
+  EXPECT_EQ(reward_of(kStay), kCost) << "nearer, but it has been as near";
+  EXPECT_EQ(reward_of(kNext), 0.0f);
+  EXPECT_EQ(reward_of(kNext), 1.0f);
+  const Environment::Episode& episode = walk.environment.finished().at(0);
+  EXPECT_EQ(std::tie(episode.start, episode.goal, episode.steps, episode.shortest, episode.completed),
+            std::make_tuple(1, 9, 9, 4, true));
+  EXPECT_FLOAT_EQ(episode.reward, 1 + 5 * kCost);
+}
+
+TEST(EnvironmentMap, AnotherLayoutIsAnotherHashAndNoneIsTheOldOne) {
+  const Traversal map = crossed();
+  Traversal line = map, other = map;
+  line.turns.clear();
+  other.turns = {0, 1, 8, 3, 4, 5, 6, 7, 2, 9};
+  EXPECT_EQ(line.hash(), small_traversal(10).hash());
+  EXPECT_NE(map.hash(), line.hash());
+  EXPECT_NE(map.hash(), other.hash());
+}
+
+TEST(EnvironmentMap, HasTheTasksOfTheLine) {
+  Traversal line = crossed();
+  line.turns.clear();
+  const Traversal map = crossed();
+  for (std::uint64_t seed = 0; seed < 20; ++seed) {
+    const Walk there(map, settings(msg::EVALUATE, 10, 20, seed)), here(line, settings(msg::EVALUATE, 10, 20, seed));
+    EXPECT_EQ(there.position(), here.position());
+    EXPECT_EQ(there.goal(), here.goal());
+  }
+}
+
+TEST(EnvironmentMap, OfARouteHasTheCrossingsWithinIt) {
+  const Traversal traversal = crossed();
+  msg::TaskSettings with = settings(msg::TRAIN, 5, 20);
+  with.first_frame() = 2;  // 2 .. 6: the other place of the crossing is beyond
+  Walk walk(traversal, beginning(traversal, with, 2, 6));
+  walk.step(kStay);
+  EXPECT_EQ(walk.position(), 2);
+  with = settings(msg::TRAIN, 8, 20);
+  with.first_frame() = 2;
+  Walk within(traversal, beginning(traversal, with, 2, 9));
+  within.step(kStay);
+  EXPECT_EQ(within.position(), 7);
+}
+
+TEST(EnvironmentMap, RefusesTurnsThatAreNoPermutation) {
+  Traversal traversal = crossed();
+  traversal.turns[3] = 2;
+  EXPECT_THROW(Environment(traversal, 1), Error);
+  traversal.turns.pop_back();
+  EXPECT_THROW(Environment(traversal, 1), Error);
+}
+
 TEST(EnvironmentEpisode, IsCutAtTheStepLimit) {
   const Traversal traversal = small_traversal(10);
   Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 10, 6), 0, 9));

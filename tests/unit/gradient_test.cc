@@ -37,6 +37,7 @@ struct Case {
   std::map<std::string, double> parameters;
   int frames = kFrames;
   double localisation = 0;
+  std::vector<int> turns = {};
 };
 
 std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one.network; }
@@ -44,7 +45,8 @@ std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one
 class Gradients : public testing::TestWithParam<Case> {};
 
 TEST_P(Gradients, AgreeWithCentralDifferences) {
-  const NetworkTask task = small_task(small_network(GetParam().network).features);
+  NetworkTask task = small_task(small_network(GetParam().network).features);
+  task.turns = GetParam().turns;
   const auto& entry = NetworkRegistry<double>::instance().find("network", GetParam().network);
   const auto network = entry.create(Parameters(entry.name, entry.parameters, GetParam().parameters), task);
   Random random{4};
@@ -100,6 +102,7 @@ INSTANTIATE_TEST_SUITE_P(Networks, Gradients,
                                          Case{"baseline", {{"hidden", 6}, {"cells", 4}, {"mask-input", 0}}},
                                          Case{"place_filter", {{"units", 5}}},
                                          Case{"place_filter", {{"units", 5}}, kFrames - 2},
+                                         Case{"place_filter", {{"units", 5}}, kFrames, 0, {0, 5, 3, 6, 4, 1, 2}},
                                          Case{"place_memory", kSmall, kFrames, 0.5},
                                          Case{"place_memory", kSmall, kFrames - 2},
                                          Case{"raw_images", small_network("raw_images").parameters, kFrames, 0.5}),

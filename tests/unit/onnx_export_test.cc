@@ -204,6 +204,17 @@ TEST(OnnxExportFile, TellsWhatItIs) {
   EXPECT_EQ(std::filesystem::file_size(folder / "one.onnx"), read_file(folder / "one.onnx").size());
 }
 
+TEST(OnnxExportFile, NoModelOfAnAgentThatKnowsAMap) {
+  NetworkTask task = some_task();
+  task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
+  try {
+    export_graph(some_agent("place_filter", task), parameters_for("place_filter", {}));
+    FAIL() << "was exported";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("crosses itself"), std::string::npos) << error.what();
+  }
+}
+
 TEST(OnnxExportFile, OneClearLineWhereThereIsNoExporterOrNoFormat) {
   const NetworkTask task = some_task();
   TrainedAgent agent = some_agent("baseline", task);

@@ -1,13 +1,18 @@
 // Parts of ./run paper: figures with intervals, work that is done once, charts.
 #include <gtest/gtest.h>
+#include <spdlog/fmt/fmt.h>
 
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 
 #include "core/error.h"
+#include "core/files.h"
+#include "env_service/crossings.h"
 #include "tests/support/service.h"
 #include "tools/chart/chart.h"
+#include "tools/paper/map_study.h"
+#include "tools/paper/section.h"
 #include "tools/paper/statistics.h"
 #include "tools/paper/work.h"
 
@@ -125,6 +130,210 @@ TEST(Charts, AxesHoldAllValues) {
   EXPECT_GE(axis.high, 17);
   EXPECT_EQ(axis_around("x", {}).high, 1);
   EXPECT_EQ(axis_around("x", {5, 9}, /*from_zero=*/true).low, 0);
+}
+
+TEST(Charts, PointsAreDotsThatNoLineJoins) {
+  Chart chart{"dots", {"x"}, {"y"}, {{"", {0, 0.5, 1}, {0, NAN, 1}}}};
+  EXPECT_EQ(svg_of(chart).find("<circle"), std::string::npos);
+  chart.lines[0].points = true;
+  const std::string svg = svg_of(chart);
+  EXPECT_EQ(svg.find("<polyline"), std::string::npos);
+  std::size_t dots = 0;
+  for (std::size_t at = 0; (at = svg.find("<circle", at)) != std::string::npos; ++at) ++dots;
+  EXPECT_EQ(dots, 2u) << "one is not finite, and a line without a label is not in the legend";
+}
+
+TEST(Layouts, TheDrawnOneCrossesItselfSevenTimes) {
+  for (const int places : {112, 128, 256, 500}) {
+    const Layout layout = drawn_layout(places);
+    ASSERT_EQ(layout.latitude.size(), static_cast<std::size_t>(places));
+    const auto junctions = junctions_of(layout.turns);
+    EXPECT_EQ(junctions.size(), 7u) << places;
+    for (const auto& joined : junctions) EXPECT_EQ(joined.size(), 2u);
+    const Line line = on_the_map(layout, "", {0, 1, 2, places - 2, places - 1});
+    for (const std::size_t i : {0u, 1u, 3u})
+      EXPECT_NEAR(std::hypot(line.x[i + 1] - line.x[i], line.y[i + 1] - line.y[i]), 10, 1) << places;
+  }
+}
+
+/// A straight road, then a loop that crosses it, with a gap in the GPS.
+Traversal recording() {
+  Traversal traversal;
+  traversal.name = "looped";
+  traversal.frames = 100;
+  for (int i = 0; i < 100; ++i) {
+    const double east = i < 60 ? i : i < 70 ? 60 : i < 90 ? 60 - (i - 70) : 40;
+    const double north = i < 60 ? 0 : i < 70 ? i - 60 : i < 90 ? 10 : 10 - 2 * (i - 90);
+    traversal.latitude.push_back(i == 5 ? NAN : 48 + north * 1e-4);
+    traversal.longitude.push_back(11 + east * 1e-4);
+  }
+  return traversal;
+}
+
+TEST(Layouts, OfRecordingsAreWhereTheyCrossThemselves) {
+  const Traversal traversal = recording();
+  const Layout layout = recorded_layout(traversal, 70);
+  ASSERT_EQ(junctions_of(layout.turns).size(), 1u);
+  EXPECT_EQ(layout.frames, 70);
+  const int before = layout.first + junctions_of(layout.turns)[0][0],
+            after = layout.first + junctions_of(layout.turns)[0][1];
+  EXPECT_NEAR(before, 40, 1);
+  EXPECT_NEAR(after, 95, 1);
+  EXPECT_EQ(layout.latitude[0], traversal.latitude[static_cast<std::size_t>(layout.first)]);
+  EXPECT_TRUE(recorded_layout(traversal, 40).turns.empty()) << "no stretch so short crosses itself";
+  Traversal lost = traversal;
+  lost.latitude.clear();
+  lost.longitude.clear();
+  EXPECT_TRUE(recorded_layout(lost, 70).turns.empty());
+}
+
+TEST(Layouts, ChartsAreToScale) {
+  const Chart chart = map_of(drawn_layout(128), "map");
+  EXPECT_NEAR(chart.width / (chart.x.high - chart.x.low), chart.height / (chart.y.high - chart.y.low), 1e-9);
+  ASSERT_EQ(chart.lines.size(), 2u);
+  EXPECT_EQ(chart.lines[1].label, "its 7 junctions");
+  EXPECT_EQ(chart.lines[1].x.size(), 14u);
+}
+
+TEST(Layouts, PathsAreFollowedOverJunctions) {
+  const std::vector<int> turns = {0, 4, 2, 3, 1, 5};
+  // next, stay, previous, stay, previous, previous
+  const std::vector<std::uint8_t> path = {1 | 0 << 2 | 2 << 4 | 0 << 6, 2 | 2 << 2};
+  EXPECT_EQ(places_walked(0, 6, path, turns, 6), (std::vector<int>{0, 1, 4, 3, 3, 2, 1}));
+  EXPECT_THROW(places_walked(0, 6, path, {}, 6), Error) << "without junctions it leads off the route";
+  EXPECT_THROW(places_walked(0, 9, path, turns, 6), Error) << "there are no more actions";
+}
+
+TEST(MapStudy, JunctionsMakeWaysShorter) {
+  WorldOptions options;
+  options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 90}};
+  World world(options);
+  MapStudy study;
+  study.learns = false;
+  study.representation = "features";
+  study.layout = drawn_layout(80);
+  study.tasks = 200;
+  study.traversals = {"summer", "winter"};
+  const auto of = [&](const std::string& policy, bool junctions, const char* figure) {
+    study.policy = policy;
+    study.junctions = junctions;
+    return estimate_of(unit_of(study, world).compute()["trials"][0][figure]);
+  };
+  EXPECT_EQ(of("shortest_path", true, "spl").mean, 1);
+  EXPECT_EQ(of("shortest_path", true, "steps").mean, of("shortest_path", true, "shortest").mean);
+  EXPECT_EQ(of("shortest_path", false, "completed").mean, 1);
+  EXPECT_LT(of("shortest_path", false, "spl").mean, 0.9) << "its way is the longer one";
+  EXPECT_LT(of("shortest_path", true, "steps").mean, 0.8 * of("shortest_path", false, "steps").mean);
+  EXPECT_GT(of("sequence_filter", true, "spl").mean, 0.95);
+  EXPECT_LT(of("blind", false, "spl").mean, of("shortest_path", false, "spl").mean);
+  EXPECT_EQ(of("blind", false, "steps").n, 200);
+  const Json walk = unit_of(study, world).compute()["walk"];
+  EXPECT_EQ(walk["places"].front(), walk["start"]);
+}
+
+TEST(MapStudy, TrainingIsTheSameAgain) {
+  WorldOptions options;
+  options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 90}};
+  World world(options);
+  MapStudy study;
+  study.policy = "place_filter";
+  study.representation = "features";
+  study.layout = drawn_layout(80);
+  study.steps = 3000;
+  study.tasks = 20;
+  study.traversals = {"summer", "night"};
+  const Unit unit = unit_of(study, world);
+  const Json outcome = unit.compute();
+  EXPECT_EQ(outcome, unit.compute());
+  EXPECT_EQ(outcome["trials"].size(), 2u);
+  EXPECT_GE(outcome["steps"], 3000);
+  EXPECT_EQ(outcome["curve"]["episodes"].size(), outcome["curve"]["spl"].size());
+  study.junctions = false;
+  EXPECT_NE(unit_of(study, world).spec, unit.spec);
+}
+
+std::size_t count(const std::string& text, const std::string& part) {
+  std::size_t found = 0;
+  for (std::size_t at = 0; (at = text.find(part, at)) != std::string::npos; at += part.size()) ++found;
+  return found;
+}
+
+/// The section on a map, made in a second.
+class MapSection : public ::testing::Test {
+ protected:
+  MapSection() : work_(folder_ / "work"), section_(make_map()) {}
+
+  Context context(World& world, World& drawn) {
+    return {.world = world,
+            .drawn = drawn,
+            .work = work_,
+            .quick = true,
+            .effort = 0.01,
+            .seeds = {1, 2},
+            .frames = 128,
+            .command = "./run paper",
+            .agents = {}};
+  }
+  static WorldOptions city() {
+    WorldOptions options;
+    options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 130}};
+    return options;
+  }
+  std::string told(const Context& context) const {
+    Report report(folder_.path());
+    report.section(section_->name(), section_->title());
+    section_->tell(context, report);
+    report.write("title", "about");
+    return read_file(folder_ / "report.html");
+  }
+
+  const Folder folder_;
+  Work work_;
+  const std::unique_ptr<Section> section_;
+};
+
+TEST_F(MapSection, TellsWhatCameOfItAndWhatDidNot) {
+  World world(city());
+  Context context = this->context(world, world);
+  section_->plan(context);
+  EXPECT_EQ(work_.units(), 2 * (2 + 1 + 2) + 1);
+  EXPECT_NE(told(context).find("7 junctions"), std::string::npos) << "nothing is done yet: the map is there";
+  EXPECT_EQ(count(read_file(folder_ / "map.csv"), "\n"), 1u) << "a heading";
+  ASSERT_TRUE(work_.run());
+  const std::string report = told(context);
+  EXPECT_NE(report.find("less than the sequence filter"), std::string::npos) << "such short training is not enough";
+  EXPECT_EQ(count(read_file(folder_ / "map.csv"), "\n"), 1 + 3 * 9u);
+  const std::string map = read_file(folder_ / "map.svg");
+  EXPECT_NE(map.find("with junctions: "), std::string::npos);
+  EXPECT_NE(map.find("without: "), std::string::npos);
+}
+
+TEST_F(MapSection, TakesRecordingsThatCrossThemselves) {
+  const std::string data = folder_ / "data";
+  std::filesystem::create_directories(data);
+  const Traversal traversal = recording();
+  Random random{5};
+  for (const std::string name : {"day", "night"}) {
+    std::ofstream features(data + "/" + name + ".csv"), poses(data + "/" + name + ".poses.csv");
+    poses << "frame,lat,lon\n";
+    for (int i = 0; i < traversal.frames; ++i) {
+      for (int k = 0; k < 8; ++k) features << random.normal() << (k < 7 ? "," : "\n");
+      const auto at = static_cast<std::size_t>(i);
+      if (std::isfinite(traversal.latitude[at]))
+        poses << i << fmt::format(",{:.6f},{:.6f}\n", traversal.latitude[at], traversal.longitude[at]);
+    }
+  }
+  WorldOptions options;
+  options.source.dataset = "plain";
+  options.source.folder = data;
+  options.source.traversal = "day";
+  options.source.selection.by = "index";  // night's features are no help in finding places, nor is a gap
+  World world(options), drawn(city());
+  Context context = this->context(world, drawn);
+  section_->plan(context);
+  const std::string report = told(context);
+  EXPECT_NE(report.find("1 junction of places within 1.5 mean steps"), std::string::npos) << report;
+  EXPECT_NE(report.find("The recordings are real."), std::string::npos);
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include "core/error.h"
 #include "core/files.h"
 #include "core/random.h"
+#include "core/route_map.h"
 #include "policy_service/control.h"
 #include "policy_service/episode_log.h"
 #include "policy_service/heart.h"
@@ -17,6 +18,7 @@
 #include "policy_service/run_record.h"
 #include "policy_service/score.h"
 #include "tests/support/service.h"
+#include "tests/support/some_agent.h"
 #include "tests/support/wait.h"
 
 namespace citylearn {
@@ -25,6 +27,8 @@ namespace {
 namespace fs = std::filesystem;
 
 using testing::Folder;
+using testing::some_checkpoint;
+using testing::some_task;
 
 msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest, std::uint32_t steps, bool completed) {
   msg::EpisodeStat e;
@@ -314,7 +318,7 @@ msg::Observation observation(int position, int goal, std::uint8_t flags, int fra
 }
 
 int walk(Policy& policy, int first, int frames, int position, int goal, const std::vector<float>& features,
-         int dimension) {
+         int dimension, const std::vector<int>& turns = {}) {
   std::vector<std::uint8_t> choice;
   std::uint8_t flags = msg::FLAG_FIRST, previous = kNoAction;
   for (int step = 0; step < 4 * frames; ++step) {
@@ -326,7 +330,7 @@ int walk(Policy& policy, int first, int frames, int position, int goal, const st
     policy.act(o, choice);
     EXPECT_TRUE(o.allowed()[0] >> choice.at(0) & 1);
     previous = choice[0];
-    position += previous == kNext ? 1 : previous == kPrevious ? -1 : 0;
+    position = place_after(position, previous, turns);
     flags = 0;
   }
   return -1;
@@ -370,6 +374,51 @@ TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
           EXPECT_EQ(steps, std::abs(goal - start)) << entry->name;
         }
       }
+  }
+}
+
+TEST(Evaluation, RefusesAnAgentThatKnowsAMap) {
+  const Folder folder;
+  NetworkTask task = some_task();
+  task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
+  write_checkpoint(folder / "map.clk", some_checkpoint("place_filter", task));
+  PolicyServiceOptions options;
+  options.node.run = "map-" + std::to_string(getpid());
+  options.node.id = "policy";
+  options.node.middleware.name = "inprocess";
+  options.mode = "evaluate";
+  options.checkpoint = folder / "map.clk";
+  try {
+    run_policy_service(options);
+    FAIL() << "was tried";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("crosses itself"), std::string::npos) << error.what();
+  }
+}
+
+TEST(Controls, TakeTheShortestWayOnAMap) {
+  const int frames = 24, dimension = 8, first = 5;
+  Random random(3);
+  ControlTask task{first, frames, dimension, {}};
+  for (int i = 0; i < frames * dimension; ++i) task.reference.push_back(static_cast<float>(random.normal()));
+  for (int i = 0; i < frames; ++i) task.turns.push_back(i);
+  std::swap(task.turns[3], task.turns[14]);
+  task.turns[8] = 17;  // three roads: 8 -> 17 -> 21 -> 8
+  task.turns[17] = 21;
+  task.turns[21] = 8;
+  std::vector<int> distances;
+  for (const std::string name : {"shortest_path", "sequence_filter"}) {
+    const auto& entry = ControlRegistry::instance().find("control", name);
+    const auto policy = entry.create(Parameters(entry.name, entry.parameters, {}), task);
+    for (int goal = 0; goal < frames; ++goal) {
+      distances_to(goal, frames, task.turns, distances);
+      for (int start = 0; start < frames; ++start)
+        EXPECT_EQ(walk(*policy, first, frames, start, goal, task.reference, dimension, task.turns), distances[start])
+            << name << ": " << start << " -> " << goal;
+    }
+    ControlTask bad = task;
+    bad.turns[0] = 1;
+    EXPECT_THROW(entry.create(Parameters(entry.name, entry.parameters, {}), bad), Error);
   }
 }
 

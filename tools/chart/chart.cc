@@ -54,7 +54,7 @@ std::vector<Tick> ticks_of(const Axis& axis) {
   }
   const double step = round_step(axis.high - axis.low, 5), half = step / 2;
   for (double i = std::ceil(axis.low / half - 1e-9); i * half <= axis.high + 1e-9 * step; ++i)
-    ticks.push_back({i * half, std::fmod(std::abs(i), 2) < 0.5});
+    ticks.push_back({i * half + 0.0, std::fmod(std::abs(i), 2) < 0.5});  // + 0: -0 would be written so
   return ticks;
 }
 
@@ -117,6 +117,17 @@ class Plot {
  private:
   const Chart& chart_;
 };
+
+std::string dot(double x, double y, const std::string& fill) {
+  return "<circle " + fill + " cx=\"" + number(x) + "\" cy=\"" + number(y) + "\" r=\"4.5\"/>\n";
+}
+
+std::string dots(const Plot& plot, const Line& line, const std::string& fill) {
+  std::string svg;
+  for (std::size_t i = 0; i < line.y.size(); ++i)
+    if (plot.inside(line.x[i], line.y[i])) svg += dot(plot.x(line.x[i]), plot.y(line.y[i]), fill);
+  return svg;
+}
 
 std::string curve(const Plot& plot, const Line& line, const std::string& stroke, const std::string& fill) {
   std::string svg;
@@ -184,10 +195,12 @@ std::string svg_of(const Chart& chart) {
     const char* dashes = line.dashed ? kDashes[1] : kDashes[colour / kColours.size() % kDashes.size()];
     const std::string shade = kColours[colour % kColours.size()];
     const std::string stroke = "stroke=\"" + shade + "\" stroke-dasharray=\"" + dashes + "\"";
-    svg += curve(plot, line, stroke, "fill=\"" + shade + "\"");
+    const std::string fill = "fill=\"" + shade + "\"";
+    svg += line.points ? dots(plot, line, fill) : curve(plot, line, stroke, fill);
     if (line.label.empty()) continue;
     const double y = kTop + 12 + 20 * row++, x = kLeft + chart.width + kGap;
-    svg += path("class=\"curve\" " + stroke, "M" + number(x) + " " + number(y - 4) + "h26");
+    svg += line.points ? dot(x + 13, y - 4, fill)
+                       : path("class=\"curve\" " + stroke, "M" + number(x) + " " + number(y - 4) + "h26");
     svg += text_at(x + 34, y, "label", line.label);
   }
   return svg + "</svg>\n";

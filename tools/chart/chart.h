@@ -19,6 +19,7 @@ struct Line {
   std::vector<double> low = {}, high = {};
   int colour = -1;      ///< of the palette; -1: by its place among the lines
   bool dashed = false;  ///< a yardstick rather than a measurement
+  bool points = false;  ///< dots that no line joins
 };
 
 struct Chart {

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <chrono>
 
+#include "core/route_map.h"
+
 namespace citylearn {
 namespace {
 
@@ -20,6 +22,7 @@ NetworkTask network_task(const Traversal& route, int first, int frames) {
   task.frames = frames;
   task.reference =
       Eigen::Map<const Matrix<float>>(route.features.data(), route.dimension, route.frames).middleCols(first, frames);
+  task.turns = turns_within(route.turns, first, frames);
   return task;
 }
 

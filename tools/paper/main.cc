@@ -36,6 +36,7 @@ std::vector<std::unique_ptr<Section>> sections() {
   all.push_back(make_longer());
   all.push_back(make_transfer());
   all.push_back(make_viewpoint());
+  all.push_back(make_map());
   return all;
 }
 

@@ -63,5 +63,6 @@ std::unique_ptr<Section> make_datasets();     ///< Tables I and II
 std::unique_ptr<Section> make_longer();       ///< 128 places, 512, all
 std::unique_ptr<Section> make_transfer();     ///< a policy on a second route
 std::unique_ptr<Section> make_viewpoint();    ///< a camera to the side
+std::unique_ptr<Section> make_map();          ///< a route that crosses itself
 
 }  // namespace citylearn::paper
