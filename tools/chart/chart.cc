@@ -118,6 +118,13 @@ class Plot {
   const Chart& chart_;
 };
 
+/// `at` as Plot::point() has it.
+std::string dot(const std::string& fill, const std::string& at) {
+  const std::size_t comma = at.find(',');
+  return "<circle " + fill + " r=\"5\" cx=\"" + at.substr(0, comma) + "\" cy=\"" +
+         at.substr(comma + 1, at.size() - comma - 2) + "\"/>\n";
+}
+
 std::string curve(const Plot& plot, const Line& line, const std::string& stroke, const std::string& fill) {
   std::string svg;
   if (line.low.size() == line.y.size() && line.high.size() == line.y.size() && !line.y.empty()) {
@@ -128,6 +135,11 @@ std::string curve(const Plot& plot, const Line& line, const std::string& stroke,
       back = plot.point(line.x[i], line.low[i]) + back;
     }
     svg += "<polygon class=\"band\" " + fill + " points=\"" + there + back + "\"/>\n";
+  }
+  if (line.dots) {
+    for (std::size_t i = 0; i < line.y.size(); ++i)
+      if (plot.inside(line.x[i], line.y[i])) svg += dot(fill, plot.point(line.x[i], line.y[i]));
+    return svg;
   }
   std::string points, drawn;
   for (std::size_t i = 0; i < line.y.size(); ++i) {
@@ -170,6 +182,17 @@ Axis axis_around(const std::string& label, const std::vector<double>& values, bo
   return {label, std::floor(low / step + 1e-9) * step, std::ceil(high / step - 1e-9) * step};
 }
 
+Axis decades_around(const std::string& label, const std::vector<double>& values) {
+  double low = INFINITY, high = -INFINITY;
+  for (const double value : values) {
+    if (!std::isfinite(value) || value <= 0) continue;
+    low = std::min(low, std::floor(std::log10(value)));
+    high = std::max(high, std::ceil(std::log10(value)));
+  }
+  if (high == -INFINITY) return {label, 1, 10, true};
+  return {label, std::pow(10, low), std::pow(10, std::max(high, low + 1)), true};
+}
+
 std::string svg_of(const Chart& chart) {
   const auto labels = static_cast<double>(
       std::count_if(chart.lines.begin(), chart.lines.end(), [](const Line& line) { return !line.label.empty(); }));
@@ -187,7 +210,8 @@ std::string svg_of(const Chart& chart) {
     svg += curve(plot, line, stroke, "fill=\"" + shade + "\"");
     if (line.label.empty()) continue;
     const double y = kTop + 12 + 20 * row++, x = kLeft + chart.width + kGap;
-    svg += path("class=\"curve\" " + stroke, "M" + number(x) + " " + number(y - 4) + "h26");
+    svg += line.dots ? dot("fill=\"" + shade + "\"", number(x + 13) + "," + number(y - 4) + " ")
+                     : path("class=\"curve\" " + stroke, "M" + number(x) + " " + number(y - 4) + "h26");
     svg += text_at(x + 34, y, "label", line.label);
   }
   return svg + "</svg>\n";

@@ -2,7 +2,7 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
-#include <filesystem>
+#include <ctime>
 #include <iostream>
 #include <optional>
 
@@ -10,6 +10,7 @@
 #include "core/service.h"
 #include "encoder_service/encoder_options.h"
 #include "policy_service/sweep.h"
+#include "tools/paper/manifest.h"
 #include "tools/paper/section.h"
 
 namespace {
@@ -21,7 +22,7 @@ struct CommandLine {
   WorldOptions world;
   std::string seeds, output = "runs/paper", store = "runs/store";
   std::vector<std::string> only;
-  bool quick = false;
+  bool quick = false, list = false;
   double effort = 1;
   std::string text;  ///< as typed, without --only
 };
@@ -32,6 +33,7 @@ std::vector<std::unique_ptr<Section>> sections() {
   all.push_back(make_recognition());
   all.push_back(make_curves());
   all.push_back(make_deployment());
+  all.push_back(make_pictures());
   all.push_back(make_datasets());
   return all;
 }
@@ -68,7 +70,12 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->delimiter(',')
       ->check(CLI::IsMember(names))
       ->group(report);
-  app.add_option("--output", line.output, "Folder of report.html, its figures and tables, and of the work that is done")
+  app.add_flag("--list", line.list, "Print the parts of the report, and exit")->configurable(false)->group(report);
+  app.add_option(
+         "--output", line.output,
+         "Folder of report.html, its figures and tables (SVG, PNG, CSV), manifest.json (how, on what, with what "
+         "files), results.json (all that is the same again with the same seeds: no seconds, for diff), and of the "
+         "work that is done")
       ->type_name("DIR")
       ->capture_default_str()
       ->group(report);
@@ -97,6 +104,8 @@ WorldOptions drawn_city(const CommandLine& line) {
 }
 
 int make_report(CommandLine& line) {
+  const std::time_t begun = std::time(nullptr);
+  const Clock::time_point start = Clock::now();
   if (line.world.encoders.empty() && line.world.source.dataset == "synthetic")
     line.world.encoders = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
   line.world.store = line.store == "none" ? "" : line.store;
@@ -129,6 +138,11 @@ int make_report(CommandLine& line) {
   report.write("CityLearn's experiments, again", "Made by: " + line.text + ", version " + version() + ", " +
                                                      (world.drawn() ? "on drawn recordings" : "on real recordings") +
                                                      ".");
+  if (!report.draws())
+    spdlog::info("the charts are not there as PNG: rsvg-convert draws them (apt-get install librsvg2-bin)");
+  report.file("results.json", work.results());
+  write_file(line.output + "/manifest.json",
+             manifest_of(context, report, begun, std::chrono::duration<double>(Clock::now() - start).count()));
   std::cout << line.output << "/report.html" << std::endl;
   return well ? 0 : 1;
 }
@@ -149,6 +163,10 @@ int main(int argc, char** argv) {
       argc, argv, "Repeats the paper's experiments on the data at hand and writes a report.",
       [&](CLI::App& app) { add_options(app, line); },
       [&] {
+        if (line.list) {
+          for (const auto& section : sections()) std::cout << section->name() << "  " << section->title() << "\n";
+          return 0;
+        }
         try {
           return make_report(line);
         } catch (const Stopped&) {

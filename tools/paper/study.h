@@ -26,8 +26,9 @@ struct Study {
 /// The unit of work of a study. Its outcome:
 /// "curve": {"episodes", "steps", "seconds", "reward", "spl", "length"}, a number an update: means over the episodes
 /// that ended in it (null where none did); "deployments": [{"episodes", "traversal", SCORE}]; "trials": [{"traversal",
-/// "shuffled", SCORE}]; "episodes", "steps", "seconds"; "spl95": {"episodes", "steps", "seconds"} or null.
-/// SCORE: tasks, completed, spl, excess, steps, reward. All but the seconds are the same again with the same seed.
+/// "shuffled", SCORE}], those not shuffled with "walk" (walk.h); "episodes", "steps", "seconds"; "spl95": {"episodes",
+/// "steps", "seconds"} or null. SCORE: tasks, completed, spl, excess, steps, reward. All but the seconds are the same
+/// again with the same seed.
 Unit unit_of(const Study& study, World& world);
 
 /// Likewise for policies that learn nothing: blind, shortest_path, sequence_filter on a route. Outcome: [{"traversal",

@@ -27,6 +27,7 @@ class World {
   explicit World(const WorldOptions& options);
   ~World();
 
+  const Source& source() const { return options_.source; }
   const std::string& dataset() const { return options_.source.dataset; }
   bool drawn() const { return dataset() == "synthetic"; }  ///< else real recordings
   bool pictures() const;
