@@ -6,6 +6,7 @@
 #include <iostream>
 #include <optional>
 
+#include "core/error.h"
 #include "core/files.h"
 #include "core/service.h"
 #include "encoder_service/encoder_options.h"
@@ -87,9 +88,9 @@ std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint6
   const std::string features = known.front();
   const std::vector<std::uint64_t> few(seeds.begin(),
                                        seeds.begin() + (quick ? 1 : static_cast<std::ptrdiff_t>(seeds.size())));
-  std::vector<Context::Agent> agents = {{"baseline", "baseline (sees its position)", features, seeds, 15},
-                                        {"features", "features (the paper's)", features, few, 60}};
-  if (world.pictures()) agents.push_back({"raw_images", "raw images", "raw84", few, 120});
+  std::vector<Context::Agent> agents = {{"baseline", "baseline (sees its position)", features, seeds, 40},
+                                        {"features", "features (the paper's)", features, few, 90}};
+  if (world.pictures()) agents.push_back({"raw_images", "raw images", "raw84", few, 150});
   agents.push_back({"place_filter", "place_filter (ours)", features, seeds, 6});
   return agents;
 }
@@ -109,7 +110,7 @@ int make_report(CommandLine& line) {
   if (line.world.encoders.empty() && line.world.source.dataset == "synthetic")
     line.world.encoders = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
   line.world.store = line.store == "none" ? "" : line.store;
-  line.world.most_frames = line.quick ? 512 : 4000;
+  line.world.most_frames = line.quick ? 640 : 4000;
   const std::vector<std::uint64_t> seeds = parse_seeds(!line.seeds.empty() ? line.seeds : line.quick ? "1..2" : "1..5");
   World world(line.world);
   std::optional<World> city;
@@ -129,11 +130,17 @@ int make_report(CommandLine& line) {
     if (line.only.empty() || std::find(line.only.begin(), line.only.end(), section->name()) != line.only.end())
       wanted.push_back(std::move(section));
   for (const auto& section : wanted) section->plan(context);
-  const bool well = work.run();
+  bool well = work.run();
   Report report(line.output);
   for (const auto& section : wanted) {
     report.section(section->name(), section->title());
-    section->tell(context, report);
+    try {
+      section->tell(context, report);
+    } catch (const Error& error) {
+      report.remark("The rest of this part could not be made: " + std::string(error.what()));
+      spdlog::error("{}: {}", section->name(), error.what());
+      well = false;
+    }
   }
   report.write("CityLearn's experiments, again", "Made by: " + line.text + ", version " + version() + ", " +
                                                      (world.drawn() ? "on drawn recordings" : "on real recordings") +
