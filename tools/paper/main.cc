@@ -107,8 +107,7 @@ WorldOptions drawn_city(const CommandLine& line) {
 int make_report(CommandLine& line) {
   const std::time_t begun = std::time(nullptr);
   const Clock::time_point start = Clock::now();
-  if (line.world.encoders.empty() && line.world.source.dataset == "synthetic")
-    line.world.encoders = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
+  line.world.usual = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
   line.world.store = line.store == "none" ? "" : line.store;
   line.world.most_frames = line.quick ? 640 : 4000;
   const std::vector<std::uint64_t> seeds = parse_seeds(!line.seeds.empty() ? line.seeds : line.quick ? "1..2" : "1..5");

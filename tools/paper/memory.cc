@@ -33,7 +33,8 @@ double of_environments(const Traversal& traversal, int frames) {
   settings.task_mode() = msg::TRAIN;
   settings.frames() = static_cast<std::uint32_t>(frames);
   settings.max_steps() = static_cast<std::uint32_t>(frames);
-  settings.by_reference() = traversal.dimension == 0;
+  settings.by_reference() =
+      traversal.dimension == 0 || kAgents * traversal.dimension > static_cast<int>(msg::MAX_FEATURES);
   Environment first(traversal, kAgents);
   first.reset(settings);
   malloc_trim(0);  // or they would take what earlier work left
