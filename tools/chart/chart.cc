@@ -54,7 +54,7 @@ std::vector<Tick> ticks_of(const Axis& axis) {
   }
   const double step = round_step(axis.high - axis.low, 5), half = step / 2;
   for (double i = std::ceil(axis.low / half - 1e-9); i * half <= axis.high + 1e-9 * step; ++i)
-    ticks.push_back({i * half, std::fmod(std::abs(i), 2) < 0.5});
+    ticks.push_back({i * half + 0.0, std::fmod(std::abs(i), 2) < 0.5});  // no "-0"
   return ticks;
 }
 

@@ -37,8 +37,9 @@ class Compute : public Section {
     report.text(
         "How long an agent trains until its last 100 episodes have SPL 0.95, the threshold of this figure, and the "
         "reward that it has in the end. Seconds are wall time on the machine that made this report, nothing on a wire. "
-        "The paper trained for 11 minutes on 64 features and for 29 h 48 min on raw images, until its curves lay: "
-        "another threshold, another machine. Trainings on more than 64 features are tried on no other traversal.");
+        "The paper trained for 11 minutes on 64 features and for 29 h 48 min on raw images, until its curves were "
+        "flat: another threshold, another machine. Trainings on more than 64 features are tried on no other "
+        "traversal.");
     Chart dots{
         "Time to SPL 0.95 and final reward", {"training time to SPL 0.95, s"}, {"reward an episode, in the end"}, {}};
     Chart curves{"Training time and reward", {"training time, s"}, {"reward an episode", 0, 1}, {}};

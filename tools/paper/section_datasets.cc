@@ -128,7 +128,7 @@ class Datasets : public Section {
           (process.is_null() ? "not measured, env_service is not built beside this program"
                              : "env_service, one measured, with its libraries and the recording, before a policy "
                                "drives it") +
-          ". The paper's environments hold a rendered city. Command: " + context.command + " --only tables");
+          ". Command: " + context.command + " --only tables");
       if (process.is_number() && process.get<double>() > kPaperGigabytes * 1e9)
         report.remark("An env_service takes more memory than the paper's environment.");
     }
