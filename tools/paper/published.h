@@ -32,15 +32,15 @@ inline constexpr double kStreetLearnGigabytes = 12;       ///< likewise, as the 
 /// frames, at most 128 steps, 2,000 to 4,000 tasks.
 struct Released {
   const char* label;
-  const char* agent;  ///< ours that is like it
-  const char* traversal;
-  bool learned;  ///< from this traversal
+  const char* agent;      ///< ours that is like it
+  const char* condition;  ///< of Nordland
+  bool learned;           ///< from this traversal
   double completed, steps, reward;
 };
 inline constexpr std::array kReleased = {
-    Released{"authors' NetVLAD-64 agent", "features", "Nordland summer", true, 0.867, 64.5, 0.68},
-    Released{"authors' NetVLAD-64 agent", "features", "Nordland fall", false, 0.896, 63.1, NAN},
-    Released{"authors' baseline agent", "baseline", "Nordland summer", true, 1.0, 43.4, 0.998},
+    Released{"authors' NetVLAD-64 agent", "features", "summer", true, 0.867, 64.5, 0.68},
+    Released{"authors' NetVLAD-64 agent", "features", "fall", false, 0.896, 63.1, NAN},
+    Released{"authors' baseline agent", "baseline", "summer", true, 1.0, 43.4, 0.998},
 };
 
 }  // namespace citylearn::paper

@@ -182,7 +182,7 @@ class Deployment : public Section {
         {}};
     for (const Released& released : kReleased) {
       table.rows.push_back(
-          {released.label, std::string(released.traversal) + (released.learned ? " (learned from)" : ""),
+          {released.label, std::string("Nordland ") + released.condition + (released.learned ? " (learned from)" : ""),
            fixed(100 * released.completed, 1) + " %", fixed(released.steps, 1), fixed(released.reward, 3)});
       const auto ours = std::find_if(context.agents.begin(), context.agents.end(),
                                      [&](const Context::Agent& agent) { return agent.agent == released.agent; });
@@ -193,10 +193,12 @@ class Deployment : public Section {
         table.rows.push_back({ours->label, traversal + (released.learned ? " (learned from)" : ""), percent(completed),
                               text_of(tried(context, *ours, traversal, "steps"), 1),
                               text_of(tried(context, *ours, traversal, "reward"), 3)});
-        if (completed.mean < released.completed)
+        // Of those never seen, the same condition alone can be worse or better.
+        const bool alike = released.learned || context.world.recording(traversal).condition == released.condition;
+        if (alike && completed.mean < released.completed)
           report.remark(ours->label + " completes " + percent(completed) + " of the tasks on " + traversal +
-                        " (n = " + std::to_string(completed.n) + " seeds), less than the " + released.label + " on " +
-                        released.traversal + ", " + fixed(100 * released.completed, 1) + " %.");
+                        " (n = " + std::to_string(completed.n) + " seeds), less than the " + released.label +
+                        " on Nordland " + released.condition + ", " + fixed(100 * released.completed, 1) + " %.");
       }
     }
     report.table(table);
