@@ -181,6 +181,17 @@ Axis axis_around(const std::string& label, const std::vector<double>& values, bo
   return {label, std::floor(low / step + 1e-9) * step, std::ceil(high / step - 1e-9) * step};
 }
 
+Axis decades_around(const std::string& label, const std::vector<double>& values) {
+  double low = INFINITY, high = -INFINITY;
+  for (const double value : values) {
+    if (!std::isfinite(value) || value <= 0) continue;
+    low = std::min(low, std::floor(std::log10(value)));
+    high = std::max(high, std::ceil(std::log10(value)));
+  }
+  if (high == -INFINITY) return {label, 1, 10, true};
+  return {label, std::pow(10, low), std::pow(10, std::max(high, low + 1)), true};
+}
+
 std::string svg_of(const Chart& chart) {
   const auto labels = static_cast<double>(
       std::count_if(chart.lines.begin(), chart.lines.end(), [](const Line& line) { return !line.label.empty(); }));
@@ -196,11 +207,11 @@ std::string svg_of(const Chart& chart) {
     const std::string shade = kColours[colour % kColours.size()];
     const std::string stroke = "stroke=\"" + shade + "\" stroke-dasharray=\"" + dashes + "\"";
     const std::string fill = "fill=\"" + shade + "\"";
-    svg += line.points ? dots(plot, line, fill) : curve(plot, line, stroke, fill);
+    svg += line.dots ? dots(plot, line, fill) : curve(plot, line, stroke, fill);
     if (line.label.empty()) continue;
     const double y = kTop + 12 + 20 * row++, x = kLeft + chart.width + kGap;
-    svg += line.points ? dot(x + 13, y - 4, fill)
-                       : path("class=\"curve\" " + stroke, "M" + number(x) + " " + number(y - 4) + "h26");
+    svg += line.dots ? dot(x + 13, y - 4, fill)
+                     : path("class=\"curve\" " + stroke, "M" + number(x) + " " + number(y - 4) + "h26");
     svg += text_at(x + 34, y, "label", line.label);
   }
   return svg + "</svg>\n";

@@ -19,7 +19,7 @@ struct Line {
   std::vector<double> low = {}, high = {};
   int colour = -1;      ///< of the palette; -1: by its place among the lines
   bool dashed = false;  ///< a yardstick rather than a measurement
-  bool points = false;  ///< dots that no line joins
+  bool dots = false;    ///< points that nothing joins
 };
 
 struct Chart {
@@ -51,5 +51,8 @@ std::string escaped(const std::string& text);
 
 /// Ends of an axis that hold all values, at round numbers. {0, 1} when there are none.
 Axis axis_around(const std::string& label, const std::vector<double>& values, bool from_zero = false);
+
+/// Likewise logarithmic, at powers of ten; values that are not above 0 are left out. {1, 10} when there are none.
+Axis decades_around(const std::string& label, const std::vector<double>& values);
 
 }  // namespace citylearn

@@ -2,14 +2,16 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
-#include <filesystem>
+#include <ctime>
 #include <iostream>
 #include <optional>
 
+#include "core/error.h"
 #include "core/files.h"
 #include "core/service.h"
 #include "encoder_service/encoder_options.h"
 #include "policy_service/sweep.h"
+#include "tools/paper/manifest.h"
 #include "tools/paper/section.h"
 
 namespace {
@@ -21,7 +23,7 @@ struct CommandLine {
   WorldOptions world;
   std::string seeds, output = "runs/paper", store = "runs/store";
   std::vector<std::string> only;
-  bool quick = false;
+  bool quick = false, list = false;
   double effort = 1;
   std::string text;  ///< as typed, without --only
 };
@@ -32,6 +34,7 @@ std::vector<std::unique_ptr<Section>> sections() {
   all.push_back(make_recognition());
   all.push_back(make_curves());
   all.push_back(make_deployment());
+  all.push_back(make_pictures());
   all.push_back(make_datasets());
   all.push_back(make_longer());
   all.push_back(make_transfer());
@@ -72,7 +75,12 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->delimiter(',')
       ->check(CLI::IsMember(names))
       ->group(report);
-  app.add_option("--output", line.output, "Folder of report.html, its figures and tables, and of the work that is done")
+  app.add_flag("--list", line.list, "Print the parts of the report, and exit")->configurable(false)->group(report);
+  app.add_option(
+         "--output", line.output,
+         "Folder of report.html, its figures and tables (SVG, PNG, CSV), manifest.json (how, on what, with what "
+         "files), results.json (all that is the same again with the same seeds: no seconds, for diff), and of the "
+         "work that is done")
       ->type_name("DIR")
       ->capture_default_str()
       ->group(report);
@@ -84,9 +92,9 @@ std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint6
   const std::string features = known.front();
   const std::vector<std::uint64_t> few(seeds.begin(),
                                        seeds.begin() + (quick ? 1 : static_cast<std::ptrdiff_t>(seeds.size())));
-  std::vector<Context::Agent> agents = {{"baseline", "baseline (sees its position)", features, seeds, 15},
-                                        {"features", "features (the paper's)", features, few, 60}};
-  if (world.pictures()) agents.push_back({"raw_images", "raw images", "raw84", few, 120});
+  std::vector<Context::Agent> agents = {{"baseline", "baseline (sees its position)", features, seeds, 40},
+                                        {"features", "features (the paper's)", features, few, 90}};
+  if (world.pictures()) agents.push_back({"raw_images", "raw images", "raw84", few, 150});
   agents.push_back({"place_filter", "place_filter (ours)", features, seeds, 6});
   return agents;
 }
@@ -101,10 +109,11 @@ WorldOptions drawn_city(const CommandLine& line) {
 }
 
 int make_report(CommandLine& line) {
-  if (line.world.encoders.empty() && line.world.source.dataset == "synthetic")
-    line.world.encoders = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
+  const std::time_t begun = std::time(nullptr);
+  const Clock::time_point start = Clock::now();
+  line.world.usual = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
   line.world.store = line.store == "none" ? "" : line.store;
-  line.world.most_frames = line.quick ? 512 : 4000;
+  line.world.most_frames = line.quick ? 640 : 4000;
   const std::vector<std::uint64_t> seeds = parse_seeds(!line.seeds.empty() ? line.seeds : line.quick ? "1..2" : "1..5");
   World world(line.world);
   std::optional<World> city;
@@ -124,15 +133,26 @@ int make_report(CommandLine& line) {
     if (line.only.empty() || std::find(line.only.begin(), line.only.end(), section->name()) != line.only.end())
       wanted.push_back(std::move(section));
   for (const auto& section : wanted) section->plan(context);
-  const bool well = work.run();
+  bool well = work.run();
   Report report(line.output);
   for (const auto& section : wanted) {
     report.section(section->name(), section->title());
-    section->tell(context, report);
+    try {
+      section->tell(context, report);
+    } catch (const Error& error) {
+      report.remark("The rest of this part could not be made: " + std::string(error.what()));
+      spdlog::error("{}: {}", section->name(), error.what());
+      well = false;
+    }
   }
   report.write("CityLearn's experiments, again", "Made by: " + line.text + ", version " + version() + ", " +
                                                      (world.drawn() ? "on drawn recordings" : "on real recordings") +
                                                      ".");
+  if (!report.draws())
+    spdlog::info("the charts are not there as PNG: rsvg-convert draws them (apt-get install librsvg2-bin)");
+  report.file("results.json", work.results());
+  write_file(line.output + "/manifest.json",
+             manifest_of(context, report, begun, std::chrono::duration<double>(Clock::now() - start).count()));
   std::cout << line.output << "/report.html" << std::endl;
   return well ? 0 : 1;
 }
@@ -153,6 +173,10 @@ int main(int argc, char** argv) {
       argc, argv, "Repeats the paper's experiments on the data at hand and writes a report.",
       [&](CLI::App& app) { add_options(app, line); },
       [&] {
+        if (line.list) {
+          for (const auto& section : sections()) std::cout << section->name() << "  " << section->title() << "\n";
+          return 0;
+        }
         try {
           return make_report(line);
         } catch (const Stopped&) {

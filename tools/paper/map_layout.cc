@@ -132,7 +132,7 @@ Chart map_of(const Layout& layout, const std::string& title) {
   for (const std::vector<int>& places : junctions_of(layout.turns))
     joined.insert(joined.end(), places.begin(), places.end());
   chart.lines.push_back(on_the_map(layout, "its " + junctions_told(layout), joined));
-  chart.lines.back().points = true;
+  chart.lines.back().dots = true;
   return chart;
 }
 

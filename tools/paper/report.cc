@@ -1,12 +1,14 @@
 #include "tools/paper/report.h"
 
 #include <openssl/evp.h>
-#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
 
 #include <cmath>
 
+#include "core/error.h"
 #include "core/files.h"
-#include "tools/chart/chart.h"
+#include "tools/paper/drawing.h"
+#include "tools/paper/sha256.h"
 #include "tools/vpr/report.h"
 
 namespace citylearn::paper {
@@ -39,7 +41,39 @@ std::string csv_line(const std::vector<std::string>& fields) {
   return line + "\n";
 }
 
+/// As short as it is exact to nine digits; empty when there is none.
+std::string csv_number(double value) { return std::isfinite(value) ? fmt::format("{:.9g}", value) : ""; }
+
 }  // namespace
+
+std::string csv_of(const Chart& chart) {
+  std::string csv = csv_line({"line", chart.x.label, chart.y.label, "low", "high"});
+  for (const Line& line : chart.lines)
+    for (std::size_t i = 0; i < line.y.size(); ++i)
+      csv += csv_line({line.label, csv_number(line.x[i]), csv_number(line.y[i]),
+                       i < line.low.size() ? csv_number(line.low[i]) : "",
+                       i < line.high.size() ? csv_number(line.high[i]) : ""});
+  return csv;
+}
+
+std::string csv_of(const Bars& bars) {
+  std::string csv = csv_line({"group", "bar", bars.unit, "low", "high"});
+  for (std::size_t group = 0; group < bars.values.size(); ++group)
+    for (std::size_t i = 0; i < bars.values[group].size(); ++i) {
+      const Bars::Bar& bar = bars.values[group][i];
+      csv += csv_line(
+          {bars.groups[group], bars.names[i], csv_number(bar.value), csv_number(bar.low), csv_number(bar.high)});
+    }
+  return csv;
+}
+
+Report::Report(std::string folder) : folder_(std::move(folder)), draws_(can_draw()) {}
+
+void Report::file(const std::string& name, const std::string& contents) {
+  if (!files_.try_emplace(name, sha256(contents)).second)
+    throw Error("is in the report already", "'" + name + "'", "name each figure and table differently");
+  write_file(folder_ + "/" + name, contents);
+}
 
 void Report::section(const std::string& name, const std::string& title) {
   contents_ += "<a href=\"#" + name + "\">" + escaped(title) + "</a>\n";
@@ -62,29 +96,45 @@ void Report::table(const ReportTable& table) {
     body_ += "</tr>\n";
   }
   body_ += "</table></div>\n";
-  write_file(folder_ + "/" + table.name + ".csv", csv);
+  file(table.name + ".csv", csv);
 }
 
-void Report::figure(const std::string& name, const std::string& svg, const std::string& caption) {
-  write_file(folder_ + "/" + name + ".svg", svg);
+void Report::figure(const std::string& name, const Chart& chart, const std::string& caption) {
+  this->chart(name, svg_of(chart), caption);
+  file(name + "-lines.csv", csv_of(chart));
+}
+
+void Report::figure(const std::string& name, const Bars& bars, const std::string& caption) {
+  chart(name, svg_of(bars), caption);
+  file(name + "-bars.csv", csv_of(bars));
+}
+
+void Report::chart(const std::string& name, const std::string& svg, const std::string& caption) {
+  file(name + ".svg", svg);
+  if (draws_) {
+    const std::string png = folder_ + "/" + name + ".png";
+    if (draw(folder_ + "/" + name + ".svg", png))
+      files_[name + ".png"] = sha256(read_file(png));
+    else
+      spdlog::warn("{} could not be drawn", png);
+  }
   // As an image, so that its style stays its own.
   body_ += "<figure><img alt=\"" + escaped(caption) + "\" src=\"data:image/svg+xml;base64," + base64(svg) +
            "\"><figcaption>" + escaped(caption) + "</figcaption></figure>\n";
 }
 
 void Report::picture(const std::string& name, const std::string& png, const std::string& caption) {
-  write_file(folder_ + "/" + name + ".png", png);
+  file(name + ".png", png);
   body_ += "<figure><img alt=\"" + escaped(caption) + "\" src=\"data:image/png;base64," + base64(png) +
            "\"><figcaption>" + escaped(caption) + "</figcaption></figure>\n";
 }
 
-void Report::write(const std::string& title, const std::string& about) const {
-  write_file(folder_ + "/report.html",
-             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
-             "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>" +
-                 escaped(title) + "</title>\n<style>" + kStyle + "</style>\n</head>\n<body>\n<h1>" + escaped(title) +
-                 "</h1>\n<p>" + escaped(about) + "</p>\n<nav>\n" + contents_ + "</nav>\n" + body_ +
-                 "</body>\n</html>\n");
+void Report::write(const std::string& title, const std::string& about) {
+  file("report.html",
+       "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n"
+       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>" +
+           escaped(title) + "</title>\n<style>" + kStyle + "</style>\n</head>\n<body>\n<h1>" + escaped(title) +
+           "</h1>\n<p>" + escaped(about) + "</p>\n<nav>\n" + contents_ + "</nav>\n" + body_ + "</body>\n</html>\n");
 }
 
 std::string fixed(double value, int digits) {

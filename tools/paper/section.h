@@ -35,10 +35,12 @@ struct Context {
   /// How many tasks a trial has whose figure goes into a table, and one of those while an agent trains.
   int tasks() const;
   int tasks_between() const;
-  /// Training steps of an agent under `effort`; 0: its recommendation.
+  /// Training steps of an agent under `effort`; 0: its recommendation. The baseline needs fewer than that.
   std::uint64_t steps(const std::string& agent, const std::string& learner = "ppo") const;
   /// One of their trainings on the paper's route.
   Study study(const Agent& agent, std::uint64_t seed) const;
+  /// Features a frame that an agent is given; 0: pixels.
+  int features(const Agent& agent) const;
   /// Outcomes of all seeds that did not fail.
   std::vector<Json> outcomes(const Agent& agent) const;
 };
@@ -59,6 +61,7 @@ std::unique_ptr<Section> make_compute();      ///< Fig. 2
 std::unique_ptr<Section> make_recognition();  ///< Fig. 6
 std::unique_ptr<Section> make_curves();       ///< Fig. 7
 std::unique_ptr<Section> make_deployment();   ///< Fig. 8 and 9
+std::unique_ptr<Section> make_pictures();     ///< Fig. 10
 std::unique_ptr<Section> make_datasets();     ///< Tables I and II
 std::unique_ptr<Section> make_longer();       ///< 128 places, 512, all
 std::unique_ptr<Section> make_transfer();     ///< a policy on a second route

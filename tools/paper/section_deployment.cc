@@ -1,6 +1,7 @@
+#include <algorithm>
 #include <cmath>
 
-#include "tools/chart/chart.h"
+#include "tools/paper/published.h"
 #include "tools/paper/section.h"
 
 namespace citylearn::paper {
@@ -28,6 +29,7 @@ class Deployment : public Section {
     for (const std::string& traversal : context.world.names())
       for (const std::string figure : {"completed", "spl"}) chart(context, report, traversal, figure);
     trials(context, report);
+    others(context, report);
   }
 
  private:
@@ -80,7 +82,7 @@ class Deployment : public Section {
           chart.lines.push_back({control.control, {0, chart.x.high}, {value, value}, {}, {}, -1, true});
         }
     }
-    report.figure((learned ? "figure-8-" : "figure-9-") + traversal + "-" + figure, svg_of(chart),
+    report.figure((learned ? "figure-8-" : "figure-9-") + traversal + "-" + figure, chart,
                   chart.title +
                       ", mean of the seeds with its 95 % interval; dashed: policies that learn nothing. Command: " +
                       context.command + " --only figure-8-9");
@@ -133,6 +135,71 @@ class Deployment : public Section {
                                 fixed(row["excess"].is_number() ? row["excess"].get<double>() : NAN, 2),
                                 fixed(row["steps"].get<double>(), 1), fixed(row["reward"].get<double>(), 3), "-"});
         }
+    }
+    report.table(table);
+    worse_than_controls(context, report);
+  }
+
+  /// A figure of each seed's trial after training, frames in their order.
+  static Estimate tried(const Context& context, const Context::Agent& agent, const std::string& traversal,
+                        const std::string& figure) {
+    std::vector<double> values;
+    for (const Json& outcome : context.outcomes(agent))
+      for (const Json& row : outcome["trials"])
+        if (row["traversal"] == traversal && !row["shuffled"].get<bool>() && row[figure].is_number())
+          values.push_back(row[figure].get<double>());
+    return of_mean(values);
+  }
+
+  static void worse_than_controls(const Context& context, Report& report) {
+    for (const ControlStudy& control : controls(context)) {
+      if (control.control == "shortest_path") continue;  // nobody walks less
+      std::string whose;
+      for (const Json& row : context.work.outcome(unit_of(control, context.world).spec))
+        for (const Context::Agent& agent : context.agents) {
+          const std::string traversal = row["traversal"].get<std::string>();
+          const Estimate spl = tried(context, agent, traversal, "spl");
+          const double yardstick = row["spl"].get<double>();
+          if (spl.n > 0 && spl.mean < yardstick)
+            whose += (whose.empty() ? "" : "; ") + agent.label + " on " + traversal + " " + text_of(spl, 3) +
+                     " against " + fixed(yardstick, 3);
+        }
+      if (!whose.empty())
+        report.remark("Lower SPL than " + control.control +
+                      (control.control == "blind" ? ", which never looks: " : ", which learns nothing: ") + whose +
+                      ".");
+    }
+  }
+
+  /// The agents that the paper's authors released, beside ours.
+  static void others(const Context& context, Report& report) {
+    ReportTable table{
+        "figure-8-9-released",
+        "The agents that the paper's authors released, measured by us (NetVLAD features of the first 128 frames "
+        "of Nordland, 2,000 to 4,000 tasks), and ours: other recordings unless this report is on those, the "
+        "same task.",
+        {"policy", "traversal", "completed", "steps", "reward"},
+        {}};
+    for (const Released& released : kReleased) {
+      table.rows.push_back(
+          {released.label, std::string("Nordland ") + released.condition + (released.learned ? " (learned from)" : ""),
+           fixed(100 * released.completed, 1) + " %", fixed(released.steps, 1), fixed(released.reward, 3)});
+      const auto ours = std::find_if(context.agents.begin(), context.agents.end(),
+                                     [&](const Context::Agent& agent) { return agent.agent == released.agent; });
+      for (const std::string& traversal : context.world.names()) {
+        if ((traversal == context.world.train()) != released.learned) continue;
+        const Estimate completed = tried(context, *ours, traversal, "completed");
+        if (completed.n == 0) continue;
+        table.rows.push_back({ours->label, traversal + (released.learned ? " (learned from)" : ""), percent(completed),
+                              text_of(tried(context, *ours, traversal, "steps"), 1),
+                              text_of(tried(context, *ours, traversal, "reward"), 3)});
+        // Of those never seen, the same condition alone can be worse or better.
+        const bool alike = released.learned || context.world.recording(traversal).condition == released.condition;
+        if (alike && completed.mean < released.completed)
+          report.remark(ours->label + " completes " + percent(completed) + " of the tasks on " + traversal +
+                        " (n = " + std::to_string(completed.n) + " seeds), less than the " + released.label +
+                        " on Nordland " + released.condition + ", " + fixed(100 * released.completed, 1) + " %.");
+      }
     }
     report.table(table);
   }

@@ -140,7 +140,7 @@ class Longer : public Section {
                 agents};
     chart.lines.insert(chart.lines.end(), controls.begin(), controls.end());
     chart.height = 260;
-    report.figure("longer-routes-" + traversal, svg_of(chart),
+    report.figure("longer-routes-" + traversal, chart,
                   chart.title + ", mean of the seeds with its 95 % interval; dashed: policies that learn nothing. " +
                       "Command: " + context.command + " --only longer-routes");
   }

@@ -163,9 +163,9 @@ class Junctions : public Section {
     if (!ends.empty()) {
       chart.lines.push_back(on_the_map(ground.layout, "start", {ends[0]}));
       chart.lines.push_back(on_the_map(ground.layout, "goal", {ends[1]}));
-      for (std::size_t i = chart.lines.size() - 2; i < chart.lines.size(); ++i) chart.lines[i].points = true;
+      for (std::size_t i = chart.lines.size() - 2; i < chart.lines.size(); ++i) chart.lines[i].dots = true;
     }
-    report.figure("map", svg_of(chart),
+    report.figure("map", chart,
                   "The route of '" + ground.world.train() + "' on the map. Of all tasks, the one for which junctions " +
                       "save most: the way of place_filter, first seed, when it has junctions and when it has none. " +
                       "Command: " + context.command + " --only " + kReport);
@@ -183,7 +183,7 @@ class Junctions : public Section {
     }
     if (ends.empty()) return;
     chart.x = axis_around("episodes", ends, /*from_zero=*/true);
-    report.figure("map-training", svg_of(chart),
+    report.figure("map-training", chart,
                   "SPL while training on '" + ground.world.train() +
                       "', measured by the shortest way with junctions, " + "smoothed by " + fixed(kSmoothing, 1) +
                       ", mean of the seeds with its 95 % interval. Command: " + context.command + " --only " + kReport);

@@ -3,7 +3,7 @@
 
 #include "tools/chart/chart.h"
 #include "tools/paper/beyond.h"
-#include "tools/paper/mean_curve.h"
+#include "tools/paper/curve.h"
 #include "tools/paper/trials.h"
 
 namespace citylearn::paper {
@@ -151,7 +151,7 @@ class Transfer : public Section {
     for (const std::string& control : kControls) yardstick(control, rows(context, control));
     chart.width = 560;
     chart.height = 300;
-    report.figure("transfer-" + carriage.agent, svg_of(chart),
+    report.figure("transfer-" + carriage.agent, chart,
                   chart.title + " ('" + train + "'): SPL of the episodes of training there, smoothed by " +
                       fixed(kLightly, 1) + ", mean of the seeds with its 95 % interval; dashed: what trains no more. " +
                       "Command: " + context.command + " --only transfer");

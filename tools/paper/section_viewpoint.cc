@@ -137,7 +137,7 @@ class Viewpoint : public Section {
     }
     chart.width = 560;
     chart.height = 260;
-    report.figure("viewpoint-recognition", svg_of(chart), chart.title + ", with 95 % intervals. " + command(context));
+    report.figure("viewpoint-recognition", chart, chart.title + ", with 95 % intervals. " + command(context));
     report.table(table);
   }
 
@@ -174,7 +174,7 @@ class Viewpoint : public Section {
     for (const std::string& control : kControls) add(control, outcomes(context, control), true);
     chart.width = 560;
     chart.height = 260;
-    report.figure("viewpoint", svg_of(chart),
+    report.figure("viewpoint", chart,
                   chart.title + ", mean of the seeds with its 95 % interval; dashed: policies that learn nothing. " +
                       command(context));
     report.table(table);

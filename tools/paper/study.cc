@@ -11,6 +11,7 @@
 #include "core/service.h"
 #include "policy_service/control.h"
 #include "policy_service/network_policy.h"
+#include "tools/paper/walk.h"
 
 namespace citylearn::paper {
 namespace {
@@ -33,10 +34,14 @@ Trial trial_of(int first, int frames, int tasks, bool shuffle) {
   return trial;
 }
 
-Json tried(const TrainedAgent& agent, const Traversal& traversal, const Trial& trial) {
+/// SCORE; with `walk` also the walk that is shown.
+Json tried(const TrainedAgent& agent, const Traversal& traversal, const Trial& trial, bool walk = false) {
   if (stop_requested()) throw Stopped{};
   NetworkPolicy policy(agent, {});
-  return as_json(score(try_out(policy, traversal, trial)));
+  const std::vector<Environment::Episode> episodes = try_out(policy, traversal, trial);
+  Json row = as_json(score(episodes));
+  if (walk) row["walk"] = walk_of(episodes);
+  return row;
 }
 
 /// Means over the episodes that ended in one update.
@@ -147,7 +152,7 @@ Json train(const Study& study, World& world) {
   for (const std::string& name : study.traversals)
     for (const bool shuffled : {false, true}) {
       Json row = tried(trainer.agent(), world.traversal(study.representation, name),
-                       trial_of(study.first, study.frames, study.tasks, shuffled));
+                       trial_of(study.first, study.frames, study.tasks, shuffled), /*walk=*/!shuffled);
       row["traversal"] = name;
       row["shuffled"] = shuffled;
       trials.push_back(std::move(row));

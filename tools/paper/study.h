@@ -36,9 +36,9 @@ struct Study {
 /// The unit of work of a study. Its outcome:
 /// "curve": {"episodes", "steps", "seconds", "reward", "spl", "length"}, a number an update: means over the episodes
 /// that ended in it (null where none did); "deployments": [{"episodes", "traversal", SCORE}]; "trials": [{"traversal",
-/// "shuffled", SCORE}]; "episodes", "steps", "seconds"; "spl95": {"episodes", "steps", "seconds"} or null.
-/// "parameters": text, where they are kept.
-/// SCORE: tasks, completed, spl, excess, steps, reward. All but the seconds are the same again with the same seed.
+/// "shuffled", SCORE}], those not shuffled with "walk" (walk.h); "episodes", "steps", "seconds"; "spl95": {"episodes",
+/// "steps", "seconds"} or null; "parameters": text, where they are kept. SCORE: tasks, completed, spl, excess, steps,
+/// reward. All but the seconds are the same again with the same seed.
 Unit unit_of(const Study& study, World& world);
 
 /// The agent of a study that keeps it; `work` does its unit before those that use it.

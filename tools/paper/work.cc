@@ -1,6 +1,5 @@
 #include "tools/paper/work.h"
 
-#include <openssl/sha.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -12,6 +11,7 @@
 #include "core/files.h"
 #include "core/middleware.h"
 #include "core/service.h"
+#include "tools/paper/sha256.h"
 #include "tools/vpr/progress.h"
 
 namespace citylearn::paper {
@@ -19,27 +19,19 @@ namespace {
 
 double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
-std::string digest(const std::string& text) {
-  unsigned char bytes[SHA256_DIGEST_LENGTH];
-  SHA256(reinterpret_cast<const unsigned char*>(text.data()), text.size(), bytes);
-  std::string result;
-  for (int i = 0; i < 10; ++i) result += fmt::format("{:02x}", bytes[i]);
-  return result;
-}
-
-/// What an earlier run left; null when it left nothing, or something that cannot be read.
-Json read_outcome(const std::string& path, const Json& spec) {
-  std::ifstream file(path);
-  if (!file) return nullptr;
-  const Json stored = Json::parse(file, nullptr, /*allow_exceptions=*/false);
-  if (!stored.is_object() || !stored.contains("outcome") || stored.value("spec", Json()) != spec) {
-    spdlog::warn("{} is not an outcome of this program: done again", path);
-    return nullptr;
-  }
-  return stored["outcome"];
-}
-
 }  // namespace
+
+Json repeatable(const Json& outcome) {
+  if (!outcome.is_structured()) return outcome;
+  Json kept = outcome.is_array() ? Json::array() : Json::object();
+  for (const auto& [key, value] : outcome.items()) {
+    if (outcome.is_array())
+      kept.push_back(repeatable(value));
+    else if (key != "seconds" && key != "bytes")
+      kept[key] = repeatable(value);
+  }
+  return kept;
+}
 
 Work::Work(std::string folder) : folder_(std::move(folder)) {
   std::error_code error;
@@ -48,7 +40,20 @@ Work::Work(std::string folder) : folder_(std::move(folder)) {
 }
 
 std::string Work::path_of(const Json& spec) const {
-  return folder_ + "/" + digest(spec.dump() + "#" + std::to_string(kVersion)) + ".json";
+  return folder_ + "/" + sha256(spec.dump() + "#" + std::to_string(kVersion)).substr(0, 20) + ".json";
+}
+
+/// What an earlier run left; nothing when it left nothing, or something that cannot be read.
+Work::Done Work::read(const std::string& path, const Json& spec) {
+  std::ifstream file(path);
+  if (!file) return {};
+  const Json stored = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  if (!stored.is_object() || !stored.contains("outcome") || stored.value("spec", Json()) != spec ||
+      !stored.value("seconds", Json()).is_number()) {
+    spdlog::warn("{} is not an outcome of this program: done again", path);
+    return {};
+  }
+  return {stored["outcome"], stored["seconds"].get<double>()};
 }
 
 void Work::add(Unit unit) {
@@ -60,9 +65,9 @@ bool Work::run() {
   double left = 0;
   for (const Unit& unit : units_) {
     const std::string path = path_of(unit.spec);
-    Json& outcome = outcomes_[path];
-    if (outcome.is_null()) outcome = read_outcome(path, unit.spec);
-    if (!outcome.is_null()) continue;
+    Done& done = outcomes_[path];
+    if (done.outcome.is_null()) done = read(path, unit.spec);
+    if (!done.outcome.is_null()) continue;
     open.push_back(&unit);
     left += unit.seconds;
   }
@@ -80,8 +85,9 @@ bool Work::run() {
     try {
       const Json outcome = unit.compute();
       const std::string path = path_of(unit.spec);
-      write_file(path, Json{{"spec", unit.spec}, {"outcome", outcome}}.dump() + "\n");
-      outcomes_[path] = outcome;
+      const Done done{outcome, since(start)};
+      write_file(path, Json{{"spec", unit.spec}, {"outcome", done.outcome}, {"seconds", done.seconds}}.dump() + "\n");
+      outcomes_[path] = done;
     } catch (const Error& error) {
       spdlog::error("{}: {}", unit.name, error.what());
       well = false;
@@ -96,7 +102,24 @@ bool Work::run() {
 const Json& Work::outcome(const Json& spec) const {
   static const Json none;
   const auto found = outcomes_.find(path_of(spec));
-  return found == outcomes_.end() ? none : found->second;
+  return found == outcomes_.end() ? none : found->second.outcome;
+}
+
+std::string Work::results() const {
+  std::string text;
+  for (const Unit& unit : units_)
+    text += (text.empty() ? "[" : ",\n") +
+            Json{{"name", unit.name}, {"spec", unit.spec}, {"outcome", repeatable(outcome(unit.spec))}}.dump();
+  return (text.empty() ? "[" : text) + "]\n";
+}
+
+Json Work::times() const {
+  Json times = Json::array();
+  for (const Unit& unit : units_) {
+    const Done& done = outcomes_.at(path_of(unit.spec));
+    times.push_back({{"name", unit.name}, {"seconds", done.outcome.is_null() ? Json() : Json(done.seconds)}});
+  }
+  return times;
 }
 
 }  // namespace citylearn::paper

@@ -23,12 +23,15 @@ struct Unit {
   std::function<Json()> compute;  ///< throws Error, Stopped (asked of stop_requested() now and then)
 };
 
+/// `outcome` without what the machine decides, not the seed: all members named "seconds" or "bytes", at whatever depth.
+Json repeatable(const Json& outcome);
+
 /// Does units of work, each once: outcomes are kept in a folder, written whole, and found again by the next run. Used
 /// by one thread.
 class Work {
  public:
   /// Raised when the same spec gives another outcome than before.
-  static constexpr int kVersion = 1;
+  static constexpr int kVersion = 2;
 
   /// Creates the folder. Throws Error.
   explicit Work(std::string folder);
@@ -43,12 +46,22 @@ class Work {
 
   int units() const { return static_cast<int>(units_.size()); }
 
+  /// All outcomes as they are again with the same seeds, a line a unit, for `diff`: [{"name", "spec", "outcome"}, ...].
+  std::string results() const;
+  /// What each unit took, in this run or an earlier one: [{"name", "seconds"}], null where it failed.
+  Json times() const;
+
  private:
+  struct Done {
+    Json outcome;  ///< null: there is none
+    double seconds = 0;
+  };
+  static Done read(const std::string& path, const Json& spec);
   std::string path_of(const Json& spec) const;
 
   std::string folder_;
   std::vector<Unit> units_;
-  std::map<std::string, Json> outcomes_;  ///< by path
+  std::map<std::string, Done> outcomes_;  ///< by path
 };
 
 }  // namespace citylearn::paper

@@ -39,16 +39,17 @@ World::World(const WorldOptions& options) : options_(options) {
   selection.align = learned;
   selection_ = selection;
   for (std::size_t i = 1; i < names_.size();) {
-    Traversal other = select(*dataset, names_[i], selection);
-    // Pictures and features in one folder do not mix: what is of the other kind is something else.
-    if ((other.images == nullptr) == (reference.images == nullptr)) {
-      recordings_[names_[i]] = std::move(other);
+    // Pictures and features in one folder do not mix, nor can they be aligned: what is of the other kind is something
+    // else.
+    if ((dataset->load(names_[i]).images == nullptr) == (reference.images == nullptr)) {
+      recordings_[names_[i]] = select(*dataset, names_[i], selection);
       ++i;
     } else {
       spdlog::warn("traversal '{}' is of another kind than '{}': left out", names_[i], learned);
       names_.erase(names_.begin() + static_cast<std::ptrdiff_t>(i));
     }
   }
+  if (pictures() && options_.encoders.empty()) options_.encoders = options_.usual;
   if (!pictures() && !options_.encoders.empty())
     throw Error("dataset " + options.source.dataset + " has features already", "--encoder", "leave it out");
 }

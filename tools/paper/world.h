@@ -14,6 +14,7 @@ namespace citylearn::paper {
 struct WorldOptions {
   Source source;                      ///< dataset and folder; its traversal is the one learned from
   std::vector<std::string> encoders;  ///< of pictures, by name; empty where the dataset has features
+  std::vector<std::string> usual;     ///< these where it has pictures and `encoders` is empty
   EncoderFiles files;                 ///< of theirs
   int most_frames = 1000;             ///< of each recording, from its beginning
   int raw_frames = 128;               ///< of those, as pixels
@@ -27,6 +28,7 @@ class World {
   explicit World(const WorldOptions& options);
   ~World();
 
+  const Source& source() const { return options_.source; }
   const std::string& dataset() const { return options_.source.dataset; }
   bool drawn() const { return dataset() == "synthetic"; }  ///< else real recordings
   bool pictures() const;

@@ -1,0 +1,71 @@
+#include "tools/paper/manifest.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <unistd.h>
+
+#include <Eigen/Core>
+#include <fstream>
+#include <thread>
+
+#include "core/plugins.h"
+#include "core/service.h"
+
+namespace citylearn::paper {
+namespace {
+
+std::string utc(std::time_t time) {
+  std::tm parts{};
+  gmtime_r(&time, &parts);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y-%m-%d %H:%M:%S UTC", &parts);
+  return text;
+}
+
+Json machine() {
+  std::string model = "unknown", line;
+  for (std::ifstream file("/proc/cpuinfo"); std::getline(file, line);)
+    if (const std::size_t colon = line.find(": "); line.starts_with("model name") && colon != line.npos) {
+      model = line.substr(colon + 2);
+      break;
+    }
+  return {{"processors", std::thread::hardware_concurrency()},
+          {"model", model},
+          {"memory", static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE))},
+          {"instructions", Eigen::SimdInstructionSetsInUse()}};
+}
+
+Json data_of(World& world) {
+  Json traversals = Json::object();
+  for (const std::string& name : world.names()) {
+    const Traversal& traversal = world.recording(name);
+    traversals[name] = {{"condition", traversal.condition},
+                        {"frames", traversal.frames},
+                        {"features", traversal.dimension},
+                        {"hash", fmt::format("{:016x}", world.hash(name))}};
+  }
+  return {{"dataset", world.dataset()}, {"drawn", world.drawn()}, {"train", world.train()}, {"traversals", traversals}};
+}
+
+}  // namespace
+
+std::string manifest_of(const Context& context, const Report& report, std::time_t begun, double seconds) {
+  Json data = Json::array({data_of(context.world)});
+  if (&context.drawn != &context.world) data.push_back(data_of(context.drawn));
+  const Json manifest = {{"program", "citylearn_paper " + version()},
+                         {"compiler", __VERSION__},
+                         {"plugins", loaded_plugins()},
+                         {"machine", machine()},
+                         {"command", context.command},
+                         {"begun", utc(begun)},
+                         {"seconds", seconds},
+                         {"quick", context.quick},
+                         {"effort", context.effort},
+                         {"seeds", context.seeds},
+                         {"frames", context.frames},
+                         {"data", data},
+                         {"work", context.work.times()},
+                         {"files", report.files()}};
+  return manifest.dump(2) + "\n";
+}
+
+}  // namespace citylearn::paper
