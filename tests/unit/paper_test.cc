@@ -334,6 +334,30 @@ TEST(MapStudy, TrainingIsTheSameAgain) {
   EXPECT_NE(unit_of(study, world).spec, unit.spec);
 }
 
+/// The trainer's own SPL is by the distances that the environment knows.
+TEST(MapStudy, TheTrainerMeasuresOnTheMap) {
+  WorldOptions options;
+  options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 80}};
+  World world(options);
+  Traversal route = world.traversal("features", "summer");
+  route.turns = drawn_layout(80).turns;
+  InprocessTraining training({}, route, route.frames);
+  double spl = 0;
+  int episodes = 0, line = 0, map = 0;
+  while (episodes < 20) {
+    training.update();
+    for (const Environment::Episode& episode : training.finished()) {
+      ++episodes;
+      line += std::abs(episode.goal - episode.start);
+      map += episode.shortest;
+      if (episode.completed) spl += static_cast<double>(episode.shortest) / std::max(episode.shortest, episode.steps);
+    }
+  }
+  ASSERT_LE(episodes, 100) << "the trainer tells of the last hundred";
+  EXPECT_LT(map, line);
+  EXPECT_NEAR(training.trainer().progress().spl, spl / episodes, 1e-9);
+}
+
 std::size_t count(const std::string& text, const std::string& part) {
   std::size_t found = 0;
   for (std::size_t at = 0; (at = text.find(part, at)) != std::string::npos; at += part.size()) ++found;

@@ -124,7 +124,10 @@ class Junctions : public Section {
         "The paper's future work: a route that crosses itself as a map on which agents choose among neighbours. Where "
         "two stretches come by the same spot, the nearest two of their places are joined: there the action 'stay' "
         "turns into the other road; everywhere else actions are as they were. The shortest way may then lead over "
-        "junctions. The paper has no figures for this.");
+        "junctions. The paper has no figures for this. place_filter and the policies that learn nothing know the map; "
+        "features has to find out where it can turn, and the losses that help it to orient itself tell of the way "
+        "along "
+        "the route alone.");
     const std::string places = std::to_string(ground.layout.frames) + " places";
     if (ground.drawn)
       report.text(
@@ -190,7 +193,7 @@ class Junctions : public Section {
   }
 
   static Line curve(const Walker& walker, const std::vector<Json>& outcomes) {
-    Line line{walker.label + (walker.junctions ? ", junctions" : ", none"), {}, {}};
+    Line line{walker.label + (walker.junctions ? ", junctions" : ", without"), {}, {}};
     double last = 0;
     for (const Json& outcome : outcomes) last = std::max(last, outcome["episodes"].get<double>());
     for (int i = 1; i <= kPoints; ++i) line.x.push_back(last * i / kPoints);
