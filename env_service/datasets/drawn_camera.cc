@@ -220,8 +220,8 @@ void Camera::draw_ground(float s) {
         marked = within > 4 && within < 7.5f && (static_cast<int>((lateral + 10) * 2) & 1) != 0;
       }
       if (marked && look_.snow < 0.5f) c = {222, 226, 226, c[3]};
-      const auto grain = static_cast<unsigned>(static_cast<int>(std::floor(lateral * 6)) * 73856093 ^
-                                               static_cast<int>(std::floor(way * 3)) * 19349663);
+      const unsigned grain = static_cast<unsigned>(static_cast<int>(std::floor(lateral * 6))) * 73856093u ^
+                             static_cast<unsigned>(static_cast<int>(std::floor(way * 3))) * 19349663u;
       const int bump = static_cast<int>(rough * (static_cast<float>((grain * 2654435761u) >> 24) * 0x1p-7f - 1));
       const float toward = sunny == 1 ? lateral : -lateral;
       const bool shaded = toward > shade && toward < edge;

@@ -25,6 +25,12 @@ double resident() {
   return 0;
 }
 
+#if defined(__SANITIZE_ADDRESS__)
+constexpr double kMost = 400;  // MiB: of what is freed it holds 256 back, to find who still uses it
+#else
+constexpr double kMost = 60;
+#endif
+
 TEST(Memory, TenThousandPictures) {
   const testing::Folder folder;
   // A picture of noise: as large as a camera's.
@@ -52,7 +58,7 @@ TEST(Memory, TenThousandPictures) {
   RecordProperty("MiB", std::to_string(growth));
   EXPECT_GT(sum, std::size_t{1} << 30);
   ASSERT_GT(before, 0);
-  EXPECT_LT(growth, 60);
+  EXPECT_LT(growth, kMost);
   std::cout << "grown by " << growth << " MiB over " << sum / (1 << 20) << " MiB of pictures\n";
 }
 
