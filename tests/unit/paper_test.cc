@@ -41,6 +41,14 @@ TEST(Statistics, OneValueHasNoIntervalAndNoneNoMean) {
   EXPECT_EQ(of_mean({NAN, 2, INFINITY, 4}).n, 2);
 }
 
+TEST(Statistics, IntervalsEndWhereNoValueCanLie) {
+  const Estimate estimate = of_mean({0.9, 1}, kShares);
+  EXPECT_DOUBLE_EQ(estimate.mean, 0.95);
+  EXPECT_EQ(estimate.low, of_mean({0.9, 1}).low);
+  EXPECT_EQ(estimate.high, 1);
+  EXPECT_EQ(of_mean({3, 50}, kCounts).low, 0);
+}
+
 TEST(Statistics, SharesHaveWilsonsInterval) {
   const Estimate all = of_share(100, 100);
   EXPECT_DOUBLE_EQ(all.mean, 1);
@@ -204,6 +212,14 @@ TEST(Charts, LeaveOutWhatIsNotFinite) {
   const std::string svg = svg_of(chart);
   EXPECT_EQ(svg.find("nan"), svg.npos);
   EXPECT_NE(svg.find("a &lt; b"), svg.npos);
+}
+
+TEST(Charts, ALineOfOnePointIsADot) {
+  Chart chart{"one", {"x"}, {"y"}, {{"", {0.5}, {0.5}}}};
+  EXPECT_NE(svg_of(chart).find("<circle"), std::string::npos);
+  chart.lines.front().x.push_back(1);
+  chart.lines.front().y.push_back(1);
+  EXPECT_EQ(svg_of(chart).find("<circle"), std::string::npos);
 }
 
 TEST(Charts, AxesHoldAllValues) {

@@ -141,11 +141,15 @@ std::string curve(const Plot& plot, const Line& line, const std::string& stroke,
     svg += "<polygon class=\"band\" " + fill + " points=\"" + there + back + "\"/>\n";
   }
   std::string points, drawn;
+  int count = 0;
   for (std::size_t i = 0; i < line.y.size(); ++i) {
     if (!plot.inside(line.x[i], line.y[i])) continue;
     const std::string next = plot.point(line.x[i], line.y[i]);
-    if (next != drawn) points += drawn = next;
+    if (next == drawn) continue;
+    points += drawn = next;
+    ++count;
   }
+  if (count == 1) return svg + dots(plot, line, fill);  // a line of one point shows nothing
   return svg + "<polyline class=\"curve\" " + stroke + " points=\"" + points + "\"/>\n";
 }
 

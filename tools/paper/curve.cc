@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tools/paper/trials.h"
+
 namespace citylearn::paper {
 namespace {
 
@@ -33,7 +35,7 @@ double final_value(const Json& outcome, const std::string& figure) {
 Estimate final_values(const std::vector<Json>& outcomes, const std::string& figure) {
   std::vector<double> values;
   for (const Json& outcome : outcomes) values.push_back(final_value(outcome, figure));
-  return of_mean(values);
+  return of_mean(values, range_of(figure));
 }
 
 Line mean_curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure, double keep) {
@@ -49,7 +51,7 @@ Line mean_curve(const std::string& label, const std::vector<Json>& outcomes, con
   for (std::size_t i = 0; i < line.x.size(); ++i) {
     std::vector<double> values;
     for (const std::vector<double>& seed : seeds) values.push_back(seed[i]);
-    const Estimate estimate = of_mean(values);
+    const Estimate estimate = of_mean(values, range_of(figure));
     line.y.push_back(estimate.mean);
     line.low.push_back(estimate.low);
     line.high.push_back(estimate.high);

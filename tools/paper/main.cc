@@ -49,6 +49,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--train", line.world.source.traversal, "Traversal that is learned from")
       ->capture_default_str()
       ->group(data);
+  add_selection_options(app, line.world.source.selection, data);
   app.add_option("--encoder", line.world.encoders,
                  "Encoders of pictures, of " + encoder_names() + " (hog,vlad; --quick: hog)")
       ->delimiter(',')

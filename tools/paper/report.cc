@@ -15,16 +15,17 @@ namespace citylearn::paper {
 namespace {
 
 constexpr const char* kStyle =
-    "body{font:16px/1.55 system-ui,sans-serif;max-width:1000px;margin:2rem auto;padding:0 1rem;color:#1f2328;"
+    "body{font:16px/1.55 system-ui,sans-serif;max-width:1150px;margin:2rem auto;padding:0 1rem;color:#1f2328;"
     "background:#fff}h1{font-size:1.9rem;line-height:1.2}h2{margin-top:3rem;border-bottom:1px solid #d0d7de}"
     "nav a{margin-right:1rem}figure{margin:1.5rem 0;overflow-x:auto}figure img{max-width:100%;height:auto}"
-    "figcaption,caption{font-size:.9rem;color:#57606a;text-align:left;margin:.3rem 0}"
+    "figcaption,.caption{font-size:.9rem;color:#57606a;margin:1.5rem 0 .3rem}"
     ".wide{overflow-x:auto}table{border-collapse:collapse;font-size:.9rem;font-variant-numeric:tabular-nums}"
-    "th,td{padding:.3rem .7rem;border-bottom:1px solid #d0d7de;text-align:left;white-space:nowrap}"
+    "th,td{padding:.3rem .55rem;border-bottom:1px solid "
+    "#d0d7de;text-align:left;white-space:nowrap}th{white-space:normal;vertical-align:bottom}"
     "td+td{text-align:right}th+th{text-align:right}.remark{border-left:4px solid #bf8700;padding:.2rem 1rem;"
     "background:#fff8c5}code{font-size:.9em}"
     "@media(prefers-color-scheme:dark){body{color:#e6edf3;background:#0d1117}h2,th,td{border-color:#30363d}"
-    "figcaption,caption{color:#9198a1}.remark{background:#2e2a1f}a{color:#4493f8}}";
+    "figcaption,.caption{color:#9198a1}.remark{background:#2e2a1f}a{color:#4493f8}}";
 
 std::string base64(const std::string& bytes) {
   std::string text(4 * ((bytes.size() + 2) / 3) + 1, '\0');
@@ -86,7 +87,7 @@ void Report::remark(const std::string& paragraph) { body_ += "<p class=\"remark\
 
 void Report::table(const ReportTable& table) {
   std::string csv = csv_line(table.columns);
-  body_ += "<div class=\"wide\"><table><caption>" + escaped(table.caption) + "</caption>\n<tr>";
+  body_ += "<p class=\"caption\">" + escaped(table.caption) + "</p>\n<div class=\"wide\"><table>\n<tr>";
   for (const std::string& column : table.columns) body_ += "<th scope=\"col\">" + escaped(column) + "</th>";
   body_ += "</tr>\n";
   for (const std::vector<std::string>& row : table.rows) {

@@ -42,7 +42,7 @@ class Compute : public Section {
         "traversal.");
     Chart dots{
         "Time to SPL 0.95 and final reward", {"training time to SPL 0.95, s"}, {"reward an episode, in the end"}, {}};
-    Chart curves{"Training time and reward", {"training time, s"}, {"reward an episode", 0, 1}, {}};
+    Chart curves{"Training time and reward", {"training time, s"}, {"reward an episode", -1, 1}, {}};
     dots.width = curves.width = 560;
     ReportTable table{
         "figure-2",
@@ -66,14 +66,15 @@ class Compute : public Section {
       rewards.insert(rewards.end(), line.y.begin(), line.y.end());
       curves.lines.push_back(curve(line.label, cost.outcomes.front()));
       taken.insert(taken.end(), curves.lines.back().x.begin(), curves.lines.back().x.end());
-      const Estimate there = of_mean(cost.threshold);
+      const Estimate there = of_mean(cost.threshold, kCounts);
       const auto known = published(agent.agent, context.features(agent));
       table.rows.push_back({agent.label, agent.representation, std::to_string(cost.all.size()), text_of(there, 1),
-                            text_of(of_mean(cost.episodes), 0),
+                            text_of(of_mean(cost.episodes, kCounts), 0),
                             std::to_string(there.n) + " of " + std::to_string(cost.all.size()),
-                            text_of(of_mean(cost.all), 1), text_of(of_mean(rate), 0), training(context, agent),
-                            text_of(of_mean(line.y), 3), known ? fixed(known->reward, 2) : "-",
-                            text_of(final_values(cost.outcomes, "length"), 1), known ? known->steps : "-"});
+                            text_of(of_mean(cost.all, kCounts), 1), text_of(of_mean(rate, kCounts), 0),
+                            training(context, agent), text_of(of_mean(line.y, kRewards), 3),
+                            known ? fixed(known->reward, 2) : "-", text_of(final_values(cost.outcomes, "length"), 1),
+                            known ? known->steps : "-"});
       if (there.n < static_cast<int>(cost.all.size()))
         report.remark(line.label + ": " + std::to_string(cost.all.size() - static_cast<std::size_t>(there.n)) + " of " +
                       std::to_string(cost.all.size()) + " seeds did not reach SPL 0.95.");

@@ -26,8 +26,8 @@ class Curves : public Section {
         ", mean of the seeds with its 95 % interval. The paper: 16 agents, five seeds; reward 0.99 (baseline), "
         "0.92 (NetVLAD-64), 0.80 (ResNet-64); just under and just over 50 steps an episode, about 75 on 512 features "
         "and more.");
-    chart(context, report, "reward", "reward an episode", 0, 1);
-    chart(context, report, "length", "steps an episode", 0, static_cast<double>(context.frames));
+    chart(context, report, "reward", "reward an episode");
+    chart(context, report, "length", "steps an episode");
     ReportTable table{
         "figure-7",
         "At the end of training, mean over the last 500 episodes (95 % interval over seeds). An agent that "
@@ -41,7 +41,7 @@ class Curves : public Section {
       const auto of = [&](const auto& value) {
         std::vector<double> values;
         for (const Json& outcome : outcomes) values.push_back(value(outcome));
-        return of_mean(values);
+        return of_mean(values, kCounts);
       };
       const Estimate reached =
           of([](const Json& o) { return o["spl95"].is_null() ? NAN : o["spl95"]["episodes"].get<double>(); });
@@ -67,17 +67,19 @@ class Curves : public Section {
   }
 
  private:
-  static void chart(const Context& context, Report& report, const std::string& figure, const std::string& label,
-                    double low, double high) {
-    Chart chart{"Training: " + label, {"episodes"}, {label, low, high}, {}};
-    std::vector<double> ends;
+  static void chart(const Context& context, Report& report, const std::string& figure, const std::string& label) {
+    Chart chart{"Training: " + label, {"episodes"}, {label}, {}};
+    std::vector<double> ends, values = {figure == "reward" ? 1.0 : 0.0};
     for (const Context::Agent& agent : context.agents) {
       const std::vector<Json> outcomes = context.outcomes(agent);
       if (outcomes.empty()) continue;
       chart.lines.push_back(mean_curve(agent.label, outcomes, figure, kSmoothing));
-      ends.push_back(chart.lines.back().x.back());
+      const Line& line = chart.lines.back();
+      ends.push_back(line.x.back());
+      values.insert(values.end(), line.y.begin(), line.y.end());
     }
     chart.x = axis_around("episodes", ends, /*from_zero=*/true);
+    chart.y = axis_around(label, values);
     chart.width = 560;
     report.figure("figure-7-" + figure, chart,
                   label + " while training. Command: " + context.command + " --only figure-7");

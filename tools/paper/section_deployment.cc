@@ -3,6 +3,7 @@
 
 #include "tools/paper/published.h"
 #include "tools/paper/section.h"
+#include "tools/paper/trials.h"
 
 namespace citylearn::paper {
 namespace {
@@ -64,7 +65,7 @@ class Deployment : public Section {
             by_episodes[100 * std::floor(row["episodes"].get<double>() / 100)].push_back(row[figure].get<double>());
       Line line{agent.label, {}, {}};
       for (const auto& [episodes, values] : by_episodes) {
-        const Estimate estimate = of_mean(values);
+        const Estimate estimate = of_mean(values, kShares);
         line.x.push_back(episodes);
         line.y.push_back(estimate.mean);
         line.low.push_back(estimate.low);
@@ -98,32 +99,13 @@ class Deployment : public Section {
         {}};
     for (const std::string& traversal : context.world.names()) {
       for (const Context::Agent& agent : context.agents) {
-        std::map<std::string, std::vector<double>> figures;
-        double tasks = 0;
-        std::size_t seeds = 0;
-        for (const Json& outcome : context.outcomes(agent)) {
-          ++seeds;
-          for (const Json& row : outcome["trials"]) {
-            if (row["traversal"] != traversal) continue;
-            if (row["shuffled"].get<bool>()) {
-              figures["shuffled"].push_back(row["completed"].get<double>());
-              continue;
-            }
-            tasks = row["tasks"].get<double>();
-            for (const char* name : {"completed", "spl", "excess", "steps", "reward"})
-              figures[name].push_back(row[name].is_number() ? row[name].get<double>() : NAN);
-          }
-        }
-        if (seeds == 0) continue;
-        const auto share = [&](const std::string& name) {
-          return seeds > 1 ? of_mean(figures[name]) : of_share(figures[name].front() * tasks, static_cast<int>(tasks));
-        };
-        const Estimate completed = share("completed");
-        table.rows.push_back({agent.label, traversal, fixed(static_cast<double>(seeds), 0) + " x " + fixed(tasks, 0),
-                              percent(completed), fixed(100 * (1 - completed.mean), 1) + " %",
-                              text_of(of_mean(figures["spl"]), 3), text_of(of_mean(figures["excess"]), 2),
-                              text_of(of_mean(figures["steps"]), 1), text_of(of_mean(figures["reward"]), 3),
-                              percent(share("shuffled"))});
+        const std::vector<Json> rows = rows_of(context, agent);
+        const Trials trials = trials_on(rows, traversal);
+        if (trials.seeds == 0) continue;
+        table.rows.push_back({agent.label, traversal, seeds_by_tasks(trials), percent(trials.completed),
+                              fixed(100 * (1 - trials.completed.mean), 1) + " %", text_of(trials.spl, 3),
+                              text_of(trials.excess, 2), text_of(trials.steps, 1), text_of(trials.reward, 3),
+                              percent(trials_on(rows, traversal, /*shuffled=*/true).completed)});
       }
       for (const ControlStudy& control : controls(context))
         for (const Json& row : context.work.outcome(unit_of(control, context.world).spec)) {
@@ -140,15 +122,11 @@ class Deployment : public Section {
     worse_than_controls(context, report);
   }
 
-  /// A figure of each seed's trial after training, frames in their order.
-  static Estimate tried(const Context& context, const Context::Agent& agent, const std::string& traversal,
-                        const std::string& figure) {
-    std::vector<double> values;
-    for (const Json& outcome : context.outcomes(agent))
-      for (const Json& row : outcome["trials"])
-        if (row["traversal"] == traversal && !row["shuffled"].get<bool>() && row[figure].is_number())
-          values.push_back(row[figure].get<double>());
-    return of_mean(values);
+  /// Rows of each seed's trials after training.
+  static std::vector<Json> rows_of(const Context& context, const Context::Agent& agent) {
+    std::vector<Json> rows;
+    for (const Json& outcome : context.outcomes(agent)) rows.push_back(outcome["trials"]);
+    return rows;
   }
 
   static void worse_than_controls(const Context& context, Report& report) {
@@ -158,7 +136,7 @@ class Deployment : public Section {
       for (const Json& row : context.work.outcome(unit_of(control, context.world).spec))
         for (const Context::Agent& agent : context.agents) {
           const std::string traversal = row["traversal"].get<std::string>();
-          const Estimate spl = tried(context, agent, traversal, "spl");
+          const Estimate spl = trials_on(rows_of(context, agent), traversal).spl;
           const double yardstick = row["spl"].get<double>();
           if (spl.n > 0 && spl.mean < yardstick)
             whose += (whose.empty() ? "" : "; ") + agent.label + " on " + traversal + " " + text_of(spl, 3) +
@@ -188,16 +166,16 @@ class Deployment : public Section {
                                      [&](const Context::Agent& agent) { return agent.agent == released.agent; });
       for (const std::string& traversal : context.world.names()) {
         if ((traversal == context.world.train()) != released.learned) continue;
-        const Estimate completed = tried(context, *ours, traversal, "completed");
-        if (completed.n == 0) continue;
+        const Trials trials = trials_on(rows_of(context, *ours), traversal);
+        const Estimate& completed = trials.completed;
+        if (trials.seeds == 0) continue;
         table.rows.push_back({ours->label, traversal + (released.learned ? " (learned from)" : ""), percent(completed),
-                              text_of(tried(context, *ours, traversal, "steps"), 1),
-                              text_of(tried(context, *ours, traversal, "reward"), 3)});
+                              text_of(trials.steps, 1), text_of(trials.reward, 3)});
         // Of those never seen, the same condition alone can be worse or better.
         const bool alike = released.learned || context.world.recording(traversal).condition == released.condition;
         if (alike && completed.mean < released.completed)
           report.remark(ours->label + " completes " + percent(completed) + " of the tasks on " + traversal +
-                        " (n = " + std::to_string(completed.n) + " seeds), less than the " + released.label +
+                        " (n = " + std::to_string(trials.seeds) + " seeds), less than the " + released.label +
                         " on Nordland " + released.condition + ", " + fixed(100 * released.completed, 1) + " %.");
       }
     }

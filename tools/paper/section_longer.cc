@@ -176,11 +176,12 @@ class Longer : public Section {
           steps.push_back(outcome["steps"].get<double>());
           seconds.push_back(outcome["seconds"].get<double>());
         }
-        const Estimate there = of_mean(reached);
-        training.rows.push_back(
-            {std::to_string(frames), contestant.label, contestant.learner, std::to_string(found.size()),
-             text_of(there, 0), std::to_string(there.n) + " of " + std::to_string(found.size()),
-             text_of(of_mean(episodes), 0), text_of(of_mean(steps), 0), text_of(of_mean(seconds), 1)});
+        const Estimate there = of_mean(reached, kCounts);
+        training.rows.push_back({std::to_string(frames), contestant.label, contestant.learner,
+                                 std::to_string(found.size()), text_of(there, 0),
+                                 std::to_string(there.n) + " of " + std::to_string(found.size()),
+                                 text_of(of_mean(episodes, kCounts), 0), text_of(of_mean(steps, kCounts), 0),
+                                 text_of(of_mean(seconds, kCounts), 1)});
       }
       for (const std::string& control : kControls)
         for (const std::string& traversal : context.world.names()) {

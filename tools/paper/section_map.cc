@@ -1,15 +1,16 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tools/paper/curve.h"
 #include "tools/paper/map_study.h"
 #include "tools/paper/section.h"
+#include "tools/paper/trials.h"
 
 namespace citylearn::paper {
 namespace {
 
 constexpr std::size_t kTraversals = 3;  // the one learned from and two that nobody has seen
 constexpr double kSmoothing = 0.9;
-constexpr int kPoints = 200;
 constexpr const char* kReport = "map";
 
 /// A row of the table: policies, and whether they have the junctions.
@@ -94,7 +95,7 @@ Estimate figure_of(const std::vector<Json>& outcomes, const std::string& travers
         one = estimate_of(row[figure]);
         means.push_back(one.mean);
       }
-  return means.size() > 1 ? of_mean(means) : one;
+  return means.size() > 1 ? of_mean(means, range_of(figure)) : one;
 }
 
 class Junctions : public Section {
@@ -181,7 +182,8 @@ class Junctions : public Section {
     for (const Walker& walker : walkers(context)) {
       const std::vector<Json> found = outcomes(context, ground, walker);
       if (!walker.learns || found.empty()) continue;
-      chart.lines.push_back(curve(walker, found));
+      chart.lines.push_back(
+          mean_curve(walker.label + (walker.junctions ? ", junctions" : ", without"), found, "spl", kSmoothing));
       ends.push_back(chart.lines.back().x.back());
     }
     if (ends.empty()) return;
@@ -190,31 +192,6 @@ class Junctions : public Section {
                   "SPL while training on '" + ground.world.train() +
                       "', measured by the shortest way with junctions, " + "smoothed by " + fixed(kSmoothing, 1) +
                       ", mean of the seeds with its 95 % interval. Command: " + context.command + " --only " + kReport);
-  }
-
-  static Line curve(const Walker& walker, const std::vector<Json>& outcomes) {
-    Line line{walker.label + (walker.junctions ? ", junctions" : ", without"), {}, {}};
-    double last = 0;
-    for (const Json& outcome : outcomes) last = std::max(last, outcome["episodes"].get<double>());
-    for (int i = 1; i <= kPoints; ++i) line.x.push_back(last * i / kPoints);
-    const auto numbers = [](const Json& array) {
-      std::vector<double> values;
-      for (const Json& value : array) values.push_back(value.is_number() ? value.get<double>() : NAN);
-      return values;
-    };
-    std::vector<std::vector<double>> seeds;
-    for (const Json& outcome : outcomes)
-      seeds.push_back(interpolated(numbers(outcome["curve"]["episodes"]),
-                                   smoothed(numbers(outcome["curve"]["spl"]), kSmoothing), line.x));
-    for (std::size_t i = 0; i < line.x.size(); ++i) {
-      std::vector<double> values;
-      for (const std::vector<double>& seed : seeds) values.push_back(seed[i]);
-      const Estimate estimate = of_mean(values);
-      line.y.push_back(estimate.mean);
-      line.low.push_back(estimate.low);
-      line.high.push_back(estimate.high);
-    }
-    return line;
   }
 
   static void table(const Context& context, const Ground& ground, Report& report) {

@@ -129,7 +129,7 @@ class Transfer : public Section {
     std::vector<double> episodes;
     for (const Json& outcome : outcomes)
       episodes.push_back(outcome["spl95"].is_null() ? NAN : outcome["spl95"]["episodes"].get<double>());
-    return of_mean(episodes);
+    return of_mean(episodes, kCounts);
   }
 
   static void chart(const Context& context, Report& report, const Carriage& carriage) {
@@ -191,7 +191,7 @@ class Transfer : public Section {
         const Estimate there = reached(outcomes);
         training.rows.push_back({carriage.label, way.label, std::to_string(outcomes.size()), text_of(there, 0),
                                  std::to_string(there.n) + " of " + std::to_string(outcomes.size()),
-                                 text_of(of_mean(episodes), 0), text_of(of_mean(steps), 0)});
+                                 text_of(of_mean(episodes, kCounts), 0), text_of(of_mean(steps, kCounts), 0)});
       }
     }
     for (const std::string& control : kControls) add(control, "learns nothing", rows(context, control));

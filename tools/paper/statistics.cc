@@ -14,7 +14,7 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
 
-Estimate of_mean(const std::vector<double>& values) {
+Estimate of_mean(const std::vector<double>& values, const Range& range) {
   Estimate result{0, kNone, kNone, 0};
   double squares = 0;
   for (const double value : values) {
@@ -28,8 +28,8 @@ Estimate of_mean(const std::vector<double>& values) {
   if (result.n < 2) return result;
   const double n = result.n;
   const double reach = boost::math::quantile(boost::math::students_t(n - 1), 0.975) * std::sqrt(squares / (n - 1) / n);
-  result.low = result.mean - reach;
-  result.high = result.mean + reach;
+  result.low = std::max(result.mean - reach, range.least);
+  result.high = std::min(result.mean + reach, range.most);
   return result;
 }
 

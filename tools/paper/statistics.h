@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <vector>
 
 namespace citylearn::paper {
@@ -10,8 +11,15 @@ struct Estimate {
   int n = 0;  ///< values it comes from; with fewer than 2 there is no interval (NaN)
 };
 
-/// Of the mean of independent values, seeds for example: Student's t. Values that are not finite are left out.
-Estimate of_mean(const std::vector<double>& values);
+/// Where values of a figure lie at all.
+struct Range {
+  double least = -INFINITY, most = INFINITY;
+};
+inline constexpr Range kShares{0, 1}, kCounts{0, INFINITY}, kRewards{-1, 1}, kExcesses{1, INFINITY};
+
+/// Of the mean of independent values, seeds for example: Student's t, cut where no value can lie. Values that are not
+/// finite are left out.
+Estimate of_mean(const std::vector<double>& values, const Range& range = {});
 /// Of a share of successes among independent trials (Wilson, JASA 1927).
 Estimate of_share(double successes, int trials);
 

@@ -23,12 +23,19 @@ Trials trials_on(const std::vector<Json>& outcomes, const std::string& traversal
     }
   }
   trials.seeds = static_cast<int>(completed.size());
-  trials.completed = trials.seeds == 1 ? of_share(completed.front() * trials.tasks, trials.tasks) : of_mean(completed);
-  trials.spl = of_mean(spl);
-  trials.excess = of_mean(excess);
-  trials.steps = of_mean(steps);
-  trials.reward = of_mean(reward);
+  trials.completed =
+      trials.seeds == 1 ? of_share(completed.front() * trials.tasks, trials.tasks) : of_mean(completed, kShares);
+  trials.spl = of_mean(spl, kShares);
+  trials.excess = of_mean(excess, kExcesses);
+  trials.steps = of_mean(steps, kCounts);
+  trials.reward = of_mean(reward, kRewards);
   return trials;
+}
+
+Range range_of(const std::string& figure) {
+  if (figure == "completed" || figure == "spl") return kShares;
+  if (figure == "reward") return kRewards;
+  return figure == "excess" ? kExcesses : kCounts;
 }
 
 std::string seeds_by_tasks(const Trials& trials) {

@@ -20,6 +20,9 @@ struct Trials {
 /// have them (study.h). Outcomes that are null, of units that failed, and those without such a row are left out.
 Trials trials_on(const std::vector<Json>& outcomes, const std::string& traversal, bool shuffled = false);
 
+/// Where a SCORE's figure lies, by its name.
+Range range_of(const std::string& figure);
+
 /// "3 x 2000", "-" for none.
 std::string seeds_by_tasks(const Trials& trials);
 
