@@ -9,32 +9,36 @@
 #   let_go [NAME ...]                 ends these services, or all
 
 KEEP_FIRST=${KEEP_FIRST:-1000} KEEP_MOST=30000   # milliseconds of pause
+KEEP_AT_ONCE=${KEEP_AT_ONCE:-1000}               # what lives shorter, milliseconds, has ended at once
 KEEP_DEATHS=5 KEEP_WITHIN=60                     # so many in so many seconds: given up
 
 declare -A kept_pid kept_command kept_again kept_log   # by name
-declare -A kept_since kept_deaths kept_complained      # seconds; times of deaths; ended with an error before
+declare -A kept_since kept_deaths kept_complained      # milliseconds; times of deaths, seconds; ended with an error before
 declare -A kept_pause kept_due                         # milliseconds; when it starts again: then it has no process
 ended=''
 # Bash itself says "Killed" where it likes: standard error is kept for what is said here.
 exec {keep_said}>&2
 exec {keep_idle}<> <(:)   # nothing ever comes
 
-keep_now() { echo $((${EPOCHREALTIME/[.,]/} / 1000)); }   # milliseconds
+# Sets `kept_now`, milliseconds. (A subshell that echoes it would give bash time to say "Killed" where it likes.)
+keep_now() { kept_now=$((${EPOCHREALTIME/[.,]/} / 1000)); }
 
 keep_start() {  # NAME OPTIONS
   local name=$1 command="exec ${kept_command[$1]} $2"
+  keep_now
+  kept_since[$name]=$kept_now
   if [ -n "${kept_log[$name]}" ]; then
     eval "$command" 2>>"${kept_log[$name]}" &
   else
     eval "$command" 2>&"$keep_said" &
   fi
   kept_pid[$name]=$!
-  kept_since[$name]=$SECONDS
 }
 
 keep_know() {  # NAME LOG AGAIN COMMAND ...
   local name=$1
-  kept_log[$name]=$2 kept_again[$name]=$3 kept_since[$name]=$SECONDS
+  keep_now
+  kept_log[$name]=$2 kept_again[$name]=$3 kept_since[$name]=$kept_now
   kept_deaths[$name]='' kept_complained[$name]='' kept_pause[$name]=$KEEP_FIRST
   shift 3
   kept_command[$name]=$(printf '%q ' "$@")
@@ -44,7 +48,7 @@ keep() {
   keep_know "$@"
   [ -z "$2" ] || : >"$2"
   keep_start "$1" ''
-}
+} 2>/dev/null
 
 adopt() {
   local name=$1 pid=$2 log=$3; shift 3
@@ -54,12 +58,13 @@ adopt() {
 
 # It ended: true when it is to be started again, and then says so.
 keep_died() {  # NAME STATUS
-  local name=$1 status=$2 lived=$((SECONDS - kept_since[$1])) how time deaths=''
+  keep_now
+  local name=$1 status=$2 lived=$((kept_now - kept_since[$1])) how time deaths=''
   case $status in
     0 | 2 | 130 | 143) return 1 ;;   # done, a wrong option, asked to stop
     1)
       # A complaint. At once, or a second time, it would only be repeated.
-      [ "$lived" -ge 1 ] && [ -z "${kept_complained[$name]}" ] || return 1
+      [ "$lived" -ge "$KEEP_AT_ONCE" ] && [ -z "${kept_complained[$name]}" ] || return 1
       kept_complained[$name]=yes
       how='ended with an error' ;;
     *)
@@ -75,15 +80,15 @@ keep_died() {  # NAME STATUS
     echo "run: $name $how, the ${KEEP_DEATHS}th time within $KEEP_WITHIN s: given up" >&"$keep_said"
     return 1
   fi
-  [ "$lived" -lt $KEEP_WITHIN ] || kept_pause[$name]=$KEEP_FIRST
+  [ "$lived" -lt $((KEEP_WITHIN * 1000)) ] || kept_pause[$name]=$KEEP_FIRST
   local pause=${kept_pause[$name]}
   printf 'run: %s %s; it starts again in %d.%03d s\n' "$name" "$how" $((pause / 1000)) $((pause % 1000)) >&"$keep_said"
-  kept_due[$name]=$(($(keep_now) + pause))
+  kept_due[$name]=$((kept_now + pause))
   kept_pause[$name]=$((pause * 2 < KEEP_MOST ? pause * 2 : KEEP_MOST))
 }
 
 keep_until_one_ends() {
-  local name status now
+  local name status
   while true; do
     for name in "${!kept_pid[@]}"; do
       ! kill -0 "${kept_pid[$name]}" || continue
@@ -92,9 +97,9 @@ keep_until_one_ends() {
       unset "kept_pid[$name]"
       keep_died "$name" "$status" || { ended=$name; return "$status"; }
     done
-    now=$(keep_now)
+    keep_now
     for name in "${!kept_due[@]}"; do
-      [ "$now" -ge "${kept_due[$name]}" ] || continue
+      [ "$kept_now" -ge "${kept_due[$name]}" ] || continue
       unset "kept_due[$name]"
       keep_start "$name" "${kept_again[$name]}"
     done

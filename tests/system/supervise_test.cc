@@ -27,10 +27,12 @@ class Script {
   Service shell_;
 };
 
-/// What keep_until_one_ends says of a service that does `command`, with pauses too short to wait for.
-std::string kept(const std::string& command) {
+/// What keep_until_one_ends says of a service that does `command`, with pauses too short to wait for. What lives
+/// shorter than `at_once` milliseconds has ended at once.
+std::string kept(const std::string& command, int at_once = 100'000) {
   const Folder folder;
-  Script script("KEEP_FIRST=10; . " + kSource + "/tools/supervise.sh\nkeep it '' '' bash -c '" + command +
+  Script script("KEEP_FIRST=10 KEEP_AT_ONCE=" + std::to_string(at_once) + "; . " + kSource +
+                    "/tools/supervise.sh\nkeep it '' '' bash -c '" + command +
                     "'\nstatus=0; keep_until_one_ends || status=$?; echo \"$ended $status\"",
                 folder / "log");
   EXPECT_EQ(script->wait(kLong), 0) << script->output();
@@ -41,6 +43,8 @@ TEST(Supervise, WhatEndsByItselfHasEnded) {
   EXPECT_EQ(kept("exit 0"), "it 0\n");
   EXPECT_EQ(kept("exit 2"), "it 2\n") << "a wrong option";
   EXPECT_EQ(kept("exit 1"), "it 1\n") << "an error at once";
+  EXPECT_EQ(kept("exit 1", 0), "run: it ended with an error; it starts again in 0.010 s\nit 1\n")
+      << "an error later, and again";
 }
 
 TEST(Supervise, WhatIsKilledAgainAndAgainIsGivenUp) {
