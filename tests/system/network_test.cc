@@ -296,7 +296,7 @@ TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost)
   Hosts hosts(3);
   std::vector<std::unique_ptr<Service>> envs;
   for (const int host : {1, 2, 1, 2}) envs.push_back(env(hosts, host));
-  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", "13"});
+  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", std::to_string(13 * testing::kSlowness)});
   ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
   double steps[2] = {0, 0}, seconds[2] = {0, 0};
   for (int phase = 0; phase < 6; ++phase) {
@@ -308,7 +308,7 @@ TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost)
     steps[lossy] += steps_after - steps_before;
     seconds[lossy] += time_after - time_before;
   }
-  ASSERT_EQ(learner->wait(60s), 0) << learner->output();
+  ASSERT_EQ(learner->wait(60s * testing::kSlowness), 0) << learner->output();
   EXPECT_GE(expect_all_episodes("out"), 400);
   RecordProperty("steps_per_second",
                  std::to_string(steps[0] / seconds[0]) + ", with loss " + std::to_string(steps[1] / seconds[1]));
