@@ -2,6 +2,7 @@
 #include "core/node.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <limits>
 #include <random>
@@ -22,6 +23,16 @@ Node::Options options(const std::string& id) {
   options.id = id;
   options.run = "ours";
   return options;
+}
+
+TEST(Node, LaterStartsHaveLargerIncarnationsAndProcessesTheirOwn) {
+  std::uint64_t before = 0;
+  for (int i = 0; i < 10; ++i) {
+    const Node node(options("again"));
+    EXPECT_GT(node.incarnation(), before);
+    EXPECT_EQ(node.incarnation() % 64, static_cast<std::uint64_t>(getpid()) % 64);
+    before = node.incarnation();
+  }
 }
 
 /// A node, and somebody who speaks to it past any node.
