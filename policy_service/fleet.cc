@@ -12,7 +12,6 @@ namespace {
 
 constexpr auto kSettingsAgain = std::chrono::milliseconds(100);
 constexpr auto kAcknowledgementsAgain = std::chrono::seconds(1);
-constexpr int kAtOnce = 256;  // messages
 
 Error did_not_come(const RouteFeatures& route, const Seat& seat) {
   return Error(std::to_string(route.transfer.missing()) + " chunks of its features did not come",
@@ -101,9 +100,8 @@ void Fleet::spin(Clock::time_point deadline) {
   while (node_.take(chunk_))
     if (!features_.take(chunk_, serves_features(chunk_.header())))
       rejections_.add(chunk_.header(), "features that are damaged, or of who does not have them");
-  // A share of these at a time: where others act too they may come as fast as they are taken, and all else would wait.
-  for (int i = 0; i < kAtOnce && hears_observations_ && node_.take(observation_); ++i) on_observation(observation_);
-  for (int i = 0; i < kAtOnce && hears_episodes_ && node_.take(episode_); ++i)
+  while (hears_observations_ && node_.take(observation_)) on_observation(observation_);
+  while (hears_episodes_ && node_.take(episode_))
     if (Seat* seat = speaking(episode_.header()); seat && finished) finished(*seat, episode_);
   if (!records_ || Clock::now() < next_acknowledgements_) return;
   next_acknowledgements_ = Clock::now() + kAcknowledgementsAgain;
