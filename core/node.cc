@@ -29,22 +29,25 @@ std::string host_name() {
   return std::string(name).substr(0, 64);
 }
 
-/// The time, larger at each later start; its last 64 us tell processes apart that start at the same moment, as services
-/// that one script starts do: who serves whom is told by incarnation alone.
-std::uint64_t new_incarnation() {
-  constexpr std::uint64_t kProcesses = 64;
+/// The time, larger at each later start; its last 4 ms tell services apart that start at the same moment, as those that
+/// one script starts do: who serves whom is told by incarnation alone. Processes of one host differ by number, those of
+/// containers, which all have the same one, by host or id.
+std::uint64_t new_incarnation(const std::string& id) {
+  constexpr std::uint64_t kProcesses = 64, kServices = 64, kAtOnce = kProcesses * kServices;
+  const std::uint64_t own = std::hash<std::string>{}(host_name() + " " + id) % kServices * kProcesses +
+                            static_cast<std::uint64_t>(getpid()) % kProcesses;
   static std::atomic<std::uint64_t> last{0};
   std::uint64_t before = last, next = 0;
   do {
-    const std::uint64_t moment = std::max(microseconds_since_epoch() / kProcesses, before / kProcesses + 1);
-    next = moment * kProcesses + static_cast<std::uint64_t>(getpid()) % kProcesses;
+    const std::uint64_t moment = std::max(microseconds_since_epoch() / kAtOnce, before / kAtOnce + 1);
+    next = moment * kAtOnce + own;
   } while (!last.compare_exchange_weak(before, next));
   return next;
 }
 
 }  // namespace
 
-Node::Node(Options options) : options_(std::move(options)), incarnation_(new_incarnation()) {
+Node::Node(Options options) : options_(std::move(options)), incarnation_(new_incarnation(options_.id)) {
   require_id(options_.id, "id");
   if (!options_.run.empty()) require_id(options_.run, "run");
   middleware_ = create_middleware(named(options_.middleware, options_.id));

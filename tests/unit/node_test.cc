@@ -6,6 +6,7 @@
 
 #include <limits>
 #include <random>
+#include <set>
 
 #include "tests/support/samples.h"
 
@@ -25,7 +26,7 @@ Node::Options options(const std::string& id) {
   return options;
 }
 
-TEST(Node, LaterStartsHaveLargerIncarnationsAndProcessesTheirOwn) {
+TEST(Node, LaterStartsHaveLargerIncarnationsAndServicesTheirOwn) {
   std::uint64_t before = 0;
   for (int i = 0; i < 10; ++i) {
     const Node node(options("again"));
@@ -33,6 +34,9 @@ TEST(Node, LaterStartsHaveLargerIncarnationsAndProcessesTheirOwn) {
     EXPECT_EQ(node.incarnation() % 64, static_cast<std::uint64_t>(getpid()) % 64);
     before = node.incarnation();
   }
+  std::set<std::uint64_t> names;
+  for (int i = 0; i < 10; ++i) names.insert(Node(options("node-" + std::to_string(i))).incarnation() % 4096);
+  EXPECT_GT(names.size(), 1U) << "in containers all have the same process number";
 }
 
 /// A node, and somebody who speaks to it past any node.
