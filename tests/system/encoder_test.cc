@@ -166,7 +166,7 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
   const auto strict = run.encoder({"--dimension", "8"});
   ASSERT_TRUE(strict->says("summer is refused", kSoon)) << strict->output() << summer->output();
   EXPECT_NE(strict->output().find("007.ppm"), std::string::npos) << strict->output();
-  const auto policy = run.policy({"--wait", "3"});
+  const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
   ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
   EXPECT_NE(policy->output().find("summer is refused: frame 7"), std::string::npos) << policy->output();
   strict->send(SIGTERM);
@@ -179,7 +179,7 @@ TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
   Trial run("cyclonedds", 115);
   const auto summer = run.env("summer", kDrawn);
   const auto encoder = run.encoder({"--reference", "spring"});
-  const auto policy = run.policy({"--wait", "4"});
+  const auto policy = run.policy({"--wait", std::to_string(4 * kSlowness)});
   ASSERT_EQ(policy->wait(kSoon), 1) << policy->output() << encoder->output();
   EXPECT_NE(policy->output().find("summer waits for an env_service on the reference 'spring'"), std::string::npos)
       << policy->output();
@@ -196,7 +196,7 @@ TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
 TEST(EncodingFaults, WithoutAnEncoderServiceThePolicyServiceSaysWhatIsMissing) {
   Trial run("cyclonedds", 117);
   const auto summer = run.env("summer", kDrawn);
-  const auto policy = run.policy({"--wait", "3"});
+  const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
   ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
   EXPECT_NE(policy->output().find("whose images wait for an encoder_service"), std::string::npos) << policy->output();
 }
