@@ -20,6 +20,7 @@
 #include <sstream>
 
 #include "core/error.h"
+#include "core/wall_clock.h"
 
 namespace citylearn::parts {
 namespace {
@@ -79,14 +80,6 @@ File read(const fs::path& folder, const char* name) {
 std::time_t seconds_of(const ASN1_TIME* time) {
   std::tm parts{};
   return ASN1_TIME_to_tm(time, &parts) == 1 ? timegm(&parts) : 0;
-}
-
-std::string date_of(std::time_t seconds) {
-  std::tm parts{};
-  gmtime_r(&seconds, &parts);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y-%m-%d %H:%M:%S UTC", &parts);
-  return text;
 }
 
 void check_times(std::time_t from, std::time_t until, const std::string& path) {

@@ -1,7 +1,6 @@
 #include "encoder_service/feature_store.h"
 
 #include <fcntl.h>
-#include <openssl/sha.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <zlib.h>
@@ -17,6 +16,7 @@
 
 #include "core/error.h"
 #include "core/messages.h"
+#include "core/sha256.h"
 
 // The file: a header, an index of one entry a frame, and from the next multiple of 4 KiB on F x D floats. A frame is
 // written before its entry, and its entry in one piece, so an entry never tells of numbers that are not there.
@@ -76,11 +76,7 @@ std::string hexadecimal(std::uint64_t number) {
 
 /// Two encoders may share a name but for its last letters, and names hold blanks: files are called by a digest.
 std::string file_name(const FeatureStore::Key& key) {
-  unsigned char digest[SHA256_DIGEST_LENGTH];
-  SHA256(reinterpret_cast<const unsigned char*>(key.encoder.data()), key.encoder.size(), digest);
-  char text[9];
-  std::snprintf(text, sizeof text, "%02x%02x%02x%02x", digest[0], digest[1], digest[2], digest[3]);
-  return std::string(text) + "-" + hexadecimal(key.traversal) + ".features";
+  return sha256(key.encoder).substr(0, 8) + "-" + hexadecimal(key.traversal) + ".features";
 }
 
 void check_key(const FeatureStore::Key& key, const std::string& folder) {

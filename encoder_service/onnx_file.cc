@@ -1,9 +1,6 @@
 #include "encoder_service/onnx_file.h"
 
-#include <openssl/evp.h>
-
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -13,6 +10,7 @@
 #include <string_view>
 
 #include "core/error.h"
+#include "core/sha256.h"
 
 namespace citylearn {
 namespace {
@@ -139,13 +137,7 @@ void read_graph(Message graph, OnnxFile& file, const std::string& where) {
 }  // namespace
 
 std::string short_hash(std::span<const std::byte> bytes) {
-  std::array<unsigned char, EVP_MAX_MD_SIZE> digest{};
-  if (!EVP_Digest(bytes.data(), bytes.size(), digest.data(), nullptr, EVP_sha256(), nullptr))
-    throw Error("OpenSSL has no SHA-256");
-  std::string text;
-  for (int i = 0; i < 4; ++i)
-    for (const int digit : {digest[i] >> 4, digest[i] & 15}) text += "0123456789abcdef"[digit];
-  return text;
+  return sha256({reinterpret_cast<const char*>(bytes.data()), bytes.size()}).substr(0, 8);
 }
 
 std::vector<std::byte> read_model_file(const std::string& path, std::uint64_t largest) {

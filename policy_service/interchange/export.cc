@@ -1,29 +1,15 @@
 #include "policy_service/interchange/export.h"
 
-#include <openssl/sha.h>
-
 #include <filesystem>
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/sha256.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "policy_service/interchange/safetensors.h"
 
 namespace citylearn {
-namespace {
-
-std::string sha256(const std::string& bytes) {
-  unsigned char hash[SHA256_DIGEST_LENGTH];
-  SHA256(reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size(), hash);
-  std::string text;
-  for (const unsigned char byte : hash) {
-    text += "0123456789abcdef"[byte >> 4];
-    text += "0123456789abcdef"[byte & 15];
-  }
-  return text;
-}
-
-}  // namespace
+namespace {}  // namespace
 
 std::string onnx_bytes(const TrainedAgent& agent, const Parameters& parameters,
                        const std::map<std::string, std::string>& metadata) {

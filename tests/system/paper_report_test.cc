@@ -6,8 +6,8 @@
 #include <regex>
 #include <sstream>
 
+#include "core/sha256.h"
 #include "tests/support/service.h"
-#include "tools/paper/sha256.h"
 #include "tools/paper/work.h"
 
 namespace citylearn::testing {
@@ -115,7 +115,7 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
   int charts = 0, drawn = 0, pictures = 0;
   for (const auto& [name, hash] : manifest["files"].items()) {
     const std::string bytes = file(name);
-    EXPECT_EQ(paper::sha256(bytes), hash) << name;
+    EXPECT_EQ(sha256(bytes), hash) << name;
     const std::string stem = name.substr(0, name.rfind('.'));
     if (name.ends_with(".svg")) {
       ++charts;

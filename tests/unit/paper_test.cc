@@ -8,6 +8,7 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/sha256.h"
 #include "env_service/crossings.h"
 #include "tests/support/service.h"
 #include "tools/chart/chart.h"
@@ -15,7 +16,6 @@
 #include "tools/paper/map_study.h"
 #include "tools/paper/report.h"
 #include "tools/paper/section.h"
-#include "tools/paper/sha256.h"
 #include "tools/paper/statistics.h"
 #include "tools/paper/walk.h"
 #include "tools/paper/work.h"
@@ -163,7 +163,7 @@ TEST(Walks, AreOfTheLongestWayAmongTheFirstTasks) {
   episodes[4] = episode(4, 2, 5, {kNext, kStay, kNext, kPrevious, kNext, kNext});
   episodes[7] = episode(7, 5, 2, {kPrevious, kPrevious, kPrevious});
   episodes[25] = episode(25, 0, 50, {});
-  const Json walk = walk_of(episodes);
+  const Json walk = walk_of(episodes, 200);
   EXPECT_EQ(walk["task"], 4);
   EXPECT_EQ(walk["goal"], 5);
   EXPECT_EQ(walk["frames"], (std::vector<int>{2, 3, 3, 4, 3, 4, 5}));

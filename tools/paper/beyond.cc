@@ -3,14 +3,15 @@
 #include <algorithm>
 
 #include "policy_service/trainer.h"
+#include "tools/paper/trials.h"
 
 namespace citylearn::paper {
 
+std::vector<std::uint64_t> few_seeds(const Context& context) { return first_of(context.seeds, context.quick ? 1 : 3); }
+
 std::vector<Carriage> carriages(const Context& context) {
-  const std::size_t most = context.quick ? 1 : 3;
-  const std::vector<std::uint64_t> few(
-      context.seeds.begin(), context.seeds.begin() + static_cast<std::ptrdiff_t>(std::min(most, context.seeds.size())));
-  return {{"features", "features (the paper's)", few, 60}, {"place_filter", "place_filter (ours)", context.seeds, 1.5}};
+  return {{"features", "features (the paper's)", few_seeds(context), 60},
+          {"place_filter", "place_filter (ours)", context.seeds, 1.5}};
 }
 
 std::string seen_in(World& world) {
@@ -41,6 +42,23 @@ Study source_of(const Context& context, World& world, const Carriage& carriage, 
   study.seconds = carriage.seconds * share * context.effort;
   study.keep = true;
   return study;
+}
+
+void judge(Report& report, const std::string& who, const std::string& where, const std::vector<std::string>& recordings,
+           const std::vector<Json>& agent, const std::vector<Json>& blind, const std::vector<Json>& filter) {
+  std::string lost, behind;
+  for (const std::string& name : recordings) {
+    const Trials own = trials_on(agent, name);
+    const std::string figures =
+        name + " (SPL " + fixed(own.spl.mean, 3) + ", completed " + percent(own.completed) + ")";
+    if (own.spl.mean <= trials_on(blind, name).spl.mean)
+      lost += (lost.empty() ? "" : ", ") + figures;
+    else if (worse(own.spl, trials_on(filter, name).spl, 0.01))
+      behind += (behind.empty() ? "" : ", ") + figures;
+  }
+  if (!lost.empty()) report.remark(who + ": no better than one that never looks " + where + " " + lost + ".");
+  if (!behind.empty())
+    report.remark(who + ": worse than the sequence filter by more than 0.01 SPL " + where + " " + behind + ".");
 }
 
 }  // namespace citylearn::paper

@@ -14,6 +14,9 @@ struct Carriage {
   double seconds = 0;  ///< of one training with all its steps, guessed
 };
 
+/// Of an agent whose training takes long.
+std::vector<std::uint64_t> few_seeds(const Context& context);
+
 /// features and place_filter.
 std::vector<Carriage> carriages(const Context& context);
 
@@ -28,5 +31,10 @@ std::uint64_t steps_of(const Context& context, const std::string& agent, double 
 
 /// The training on the first `frames` places of the world's traversal learned from, whose agent is carried elsewhere.
 Study source_of(const Context& context, World& world, const Carriage& carriage, std::uint64_t seed, int frames);
+
+/// Remarks on which of the recordings an agent is worse than what learns nothing. `where`: "on" or "at" them; the rest
+/// as trials_on() takes it.
+void judge(Report& report, const std::string& who, const std::string& where, const std::vector<std::string>& recordings,
+           const std::vector<Json>& agent, const std::vector<Json>& blind, const std::vector<Json>& filter);
 
 }  // namespace citylearn::paper

@@ -3,6 +3,7 @@
 
 #include "policy_service/trainer.h"
 #include "tools/paper/section.h"
+#include "tools/paper/trials.h"
 
 namespace citylearn::paper {
 namespace {
@@ -47,11 +48,7 @@ int Context::features(const Agent& agent) const {
 }
 
 std::vector<Json> Context::outcomes(const Agent& agent) const {
-  std::vector<Json> all;
-  for (const std::uint64_t seed : agent.seeds)
-    if (const Json& outcome = work.outcome(unit_of(study(agent, seed), world).spec); !outcome.is_null())
-      all.push_back(outcome);
-  return all;
+  return outcomes_of(work, agent.seeds, [&](std::uint64_t seed) { return unit_of(study(agent, seed), world); });
 }
 
 }  // namespace citylearn::paper

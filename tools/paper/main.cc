@@ -13,6 +13,7 @@
 #include "policy_service/sweep.h"
 #include "tools/paper/manifest.h"
 #include "tools/paper/section.h"
+#include "tools/paper/trials.h"
 
 namespace {
 
@@ -91,8 +92,7 @@ void add_options(CLI::App& app, CommandLine& line) {
 std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint64_t>& seeds, bool quick) {
   const std::vector<std::string> known = world.representations({64});
   const std::string features = known.front();
-  const std::vector<std::uint64_t> few(seeds.begin(),
-                                       seeds.begin() + (quick ? 1 : static_cast<std::ptrdiff_t>(seeds.size())));
+  const std::vector<std::uint64_t> few = quick ? first_of(seeds, 1) : seeds;
   std::vector<Context::Agent> agents = {{"baseline", "baseline (sees its position)", features, seeds, 40},
                                         {"features", "features (the paper's)", features, few, 90}};
   if (world.pictures()) agents.push_back({"raw_images", "raw images", "raw84", few, 150});

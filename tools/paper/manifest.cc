@@ -9,17 +9,10 @@
 
 #include "core/plugins.h"
 #include "core/service.h"
+#include "core/wall_clock.h"
 
 namespace citylearn::paper {
 namespace {
-
-std::string utc(std::time_t time) {
-  std::tm parts{};
-  gmtime_r(&time, &parts);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y-%m-%d %H:%M:%S UTC", &parts);
-  return text;
-}
 
 Json machine() {
   std::string model = "unknown", line;
@@ -56,7 +49,7 @@ std::string manifest_of(const Context& context, const Report& report, std::time_
                          {"plugins", loaded_plugins()},
                          {"machine", machine()},
                          {"command", context.command},
-                         {"begun", utc(begun)},
+                         {"begun", date_of(begun)},
                          {"seconds", seconds},
                          {"quick", context.quick},
                          {"effort", context.effort},

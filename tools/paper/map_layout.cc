@@ -87,20 +87,6 @@ Layout drawn_layout(int places) {
   return layout;
 }
 
-std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, const std::vector<int>& turns,
-                               int places) {
-  std::vector<int> walked = {start};
-  for (int step = 0; step < steps; ++step) {
-    const auto at = static_cast<std::size_t>(step);
-    const auto action = static_cast<std::uint8_t>(at / 4 < path.size() ? path[at / 4] >> 2 * (at % 4) & 3 : kNoAction);
-    const int place = action < kActions ? place_after(walked.back(), action, turns) : -1;
-    if (place < 0 || place >= places)
-      throw Error("step " + std::to_string(step) + " leads off the route", "path of an episode");
-    walked.push_back(place);
-  }
-  return walked;
-}
-
 std::string junctions_told(const Layout& layout) {
   const std::size_t count = junctions_of(layout.turns).size();
   return std::to_string(count) + (count == 1 ? " junction" : " junctions");

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <cstdint>
-#include <span>
 #include <string>
 #include <vector>
 
@@ -25,11 +23,6 @@ Layout recorded_layout(const Traversal& recording, int places);
 /// itself seven times, and ends shortly before it would be where it began. With fewer than 112 places its loops are too
 /// small for some of the crossings to be found.
 Layout drawn_layout(int places);
-
-/// Places that an episode comes by, from `start`: `path` has its actions as EpisodeStat does. Throws Error when they
-/// lead off the route.
-std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, const std::vector<int>& turns,
-                               int places);
 
 /// "7 junctions".
 std::string junctions_told(const Layout& layout);

@@ -11,13 +11,12 @@
 #include "policy_service/control.h"
 #include "policy_service/network_policy.h"
 #include "tools/inprocess/training.h"
+#include "tools/paper/walk.h"
 
 namespace citylearn::paper {
 namespace {
 
 using Episode = Environment::Episode;
-
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 /// The stretch as a traversal of its own, with its junctions if they are asked for.
 Traversal cut_out(const Traversal& whole, const Layout& layout, bool junctions) {

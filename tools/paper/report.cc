@@ -7,8 +7,8 @@
 
 #include "core/error.h"
 #include "core/files.h"
+#include "core/sha256.h"
 #include "tools/paper/drawing.h"
-#include "tools/paper/sha256.h"
 #include "tools/vpr/report.h"
 
 namespace citylearn::paper {

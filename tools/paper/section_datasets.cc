@@ -101,6 +101,8 @@ class Datasets : public Section {
     table.rows.push_back(
         {"place recognition as the agent's eye", "yes (" + encoders + ")", "yes (NetVLAD, ResNet)", "no"});
     table.rows.push_back({"actions", "stay, next, previous", "stay, next, previous", "forward, turn left or right"});
+    table.rows.push_back(
+        {"junctions", "yes, in one process (part 'map' of this report)", "no (its future work)", "yes (street graph)"});
     table.rows.push_back({"environments and learner on many machines", "yes (DDS)", "", "yes (actors of IMPALA)"});
     table.rows.push_back({"controls that never look, or never learn", "yes", "", ""});
     const Json& outcome = context.work.outcome(memory(context).spec);

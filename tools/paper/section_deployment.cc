@@ -99,7 +99,7 @@ class Deployment : public Section {
         {}};
     for (const std::string& traversal : context.world.names()) {
       for (const Context::Agent& agent : context.agents) {
-        const std::vector<Json> rows = rows_of(context, agent);
+        const std::vector<Json> rows = rows_of(context.outcomes(agent));
         const Trials trials = trials_on(rows, traversal);
         if (trials.seeds == 0) continue;
         table.rows.push_back({agent.label, traversal, seeds_by_tasks(trials), percent(trials.completed),
@@ -122,13 +122,6 @@ class Deployment : public Section {
     worse_than_controls(context, report);
   }
 
-  /// Rows of each seed's trials after training.
-  static std::vector<Json> rows_of(const Context& context, const Context::Agent& agent) {
-    std::vector<Json> rows;
-    for (const Json& outcome : context.outcomes(agent)) rows.push_back(outcome["trials"]);
-    return rows;
-  }
-
   static void worse_than_controls(const Context& context, Report& report) {
     for (const ControlStudy& control : controls(context)) {
       if (control.control == "shortest_path") continue;  // nobody walks less
@@ -136,7 +129,7 @@ class Deployment : public Section {
       for (const Json& row : context.work.outcome(unit_of(control, context.world).spec))
         for (const Context::Agent& agent : context.agents) {
           const std::string traversal = row["traversal"].get<std::string>();
-          const Estimate spl = trials_on(rows_of(context, agent), traversal).spl;
+          const Estimate spl = trials_on(rows_of(context.outcomes(agent)), traversal).spl;
           const double yardstick = row["spl"].get<double>();
           if (spl.n > 0 && spl.mean < yardstick)
             whose += (whose.empty() ? "" : "; ") + agent.label + " on " + traversal + " " + text_of(spl, 3) +
@@ -166,7 +159,7 @@ class Deployment : public Section {
                                      [&](const Context::Agent& agent) { return agent.agent == released.agent; });
       for (const std::string& traversal : context.world.names()) {
         if ((traversal == context.world.train()) != released.learned) continue;
-        const Trials trials = trials_on(rows_of(context, *ours), traversal);
+        const Trials trials = trials_on(rows_of(context.outcomes(*ours)), traversal);
         const Estimate& completed = trials.completed;
         if (trials.seeds == 0) continue;
         table.rows.push_back({ours->label, traversal + (released.learned ? " (learned from)" : ""), percent(completed),

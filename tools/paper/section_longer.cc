@@ -43,7 +43,7 @@ class Longer : public Section {
                 "its place, 'sequence_filter' is Bayes' rule by hand.");
     for (const std::string& traversal : context.world.names()) chart(context, report, traversal);
     tables(context, report);
-    for (const int frames : routes(context)) judge(context, report, frames);
+    for (const int frames : routes(context)) remarks(context, report, frames);
   }
 
  private:
@@ -61,13 +61,8 @@ class Longer : public Section {
   static int most_for_features(const Context& context) { return context.quick ? 128 : 512; }
   static std::vector<Contestant> contestants(const Context& context, int frames) {
     std::vector<Contestant> all = {{"place_filter", "relabel", "place_filter (ours)", context.seeds, 2}};
-    if (frames <= most_for_features(context)) {
-      const std::size_t most = context.quick ? 1 : 3;
-      std::vector<std::uint64_t> few(
-          context.seeds.begin(),
-          context.seeds.begin() + static_cast<std::ptrdiff_t>(std::min(most, context.seeds.size())));
-      all.push_back({"features", "ppo", "features (the paper's)", few, 60});
-    }
+    if (frames <= most_for_features(context))
+      all.push_back({"features", "ppo", "features (the paper's)", few_seeds(context), 60});
     return all;
   }
   /// Tasks of a trial: fewer where each takes long. Everybody has the same ones.
@@ -97,18 +92,9 @@ class Longer : public Section {
   }
 
   static std::vector<Json> outcomes(const Context& context, const Contestant& contestant, int frames) {
-    std::vector<Json> all;
-    for (const std::uint64_t seed : contestant.seeds)
-      if (const Json& outcome =
-              context.work.outcome(unit_of(study(context, contestant, frames, seed), context.world).spec);
-          !outcome.is_null())
-        all.push_back(outcome);
-    return all;
-  }
-  static std::vector<Json> rows(const std::vector<Json>& outcomes) {
-    std::vector<Json> all;
-    for (const Json& outcome : outcomes) all.push_back(outcome["trials"]);
-    return all;
+    return outcomes_of(context.work, contestant.seeds, [&](std::uint64_t seed) {
+      return unit_of(study(context, contestant, frames, seed), context.world);
+    });
   }
   static std::vector<Json> rows(const Context& context, const std::string& control, int frames) {
     return {context.work.outcome(unit_of(study(context, control, frames), context.world).spec)};
@@ -122,7 +108,7 @@ class Longer : public Section {
       const std::vector<Contestant> all = contestants(context, frames);
       for (std::size_t i = 0; i < all.size(); ++i) {
         if (i == agents.size()) agents.push_back({all[i].label, {}, {}});
-        const Estimate spl = trials_on(rows(outcomes(context, all[i], frames)), traversal).spl;
+        const Estimate spl = trials_on(rows_of(outcomes(context, all[i], frames)), traversal).spl;
         agents[i].x.push_back(frames);
         agents[i].y.push_back(spl.mean);
         agents[i].low.push_back(spl.low);
@@ -164,10 +150,10 @@ class Longer : public Section {
         const std::vector<Json> found = outcomes(context, contestant, frames);
         if (found.empty()) continue;
         for (const std::string& traversal : context.world.names()) {
-          const Trials trials = trials_on(rows(found), traversal);
+          const Trials trials = trials_on(rows_of(found), traversal);
           table.rows.push_back({std::to_string(frames), contestant.label, traversal, seeds_by_tasks(trials),
                                 percent(trials.completed), text_of(trials.spl, 3), text_of(trials.excess, 2),
-                                percent(trials_on(rows(found), traversal, /*shuffled=*/true).completed)});
+                                percent(trials_on(rows_of(found), traversal, /*shuffled=*/true).completed)});
         }
         std::vector<double> reached, episodes, steps, seconds;
         for (const Json& outcome : found) {
@@ -196,28 +182,15 @@ class Longer : public Section {
   }
 
   /// Says where an agent is worse than what learns nothing.
-  static void judge(const Context& context, Report& report, int frames) {
+  static void remarks(const Context& context, Report& report, int frames) {
     for (const Contestant& contestant : contestants(context, frames)) {
       const std::vector<Json> found = outcomes(context, contestant, frames);
-      const std::string who = contestant.label + ", " + std::to_string(frames) + " places: ";
+      const std::string who = contestant.label + ", " + std::to_string(frames) + " places";
       if (found.size() < contestant.seeds.size())
-        report.remark(who + std::to_string(contestant.seeds.size() - found.size()) + " of " +
+        report.remark(who + ": " + std::to_string(contestant.seeds.size() - found.size()) + " of " +
                       std::to_string(contestant.seeds.size()) + " trainings failed.");
-      std::string behind, lost;
-      for (const std::string& traversal : context.world.names()) {
-        const Trials agent = trials_on(rows(found), traversal);
-        const Trials blind = trials_on(rows(context, "blind", frames), traversal),
-                     filter = trials_on(rows(context, "sequence_filter", frames), traversal);
-        const std::string figures =
-            traversal + " (SPL " + fixed(agent.spl.mean, 3) + ", completed " + percent(agent.completed) + ")";
-        if (agent.spl.mean <= blind.spl.mean)
-          lost += (lost.empty() ? "" : ", ") + figures;
-        else if (worse(agent.spl, filter.spl, 0.01))
-          behind += (behind.empty() ? "" : ", ") + figures;
-      }
-      if (!lost.empty()) report.remark(who + "no better than one that never looks on " + lost + ".");
-      if (!behind.empty())
-        report.remark(who + "worse than the sequence filter by more than 0.01 SPL on " + behind + ".");
+      judge(report, who, "on", context.world.names(), rows_of(found), rows(context, "blind", frames),
+            rows(context, "sequence_filter", frames));
     }
   }
 };

@@ -40,7 +40,7 @@ Ground ground_of(const Context& context) {
 
 std::vector<Walker> walkers(const Context& context) {
   const std::vector<std::uint64_t>& all = context.seeds;
-  const std::vector<std::uint64_t> few(all.begin(), context.quick ? all.begin() + 1 : all.end());
+  const std::vector<std::uint64_t> few = context.quick ? first_of(all, 1) : all;
   std::vector<Walker> walkers;
   for (const bool junctions : {true, false}) {
     walkers.push_back({"place_filter", "place_filter (ours)", true, junctions, all, context.quick ? 8.0 : 20.0});
@@ -77,12 +77,8 @@ MapStudy study(const Context& context, const Ground& ground, const Walker& walke
 }
 
 std::vector<Json> outcomes(const Context& context, const Ground& ground, const Walker& walker) {
-  std::vector<Json> all;
-  for (const std::uint64_t seed : walker.seeds)
-    if (const Json& outcome = context.work.outcome(unit_of(study(context, ground, walker, seed), ground.world).spec);
-        !outcome.is_null())
-      all.push_back(outcome);
-  return all;
+  return outcomes_of(context.work, walker.seeds,
+                     [&](std::uint64_t seed) { return unit_of(study(context, ground, walker, seed), ground.world); });
 }
 
 /// A figure of a trial: over the seeds, or of one seed over its tasks.

@@ -104,17 +104,8 @@ class Transfer : public Section {
   }
 
   static std::vector<Json> trained(const Context& context, const Carriage& carriage, const Way& way) {
-    std::vector<Json> all;
-    for (const std::uint64_t seed : carriage.seeds)
-      if (const Json& outcome = context.work.outcome(unit_of(study(context, carriage, way, seed), context.world).spec);
-          !outcome.is_null())
-        all.push_back(outcome);
-    return all;
-  }
-  static std::vector<Json> rows(const std::vector<Json>& outcomes) {
-    std::vector<Json> all;
-    for (const Json& outcome : outcomes) all.push_back(outcome["trials"]);
-    return all;
+    return outcomes_of(context.work, carriage.seeds,
+                       [&](std::uint64_t seed) { return unit_of(study(context, carriage, way, seed), context.world); });
   }
   static std::vector<Json> carried(const Context& context, const Carriage& carriage) {
     std::vector<Json> all;
@@ -182,7 +173,7 @@ class Transfer : public Section {
       for (const Way& way : ways(carriage.agent)) {
         const std::vector<Json> outcomes = trained(context, carriage, way);
         if (outcomes.empty()) continue;
-        add(carriage.label, way.label, rows(outcomes));
+        add(carriage.label, way.label, rows_of(outcomes));
         std::vector<double> episodes, steps;
         for (const Json& outcome : outcomes) {
           episodes.push_back(outcome["episodes"].get<double>());
@@ -230,7 +221,7 @@ class Transfer : public Section {
         report.remark(who + "beginning with what was learned on the first route did not shorten the way to SPL 0.95 (" +
                       (there.n > 0 ? fixed(there.mean, 0) + " episodes" : "not reached") +
                       "; learned anew: " + fixed(anew_reached.mean, 0) + ").");
-      const Estimate end = trials_on(rows(outcomes), train).spl, anew_end = trials_on(rows(anew), train).spl;
+      const Estimate end = trials_on(rows_of(outcomes), train).spl, anew_end = trials_on(rows_of(anew), train).spl;
       if (worse(end, anew_end, 0.01))
         report.remark(who + "ends worse (SPL " + fixed(end.mean, 3) + ") than learned anew (" +
                       fixed(anew_end.mean, 3) + ").");

@@ -45,7 +45,7 @@ class Viewpoint : public Section {
                 "' alone, as the camera was, and walk the other recordings without more training.");
     recognition(context, report);
     navigation(context, report);
-    for (const Carriage& carriage : carriages(context)) judge(context, report, carriage);
+    for (const Carriage& carriage : carriages(context)) remarks(context, report, carriage);
   }
 
  private:
@@ -180,26 +180,14 @@ class Viewpoint : public Section {
     report.table(table);
   }
 
-  static void judge(const Context& context, Report& report, const Carriage& carriage) {
+  static void remarks(const Context& context, Report& report, const Carriage& carriage) {
     const std::vector<Json> found = outcomes(context, carriage);
     const auto failed = std::count_if(found.begin(), found.end(), [](const Json& rows) { return rows.is_null(); });
     if (failed > 0)
       report.remark(carriage.label + ": " + std::to_string(failed) + " of " + std::to_string(found.size()) +
                     " trainings failed.");
-    std::string lost, behind;
-    for (const std::string& name : shifted(context)) {
-      const Trials agent = trials_on(found, name), blind = trials_on(outcomes(context, "blind"), name),
-                   filter = trials_on(outcomes(context, "sequence_filter"), name);
-      const std::string figures =
-          name + " (SPL " + fixed(agent.spl.mean, 3) + ", completed " + percent(agent.completed) + ")";
-      if (agent.spl.mean <= blind.spl.mean)
-        lost += (lost.empty() ? "" : ", ") + figures;
-      else if (worse(agent.spl, filter.spl, 0.01))
-        behind += (behind.empty() ? "" : ", ") + figures;
-    }
-    if (!lost.empty()) report.remark(carriage.label + ": no better than one that never looks at " + lost + ".");
-    if (!behind.empty())
-      report.remark(carriage.label + ": worse than the sequence filter by more than 0.01 SPL at " + behind + ".");
+    judge(report, carriage.label, "at", shifted(context), found, outcomes(context, "blind"),
+          outcomes(context, "sequence_filter"));
   }
 };
 

@@ -18,8 +18,6 @@ namespace {
 
 double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
-
 Json as_json(const Score& score) {
   return {{"tasks", score.tasks},           {"completed", score.completed}, {"spl", score.spl},
           {"excess", number(score.excess)}, {"steps", score.mean_steps},    {"reward", score.reward}};
@@ -40,7 +38,7 @@ Json tried(const TrainedAgent& agent, const Traversal& traversal, const Trial& t
   NetworkPolicy policy(agent, {});
   const std::vector<Environment::Episode> episodes = try_out(policy, traversal, trial);
   Json row = as_json(score(episodes));
-  if (walk) row["walk"] = walk_of(episodes);
+  if (walk) row["walk"] = walk_of(episodes, traversal.frames);
   return row;
 }
 

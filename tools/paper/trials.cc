@@ -1,5 +1,6 @@
 #include "tools/paper/trials.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace citylearn::paper {
@@ -30,6 +31,16 @@ Trials trials_on(const std::vector<Json>& outcomes, const std::string& traversal
   trials.steps = of_mean(steps, kCounts);
   trials.reward = of_mean(reward, kRewards);
   return trials;
+}
+
+std::vector<std::uint64_t> first_of(const std::vector<std::uint64_t>& seeds, std::size_t most) {
+  return {seeds.begin(), seeds.begin() + static_cast<std::ptrdiff_t>(std::min(most, seeds.size()))};
+}
+
+std::vector<Json> rows_of(const std::vector<Json>& outcomes) {
+  std::vector<Json> all;
+  for (const Json& outcome : outcomes) all.push_back(outcome["trials"]);
+  return all;
 }
 
 Range range_of(const std::string& figure) {

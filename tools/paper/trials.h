@@ -1,6 +1,6 @@
 #pragma once
 
-#include <optional>
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -19,6 +19,22 @@ struct Trials {
 /// `outcomes`: one a seed, each a list of rows {"traversal", "shuffled" where it may be so, SCORE} as units of work
 /// have them (study.h). Outcomes that are null, of units that failed, and those without such a row are left out.
 Trials trials_on(const std::vector<Json>& outcomes, const std::string& traversal, bool shuffled = false);
+
+/// The first `most` of them.
+std::vector<std::uint64_t> first_of(const std::vector<std::uint64_t>& seeds, std::size_t most);
+
+/// Outcomes of the seeds whose unit of work, `unit_of_seed(seed)`, did not fail.
+template <class UnitOfSeed>
+std::vector<Json> outcomes_of(const Work& work, const std::vector<std::uint64_t>& seeds,
+                              const UnitOfSeed& unit_of_seed) {
+  std::vector<Json> all;
+  for (const std::uint64_t seed : seeds)
+    if (const Json& outcome = work.outcome(unit_of_seed(seed).spec); !outcome.is_null()) all.push_back(outcome);
+  return all;
+}
+
+/// Of outcomes of trainings (study.h) their trials, as trials_on() takes them.
+std::vector<Json> rows_of(const std::vector<Json>& outcomes);
 
 /// Where a SCORE's figure lies, by its name.
 Range range_of(const std::string& figure);

@@ -6,6 +6,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "core/error.h"
+#include "core/messages.h"
+#include "core/route_map.h"
 #include "encoder_service/encoder.h"
 
 namespace citylearn::paper {
@@ -34,18 +36,30 @@ cv::Mat thumbnail(const Traversal& traversal, int frame) {
 
 }  // namespace
 
-Json walk_of(const std::vector<Environment::Episode>& episodes) {
+std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, const std::vector<int>& turns,
+                               int places) {
+  std::vector<int> walked = {start};
+  for (int step = 0; step < steps; ++step) {
+    const auto at = static_cast<std::size_t>(step);
+    const auto action = static_cast<std::uint8_t>(at / 4 < path.size() ? path[at / 4] >> 2 * (at % 4) & 3 : kNoAction);
+    const int place = action < kActions ? place_after(walked.back(), action, turns) : -1;
+    if (place < 0 || place >= places)
+      throw Error("step " + std::to_string(step) + " leads off the route", "path of an episode");
+    walked.push_back(place);
+  }
+  return walked;
+}
+
+Json walk_of(const std::vector<Environment::Episode>& episodes, int frames) {
   const auto end = episodes.begin() + std::min<std::ptrdiff_t>(kCandidates, std::ssize(episodes));
   const Environment::Episode& episode = *std::max_element(
       episodes.begin(), end, [](const auto& one, const auto& other) { return one.shortest < other.shortest; });
-  Json frames = {episode.start};
-  int frame = episode.start;
-  for (int step = 0; step < episode.steps && step / 4 < static_cast<int>(episode.path.size()); ++step) {
-    const int action = episode.path[static_cast<std::size_t>(step / 4)] >> 2 * (step % 4) & 3;
-    frame += action == kNext ? 1 : action == kPrevious ? -1 : 0;
-    frames.push_back(frame);
-  }
-  return {{"task", episode.task}, {"goal", episode.goal}, {"completed", episode.completed}, {"frames", frames}};
+  // Of a long one there may be no actions, or not all.
+  const int known = std::min(episode.steps, 4 * static_cast<int>(episode.path.size()));
+  return {{"task", episode.task},
+          {"goal", episode.goal},
+          {"completed", episode.completed},
+          {"frames", places_walked(episode.start, known, episode.path, {}, frames)}};
 }
 
 std::vector<int> spread(int count, int most) {

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -8,11 +10,16 @@
 
 namespace citylearn::paper {
 
+/// Places that an episode comes by, from `start`: `path` has its actions as EpisodeStat does. Throws Error when they
+/// lead off the route.
+std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_t> path, const std::vector<int>& turns,
+                               int places);
+
 /// The one episode of a trial that is shown as pictures: of its first 20 tasks the one with the longest way, the first
 /// of those. Tasks are numbered and the same for everybody, so everybody's walk has the same start and goal.
 /// Outcome: {"task", "goal", "completed", "frames"}: where it stood, from the start on, as indices on the traversal.
-/// `episodes` by task, at least one.
-Json walk_of(const std::vector<Environment::Episode>& episodes);
+/// `episodes` by task, at least one, on a traversal of so many frames without turns.
+Json walk_of(const std::vector<Environment::Episode>& episodes, int frames);
 
 /// Which of `count` frames are shown as `most` pictures: the first, the last, and as evenly as can be between.
 std::vector<int> spread(int count, int most);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 
@@ -11,7 +12,7 @@
 #include "core/files.h"
 #include "core/middleware.h"
 #include "core/service.h"
-#include "tools/paper/sha256.h"
+#include "core/sha256.h"
 #include "tools/vpr/progress.h"
 
 namespace citylearn::paper {
@@ -20,6 +21,8 @@ namespace {
 double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 }  // namespace
+
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 Json repeatable(const Json& outcome) {
   if (!outcome.is_structured()) return outcome;

@@ -15,6 +15,9 @@ using Json = nlohmann::json;
 /// Ctrl-C or SIGTERM has come: what is complete is kept, what is not is left.
 using vpr::Stopped;
 
+/// Null where there is none: NaN, infinite.
+Json number(double value);
+
 /// One piece of work, whose outcome depends on its spec alone.
 struct Unit {
   std::string name;               ///< for people: "features hog-64, seed 3"

@@ -1,0 +1,11 @@
+#pragma once
+
+#include <string>
+#include <string_view>
+
+namespace citylearn {
+
+/// SHA-256 in hexadecimal, 64 characters.
+std::string sha256(std::string_view bytes);
+
+}  // namespace citylearn
