@@ -291,8 +291,9 @@ std::optional<std::string> explain_security(const std::string& message) {
 
 void tell_security(const std::string& line) {
   using Clock = std::chrono::steady_clock;
-  static std::mutex mutex;
-  static std::map<std::string, Clock::time_point> told;
+  // Never destroyed: Fast DDS's log thread calls this after the end of main too.
+  static std::mutex& mutex = *new std::mutex;
+  static auto& told = *new std::map<std::string, Clock::time_point>;
   {
     std::lock_guard lock(mutex);
     const Clock::time_point now = Clock::now();

@@ -73,7 +73,7 @@ TEST_F(Network, HostsOfAKilledTestAreCleared) {
   ASSERT_GT(child, 0);
   ::waitpid(child, nullptr, 0);
   const std::string name = "citylearn-" + std::to_string(child) + "-0";
-  ASSERT_FALSE(testing::shell("ip netns pids " + name).empty());
+  ASSERT_TRUE(testing::poll_until([&] { return !testing::shell("ip netns pids " + name).empty(); }, 5s));
   const int process = std::stoi(testing::shell("ip netns pids " + name));
   const Hosts hosts(1);
   EXPECT_EQ(testing::shell("ip netns list").find(name), std::string::npos);
