@@ -7,4 +7,8 @@ target_link_libraries(security_system_test PRIVATE citylearn_core citylearn_warn
 target_compile_definitions(security_system_test PRIVATE CITYLEARN_SOURCE_DIR="${CMAKE_SOURCE_DIR}"
   SECURITY_PEER="$<TARGET_FILE:security_peer>" UNLAWFUL="$<TARGET_FILE:unlawful>")
 add_dependencies(security_system_test security_peer unlawful env_service policy_service)
-citylearn_tests(security_system_test PROPERTIES TIMEOUT 300 RUN_SERIAL ON)
+set(kept_out *Intruders.*:*KeptOut*)
+citylearn_tests(security_system_test TEST_FILTER -${kept_out} PROPERTIES TIMEOUT 300 RUN_SERIAL ON)
+# Which leak of OpenSSL's memory is whose (lsan.supp) takes whole stacks to tell, which are slow.
+citylearn_tests(security_system_test TEST_FILTER ${kept_out} TEST_LIST security_system_test_kept_out
+  PROPERTIES TIMEOUT 300 RUN_SERIAL ON ENVIRONMENT_MODIFICATION ASAN_OPTIONS=string_append::fast_unwind_on_malloc=0)
