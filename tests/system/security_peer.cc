@@ -1,7 +1,7 @@
 // security_peer MIDDLEWARE DOMAIN FOLDER NAME WRITES READS: a participant with the keys in FOLDER (none: "") that
 // nobody has checked, so that what protects is the wire alone. Writes its name to the topic WRITES ("" for none) fifty
-// times a second and reads READS, until its standard input ends. Exit status: 0 when nothing came, 3 when something
-// did, 4 when the vendor did not let it begin.
+// times a second ("NAME has heard" once something came) and reads READS, until its standard input ends. Exit status: 0
+// when nothing came, 3 when something did, 4 when the vendor did not let it begin.
 #include <poll.h>
 #include <spdlog/spdlog.h>
 
@@ -43,13 +43,16 @@ int run(char** arguments) {
     std::fprintf(stderr, "%s: %s\n", arguments[4], error.what());
     return 4;
   }
-  Bytes text(4 + network.participant.size()), taken;
-  text[1] = std::byte{1};
-  std::copy_n(reinterpret_cast<const std::byte*>(network.participant.data()), network.participant.size(),
-              text.begin() + 4);
+  const auto encoded = [](const std::string& said) {
+    Bytes text(4 + said.size());
+    text[1] = std::byte{1};
+    std::copy_n(reinterpret_cast<const std::byte*>(said.data()), said.size(), text.begin() + 4);
+    return text;
+  };
+  Bytes taken;
   bool received = false;
   while (!input_ended()) {
-    if (publisher) publisher->publish(text);
+    if (publisher) publisher->publish(encoded(network.participant + (received ? " has heard" : "")));
     const Clock::time_point next = Clock::now() + std::chrono::milliseconds(20);
     while (middleware->wait(next))
       while (subscription && subscription->take(taken)) received = true;

@@ -229,7 +229,7 @@ TEST_P(Intruders, GetNothingInOrOutAndAreLogged) {
   // Cyclone DDS drops the writer of somebody who may not write without a word (docs/security.md).
   const bool silent = vendor == "cyclonedds" && intruder.name == "topic_not_permitted";
   const auto noticed = [&] { return silent ? victim.sees(intruder.name) : log.has(intruder.complaint); };
-  EXPECT_TRUE(victim.until([&] { return victim.heard("friend") && noticed(); }, log)) << log.text();
+  EXPECT_TRUE(victim.until([&] { return victim.heard("friend has heard") && noticed(); }, log)) << log.text();
   const int before = victim.count();
   EXPECT_TRUE(victim.until([&] { return victim.count() >= before + 25; }, log)) << "half a second of the friend's";
   EXPECT_FALSE(victim.heard(intruder.name)) << log.text();
@@ -280,7 +280,7 @@ TEST(SecuredMixed, WorksWhereCycloneAsksFirstAndIsToldWhereFastDoes) {
     Victim victim(vendor, domain, env_keys);  // 'env-1' has the lower number, and asks
     Child other(peer(vendor == "fastdds" ? "cyclonedds" : "fastdds", domain, friend_keys, "policy"));
     if (vendor == "cyclonedds") {
-      EXPECT_TRUE(victim.until([&] { return victim.heard("policy"); }, log)) << log.text();
+      EXPECT_TRUE(victim.until([&] { return victim.heard("policy has heard"); }, log)) << log.text();
       EXPECT_EQ(other.finish(seconds(10)), 3);
     } else {
       EXPECT_TRUE(victim.until([&] { return log.has("'policy'"); }, log)) << log.text();
