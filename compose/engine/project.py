@@ -1,6 +1,7 @@
 """A topology that runs: who is started when, watched, restarted and ended. One thread; a coroutine a service."""
 
 import asyncio
+import contextlib
 import dataclasses
 import fcntl
 import json
@@ -264,11 +265,13 @@ class Project:
         try:
             said, _ = await asyncio.wait_for(process.communicate(), each.service.health.timeout)
         except asyncio.TimeoutError:
-            process.kill()
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
             await process.wait()
             said = b"took too long\n"
         except asyncio.CancelledError:
-            process.kill()
+            with contextlib.suppress(ProcessLookupError):  # it may have ended with its service
+                process.kill()
             raise
         with open(self.folder / "logs" / f"{each.container.name}.health", "ab") as log:
             log.write(b"status %d: %s\n" % (process.returncode, said.strip()))

@@ -13,7 +13,7 @@ text != "" || /^WARNING: / { text = text $0 "\n" }
 /^  (Previous )?([Aa]tomic )?([Ww]rite|[Rr]ead) of size/ || /^  Mutex .* acquired here/ { open = 1; ++made; next }
 # Of an access whose stack is lost the other one tells.
 open && /\[failed to restore the stack\]/ { open = 0; ++elsewhere; next }
-# The innermost frame that is not the sanitizer's own tells who made it.
-open && /^    #/ && !/\(libtsan/ { open = 0; elsewhere += $0 ~ foreign; next }
+# The innermost frame that is not the sanitizer's own, nor the C++ library's, tells who made it.
+open && /^    #/ && !/\((libtsan|libstdc\+\+)|\/usr\/include\/c\+\+\// { open = 0; elsewhere += $0 ~ foreign; next }
 /^$/ { open = 0 }
 END { tell() }
