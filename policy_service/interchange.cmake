@@ -12,4 +12,4 @@ add_library(citylearn_interchange STATIC
   interchange/safetensors.cc)
 target_link_libraries(citylearn_interchange
   PUBLIC "$<LINK_LIBRARY:WHOLE_ARCHIVE,citylearn_learning>"
-  PRIVATE citylearn_warnings onnx_proto OpenSSL::Crypto)
+  PRIVATE citylearn_warnings onnx_proto)

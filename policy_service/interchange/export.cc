@@ -9,7 +9,6 @@
 #include "policy_service/interchange/safetensors.h"
 
 namespace citylearn {
-namespace {}  // namespace
 
 std::string onnx_bytes(const TrainedAgent& agent, const Parameters& parameters,
                        const std::map<std::string, std::string>& metadata) {

@@ -5,8 +5,6 @@
 #include <numbers>
 #include <numeric>
 
-#include "core/error.h"
-#include "core/messages.h"
 #include "core/route_map.h"
 #include "env_service/crossings.h"
 #include "env_service/plane.h"

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 
 #include "tools/chart/chart.h"
 #include "tools/paper/beyond.h"

@@ -5,7 +5,6 @@
 #include <spdlog/fmt/ranges.h>
 
 #include <chrono>
-#include <cmath>
 #include <cstring>
 
 #include "core/service.h"
