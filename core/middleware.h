@@ -42,6 +42,9 @@ class Publisher {
   virtual void publish(std::span<const std::byte> sample) = 0;
   /// Subscriptions that match now.
   virtual int matched() const = 0;
+  /// Waits until they have all that was published, at most until the deadline: where a publisher that is gone sends
+  /// nothing again. The others see to it by themselves.
+  virtual void wait_for_acknowledgments(Clock::time_point) {}
 };
 
 /// Receives samples of one topic. Used by one thread at a time. Must not outlive its Middleware.

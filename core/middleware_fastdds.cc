@@ -208,6 +208,10 @@ class FastPublisher : public Publisher {
     writer_->get_publication_matched_status(status);
     return status.current_count;
   }
+  void wait_for_acknowledgments(Clock::time_point deadline) override {
+    const auto left = std::chrono::duration_cast<std::chrono::nanoseconds>(deadline - Clock::now()).count();
+    if (left > 0) writer_->wait_for_acknowledgments(Duration_t(static_cast<long double>(left) * 1e-9L));
+  }
 
  private:
   dds::Publisher* const publisher_;

@@ -84,6 +84,7 @@ class LossyPublisher : public Publisher {
     flush();
   }
   int matched() const override { return inner_->matched(); }
+  void wait_for_acknowledgments(Clock::time_point deadline) override { inner_->wait_for_acknowledgments(deadline); }
 
   void flush() {
     if (!held_) return;

@@ -12,6 +12,7 @@ namespace citylearn {
 namespace {
 
 constexpr std::chrono::seconds kHeartbeat{1};
+constexpr std::chrono::milliseconds kFarewell{500};  // for those who do not answer
 
 MiddlewareOptions named(MiddlewareOptions options, const std::string& id) {
   if (options.participant.empty()) options.participant = id;
@@ -60,7 +61,13 @@ Node::Node(Options options) : options_(std::move(options)), incarnation_(new_inc
   announce<msg::ServiceStatus>();
 }
 
-Node::~Node() { channels_.clear(); }  // before the middleware they belong to
+Node::~Node() {
+  // Else one lost packet is enough for nobody to hear its last words.
+  const Clock::time_point deadline = Clock::now() + kFarewell;
+  for (const auto& [topic, channel] : channels_)
+    if (channel.publisher) channel.publisher->wait_for_acknowledgments(deadline);
+  channels_.clear();  // before the middleware they belong to
+}
 
 Node::Channel& Node::publisher(const Topic& topic) {
   Channel& channel = channels_[&topic];

@@ -24,7 +24,7 @@ std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Rand
 }
 
 void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
-                      NetworkInputs<float>& inputs) {
+                      NetworkInputs<float>& inputs, std::span<const std::size_t> who) {
   const std::size_t agents = observation.goal().size();
   if (observation.feature_dimension() != static_cast<std::uint32_t>(features))
     throw Error(
@@ -34,10 +34,12 @@ void read_observation(const msg::Observation& observation, int features, int fir
     throw Error(
         "are " + std::to_string(observation.features().size()) + " numbers for " + std::to_string(agents) + " agents",
         "Observation.features");
-  for (const std::size_t size : {observation.frame().size(), observation.position().size(), observation.allowed().size(),
-                                 observation.previous_action().size(), observation.flags().size()})
+  for (const std::size_t size :
+       {observation.frame().size(), observation.position().size(), observation.allowed().size(),
+        observation.previous_action().size(), observation.flags().size()})
     if (size != agents) throw Error("differ in length", "Observation's sequences");
-  inputs.resize(features, 1, static_cast<int>(agents));
+  const std::size_t columns = who.empty() ? agents : who.size();
+  inputs.resize(features, 1, static_cast<int>(columns));
   inputs.frames = frames;
   const auto place = [&](std::uint32_t frame, const char* field) {
     const std::int64_t found = std::int64_t{frame} - first_frame;
@@ -47,43 +49,51 @@ void read_observation(const msg::Observation& observation, int features, int fir
                   "Observation." + std::string(field));
     return static_cast<int>(found);
   };
-  for (std::size_t a = 0; a < agents; ++a) {
-    inputs.goal[a] = place(observation.goal()[a], "goal");
-    inputs.position[a] = place(observation.position()[a], "position");
-    inputs.previous_action[a] = observation.previous_action()[a];
-    inputs.allowed[a] = observation.allowed()[a];
-    if ((inputs.allowed[a] & ((1u << kActions) - 1)) == 0) throw Error("no action is allowed", "Observation.allowed");
-    inputs.first[a] = (observation.flags()[a] & msg::FLAG_FIRST) != 0;
+  for (std::size_t column = 0; column < columns; ++column) {
+    const std::size_t a = who.empty() ? column : who[column];
+    inputs.goal[column] = place(observation.goal()[a], "goal");
+    inputs.position[column] = place(observation.position()[a], "position");
+    inputs.previous_action[column] = observation.previous_action()[a];
+    inputs.allowed[column] = observation.allowed()[a];
+    if ((inputs.allowed[column] & ((1u << kActions) - 1)) == 0)
+      throw Error("no action is allowed", "Observation.allowed");
+    inputs.first[column] = (observation.flags()[a] & msg::FLAG_FIRST) != 0;
     const std::int64_t shown = std::int64_t{observation.frame()[a]} - first_frame;
-    const Eigen::Map<const Vector<float>> numbers(observation.features().data() + a * static_cast<std::size_t>(features),
-                                                  features);
-    inputs.see(static_cast<std::ptrdiff_t>(a), own || shown < 0 || shown >= frames ? -1 : static_cast<int>(shown), numbers);
+    const Eigen::Map<const Vector<float>> numbers(
+        observation.features().data() + a * static_cast<std::size_t>(features), features);
+    inputs.see(static_cast<std::ptrdiff_t>(column), own || shown < 0 || shown >= frames ? -1 : static_cast<int>(shown),
+               numbers);
   }
 }
 
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
-    : agent_(std::move(agent)),
-      options_(options),
-      random_{options.seed},
-      workspace_(agent_.network->make_workspace()) {
+    : agent_(std::move(agent)), options_(options), random_{options.seed}, workspace_(agent_.network->make_workspace()) {
   workspace_->fixed = 1;
 }
 
 void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, false, inputs_);
-  if (state_.cols() != inputs_.agents) state_.setZero(agent_.network->state_size(), inputs_.agents);
-  agent_.network->forward(agent_.parameters, inputs_, state_, *workspace_);
-  state_ = workspace_->state;
-  choice.resize(static_cast<std::size_t>(inputs_.agents));
-  for (std::ptrdiff_t agent = 0; agent < inputs_.agents; ++agent) {
-    const auto logits = workspace_->heads.logits.col(agent);
+  const std::size_t agents = observation.goal().size();
+  choice.assign(agents, 0);
+  // The last tasks of an evaluation leave most agents without one.
+  awake_.clear();
+  for (std::size_t agent = 0; agent < observation.flags().size(); ++agent)
+    if (!(observation.flags()[agent] & msg::FLAG_IDLE)) awake_.push_back(agent);
+  if (awake_.empty() && observation.flags().size() == agents) return;
+  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, false, inputs_, awake_);
+  if (state_.cols() != static_cast<std::ptrdiff_t>(agents))
+    state_.setZero(agent_.network->state_size(), static_cast<std::ptrdiff_t>(agents));
+  awake_state_ = state_(Eigen::all, awake_);
+  agent_.network->forward(agent_.parameters, inputs_, awake_state_, *workspace_);
+  state_(Eigen::all, awake_) = workspace_->state;
+  for (std::size_t column = 0; column < awake_.size(); ++column) {
+    const auto logits = workspace_->heads.logits.col(static_cast<std::ptrdiff_t>(column));
     float log_probability = 0;
     std::ptrdiff_t likeliest = 0;
     if (options_.greedy)
       logits.maxCoeff(&likeliest);
     else
       likeliest = sample_action(logits, random_, log_probability);
-    choice[static_cast<std::size_t>(agent)] = static_cast<std::uint8_t>(likeliest);
+    choice[awake_[column]] = static_cast<std::uint8_t>(likeliest);
   }
 }
 

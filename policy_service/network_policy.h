@@ -2,6 +2,7 @@
 
 #include <array>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "core/random.h"
@@ -14,14 +15,14 @@ namespace citylearn {
 /// Draws an allowed action from masked logits; `log_probability` gets its logarithm. Uses one number of `random`.
 std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Random& random, float& log_probability);
 
-/// Fills `inputs` (one step, all agents) from an observation of a route of `frames` places from `first_frame` on. With
-/// `own` every agent gets features of its own, to be changed by the caller; else agents shown one frame share them.
-/// Throws Error naming the field when the observation has another number of features or agents, or a frame beside the
-/// route.
+/// Fills `inputs` (one step, the agents of `who`; empty: all) from an observation of a route of `frames` places from
+/// `first_frame` on. With `own` every agent gets features of its own, to be changed by the caller; else agents shown
+/// one frame share them. Throws Error naming the field when the observation has another number of features or agents,
+/// or a frame beside the route.
 void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
-                      NetworkInputs<float>& inputs);
+                      NetworkInputs<float>& inputs, std::span<const std::size_t> who = {});
 
-/// Acts from fixed parameters, the recurrent state kept along each episode.
+/// Acts from fixed parameters, the recurrent state kept along each episode. Idle agents cost nothing.
 class NetworkPolicy : public Policy {
  public:
   struct Options {
@@ -37,7 +38,9 @@ class NetworkPolicy : public Policy {
   Options options_;
   Random random_;
   NetworkInputs<float> inputs_;
-  Matrix<float> state_;
+  Matrix<float> state_;  ///< of all agents
+  std::vector<std::size_t> awake_;
+  Matrix<float> awake_state_;
   std::unique_ptr<Workspace<float>> workspace_;
 };
 

@@ -5,6 +5,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstring>
+#include <memory>
 #include <set>
 
 #include "core/service.h"
@@ -29,19 +30,42 @@ void say(const std::string& line) {
   std::fflush(stdout);
 }
 
-/// Says when it has heard so many others; "met" is after all of them have.
+/// Says when it has heard so many others, and when so many have said that they stop.
 int meet(const CommandLine& line) {
   const Clock::time_point begin = Clock::now();
   Node node(line.node);
   node.listen<msg::ServiceStatus>();
   node.report(msg::RUNNING, "meets");
-  std::set<std::string> heard;
+  std::set<std::string> heard, left;
   msg::ServiceStatus status;
   while (!stop_requested()) {
     node.wait(Clock::now() + std::chrono::milliseconds(20));
-    while (node.take(status))
-      if (heard.insert(status.header().sender().to_string()).second && static_cast<int>(heard.size()) == line.others)
+    while (node.take(status)) {
+      const std::string sender = status.header().sender().to_string();
+      if (heard.insert(sender).second && static_cast<int>(heard.size()) == line.others)
         say(fmt::format("met {} in {:.2f} s", line.others, seconds_since(begin)));
+      if (status.service_state() == msg::STOPPING && left.insert(sender).second &&
+          static_cast<int>(left.size()) == line.others)
+        say(fmt::format("{} have left", line.others));
+    }
+  }
+  return 0;
+}
+
+/// So many services of one process; each says when it ends that it stops.
+int leave(const CommandLine& line) {
+  std::vector<std::unique_ptr<Node>> nodes;
+  for (std::uint32_t i = 0; i < line.count; ++i) {
+    Node::Options options = line.node;
+    options.id += "-" + std::to_string(i);
+    nodes.push_back(std::make_unique<Node>(options));
+    nodes.back()->report(msg::RUNNING, "leaves soon");
+  }
+  while (!stop_requested())
+    for (const auto& node : nodes) node->wait(Clock::now() + std::chrono::milliseconds(5));
+  for (auto& node : nodes) {
+    node->report(msg::STOPPING, "stopping");
+    node.reset();
   }
   return 0;
 }
@@ -119,14 +143,17 @@ int main(int argc, char** argv) {
   return service_main(
       argc, argv, "One end of the network tests.",
       [&](CLI::App& app) {
-        app.add_option("role", line.role)->required()->check(CLI::IsMember({"meet", "send", "receive"}));
+        app.add_option("role", line.role)->required()->check(CLI::IsMember({"meet", "leave", "send", "receive"}));
         app.add_option("--others", line.others);
         app.add_option("--rate", line.rate);
         app.add_option("--count", line.count);
         app.add_option("--size", line.size);
         add_node_options(app, line.node);
       },
-      [&] { return line.role == "meet"   ? meet(line)
-                   : line.role == "send" ? send(line)
-                                         : receive(line); });
+      [&] {
+        return line.role == "meet"    ? meet(line)
+               : line.role == "leave" ? leave(line)
+               : line.role == "send"  ? send(line)
+                                      : receive(line);
+      });
 }

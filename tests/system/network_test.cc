@@ -142,6 +142,17 @@ TEST_F(Network, FastHostsMeetByADiscoveryServer) {
   EXPECT_TRUE(first->says("after all", kPatience)) << first->output();
 }
 
+// One lost packet must not keep a service's end from the others.
+TEST_P(Pairing, ThoseWhoLeaveAreHeardThoughOnePacketInFiveIsLost) {
+  Hosts hosts(2);
+  const auto stays = peer(hosts, 0, other(), "meet", {"--others", "12", "--peers", Hosts::address(1)});
+  const auto leave = peer(hosts, 1, one(), "leave", {"--count", "12", "--peers", Hosts::address(0)});
+  ASSERT_TRUE(stays->says("met 12 in ", kPatience)) << stays->output() << leave->output();
+  hosts.lose(20);
+  leave->send(SIGTERM);
+  EXPECT_TRUE(stays->says("12 have left", kPatience)) << stays->output() << leave->output();
+}
+
 // 1 MB at 30 Hz for 3 s through packets of 1500 bytes.
 TEST_P(Pairing, LargeSamplesArriveWholeThoughOnePacketInTwentyIsLost) {
   Hosts hosts(2);

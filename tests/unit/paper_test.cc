@@ -129,6 +129,23 @@ TEST(Work, WhatIsCompleteStaysWhenItStops) {
   EXPECT_EQ(times, 1);
 }
 
+TEST(Work, WhatAnotherRunHasDoneMeanwhileIsNotDoneAgain) {
+  const Folder folder;
+  int times = 0;
+  const auto other_run = [&]() -> Json {
+    Work other(folder / "work");
+    other.add(counted(3, times));
+    EXPECT_TRUE(other.run());
+    return 1;
+  };
+  Work work(folder / "work");
+  work.add({"slow", {{"slow", 1}}, 1, other_run});
+  work.add(counted(3, times));
+  EXPECT_TRUE(work.run());
+  EXPECT_EQ(times, 1);
+  EXPECT_EQ(work.outcome({{"number", 3}}), 9);
+}
+
 TEST(Work, ResultsAreWithoutWhatTheMachineDecides) {
   const Json outcome = {
       {"seconds", 3}, {"rows", {{{"spl", 0.5}, {"seconds", {1, 2}}}, nullptr, 7}}, {"bytes", {{"a", 1}}}};

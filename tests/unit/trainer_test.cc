@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <set>
 
 #include "core/error.h"
 #include "core/files.h"
@@ -458,6 +459,69 @@ double spl(const TrainedAgent& agent, const Traversal& city, bool greedy) {
       if (episode.completed) sum += static_cast<double>(episode.shortest) / std::max(episode.shortest, episode.steps);
   }
   return sum / 200;
+}
+
+/// The observation without some of its agents.
+msg::Observation without(const msg::Observation& all, const std::set<std::size_t>& idle) {
+  msg::Observation some = all;
+  const auto drop = [&](auto& values) {
+    std::size_t index = 0;
+    const std::size_t share = values.size() / all.goal().size();
+    std::erase_if(values, [&](auto) { return idle.contains(index++ / share); });
+  };
+  drop(some.frame());
+  drop(some.position());
+  drop(some.goal());
+  drop(some.previous_action());
+  drop(some.allowed());
+  drop(some.flags());
+  drop(some.reward());
+  drop(some.features());
+  return some;
+}
+
+/// Those whose tasks are done disturb nobody.
+TEST_P(EachNetwork, ActsAsIfIdleAgentsWereNotThere) {
+  const Traversal city = small_city_for(GetParam());
+  TrainerOptions options = small(GetParam());
+  Loop loop(city, options, 1, 6);
+  loop.update();
+  const TrainedAgent agent = loop.trainer.agent();
+  Environment environment(city, 6);
+  msg::TaskSettings settings;
+  settings.task_mode() = msg::EVALUATE;
+  settings.frames() = settings.max_steps() = static_cast<std::uint32_t>(city.frames);
+  settings.tasks() = 600;
+  environment.reset(settings);
+  const std::set<std::size_t> idle = {0, 3, 4};
+  NetworkPolicy everybody(agent, {.seed = 5, .greedy = false}), few(agent, {.seed = 5, .greedy = false});
+  msg::Observation observation;
+  std::vector<std::uint8_t> choice, expected, actions(6);
+  for (int step = 0; step < 12; ++step) {
+    environment.observe(observation);
+    msg::Observation marked = observation;
+    for (const std::size_t agent_index : idle) marked.flags()[agent_index] |= msg::FLAG_IDLE;
+    everybody.act(marked, choice);
+    ASSERT_EQ(choice.size(), 6u);
+    few.act(without(observation, idle), expected);
+    std::size_t column = 0;
+    for (std::size_t index = 0; index < 6; ++index) {
+      if (idle.contains(index)) {
+        EXPECT_EQ(choice[index], 0);
+      } else {
+        EXPECT_EQ(choice[index], expected[column++]) << "step " << step;
+      }
+      const int allowed = observation.allowed()[index];
+      actions[index] = idle.contains(index) ? static_cast<std::uint8_t>(allowed & 1   ? 0
+                                                                        : allowed & 2 ? 1
+                                                                                      : 2)
+                                            : choice[index];
+    }
+    environment.step(actions);
+  }
+  for (std::uint8_t& flags : observation.flags()) flags = msg::FLAG_IDLE;
+  everybody.act(observation, choice);
+  EXPECT_EQ(choice, std::vector<std::uint8_t>(6));
 }
 
 /// Each network learns the small city, looking at it, within its budget of steps. (A blind sweep has SPL 0.85 or less.)

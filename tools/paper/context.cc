@@ -17,7 +17,7 @@ int share_of(int tasks, double effort) { return std::max(10, static_cast<int>(st
 
 int Context::tasks() const { return share_of(quick ? 500 : 2000, effort); }
 
-int Context::tasks_between() const { return share_of(quick ? 50 : 200, effort); }
+int Context::tasks_between() const { return share_of(quick ? 50 : 100, effort); }
 
 std::uint64_t Context::steps(const std::string& agent, const std::string& learner) const {
   if (effort >= 1 && agent != "baseline") return 0;

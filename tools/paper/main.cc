@@ -22,7 +22,7 @@ using namespace citylearn::paper;
 
 struct CommandLine {
   WorldOptions world;
-  std::string seeds, output = "runs/paper", store = "runs/store";
+  std::string seeds, output = "runs/paper", store = "runs/store", work;
   std::vector<std::string> only;
   bool quick = false, list = false;
   double effort = 1;
@@ -81,10 +81,14 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option(
          "--output", line.output,
          "Folder of report.html, its figures and tables (SVG, PNG, CSV), manifest.json (how, on what, with what "
-         "files), results.json (all that is the same again with the same seeds: no seconds, for diff), and of the "
-         "work that is done")
+         "files), results.json (all that is the same again with the same seeds: no seconds, for diff)")
       ->type_name("DIR")
       ->capture_default_str()
+      ->group(report);
+  app.add_option("--work", line.work,
+                 "Folder of the work that is done, for the next run to go on from; reports on several data may share "
+                 "it, also at the same time (OUTPUT/work)")
+      ->type_name("DIR")
       ->group(report);
 }
 
@@ -119,7 +123,7 @@ int make_report(CommandLine& line) {
   World world(line.world);
   std::optional<World> city;
   if (!world.drawn() || !world.pictures()) city.emplace(drawn_city(line));
-  Work work(line.output + "/work");
+  Work work(line.work.empty() ? line.output + "/work" : line.work);
   Context context{world,
                   city ? *city : world,
                   work,

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tools/paper/beyond.h"
 #include "tools/paper/curve.h"
 #include "tools/paper/map_study.h"
 #include "tools/paper/section.h"
@@ -40,7 +41,7 @@ Ground ground_of(const Context& context) {
 
 std::vector<Walker> walkers(const Context& context) {
   const std::vector<std::uint64_t>& all = context.seeds;
-  const std::vector<std::uint64_t> few = context.quick ? first_of(all, 1) : all;
+  const std::vector<std::uint64_t> few = few_seeds(context);
   std::vector<Walker> walkers;
   for (const bool junctions : {true, false}) {
     walkers.push_back({"place_filter", "place_filter (ours)", true, junctions, all, context.quick ? 8.0 : 20.0});

@@ -46,16 +46,14 @@ std::string Work::path_of(const Json& spec) const {
   return folder_ + "/" + sha256(spec.dump() + "#" + std::to_string(kVersion)).substr(0, 20) + ".json";
 }
 
-/// What an earlier run left; nothing when it left nothing, or something that cannot be read.
+/// What a run left; nothing when it left nothing, or something that cannot be read.
 Work::Done Work::read(const std::string& path, const Json& spec) {
   std::ifstream file(path);
   if (!file) return {};
   const Json stored = Json::parse(file, nullptr, /*allow_exceptions=*/false);
   if (!stored.is_object() || !stored.contains("outcome") || stored.value("spec", Json()) != spec ||
-      !stored.value("seconds", Json()).is_number()) {
-    spdlog::warn("{} is not an outcome of this program: done again", path);
+      !stored.value("seconds", Json()).is_number())
     return {};
-  }
   return {stored["outcome"], stored["seconds"].get<double>()};
 }
 
@@ -71,6 +69,7 @@ bool Work::run() {
     Done& done = outcomes_[path];
     if (done.outcome.is_null()) done = read(path, unit.spec);
     if (!done.outcome.is_null()) continue;
+    if (std::filesystem::exists(path)) spdlog::warn("{} is not an outcome of this program: done again", path);
     open.push_back(&unit);
     left += unit.seconds;
   }
@@ -82,12 +81,16 @@ bool Work::run() {
   for (std::size_t i = 0; i < open.size(); ++i) {
     const Unit& unit = *open[i];
     if (stop_requested()) throw Stopped{};
+    const std::string path = path_of(unit.spec);
+    if (Done& done = outcomes_[path]; !(done = read(path, unit.spec)).outcome.is_null()) {  // by another run meanwhile
+      left -= unit.seconds;
+      continue;
+    }
     const double slowness = guessed > 0 ? taken / guessed : 1;
     spdlog::info("[{} of {}, {} left] {}", i + 1, open.size(), vpr::clock_time(left * slowness), unit.name);
     const Clock::time_point start = Clock::now();
     try {
       const Json outcome = unit.compute();
-      const std::string path = path_of(unit.spec);
       const Done done{outcome, since(start)};
       write_file(path, Json{{"spec", unit.spec}, {"outcome", done.outcome}, {"seconds", done.seconds}}.dump() + "\n");
       outcomes_[path] = done;

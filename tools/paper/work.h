@@ -34,7 +34,7 @@ Json repeatable(const Json& outcome);
 class Work {
  public:
   /// Raised when the same spec gives another outcome than before.
-  static constexpr int kVersion = 2;
+  static constexpr int kVersion = 3;
 
   /// Creates the folder. Throws Error.
   explicit Work(std::string folder);
