@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
 #include <regex>
 #include <sstream>
 
@@ -16,6 +18,8 @@ namespace {
 namespace fs = std::filesystem;
 using paper::Json;
 using std::chrono::seconds;
+
+using Arguments = std::vector<std::string>;
 
 constexpr seconds kLong{300};
 
@@ -188,6 +192,37 @@ TEST_F(PaperReport, GoesOnWhereItWasStopped) {
   EXPECT_GT(outcomes().size(), before.size());
   for (const auto& [path, time] : times) EXPECT_EQ(fs::last_write_time(path), time);
   EXPECT_TRUE(fs::exists(folder_ / "report/report.html"));
+}
+
+// Recordings that may not be passed on, and a report that may.
+TEST_F(PaperReport, ShowsNoPictureOfRealRecordingsWhenAsked) {
+  cv::RNG random(1);
+  for (const std::string traversal : {"summer", "winter"})
+    for (int i = 0; i < 130; ++i) {
+      cv::Mat picture(24, 32, CV_8UC3);
+      random.fill(picture, cv::RNG::UNIFORM, 0, 256);
+      const std::string path = folder_ / ("data/" + traversal + "/" + std::to_string(1000 + i) + ".png");
+      fs::create_directories(fs::path(path).parent_path());
+      ASSERT_TRUE(cv::imwrite(path, picture));
+    }
+  const auto report = [&](const std::vector<std::string>& more) {
+    Arguments command = {
+        CITYLEARN_PAPER, "--quick",        "--effort",       "0.01",   "--seeds",   "1",        "--dataset",
+        "plain",         "--data",         folder_ / "data", "--only", "figure-10", "--output", folder_ / "report",
+        "--store",       folder_ / "store"};
+    command.insert(command.end(), more.begin(), more.end());
+    Service program(command, folder_ / "log");
+    EXPECT_EQ(program.wait(kLong), 0) << program.output();
+    return std::pair(part(file("report.html"), "figure-10"), Json::parse(file("manifest.json"))["files"]);
+  };
+  const auto [with, files_with] = report({});
+  EXPECT_EQ(count(with, "data:image/png"), 2);
+  EXPECT_TRUE(files_with.contains("figure-10-summer.png"));
+  const auto [without, files_without] = report({"--no-strips"});
+  EXPECT_EQ(count(without, "data:image/png"), 0);
+  EXPECT_EQ(count(without, "data:image/svg"), 2);
+  EXPECT_FALSE(files_without.contains("figure-10-summer.png"));
+  EXPECT_FALSE(fs::exists(folder_ / "report/figure-10-summer.png"));
 }
 
 TEST_F(PaperReport, WrongInputIsOneLine) {

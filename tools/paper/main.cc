@@ -24,7 +24,7 @@ struct CommandLine {
   WorldOptions world;
   std::string seeds, output = "runs/paper", store = "runs/store", work;
   std::vector<std::string> only;
-  bool quick = false, list = false;
+  bool quick = false, list = false, no_strips = false;
   double effort = 1;
   std::string text;  ///< as typed, without --only
 };
@@ -76,6 +76,9 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--only", line.only, "These parts of the report: " + CLI::detail::join(names, ","))
       ->delimiter(',')
       ->check(CLI::IsMember(names))
+      ->group(report);
+  app.add_flag("--no-strips", line.no_strips,
+               "Leave out real recordings' pictures, for a report that may be passed on where they may not")
       ->group(report);
   app.add_flag("--list", line.list, "Print the parts of the report, and exit")->configurable(false)->group(report);
   app.add_option(
@@ -133,6 +136,7 @@ int make_report(CommandLine& line) {
                   std::min(128, world.frames()),
                   line.text,
                   agents_of(world, seeds, line.quick)};
+  context.strips = !line.no_strips;
   std::vector<std::unique_ptr<Section>> wanted;
   for (auto& section : sections())
     if (line.only.empty() || std::find(line.only.begin(), line.only.end(), section->name()) != line.only.end())

@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <cmath>
+#include <filesystem>
 
 #include "core/error.h"
 #include "core/files.h"
@@ -128,6 +129,12 @@ void Report::picture(const std::string& name, const std::string& png, const std:
   file(name + ".png", png);
   body_ += "<figure><img alt=\"" + escaped(caption) + "\" src=\"data:image/png;base64," + base64(png) +
            "\"><figcaption>" + escaped(caption) + "</figcaption></figure>\n";
+}
+
+void Report::no_picture(const std::string& name) {
+  std::error_code error;
+  std::filesystem::remove(folder_ + "/" + name + ".png", error);
+  if (error) throw Error("cannot be removed: " + error.message(), folder_ + "/" + name + ".png");
 }
 
 void Report::write(const std::string& title, const std::string& about) {

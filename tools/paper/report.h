@@ -34,6 +34,8 @@ class Report {
   void figure(const std::string& name, const Chart& chart, const std::string& caption);
   void figure(const std::string& name, const Bars& bars, const std::string& caption);
   void picture(const std::string& name, const std::string& png, const std::string& caption);
+  /// Removes the one that an earlier report has left. Throws Error.
+  void no_picture(const std::string& name);
 
   /// Writes report.html. Throws Error.
   void write(const std::string& title, const std::string& about);

@@ -31,6 +31,7 @@ struct Context {
     double seconds = 0;  ///< of one training, guessed
   };
   std::vector<Agent> agents;
+  bool strips = true;  ///< show real recordings' pictures
 
   /// How many tasks a trial has whose figure goes into a table, and one of those while an agent trains.
   int tasks() const;

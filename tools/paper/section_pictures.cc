@@ -60,9 +60,12 @@ class Walks : public Section {
     const std::string hard = hardest(context, world, all);
     report.text(
         "Where agents go on one task, the same for all: of the first 20 tasks of the trials after training the one "
-        "with the longest way. Each strip begins at the start and ends where the episode ends, at the goal or after " +
-        std::to_string(all.front().frames) + " steps; below each picture the place and the step. '" + world.train() +
-        "' is learned from, '" + hard + "' was never seen" +
+        "with the longest way. " +
+        (shows(context, world)
+             ? "Each strip begins at the start and ends where the episode ends, at the goal or after " +
+                   std::to_string(all.front().frames) + " steps; below each picture the place and the step. "
+             : std::string("Without pictures, as asked for (--no-strips). ")) +
+        "'" + world.train() + "' is learned from, '" + hard + "' was never seen" +
         (hard == "night" ? "." : " and is the one that the agent on features does worst on (there is no 'night').") +
         (world.drawn() ? " The recordings are drawn." : " The recordings are real.") +
         (&world != &context.world ? " The data given have no pictures: the agents of this section were trained in a "
@@ -98,16 +101,21 @@ class Walks : public Section {
       Line shortest{"shortest path", {0, std::abs(goal - start)}, {start, goal}, {}, {}, -1, true};
       chart.lines.push_back(shortest);
       const std::string made = " Command: " + context.command + " --only figure-10";
-      report.picture(
-          "figure-10-" + traversal, png_of(strips),
-          "From place " + fixed(start, 0) + " to place " + fixed(goal, 0) + " on '" + traversal + "'." + made);
-      report.figure("figure-10-" + traversal + "-places", chart, "The same walks: place over steps." + made);
+      const std::string task =
+          "From place " + fixed(start, 0) + " to place " + fixed(goal, 0) + " on '" + traversal + "'";
+      if (shows(context, world))
+        report.picture("figure-10-" + traversal, png_of(strips), task + "." + made);
+      else
+        report.no_picture("figure-10-" + traversal);
+      report.figure("figure-10-" + traversal + "-places", chart, task + ": place over steps." + made);
     }
     table(context, world, all, conditions, report);
   }
 
  private:
   static World& world_of(const Context& context) { return context.world.pictures() ? context.world : context.drawn; }
+
+  static bool shows(const Context& context, const World& world) { return context.strips || world.drawn(); }
 
   /// "night", else where the agent on features does worst, else the traversal learned from.
   static std::string hardest(const Context& context, World& world, const std::vector<Study>& all) {
