@@ -206,10 +206,15 @@ TEST_F(PaperReport, ShowsNoPictureOfRealRecordingsWhenAsked) {
       ASSERT_TRUE(cv::imwrite(path, picture));
     }
   const auto report = [&](const std::vector<std::string>& more) {
-    Arguments command = {
-        CITYLEARN_PAPER, "--quick",        "--effort",       "0.01",   "--seeds",   "1",        "--dataset",
-        "plain",         "--data",         folder_ / "data", "--only", "figure-10", "--output", folder_ / "report",
-        "--store",       folder_ / "store"};
+    Arguments command = {CITYLEARN_PAPER, "--quick",
+                         "--effort",      "0.01",
+                         "--seeds",       "1",
+                         "--dataset",     "plain",
+                         "--data",        folder_ / "data",
+                         "--only",        "figure-10",
+                         "--output",      folder_ / "report",
+                         "--store",       folder_ / "store",
+                         "--work",        folder_ / "work"};
     command.insert(command.end(), more.begin(), more.end());
     Service program(command, folder_ / "log");
     EXPECT_EQ(program.wait(kLong), 0) << program.output();

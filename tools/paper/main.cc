@@ -126,6 +126,7 @@ int make_report(CommandLine& line) {
   World world(line.world);
   std::optional<World> city;
   if (!world.drawn() || !world.pictures()) city.emplace(drawn_city(line));
+  make_folder(line.output, "--output");
   Work work(line.work.empty() ? line.output + "/work" : line.work);
   Context context{world,
                   city ? *city : world,

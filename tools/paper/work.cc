@@ -22,6 +22,12 @@ double since(Clock::time_point start) { return std::chrono::duration<double>(Clo
 
 }  // namespace
 
+void make_folder(const std::string& folder, const std::string& option) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  if (error) throw Error("cannot create '" + folder + "': " + error.message(), option);
+}
+
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 Json repeatable(const Json& outcome) {
@@ -37,9 +43,7 @@ Json repeatable(const Json& outcome) {
 }
 
 Work::Work(std::string folder) : folder_(std::move(folder)) {
-  std::error_code error;
-  std::filesystem::create_directories(folder_, error);
-  if (error) throw Error("cannot create '" + folder_ + "': " + error.message(), "--output");
+  make_folder(folder_, "--work");
 }
 
 std::string Work::path_of(const Json& spec) const {

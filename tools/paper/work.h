@@ -15,6 +15,9 @@ using Json = nlohmann::json;
 /// Ctrl-C or SIGTERM has come: what is complete is kept, what is not is left.
 using vpr::Stopped;
 
+/// Throws Error that names the option it is for.
+void make_folder(const std::string& folder, const std::string& option);
+
 /// Null where there is none: NaN, infinite.
 Json number(double value);
 
