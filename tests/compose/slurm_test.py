@@ -69,7 +69,8 @@ class Slurm(unittest.TestCase):
         return any((self.output / "checkpoints").glob("*.clk"))
 
     def test_trains_on_two_nodes_and_starts_again_what_dies(self):
-        self.start(POLICY_OPTIONS="--steps 100000000 --time-limit 8 --tasks 50 --checkpoint-every 10 --wait 100", DOMAIN="20")
+        self.start(POLICY_OPTIONS="--steps 100000000 --time-limit 8 --tasks 50 --checkpoint-every 10 --wait 100 "
+                   "--ppo-learning-rate 0.002", DOMAIN="20")
         support.wait_for("a checkpoint", 100, self.has_checkpoint)
         os.kill(self.pid_of("env-summer-127.0.0.2-1\0"), signal.SIGKILL)
         os.kill(self.pid_of("policy_service\0"), signal.SIGKILL)
