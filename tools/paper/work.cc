@@ -42,9 +42,7 @@ Json repeatable(const Json& outcome) {
   return kept;
 }
 
-Work::Work(std::string folder) : folder_(std::move(folder)) {
-  make_folder(folder_, "--work");
-}
+Work::Work(std::string folder) : folder_(std::move(folder)) { make_folder(folder_, "--work"); }
 
 std::string Work::path_of(const Json& spec) const {
   return folder_ + "/" + sha256(spec.dump() + "#" + std::to_string(kVersion)).substr(0, 20) + ".json";
@@ -86,7 +84,9 @@ bool Work::run() {
     const Unit& unit = *open[i];
     if (stop_requested()) throw Stopped{};
     const std::string path = path_of(unit.spec);
-    if (Done& done = outcomes_[path]; !(done = read(path, unit.spec)).outcome.is_null()) {  // by another run meanwhile
+    Done& done = outcomes_[path];
+    done = read(path, unit.spec);
+    if (!done.outcome.is_null()) {  // by another run meanwhile
       left -= unit.seconds;
       continue;
     }
@@ -95,9 +95,9 @@ bool Work::run() {
     const Clock::time_point start = Clock::now();
     try {
       const Json outcome = unit.compute();
-      const Done done{outcome, since(start)};
-      write_file(path, Json{{"spec", unit.spec}, {"outcome", done.outcome}, {"seconds", done.seconds}}.dump() + "\n");
-      outcomes_[path] = done;
+      const double seconds = since(start);
+      write_file(path, Json{{"spec", unit.spec}, {"outcome", outcome}, {"seconds", seconds}}.dump() + "\n");
+      done = {outcome, seconds};
     } catch (const Error& error) {
       spdlog::error("{}: {}", unit.name, error.what());
       well = false;
