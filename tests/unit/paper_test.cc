@@ -231,6 +231,17 @@ TEST(Charts, LeaveOutWhatIsNotFinite) {
   EXPECT_NE(svg.find("a &lt; b"), svg.npos);
 }
 
+TEST(Charts, LongNumbersKeepClearOfTheAxisLabel) {
+  const auto left = [](double low, double high) {  // of the plot area: where its grid begins
+    const std::string svg = svg_of(Chart{"", {"x"}, {"y", low, high}, {}});
+    const std::string before = "class=\"grid\" d=\"M";
+    return std::stod(svg.substr(svg.find(before) + before.size()));
+  };
+  EXPECT_EQ(left(0, 1), left(0, 100));
+  EXPECT_GT(left(0.985, 1), left(0, 1)) << "0.995 is longer than 0.8";
+  EXPECT_GT(left(-0.0025, 0), left(0.985, 1));
+}
+
 TEST(Charts, ALineOfOnePointIsADot) {
   Chart chart{"one", {"x"}, {"y"}, {{"", {0.5}, {0.5}}}};
   EXPECT_NE(svg_of(chart).find("<circle"), std::string::npos);

@@ -8,8 +8,9 @@
 namespace citylearn {
 namespace {
 
-// Margins, in SVG units.
+// Margins, in SVG units; the left one grows with the numbers beside it.
 constexpr double kLeft = 62, kTop = 44, kBottom = 56, kLegend = 300, kGap = 24;
+constexpr double kAxisLabel = 34, kDigit = 7;  // room for the vertical axis' label, and for a figure of its numbers
 
 // Okabe & Ito's colours, told apart by most colour-blind people, in shades with contrast on white and on black.
 constexpr std::array kColours = {"#0b84c8", "#d55e00", "#009e73", "#b8860b",
@@ -64,7 +65,15 @@ double share(const Axis& axis, double value) {
                           : (value - axis.low) / (axis.high - axis.low);
 }
 
-std::string header(const std::string& title, double width, double height) {
+/// Margin left of the plot area, wide enough for the vertical axis' numbers.
+double left_of(const Axis& y) {
+  std::size_t longest = 0;
+  for (const auto& [at, labelled] : ticks_of(y))
+    if (labelled) longest = std::max(longest, number(at).size());
+  return std::max(kLeft, kAxisLabel + kDigit * static_cast<double>(longest));
+}
+
+std::string header(const std::string& title, double left, double width, double height) {
   return "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 " + number(width) + " " + number(height) +
          "\" width=\"" + number(width) + "\" height=\"" + number(height) + "\" role=\"img\">\n<title>" +
          escaped(title) +
@@ -77,22 +86,23 @@ std::string header(const std::string& title, double width, double height) {
          ".whisker { stroke: currentColor; stroke-width: 1.5; fill: none; }\n"
          "@media (prefers-color-scheme: dark) { svg { background: #0d1117; color: #e6edf3; } }\n"
          "</style>\n" +
-         text_at(kLeft, 24, "title", title);
+         text_at(left, 24, "title", title);
 }
 
 /// Axes, grid and the way from values to the drawing.
 class Plot {
  public:
-  Plot(const Chart& chart) : chart_(chart) {}
+  Plot(const Chart& chart) : chart_(chart), left_(left_of(chart.y)) {}
 
-  double x(double value) const { return kLeft + chart_.width * share(chart_.x, value); }
+  double left() const { return left_; }
+  double right() const { return left_ + chart_.width; }
+  double x(double value) const { return left_ + chart_.width * share(chart_.x, value); }
   double y(double value) const { return kTop + chart_.height * (1 - share(chart_.y, value)); }
   bool inside(double a, double b) const {
     return std::isfinite(a) && std::isfinite(b) && (!chart_.x.logarithmic || a > 0) && (!chart_.y.logarithmic || b > 0);
   }
   std::string point(double a, double b) const {
-    const double left = std::clamp(x(a), kLeft, kLeft + chart_.width),
-                 top = std::clamp(y(b), kTop, kTop + chart_.height);
+    const double left = std::clamp(x(a), left_, right()), top = std::clamp(y(b), kTop, kTop + chart_.height);
     return number(left, "%.1f") + "," + number(top, "%.1f") + " ";
   }
 
@@ -106,16 +116,17 @@ class Plot {
       }
     for (const auto& [at, labelled] : ticks_of(chart_.y)) {
       svg += path(labelled ? "class=\"grid\"" : "class=\"grid faint\"",
-                  "M" + number(kLeft) + " " + number(y(at)) + "h" + number(chart_.width));
-      if (labelled) svg += text_at(kLeft - 8, y(at) + 4, "tick end", number(at));
+                  "M" + number(left_) + " " + number(y(at)) + "h" + number(chart_.width));
+      if (labelled) svg += text_at(left_ - 8, y(at) + 4, "tick end", number(at));
     }
-    svg += text_at(kLeft + chart_.width / 2, kTop + chart_.height + 40, "axis middle", chart_.x.label);
+    svg += text_at(left_ + chart_.width / 2, kTop + chart_.height + 40, "axis middle", chart_.x.label);
     return svg + "<text class=\"axis middle\" transform=\"translate(18 " + number(kTop + chart_.height / 2) +
            ") rotate(-90)\">" + escaped(chart_.y.label) + "</text>\n";
   }
 
  private:
   const Chart& chart_;
+  const double left_;
 };
 
 std::string dot(double x, double y, const std::string& fill) {
@@ -200,7 +211,7 @@ std::string svg_of(const Chart& chart) {
   const auto labels = static_cast<double>(
       std::count_if(chart.lines.begin(), chart.lines.end(), [](const Line& line) { return !line.label.empty(); }));
   const Plot plot(chart);
-  std::string svg = header(chart.title, kLeft + chart.width + kGap + kLegend,
+  std::string svg = header(chart.title, plot.left(), plot.right() + kGap + kLegend,
                            std::max(kTop + chart.height + kBottom, kTop + 20 + 20 * labels)) +
                     plot.axes();
   double row = 0;
@@ -213,7 +224,7 @@ std::string svg_of(const Chart& chart) {
     const std::string fill = "fill=\"" + shade + "\"";
     svg += line.dots ? dots(plot, line, fill) : curve(plot, line, stroke, fill);
     if (line.label.empty()) continue;
-    const double y = kTop + 12 + 20 * row++, x = kLeft + chart.width + kGap;
+    const double y = kTop + 12 + 20 * row++, x = plot.right() + kGap;
     svg += line.dots ? dot(x + 13, y - 4, fill)
                      : path("class=\"curve\" " + stroke, "M" + number(x) + " " + number(y - 4) + "h26");
     svg += text_at(x + 34, y, "label", line.label);
@@ -228,13 +239,13 @@ std::string svg_of(const Bars& bars) {
   frame.height = 320;
   const Plot plot(frame);
   std::string svg =
-      header(bars.title, kLeft + frame.width + kGap + kLegend,
+      header(bars.title, plot.left(), plot.right() + kGap + kLegend,
              std::max(kTop + frame.height + kBottom, kTop + 20 + 20 * static_cast<double>(bars.names.size()))) +
       plot.axes(false);
   const double group = frame.width / static_cast<double>(std::max<std::size_t>(1, bars.groups.size()));
   const double wide = group / (static_cast<double>(bars.names.size()) + 1);
   for (std::size_t g = 0; g < bars.groups.size(); ++g) {
-    const double left = kLeft + group * static_cast<double>(g) + wide / 2;
+    const double left = plot.left() + group * static_cast<double>(g) + wide / 2;
     for (std::size_t i = 0; i < bars.values[g].size(); ++i) {
       const Bars::Bar& bar = bars.values[g][i];
       if (!std::isfinite(bar.value)) continue;
@@ -249,7 +260,7 @@ std::string svg_of(const Bars& bars) {
     svg += text_at(left + group / 2 - wide / 2, kTop + frame.height + 18, "tick middle", bars.groups[g]);
   }
   for (std::size_t i = 0; i < bars.names.size(); ++i) {
-    const double y = kTop + 12 + 20 * static_cast<double>(i), x = kLeft + frame.width + kGap;
+    const double y = kTop + 12 + 20 * static_cast<double>(i), x = plot.right() + kGap;
     svg += "<rect x=\"" + number(x) + "\" y=\"" + number(y - 10) + "\" width=\"12\" height=\"12\" fill=\"" +
            std::string(kColours[i % kColours.size()]) + "\"/>\n" + text_at(x + 20, y, "label", bars.names[i]);
   }

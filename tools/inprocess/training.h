@@ -54,7 +54,7 @@ struct Trial {
   bool shuffle = false;       ///< frames shown in a random order
 };
 
-/// Episodes by task. `policy` is asked for a fresh policy once. Throws Error.
+/// Episodes by task, of a policy that has decided nothing yet. Throws Error, and what the policy throws.
 std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& traversal, const Trial& trial);
 Score score(const std::vector<Environment::Episode>& episodes);
 

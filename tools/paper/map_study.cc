@@ -11,6 +11,7 @@
 #include "policy_service/control.h"
 #include "policy_service/network_policy.h"
 #include "tools/inprocess/training.h"
+#include "tools/paper/stoppable.h"
 #include "tools/paper/walk.h"
 
 namespace citylearn::paper {
@@ -86,13 +87,13 @@ Json tried(const MapStudy& study, World& world, Make make) {
   Map map(study.layout);
   Json outcome = {{"trials", Json::array()}};
   for (const std::string& name : study.traversals) {
-    if (stop_requested()) throw Stopped{};
     const Traversal route = cut_out(world.traversal(study.representation, name), study.layout, study.junctions);
     Trial how;
     how.frames = how.max_steps = study.layout.frames;
     how.tasks = study.tasks;
     const auto policy = make();
-    const std::vector<Episode> episodes = try_out(*policy, route, how);
+    Stoppable stoppable(*policy);
+    const std::vector<Episode> episodes = try_out(stoppable, route, how);
     Json row = trial(episodes, map);
     row["traversal"] = name;
     outcome["trials"].push_back(std::move(row));

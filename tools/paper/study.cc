@@ -10,6 +10,7 @@
 #include "core/service.h"
 #include "policy_service/control.h"
 #include "policy_service/network_policy.h"
+#include "tools/paper/stoppable.h"
 #include "tools/paper/walk.h"
 
 namespace citylearn::paper {
@@ -33,9 +34,9 @@ Trial trial_of(int first, int frames, int tasks, bool shuffle) {
 
 /// SCORE; with `walk` also the walk that is shown.
 Json tried(const TrainedAgent& agent, const Traversal& traversal, const Trial& trial, bool walk = false) {
-  if (stop_requested()) throw Stopped{};
   NetworkPolicy policy(agent, {});
-  const std::vector<Environment::Episode> episodes = try_out(policy, traversal, trial);
+  Stoppable stoppable(policy);
+  const std::vector<Environment::Episode> episodes = try_out(stoppable, traversal, trial);
   Json row = as_json(score(episodes));
   if (walk) row["walk"] = walk_of(episodes, traversal.frames);
   return row;
@@ -257,10 +258,10 @@ Unit unit_of(const ControlStudy& study, World& world) {
     task.reference.assign(route.reference.data(), route.reference.data() + route.reference.size());
     Json rows = Json::array();
     for (const std::string& name : study.traversals) {
-      if (stop_requested()) throw Stopped{};
       const auto& entry = ControlRegistry::instance().find("control", study.control);
       const auto policy = entry.create(Parameters("control " + study.control, entry.parameters, {}), task);
-      Json row = as_json(score(try_out(*policy, world.traversal(study.representation, name),
+      Stoppable stoppable(*policy);
+      Json row = as_json(score(try_out(stoppable, world.traversal(study.representation, name),
                                        trial_of(study.first, study.frames, study.tasks, false))));
       row["traversal"] = name;
       rows.push_back(std::move(row));

@@ -1,0 +1,22 @@
+#pragma once
+
+#include "core/service.h"
+#include "policy_service/policy.h"
+#include "tools/paper/work.h"
+
+namespace citylearn::paper {
+
+/// Decides as `policy` does until the user has enough, then throws Stopped: trials on long routes take minutes.
+class Stoppable : public Policy {
+ public:
+  explicit Stoppable(Policy& policy) : policy_(policy) {}
+  void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override {
+    if (stop_requested()) throw Stopped{};
+    policy_.act(observation, choice);
+  }
+
+ private:
+  Policy& policy_;  // outlives this
+};
+
+}  // namespace citylearn::paper
