@@ -17,7 +17,7 @@ struct LearnerTask {
   Parameters parameters;               ///< its own,
   const NetworkTask& task;             ///< and what it was built for; outlives the learner
   std::uint64_t seed = 1;              ///< of the parameters' start and of the learner's own draws
-  std::uint64_t total_steps = 0;       ///< environment steps of the whole run, for schedules
+  std::uint64_t total_steps = 0;       ///< environment steps of the whole run at most, for schedules
 };
 
 /// Figures of one update: means over its samples and epochs.
@@ -44,6 +44,9 @@ struct LearnerState {
 class Learner {
  public:
   virtual ~Learner() = default;
+  /// Before an update of a run that may end before its total_steps, by the clock: so much of it (0..1, never falling)
+  /// is over, if not more by the steps. Schedules go by it; a learner without any need not listen.
+  virtual void come_to(double /*share*/) {}
   /// One update from the rollouts that the current parameters collected. Fills their advantages.
   virtual UpdateFigures update(std::span<Rollout* const> rollouts) = 0;
   virtual const Vector<float>& parameters() const = 0;

@@ -87,10 +87,9 @@ int main(int argc, char** argv) {
            },
            "Train once for each: 1..5 or 1,3,7, in OUTPUT/seed-1 ..., then compare: OUTPUT/sweep.json and a table")
         ->excludes(seed);
-    app.add_option(
-        "--output", options.output,
-        "Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/ and tensorboard/; none: nothing "
-        "is written. With --mode export the file to write");
+    app.add_option("--output", options.output,
+                   "Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/ and tensorboard/; "
+                   "none: nothing is written. With --mode export the file to write");
 
     const std::string task = "Task";
     app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str()->group(task);
@@ -149,7 +148,9 @@ int main(int argc, char** argv) {
     app.add_option("--steps", options.steps, "Environment steps to learn from; 0 = as recommended for the agent")
         ->capture_default_str()
         ->group(length);
-    app.add_option("--time-limit", options.time_limit, "End training after so many seconds; 0 = never")
+    app.add_option("--time-limit", options.time_limit,
+                   "End training after so many seconds; what falls in its course, as the learning rate, has fallen by "
+                   "then; 0 = never")
         ->capture_default_str()
         ->check(CLI::NonNegativeNumber)
         ->group(length);

@@ -82,6 +82,8 @@ class Run {
   void write_unsaved();
   void tell_of_files();
   double training_wall() const { return wall_before_ + seconds_since(training_since_); }
+  /// Share of --time-limit.
+  double time_over() const { return options_.time_limit > 0 ? training_wall() / options_.time_limit : 0; }
   std::string checkpoints() const { return options_.output + "/checkpoints"; }
   std::map<std::string, msg::TraversalInfo> traversals() const;
 
@@ -385,8 +387,8 @@ void Run::after_update(const UpdateFigures& figures, std::uint64_t steps_before)
     report_.episodes_to_spl95 = progress.episodes_to_spl95;
     report_.wall_to_spl95 = wall;
   }
-  const double share = std::max(static_cast<double>(progress.steps) / static_cast<double>(trainer_->total_steps()),
-                                options_.time_limit > 0 ? wall / options_.time_limit : 0.0);
+  const double share =
+      std::max(static_cast<double>(progress.steps) / static_cast<double>(trainer_->total_steps()), time_over());
   node_.report(msg::RUNNING, fmt::format("training {}, update {}", options_.agent, progress.updates),
                static_cast<float>(rate));
   const double left = share > 0.01 ? wall * (1 - share) / share : -1;
@@ -421,10 +423,11 @@ void Run::train_until_done() {
     UpdateFigures figures;
     {
       const Stopwatch watch(report_.update);
+      trainer_->come_to(time_over());
       figures = heart_.beside([this] { return trainer_->update(); });
     }
     after_update(figures, steps_before);
-    if (trainer_->done() || (options_.time_limit > 0 && training_wall() >= options_.time_limit)) return;
+    if (trainer_->done() || time_over() >= 1) return;
     const std::uint64_t updates = trainer_->progress().updates;
     if (updates % static_cast<std::uint64_t>(options_.checkpoint_every) == 0) save_checkpoint();
     if (options_.evaluate_every > 0 && updates % static_cast<std::uint64_t>(options_.evaluate_every) == 0)
@@ -469,10 +472,11 @@ void Run::learn_until_done() {
     UpdateFigures figures;
     {
       const Stopwatch watch(report_.update);
+      trainer_->come_to(time_over());
       figures = link_->learn();
     }
     after_update(figures, steps_before);
-    if (trainer_->done() || (options_.time_limit > 0 && training_wall() >= options_.time_limit)) break;
+    if (trainer_->done() || time_over() >= 1) break;
     const std::uint64_t updates = trainer_->progress().updates;
     if (updates % static_cast<std::uint64_t>(options_.checkpoint_every) == 0) save_checkpoint();
     if (options_.evaluate_every > 0 && updates % static_cast<std::uint64_t>(options_.evaluate_every) == 0) {

@@ -249,6 +249,8 @@ void Trainer::resume(int environment, std::vector<std::uint8_t>& choice) {
 
 // Learning.
 
+void Trainer::come_to(double share) { parts_->learner->come_to(share); }
+
 UpdateFigures Trainer::update() {
   Collector& collector = *parts_->collector;
   if (!ready()) throw Error("not every environment's segment is full", "trainer");

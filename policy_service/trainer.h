@@ -77,6 +77,8 @@ class Trainer {
   UpdateFigures learn(std::span<Rollout* const> rollouts, std::span<const FinishedEpisode> finished);
   /// Sequences that such an update should have: as many as those of the parameter `agents` in a segment.
   int batch() const;
+  /// As Learner::come_to(), before update() or learn(): by a clock that this class does not have.
+  void come_to(double share);
   /// All that whoever collects for this trainer must know: fields of the task, the network and the disguise.
   void describe(msg::LearnerInfo& info) const;
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <functional>
 #include <memory>
@@ -59,6 +60,8 @@ class Descent {
   }
   /// These stay as they are: their gradient is zero, and so is their share of its length.
   void freeze(std::span<const Tensor> tensors) { frozen_.assign(tensors.begin(), tensors.end()); }
+  /// As Learner::come_to().
+  void come_to(double share) { over_ = std::min(1.0, share); }
   /// Before a minibatch's first both().
   void begin_step();
   /// After its last: one step of Adam.
@@ -84,6 +87,7 @@ class Descent {
 
   Vector<float> parameters_;
   std::uint64_t updates_ = 0, steps_ = 0;
+  double over_ = 0;  // share of the run, by the clock
   std::unique_ptr<Adam> adam_;
   std::vector<Tensor> frozen_;
   std::array<Half, 2> halves_;
@@ -91,7 +95,9 @@ class Descent {
   double norms_ = 0, descents_ = 0;
   Worker worker_;
 
-  double progress() const { return total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0; }
+  double progress() const {
+    return std::max(over_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);
+  }
 };
 
 }  // namespace citylearn

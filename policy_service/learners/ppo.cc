@@ -40,6 +40,7 @@ class Ppo : public Learner {
     return specs;
   }
 
+  void come_to(double share) override { descent_.come_to(share); }
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     list_sequences(rollouts, sequences_);
     estimate_advantages(rollouts, gamma_, lambda_, normalise_);

@@ -38,6 +38,7 @@ class Relabel : public Learner {
     return specs;
   }
 
+  void come_to(double share) override { vtrace_.descent().come_to(share); }
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     if (rollouts[0]->max_steps < 1)
       throw Error("must be at least 1", "max_steps of a rollout", "whoever collects it knows how long episodes may be");

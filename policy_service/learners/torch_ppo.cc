@@ -5,6 +5,7 @@
 #include <torch/types.h>
 #include <torch/utils.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdlib>
@@ -192,6 +193,7 @@ class TorchPpo : public Learner {
     return specs;
   }
 
+  void come_to(double share) override { over_ = std::min(1.0, share); }
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     return in_torch([&] { return learn(rollouts); });
   }
@@ -239,7 +241,8 @@ class TorchPpo : public Learner {
     if (at::get_num_threads() != threads_) set_threads(threads_);  // torch counts them by thread
     list_sequences(rollouts, sequences_);
     estimate_advantages(rollouts, parameter_["gamma"], parameter_["lambda"], parameter_.flag("normalise-advantages"));
-    const double progress = total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0;
+    const double progress =
+        std::max(over_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);
     UpdateFigures figures;
     figures.learning_rate = parameter_["learning-rate"] * (1 - (1 - parameter_["learning-rate-end"]) * progress);
     const double until = parameter_["entropy-until"];
@@ -382,6 +385,7 @@ class TorchPpo : public Learner {
   Vector<float> parameters_;
   torch::Tensor first_moment_, second_moment_;
   std::uint64_t updates_ = 0, steps_ = 0, adam_steps_ = 0;
+  double over_ = 0;  // share of the run, by the clock
   std::vector<Sequence> sequences_;
 };
 

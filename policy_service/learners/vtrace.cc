@@ -21,6 +21,7 @@ class Vtrace : public Learner {
     return specs;
   }
 
+  void come_to(double share) override { vtrace_.descent().come_to(share); }
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     list_sequences(rollouts, sequences_);
     const std::size_t batches = std::max<std::size_t>(1, sequences_.size() / static_cast<std::size_t>(minibatch_));

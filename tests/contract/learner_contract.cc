@@ -121,6 +121,20 @@ TEST_P(LearnerContract, SameSeedSameBitsOtherSeedOthers) {
   EXPECT_NE(one->parameters(), start) << "it learned nothing";
 }
 
+TEST_P(LearnerContract, ComesToTheEndOfItsTimeUnharmed) {
+  const auto untold = make(1), told = make(1);
+  for (std::uint64_t i = 0; i < 3; ++i) {
+    told->come_to(0);
+    learn(*told, i, 1);
+  }
+  learn(*untold, 0, 3);
+  EXPECT_EQ(told->parameters(), untold->parameters()) << "at the beginning there is nothing to do";
+  for (const double share : {0.5, 0.999, 1.0}) {
+    told->come_to(share);
+    learn(*told, 3, 1);
+  }
+}
+
 TEST_P(LearnerContract, FreezesBitForBitOrSaysThatItCannot) {
   const auto learner = make(1), free = make(1);
   const Vector<float> start = learner->parameters();

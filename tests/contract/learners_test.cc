@@ -107,6 +107,24 @@ TEST_P(Learners, GoOnFromACheckpointByteForByte) {
   }
 }
 
+TEST_P(Learners, FallWithTheClockWhereThatIsFaster) {
+  const Traversal city = small_city();
+  TrainerOptions options = small();
+  for (const auto& [name, value] : known({{"learning-rate", 0.001}, {"learning-rate-end", 0}}))
+    options.learner_parameters[name] = value;
+  Loop loop(city, options), untold(city, options);
+  loop.trainer.come_to(0);
+  EXPECT_DOUBLE_EQ(loop.update().learning_rate, 0.001);
+  untold.update();
+  EXPECT_EQ(loop.trainer.agent().parameters, untold.trainer.agent().parameters);
+  loop.trainer.come_to(0.75);
+  EXPECT_NEAR(loop.update().learning_rate, 0.00025, 1e-12);
+  loop.trainer.come_to(1.1);
+  const Vector<float> before = loop.trainer.agent().parameters;
+  EXPECT_EQ(loop.update().learning_rate, 0);
+  EXPECT_EQ(loop.trainer.agent().parameters, before);
+}
+
 /// Room is taken at first; later updates with rollouts of the same size take none.
 TEST_P(Learners, AllocateNothingOnceWarm) {
 #ifndef COUNTS_ALLOCATIONS

@@ -253,6 +253,23 @@ TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
   EXPECT_FALSE(run.checkpoint("out").second == bytes["inprocess"]) << "another seed is another run";
 }
 
+/// However many steps it might have done: else it ends at the learning rate that it began with.
+TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
+  Trial run("cyclonedds", 98);
+  const auto summer = run.env("summer");
+  const auto policy = run.policy({"--agent", "place_filter", "--steps", "1000000000", "--time-limit", "2", "--tasks",
+                                  "20", "--output", run.folder() / "out"});
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  std::istringstream metrics(contents(run.folder() / "out/metrics.csv"));
+  std::string line, header;
+  std::getline(metrics, header);
+  ASSERT_TRUE(header.ends_with(",learning_rate,lag")) << header;
+  std::vector<double> rates;
+  while (std::getline(metrics, line)) rates.push_back(std::stod(line.substr(line.rfind(',', line.rfind(',') - 1) + 1)));
+  ASSERT_GT(rates.size(), 2u);
+  EXPECT_LT(rates.back(), 0.5 * rates.front());
+}
+
 TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
   Trial run("cyclonedds", 100);
   const auto summer = run.env("summer");
