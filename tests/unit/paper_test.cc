@@ -198,6 +198,16 @@ TEST(Curves, EndWithTheLastEpisodes) {
   EXPECT_TRUE(std::isnan(final_value(outcome, "reward")));
 }
 
+TEST(Curves, OfSeedsThatEndEarlierDoNotLeap) {
+  const auto outcome = [](double episodes, double reward) {
+    return Json{{"episodes", episodes},
+                {"curve", {{"episodes", {1, episodes / 2, episodes}}, {"reward", {reward, reward, reward}}}}};
+  };
+  const Line line = mean_curve("two seeds", {outcome(400, -1), outcome(1000, 0.5)}, "reward", 0.9);
+  EXPECT_EQ(line.x.back(), 1000);
+  for (std::size_t i = 0; i < line.x.size(); ++i) EXPECT_DOUBLE_EQ(line.y[i], -0.25) << line.x[i];
+}
+
 TEST(Reports, WriteEachNumberOfAChart) {
   const Folder folder;
   Report report(folder.path());

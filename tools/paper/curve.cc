@@ -38,6 +38,11 @@ Estimate final_values(const std::vector<Json>& outcomes, const std::string& figu
   return of_mean(values, range_of(figure));
 }
 
+void hold_last(std::vector<double>& values) {
+  const auto last = std::find_if(values.rbegin(), values.rend(), [](double value) { return std::isfinite(value); });
+  if (last != values.rend()) std::fill(values.rbegin(), last, *last);
+}
+
 Line mean_curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure, double keep) {
   Line line{label, {}, {}};
   double last = 0;
@@ -47,6 +52,7 @@ Line mean_curve(const std::string& label, const std::vector<Json>& outcomes, con
   for (const Json& outcome : outcomes) {
     const Json& curve = outcome["curve"];
     seeds.push_back(interpolated(numbers(curve["episodes"]), smoothed(numbers(curve[figure]), keep), line.x));
+    hold_last(seeds.back());
   }
   for (std::size_t i = 0; i < line.x.size(); ++i) {
     std::vector<double> values;

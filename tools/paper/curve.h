@@ -19,9 +19,16 @@ double final_value(const Json& outcome, const std::string& figure);
 /// final_value of each seed.
 Estimate final_values(const std::vector<Json>& outcomes, const std::string& figure);
 
+/// Values over episodes, NaN where there are none: from its last one on a seed is taken to stay as it was. Without that
+/// a mean would leap where one ends that has fewer episodes than the others, as those that fail do.
+void hold_last(std::vector<double>& values);
+/// What a mean is of whose seeds were held: for captions.
+constexpr const char* kMeanOfSeeds =
+    "mean of the seeds with its 95 % interval (a seed with fewer episodes counts on with its last value)";
+
 /// A figure of the trainings' curves ("reward", "spl", "length") over episodes, each seed's smoothed with the weight
-/// `keep` for what was before: mean of the seeds and its 95 % interval. `outcomes` as units of studies have them
-/// (study.h).
+/// `keep` for what was before, then held: mean of the seeds and its 95 % interval. `outcomes` as units of studies have
+/// them (study.h).
 Line mean_curve(const std::string& label, const std::vector<Json>& outcomes, const std::string& figure, double keep);
 
 }  // namespace citylearn::paper

@@ -63,7 +63,8 @@ class Compute : public Section {
       for (const Json& outcome : cost.outcomes) line.y.push_back(final_value(outcome, "reward"));
       for (const double step : cost.step) rate.push_back(1 / step);
       reached.insert(reached.end(), line.x.begin(), line.x.end());
-      rewards.insert(rewards.end(), line.y.begin(), line.y.end());
+      for (std::size_t i = 0; i < line.y.size(); ++i)
+        if (std::isfinite(line.x[i])) rewards.push_back(line.y[i]);
       curves.lines.push_back(curve(line.label, cost.outcomes.front()));
       taken.insert(taken.end(), curves.lines.back().x.begin(), curves.lines.back().x.end());
       const Estimate there = of_mean(cost.threshold, kCounts);

@@ -22,8 +22,9 @@ class Curves : public Section {
 
   void tell(const Context& context, Report& report) const override {
     report.text(
-        "Episodes of training, each update's finished ones averaged, smoothed by " + fixed(kSmoothing, 1) +
-        ", mean of the seeds with its 95 % interval. The paper: 16 agents, five seeds; reward 0.99 (baseline), "
+        "Episodes of training, each update's finished ones averaged, smoothed by " + fixed(kSmoothing, 1) + ", " +
+        kMeanOfSeeds +
+        ". The paper: 16 agents, five seeds; reward 0.99 (baseline), "
         "0.92 (NetVLAD-64), 0.80 (ResNet-64); just under and just over 50 steps an episode, about 75 on 512 features "
         "and more.");
     chart(context, report, "reward", "reward an episode");

@@ -1,6 +1,9 @@
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 
+#include "tools/paper/curve.h"
 #include "tools/paper/published.h"
 #include "tools/paper/section.h"
 #include "tools/paper/trials.h"
@@ -58,15 +61,29 @@ class Deployment : public Section {
     chart.height = 260;
     std::vector<double> ends;
     for (const Context::Agent& agent : context.agents) {
-      std::map<double, std::vector<double>> by_episodes;  // checkpoints lie a little beyond each hundred
-      for (const Json& outcome : context.outcomes(agent))
-        for (const Json& row : outcome["deployments"])
-          if (row["traversal"] == traversal)
-            by_episodes[100 * std::floor(row["episodes"].get<double>() / 100)].push_back(row[figure].get<double>());
-      Line line{agent.label, {}, {}};
-      for (const auto& [episodes, values] : by_episodes) {
+      std::vector<std::map<double, double>> seeds;  // by episodes; checkpoints lie a little beyond each hundred
+      std::set<double> checkpoints;
+      for (const Json& outcome : context.outcomes(agent)) {
+        seeds.emplace_back();
+        for (const Json& row : outcome["deployments"]) {
+          if (row["traversal"] != traversal) continue;
+          const double episodes = 100 * std::floor(row["episodes"].get<double>() / 100);
+          seeds.back()[episodes] = row[figure].get<double>();
+          checkpoints.insert(episodes);
+        }
+      }
+      std::vector<std::vector<double>> held;
+      for (const std::map<double, double>& seed : seeds) {
+        held.emplace_back();
+        for (const double episodes : checkpoints)
+          held.back().push_back(seed.contains(episodes) ? seed.at(episodes) : NAN);
+        hold_last(held.back());
+      }
+      Line line{agent.label, {checkpoints.begin(), checkpoints.end()}, {}};
+      for (std::size_t i = 0; i < line.x.size(); ++i) {
+        std::vector<double> values;
+        for (const std::vector<double>& seed : held) values.push_back(seed[i]);
         const Estimate estimate = of_mean(values, kShares);
-        line.x.push_back(episodes);
         line.y.push_back(estimate.mean);
         line.low.push_back(estimate.low);
         line.high.push_back(estimate.high);
@@ -84,9 +101,8 @@ class Deployment : public Section {
         }
     }
     report.figure((learned ? "figure-8-" : "figure-9-") + traversal + "-" + figure, chart,
-                  chart.title +
-                      ", mean of the seeds with its 95 % interval; dashed: policies that learn nothing. Command: " +
-                      context.command + " --only figure-8-9");
+                  chart.title + ", " + kMeanOfSeeds +
+                      "; dashed: policies that learn nothing. Command: " + context.command + " --only figure-8-9");
   }
 
   static void trials(const Context& context, Report& report) {

@@ -188,7 +188,7 @@ class Junctions : public Section {
     report.figure("map-training", chart,
                   "SPL while training on '" + ground.world.train() +
                       "', measured by the shortest way with junctions, " + "smoothed by " + fixed(kSmoothing, 1) +
-                      ", mean of the seeds with its 95 % interval. Command: " + context.command + " --only " + kReport);
+                      ", " + kMeanOfSeeds + ". Command: " + context.command + " --only " + kReport);
   }
 
   static void table(const Context& context, const Ground& ground, Report& report) {

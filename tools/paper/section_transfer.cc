@@ -144,7 +144,7 @@ class Transfer : public Section {
     chart.height = 300;
     report.figure("transfer-" + carriage.agent, chart,
                   chart.title + " ('" + train + "'): SPL of the episodes of training there, smoothed by " +
-                      fixed(kLightly, 1) + ", mean of the seeds with its 95 % interval; dashed: what trains no more. " +
+                      fixed(kLightly, 1) + ", " + kMeanOfSeeds + "; dashed: what trains no more. " +
                       "Command: " + context.command + " --only transfer");
   }
 
