@@ -33,6 +33,16 @@ void print_list() {
   for (const auto& [name, help] : list_middlewares()) std::cout << describe(name, help, {}, "");
 }
 
+/// `least` is 0 or 1. CLI11's own checks of this kind tell a range that ends with 309 digits.
+CLI::Validator at_least(int least) {
+  const std::string wanted = "must be " + std::to_string(least) + " or more";
+  return {[=](const std::string& text) {
+            double value = 0;
+            return CLI::detail::lexical_cast(text, value) && value >= least ? "" : "'" + text + "' " + wanted;
+          },
+          least == 0 ? "NONNEGATIVE" : "POSITIVE"};
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -98,7 +108,7 @@ int main(int argc, char** argv) {
         ->group(task);
     app.add_option("--first-frame", options.first_frame, "The route begins at this frame of the traversal")
         ->capture_default_str()
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->group(task);
     app.add_option("--frames", options.frames, "Places on the route, N")
         ->capture_default_str()
@@ -106,7 +116,7 @@ int main(int argc, char** argv) {
         ->group(task);
     app.add_option("--max-steps", options.max_steps, "Step limit of an episode; 0 = N")
         ->capture_default_str()
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->group(task);
     app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8 ... 128 frames")
         ->group(task);
@@ -128,7 +138,7 @@ int main(int argc, char** argv) {
         ->group(task);
     app.add_option("--wait", options.wait, "Seconds until missing env_services are an error; 0 = wait for ever")
         ->capture_default_str()
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->group(task);
 
     const std::string roles = "Roles";
@@ -152,16 +162,16 @@ int main(int argc, char** argv) {
                    "End training after so many seconds; what falls in its course, as the learning rate, has fallen by "
                    "then; 0 = never")
         ->capture_default_str()
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->group(length);
     app.add_option("--checkpoint-every", options.checkpoint_every, "Updates between checkpoints")
         ->capture_default_str()
-        ->check(CLI::PositiveNumber)
+        ->check(at_least(1))
         ->group(length);
     app.add_option("--evaluate-every", options.evaluate_every,
                    "Updates between evaluations on the other traversals; 0 = at the end only")
         ->capture_default_str()
-        ->check(CLI::NonNegativeNumber)
+        ->check(at_least(0))
         ->group(length);
     app.add_option("--tasks", options.tasks, "Evaluation tasks on each traversal")
         ->capture_default_str()

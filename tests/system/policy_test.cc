@@ -303,6 +303,8 @@ TEST(CommandLine, WrongInputIsOneClearLine) {
   const WrongInputs cases = {
       {"output of an earlier run", {{"--output", run.folder() / "used"}, "checkpoint-7.clk: is of an earlier run"}},
       {"unknown middleware", {{"--middleware", "zeromq"}, "cyclonedds"}},
+      {"negative time limit", {{"--time-limit", "-1"}, "--time-limit: '-1' must be 0 or more (try --help)"}},
+      {"never a checkpoint", {{"--checkpoint-every", "0"}, "--checkpoint-every: '0' must be 1 or more (try --help)"}},
       {"domain out of range", {{"--domain", "300"}, "domain"}},
       {"unknown agent", {{"--agent", "oracle"}, "place_filter"}},
       {"unknown learner", {{"--learner", "sarsa"}, "ppo"}},
