@@ -2,10 +2,10 @@
 set(CITYLEARN_PLUGINS "" CACHE STRING "Plug-ins of your own: NAME.cc, or a folder whose CMakeLists.txt calls citylearn_plugin; a;b;c")
 
 # One hash of all headers that a plug-in and a program must agree on; only a changed hash compiles anything anew.
-file(GLOB headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/core/*.h ${CMAKE_SOURCE_DIR}/policy_service/*.h
-  ${CMAKE_SOURCE_DIR}/policy_service/learners/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
+file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/core/*.h ${CMAKE_SOURCE_DIR}/policy_service/network/*.h
+  ${CMAKE_SOURCE_DIR}/policy_service/rollout/*.h ${CMAKE_SOURCE_DIR}/policy_service/learning/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
 list(JOIN headers "," inputs)
-set(interface ${CMAKE_BINARY_DIR}/generated/core/plugin_interface.h)
+set(interface ${CMAKE_BINARY_DIR}/generated/core/plugin/plugin_interface.h)
 add_custom_command(
   OUTPUT ${interface}
   COMMAND ${CMAKE_COMMAND} -DOUTPUT=${interface} -DINPUTS=${inputs} "-DALSO=Eigen ${Eigen3_VERSION}" -P ${CMAKE_SOURCE_DIR}/cmake/interface_hash.cmake
@@ -23,7 +23,7 @@ endfunction()
 # citylearn_plugin(NAME FILE...): plugins/NAME.so in the build folder. It is linked to nothing of this project: the program that
 # loads it has all that, once.
 function(citylearn_plugin name)
-  add_library(${name} MODULE ${ARGN} ${CMAKE_SOURCE_DIR}/core/plugin_stamp.cc)
+  add_library(${name} MODULE ${ARGN} ${CMAKE_SOURCE_DIR}/core/plugin/plugin_stamp.cc)
   set_target_properties(${name} PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/plugins)
   target_include_directories(${name} SYSTEM PRIVATE ${CMAKE_BINARY_DIR}/generated
     $<TARGET_PROPERTY:citylearn_learning,INTERFACE_INCLUDE_DIRECTORIES>)

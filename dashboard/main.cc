@@ -8,13 +8,13 @@
 #include <iostream>
 #include <optional>
 
-#include "core/service.h"
-#include "dashboard/api.h"
-#include "dashboard/live.h"
-#include "dashboard/playback.h"
-#include "dashboard/recorder.h"
-#include "dashboard/runs_feed.h"
-#include "dashboard/server.h"
+#include "core/wire/service.h"
+#include "dashboard/api/api.h"
+#include "dashboard/live/live.h"
+#include "dashboard/live/playback.h"
+#include "dashboard/store/recorder.h"
+#include "dashboard/live/runs_feed.h"
+#include "dashboard/http/server.h"
 
 namespace {
 

@@ -2,7 +2,7 @@
 
 #include <CLI/CLI.hpp>
 
-#include "core/service.h"
+#include "core/wire/service.h"
 
 namespace citylearn {
 

@@ -3,7 +3,7 @@
 #include <map>
 #include <string>
 
-#include "encoder_service/encoder.h"
+#include "encoder_service/encoding/encoder.h"
 
 namespace CLI {
 class App;

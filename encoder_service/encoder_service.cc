@@ -10,9 +10,9 @@
 #include <set>
 #include <utility>
 
-#include "core/files.h"
-#include "core/random.h"
-#include "core/transfer.h"
+#include "core/util/files.h"
+#include "core/util/random.h"
+#include "core/wire/transfer.h"
 #include "encoder_service/background.h"
 #include "encoder_service/image_fetch.h"
 #include "encoder_service/traversal_work.h"

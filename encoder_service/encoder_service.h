@@ -4,9 +4,9 @@
 #include <map>
 #include <string>
 
-#include "core/node.h"
-#include "encoder_service/encoder.h"
-#include "encoder_service/reduction.h"
+#include "core/wire/node.h"
+#include "encoder_service/encoding/encoder.h"
+#include "encoder_service/encoding/reduction.h"
 
 namespace citylearn {
 

@@ -14,9 +14,9 @@
 #include <mutex>
 #include <string_view>
 
-#include "core/error.h"
-#include "core/messages.h"
-#include "core/sha256.h"
+#include "core/util/error.h"
+#include "core/wire/messages.h"
+#include "core/util/sha256.h"
 
 // The file: a header, an index of one entry a frame, and from the next multiple of 4 KiB on F x D floats. A frame is
 // written before its entry, and its entry in one piece, so an entry never tells of numbers that are not there.

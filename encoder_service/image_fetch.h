@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/node.h"
+#include "core/wire/node.h"
 
 namespace citylearn {
 

@@ -3,7 +3,7 @@
 #include <iostream>
 #include <opencv2/core.hpp>
 
-#include "core/service.h"
+#include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/encoder_service.h"
 

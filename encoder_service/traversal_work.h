@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "core/middleware.h"
+#include "core/util/types.h"
 #include "encoder_service/feature_store.h"
 
 namespace citylearn {

@@ -10,11 +10,11 @@
 #include <tuple>
 #include <utility>
 
-#include "core/rejections.h"
-#include "core/transfer.h"
-#include "core/wall_clock.h"
+#include "core/wire/rejections.h"
+#include "core/wire/transfer.h"
+#include "core/util/wall_clock.h"
 #include "env_service/environment.h"
-#include "env_service/episode_book.h"
+#include "env_service/episode_outbox.h"
 
 namespace citylearn {
 namespace {

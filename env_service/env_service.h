@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "core/node.h"
-#include "env_service/traversal.h"
+#include "core/wire/node.h"
+#include "env_service/dataset_io/traversal.h"
 
 namespace citylearn {
 

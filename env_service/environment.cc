@@ -4,7 +4,7 @@
 #include <numeric>
 #include <utility>
 
-#include "core/route_map.h"
+#include "core/task/route_map.h"
 
 namespace citylearn {
 

@@ -4,9 +4,9 @@
 #include <span>
 #include <vector>
 
-#include "core/messages.h"
-#include "core/random.h"
-#include "env_service/traversal.h"
+#include "core/wire/messages.h"
+#include "core/util/random.h"
+#include "env_service/dataset_io/traversal.h"
 
 namespace citylearn {
 

@@ -1,10 +1,10 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
-#include "core/service.h"
-#include "env_service/dataset.h"
+#include "core/wire/service.h"
+#include "env_service/dataset_io/dataset.h"
 #include "env_service/env_service.h"
-#include "env_service/selection.h"
+#include "env_service/dataset_io/selection.h"
 
 namespace {
 

@@ -2,8 +2,8 @@
 #include <CLI/CLI.hpp>
 #include <charconv>
 
-#include "core/service.h"
-#include "env_service/selection.h"
+#include "core/wire/service.h"
+#include "env_service/dataset_io/selection.h"
 
 namespace citylearn {
 namespace {

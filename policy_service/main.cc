@@ -1,16 +1,16 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
-#include "core/plugins.h"
-#include "core/service.h"
-#include "policy_service/agent_network.h"
-#include "policy_service/control.h"
+#include "core/plugin/plugins.h"
+#include "core/wire/service.h"
+#include "policy_service/network/agent_network.h"
+#include "policy_service/rollout/control.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/interchange/onnx_graph.h"
-#include "policy_service/learner.h"
-#include "policy_service/policy_service.h"
-#include "policy_service/sweep.h"
-#include "policy_service/trainer.h"
+#include "policy_service/learning/learner.h"
+#include "policy_service/run/policy_service.h"
+#include "policy_service/run/sweep.h"
+#include "policy_service/learning/trainer.h"
 
 namespace {
 

@@ -12,7 +12,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "encoder_service/onnx_network.h"
+#include "encoder_service/onnx/onnx_network.h"
 
 namespace {
 

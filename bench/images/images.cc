@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "core/random.h"
+#include "core/util/random.h"
 #include "tests/support/service.h"
 
 namespace {

@@ -10,7 +10,7 @@
 #include <memory>
 #include <thread>
 
-#include "dashboard/server.h"
+#include "dashboard/http/server.h"
 #include "tests/support/web_client.h"
 
 namespace {

@@ -17,7 +17,7 @@ dds_entity_t require(dds_entity_t entity) {
   return entity;
 }
 
-// The same network settings as core/middleware_cyclonedds.cc.
+// The same network settings as core/dds/middleware_cyclonedds.cc.
 const char* const kConfig =
     "<General><Interfaces><NetworkInterface address=\"127.0.0.1\" multicast=\"false\"/></Interfaces>"
     "<AllowMulticast>false</AllowMulticast><MaxMessageSize>65500B</MaxMessageSize><FragmentSize>64000B</FragmentSize>"

@@ -74,7 +74,7 @@ Pointer require(Pointer pointer) {
 class FastPort : public Port, private DataReaderListener {
  public:
   explicit FastPort(const PortOptions& options) : received_(options.received) {
-    // The same network settings as core/middleware_fastdds.cc.
+    // The same network settings as core/dds/middleware_fastdds.cc.
     DomainParticipantQos qos;
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     udp->interfaceWhiteList = {"127.0.0.1"};

@@ -14,7 +14,7 @@
 #include <optional>
 
 #include "bench/roundtrip/bare.h"
-#include "core/node.h"
+#include "core/wire/node.h"
 
 namespace {
 

@@ -9,8 +9,8 @@
 #include <tuple>
 #include <utility>
 
-#include "core/messages.h"
-#include "policy_service/agent_network.h"
+#include "core/wire/messages.h"
+#include "policy_service/network/agent_network.h"
 
 namespace citylearn::scale {
 

@@ -5,7 +5,7 @@
 #include <iostream>
 
 #include "bench/scale/calibration.h"
-#include "core/error.h"
+#include "core/util/error.h"
 
 namespace {
 

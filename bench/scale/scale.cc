@@ -12,7 +12,7 @@
 #include <sstream>
 
 #include "bench/scale/hosts.h"
-#include "core/node.h"
+#include "core/wire/node.h"
 #include "tests/support/service.h"
 
 namespace {

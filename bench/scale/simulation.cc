@@ -7,8 +7,8 @@
 #include <set>
 #include <utility>
 
-#include "core/error.h"
-#include "core/random.h"
+#include "core/util/error.h"
+#include "core/util/random.h"
 
 namespace citylearn::scale {
 

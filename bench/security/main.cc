@@ -14,8 +14,8 @@
 #include <map>
 #include <sstream>
 
-#include "core/error.h"
-#include "core/middleware.h"
+#include "core/util/error.h"
+#include "core/dds/middleware.h"
 
 namespace {
 

@@ -10,9 +10,9 @@
 #include <thread>
 #include <vector>
 
-#include "core/error.h"
-#include "dashboard/api.h"
-#include "dashboard/recorder.h"
+#include "core/util/error.h"
+#include "dashboard/api/api.h"
+#include "dashboard/store/recorder.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"
 

@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "core/messages.h"
-#include "core/plugins.h"
-#include "policy_service/learner.h"
-#include "policy_service/trainer.h"
+#include "core/wire/messages.h"
+#include "core/plugin/plugins.h"
+#include "policy_service/learning/learner.h"
+#include "policy_service/learning/trainer.h"
 
 #ifndef CITYLEARN_TORCH_PPO
 #define CITYLEARN_TORCH_PPO ""

@@ -12,10 +12,10 @@
 #include <string>
 #include <vector>
 
-#include "core/plugins.h"
-#include "env_service/dataset.h"
-#include "policy_service/network_policy.h"
-#include "policy_service/worker.h"
+#include "core/plugin/plugins.h"
+#include "env_service/dataset_io/dataset.h"
+#include "policy_service/rollout/network_policy.h"
+#include "policy_service/rollout/worker.h"
 #include "tools/inprocess/pictures.h"
 
 namespace citylearn {

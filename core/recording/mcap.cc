@@ -10,7 +10,7 @@
 #include <cstring>
 #include <limits>
 
-#include "core/error.h"
+#include "core/util/error.h"
 
 namespace citylearn {
 namespace {

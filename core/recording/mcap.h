@@ -10,7 +10,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/middleware.h"
+#include "core/dds/middleware.h"
 
 namespace citylearn {
 

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-#include "core/messages.h"
-#include "core/middleware.h"
+#include "core/wire/messages.h"
+#include "core/dds/middleware.h"
 #include "core/recording/mcap.h"
 
 namespace citylearn {

@@ -5,7 +5,7 @@
 #include <span>
 #include <string>
 
-#include "core/middleware.h"
+#include "core/dds/middleware.h"
 
 namespace citylearn {
 

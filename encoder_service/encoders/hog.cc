@@ -3,7 +3,7 @@
 #include <cmath>
 #include <vector>
 
-#include "encoder_service/picture_encoder.h"
+#include "encoder_service/encoding/picture_encoder.h"
 
 namespace citylearn {
 namespace {

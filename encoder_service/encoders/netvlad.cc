@@ -2,10 +2,10 @@
 #include <opencv2/core.hpp>
 #include <optional>
 
-#include "core/random.h"
-#include "encoder_service/netvlad_head.h"
-#include "encoder_service/onnx_file.h"
-#include "encoder_service/onnx_network.h"
+#include "core/util/random.h"
+#include "encoder_service/encoding/netvlad_head.h"
+#include "encoder_service/onnx/onnx_file.h"
+#include "encoder_service/onnx/onnx_network.h"
 
 namespace citylearn {
 namespace {

@@ -1,6 +1,6 @@
 #include <opencv2/core.hpp>
 
-#include "encoder_service/onnx_network.h"
+#include "encoder_service/onnx/onnx_network.h"
 
 namespace citylearn {
 namespace {

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <opencv2/core.hpp>
 
-#include "encoder_service/picture_encoder.h"
+#include "encoder_service/encoding/picture_encoder.h"
 
 namespace citylearn {
 namespace {

@@ -1,6 +1,6 @@
 #include <opencv2/imgproc.hpp>
 
-#include "encoder_service/picture_encoder.h"
+#include "encoder_service/encoding/picture_encoder.h"
 
 namespace citylearn {
 namespace {

@@ -3,11 +3,11 @@
 #include <cstdint>
 #include <cstdio>
 
-#include "core/random.h"
-#include "encoder_service/byte_stream.h"
-#include "encoder_service/dense_sift.h"
-#include "encoder_service/kmeans.h"
-#include "encoder_service/picture_encoder.h"
+#include "core/util/random.h"
+#include "encoder_service/encoding/byte_stream.h"
+#include "encoder_service/encoding/dense_sift.h"
+#include "encoder_service/encoding/kmeans.h"
+#include "encoder_service/encoding/picture_encoder.h"
 
 namespace citylearn {
 namespace {

@@ -6,8 +6,8 @@
 #include <numeric>
 #include <string>
 
-#include "core/error.h"
-#include "core/random.h"
+#include "core/util/error.h"
+#include "core/util/random.h"
 
 namespace citylearn {
 namespace {

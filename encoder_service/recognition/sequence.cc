@@ -5,7 +5,7 @@
 #include <limits>
 #include <string>
 
-#include "core/error.h"
+#include "core/util/error.h"
 
 namespace citylearn {
 namespace {

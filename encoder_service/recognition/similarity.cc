@@ -4,7 +4,7 @@
 #include <functional>
 #include <vector>
 
-#include "core/error.h"
+#include "core/util/error.h"
 
 namespace citylearn {
 namespace {

@@ -5,8 +5,8 @@
 #include <optional>
 #include <set>
 
-#include "env_service/datasets/layout.h"
-#include "env_service/datasets/parts.h"
+#include "env_service/dataset_io/layout.h"
+#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {

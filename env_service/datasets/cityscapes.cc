@@ -3,8 +3,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "env_service/datasets/layout.h"
-#include "env_service/datasets/parts.h"
+#include "env_service/dataset_io/layout.h"
+#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {

@@ -4,9 +4,9 @@
 #include <limits>
 #include <map>
 
-#include "core/messages.h"
-#include "env_service/dataset.h"
-#include "env_service/datasets/parts.h"
+#include "core/wire/messages.h"
+#include "env_service/dataset_io/dataset.h"
+#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {

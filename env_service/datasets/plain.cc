@@ -5,10 +5,10 @@
 #include <limits>
 #include <map>
 
-#include "core/messages.h"
-#include "env_service/dataset.h"
-#include "env_service/datasets/parts.h"
-#include "env_service/datasets/poses.h"
+#include "core/wire/messages.h"
+#include "env_service/dataset_io/dataset.h"
+#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/poses.h"
 
 namespace citylearn {
 namespace {

@@ -2,8 +2,8 @@
 #include <map>
 #include <opencv2/imgproc.hpp>
 
-#include "env_service/datasets/layout.h"
-#include "env_service/datasets/parts.h"
+#include "env_service/dataset_io/layout.h"
+#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "env_service/datasets/layout.h"
-#include "env_service/datasets/parts.h"
+#include "env_service/dataset_io/layout.h"
+#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {

@@ -5,9 +5,9 @@
 #include <map>
 #include <queue>
 
-#include "env_service/datasets/layout.h"
-#include "env_service/datasets/panorama.h"
-#include "env_service/datasets/parts.h"
+#include "env_service/dataset_io/layout.h"
+#include "env_service/dataset_io/panorama.h"
+#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {

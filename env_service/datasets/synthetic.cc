@@ -3,10 +3,10 @@
 #include <cmath>
 #include <memory>
 
-#include "core/messages.h"
-#include "core/random.h"
-#include "env_service/dataset.h"
-#include "env_service/datasets/drawn_world.h"
+#include "core/wire/messages.h"
+#include "core/util/random.h"
+#include "env_service/dataset_io/dataset.h"
+#include "env_service/drawn_city/world.h"
 
 // The same bits on every machine: whole-number random lanes, + - * / and square roots, which IEEE 754 rounds in one
 // way, and no fused multiply-add (this file is compiled with -ffp-contract=off). Nothing of libm but sqrt.

@@ -2,8 +2,8 @@
 
 #include <string>
 
-#include "core/registry.h"
-#include "policy_service/checkpoint.h"
+#include "core/plugin/registry.h"
+#include "policy_service/network/checkpoint.h"
 #include "policy_service/interchange/onnx_graph.h"
 
 namespace citylearn {

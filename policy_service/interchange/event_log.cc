@@ -14,8 +14,8 @@
 #include <string_view>
 #include <vector>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "core/util/error.h"
+#include "core/util/files.h"
 
 namespace citylearn {
 namespace {

@@ -4,8 +4,8 @@
 #include <optional>
 #include <string>
 
-#include "core/growing_file.h"
-#include "core/messages.h"
+#include "core/util/growing_file.h"
+#include "core/wire/messages.h"
 
 namespace citylearn {
 

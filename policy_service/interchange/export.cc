@@ -2,9 +2,9 @@
 
 #include <filesystem>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/sha256.h"
+#include "core/util/error.h"
+#include "core/util/files.h"
+#include "core/util/sha256.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "policy_service/interchange/safetensors.h"
 

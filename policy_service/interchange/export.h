@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "policy_service/checkpoint.h"
+#include "policy_service/network/checkpoint.h"
 
 namespace citylearn {
 

@@ -8,7 +8,7 @@
 #include <cstring>
 #include <set>
 
-#include "core/error.h"
+#include "core/util/error.h"
 
 namespace citylearn {
 namespace {

@@ -8,7 +8,7 @@
 #include <variant>
 #include <vector>
 
-#include "policy_service/agent_network.h"
+#include "policy_service/network/agent_network.h"
 
 namespace citylearn {
 

@@ -6,8 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "core/util/error.h"
+#include "core/util/files.h"
 
 namespace citylearn {
 namespace {

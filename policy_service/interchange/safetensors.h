@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "policy_service/checkpoint.h"
+#include "policy_service/network/checkpoint.h"
 
 namespace citylearn {
 

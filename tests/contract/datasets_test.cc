@@ -1,4 +1,4 @@
-// What every registered dataset promises (env_service/dataset.h).
+// What every registered dataset promises (env_service/dataset_io/dataset.h).
 #include <gtest/gtest.h>
 
 #include <algorithm>

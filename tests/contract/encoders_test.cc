@@ -1,7 +1,7 @@
 // What every encoder without files promises, whichever it is.
 #include <gtest/gtest.h>
 
-#include "encoder_service/encoder.h"
+#include "encoder_service/encoding/encoder.h"
 #include "tests/support/sample_pictures.h"
 
 namespace citylearn {

@@ -1,4 +1,4 @@
-// What every learner promises (policy_service/learner.h), asked of all that are registered in this program.
+// What every learner promises (policy_service/learning/learner.h), asked of all that are registered in this program.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,8 +8,8 @@
 #include <memory>
 #include <span>
 
-#include "core/error.h"
-#include "policy_service/learner.h"
+#include "core/util/error.h"
+#include "policy_service/learning/learner.h"
 #include "tests/contract/learner_walk.h"
 
 namespace citylearn::testing {

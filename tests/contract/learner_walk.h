@@ -2,10 +2,10 @@
 
 #include <cmath>
 
-#include "core/messages.h"
-#include "core/random.h"
-#include "policy_service/agent_network.h"
-#include "policy_service/rollout.h"
+#include "core/wire/messages.h"
+#include "core/util/random.h"
+#include "policy_service/network/agent_network.h"
+#include "policy_service/rollout/rollout.h"
 
 namespace citylearn::testing {
 

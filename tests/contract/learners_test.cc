@@ -9,7 +9,7 @@
 #include <cstdlib>
 #include <limits>
 
-#include "policy_service/trainer.h"
+#include "policy_service/learning/trainer.h"
 #include "tests/contract/learner_walk.h"
 #include "tests/support/small_city.h"
 

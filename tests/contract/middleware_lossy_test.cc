@@ -5,7 +5,7 @@
 #include <cstring>
 #include <set>
 
-#include "core/middleware.h"
+#include "core/dds/middleware.h"
 
 namespace citylearn {
 namespace {

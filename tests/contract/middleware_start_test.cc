@@ -5,9 +5,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "core/error.h"
-#include "core/middleware.h"
-#include "core/node.h"
+#include "core/util/error.h"
+#include "core/dds/middleware.h"
+#include "core/wire/node.h"
 #include "tests/support/wait.h"
 
 namespace citylearn {

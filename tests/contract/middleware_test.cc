@@ -1,5 +1,5 @@
-// What every middleware promises, asked of each of them: core/middleware.h.
-#include "core/middleware.h"
+// What every middleware promises, asked of each of them: core/dds/middleware.h.
+#include "core/dds/middleware.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -9,8 +9,8 @@
 #include <set>
 #include <thread>
 
-#include "core/error.h"
-#include "core/node.h"
+#include "core/util/error.h"
+#include "core/wire/node.h"
 #include "tests/support/wait.h"
 
 namespace citylearn {

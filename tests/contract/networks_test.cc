@@ -1,8 +1,8 @@
 // What every registered network keeps to.
 #include <gtest/gtest.h>
 
-#include "core/error.h"
-#include "policy_service/agent_network.h"
+#include "core/util/error.h"
+#include "policy_service/network/agent_network.h"
 #include "tests/support/small_networks.h"
 
 namespace citylearn {

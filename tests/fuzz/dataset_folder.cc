@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
-#include "env_service/dataset.h"
-#include "env_service/datasets/parts.h"
-#include "env_service/selection.h"
+#include "env_service/dataset_io/dataset.h"
+#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/selection.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/service.h"
 

@@ -1,6 +1,6 @@
-#include "encoder_service/netvlad_head.h"
-#include "encoder_service/onnx_file.h"
-#include "encoder_service/reduction.h"
+#include "encoder_service/encoding/netvlad_head.h"
+#include "encoder_service/onnx/onnx_file.h"
+#include "encoder_service/encoding/reduction.h"
 #include "tests/fuzz/targets.h"
 
 namespace citylearn::fuzz {

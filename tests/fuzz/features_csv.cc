@@ -2,7 +2,7 @@
 #include <cmath>
 #include <fstream>
 
-#include "env_service/dataset.h"
+#include "env_service/dataset_io/dataset.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/service.h"
 

@@ -2,7 +2,7 @@
 
 #include <cstdlib>
 
-#include "core/messages.h"
+#include "core/wire/messages.h"
 #include "core/recording/wire_header.h"
 #include "tests/fuzz/messages.h"
 #include "tests/support/samples.h"

@@ -4,7 +4,7 @@
 #include <map>
 #include <string>
 
-#include "core/middleware.h"
+#include "core/dds/middleware.h"
 #include "tests/fuzz/targets.h"
 
 namespace citylearn::fuzz {

@@ -1,8 +1,8 @@
 #include <opencv2/core.hpp>
 
-#include "core/image_header.h"
-#include "encoder_service/encoder.h"
-#include "env_service/datasets/parts.h"
+#include "core/util/image_header.h"
+#include "encoder_service/encoding/encoder.h"
+#include "env_service/dataset_io/parts.h"
 #include "tests/fuzz/targets.h"
 
 namespace citylearn::fuzz {

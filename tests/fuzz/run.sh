@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 fail() { printf 'fuzz: %s\n' "$*" >&2; exit 1; }
 
 files=$(cd tests/fuzz/seeds && printf '%s\n' *)
-types=$(sed -n 's,^CITYLEARN_TOPIC(.*"\([a-z_]*\)".*,message_\1,p' core/messages.cc | sort)
+types=$(sed -n 's,^CITYLEARN_TOPIC(.*"\([a-z_]*\)".*,message_\1,p' core/wire/messages.cc | sort)
 target=${1:-all} seconds=${2:-600}
 case $target in
   all) targets="$files $types" ;;

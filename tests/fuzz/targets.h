@@ -6,7 +6,7 @@
 #include <span>
 #include <string_view>
 
-#include "core/error.h"
+#include "core/util/error.h"
 
 // Readers of what comes from outside, each as one function of arbitrary bytes. libFuzzer calls them with inputs it
 // invents (tests/fuzz/README.md), a unit test with the seeds. Whatever the bytes are, a reader either takes them or

@@ -2,9 +2,9 @@
 
 #include <fstream>
 
-#include "dashboard/access.h"
-#include "dashboard/api.h"
-#include "dashboard/target.h"
+#include "dashboard/http/access.h"
+#include "dashboard/api/api.h"
+#include "dashboard/http/target.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"

@@ -3,8 +3,8 @@
 #include <iostream>
 #include <nlohmann/json.hpp>
 
-#include "core/error.h"
-#include "core/service.h"
+#include "core/util/error.h"
+#include "core/wire/service.h"
 #include "tests/support/recordings.h"
 #include "tests/support/samples.h"
 

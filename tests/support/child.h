@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "core/error.h"
-#include "core/middleware.h"
+#include "core/util/error.h"
+#include "core/dds/middleware.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {

@@ -7,8 +7,8 @@
 #include <memory>
 #include <string>
 
-#include "core/messages.h"
-#include "env_service/dataset.h"
+#include "core/wire/messages.h"
+#include "env_service/dataset_io/dataset.h"
 #include "env_service/environment.h"
 
 namespace citylearn::testing {

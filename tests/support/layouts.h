@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "env_service/datasets/parts.h"
+#include "env_service/dataset_io/parts.h"
 #include "tests/support/env.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"

@@ -9,7 +9,7 @@
 #include <sstream>
 #include <string>
 
-#include "dashboard/sqlite.h"
+#include "dashboard/store/sqlite.h"
 #include "tests/support/witness.h"
 
 namespace citylearn::testing {

@@ -7,7 +7,7 @@
 #include <limits>
 #include <vector>
 
-#include "core/messages.h"
+#include "core/wire/messages.h"
 #include "env_service/environment.h"
 
 namespace citylearn::testing {

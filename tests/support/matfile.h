@@ -8,8 +8,8 @@
 #include <string>
 #include <string_view>
 
-#include "core/error.h"
-#include "core/files.h"
+#include "core/util/error.h"
+#include "core/util/files.h"
 
 namespace citylearn::testing {
 

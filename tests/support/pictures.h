@@ -7,7 +7,7 @@
 #include <opencv2/videoio.hpp>
 #include <string>
 
-#include "core/error.h"
+#include "core/util/error.h"
 
 namespace citylearn::testing {
 

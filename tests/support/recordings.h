@@ -5,7 +5,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/messages.h"
+#include "core/wire/messages.h"
 #include "core/recording/idl_text.h"
 #include "core/recording/mcap.h"
 

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/messages.h"
+#include "core/wire/messages.h"
 
 namespace citylearn::testing {
 

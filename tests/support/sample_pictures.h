@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "core/random.h"
+#include "core/util/random.h"
 
 namespace citylearn::testing {
 

@@ -1,6 +1,6 @@
-// A learner that a test sees through, built as a plug-in (tests/unit/plugins_test.cc): every update adds `rate` to
+// A learner that a test sees through, built as a plug-in (tests/unit/core/plugin/plugins_test.cc): every update adds `rate` to
 // every parameter.
-#include "policy_service/learner.h"
+#include "policy_service/learning/learner.h"
 
 #ifndef SAMPLE_NAME
 #define SAMPLE_NAME "sample"

@@ -5,8 +5,8 @@
 #include <limits>
 #include <tuple>
 
-#include "core/messages.h"
-#include "core/transfer.h"
+#include "core/wire/messages.h"
+#include "core/wire/transfer.h"
 
 namespace citylearn::testing {
 

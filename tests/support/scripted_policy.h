@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/node.h"
+#include "core/wire/node.h"
 #include "tests/support/localisers.h"
 #include "tests/support/wait.h"
 

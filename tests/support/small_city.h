@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "env_service/environment.h"
-#include "policy_service/trainer.h"
+#include "policy_service/learning/trainer.h"
 
 namespace citylearn {
 

@@ -3,10 +3,10 @@
 #include <map>
 #include <string>
 
-#include "core/messages.h"
-#include "core/random.h"
-#include "env_service/traversal.h"
-#include "policy_service/agent_network.h"
+#include "core/wire/messages.h"
+#include "core/util/random.h"
+#include "env_service/dataset_io/traversal.h"
+#include "policy_service/network/agent_network.h"
 #include "tests/support/small_city.h"
 
 namespace citylearn {

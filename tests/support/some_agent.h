@@ -3,9 +3,9 @@
 #include <map>
 #include <string>
 
-#include "policy_service/checkpoint.h"
-#include "policy_service/learner.h"
-#include "policy_service/trainer.h"
+#include "policy_service/network/checkpoint.h"
+#include "policy_service/learning/learner.h"
+#include "policy_service/learning/trainer.h"
 
 namespace citylearn::testing {
 

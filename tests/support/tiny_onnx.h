@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "encoder_service/encoder.h"
+#include "encoder_service/encoding/encoder.h"
 
 namespace citylearn::testing {
 

@@ -2,7 +2,7 @@
 
 #include <functional>
 
-#include "core/middleware.h"
+#include "core/dds/middleware.h"
 
 namespace citylearn::testing {
 

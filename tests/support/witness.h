@@ -6,7 +6,7 @@
 #include <map>
 #include <string>
 
-#include "core/node.h"
+#include "core/wire/node.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {

@@ -9,7 +9,7 @@
 #include <cstring>
 #include <thread>
 
-#include "core/transfer.h"
+#include "core/wire/transfer.h"
 #include "env_service/env_service.h"
 #include "tests/support/env.h"
 #include "tests/support/recorder.h"

@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "core/random.h"
+#include "core/util/random.h"
 #include "tests/support/ledger.h"
 #include "tests/support/trial.h"
 #include "tests/support/witness.h"

@@ -1,5 +1,5 @@
 // A policy_service's Fleet and env_services in one process: observations by reference are those with features.
-#include "policy_service/fleet.h"
+#include "policy_service/distributed/env_client.h"
 
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
@@ -8,7 +8,7 @@
 #include <atomic>
 #include <thread>
 
-#include "core/random.h"
+#include "core/util/random.h"
 #include "env_service/env_service.h"
 #include "tests/support/env.h"
 #include "tests/support/samples.h"

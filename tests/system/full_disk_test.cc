@@ -2,7 +2,7 @@
 // is room again.
 #include <gtest/gtest.h>
 
-#include "policy_service/checkpoint.h"
+#include "policy_service/network/checkpoint.h"
 #include "tests/support/ledger.h"
 #include "tests/support/private_machine.h"
 #include "tests/support/trial.h"

@@ -4,9 +4,9 @@
 #include <iostream>
 #include <thread>
 
-#include "env_service/dataset.h"
+#include "env_service/dataset_io/dataset.h"
 #include "env_service/env_service.h"
-#include "policy_service/policy_service.h"
+#include "policy_service/run/policy_service.h"
 
 int main(int argc, char** argv) {
   using namespace citylearn;

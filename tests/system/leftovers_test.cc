@@ -1,7 +1,7 @@
 // What killed services leave behind: nothing that grows, and nothing that the next start must wait for.
 #include <gtest/gtest.h>
 
-#include "dashboard/sqlite.h"
+#include "dashboard/store/sqlite.h"
 #include "tests/support/private_machine.h"
 #include "tests/support/trial.h"
 

@@ -8,7 +8,7 @@
 #include <memory>
 #include <set>
 
-#include "core/service.h"
+#include "core/wire/service.h"
 
 namespace {
 

@@ -8,7 +8,7 @@
 #include <regex>
 #include <sstream>
 
-#include "core/sha256.h"
+#include "core/util/sha256.h"
 #include "tests/support/service.h"
 #include "tools/paper/work.h"
 

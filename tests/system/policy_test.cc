@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "core/node.h"
+#include "core/wire/node.h"
 #include "tests/support/recorder.h"
 #include "tests/support/service.h"
 #include "tests/support/trial.h"

@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <string>
 
-#include "dashboard/recorder.h"
+#include "dashboard/store/recorder.h"
 
 namespace {
 

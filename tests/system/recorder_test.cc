@@ -8,9 +8,9 @@
 #include <sstream>
 #include <tuple>
 
-#include "core/node.h"
-#include "dashboard/sqlite.h"
-#include "dashboard/store_reader.h"
+#include "core/wire/node.h"
+#include "dashboard/store/sqlite.h"
+#include "dashboard/store/store_reader.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"
 #include "tests/support/trial.h"

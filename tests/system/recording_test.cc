@@ -4,7 +4,7 @@
 #include <set>
 #include <tuple>
 
-#include "dashboard/sqlite.h"
+#include "dashboard/store/sqlite.h"
 #include "tests/support/recordings.h"
 #include "tests/support/service.h"
 #include "tests/support/trial.h"

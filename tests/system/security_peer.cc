@@ -7,8 +7,8 @@
 
 #include <cstdio>
 
-#include "core/error.h"
-#include "core/middleware_parts.h"
+#include "core/util/error.h"
+#include "core/dds/middleware_parts.h"
 
 namespace citylearn {
 namespace {

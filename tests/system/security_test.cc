@@ -15,8 +15,8 @@
 #include <filesystem>
 #include <mutex>
 
-#include "core/error.h"
-#include "core/middleware.h"
+#include "core/util/error.h"
+#include "core/dds/middleware.h"
 #include "tests/support/child.h"
 #include "tests/support/keystore.h"
 #include "tests/support/trial.h"

@@ -1,5 +1,5 @@
 // The web server against clients that behave, and against those that do not.
-#include "dashboard/server.h"
+#include "dashboard/http/server.h"
 
 #include <gtest/gtest.h>
 #include <openssl/evp.h>
@@ -17,7 +17,7 @@
 #include <regex>
 #include <thread>
 
-#include "core/random.h"
+#include "core/util/random.h"
 #include "tests/support/service.h"
 #include "tests/support/web_client.h"
 

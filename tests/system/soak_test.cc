@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <cstdlib>
 
-#include "core/random.h"
+#include "core/util/random.h"
 #include "tests/support/ledger.h"
 #include "tests/support/process_watch.h"
 #include "tests/support/trial.h"

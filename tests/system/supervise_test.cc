@@ -74,7 +74,7 @@ TEST(Supervise, ADemoGoesOnWhicheverServiceIsKilled) {
   constexpr int kDomain = 226;
   const Folder folder;
   Witness witness("cyclonedds", kDomain);
-  Script demo("export CITYLEARN_BUILD=" CITYLEARN_BUILD_DIR " CITYLEARN_RUNS=" + (folder / "runs") +
+  Script demo("export CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR " CITYLEARN_RUNS=" + (folder / "runs") +
                   " CITYLEARN_DOMAIN=" + std::to_string(kDomain) + "\nexec " + kSource +
                   "/run demo --frames 0:80 --evaluate summer --steps 1000000000 --checkpoint-every 5 --output " +
                   (folder / "out"),

@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <optional>
 
-#include "core/node.h"
+#include "core/wire/node.h"
 #include "tests/support/samples.h"
 
 namespace citylearn {

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "core/node.h"
+#include "core/wire/node.h"
 #include "tests/support/child.h"
 #include "tests/support/samples.h"
 #include "tests/support/wait.h"

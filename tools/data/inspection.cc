@@ -5,8 +5,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "core/image_header.h"
-#include "env_service/datasets/parts.h"
+#include "core/util/image_header.h"
+#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {

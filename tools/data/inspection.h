@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "env_service/dataset.h"
+#include "env_service/dataset_io/dataset.h"
 
 namespace citylearn {
 

@@ -8,7 +8,7 @@
 #include <iostream>
 #include <sstream>
 
-#include "core/service.h"
+#include "core/wire/service.h"
 #include "tools/data/inspection.h"
 
 namespace {

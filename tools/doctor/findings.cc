@@ -9,8 +9,8 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "core/service.h"
-#include "core/service_state.h"
+#include "core/wire/service.h"
+#include "core/wire/service_state.h"
 
 namespace citylearn::doctor {
 namespace {

@@ -6,9 +6,9 @@
 #include <utility>
 #include <vector>
 
-#include "core/messages.h"
-#include "core/middleware.h"
-#include "core/middleware_parts.h"
+#include "core/wire/messages.h"
+#include "core/dds/middleware.h"
+#include "core/dds/middleware_parts.h"
 #include "tools/doctor/host.h"
 
 namespace citylearn::doctor {

@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
-#include "core/service.h"
+#include "core/wire/service.h"
 #include "tools/doctor/findings.h"
 
 namespace {

@@ -4,8 +4,8 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-#include "core/error.h"
-#include "encoder_service/encoder.h"
+#include "core/util/error.h"
+#include "encoder_service/encoding/encoder.h"
 
 namespace citylearn {
 

@@ -4,7 +4,7 @@
 #include <memory>
 #include <string>
 
-#include "env_service/traversal.h"
+#include "env_service/dataset_io/traversal.h"
 
 namespace citylearn {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <chrono>
 
-#include "core/route_map.h"
+#include "core/task/route_map.h"
 
 namespace citylearn {
 namespace {

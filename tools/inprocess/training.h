@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "env_service/environment.h"
-#include "policy_service/policy.h"
-#include "policy_service/score.h"
-#include "policy_service/trainer.h"
+#include "policy_service/rollout/policy.h"
+#include "policy_service/run/score.h"
+#include "policy_service/learning/trainer.h"
 
 namespace citylearn {
 

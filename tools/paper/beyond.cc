@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "policy_service/trainer.h"
+#include "policy_service/learning/trainer.h"
 #include "tools/paper/trials.h"
 
 namespace citylearn::paper {

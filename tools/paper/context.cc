@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "policy_service/trainer.h"
+#include "policy_service/learning/trainer.h"
 #include "tools/paper/section.h"
 #include "tools/paper/trials.h"
 

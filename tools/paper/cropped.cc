@@ -5,9 +5,9 @@
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
 
-#include "core/error.h"
-#include "core/random.h"
-#include "encoder_service/encoder.h"
+#include "core/util/error.h"
+#include "core/util/random.h"
+#include "encoder_service/encoding/encoder.h"
 
 namespace citylearn::paper {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "env_service/images.h"
+#include "env_service/dataset_io/images.h"
 
 namespace citylearn::paper {
 

@@ -1,6 +1,6 @@
 #include "tools/paper/drawing.h"
 
-#include "core/error.h"
+#include "core/util/error.h"
 #include "tools/paper/child.h"
 
 namespace citylearn::paper {

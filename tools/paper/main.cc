@@ -6,11 +6,11 @@
 #include <iostream>
 #include <optional>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/service.h"
+#include "core/util/error.h"
+#include "core/util/files.h"
+#include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
-#include "policy_service/sweep.h"
+#include "policy_service/run/sweep.h"
 #include "tools/paper/manifest.h"
 #include "tools/paper/section.h"
 #include "tools/paper/trials.h"

@@ -7,9 +7,9 @@
 #include <fstream>
 #include <thread>
 
-#include "core/plugins.h"
-#include "core/service.h"
-#include "core/wall_clock.h"
+#include "core/plugin/plugins.h"
+#include "core/wire/service.h"
+#include "core/util/wall_clock.h"
 
 namespace citylearn::paper {
 namespace {

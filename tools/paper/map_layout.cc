@@ -5,9 +5,9 @@
 #include <numbers>
 #include <numeric>
 
-#include "core/route_map.h"
-#include "env_service/crossings.h"
-#include "env_service/plane.h"
+#include "core/task/route_map.h"
+#include "env_service/dataset_io/crossings.h"
+#include "env_service/dataset_io/plane.h"
 
 namespace citylearn::paper {
 namespace {

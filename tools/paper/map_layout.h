@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "env_service/traversal.h"
+#include "env_service/dataset_io/traversal.h"
 #include "tools/chart/chart.h"
 
 namespace citylearn::paper {

@@ -5,11 +5,11 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "core/route_map.h"
-#include "core/service.h"
-#include "env_service/crossings.h"
-#include "policy_service/control.h"
-#include "policy_service/network_policy.h"
+#include "core/task/route_map.h"
+#include "core/wire/service.h"
+#include "env_service/dataset_io/crossings.h"
+#include "policy_service/rollout/control.h"
+#include "policy_service/rollout/network_policy.h"
 #include "tools/inprocess/training.h"
 #include "tools/paper/stoppable.h"
 #include "tools/paper/walk.h"

@@ -8,9 +8,9 @@
 #include <fstream>
 #include <thread>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/service.h"
+#include "core/util/error.h"
+#include "core/util/files.h"
+#include "core/wire/service.h"
 #include "env_service/environment.h"
 #include "tools/paper/child.h"
 

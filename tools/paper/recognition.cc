@@ -1,6 +1,6 @@
 #include "tools/paper/recognition.h"
 
-#include "core/service.h"
+#include "core/wire/service.h"
 #include "tools/vpr/methods.h"
 
 namespace citylearn::paper {

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <filesystem>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/sha256.h"
+#include "core/util/error.h"
+#include "core/util/files.h"
+#include "core/util/sha256.h"
 #include "tools/paper/drawing.h"
 #include "tools/vpr/report.h"
 

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "encoder_service/encoder.h"
+#include "encoder_service/encoding/encoder.h"
 #include "tools/paper/memory.h"
 #include "tools/paper/published.h"
 #include "tools/paper/section.h"

@@ -1,7 +1,7 @@
 #pragma once
 
-#include "core/service.h"
-#include "policy_service/policy.h"
+#include "core/wire/service.h"
+#include "policy_service/rollout/policy.h"
 #include "tools/paper/work.h"
 
 namespace citylearn::paper {

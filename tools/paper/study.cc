@@ -7,9 +7,9 @@
 #include <chrono>
 #include <cstring>
 
-#include "core/service.h"
-#include "policy_service/control.h"
-#include "policy_service/network_policy.h"
+#include "core/wire/service.h"
+#include "policy_service/rollout/control.h"
+#include "policy_service/rollout/network_policy.h"
 #include "tools/paper/stoppable.h"
 #include "tools/paper/walk.h"
 

@@ -5,10 +5,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "core/error.h"
-#include "core/messages.h"
-#include "core/route_map.h"
-#include "encoder_service/encoder.h"
+#include "core/util/error.h"
+#include "core/wire/messages.h"
+#include "core/task/route_map.h"
+#include "encoder_service/encoding/encoder.h"
 
 namespace citylearn::paper {
 namespace {

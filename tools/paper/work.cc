@@ -8,11 +8,11 @@
 #include <filesystem>
 #include <fstream>
 
-#include "core/error.h"
-#include "core/files.h"
-#include "core/middleware.h"
-#include "core/service.h"
-#include "core/sha256.h"
+#include "core/util/error.h"
+#include "core/util/files.h"
+#include "core/dds/middleware.h"
+#include "core/wire/service.h"
+#include "core/util/sha256.h"
 #include "tools/vpr/progress.h"
 
 namespace citylearn::paper {

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "core/error.h"
+#include "core/util/error.h"
 #include "tools/inprocess/pictures.h"
 #include "tools/paper/cropped.h"
 #include "tools/vpr/descriptors.h"

@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "core/service.h"
+#include "core/wire/service.h"
 #include "tools/record/recording.h"
 
 namespace {

@@ -4,8 +4,8 @@
 #include <chrono>
 #include <filesystem>
 
-#include "core/error.h"
-#include "core/messages.h"
+#include "core/util/error.h"
+#include "core/wire/messages.h"
 #include "core/recording/idl_text.h"
 
 namespace citylearn {

@@ -8,7 +8,7 @@
 #include <tuple>
 #include <vector>
 
-#include "core/middleware.h"
+#include "core/dds/middleware.h"
 #include "core/recording/mcap.h"
 #include "core/recording/wire_header.h"
 

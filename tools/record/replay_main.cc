@@ -5,7 +5,7 @@
 #include <cstdio>
 
 #include "core/recording/replayer.h"
-#include "core/service.h"
+#include "core/wire/service.h"
 #include "tools/record/trajectory_replay.h"
 
 namespace {

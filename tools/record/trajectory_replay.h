@@ -8,7 +8,7 @@
 #include <tuple>
 #include <vector>
 
-#include "core/node.h"
+#include "core/wire/node.h"
 #include "core/recording/mcap.h"
 
 namespace citylearn {

@@ -5,7 +5,7 @@
 #include <optional>
 #include <vector>
 
-#include "core/service.h"
+#include "core/wire/service.h"
 #include "encoder_service/feature_store.h"
 #include "tools/vpr/progress.h"
 

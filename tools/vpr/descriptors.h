@@ -3,8 +3,8 @@
 #include <Eigen/Core>
 #include <string>
 
-#include "encoder_service/encoder.h"
-#include "env_service/traversal.h"
+#include "encoder_service/encoding/encoder.h"
+#include "env_service/dataset_io/traversal.h"
 
 namespace citylearn::vpr {
 

@@ -7,9 +7,9 @@
 #include <iostream>
 #include <memory>
 
-#include "core/files.h"
-#include "core/service.h"
-#include "env_service/datasets/parts.h"
+#include "core/util/files.h"
+#include "core/wire/service.h"
+#include "env_service/dataset_io/parts.h"
 #include "tools/vpr/descriptors.h"
 #include "tools/vpr/plot.h"
 

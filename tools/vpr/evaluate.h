@@ -4,9 +4,9 @@
 #include <string>
 #include <vector>
 
-#include "encoder_service/encoder.h"
-#include "encoder_service/reduction.h"
-#include "env_service/selection.h"
+#include "encoder_service/encoding/encoder.h"
+#include "encoder_service/encoding/reduction.h"
+#include "env_service/dataset_io/selection.h"
 #include "tools/vpr/methods.h"
 #include "tools/vpr/report.h"
 

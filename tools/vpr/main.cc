@@ -2,7 +2,7 @@
 #include <ctime>
 #include <iostream>
 
-#include "core/service.h"
+#include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "tools/vpr/evaluate.h"
 

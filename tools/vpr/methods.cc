@@ -4,8 +4,8 @@
 #include <limits>
 #include <sstream>
 
-#include "core/error.h"
-#include "core/service.h"
+#include "core/util/error.h"
+#include "core/wire/service.h"
 #include "encoder_service/recognition/classifier.h"
 #include "encoder_service/recognition/sequence.h"
 #include "tools/vpr/descriptors.h"

@@ -5,7 +5,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "core/error.h"
+#include "core/util/error.h"
 #include "tools/chart/chart.h"
 
 namespace citylearn::vpr {

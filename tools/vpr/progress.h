@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <string>
 
-#include "core/middleware.h"
+#include "core/dds/middleware.h"
 
 namespace citylearn::vpr {
 

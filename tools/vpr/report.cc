@@ -7,8 +7,8 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "core/files.h"
-#include "core/service.h"
+#include "core/util/files.h"
+#include "core/wire/service.h"
 #include "tools/vpr/plot.h"
 
 namespace citylearn::vpr {

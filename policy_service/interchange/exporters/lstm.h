@@ -1,7 +1,7 @@
 #pragma once
 
 #include "policy_service/interchange/agent_graph.h"
-#include "policy_service/networks/parts.h"
+#include "policy_service/network/layers.h"
 
 namespace citylearn {
 

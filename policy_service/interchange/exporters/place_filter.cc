@@ -1,7 +1,7 @@
 #include <cmath>
 
 #include "policy_service/interchange/exporters/places.h"
-#include "policy_service/networks/parts.h"
+#include "policy_service/network/layers.h"
 
 namespace citylearn {
 namespace {

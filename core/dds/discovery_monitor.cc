@@ -1,0 +1,168 @@
+#include "core/dds/discovery_monitor.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "core/util/error.h"
+
+namespace citylearn {
+namespace {
+
+constexpr auto kTold = std::chrono::steady_clock::time_point::max();  // the end of waiting for a peer, once it was told
+
+/// Whoever floods a domain with participants is told this often, and costs no more memory.
+constexpr std::size_t kMostStrangers = 1000;
+
+/// Others choose their names freely, and these go into our log.
+std::string printable(std::string text) {
+  for (char& c : text)
+    if (static_cast<unsigned char>(c) < ' ' || c == '\x7F') c = '?';
+  return text;
+}
+
+std::string describe(const Surroundings::Participant& participant) {
+  std::string who = participant.name.empty() ? "an unnamed participant" : "'" + participant.name + "'";
+  if (!participant.vendor.empty()) who += ", " + participant.vendor;
+  for (const std::string& address : participant.addresses) who += ", at " + address;
+  return who;
+}
+
+}  // namespace
+
+std::string Surroundings::name_of(const std::string& participant) const {
+  const auto found = participants_.find(participant);
+  return found == participants_.end() ? "" : found->second.name;
+}
+
+bool Surroundings::differs(const Remote& remote) const {
+  const auto expected = own_.find(remote.topic);
+  return expected != own_.end() && expected->second != remote.type;
+}
+
+std::vector<Surroundings::Participant> Surroundings::participants() {
+  std::lock_guard lock(mutex_);
+  std::vector<Participant> all;
+  for (const auto& [key, participant] : participants_) all.push_back(participant);
+  return all;
+}
+
+std::vector<Surroundings::Endpoint> Surroundings::endpoints() {
+  std::lock_guard lock(mutex_);
+  std::vector<Endpoint> all;
+  for (const auto& [key, remote] : endpoints_)
+    all.push_back({name_of(remote.participant), remote.writes, remote.topic, remote.type, differs(remote)});
+  return all;
+}
+
+std::vector<std::string> Surroundings::faults() {
+  std::vector<std::string> lines;
+  const bool changed = changed_.exchange(false);
+  if (!changed && !expecting_ && !strange_) return lines;
+  std::lock_guard lock(mutex_);
+  tell_strangers(lines);
+  for (auto& [key, remote] : endpoints_) {
+    if (remote.reported || !differs(remote)) continue;
+    remote.reported = true;
+    const std::string name = name_of(remote.participant);
+    const std::string who = name.empty() ? "an unnamed participant" : "'" + name + "'";
+    lines.push_back("topic " + remote.topic + ": " + who + (remote.writes ? " publishes" : " reads") + " type " +
+                    remote.type + ", expected " + own_.at(remote.topic));
+  }
+  const Clock::time_point now = Clock::now();
+  expecting_ = false;
+  for (auto item = expected_.begin(); item != expected_.end();) {
+    auto& [address, expected] = *item;
+    const auto found =
+        std::find_if(participants_.begin(), participants_.end(), [&, &where = address](const auto& each) {
+          const std::vector<std::string>& addresses = each.second.addresses;
+          return std::find(addresses.begin(), addresses.end(), where) != addresses.end();
+        });
+    if (found != participants_.end()) {
+      if (expected.until == kTold) spdlog::info("peer '{}': answers at {} after all", expected.peer, address);
+      item = expected_.erase(item);
+      continue;
+    }
+    if (expected.until != kTold && now >= expected.until) {
+      lines.push_back("peer '" + expected.peer + "': nobody answers at " + address +
+                      " (does a service of this domain run there, and does its --interface lead here? citylearn_doctor "
+                      "tells more)");
+      expected.until = kTold;
+    }
+    // Those that were told are looked at again when a participant is found.
+    if (expected.until != kTold) expecting_ = true;
+    ++item;
+  }
+  return lines;
+}
+
+void Surroundings::tell_strangers(std::vector<std::string>& lines) {
+  const Clock::time_point now = Clock::now();
+  strange_ = false;
+  for (auto& [key, stranger] : strangers_) {
+    if (stranger.told) continue;
+    if (now < stranger.until && !stranger.gone) {
+      strange_ = true;
+      continue;
+    }
+    stranger.told = true;
+    lines.push_back("security: " + stranger.who +
+                    ": has shown no identity that is trusted here, and is kept out (docs/security.md tells why that "
+                    "may be)");
+  }
+}
+
+void Surroundings::guard() { guarding_ = true; }
+
+void Surroundings::participant_found(const std::string& key, const Participant& participant) {
+  std::lock_guard lock(mutex_);
+  Participant& found = participants_[key] = participant;
+  expecting_ = !expected_.empty();
+  found.name = printable(found.name);
+  const auto known = [&](const auto& endpoint) { return endpoint.second.participant == key; };
+  if (!guarding_ || std::any_of(endpoints_.begin(), endpoints_.end(), known)) return;
+  if (strangers_.size() >= kMostStrangers) std::erase_if(strangers_, [](const auto& item) { return item.second.told; });
+  if (strangers_.size() >= kMostStrangers) return;
+  strangers_.try_emplace(key, Stranger{describe(found), Clock::now() + kIdentified}).first->second.gone = false;
+  strange_ = true;
+}
+
+void Surroundings::participant_lost(const std::string& key) {
+  std::lock_guard lock(mutex_);
+  participants_.erase(key);
+  if (const auto stranger = strangers_.find(key); stranger != strangers_.end()) stranger->second.gone = true;
+  std::erase_if(endpoints_, [&](const auto& item) { return item.second.participant == key; });
+}
+
+void Surroundings::endpoint_found(const std::string& key, const std::string& participant, bool writes,
+                                  const std::string& topic, const std::string& type) {
+  std::lock_guard lock(mutex_);
+  if (endpoints_.try_emplace(key, Remote{participant, writes, printable(topic), printable(type)}).second)
+    changed_ = true;
+  if (const auto stranger = strangers_.find(participant); stranger != strangers_.end()) {
+    if (stranger->second.told)
+      spdlog::info("security: {}: has shown a trusted identity after all", stranger->second.who);
+    strangers_.erase(stranger);
+  }
+}
+
+void Surroundings::endpoint_lost(const std::string& key) {
+  std::lock_guard lock(mutex_);
+  endpoints_.erase(key);
+}
+
+void Surroundings::own(const std::string& topic, const std::string& type) {
+  std::lock_guard lock(mutex_);
+  const auto [known, added] = own_.try_emplace(topic, type);
+  if (!added && known->second != type)
+    throw Error("type is " + type + ", but this process already uses it with " + known->second, "topic " + topic);
+  if (added) changed_ = true;
+}
+
+void Surroundings::expect(const std::string& peer, const std::string& address) {
+  std::lock_guard lock(mutex_);
+  expected_.try_emplace(address, Expected{peer, Clock::now() + kPatience});
+  expecting_ = true;
+}
+
+}  // namespace citylearn

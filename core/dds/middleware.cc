@@ -1,0 +1,268 @@
+#include "core/dds/middleware.h"
+
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netdb.h>
+#include <sched.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstring>
+
+#include "core/util/error.h"
+#include "core/dds/middleware_parts.h"
+#include "core/dds/security.h"
+
+namespace citylearn {
+namespace parts {
+
+namespace {
+
+/// Several round trips on loopback, but little against the time in which nothing comes.
+constexpr std::chrono::microseconds kLook{100};
+
+std::string dotted(const sockaddr* address) {
+  char text[INET_ADDRSTRLEN] = "";
+  inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text, sizeof text);
+  return text;
+}
+
+/// Bytes that an interface sends in one packet.
+int packet_size(const char* name) {
+  ifreq request{};
+  std::snprintf(request.ifr_name, sizeof request.ifr_name, "%s", name);
+  const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const bool known = handle >= 0 && ioctl(handle, SIOCGIFMTU, &request) == 0;
+  if (handle >= 0) close(handle);
+  return known ? request.ifr_mtu : 1500;
+}
+
+}  // namespace
+
+Depth depth_of(Profile profile) {
+  switch (profile) {
+    case Profile::kStream:
+      return {16, 1024};
+    case Profile::kState:
+      return {1, 1024};
+    case Profile::kCommand:
+      return {64, 4096};
+    case Profile::kDurable:
+      return {256, 4096};
+  }
+  throw Error("unknown profile");
+}
+
+void check_size(const Topic& topic, std::size_t size) {
+  if (size > topic.largest)
+    throw Error(
+        "sample of " + std::to_string(size) + " bytes, at most " + std::to_string(topic.largest) + " are allowed",
+        "topic " + topic.name);
+}
+
+bool Wakeup::any_raised() const {
+  for (const Flag* flag : flags_)
+    if (flag->raised()) return true;
+  return false;
+}
+
+void Wakeup::wake() {
+  // The flag was raised before this look at asleep_, and wait() sets asleep_ before its last look at the flags: one of
+  // the two sees the other (all of these are sequentially consistent).
+  if (!asleep_) return;
+  // Empty on purpose: whoever waits is now either before its last look at the flags, or asleep and to be woken.
+  { std::lock_guard lock(mutex_); }
+  condition_.notify_one();
+}
+
+bool Wakeup::look(Clock::time_point deadline) const {
+  do {
+    if (any_raised()) return true;
+    sched_yield();  // the vendor's thread that we look out for may need this very processor
+  } while (Clock::now() < deadline);
+  return false;
+}
+
+bool Wakeup::wait(Clock::time_point deadline) {
+  if (any_raised()) return true;
+  const Clock::time_point begin = Clock::now();
+  const Clock::time_point patience = begin + kLook;
+  if (look_first_ && look(std::min(deadline, patience))) return true;
+  std::unique_lock lock(mutex_);
+  asleep_ = true;
+  const bool raised = condition_.wait_until(lock, deadline, [this] { return any_raised(); });
+  asleep_ = false;
+  look_first_ = raised && Clock::now() < patience;
+  return raised;
+}
+
+std::vector<Interface> interfaces() {
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) != 0) throw Error(std::strerror(errno), "network interfaces");
+  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
+  std::vector<Interface> all;
+  for (const ifaddrs* entry = list; entry; entry = entry->ifa_next)
+    if (entry->ifa_addr && entry->ifa_addr->sa_family == AF_INET)
+      all.push_back(
+          {entry->ifa_name, dotted(entry->ifa_addr), packet_size(entry->ifa_name), (entry->ifa_flags & IFF_UP) != 0});
+  return all;
+}
+
+int free_index(const Network& network) {
+  const auto is_free_at = [](const std::string& where, int port) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    inet_pton(AF_INET, where.c_str(), &address.sin_addr);
+    const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    address.sin_port = htons(static_cast<std::uint16_t>(port));
+    const bool bound = handle >= 0 && bind(handle, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
+    if (handle >= 0) close(handle);
+    return bound;
+  };
+  const auto is_free = [&](int port) {
+    return std::all_of(network.addresses.begin(), network.addresses.end(),
+                       [&](const std::string& where) { return is_free_at(where, port); });
+  };
+  for (int index = 0; index < kParticipants; ++index) {
+    const int port = discovery_port(network.domain, index);
+    if (is_free(port) && is_free(port + 1)) return index;
+  }
+  throw Error("all " + std::to_string(kParticipants) + " participants' ports of domain " +
+                  std::to_string(network.domain) + " are taken on " + network.interfaces,
+              "domain", "a host has room for so many services in a domain; choose another one for other runs");
+}
+
+void expect_peers(const Network& network, Surroundings& surroundings) {
+  for (const auto* list : {&network.peers, &network.discovery_servers})
+    for (const Network::Peer& peer : *list)
+      if (!peer.address.starts_with("127.") &&
+          std::find(network.addresses.begin(), network.addresses.end(), peer.address) == network.addresses.end())
+        surroundings.expect(peer.name, peer.address);
+}
+
+std::string vendor_name(std::uint8_t major, std::uint8_t minor) {
+  if (major == 0x01 && minor == 0x0F) return "fastdds";
+  if (major == 0x01 && minor == 0x10) return "cyclonedds";
+  char text[16];
+  std::snprintf(text, sizeof text, "vendor %02x.%02x", major, minor);
+  return text;
+}
+
+}  // namespace parts
+
+namespace {
+
+using parts::Network;
+
+constexpr int kLargestDatagram = 65500;  // UDP over IPv4 has room for 65507
+constexpr int kHeaders = 28;             // of IPv4 and UDP
+
+bool is_loopback(const std::string& address) { return address.starts_with("127."); }
+
+/// The interface given by name or by IPv4 address.
+parts::Interface resolve_interface(const std::string& wanted) {
+  std::string known;
+  for (const parts::Interface& each : parts::interfaces()) {
+    if (!each.up) continue;
+    if (wanted == each.name || wanted == each.address) return each;
+    known += (known.empty() ? "" : ", ") + each.name + " " + each.address;
+  }
+  throw Error("unknown interface '" + wanted + "'", "interface", "those with IPv4: " + known);
+}
+
+/// `option` is where the host was given, for messages. Without a port it gets `standard`.
+Network::Peer resolve_peer(const std::string& peer, const std::string& option, int standard) {
+  std::string host = peer;
+  int port = standard;
+  if (const std::size_t colon = peer.rfind(':'); colon != std::string::npos) {
+    host = peer.substr(0, colon);
+    const std::string digits = peer.substr(colon + 1);
+    if (digits.empty() || digits.size() > 5 || digits.find_first_not_of("0123456789") != std::string::npos)
+      throw Error("'" + peer + "' has no valid port", option, "write HOST or HOST:PORT");
+    port = std::stoi(digits);
+    if (port < 1 || port > 65535) throw Error("'" + peer + "' has no valid port", option, "ports are 1..65535");
+  }
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_DGRAM;
+  addrinfo* found = nullptr;
+  if (const int status = getaddrinfo(host.c_str(), nullptr, &hints, &found); status != 0)
+    throw Error("host '" + host + "' has no IPv4 address: " + gai_strerror(status), option);
+  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, freeaddrinfo);
+  return {peer, parts::dotted(found->ai_addr), port};
+}
+
+Network resolve(const MiddlewareOptions& options) {
+  Network network{options.domain, options.participant, "", {}, false, kLargestDatagram, {}, {}, ""};
+  if (!options.security.empty() && options.domain > parts::kMostSecureDomain)
+    throw Error("must be 0.." + std::to_string(parts::kMostSecureDomain) + " with --security", "domain");
+  if (!options.security.empty()) network.security = parts::check_security(options.security, options.participant);
+  if (options.interfaces.empty()) throw Error("name at least one", "interface");
+  std::vector<parts::Interface> interfaces;
+  for (const std::string& interface : options.interfaces) interfaces.push_back(resolve_interface(interface));
+  network.at_home = std::all_of(interfaces.begin(), interfaces.end(),
+                                [](const parts::Interface& each) { return is_loopback(each.address); });
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    const std::string& interface = options.interfaces[i];
+    network.interfaces += (network.interfaces.empty() ? "" : ",") + interface;
+    const std::string& address = interfaces[i].address;
+    // Beside another interface it has no use: whoever is told that 127.0.0.1 is where we are would talk to itself. This
+    // host's services reach each other at the other interface's address, and no packet of that leaves the machine.
+    if (!network.at_home && is_loopback(address)) continue;
+    if (std::find(network.addresses.begin(), network.addresses.end(), address) != network.addresses.end()) continue;
+    network.datagram = std::min(network.datagram, interfaces[i].packet - kHeaders);
+    network.addresses.push_back(address);
+    network.peers.push_back({interface, address, 0});
+  }
+  const auto reachable = [&](const Network::Peer& peer, const std::string& option) {
+    if (network.at_home && !is_loopback(peer.address))
+      throw Error("'" + peer.name + "' cannot be reached through interface '" + network.interfaces + "'", option,
+                  "name the interface that leads there");
+    return peer;
+  };
+  for (const std::string& peer : options.peers)
+    network.peers.push_back(reachable(resolve_peer(peer, "peers", 0), "peers"));
+  for (const std::string& server : options.discovery_servers)
+    network.discovery_servers.push_back(
+        reachable(resolve_peer(server, "discovery-server", parts::kDiscoveryServerPort), "discovery-server"));
+  return network;
+}
+
+}  // namespace
+
+std::vector<std::pair<std::string, std::string>> list_middlewares() {
+  return {{"cyclonedds", "Eclipse Cyclone DDS over UDP"},
+          {"fastdds", "eProsima Fast DDS over UDP"},
+          {"inprocess", "within this process, without a network; for tests and for runs in one process"}};
+}
+
+std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) {
+  if (options.domain > 232) throw Error("must be 0..232, is " + std::to_string(options.domain), "domain");
+  const std::string& name = options.name;
+  if (!options.discovery_servers.empty() && name == "cyclonedds")
+    throw Error("cyclonedds cannot use Fast DDS's", "discovery-server", "--peers finds others too");
+  if (name == "inprocess" && !options.security.empty())
+    throw Error("inprocess has no wire to protect", "security", "leave it out, or choose another middleware");
+  if (name == "inprocess") return parts::create_inprocess(options.domain, options.participant);
+  if (name == "fastdds") return parts::create_fastdds(resolve(options));
+  if (name == "cyclonedds") return parts::create_cyclonedds(resolve(options));
+  if (const std::size_t colon = name.find(':'); colon != std::string::npos) {
+    const std::string decorator = name.substr(0, name.find_first_of(",:"));
+    if (decorator == "lossy") {
+      const std::string values = name.substr(decorator.size(), colon - decorator.size());
+      parts::check_lossy(values);
+      MiddlewareOptions inner = options;
+      inner.name = name.substr(colon + 1);
+      return parts::create_lossy(values, create_middleware(inner));
+    }
+  }
+  std::string known;
+  for (const auto& [each, help] : list_middlewares()) known += (known.empty() ? "" : ", ") + each;
+  throw Error("unknown middleware '" + name + "'", "middleware", "known: " + known + ", and lossy:NAME");
+}
+
+}  // namespace citylearn

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/dds/discovery_monitor.h"
+#include "core/util/types.h"
+
+namespace citylearn {
+
+/// Named quality of service. All are RELIABLE, TRANSIENT_LOCAL and KEEP_LAST: what ran without loss in every pairing of
+/// the vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer keeps for late or slow readers.
+enum class Profile {
+  kStream,   ///< observations and actions: 16
+  kState,    ///< the newest alone counts: 1
+  kCommand,  ///< requests and settings: 64
+  kDurable,  ///< chunks and records: 256
+};
+
+/// Everything a vendor needs to know of a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the
+/// middleware moves bytes, core/wire/messages.h gives them types.
+struct Topic {
+  std::string name;  ///< "citylearn/observation"
+  std::string type;  ///< IDL type, "citylearn::msg::Observation"
+  Profile profile;
+  std::size_t largest;  ///< bytes of the largest sample, encapsulation included
+};
+
+/// Sends samples of one topic. Used by one thread at a time. Must not outlive its Middleware.
+class Publisher {
+ public:
+  virtual ~Publisher() = default;
+  /// Copies the sample and returns; delivery goes on behind. Throws Error when the sample is larger than
+  /// Topic::largest.
+  virtual void publish(std::span<const std::byte> sample) = 0;
+  /// Subscriptions that match now.
+  virtual int matched() const = 0;
+  /// Waits until they have all that was published, at most until the deadline: where a publisher that is gone sends
+  /// nothing again. The others see to it by themselves.
+  virtual void wait_for_acknowledgments(Clock::time_point) {}
+};
+
+/// Receives samples of one topic. Used by one thread at a time. Must not outlive its Middleware.
+class Subscription {
+ public:
+  virtual ~Subscription() = default;
+  /// Takes the next sample into `sample` (its capacity is used again); false when there is none.
+  virtual bool take(Bytes& sample) = 0;
+  /// Publishers that match now.
+  virtual int matched() const = 0;
+};
+
+/// One participant in one DDS domain. Used by one thread at a time.
+class Middleware {
+ public:
+  virtual ~Middleware() = default;
+  virtual std::unique_ptr<Publisher> create_publisher(const Topic& topic) = 0;
+  virtual std::unique_ptr<Subscription> create_subscription(const Topic& topic) = 0;
+  /// Waits until a subscription may have a sample (true) or the deadline has passed (false). May return true early.
+  virtual bool wait(Clock::time_point deadline) = 0;
+  /// The others, as discovered up to now.
+  virtual Surroundings& surroundings() = 0;
+  /// "fastdds", "cyclonedds", "inprocess"; decorators put their own name in front: "lossy:fastdds".
+  virtual std::string name() const = 0;
+};
+
+struct MiddlewareOptions {
+  std::string name = "cyclonedds";  ///< strictly this one: unknown or failing is an Error, never another one
+  std::uint32_t domain = 0;         ///< 0..232
+  std::vector<std::string> interfaces = {"lo"};  ///< the only ones used, by name or IPv4 address; "lo": this machine
+  std::vector<std::string> peers;  ///< hosts (or host:port) asked for participants beside this machine's own
+  std::vector<std::string> discovery_servers;  ///< host[:port], instead of asking peers; fastdds only
+  std::string security;                        ///< folder with this service's keys (docs/security.md); empty: none
+  std::string participant;                     ///< name shown to other participants
+};
+
+/// Creates the middleware `options.name`: `fastdds`, `cyclonedds`, `inprocess`, or a decorator in front of one:
+/// `lossy:NAME` or `lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=1:NAME` (shares of the samples written).
+/// Throws Error (naming the known ones) for an unknown name, a domain outside 0..232, an unknown interface, or a vendor
+/// that cannot start.
+std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options);
+
+/// Names accepted by create_middleware, decorators excluded, each with a line of help.
+std::vector<std::pair<std::string, std::string>> list_middlewares();
+
+}  // namespace citylearn

@@ -1,0 +1,523 @@
+#include <arpa/inet.h>
+#include <dds/dds.h>
+#include <dds/ddsi/ddsi_serdata.h>
+#include <dds/ddsi/ddsi_sertype.h>
+#include <dds/ddsi/q_radmin.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <new>
+
+#include "core/util/error.h"
+#include "core/dds/middleware_cyclonedds_remote.h"
+#include "core/dds/middleware_parts.h"
+#include "core/dds/security.h"
+
+#if defined(__SANITIZE_THREAD__)
+#include <sanitizer/tsan_interface.h>
+extern "C" void AnnotateIgnoreWritesBegin(const char* file, int line);
+extern "C" void AnnotateIgnoreWritesEnd(const char* file, int line);
+#endif
+
+// Cyclone's public C API moves samples that its own IDL compiler describes. To move CDR bytes that are ready made, we
+// bring our own kind of type (ddsi_sertype) and sample (ddsi_serdata), as ROS 2's rmw_cyclonedds does.
+
+namespace citylearn::parts {
+namespace {
+
+using QosOwner = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
+using ListenerOwner = std::unique_ptr<dds_listener_t, decltype(&dds_delete_listener)>;
+
+QosOwner make_qos() { return {dds_create_qos(), dds_delete_qos}; }
+
+/// Entity, or Error.
+dds_entity_t require(dds_entity_t entity, const std::string& what, const std::string& where) {
+  if (entity < 0) throw Error("cyclonedds cannot " + what + ": " + dds_strretcode(-entity), where);
+  return entity;
+}
+
+// --- Samples
+// -----------------------------------------------------------------------------------------------------------
+
+/// A sample: this header, then its bytes (encapsulation first), padded to a multiple of 4.
+struct Sample : ddsi_serdata {
+  std::uint32_t size;
+
+  std::byte* bytes() { return reinterpret_cast<std::byte*>(this + 1); }
+  const std::byte* bytes() const { return reinterpret_cast<const std::byte*>(this + 1); }
+};
+
+std::size_t padded(std::size_t size) { return (size + 3) / 4 * 4; }
+
+Sample* make_sample(const ddsi_sertype* type, ddsi_serdata_kind kind, std::size_t size) {
+  Sample* sample = static_cast<Sample*>(std::malloc(sizeof(Sample) + padded(size)));
+  if (!sample) throw std::bad_alloc();
+  ddsi_serdata_init(sample, type, kind);
+  sample->size = static_cast<std::uint32_t>(size);
+  std::memset(sample->bytes() + size, 0, padded(size) - size);
+  return sample;
+}
+
+const Sample* as_sample(const ddsi_serdata* data) { return static_cast<const Sample*>(data); }
+
+bool same_key(const ddsi_serdata*, const ddsi_serdata*) { return true; }  // keyless: one instance
+
+/// Cyclone DDS counts references by atomics; the last reference goes in its library, where ThreadSanitizer sees none.
+void let_go(ddsi_serdata* data) {
+#if defined(__SANITIZE_THREAD__)
+  __tsan_release(data);
+  AnnotateIgnoreWritesBegin(__FILE__, __LINE__);
+#endif
+  ddsi_serdata_unref(data);
+#if defined(__SANITIZE_THREAD__)
+  AnnotateIgnoreWritesEnd(__FILE__, __LINE__);
+#endif
+}
+
+void free_sample(ddsi_serdata* data) {
+#if defined(__SANITIZE_THREAD__)
+  __tsan_acquire(data);
+#endif
+  std::free(data);
+}
+
+std::uint32_t sample_size(const ddsi_serdata* data) { return as_sample(data)->size; }
+
+ddsi_serdata* sample_from_fragments(const ddsi_sertype* type, ddsi_serdata_kind kind, const nn_rdata* fragment,
+                                    std::size_t size) {
+  Sample* sample = make_sample(type, kind, size);
+  std::uint32_t filled = 0;
+  for (; fragment; fragment = fragment->nextfrag) {
+    if (fragment->maxp1 <= filled) continue;  // overlap
+    const std::uint32_t skip = filled > fragment->min ? filled - fragment->min : 0;
+    const std::uint32_t count = fragment->maxp1 - fragment->min - skip;
+    if (fragment->min > filled || filled + std::size_t{count} > size) break;
+    std::memcpy(sample->bytes() + filled, NN_RMSG_PAYLOADOFF(fragment->rmsg, NN_RDATA_PAYLOAD_OFF(fragment)) + skip,
+                count);
+    filled += count;
+  }
+  if (filled == size) return sample;
+  std::free(sample);
+  return nullptr;  // Cyclone drops it
+}
+
+ddsi_serdata* sample_from_vector(const ddsi_sertype* type, ddsi_serdata_kind kind, ddsrt_msg_iovlen_t count,
+                                 const ddsrt_iovec_t* parts, std::size_t size) {
+  Sample* sample = make_sample(type, kind, size);
+  std::size_t filled = 0;
+  for (ddsrt_msg_iovlen_t i = 0; i < count && filled < size; ++i) {
+    const std::size_t length = std::min<std::size_t>(parts[i].iov_len, size - filled);
+    std::memcpy(sample->bytes() + filled, parts[i].iov_base, length);
+    filled += length;
+  }
+  return sample;
+}
+
+ddsi_serdata* sample_without_data(const ddsi_sertype* type) { return make_sample(type, SDK_KEY, 4); }
+
+ddsi_serdata* sample_from_keyhash(const ddsi_sertype* type, const ddsi_keyhash*) { return sample_without_data(type); }
+
+ddsi_serdata* sample_from_application(const ddsi_sertype* type, ddsi_serdata_kind, const void*) {
+  return sample_without_data(type);  // for unregistering only; data is written by dds_writecdr
+}
+
+void copy_out(const ddsi_serdata* data, std::size_t offset, std::size_t size, void* out) {
+  std::memcpy(out, as_sample(data)->bytes() + offset, size);
+}
+
+ddsi_serdata* refer_to(const ddsi_serdata* data, std::size_t offset, std::size_t size, ddsrt_iovec_t* out) {
+  out->iov_base = const_cast<std::byte*>(as_sample(data)->bytes() + offset);
+  out->iov_len = size;
+  return ddsi_serdata_ref(data);
+}
+
+void release(ddsi_serdata* data, const ddsrt_iovec_t*) { let_go(data); }
+
+bool to_application(const ddsi_serdata*, void*, void**, void*) { return false; }
+
+ddsi_serdata* without_type(const ddsi_serdata* data) {
+  Sample* sample = make_sample(data->type, SDK_KEY, 4);
+  sample->type = nullptr;
+  return sample;
+}
+
+bool key_to_application(const ddsi_sertype*, const ddsi_serdata*, void*, void**, void*) { return true; }
+
+std::size_t print_sample(const ddsi_sertype* type, const ddsi_serdata*, char* text, std::size_t size) {
+  return static_cast<std::size_t>(std::snprintf(text, size, "%s", type ? type->type_name : ""));
+}
+
+void no_key(const ddsi_serdata*, ddsi_keyhash* hash, bool) { std::memset(hash, 0, sizeof *hash); }
+
+const ddsi_serdata_ops kSampleOps = [] {
+  ddsi_serdata_ops ops{};
+  ops.eqkey = same_key;
+  ops.get_size = sample_size;
+  ops.from_ser = sample_from_fragments;
+  ops.from_ser_iov = sample_from_vector;
+  ops.from_keyhash = sample_from_keyhash;
+  ops.from_sample = sample_from_application;
+  ops.to_ser = copy_out;
+  ops.to_ser_ref = refer_to;
+  ops.to_ser_unref = release;
+  ops.to_sample = to_application;
+  ops.to_untyped = without_type;
+  ops.untyped_to_sample = key_to_application;
+  ops.free = free_sample;
+  ops.print = print_sample;
+  ops.get_keyhash = no_key;
+  return ops;
+}();
+
+// --- Types: a name, nothing else
+// ---------------------------------------------------------------------------------------
+
+const ddsi_sertype_ops kTypeOps = [] {
+  ddsi_sertype_ops ops{};
+  ops.version = ddsi_sertype_v0;
+  ops.free = [](ddsi_sertype* type) {
+    ddsi_sertype_fini(type);
+    std::free(type);
+  };
+  ops.zero_samples = [](const ddsi_sertype*, void*, std::size_t) {};
+  ops.realloc_samples = [](void**, const ddsi_sertype*, void*, std::size_t, std::size_t) {};
+  ops.free_samples = [](const ddsi_sertype*, void**, std::size_t, dds_free_op_t) {};
+  ops.equal = [](const ddsi_sertype*, const ddsi_sertype*) { return true; };  // the name is compared before
+  ops.hash = [](const ddsi_sertype*) -> std::uint32_t { return 0; };
+  ops.derive_sertype = [](const ddsi_sertype* type, dds_data_representation_id_t,
+                          dds_type_consistency_enforcement_qospolicy_t) { return const_cast<ddsi_sertype*>(type); };
+  return ops;
+}();
+
+ddsi_sertype* make_type(const std::string& name) {
+  ddsi_sertype* type = static_cast<ddsi_sertype*>(std::calloc(1, sizeof(ddsi_sertype)));
+  if (!type) throw std::bad_alloc();
+  ddsi_sertype_init(type, name.c_str(), &kTypeOps, &kSampleOps, true);
+  type->allowed_data_representation = DDS_DATA_REPRESENTATION_FLAG_XCDR1;
+  return type;
+}
+
+// --- The domain: one per process and number
+// ----------------------------------------------------------------------------
+
+std::mutex log_mutex;
+std::string last_complaint;
+
+void forward_log(void*, const dds_log_data_t* data) {
+  std::string line(data->message, data->size);
+  while (!line.empty() && line.back() == '\n') line.pop_back();
+  if (const auto told = explain_security(line))
+    tell_security(*told);
+  else
+    spdlog::debug("cyclonedds: {}", line);
+  std::lock_guard lock(log_mutex);
+  last_complaint = line;
+}
+
+/// Headers that stand around a fragment in a message, at most.
+constexpr int kAroundFragment = 128;
+
+/// Hosts that were cut off find each other again this soon: Cyclone announces at 0.8 of its lease of 10 s otherwise.
+const char* const kFoundAgain = "<SPDPInterval>1s</SPDPInterval>";
+
+/// Packets get lost between hosts. A writer's heartbeat is what tells of it, and a step waits for it; the defaults
+/// (after 100 ms, and as long until the request) make each lost packet cost 200 ms.
+const char* const kRepairs =
+    "<HeartbeatInterval min=\"1ms\" minsched=\"1ms\" max=\"1s\">1ms</HeartbeatInterval><NackDelay>0s</NackDelay>"
+    "<AckDelay>0s</AckDelay>";
+
+std::string config_of(const Network& network) {
+  std::string interfaces, peers;
+  for (const std::string& address : network.addresses)
+    interfaces += "<NetworkInterface address=\"" + address + "\" multicast=\"false\"/>";
+  for (const Network::Peer& peer : network.peers)
+    peers += "<Peer address=\"" + peer.address + (peer.port ? ":" + std::to_string(peer.port) : "") + "\"/>";
+  const int fragment = network.at_home ? 64000 : network.datagram - kAroundFragment;
+  // A send buffer less than asked for is no failure, so only the upper bound of the socket buffers is set. The
+  // watermarks are above what the deepest history holds: a writer never waits for a reader.
+  return "<General><Interfaces>" + interfaces + "</Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>" +
+         std::to_string(network.datagram) + "B</MaxMessageSize><FragmentSize>" + std::to_string(fragment) +
+         "B</FragmentSize></General>"
+         "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>" +
+         std::to_string(kParticipants - 1) + "</MaxAutoParticipantIndex><Peers>" + peers + "</Peers>" +
+         (network.at_home ? "" : kFoundAgain) +
+         "</Discovery><Internal><SocketReceiveBufferSize max=\"4MB\"/><SocketSendBufferSize max=\"4MB\"/>" +
+         (network.at_home ? "" : kRepairs) +
+         "<Watermarks><WhcHigh>64MB</WhcHigh><WhcHighInit>64MB</WhcHighInit></Watermarks></Internal>";
+}
+
+class Domain {
+ public:
+  static std::shared_ptr<Domain> of(const Network& network) {
+    static std::mutex mutex;
+    static std::map<std::uint32_t, std::weak_ptr<Domain>> domains;
+    std::lock_guard lock(mutex);
+    const std::string config = config_of(network);
+    std::shared_ptr<Domain> domain = domains[network.domain].lock();
+    if (domain && domain->config_ != config)
+      throw Error(
+          "this process already uses domain " + std::to_string(network.domain) + " with other interfaces or peers",
+          "cyclonedds");
+    if (!domain) domains[network.domain] = domain = std::make_shared<Domain>(network, config);
+    return domain;
+  }
+  Domain(const Network& network, const std::string& config) : config_(config) {
+    dds_set_log_sink(forward_log, nullptr);
+    dds_set_trace_sink(forward_log, nullptr);
+    {
+      std::lock_guard lock(log_mutex);
+      last_complaint.clear();
+    }
+    domain_ = dds_create_domain(network.domain, config.c_str());
+    if (domain_ >= 0) return;
+    free_index(network);  // has a clearer word when that is what is wrong
+    std::lock_guard lock(log_mutex);
+    throw Error("cannot start in domain " + std::to_string(network.domain) + " on " + network.interfaces + ": " +
+                    (last_complaint.empty() ? dds_strretcode(-domain_) : last_complaint),
+                "cyclonedds");
+  }
+  ~Domain() { dds_delete(domain_); }
+
+ private:
+  const std::string config_;
+  dds_entity_t domain_;
+};
+
+QosOwner endpoint_qos(Profile profile, bool writer) {
+  QosOwner qos = make_qos();
+  const Depth depth = depth_of(profile);
+  const dds_data_representation_id_t representation = DDS_DATA_REPRESENTATION_XCDR1;
+  dds_qset_data_representation(qos.get(), 1, &representation);
+  dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, std::chrono::nanoseconds(kBlocking).count());
+  dds_qset_durability(qos.get(), DDS_DURABILITY_TRANSIENT_LOCAL);
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, writer ? depth.writer : depth.reader);
+  if (writer) {
+    dds_qset_durability_service(qos.get(), 0, DDS_HISTORY_KEEP_LAST, depth.writer, DDS_LENGTH_UNLIMITED,
+                                DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED);
+    dds_qset_writer_data_lifecycle(qos.get(), false);  // a leaving writer does not dispose what others write
+  }
+  return qos;
+}
+
+class CyclonePublisher : public Publisher {
+ public:
+  CyclonePublisher(dds_entity_t participant, dds_entity_t dds_topic, const ddsi_sertype* type, const Topic& topic)
+      : topic_(topic), type_(type) {
+    const QosOwner qos = endpoint_qos(topic.profile, true);
+    writer_ = require(dds_create_writer(participant, dds_topic, qos.get(), nullptr), "create a writer", where());
+  }
+  ~CyclonePublisher() override { dds_delete(writer_); }
+
+  void publish(std::span<const std::byte> bytes) override {
+    check_size(topic_, bytes.size());
+    Sample* sample = make_sample(type_, SDK_DATA, bytes.size());
+    std::memcpy(sample->bytes(), bytes.data(), bytes.size());
+    sample->timestamp.v = dds_time();
+    // A time-out is a lost sample like any other: the application sends again what is not answered.
+    const dds_return_t code = dds_writecdr(writer_, sample);  // takes the sample over
+    if (code != DDS_RETCODE_OK && code != DDS_RETCODE_TIMEOUT) require(code, "write", where());
+  }
+  int matched() const override {
+    dds_publication_matched_status_t status{};
+    dds_get_publication_matched_status(writer_, &status);
+    return static_cast<int>(status.current_count);
+  }
+
+ private:
+  std::string where() const { return "topic " + topic_.name; }
+
+  const Topic topic_;
+  const ddsi_sertype* const type_;
+  dds_entity_t writer_;
+};
+
+class CycloneSubscription : public Subscription {
+ public:
+  CycloneSubscription(dds_entity_t participant, dds_entity_t dds_topic, const Topic& topic, Wakeup& wakeup)
+      : flag_(wakeup) {
+    const QosOwner qos = endpoint_qos(topic.profile, false);
+    const ListenerOwner listener(dds_create_listener(this), dds_delete_listener);
+    dds_lset_data_available(listener.get(),
+                            [](dds_entity_t, void* self) { static_cast<CycloneSubscription*>(self)->flag_.raise(); });
+    reader_ = require(dds_create_reader(participant, dds_topic, qos.get(), listener.get()), "create a reader",
+                      "topic " + topic.name);
+  }
+  ~CycloneSubscription() override {
+    dds_set_listener(reader_, nullptr);
+    dds_delete(reader_);
+  }
+
+  bool take(Bytes& out) override {
+    flag_.lower();
+    ddsi_serdata* data = nullptr;
+    dds_sample_info_t info;
+    while (dds_takecdr(reader_, &data, 1, &info, DDS_ANY_STATE) == 1) {
+      const Sample* sample = as_sample(data);
+      if (info.valid_data) out.assign(sample->bytes(), sample->bytes() + sample->size);
+      let_go(data);
+      if (!info.valid_data) continue;
+      flag_.raise_quietly();  // there may be more
+      return true;
+    }
+    return false;
+  }
+  int matched() const override {
+    dds_subscription_matched_status_t status{};
+    dds_get_subscription_matched_status(reader_, &status);
+    return static_cast<int>(status.current_count);
+  }
+
+ private:
+  Wakeup::Flag flag_;
+  dds_entity_t reader_;
+};
+
+std::string text_of(const dds_guid_t& guid) { return {reinterpret_cast<const char*>(guid.v), sizeof guid.v}; }
+
+/// Type of what a built-in reader reads, once it has read something: this participant itself, at least.
+const ddsi_sertype* type_of(dds_entity_t reader) {
+  ddsi_serdata* data = nullptr;
+  dds_sample_info_t info;
+  if (dds_readcdr(reader, &data, 1, &info, DDS_ANY_STATE) != 1) throw Error("cannot read discovery", "cyclonedds");
+  const ddsi_sertype* type = data->type;
+  ddsi_serdata_unref(data);
+  return type;
+}
+
+/// Calls `visit(sample, alive)` for each change that a built-in reader has.
+template <class Info, class Visit>
+void take_all(dds_entity_t reader, Visit visit) {
+  while (true) {
+    void* samples[1] = {nullptr};
+    dds_sample_info_t info;
+    if (dds_take(reader, samples, &info, 1, 1) != 1) return;
+    visit(*static_cast<const Info*>(samples[0]), info.instance_state == DDS_IST_ALIVE && info.valid_data);
+    dds_return_loan(reader, samples, 1);
+  }
+}
+
+class CycloneMiddleware : public Middleware {
+ public:
+  explicit CycloneMiddleware(const Network& network) : domain_(Domain::of(network)), addresses_(network.addresses) {
+    const QosOwner qos = make_qos();
+    dds_qset_entity_name(qos.get(), network.participant.c_str());
+    if (!network.security.empty()) {
+      for (const auto& [name, value] : cyclonedds_security(network.security))
+        dds_qset_prop(qos.get(), name.c_str(), value.c_str());
+      surroundings_.guard();
+    }
+    participant_ = require(dds_create_participant(network.domain, qos.get(), nullptr), "create a participant",
+                           "domain " + std::to_string(network.domain));
+    const ListenerOwner listener(dds_create_listener(this), dds_delete_listener);
+    dds_lset_data_available(
+        listener.get(), [](dds_entity_t, void* self) { static_cast<CycloneMiddleware*>(self)->discovered_ = true; });
+    const auto builtin = [&](dds_entity_t topic) {
+      return require(dds_create_reader(participant_, topic, nullptr, listener.get()), "watch discovery", "cyclonedds");
+    };
+    participants_ = builtin(DDS_BUILTIN_TOPIC_DCPSPARTICIPANT);
+    publications_ = builtin(DDS_BUILTIN_TOPIC_DCPSPUBLICATION);
+    subscriptions_ = builtin(DDS_BUILTIN_TOPIC_DCPSSUBSCRIPTION);
+    dds_guid_t guid;
+    require(dds_get_guid(participant_, &guid), "name itself", "cyclonedds");
+    self_ = text_of(guid);
+    builtin_type_ = type_of(participants_);
+    expect_peers(network, surroundings_);
+  }
+  ~CycloneMiddleware() override {
+    for (dds_entity_t reader : {participants_, publications_, subscriptions_}) dds_set_listener(reader, nullptr);
+    dds_delete(participant_);
+  }
+
+  std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
+    const Known& known = own(topic);
+    return std::make_unique<CyclonePublisher>(participant_, known.topic, known.type, topic);
+  }
+  std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
+    return std::make_unique<CycloneSubscription>(participant_, own(topic).topic, topic, wakeup_);
+  }
+  bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
+  Surroundings& surroundings() override {
+    if (discovered_.exchange(false)) look_at_discovery();
+    return surroundings_;
+  }
+  std::string name() const override { return "cyclonedds"; }
+
+ private:
+  struct Known {
+    dds_entity_t topic = 0;
+    const ddsi_sertype* type = nullptr;
+  };
+
+  const Known& own(const Topic& topic) {
+    surroundings_.own(topic.name, topic.type);
+    Known& known = topics_[topic.name];
+    if (!known.type) {
+      const QosOwner qos = make_qos();
+      const dds_data_representation_id_t representation = DDS_DATA_REPRESENTATION_XCDR1;
+      dds_qset_data_representation(qos.get(), 1, &representation);
+      ddsi_sertype* type = make_type(topic.type);
+      // Gives back the type that Cyclone uses from here on, which may be an equal one it knew before.
+      known.topic = dds_create_topic_sertype(participant_, topic.name.c_str(), &type, qos.get(), nullptr, nullptr);
+      if (known.topic < 0) ddsi_sertype_unref(type);
+      require(known.topic, "create it", "topic " + topic.name);
+      known.type = type;
+    }
+    return known;
+  }
+
+  Surroundings::Participant described(const std::string& name, const dds_guid_t& guid) const {
+    CycloneRemote remote;
+    if (!cyclone_remote(builtin_type_, guid.v, &remote)) return {name, "cyclonedds", addresses_};  // of this process
+    Surroundings::Participant participant{name, vendor_name(remote.vendor[0], remote.vendor[1]), {}};
+    for (std::size_t i = 0; i < remote.addresses; ++i) {
+      char text[INET_ADDRSTRLEN] = "";
+      inet_ntop(AF_INET, remote.address[i], text, sizeof text);
+      participant.addresses.push_back(text);
+    }
+    return participant;
+  }
+
+  void look_at_discovery() {
+    take_all<dds_builtintopic_participant_t>(
+        participants_, [&](const dds_builtintopic_participant_t& found, bool alive) {
+          const std::string key = text_of(found.key);
+          if (key == self_) return;
+          if (!alive) return surroundings_.participant_lost(key);
+          char* name = nullptr;
+          dds_qget_entity_name(found.qos, &name);
+          surroundings_.participant_found(key, described(name ? name : "", found.key));
+          dds_free(name);
+        });
+    const auto endpoints = [&](dds_entity_t reader, bool writes) {
+      take_all<dds_builtintopic_endpoint_t>(reader, [&](const dds_builtintopic_endpoint_t& found, bool alive) {
+        if (text_of(found.participant_key) == self_) return;
+        if (!alive) return surroundings_.endpoint_lost(text_of(found.key));
+        surroundings_.endpoint_found(text_of(found.key), text_of(found.participant_key), writes, found.topic_name,
+                                     found.type_name);
+      });
+    };
+    endpoints(publications_, true);
+    endpoints(subscriptions_, false);
+  }
+
+  const std::shared_ptr<Domain> domain_;
+  const std::vector<std::string> addresses_;
+  std::string self_;
+  const ddsi_sertype* builtin_type_ = nullptr;  // of what the built-in readers read; knows the domain
+  std::atomic<bool> discovered_{false};
+  Surroundings surroundings_;
+  Wakeup wakeup_;
+  std::map<std::string, Known> topics_;
+  dds_entity_t participant_, participants_, publications_, subscriptions_;
+};
+
+}  // namespace
+
+std::unique_ptr<Middleware> create_cyclonedds(const Network& network) {
+  return std::make_unique<CycloneMiddleware>(network);
+}
+
+}  // namespace citylearn::parts

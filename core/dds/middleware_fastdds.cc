@@ -1,0 +1,399 @@
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastrtps/utils/IPLocator.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstring>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
+#include <fastdds/dds/log/Log.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/DataReaderListener.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/Topic.hpp>
+#include <fastdds/dds/topic/TopicDataType.hpp>
+#include <fastdds/dds/topic/TypeSupport.hpp>
+#include <sstream>
+
+#include "core/util/error.h"
+#include "core/dds/middleware_parts.h"
+#include "core/dds/security.h"
+
+namespace citylearn::parts {
+namespace {
+
+namespace dds = eprosima::fastdds::dds;
+namespace rtps = eprosima::fastrtps::rtps;
+using eprosima::fastrtps::Duration_t;
+using eprosima::fastrtps::types::ReturnCode_t;
+
+constexpr std::uint32_t kSocketBuffer = 4 << 20;
+constexpr int kHandshake = 16384;  // bytes; twice what a service's certificate and permissions take
+
+// While a sample is not acknowledged, a writer tells so often what it has, in nanoseconds. A reader asks for what it
+// lacks once each time. Packets get lost between hosts, hardly ever on loopback.
+constexpr std::uint32_t kHeartbeatAtHome = 10'000'000;
+constexpr std::uint32_t kHeartbeat = 2'000'000;
+
+/// Sample for Fast: bytes to be written, or where to put bytes read.
+struct Raw {
+  std::span<const std::byte> out;
+  Bytes* in = nullptr;
+};
+
+/// Moves bytes that are CDR already.
+class RawType : public dds::TopicDataType {
+ public:
+  explicit RawType(const Topic& topic) {
+    setName(topic.type.c_str());
+    m_typeSize = size_of(topic);
+    auto_fill_type_object(false);
+    auto_fill_type_information(false);
+  }
+  /// Other vendors pad to multiples of 4.
+  static std::uint32_t size_of(const Topic& topic) { return static_cast<std::uint32_t>(topic.largest + 3); }
+  bool serialize(void* data, rtps::SerializedPayload_t* payload) override {
+    const Raw& raw = *static_cast<Raw*>(data);
+    if (raw.out.size() > payload->max_size) return false;
+    std::memcpy(payload->data, raw.out.data(), raw.out.size());
+    payload->length = static_cast<std::uint32_t>(raw.out.size());
+    payload->encapsulation = CDR_LE;
+    return true;
+  }
+  bool deserialize(rtps::SerializedPayload_t* payload, void* data) override {
+    const std::byte* begin = reinterpret_cast<const std::byte*>(payload->data);
+    static_cast<Raw*>(data)->in->assign(begin, begin + payload->length);
+    return true;
+  }
+  std::function<std::uint32_t()> getSerializedSizeProvider(void* data) override {
+    return [data] { return static_cast<std::uint32_t>(static_cast<Raw*>(data)->out.size()); };
+  }
+  void* createData() override { return new Raw; }
+  void deleteData(void* data) override { delete static_cast<Raw*>(data); }
+  bool getKey(void*, rtps::InstanceHandle_t*, bool) override { return false; }
+};
+
+/// Fast's own warnings and errors, into our log instead of onto standard output.
+class LogForwarder : public dds::LogConsumer {
+ public:
+  void Consume(const dds::Log::Entry& entry) override {
+    if (const auto line = explain_security(entry.message)) return tell_security(*line);
+    if (entry.kind == dds::Log::Kind::Error)
+      logger_->warn("fastdds: {} ({})", entry.message, entry.context.category);
+    else
+      logger_->debug("fastdds: {} ({})", entry.message, entry.context.category);
+  }
+
+ private:
+  // Fast's thread may still have something to say when spdlog is gone already, at the end of the program.
+  const std::shared_ptr<spdlog::logger> logger_ = spdlog::default_logger();
+};
+
+void forward_log_once() {
+  static const bool done = [] {
+    dds::Log::ClearConsumers();
+    dds::Log::RegisterConsumer(std::make_unique<LogForwarder>());
+    dds::Log::SetVerbosity(dds::Log::Kind::Warning);
+    return true;
+  }();
+  static_cast<void>(done);
+}
+
+template <class Guid>
+std::string text_of(const Guid& guid) {
+  std::ostringstream text;
+  text << guid;
+  return text.str();
+}
+
+/// What discovery tells, on Fast's threads.
+class Discovery : public dds::DomainParticipantListener {
+ public:
+  explicit Discovery(Surroundings& surroundings) : surroundings_(surroundings) {}
+
+  void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& info) override {
+    const std::string key = text_of(info.info.m_guid.guidPrefix);
+    if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT) {
+      Surroundings::Participant participant{
+          info.info.m_participantName.to_string(), vendor_name(info.info.m_VendorId[0], info.info.m_VendorId[1]), {}};
+      for (const auto* locators : {&info.info.metatraffic_locators, &info.info.default_locators})
+        for (const rtps::Locator_t& each : locators->unicast) {
+          if (each.kind != LOCATOR_KIND_UDPv4) continue;
+          const std::string address = rtps::IPLocator::toIPv4string(each);
+          auto& known = participant.addresses;
+          if (std::find(known.begin(), known.end(), address) == known.end()) known.push_back(address);
+        }
+      surroundings_.participant_found(key, participant);
+    } else if (info.status != rtps::ParticipantDiscoveryInfo::CHANGED_QOS_PARTICIPANT) {
+      surroundings_.participant_lost(key);
+    }
+  }
+  void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) override {
+    if (info.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER)
+      found(info.info, true);
+    else if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER)
+      surroundings_.endpoint_lost(text_of(info.info.guid()));
+  }
+  void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& info) override {
+    if (info.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER)
+      found(info.info, false);
+    else if (info.status == rtps::ReaderDiscoveryInfo::REMOVED_READER)
+      surroundings_.endpoint_lost(text_of(info.info.guid()));
+  }
+
+ private:
+  template <class Info>
+  void found(const Info& info, bool writes) {
+    surroundings_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes,
+                                 info.topicName().to_string(), info.typeName().to_string());
+  }
+
+  Surroundings& surroundings_;
+};
+
+class FastPublisher : public Publisher {
+ public:
+  FastPublisher(dds::Publisher* publisher, dds::Topic* dds_topic, const Topic& topic, std::uint32_t heartbeat)
+      : publisher_(publisher), topic_(topic) {
+    dds::DataWriterQos qos;
+    const int depth = depth_of(topic.profile).writer;
+    qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
+    qos.reliability().max_blocking_time = Duration_t(0, std::chrono::nanoseconds(kBlocking).count());
+    qos.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    qos.durability_service().history_kind = dds::KEEP_LAST_HISTORY_QOS;
+    qos.durability_service().history_depth = depth;
+    qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
+    qos.history().depth = depth;
+    qos.resource_limits().max_instances = 1;
+    qos.resource_limits().max_samples = depth;
+    qos.resource_limits().max_samples_per_instance = depth;
+    qos.resource_limits().allocated_samples = 1;
+    qos.endpoint().history_memory_policy = rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+    qos.publish_mode().kind = dds::SYNCHRONOUS_PUBLISH_MODE;
+    qos.data_sharing().off();
+    // The defaults (3 s heartbeats, 5 ms answers) make each lost packet cost that much.
+    qos.reliable_writer_qos().times.initialHeartbeatDelay = Duration_t(0, 0u);
+    qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, heartbeat);
+    qos.reliable_writer_qos().times.nackResponseDelay = Duration_t(0, 0u);
+    qos.reliable_writer_qos().times.nackSupressionDuration = Duration_t(0, 0u);
+    // A full history, as it always is after a while, would make Fast add a heartbeat to each sample, which wakes a
+    // thread on either side to send and to take an acknowledgement: a third of the round trip. The period above is
+    // enough.
+    qos.reliable_writer_qos().disable_heartbeat_piggyback = true;
+    writer_ = publisher_->create_datawriter(dds_topic, qos);
+    if (!writer_) throw Error("fastdds cannot create a writer", "topic " + topic.name);
+  }
+  ~FastPublisher() override {
+    // Fast DDS 2.9 takes a writer's samples apart while its heartbeat may still walk over them, for ever then. It walks
+    // as long as a reader has not acknowledged (one that was killed). Where there are no samples it does not.
+    std::size_t removed = 0;
+    writer_->clear_history(&removed);
+    publisher_->delete_datawriter(writer_);
+  }
+
+  void publish(std::span<const std::byte> sample) override {
+    check_size(topic_, sample.size());
+    Raw raw{sample};
+    // A time-out is a lost sample like any other: the application sends again what is not answered.
+    const ReturnCode_t code = writer_->write(&raw, rtps::InstanceHandle_t());
+    if (code != ReturnCode_t::RETCODE_OK && code != ReturnCode_t::RETCODE_TIMEOUT)
+      throw Error("fastdds cannot write (code " + std::to_string(code()) + ")", "topic " + topic_.name);
+  }
+  int matched() const override {
+    dds::PublicationMatchedStatus status;
+    writer_->get_publication_matched_status(status);
+    return status.current_count;
+  }
+  void wait_for_acknowledgments(Clock::time_point deadline) override {
+    const auto left = std::chrono::duration_cast<std::chrono::nanoseconds>(deadline - Clock::now()).count();
+    if (left > 0) writer_->wait_for_acknowledgments(Duration_t(static_cast<long double>(left) * 1e-9L));
+  }
+
+ private:
+  dds::Publisher* const publisher_;
+  const Topic topic_;
+  dds::DataWriter* writer_;
+};
+
+class FastSubscription : public Subscription, private dds::DataReaderListener {
+ public:
+  FastSubscription(dds::Subscriber* subscriber, dds::Topic* dds_topic, const Topic& topic, Wakeup& wakeup)
+      : subscriber_(subscriber), flag_(wakeup) {
+    dds::DataReaderQos qos;
+    const int depth = depth_of(topic.profile).reader;
+    qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
+    qos.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
+    qos.history().depth = depth;
+    qos.resource_limits().max_instances = 1;
+    qos.resource_limits().max_samples = depth;
+    qos.resource_limits().max_samples_per_instance = depth;
+    qos.resource_limits().allocated_samples = 1;
+    qos.endpoint().history_memory_policy = rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+    qos.data_sharing().off();
+    qos.reliable_reader_qos().times.initialAcknackDelay = Duration_t(0, 0u);
+    qos.reliable_reader_qos().times.heartbeatResponseDelay = Duration_t(0, 0u);
+    reader_ = subscriber_->create_datareader(dds_topic, qos, this, dds::StatusMask::data_available());
+    if (!reader_) throw Error("fastdds cannot create a reader", "topic " + topic.name);
+  }
+  ~FastSubscription() override {
+    reader_->set_listener(nullptr);
+    subscriber_->delete_datareader(reader_);
+  }
+
+  bool take(Bytes& sample) override {
+    flag_.lower();
+    Raw raw{{}, &sample};
+    dds::SampleInfo info;
+    while (reader_->take_next_sample(&raw, &info) == ReturnCode_t::RETCODE_OK) {
+      if (!info.valid_data) continue;
+      flag_.raise_quietly();  // there may be more
+      return true;
+    }
+    return false;
+  }
+  int matched() const override {
+    dds::SubscriptionMatchedStatus status;
+    reader_->get_subscription_matched_status(status);
+    return status.current_count;
+  }
+
+ private:
+  void on_data_available(dds::DataReader*) override { flag_.raise(); }
+
+  dds::Subscriber* const subscriber_;
+  Wakeup::Flag flag_;
+  dds::DataReader* reader_;
+};
+
+rtps::Locator_t locator(const std::string& address, int port) {
+  rtps::Locator_t result;
+  rtps::IPLocator::createLocator(LOCATOR_KIND_UDPv4, address, static_cast<std::uint32_t>(port), result);
+  return result;
+}
+
+/// Found by servers instead of by announcements. As one who hears of everybody, so that a wrong type is told here too.
+void join(const std::vector<Network::Peer>& servers, rtps::DiscoverySettings& discovery) {
+  discovery.discoveryProtocol = rtps::DiscoveryProtocol_t::SUPER_CLIENT;
+  for (const Network::Peer& server : servers) {
+    rtps::RemoteServerAttributes attributes;
+    attributes.metatrafficUnicastLocatorList.push_back(locator(server.address, server.port));
+    // Fast tells its servers apart by number: the first of everybody's list is the one started with `-i 0`.
+    rtps::get_server_client_default_guidPrefix(static_cast<int>(discovery.m_DiscoveryServers.size()),
+                                               attributes.guidPrefix);
+    discovery.m_DiscoveryServers.push_back(attributes);
+  }
+}
+
+class FastMiddleware : public Middleware {
+ public:
+  explicit FastMiddleware(const Network& network) : heartbeat_(network.at_home ? kHeartbeatAtHome : kHeartbeat) {
+    forward_log_once();
+    dds::DomainParticipantQos qos;
+    qos.name(network.participant);
+    auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+    udp->interfaceWhiteList = network.addresses;
+    udp->maxInitialPeersRange = kParticipants;
+    // Fast does not cut what two sides say to prove who they are: certificate and permissions must fit one message.
+    udp->maxMessageSize = static_cast<std::uint32_t>(network.security.empty() ? network.datagram
+                                                                              : std::max(network.datagram, kHandshake));
+    udp->sendBufferSize = kSocketBuffer;
+    udp->receiveBufferSize = kSocketBuffer;
+    qos.transport().use_builtin_transports = false;
+    qos.transport().user_transports = {udp};
+    qos.transport().send_socket_buffer_size = kSocketBuffer;
+    qos.transport().listen_socket_buffer_size = kSocketBuffer;
+
+    const int port = discovery_port(network.domain, free_index(network));
+    auto& wire = qos.wire_protocol();
+    // Fast would give a new participant the number, and so the GUID, of one that left; others then take its first
+    // announcements for old ones.
+    static std::atomic<int> started{0};
+    wire.participant_id = started++;
+    for (const std::string& address : network.addresses) {
+      wire.builtin.metatrafficUnicastLocatorList.push_back(locator(address, port));  // and so no multicast
+      wire.default_unicast_locator_list.push_back(locator(address, port + 1));
+    }
+    if (network.discovery_servers.empty())
+      for (const Network::Peer& peer : network.peers)
+        wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));
+    else
+      join(network.discovery_servers, wire.builtin.discovery_config);
+    expect_peers(network, surroundings_);
+    wire.builtin.discovery_config.leaseDuration = Duration_t(10, 0u);
+    // Two participants that start at once may miss each other's first announcement; then this is how long they wait.
+    wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(1, 0u);
+    wire.builtin.typelookup_config.use_client = false;
+    wire.builtin.typelookup_config.use_server = false;
+    if (!network.security.empty()) {
+      for (const auto& [name, value] : fastdds_security(network.security))
+        qos.properties().properties().emplace_back(name, value);
+      surroundings_.guard();
+    }
+
+    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(network.domain, qos, &discovery_,
+                                                                                     dds::StatusMask::none());
+    if (!participant_)
+      throw Error("fastdds cannot start a participant in domain " + std::to_string(network.domain) + " on " +
+                  network.interfaces);
+    publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
+    subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
+  }
+
+  ~FastMiddleware() override {
+    participant_->set_listener(nullptr);
+    participant_->delete_subscriber(subscriber_);
+    participant_->delete_publisher(publisher_);
+    for (const auto& [name, topic] : topics_) participant_->delete_topic(topic);
+    dds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
+  }
+
+  std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
+    return std::make_unique<FastPublisher>(publisher_, own(topic), topic, heartbeat_);
+  }
+  std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
+    return std::make_unique<FastSubscription>(subscriber_, own(topic), topic, wakeup_);
+  }
+  bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
+  Surroundings& surroundings() override { return surroundings_; }
+  std::string name() const override { return "fastdds"; }
+
+ private:
+  dds::Topic* own(const Topic& topic) {
+    surroundings_.own(topic.name, topic.type);
+    dds::Topic*& known = topics_[topic.name];  // Fast refuses a second topic of one name
+    if (!known) {
+      // One type may serve several topics; Fast keeps one description of it.
+      dds::TypeSupport type = participant_->find_type(topic.type);
+      if (type.empty())
+        participant_->register_type(dds::TypeSupport(new RawType(topic)));
+      else
+        type->m_typeSize = std::max(type->m_typeSize, RawType::size_of(topic));
+      known = participant_->create_topic(topic.name, topic.type, dds::TOPIC_QOS_DEFAULT);
+      if (!known) {
+        topics_.erase(topic.name);
+        throw Error("fastdds cannot create it", "topic " + topic.name);
+      }
+    }
+    return known;
+  }
+
+  const std::uint32_t heartbeat_;
+  Surroundings surroundings_;
+  Discovery discovery_{surroundings_};
+  Wakeup wakeup_;
+  std::map<std::string, dds::Topic*> topics_;
+  dds::DomainParticipant* participant_ = nullptr;
+  dds::Publisher* publisher_ = nullptr;
+  dds::Subscriber* subscriber_ = nullptr;
+};
+
+}  // namespace
+
+std::unique_ptr<Middleware> create_fastdds(const Network& network) { return std::make_unique<FastMiddleware>(network); }
+
+}  // namespace citylearn::parts

@@ -1,0 +1,128 @@
+#pragma once
+
+// What the middlewares share among themselves. Private to core/middleware*.cc; the doctor reads its ports.
+
+#include <atomic>
+#include <condition_variable>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "core/dds/middleware.h"
+
+namespace citylearn::parts {
+
+/// Participants of one domain on one host: each takes a pair of ports, and each is asked for at start. Ports of the
+/// highest domain would allow 62; every further one costs all others a packet at each announcement.
+inline constexpr int kParticipants = 48;
+
+/// Longest that a publisher waits for room; with KEEP_LAST there always is some.
+inline constexpr std::chrono::milliseconds kBlocking{100};
+
+/// Samples kept. A reader is deeper than a writer: topics are keyless, so the samples of all writers share its history,
+/// and each must stay until it is taken.
+struct Depth {
+  int writer;
+  int reader;
+};
+Depth depth_of(Profile profile);
+
+/// First UDP port of the participant with this index (its discovery port; data arrives at the next one).
+/// RTPS 2.2, 9.6.1.
+inline int discovery_port(std::uint32_t domain, int index) {
+  return 7400 + 250 * static_cast<int>(domain) + 10 + 2 * index;
+}
+
+/// Where Fast DDS's discovery server listens unless told otherwise.
+inline constexpr int kDiscoveryServerPort = 11811;
+
+/// A network interface of this host that has an IPv4 address.
+struct Interface {
+  std::string name, address;
+  int packet = 0;  ///< bytes it sends in one packet
+  bool up = false;
+};
+/// One for each address. Throws Error when the system does not tell.
+std::vector<Interface> interfaces();
+
+/// MiddlewareOptions with the network resolved and checked.
+struct Network {
+  struct Peer {
+    std::string name;     ///< as given
+    std::string address;  ///< IPv4
+    int port;             ///< 0: the discovery ports of every index
+  };
+  std::uint32_t domain;
+  std::string participant;
+  std::string interfaces;               ///< as given, for messages
+  std::vector<std::string> addresses;   ///< IPv4 addresses of the interfaces, at least one
+  bool at_home;                         ///< loopback alone
+  int datagram;                         ///< bytes of UDP payload that cross the interfaces in one packet, at most 65500
+  std::vector<Peer> peers;              ///< this host's own addresses come first
+  std::vector<Peer> discovery_servers;  ///< each with a port
+  std::string security;                 ///< folder with keys; empty: none
+};
+
+/// First index whose two UDP ports are free on all addresses; Error when there is none.
+int free_index(const Network& network);
+
+/// Tells `surroundings` of the user's peers and discovery servers that someone should be heard there, this host's own
+/// addresses excepted.
+void expect_peers(const Network& network, Surroundings& surroundings);
+
+/// "fastdds", "cyclonedds" or "vendor 01.03".
+std::string vendor_name(std::uint8_t major, std::uint8_t minor);
+
+/// Throws Error when the sample is larger than its topic allows.
+void check_size(const Topic& topic, std::size_t size);
+
+/// Wakes the one thread that waits in Middleware::wait when a vendor's thread has something.
+///
+/// Each subscription owns a Flag. A vendor's thread raises it when a sample comes; the subscription lowers it before it
+/// looks and finds nothing, so a sample that comes in between is not missed.
+class Wakeup {
+ public:
+  class Flag {
+   public:
+    explicit Flag(Wakeup& wakeup) : wakeup_(wakeup) { wakeup_.flags_.push_back(this); }
+    ~Flag() { std::erase(wakeup_.flags_, this); }
+    Flag(const Flag&) = delete;
+    Flag& operator=(const Flag&) = delete;
+    void raise() {  // by any thread
+      raised_.store(true);
+      wakeup_.wake();
+    }
+    void raise_quietly() { raised_.store(true); }  // by the waiting thread itself
+    void lower() { raised_.store(false); }
+    bool raised() const { return raised_.load(); }
+
+   private:
+    Wakeup& wakeup_;
+    std::atomic<bool> raised_{false};
+  };
+
+  /// True once a flag is raised; false when the deadline has passed. Looks for a short while before it sleeps if that
+  /// would have been enough the last time: to be woken costs more than what an answer from the same machine takes.
+  bool wait(Clock::time_point deadline);
+
+ private:
+  void wake();
+  bool any_raised() const;
+  bool look(Clock::time_point deadline) const;
+
+  bool look_first_ = true;
+  std::vector<Flag*> flags_;  // changed and read by the waiting thread alone
+  std::atomic<bool> asleep_{false};
+  std::mutex mutex_;
+  std::condition_variable condition_;
+};
+
+std::unique_ptr<Middleware> create_fastdds(const Network& network);
+std::unique_ptr<Middleware> create_cyclonedds(const Network& network);
+std::unique_ptr<Middleware> create_inprocess(std::uint32_t domain, const std::string& participant);
+/// `options` is what stands between "lossy" and ":", for example ",drop=0.2".
+std::unique_ptr<Middleware> create_lossy(const std::string& options, std::unique_ptr<Middleware> inner);
+/// Throws Error when create_lossy would; so that a wrong option is told before a vendor starts.
+void check_lossy(const std::string& options);
+
+}  // namespace citylearn::parts

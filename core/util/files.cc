@@ -1,0 +1,54 @@
+#include "core/util/files.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "core/util/error.h"
+
+namespace citylearn {
+
+void write_file(const std::string& path, std::string_view contents) {
+  const std::string temporary = path + "." + std::to_string(::getpid()) + ".tmp";  // several processes may write it
+  int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  const auto fail = [&](const char* doing) {
+    const std::string why = std::strerror(errno);
+    if (file >= 0) ::close(file);
+    ::unlink(temporary.c_str());
+    throw Error(std::string(doing) + ": " + why, path, "is there space, and may this user write there?");
+  };
+  if (file < 0) fail("cannot create it");
+  std::size_t written = 0;
+  while (written < contents.size()) {
+    const ssize_t count = ::write(file, contents.data() + written, contents.size() - written);
+    if (count < 0 && errno == EINTR) continue;
+    if (count < 0) fail("cannot write it");
+    written += static_cast<std::size_t>(count);
+  }
+  if (::fsync(file) != 0) fail("cannot write it");
+  if (::rename(temporary.c_str(), path.c_str()) != 0) fail("cannot put it in place");
+  ::close(file);
+  // The rename itself lasts only once the folder is on disk.
+  const std::string folder = std::filesystem::path(path).parent_path().string();
+  const int directory = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (directory >= 0) {
+    ::fsync(directory);
+    ::close(directory);
+  }
+}
+
+std::string read_file(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw Error(std::strerror(errno), path);
+  std::ostringstream text;
+  text << in.rdbuf();
+  if (!in) throw Error("cannot be read", path);
+  return std::move(text).str();
+}
+
+}  // namespace citylearn

@@ -1,0 +1,15 @@
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <vector>
+
+namespace citylearn {
+
+/// The clock of deadlines and durations. It never jumps.
+using Clock = std::chrono::steady_clock;
+
+/// Raw bytes, for example of one encoded message.
+using Bytes = std::vector<std::byte>;
+
+}  // namespace citylearn

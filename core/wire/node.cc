@@ -1,0 +1,158 @@
+#include "core/wire/node.h"
+
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+
+#include "core/util/wall_clock.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::seconds kHeartbeat{1};
+constexpr std::chrono::milliseconds kFarewell{500};  // for those who do not answer
+
+MiddlewareOptions named(MiddlewareOptions options, const std::string& id) {
+  if (options.participant.empty()) options.participant = id;
+  return options;
+}
+
+void require_id(const std::string& value, const std::string& where) {
+  if (value.empty() || value.size() > 64)
+    throw Error("must have 1 to 64 characters, has " + std::to_string(value.size()), where);
+}
+
+std::string host_name() {
+  char name[256] = "";
+  gethostname(name, sizeof name - 1);
+  return std::string(name).substr(0, 64);
+}
+
+/// The time, larger at each later start; its last 4 ms tell services apart that start at the same moment, as those that
+/// one script starts do: who serves whom is told by incarnation alone. Processes of one host differ by number, those of
+/// containers, which all have the same one, by host or id.
+std::uint64_t new_incarnation(const std::string& id) {
+  constexpr std::uint64_t kProcesses = 64, kServices = 64, kAtOnce = kProcesses * kServices;
+  const std::uint64_t own = std::hash<std::string>{}(host_name() + " " + id) % kServices * kProcesses +
+                            static_cast<std::uint64_t>(getpid()) % kProcesses;
+  static std::atomic<std::uint64_t> last{0};
+  std::uint64_t before = last, next = 0;
+  do {
+    const std::uint64_t moment = std::max(microseconds_since_epoch() / kAtOnce, before / kAtOnce + 1);
+    next = moment * kAtOnce + own;
+  } while (!last.compare_exchange_weak(before, next));
+  return next;
+}
+
+}  // namespace
+
+Node::Node(Options options) : options_(std::move(options)), incarnation_(new_incarnation(options_.id)) {
+  require_id(options_.id, "id");
+  if (!options_.run.empty()) require_id(options_.run, "run");
+  middleware_ = create_middleware(named(options_.middleware, options_.id));
+  started_ = next_heartbeat_ = Clock::now();
+  status_.service(options_.service);
+  status_.host(host_name());
+  status_.middleware(middleware_->name());
+  status_.process(static_cast<std::uint32_t>(getpid()));
+  status_.service_state(msg::STARTING);
+  announce<msg::ServiceStatus>();
+}
+
+Node::~Node() {
+  // Else one lost packet is enough for nobody to hear its last words.
+  const Clock::time_point deadline = Clock::now() + kFarewell;
+  for (const auto& [topic, channel] : channels_)
+    if (channel.publisher) channel.publisher->wait_for_acknowledgments(deadline);
+  channels_.clear();  // before the middleware they belong to
+}
+
+Node::Channel& Node::publisher(const Topic& topic) {
+  Channel& channel = channels_[&topic];
+  if (!channel.publisher) channel.publisher = middleware_->create_publisher(topic);
+  return channel;
+}
+
+Node::Channel& Node::subscription(const Topic& topic) {
+  Channel& channel = channels_[&topic];
+  if (!channel.subscription) channel.subscription = middleware_->create_subscription(topic);
+  return channel;
+}
+
+void Node::stamp(msg::Header& header, const std::string& run, std::uint64_t number) const {
+  header.protocol(msg::PROTOCOL);
+  header.run(run);
+  header.sender(options_.id);
+  header.incarnation(incarnation_);
+  header.message(number);
+}
+
+bool Node::accept(const msg::Header& header) {
+  if (!options_.run.empty() && header.run() != options_.run) {
+    ++traffic.foreign;
+    return false;
+  }
+  return header.incarnation() != incarnation_ || header.sender() != options_.id;
+}
+
+void Node::reject(const Error& error) {
+  ++traffic.rejected;
+  // Once per type and field: a peer that sends nonsense sends a lot of it.
+  const std::string line = error.what();
+  if (rejected_.insert(line.substr(0, line.find(": "))).second)
+    spdlog::warn("rejected a message: {} (more of the kind are counted, not logged)", line);
+}
+
+void Node::heartbeat() {
+  const Clock::time_point now = Clock::now();
+  next_heartbeat_ = now + kHeartbeat;
+  status_.uptime(std::chrono::duration<double>(now - started_).count());
+  status_.received(traffic.received);
+  status_.repeated(traffic.repeated);
+  status_.resent(traffic.resent);
+  status_.rejected(traffic.rejected);
+  status_.foreign(traffic.foreign);
+  publish(status_);
+}
+
+bool Node::wait(Clock::time_point deadline) {
+  while (true) {
+    beat();
+    const bool ready = middleware_->wait(std::min(deadline, next_heartbeat_));
+    for (const std::string& line : middleware_->surroundings().faults()) {
+      spdlog::error("{}", line);
+      // A peer may still come; a foreign type on our topics will not go away by waiting.
+      if (line.starts_with("topic ")) faults_.push_back(line);
+    }
+    if (ready) return true;
+    if (Clock::now() >= deadline) return false;
+  }
+}
+
+void Node::report(msg::State state, const std::string& activity, float rate) {
+  const bool changed = state != status_.service_state();
+  status_.service_state(state);
+  status_.activity(activity.substr(0, 256));
+  status_.rate(rate);
+  if (changed) heartbeat();
+}
+
+void Node::alarm(const std::string& what, const std::string& trouble) {
+  const auto known = alarms_.find(what);
+  if (known == alarms_.end() ? trouble.empty() : known->second == trouble) return;
+  if (trouble.empty()) {
+    alarms_.erase(known);
+    spdlog::info("{}: is well again", what);
+  } else {
+    alarms_[what] = trouble;
+    spdlog::error("{}: {}", what, trouble);
+  }
+  std::string all;
+  for (const auto& [name, text] : alarms_) all += (all.empty() ? "" : "; ") + name + ": " + text;
+  status_.alarm(all.substr(0, 256));
+  heartbeat();
+}
+
+}  // namespace citylearn

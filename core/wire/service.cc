@@ -1,0 +1,184 @@
+#include "core/wire/service.h"
+
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <iostream>
+
+#ifndef CITYLEARN_VERSION
+#error "the build defines CITYLEARN_VERSION"
+#endif
+
+namespace citylearn {
+namespace {
+
+volatile std::sig_atomic_t stop_signal = 0;
+
+extern "C" void on_stop_signal(int signal) { stop_signal = signal; }
+
+void catch_stop_signals() {
+  struct sigaction action {};
+  action.sa_handler = on_stop_signal;
+  sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGINT, &action, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
+}
+
+// A program built with -march=native must say so on a lesser processor instead of dying of an illegal instruction.
+void check_processor() {
+#ifdef __AVX512F__
+  if (!__builtin_cpu_supports("avx512f"))
+    throw Error("built for a processor with AVX-512, which this one lacks", "", "build with -DCITYLEARN_NATIVE=OFF");
+#elif defined(__AVX2__)
+  if (!__builtin_cpu_supports("avx2"))
+    throw Error("built for a processor with AVX2, which this one lacks", "", "compile for this machine");
+#endif
+}
+
+std::string short_number(double value) {
+  std::ostringstream text;
+  text.precision(10);
+  text << value;
+  return text.str();
+}
+
+std::string one_line(std::string text) {
+  while (!text.empty() && (text.back() == '\n' || text.back() == ' ')) text.pop_back();
+  std::replace(text.begin(), text.end(), '\n', ' ');
+  return text;
+}
+
+}  // namespace
+
+std::string version() { return CITYLEARN_VERSION; }
+
+bool stop_requested() { return stop_signal != 0; }
+
+void add_node_options(CLI::App& app, Node::Options& options) {
+  const std::string group = "Service";
+  MiddlewareOptions& middleware = options.middleware;
+  std::string names;
+  for (const auto& [name, help] : list_middlewares()) names += (names.empty() ? "" : ", ") + name;
+  const auto name_length = CLI::Validator(
+      [](std::string& text) {
+        return text.empty() || text.size() > 64 ? std::string("must have 1 to 64 characters") : std::string();
+      },
+      "", "");
+  app.add_option("--run", options.run, "Run this service belongs to; services of other runs are ignored")
+      ->capture_default_str()
+      ->envname("CITYLEARN_RUN")
+      ->check(name_length)
+      ->group(group);
+  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the run")
+                 ->check(name_length)
+                 ->group(group);
+  if (!options.id.empty()) id->capture_default_str();
+  app.add_option("--middleware", middleware.name, "One of " + names + "; lossy:NAME loses messages, for tests")
+      ->capture_default_str()
+      ->envname("CITYLEARN_MIDDLEWARE")
+      ->group(group);
+  app.add_option("--domain", middleware.domain, "DDS domain, 0..232")
+      ->capture_default_str()
+      ->envname("CITYLEARN_DOMAIN")
+      ->check(CLI::Range(0, 232))
+      ->group(group);
+  app.add_option("--interface", middleware.interfaces,
+                 "The only network interfaces used, by name or IPv4 address: A,B,...; lo stays on this machine")
+      ->delimiter(',')
+      ->capture_default_str()
+      ->envname("CITYLEARN_INTERFACE")
+      ->group(group);
+  app.add_option("--peers", middleware.peers, "Other hosts to find services on: HOST[:PORT],...")
+      ->delimiter(',')
+      ->envname("CITYLEARN_PEERS")
+      ->group(group);
+  app.add_option("--discovery-server", middleware.discovery_servers,
+                 "Fast DDS discovery servers to find services by, instead of --peers: HOST[:PORT],... (port 11811)")
+      ->delimiter(',')
+      ->envname("CITYLEARN_DISCOVERY_SERVER")
+      ->group(group);
+  app.add_option("--security", middleware.security,
+                 "Folder with this service's keys (docs/security.md): talks to nobody who has none")
+      ->envname("CITYLEARN_SECURITY")
+      ->group(group);
+  app.add_option_function<std::string>(
+         "--log-level", [](const std::string& level) { spdlog::set_level(spdlog::level::from_str(level)); },
+         "trace, debug, info, warn, error or off; info unless told")
+      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
+      ->group(group);
+  app.add_option_function<std::string>(
+         "--log-format",
+         [&options](const std::string& format) {
+           if (format == "json")
+             spdlog::set_pattern(R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l","run":")" + options.run +
+                                 R"(","service":")" + options.service + R"(","text":"%v"})");
+         },
+         "text or json (one object a line)")
+      ->check(CLI::IsMember({"text", "json"}))
+      ->group(group);
+}
+
+void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
+                    std::map<std::string, double>& values) {
+  for (const ParameterSpec& spec : specs) {
+    std::string help = spec.help + " [" + short_number(spec.standard) + "; " + short_number(spec.minimum) + ".." +
+                       short_number(spec.maximum) + "]";
+    app.add_option_function<double>(
+           "--" + prefix + "-" + spec.name, [&values, name = spec.name](double value) { values[name] = value; }, help)
+        ->check(CLI::Range(spec.minimum, spec.maximum))
+        ->group(prefix)
+        ->type_name(spec.integer ? "INT" : "FLOAT");
+  }
+}
+
+std::string describe(const std::string& name, const std::string& help, const std::vector<ParameterSpec>& specs,
+                     const std::string& prefix) {
+  std::string text = "  " + name + std::string(name.size() < 16 ? 16 - name.size() : 1, ' ') + help + "\n";
+  for (const ParameterSpec& spec : specs) {
+    const std::string option = "--" + prefix + "-" + spec.name;
+    text += "      " + option + std::string(option.size() < 34 ? 34 - option.size() : 1, ' ') + spec.help + " [" +
+            short_number(spec.standard) + "; " + short_number(spec.minimum) + ".." + short_number(spec.maximum) + "]\n";
+  }
+  return text;
+}
+
+int service_main(int argc, char** argv, const std::string& summary, const std::function<void(CLI::App&)>& setup,
+                 const std::function<int()>& body) {
+  const std::string program = std::string(argv[0]).substr(std::string(argv[0]).find_last_of('/') + 1);
+  const auto complain = [&program](const std::string& text, int status) {
+    std::cerr << program << ": " << one_line(text) << std::endl;
+    return status;
+  };
+  try {
+    check_processor();
+    catch_stop_signals();
+    spdlog::set_default_logger(spdlog::stderr_color_mt(program));
+    spdlog::set_pattern("%H:%M:%S.%e %^%L%$ [%n] %v");
+    CLI::App app(summary, program);
+    app.option_defaults()->multi_option_policy(
+        CLI::MultiOptionPolicy::TakeLast);  // scripts append their user's options
+    app.set_version_flag("--version", version());
+    app.set_config("--config", "", "TOML file with the same options, names without dashes");
+    app.allow_config_extras(CLI::config_extras_mode::error);
+    app.get_formatter()->column_width(44);
+    setup(app);
+    try {
+      app.parse(argc, argv);
+    } catch (const CLI::Success& done) {
+      return app.exit(done);
+    } catch (const CLI::ParseError& error) {
+      return complain(std::string(error.what()) + " (try --help)", 2);
+    }
+    return body();
+  } catch (const Error& error) {
+    return complain(error.what(), 1);
+  } catch (const std::bad_alloc&) {
+    return complain("out of memory", 1);
+  } catch (const std::exception& error) {
+    return complain(std::string("unexpected failure: ") + error.what(), 1);
+  }
+}
+
+}  // namespace citylearn

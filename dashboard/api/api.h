@@ -1,0 +1,86 @@
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "dashboard/http/answer.h"
+#include "dashboard/api/evaluations.h"
+#include "dashboard/live/live_view.h"
+#include "dashboard/api/recognition_results.h"
+#include "dashboard/store/store.h"
+#include "dashboard/store/store_reader.h"
+
+namespace citylearn {
+
+/// Answers what the page asks (docs/dashboard-api.md): out of the store, or out of what is alive now. May be used by
+/// several threads at once, each with a connection of its own; a wrong request gets an answer that says what is wrong.
+class Api {
+ public:
+  struct Options {
+    std::string vendor, run;          ///< of the dashboard's node
+    std::uint32_t domain = 0;         ///< likewise
+    std::string recognition;          ///< folder of vpr's results; empty: none
+    std::function<bool()> recording;  ///< whether episodes reach the store now; nothing: they do
+    double silence = 5;               ///< seconds without news after which a run counts as lost
+  };
+  /// `store` and `live` must outlive it. Without `live` nothing is alive.
+  Api(const Options& options, Store& store, LiveView* live);
+  ~Api();
+
+  Answer answer(const Query& query);
+
+  /// As GET /api/runs answers: for who sends it to those who watch.
+  nlohmann::json runs();
+
+ private:
+  /// A reader, lent for one answer.
+  class Lent {
+   public:
+    explicit Lent(Api& api);
+    ~Lent();
+    StoreReader* operator->() { return reader_.get(); }
+
+   private:
+    Api& api_;
+    std::unique_ptr<StoreReader> reader_;
+    int unwinding_;
+  };
+  Answer about();
+  Answer controls(const Query& query);
+  Answer services();
+  Answer events(const Query& query);
+  Answer map(const Query& query);
+  Answer frame(const Query& query);
+  Answer recognition(const Query& query);
+  Answer of_run(const Query& query);
+  Answer run(const RunRow& row);
+  Answer remove(const std::string& name);
+  Answer training(const RunRow& row, const Query& query);
+  Answer all_training(const RunRow& row, bool csv);
+  Answer episodes(const RunRow& row, const Query& query);
+  Answer all_episodes(const RunRow& row, bool csv);
+  Answer evaluations(const RunRow& row);
+  Answer episode(const Query& query);
+  nlohmann::json run_json(const RunRow& row);
+
+  const Options options_;
+  Store& store_;
+  LiveView* const live_;
+  const RecognitionResults recognition_;
+
+  std::mutex mutex_;
+  std::vector<std::unique_ptr<StoreReader>> readers_;  // those nobody has now
+  struct Figures {
+    std::uint64_t episodes = 0;
+    std::int64_t newest = 0;
+    EvaluationFigures figures;
+  };
+  std::map<std::pair<std::int64_t, EvaluationKey>, Figures> evaluations_;  // by run: as long as nothing is added
+};
+
+}  // namespace citylearn

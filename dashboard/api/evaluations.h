@@ -1,0 +1,33 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "dashboard/store/store_reader.h"
+
+namespace citylearn {
+
+/// Figures of one policy on the tasks of one traversal: means over tasks, fractions as 0..1.
+struct EvaluationFigures {
+  std::uint64_t tasks = 0;
+  double completed = 0, failed = 0;
+  double spl = 0, spl_low = 0, spl_high = 0;  ///< interval of 95 %: percentiles of 1,000 resamples of the tasks
+  double reward = 0;
+  double mean_steps = 0;     ///< failed tasks count with all steps they took
+  double shortest_mean = 0;  ///< frames
+  double excess = 0;         ///< taken / shortest, mean over completed tasks; NaN when none was completed
+};
+/// The same tasks give the same interval. `tasks` must not be empty.
+EvaluationFigures evaluate(std::span<const StoreReader::TaskRow> tasks);
+
+/// What a policy reaches that does not learn, over all tasks (start, goal) of a route, start != goal.
+struct ControlFigures {
+  double spl = 0, reward = 0, steps = 0, completed = 0;
+};
+/// Walks to the nearer end of the goal's half and turns round there (`blind`; policy_service/rollout/blind.cc).
+/// `frames` >= 2, `max_steps` >= 1.
+ControlFigures blind_figures(int frames, int max_steps);
+/// Knows where it stands.
+ControlFigures shortest_path_figures(int frames, int max_steps);
+
+}  // namespace citylearn

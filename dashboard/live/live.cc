@@ -1,0 +1,380 @@
+#include "dashboard/live/live.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+
+namespace citylearn {
+namespace {
+
+using Json = nlohmann::json;
+using std::chrono::milliseconds;
+
+static_assert(std::endian::native == std::endian::little, "payloads are copied as they are");
+
+constexpr milliseconds kLook{100};      // who watches what; and rows of training
+constexpr milliseconds kServices{250};  // at most four times a second
+constexpr std::size_t kMostAsked = 64, kMostHosted = 4096, kMostRuns = 4096, kMostScenes = 256;
+
+constexpr const char* kColumns[] = {
+    "update",      "steps",      "episodes", "lesson",     "wall",    "steps_per_second", "reward",        "spl",
+    "policy_loss", "value_loss", "entropy",  "divergence", "clipped", "gradient_norm",    "learning_rate", "lag"};
+
+std::array<double, std::size(kColumns)> row_of(const msg::TrainingStat& s) {
+  return {static_cast<double>(s.update()),
+          static_cast<double>(s.steps()),
+          static_cast<double>(s.episodes()),
+          static_cast<double>(s.lesson()),
+          s.wall(),
+          s.steps_per_second(),
+          s.reward(),
+          s.spl(),
+          s.policy_loss(),
+          s.value_loss(),
+          s.entropy(),
+          s.divergence(),
+          s.clipped(),
+          s.gradient_norm(),
+          s.learning_rate(),
+          s.lag()};
+}
+
+template <class T>
+std::vector<std::byte> bytes_of(const std::vector<T>& values) {
+  const auto* begin = reinterpret_cast<const std::byte*>(values.data());
+  return {begin, begin + values.size() * sizeof(T)};
+}
+
+std::vector<std::byte> bytes_of(const Json& json) {
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  const auto* begin = reinterpret_cast<const std::byte*>(text.data());
+  return {begin, begin + text.size()};
+}
+
+Json json_of(const Event& event) {
+  return {
+      {"time", event.time}, {"run", event.run}, {"service", event.service}, {"kind", event.kind}, {"text", event.text}};
+}
+
+std::string hash_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
+
+std::string source_of(const msg::Header& header) {
+  return std::string(header.sender().c_str()) + "@" + header.run().c_str();
+}
+
+const char* name_of(msg::Mode mode) {
+  return mode == msg::TRAIN ? "train" : mode == msg::EVALUATE ? "evaluate" : "idle";
+}
+
+template <class Number>
+Json numbers(const std::vector<Number>& values) {
+  Json all = Json::array();
+  for (const Number value : values) all.push_back(std::isfinite(value) ? Json(value) : Json());
+  return all;
+}
+
+}  // namespace
+
+Live::Live(Node& node, Hub& hub, const Options& options)
+    : node_(node), hub_(hub), options_(options), maps_(node), pictures_(node, options.pictures) {
+  node_.announce<msg::MapRequest>();
+  node_.announce<msg::ImageRequest>();
+}
+
+// What comes.
+
+void Live::hear(const msg::ServiceStatus& status) {
+  std::vector<Event> news;
+  {
+    const std::lock_guard lock(mutex_);
+    services_.hear(status, Clock::now(), news);
+  }
+  services_changed_ = true;
+  tell(news);
+}
+
+void Live::hear(const msg::TraversalInfo& info) {
+  const Environment environment(info.header().run().c_str(), info.header().sender().c_str());
+  const std::lock_guard lock(mutex_);
+  Hosted& hosted = hosted_[environment];
+  // Of a process that is dead, kept by the middleware for late joiners.
+  if (info.header().incarnation() < hosted.incarnation && services_.lives(environment.first, environment.second))
+    return;
+  hosted = {info.header().incarnation(),
+            info.hash(),
+            info.frames(),
+            info.images(),
+            info.agents(),
+            info.dataset().c_str(),
+            info.traversal().c_str(),
+            info.condition().c_str()};
+  if (hosted_.size() <= kMostHosted) return;
+  const auto dead = std::find_if(hosted_.begin(), hosted_.end(), [this](const auto& entry) {
+    return !services_.lives(entry.first.first, entry.first.second);
+  });
+  hosted_.erase(dead == hosted_.end() ? hosted_.begin() : dead);
+}
+
+void Live::hear(const msg::RunInfo& info) {
+  if (runs_.size() >= kMostRuns) runs_.clear();  // each is told again within a second, where it goes on
+  runs_[{Sender(info.header()), info.job()}] = run_id(info);
+}
+
+void Live::hear(const msg::TrainingStat& stat) {
+  const auto run = runs_.find({Sender(stat.header()), stat.job()});
+  if (run == runs_.end()) return;
+  const std::string topic = "training:" + run->second;
+  if (!watched_.contains(topic)) return;
+  Rows& rows = rows_[topic];
+  const auto row = row_of(stat);
+  rows.values.insert(rows.values.end(), row.begin(), row.end());
+  ++rows.count;
+  due_ = std::min(due_, next_rows_);
+}
+
+void Live::show(const Event& event) {
+  hub_.publish("events", Json::object(), bytes_of(json_of(event)), Hub::Merge::kEach);
+}
+
+void Live::tell(const std::vector<Event>& events) {
+  for (const Event& event : events) {
+    show(event);
+    try {
+      if (told) {
+        told(event);
+        continue;
+      }
+    } catch (const Error& error) {  // a full disk, perhaps: then it is known here alone
+      spdlog::debug("an event is not recorded: {}", error.what());
+    }
+    const std::lock_guard lock(mutex_);
+    events_.push_front(event);
+    if (events_.size() > options_.most_events) events_.pop_back();
+  }
+}
+
+// What is due.
+
+void Live::turn() {
+  const Clock::time_point now = Clock::now();
+  std::vector<Event> news;
+  due_ = now + kLook;
+  {
+    const std::lock_guard lock(mutex_);
+    services_changed_ = services_.turn(now, news) || services_changed_;
+    take_requests();
+    maps_.turn(now);
+    due_ = std::min(due_, maps_.due());
+  }
+  tell(news);
+  if (now >= next_look_) look_who_watches();
+  if (services_changed_ && now >= next_services_) show_services();
+  while (hears_scenes_ && node_.take(scene_)) {
+    const std::string source = source_of(scene_.header());
+    if (scenes_.size() >= kMostScenes && !scenes_.contains(source)) scenes_.clear();
+    scenes_[source] = scene_;
+    show_scene(scene_);
+  }
+  pictures_.turn(now);
+  show_pictures();
+  if (now >= next_rows_) show_rows();
+  due_ = std::min(due_, pictures_.due());
+}
+
+/// What threads of the API asked for. Under the lock.
+void Live::take_requests() {
+  for (const auto& [hash, host] : maps_asked_) maps_.want(hash, host.first, host.second);
+  maps_asked_.clear();
+  for (const auto& [key, host] : frames_asked_) {
+    pictures_.want(key, {host.first, host.second});
+    frames_coming_.insert(key);
+  }
+  frames_asked_.clear();
+  std::erase_if(frames_coming_, [this](const PictureKey& key) { return !pictures_.coming(key); });
+}
+
+void Live::look_who_watches() {
+  next_look_ = Clock::now() + kLook;
+  const std::vector<std::string> list = hub_.watched();
+  std::set<std::string> now(list.begin(), list.end());
+  if (now == watched_) return;
+  const std::set<std::string> before = std::exchange(watched_, std::move(now));
+  const auto begins = [](const std::string& text, const std::string& start) { return text.rfind(start, 0) == 0; };
+  std::erase_if(panels_, [this](const auto& panel) { return !watched_.contains(panel.first); });
+  bool scenes = false;
+  for (const std::string& topic : watched_) {
+    const bool picture = begins(topic, "picture:"), fresh = !before.contains(topic);
+    scenes = scenes || picture || begins(topic, "scene:");
+    if (picture && fresh) {
+      const std::size_t colon = topic.rfind(':');
+      Panel panel;
+      panel.source = topic.substr(8, std::max<std::size_t>(colon, 8) - 8);
+      const char* end = topic.data() + topic.size();
+      const auto [last, error] = std::from_chars(topic.data() + colon + 1, end, panel.agent);
+      if (error == std::errc() && last == end && colon > 8) panels_[topic] = panel;
+    }
+    if (fresh && begins(topic, "scene:"))
+      if (const auto scene = scenes_.find(topic.substr(6)); scene != scenes_.end()) show_scene(scene->second);
+  }
+  if (watched_.contains("services") && !before.contains("services")) next_services_ = {}, services_changed_ = true;
+  std::erase_if(rows_, [this](const auto& rows) { return !watched_.contains(rows.first); });
+  // An env_service sends scenes only while somebody listens.
+  if (scenes == hears_scenes_) return;
+  hears_scenes_ = scenes;
+  scenes ? node_.listen<msg::Scene>() : node_.ignore<msg::Scene>();
+  if (!scenes) scenes_.clear();
+}
+
+void Live::show_services() {
+  services_changed_ = false;
+  next_services_ = Clock::now() + kServices;
+  if (watched_.contains("services"))
+    hub_.publish("services", Json::object(), bytes_of(services()), Hub::Merge::kReplace);
+}
+
+void Live::show_scene(const msg::Scene& scene) {
+  const std::string topic = "scene:" + source_of(scene.header());
+  if (!watched_.contains(topic)) return;
+  std::vector<std::uint32_t> numbers;
+  for (const auto* field : {&scene.frame(), &scene.position(), &scene.start(), &scene.goal(), &scene.steps()})
+    numbers.insert(numbers.end(), field->begin(), field->end());
+  numbers.insert(numbers.end(), scene.flags().begin(), scene.flags().end());
+  hub_.publish(topic,
+               {{"traversal", scene.traversal().c_str()},
+                {"hash", hash_text(scene.traversal_hash())},
+                {"first_frame", scene.first_frame()},
+                {"frames", scene.frames()},
+                {"step", scene.step()},
+                {"mode", name_of(scene.task_mode())},
+                {"policy", scene.policy().c_str()},
+                {"agents", scene.frame().size()}},
+               bytes_of(numbers), Hub::Merge::kReplace);
+}
+
+/// Each panel shows what its agent sees, or, while that is not here, what came last of what was asked for.
+void Live::show_pictures() {
+  for (auto& [topic, panel] : panels_) {
+    const auto found = scenes_.find(panel.source);
+    if (found == scenes_.end() || panel.agent >= found->second.frame().size()) continue;
+    const msg::Scene& scene = found->second;
+    const Environment environment(scene.header().run().c_str(), scene.header().sender().c_str());
+    {
+      const std::lock_guard lock(mutex_);
+      const auto hosted = hosted_.find(environment);
+      if (hosted == hosted_.end() || !hosted->second.images) continue;
+    }
+    const PictureKey seen{scene.traversal_hash(), scene.frame()[panel.agent]};
+    PictureKey key = seen;
+    auto picture = panel.shown == seen ? nullptr : pictures_.find(seen);
+    if (!picture && panel.coming && panel.shown != seen) {
+      key = *panel.coming;
+      picture = pictures_.find(key);
+      if (picture || !pictures_.coming(key)) panel.coming.reset();
+    }
+    if (picture) {
+      panel.shown = key;
+      if (!picture->bytes.empty()) {
+        const auto* begin = reinterpret_cast<const std::byte*>(picture->bytes.data());
+        hub_.publish(topic, {{"hash", hash_text(key.hash)}, {"frame", key.frame}, {"type", picture->type}},
+                     {begin, begin + picture->bytes.size()}, Hub::Merge::kReplace);
+      }
+    }
+    if (panel.shown == seen || panel.coming) continue;
+    panel.coming = seen;
+    pictures_.want(seen, {environment.first, environment.second});
+  }
+}
+
+void Live::show_rows() {
+  next_rows_ = Clock::now() + kLook;
+  for (auto& [topic, rows] : rows_) {
+    if (rows.count == 0) continue;
+    hub_.publish(topic, {{"columns", kColumns}, {"rows", rows.count}}, bytes_of(rows.values), Hub::Merge::kAppend);
+    rows = {};
+  }
+}
+
+// What the API asks.
+
+nlohmann::json Live::services() {
+  const std::lock_guard lock(mutex_);
+  return services_.json(Clock::now());
+}
+
+nlohmann::json Live::events(std::size_t limit) {
+  const std::lock_guard lock(mutex_);
+  Json list = Json::array();
+  for (const Event& event : events_) {
+    if (list.size() == limit) break;
+    list.push_back(json_of(event));
+  }
+  return list;
+}
+
+/// An env_service that lives and hosts this traversal, with pictures if need be.
+std::optional<Live::Environment> Live::host_of(std::uint64_t hash, bool images, std::uint32_t frame) const {
+  for (const auto& [environment, hosted] : hosted_)
+    if (hosted.hash == hash && (hosted.images || !images) && frame < hosted.frames &&
+        services_.lives(environment.first, environment.second))
+      return environment;
+  return std::nullopt;
+}
+
+nlohmann::json Live::traversals(const std::string& run) {
+  nlohmann::json list = nlohmann::json::array();
+  const std::lock_guard lock(mutex_);
+  for (const auto& [environment, hosted] : hosted_)
+    if (environment.first == run && services_.lives(environment.first, environment.second))
+      list.push_back({{"environment", environment.second},
+                      {"dataset", hosted.dataset},
+                      {"traversal", hosted.traversal},
+                      {"condition", hosted.condition},
+                      {"hash", hash_text(hosted.hash)},
+                      {"frames", hosted.frames},
+                      {"agents", hosted.agents},
+                      {"images", hosted.images}});
+  return list;
+}
+
+LiveView::Map Live::map(std::uint64_t hash) {
+  std::shared_ptr<const RouteMap> map;
+  {
+    const std::lock_guard lock(mutex_);
+    map = maps_.find(hash);
+    if (!map) {
+      if (maps_.coming(hash)) return {Readiness::kComing, {}};
+      const auto host = host_of(hash, false, 0);
+      if (!host) return {Readiness::kNone, {}};
+      if (maps_asked_.size() < kMostAsked) maps_asked_[hash] = *host;
+      return {Readiness::kComing, {}};
+    }
+  }
+  return {Readiness::kHere,
+          {{"hash", hash_text(hash)},
+           {"frames", map->frames},
+           {"position", numbers(map->position)},
+           {"latitude", map->latitude.empty() ? Json() : numbers(map->latitude)},
+           {"longitude", map->longitude.empty() ? Json() : numbers(map->longitude)}}};
+}
+
+LiveView::Picture Live::frame(std::uint64_t hash, std::uint32_t index) {
+  const PictureKey key{hash, index};
+  if (const auto picture = pictures_.find(key)) {
+    if (picture->bytes.empty()) return {Readiness::kNone, {}, {}};
+    return {Readiness::kHere, picture->type, picture->bytes};
+  }
+  const std::lock_guard lock(mutex_);
+  if (frames_coming_.contains(key)) return {Readiness::kComing, {}, {}};
+  const auto host = host_of(hash, true, index);
+  if (!host) return {Readiness::kNone, {}, {}};
+  if (frames_asked_.size() < kMostAsked) frames_asked_[key] = *host;
+  return {Readiness::kComing, {}, {}};
+}
+
+}  // namespace citylearn

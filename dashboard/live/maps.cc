@@ -1,0 +1,91 @@
+#include "dashboard/live/maps.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::milliseconds kAgain{500};
+constexpr int kTries = 6;  // requests without an answer, then it does not come
+
+}  // namespace
+
+std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
+  const auto found = maps_.find(hash);
+  if (found == maps_.end()) return nullptr;
+  found->second.used = ++uses_;
+  return found->second.map;
+}
+
+void Maps::want(std::uint64_t hash, const std::string& run, const std::string& environment) {
+  if (maps_.contains(hash) || fetches_.contains(hash) || fetches_.size() >= kMost) return;
+  Fetch& fetch = fetches_[hash];
+  fetch.run = run;
+  fetch.environment = environment;
+}
+
+void Maps::turn(Clock::time_point now) {
+  while (listens_ && node_.take(chunk_)) hear(chunk_, now);
+  for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
+    if (now >= fetch->second.again && fetch->second.tries >= kTries) {
+      spdlog::warn("the map of {:016x} does not come from '{}'", fetch->first, fetch->second.environment);
+      fetch = fetches_.erase(fetch);
+      continue;
+    }
+    if (now >= fetch->second.again) ask(fetch->first, fetch->second, now);
+    ++fetch;
+  }
+}
+
+Clock::time_point Maps::due() const {
+  Clock::time_point due = Clock::time_point::max();
+  for (const auto& [hash, fetch] : fetches_) due = std::min(due, fetch.again);
+  return due;
+}
+
+void Maps::ask(std::uint64_t hash, Fetch& fetch, Clock::time_point now) {
+  if (!listens_) node_.listen<msg::MapChunk>();
+  listens_ = true;
+  ++fetch.tries;
+  fetch.again = now + kAgain;
+  msg::MapRequest request;
+  request.environment() = fetch.environment.c_str();
+  request.hash() = hash;
+  request.first() = static_cast<std::uint32_t>(fetch.map->position.size());
+  node_.publish(request, fetch.run);
+}
+
+void Maps::hear(const msg::MapChunk& chunk, Clock::time_point now) {
+  const auto found = fetches_.find(chunk.hash());
+  if (found == fetches_.end()) return;
+  Fetch& fetch = found->second;
+  RouteMap& map = *fetch.map;
+  const bool begins = map.position.empty();
+  const std::size_t places = chunk.position().size();
+  if (chunk.first() != map.position.size() || places == 0 || (!begins && chunk.frames() != map.frames) ||
+      (!begins && chunk.latitude().empty() != map.latitude.empty()))
+    return;
+  map.frames = chunk.frames();
+  map.position.insert(map.position.end(), chunk.position().begin(), chunk.position().end());
+  map.latitude.insert(map.latitude.end(), chunk.latitude().begin(), chunk.latitude().end());
+  map.longitude.insert(map.longitude.end(), chunk.longitude().begin(), chunk.longitude().end());
+  fetch.tries = 0;
+  if (map.position.size() < map.frames) {
+    ask(found->first, fetch, now);
+    return;
+  }
+  maps_[found->first] = {std::move(fetch.map), ++uses_};
+  fetches_.erase(found);
+  const auto frames = [this] {
+    std::size_t sum = 0;
+    for (const auto& [hash, kept] : maps_) sum += kept.map->frames;
+    return sum;
+  };
+  while (maps_.size() > 1 && (maps_.size() > kMost || frames() > kMostFrames))
+    maps_.erase(std::min_element(maps_.begin(), maps_.end(),
+                                 [](const auto& a, const auto& b) { return a.second.used < b.second.used; }));
+}
+
+}  // namespace citylearn

@@ -1,0 +1,57 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/wire/node.h"
+
+namespace citylearn {
+
+/// Where the frames of a traversal were recorded.
+struct RouteMap {
+  std::uint32_t frames = 0;
+  std::vector<float> position;              ///< F, metres along the route; NaN where unknown
+  std::vector<double> latitude, longitude;  ///< F, degrees; NaN where unknown; empty where no frame has one
+};
+
+/// Maps of traversals, fetched from env_services when somebody wants to see them. Used by one thread at a time.
+class Maps {
+ public:
+  static constexpr std::size_t kMost = 32;             ///< kept
+  static constexpr std::size_t kMostFrames = 4 << 20;  ///< of all together
+
+  explicit Maps(Node& node) : node_(node) {}
+  /// Null while it is not complete.
+  std::shared_ptr<const RouteMap> find(std::uint64_t hash);
+  /// To be fetched. What is here or under way is not asked for again.
+  void want(std::uint64_t hash, const std::string& run, const std::string& environment);
+  bool coming(std::uint64_t hash) const { return fetches_.contains(hash); }
+  /// Takes what has come and asks for what is due.
+  void turn(Clock::time_point now);
+  Clock::time_point due() const;
+
+ private:
+  struct Fetch {
+    std::string run, environment;
+    std::shared_ptr<RouteMap> map = std::make_shared<RouteMap>();
+    int tries = 0;
+    Clock::time_point again{};
+  };
+  void hear(const msg::MapChunk& chunk, Clock::time_point now);
+  void ask(std::uint64_t hash, Fetch& fetch, Clock::time_point now);
+
+  Node& node_;
+  std::map<std::uint64_t, Fetch> fetches_;
+  struct Kept {
+    std::shared_ptr<const RouteMap> map;
+    std::uint64_t used = 0;
+  };
+  std::map<std::uint64_t, Kept> maps_;
+  std::uint64_t uses_ = 0;
+  bool listens_ = false;
+  msg::MapChunk chunk_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,14 @@
+#pragma once
+
+#include <string>
+
+#include "core/dds/middleware.h"
+#include "dashboard/live/picture_cache.h"
+
+namespace citylearn {
+
+/// An image file (JPEG, PNG, PNM, BMP) as a browser shows it: a JPEG or PNG of at most `widest` pixels and 256 KiB as
+/// it is, anything else as a JPEG of at most that width. Throws Error naming `where` when it is no picture.
+PictureFile shrink(const Bytes& file, int widest, const std::string& where);
+
+}  // namespace citylearn

@@ -1,0 +1,46 @@
+#include "dashboard/live/runs_feed.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include "core/util/error.h"
+
+namespace citylearn {
+
+RunsFeed::RunsFeed(Hub& hub, std::function<nlohmann::json()> runs, std::chrono::milliseconds period)
+    : hub_(hub), runs_(std::move(runs)), period_(period), thread_([this] { work(); }) {}
+
+RunsFeed::~RunsFeed() {
+  {
+    const std::lock_guard guard(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_all();
+  thread_.join();
+}
+
+void RunsFeed::work() {
+  std::string last;
+  std::unique_lock guard(mutex_);
+  while (!wake_.wait_for(guard, period_, [this] { return stop_; })) {
+    const std::vector<std::string> watched = hub_.watched();
+    if (std::find(watched.begin(), watched.end(), "runs") == watched.end()) {
+      last.clear();  // who begins to watch gets the list
+      continue;
+    }
+    try {
+      std::string text = runs_().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+      if (text == last) continue;
+      std::vector<std::byte> bytes(text.size());
+      std::memcpy(bytes.data(), text.data(), text.size());
+      hub_.publish("runs", {}, std::move(bytes), Hub::Merge::kReplace);
+      last = std::move(text);
+    } catch (const Error& error) {
+      spdlog::debug("the list of runs: {}", error.what());  // the recorder and the API say it where it is heard
+    }
+  }
+}
+
+}  // namespace citylearn

@@ -1,0 +1,116 @@
+#include "dashboard/live/service_list.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "core/wire/service_state.h"
+
+namespace citylearn {
+namespace {
+
+using Json = nlohmann::json;
+
+Event event_of(const msg::ServiceStatus& status, const char* kind, const std::string& text) {
+  return {now_seconds(), status.header().run().c_str(), status.header().sender().c_str(), kind, text};
+}
+
+std::string where(const msg::ServiceStatus& status) {
+  return std::string(status.service().c_str()) + " on " + status.host().c_str() + ", process " +
+         std::to_string(status.process());
+}
+
+Json finite(double value) { return std::isfinite(value) ? Json(value) : Json(); }
+
+}  // namespace
+
+bool ServiceList::set(Service& service, const char* state) {
+  if (std::strcmp(service.state, state) == 0) return false;
+  service.state = state;
+  service.since = now_seconds();
+  return true;
+}
+
+void ServiceList::hear(const msg::ServiceStatus& status, Clock::time_point now, std::vector<Event>& events) {
+  const std::pair key(std::string(status.header().run().c_str()), std::string(status.header().sender().c_str()));
+  const auto [entry, first] = services_.try_emplace(key);
+  Service& service = entry->second;
+  const std::uint64_t before = service.status.header().incarnation(), is = status.header().incarnation();
+  // Of two processes with one id the later is shown, unless the earlier one is left.
+  if (!first && is < before && !service.silent) return;
+  const std::string state = service.state;
+  if (first) {
+    service.since = now_seconds();
+    events.push_back(event_of(status, "started", where(status)));
+  } else if (is > before) {
+    events.push_back(event_of(status, "restarted", where(status)));
+  } else if (service.silent) {
+    events.push_back(event_of(status, "back", "heard again"));
+  }
+  const bool failed = status.service_state() == msg::FAILED;
+  if (failed && (state != "failed" || is != before))
+    events.push_back(event_of(status, "failed", status.activity().c_str()));
+  // One that begins with an alarm is not well for that; one that starts again has none of its predecessor's.
+  if (const std::string alarm = status.alarm().c_str(), earlier = is == before ? service.status.alarm().c_str() : "";
+      alarm != earlier)
+    events.push_back(event_of(status, "alarm", alarm.empty() ? "well again: " + earlier : alarm));
+  service.status = status;
+  service.heard = now;
+  service.silent = false;
+  set(service, name_of(status.service_state()));
+  if (services_.size() <= kMost) return;
+  const auto oldest = std::min_element(services_.begin(), services_.end(),
+                                       [](const auto& a, const auto& b) { return a.second.heard < b.second.heard; });
+  services_.erase(oldest);
+}
+
+bool ServiceList::turn(Clock::time_point now, std::vector<Event>& events) {
+  bool changed = std::erase_if(services_, [&](const auto& entry) { return now - entry.second.heard > kForgotten; }) > 0;
+  for (auto& [key, service] : services_) {
+    if (service.silent || now - service.heard < kSilence) continue;
+    service.silent = true;
+    changed = true;
+    const msg::State last = service.status.service_state();
+    if (last == msg::FAILED) continue;  // it was told
+    const bool farewell = last == msg::STOPPING;
+    set(service, farewell ? "stopped" : "lost");
+    events.push_back(farewell ? event_of(service.status, "stopped", where(service.status))
+                              : event_of(service.status, "lost",
+                                         "nothing was heard of it for " + std::to_string(kSilence.count()) + " s"));
+  }
+  return changed;
+}
+
+bool ServiceList::lives(const std::string& run, const std::string& id) const {
+  const auto found = services_.find({run, id});
+  return found != services_.end() && !found->second.silent;
+}
+
+nlohmann::json ServiceList::json(Clock::time_point now) const {
+  Json services = Json::array();
+  for (const auto& [key, service] : services_) {
+    const msg::ServiceStatus& status = service.status;
+    services.push_back({{"id", key.second},
+                        {"service", status.service().c_str()},
+                        {"run", key.first},
+                        {"host", status.host().c_str()},
+                        {"process", status.process()},
+                        {"middleware", status.middleware().c_str()},
+                        {"incarnation", status.header().incarnation()},
+                        {"state", service.state},
+                        {"activity", status.activity().c_str()},
+                        {"uptime", finite(status.uptime())},
+                        {"rate", finite(status.rate())},
+                        {"age", std::chrono::duration<double>(now - service.heard).count()},
+                        {"received", status.received()},
+                        {"repeated", status.repeated()},
+                        {"resent", status.resent()},
+                        {"rejected", status.rejected()},
+                        {"foreign", status.foreign()},
+                        {"alarm", status.alarm().c_str()},
+                        {"since", service.since}});
+  }
+  return {{"now", now_seconds()}, {"services", services}};
+}
+
+}  // namespace citylearn

@@ -1,0 +1,191 @@
+#include "dashboard/store/schema.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include "core/util/error.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::int64_t kApplication = 0x434C4453;  // "CLDS": says whose file it is
+constexpr std::string_view kMagic{"SQLite format 3\0", 16};
+
+// Numbers of 64 bits without sign (seeds, hashes) are kept with their bits as SQLite's, which have one.
+const char* const kFirst = R"(
+-- What the page calls a run: a training or evaluation of one policy_service, or what no policy_service claims.
+CREATE TABLE runs (
+  id INTEGER PRIMARY KEY,
+  name TEXT NOT NULL UNIQUE,           -- the ID of the API
+  run TEXT NOT NULL,                   -- as in the messages' headers
+  job INTEGER,                         -- as in RunInfo; NULL: what belongs to no job that was heard of
+  policy TEXT,                         -- id of the policy_service
+  seed INTEGER,
+  agent TEXT,
+  learner TEXT,
+  incarnation INTEGER NOT NULL DEFAULT 0,  -- newest of the policy_service
+  updates INTEGER NOT NULL DEFAULT 0,  -- so far, as it told
+  manifest TEXT,
+  started REAL NOT NULL,
+  last REAL NOT NULL,                  -- heard of it, at least; written now and then
+  ended INTEGER NOT NULL DEFAULT 0,    -- it said so
+  recorded INTEGER NOT NULL DEFAULT 0, -- its rows of `episodes`
+  UNIQUE (run, job)
+);
+-- A process of an env_service, whose episodes are numbered from 1 without gaps.
+CREATE TABLE sources (
+  id INTEGER PRIMARY KEY,
+  run TEXT NOT NULL,
+  environment TEXT NOT NULL,
+  incarnation INTEGER NOT NULL,
+  contiguous INTEGER NOT NULL DEFAULT 0,  -- all its episodes up to this one are recorded, here or elsewhere
+  missed INTEGER NOT NULL DEFAULT 0,      -- of them, those recorded elsewhere
+  dataset TEXT,                           -- NULL: its TraversalInfo has not come
+  traversal TEXT,
+  condition TEXT,
+  hash INTEGER,
+  frames INTEGER,
+  agents INTEGER,
+  images INTEGER,
+  UNIQUE (run, environment, incarnation)
+);
+CREATE TABLE run_sources (
+  run INTEGER NOT NULL REFERENCES runs ON DELETE CASCADE,
+  source INTEGER NOT NULL REFERENCES sources,
+  PRIMARY KEY (run, source)
+) WITHOUT ROWID;
+CREATE TABLE episodes (
+  id INTEGER PRIMARY KEY,
+  run INTEGER NOT NULL REFERENCES runs,
+  source INTEGER NOT NULL REFERENCES sources,
+  episode INTEGER NOT NULL,
+  job INTEGER NOT NULL,
+  agent INTEGER NOT NULL,
+  evaluation INTEGER NOT NULL,
+  task INTEGER NOT NULL,
+  traversal TEXT NOT NULL,
+  policy TEXT NOT NULL,
+  "update" INTEGER NOT NULL,
+  shuffled INTEGER NOT NULL,
+  start INTEGER NOT NULL,
+  goal INTEGER NOT NULL,
+  steps INTEGER NOT NULL,
+  shortest INTEGER NOT NULL,
+  reward REAL,
+  completed INTEGER NOT NULL,
+  spl REAL NOT NULL,
+  recorded REAL NOT NULL,
+  path BLOB,                           -- as in EpisodeStat; NULL: not kept
+  UNIQUE (source, episode)
+);
+CREATE INDEX episodes_of_run ON episodes (run);
+CREATE INDEX episodes_of_evaluation ON episodes (run, policy, "update", shuffled, traversal, task) WHERE evaluation = 1;
+CREATE INDEX episodes_worst ON episodes (run, spl, steps DESC) WHERE evaluation = 1;
+-- One row an update. The key keeps a run's rows together, in their order: run * 2^40 + update.
+CREATE TABLE training (
+  key INTEGER PRIMARY KEY,
+  incarnation INTEGER NOT NULL,        -- of the policy_service that sent it
+  steps INTEGER NOT NULL,
+  episodes INTEGER NOT NULL,
+  wall REAL,
+  lesson INTEGER NOT NULL,
+  reward REAL,
+  spl REAL,
+  steps_per_second REAL,
+  policy_loss REAL,
+  value_loss REAL,
+  entropy REAL,
+  divergence REAL,
+  clipped REAL,
+  gradient_norm REAL,
+  learning_rate REAL,
+  lag REAL
+);
+CREATE TABLE events (
+  id INTEGER PRIMARY KEY,
+  time REAL NOT NULL,
+  run TEXT NOT NULL,
+  service TEXT NOT NULL,
+  kind TEXT NOT NULL,
+  text TEXT NOT NULL
+);
+)";
+
+/// Whether there is something in the file. Throws Error when that is certainly no SQLite.
+bool holds_something(const std::string& path) {
+  std::error_code none;
+  const auto status = std::filesystem::status(path, none);
+  if (!std::filesystem::exists(status)) return false;
+  if (!std::filesystem::is_regular_file(status)) throw Error("is not a file", path, "choose another file");
+  std::ifstream in(path, std::ios::binary);
+  if (!in) throw Error(std::strerror(errno), path, "choose another file");
+  char begin[kMagic.size()];
+  in.read(begin, sizeof begin);
+  if (in.gcount() == 0) return false;
+  if (std::string_view(begin, static_cast<std::size_t>(in.gcount())) != kMagic)
+    throw Error("is not a store of the dashboard", path, "choose another file");
+  return true;
+}
+
+/// Looks without writing anything: whose file it is, whether it is whole. Returns its schema.
+std::int64_t inspect(const std::string& path, std::size_t newest) {
+  Database database(path, Database::Mode::kRead);
+  const std::int64_t application = database.number("PRAGMA application_id");
+  const std::int64_t schema = database.number("PRAGMA user_version");
+  if (application != kApplication) {
+    // Killed before its first transaction: nothing is in it.
+    if (application == 0 && schema == 0 && database.number("SELECT COUNT(*) FROM sqlite_schema") == 0) return 0;
+    throw Error("is an SQLite file of another program", path, "choose another file");
+  }
+  if (schema > static_cast<std::int64_t>(newest))
+    throw Error("has schema " + std::to_string(schema) + ", this dashboard knows " + std::to_string(newest), path,
+                "it was written by a newer dashboard: use that one, or another file");
+  if (const std::string fault = database.text("PRAGMA quick_check(1)"); fault != "ok")
+    throw Error("is damaged: " + fault, path, "restore a copy of it, or move it away to begin a new one");
+  return schema;
+}
+
+/// A whole copy of what is committed.
+void keep_copy(Database& database, const std::string& copy) {
+  std::error_code none;
+  std::filesystem::remove(copy, none);  // of an upgrade that was interrupted
+  Statement(database, "VACUUM INTO ?").bind(1, copy).run();
+  std::filesystem::permissions(copy, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
+}
+
+}  // namespace
+
+const std::vector<std::string>& schema_steps() {
+  static const std::vector<std::string> steps = {kFirst};
+  return steps;
+}
+
+void prepare_file(const std::string& path, const std::vector<std::string>& steps) {
+  std::int64_t schema = 0;
+  if (holds_something(path)) {
+    schema = inspect(path, steps.size());
+  } else {
+    // Made by us, so that nobody else can read it even for a moment; SQLite gives its other files the same mode.
+    const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    if (file < 0) throw Error(std::strerror(errno), path, "choose a file in a folder that can be written");
+    ::close(file);
+  }
+  if (::chmod(path.c_str(), 0600) != 0) throw Error(std::strerror(errno), path, "choose a file of your own");
+  Database database(path, Database::Mode::kWrite);
+  database.execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL");
+  if (schema == static_cast<std::int64_t>(steps.size())) return;
+  if (schema > 0) keep_copy(database, path + ".schema-" + std::to_string(schema));
+  Transaction all(database);
+  for (std::size_t step = static_cast<std::size_t>(schema); step < steps.size(); ++step) database.execute(steps[step]);
+  database.execute("PRAGMA application_id = " + std::to_string(kApplication));
+  database.execute("PRAGMA user_version = " + std::to_string(steps.size()));
+  all.commit();
+}
+
+}  // namespace citylearn

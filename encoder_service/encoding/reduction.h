@@ -1,0 +1,57 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <string>
+
+#include "core/util/types.h"
+
+namespace citylearn {
+
+/// What is subtracted from a traversal's descriptors before anything else.
+enum class Centring {
+  kNone,
+  kReference,  ///< the mean of the reference traversal
+  kOwn,        ///< the traversal's own mean: needs all of it
+  kRunning,    ///< the mean of its frames so far, with the reference's mean as a prior worth 20 frames: works online
+};
+/// "none", "reference", "own", "running". Throws Error listing them.
+Centring centring_of(const std::string& name);
+std::string name_of(Centring centring);
+
+struct ReductionOptions {
+  Centring centring = Centring::kRunning;
+  int dimension = 64;      ///< d after PCA; 0 = no PCA: centred and scaled to length 1 only
+  double whitening = 0.2;  ///< exponent e of the eigenvalues: components are divided by eigenvalue^e; 0 none, 0.5 full
+};
+
+/// Centring, PCA with (partial) whitening learned on a reference traversal, and length 1: from an encoder's descriptors
+/// to features (Jegou & Chum, ECCV 2012). Immutable once made.
+class Reduction {
+ public:
+  Reduction() = default;
+  /// `reference`: D x F descriptors of the reference traversal, in the order of its frames. Throws Error when the
+  /// dimension is not 0..min(D, F - 1); logs a warning when it is more than half of F - 1 and the whitening is full
+  /// (0.5), as the last components then are noise.
+  static Reduction learn(const Eigen::Ref<const Eigen::MatrixXf>& reference, const ReductionOptions& options);
+
+  /// D x n descriptors of a whole traversal, or of its first frames, in order, to d x n features of length 1 (a
+  /// descriptor equal to the mean becomes zeros). With kOwn, of the whole traversal.
+  Eigen::MatrixXf apply(const Eigen::Ref<const Eigen::MatrixXf>& descriptors) const;
+
+  int input_dimension() const { return static_cast<int>(mean_.size()); }
+  int dimension() const;
+  const ReductionOptions& options() const { return options_; }
+
+  /// As bytes, with the name of the encoder whose descriptors it was learned on. load() throws Error when the bytes are
+  /// not that or belong to another encoder.
+  Bytes save(const std::string& encoder) const;
+  static Reduction load(std::span<const std::byte> bytes, const std::string& encoder, const std::string& where);
+
+ private:
+  ReductionOptions options_;
+  Eigen::VectorXf mean_;        ///< D, of the reference
+  Eigen::MatrixXf projection_;  ///< d x D, whitened rows; empty when options_.dimension is 0
+};
+
+}  // namespace citylearn

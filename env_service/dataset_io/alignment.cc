@@ -1,0 +1,196 @@
+#include "env_service/dataset_io/alignment.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <string>
+
+#include "core/util/error.h"
+#include "env_service/dataset_io/plane.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::size_t kMaxCandidates = std::size_t{1} << 26;
+
+std::string frame_of(const Traversal& traversal, int frame) {
+  return "frame " + std::to_string(frame) + " of " + traversal.name;
+}
+
+std::string rounded(double number) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f", number);
+  return text;
+}
+
+/// The cheapest choice of one candidate a step that never goes back, or else the fewest times (Viterbi's algorithm).
+/// Candidates of a step are sorted by frame.
+class Path {
+ public:
+  void add_step(const std::vector<Grid::Near>& candidates) {
+    const std::size_t before = begins_.empty() ? 0 : begins_.back(), now = entries_.size();
+    if (now + candidates.size() > kMaxCandidates)
+      throw Error("too many frames are near each other", "--align-by gps",
+                  "lower --align-within, or cut with --frames");
+    std::size_t best_any = before;
+    for (std::size_t i = before; i < now; ++i)
+      if (costs_[i - before] < costs_[best_any - before]) best_any = i;
+    std::vector<Cost> costs(candidates.size());
+    std::size_t best = now, at = before;  // best: the cheapest predecessor that does not lie ahead
+    for (std::size_t c = 0; c < candidates.size(); ++c) {
+      for (; at < now && entries_[at].frame <= candidates[c].frame; ++at)
+        if (best == now || costs_[at - before] < costs_[best - before]) best = at;
+      std::size_t from = best;
+      Cost cost;
+      if (now > before) {
+        Cost back = costs_[best_any - before];
+        ++back.returns;
+        if (best == now || back < costs_[best - before]) {
+          from = best_any;
+          cost = back;
+        } else {
+          cost = costs_[best - before];
+        }
+      }
+      cost.metres += candidates[c].metres;
+      costs[c] = cost;
+      entries_.push_back({candidates[c].frame, static_cast<std::uint32_t>(from)});
+    }
+    begins_.push_back(now);
+    costs_ = std::move(costs);
+  }
+
+  std::vector<int> frames() const {
+    std::vector<int> frames(begins_.size());
+    if (frames.empty()) return frames;
+    std::size_t at =
+        begins_.back() + static_cast<std::size_t>(std::min_element(costs_.begin(), costs_.end()) - costs_.begin());
+    for (std::size_t step = frames.size(); step-- > 0; at = entries_[at].from) frames[step] = entries_[at].frame;
+    return frames;
+  }
+
+ private:
+  struct Cost {
+    int returns = 0;
+    double metres = 0;
+    bool operator<(const Cost& other) const {
+      return returns != other.returns ? returns < other.returns : metres < other.metres;
+    }
+  };
+  struct Entry {
+    int frame;
+    std::uint32_t from;
+  };
+  std::vector<Entry> entries_;
+  std::vector<std::size_t> begins_;  ///< of each step
+  std::vector<Cost> costs_;          ///< of the last step's entries
+};
+
+}  // namespace
+
+std::vector<int> align_by_index(const Traversal& sibling, const std::vector<int>& frames, const Traversal& traversal) {
+  for (const int frame : frames)
+    if (frame >= traversal.frames)
+      throw Error(frame_of(sibling, frame) + " has no counterpart, " + traversal.name + " has " +
+                      std::to_string(traversal.frames) + " frames",
+                  "--align-by index", "cut with --frames, or align another way");
+  return frames;
+}
+
+std::vector<int> align_by_matches(const Traversal& sibling, const std::vector<int>& frames, const Traversal& traversal,
+                                  std::vector<std::pair<int, int>> matches) {
+  const std::string where = "--align-by matches";
+  if (matches.empty()) throw Error("there are no matches of " + sibling.name + " and " + traversal.name, where);
+  for (const auto& [a, b] : matches)
+    if (a < 0 || a >= sibling.frames || b < 0 || b >= traversal.frames)
+      throw Error("the match of frames " + std::to_string(a) + " and " + std::to_string(b) + " is beyond " +
+                      sibling.name + " (" + std::to_string(sibling.frames) + " frames) or " + traversal.name + " (" +
+                      std::to_string(traversal.frames) + " frames)",
+                  where, "the match file belongs to other recordings");
+  std::stable_sort(matches.begin(), matches.end(), [](auto& a, auto& b) { return a.first < b.first; });
+  matches.erase(std::unique(matches.begin(), matches.end(), [](auto& a, auto& b) { return a.first == b.first; }),
+                matches.end());
+  std::vector<int> found;
+  for (const int frame : frames) {
+    const auto after =
+        std::lower_bound(matches.begin(), matches.end(), frame, [](auto& match, int at) { return match.first < at; });
+    if (after == matches.end() || (after == matches.begin() && after->first != frame))
+      throw Error(frame_of(sibling, frame) + " has no match, they go from " + std::to_string(matches.front().first) +
+                      " to " + std::to_string(matches.back().first),
+                  where, "cut with --frames");
+    if (after->first == frame) {
+      found.push_back(after->second);
+      continue;
+    }
+    const auto before = after - 1;
+    const double share = static_cast<double>(frame - before->first) / (after->first - before->first);
+    found.push_back(static_cast<int>(std::lround(before->second + share * (after->second - before->second))));
+  }
+  return found;
+}
+
+std::vector<int> align_by_distance(const Traversal& sibling, const std::vector<int>& frames, const Traversal& traversal,
+                                   double tolerance) {
+  const std::string where = "--align-by distance";
+  std::vector<std::pair<float, int>> route;
+  for (int frame = 0; frame < traversal.frames; ++frame)
+    if (const float metres = traversal.positions[static_cast<std::size_t>(frame)]; std::isfinite(metres))
+      route.emplace_back(metres, frame);
+  if (route.empty()) throw Error("positions of " + traversal.name + " are not known", where, "align by index");
+  std::stable_sort(route.begin(), route.end(), [](auto& a, auto& b) { return a.first < b.first; });
+  std::vector<int> found;
+  for (const int frame : frames) {
+    const float metres = sibling.positions[static_cast<std::size_t>(frame)];
+    if (!std::isfinite(metres))
+      throw Error("the position of " + frame_of(sibling, frame) + " is not known", where, "cut with --frames");
+    auto near =
+        std::lower_bound(route.begin(), route.end(), metres, [](auto& point, float at) { return point.first < at; });
+    if (near == route.end() || (near != route.begin() && metres - (near - 1)->first < near->first - metres)) --near;
+    // Standing still: the first frame at that place, whichever neighbour was found.
+    near = std::lower_bound(route.begin(), near, near->first, [](auto& point, float at) { return point.first < at; });
+    const double apart = std::abs(static_cast<double>(near->first) - metres);
+    if (apart > tolerance)
+      throw Error(frame_of(sibling, frame) + " at " + rounded(metres) + " m is " + rounded(apart) +
+                      " m from the nearest frame of " + traversal.name,
+                  where, "cut with --frames, or raise --align-within");
+    found.push_back(near->second);
+  }
+  return found;
+}
+
+std::vector<int> align_by_gps(const Traversal& sibling, const std::vector<int>& frames, const Traversal& traversal,
+                              double tolerance) {
+  const std::string where = "--align-by gps";
+  for (const Traversal* one : {&sibling, &traversal})
+    if (one->latitude.empty() || one->longitude.empty())
+      throw Error("latitude and longitude of " + one->name + " are not known", where, "align by index or distance");
+  const auto known = [](const Traversal& one, std::size_t frame) {
+    return std::isfinite(one.latitude[frame]) && std::isfinite(one.longitude[frame]);
+  };
+  std::size_t origin = 0;
+  while (origin < traversal.latitude.size() && !known(traversal, origin)) ++origin;
+  if (origin == traversal.latitude.size())
+    throw Error("latitude and longitude of " + traversal.name + " are not known", where, "align by index or distance");
+  const Plane plane(traversal.latitude[origin]);
+  Grid grid(tolerance);
+  for (std::size_t i = origin; i < traversal.latitude.size(); ++i)
+    if (known(traversal, i))
+      grid.add(plane.x(traversal.longitude[i]), plane.y(traversal.latitude[i]), static_cast<int>(i));
+  Path path;
+  std::vector<Grid::Near> near;
+  for (const int frame : frames) {
+    const auto i = static_cast<std::size_t>(frame);
+    if (!known(sibling, i))
+      throw Error("the position of " + frame_of(sibling, frame) + " is not known", where, "cut with --frames");
+    grid.near(plane.x(sibling.longitude[i]), plane.y(sibling.latitude[i]), near);
+    if (near.empty())
+      throw Error(
+          "no frame of " + traversal.name + " within " + rounded(tolerance) + " m of " + frame_of(sibling, frame),
+          where, "cut with --frames, or raise --align-within");
+    path.add_step(near);
+  }
+  return path.frames();
+}
+
+}  // namespace citylearn

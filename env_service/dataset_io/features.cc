@@ -1,0 +1,113 @@
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <limits>
+
+#include "core/wire/messages.h"
+#include "env_service/dataset_io/dataset.h"
+#include "env_service/dataset_io/parts.h"
+
+namespace citylearn {
+namespace {
+
+bool blank(char c) { return c == ' ' || c == '\t'; }
+
+/// A table of numbers, one frame a line.
+class Table {
+ public:
+  Table(const std::string& path, Traversal& traversal) : path_(path), traversal_(traversal) {}
+
+  void parse(std::string_view text) {
+    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // a byte order mark
+    while (!text.empty()) {
+      ++line_;
+      const std::size_t end = std::min(text.find_first_of("\r\n"), text.size());
+      parse_line(text.substr(0, end));
+      text.remove_prefix(end);
+      if (text.starts_with("\r\n")) text.remove_prefix(1);
+      if (!text.empty()) text.remove_prefix(1);
+    }
+    if (traversal_.frames == 0) throw Error("has no frames", path_);
+    if (traversal_.frames == 1) throw Error("has only one frame, a route needs two", path_);
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& what, const std::string& remedy = "") const {
+    throw Error(what, path_ + ":" + std::to_string(line_), remedy);
+  }
+
+  void parse_line(std::string_view line) {
+    while (!line.empty() && blank(line.front())) line.remove_prefix(1);
+    while (!line.empty() && blank(line.back())) line.remove_suffix(1);
+    if (line.empty()) {
+      if (!empty_line_) empty_line_ = line_;
+      return;
+    }
+    // Empty lines may end a file. Between frames they mean that one is missing, and that would move all that follow.
+    if (empty_line_) {
+      line_ = empty_line_;
+      fail("an empty line between frames", "remove it, or put the missing frame there");
+    }
+    if (traversal_.frames == static_cast<int>(msg::MAX_FRAMES))
+      fail("more than " + std::to_string(msg::MAX_FRAMES) + " frames");
+    int columns = 0;
+    for (const char* at = line.data();;) {
+      at = parse_number(at, line.data() + line.size(), ++columns);
+      if (at == line.data() + line.size()) break;
+      ++at;  // the comma
+    }
+    if (traversal_.frames == 0) traversal_.dimension = columns;
+    if (columns != traversal_.dimension)
+      fail(std::to_string(columns) + " columns, the lines before have " + std::to_string(traversal_.dimension));
+    ++traversal_.frames;
+  }
+
+  /// Returns where the number's column ends: at a comma, or at `end`.
+  const char* parse_number(const char* at, const char* end, int column) {
+    const auto where = [column] { return " in column " + std::to_string(column); };
+    if (column > kMaxDimension) fail("more than " + std::to_string(kMaxDimension) + " columns");
+    while (at != end && blank(*at)) ++at;
+    float value = 0;
+    const bool plus = at + 1 < end && *at == '+' && at[1] != '-';  // from_chars knows no plus sign
+    auto [after, error] = std::from_chars(at + plus, end, value);
+    if (error == std::errc::result_out_of_range) {
+      // Too small for a float is zero; too large is an error.
+      double wide = 0;
+      after = std::from_chars(at + plus, end, wide).ptr;
+      const std::string_view digits(at, after);
+      const bool small = digits.find("e-") != digits.npos || digits.find("E-") != digits.npos ||
+                         (digits.find_first_of("eE") == digits.npos && std::abs(wide) < 1);
+      value = small ? 0.0f : std::numeric_limits<float>::infinity();
+    }
+    while (error != std::errc::invalid_argument && after != end && blank(*after)) ++after;
+    if (error == std::errc::invalid_argument || (after != end && *after != ',')) {
+      const std::string_view token(at, std::min<std::size_t>(std::find(at, end, ',') - at, 20));
+      fail(token.empty() ? "nothing" + where() : "'" + printable(token) + "'" + where() + " is not a number");
+    }
+    if (!std::isfinite(value)) fail("a number that is not finite" + where());
+    traversal_.features.push_back(value);
+    return after;
+  }
+
+  static std::string printable(std::string_view token) {
+    std::string text;
+    for (const char c : token) text += c >= ' ' && c <= '~' ? c : '?';
+    return text;
+  }
+
+  const std::string& path_;
+  Traversal& traversal_;
+  int line_ = 0;
+  int empty_line_ = 0;  // the first empty line since the last frame; 0 = none
+};
+
+}  // namespace
+
+void read_features(const std::string& path, Traversal& traversal) {
+  const std::string text = read_text(path, std::numeric_limits<std::size_t>::max());
+  traversal.features.reserve(text.size() / 8);
+  Table(path, traversal).parse(text);
+  traversal.features.shrink_to_fit();
+}
+
+}  // namespace citylearn

@@ -1,0 +1,112 @@
+#include <strings.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+
+#include "core/util/error.h"
+#include "env_service/dataset_io/parts.h"
+
+namespace citylearn {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool digit(char c) { return c >= '0' && c <= '9'; }
+
+/// "img2" before "img10": runs of digits compare as numbers. Names of equal worth ("1", "01") compare as text.
+bool natural_less(const std::string& a, const std::string& b) {
+  std::size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (digit(a[i]) && digit(b[j])) {
+      while (i < a.size() && a[i] == '0') ++i;
+      while (j < b.size() && b[j] == '0') ++j;
+      std::size_t end_a = i, end_b = j;
+      while (end_a < a.size() && digit(a[end_a])) ++end_a;
+      while (end_b < b.size() && digit(b[end_b])) ++end_b;
+      if (end_a - i != end_b - j) return end_a - i < end_b - j;
+      if (const int order = a.compare(i, end_a - i, b, j, end_b - j)) return order < 0;
+      i = end_a;
+      j = end_b;
+    } else {
+      if (a[i] != b[j]) return static_cast<unsigned char>(a[i]) < static_cast<unsigned char>(b[j]);
+      ++i;
+      ++j;
+    }
+  }
+  if ((i < a.size()) != (j < b.size())) return j < b.size();
+  return a < b;
+}
+
+bool has_suffix(const std::string& name, const std::vector<std::string>& suffixes) {
+  return std::any_of(suffixes.begin(), suffixes.end(), [&](const std::string& suffix) {
+    return name.size() > suffix.size() && ::strcasecmp(name.c_str() + name.size() - suffix.size(), suffix.c_str()) == 0;
+  });
+}
+
+template <class Wanted>
+std::vector<std::string> entries_in(const std::string& folder, Wanted wanted) {
+  std::error_code error;
+  std::vector<std::string> names;
+  // Stepping with an error code: a folder that fails half way is an Error, not an exception of another kind.
+  for (fs::directory_iterator at(folder, error), end; !error && at != end; at.increment(error)) {
+    std::string name = at->path().filename().string();
+    if (!name.starts_with('.') && wanted(name, *at)) names.push_back(std::move(name));
+  }
+  if (error) throw Error(error.message(), folder);
+  std::sort(names.begin(), names.end(), natural_less);
+  return names;
+}
+
+}  // namespace
+
+std::string read_text(const std::string& path, std::size_t most) {
+  std::error_code error;
+  if (fs::is_directory(path, error)) throw Error("is a folder, not a file", path);
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw Error(std::strerror(errno), path);
+  std::string text;
+  char block[1 << 16];
+  while (file.read(block, sizeof block), file.gcount() > 0) {
+    text.append(block, static_cast<std::size_t>(file.gcount()));
+    if (text.size() > most) throw Error("is larger than " + std::to_string(most) + " bytes", path);
+  }
+  if (file.bad()) throw Error("cannot be read", path);
+  return text;
+}
+
+std::vector<std::string> files_in(const std::string& folder, const std::vector<std::string>& suffixes) {
+  return entries_in(folder, [&](const std::string& name, const fs::directory_entry& entry) {
+    std::error_code ignored;
+    return has_suffix(name, suffixes) && entry.is_regular_file(ignored);
+  });
+}
+
+std::vector<std::string> folders_in(const std::string& folder) {
+  return entries_in(folder, [](const std::string&, const fs::directory_entry& entry) {
+    std::error_code ignored;
+    return entry.is_directory(ignored);
+  });
+}
+
+std::string path_below(const std::string& path, const std::string& root) {
+  std::size_t end = root.size();
+  while (end > 0 && root[end - 1] == '/') --end;
+  if (root.empty() || path.compare(0, end, root, 0, end) != 0 || path.size() <= end || path[end] != '/') return path;
+  return path.substr(std::min(path.find_first_not_of('/', end), path.size()));
+}
+
+const std::vector<std::string>& image_suffixes() {
+  static const std::vector<std::string> suffixes{".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".ppm", ".pbm", ".pnm"};
+  return suffixes;
+}
+
+const std::vector<std::string>& video_suffixes() {
+  static const std::vector<std::string> suffixes{".mp4", ".avi",  ".mkv",  ".mov", ".m4v",
+                                                 ".mpg", ".mpeg", ".webm", ".wmv"};
+  return suffixes;
+}
+
+}  // namespace citylearn

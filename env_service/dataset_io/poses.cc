@@ -1,0 +1,115 @@
+#include "env_service/dataset_io/poses.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <unordered_map>
+
+#include "core/util/error.h"
+#include "core/wire/messages.h"
+#include "env_service/dataset_io/parts.h"
+
+namespace citylearn {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+/// A frame's number in a column.
+int frame_number(const TextTable& table, int row, const std::string& column) {
+  const double number = table.number(row, column);
+  if (number != std::floor(number) || number < 0 || number >= msg::MAX_FRAMES)
+    table.fail(row, "not the number of a frame in column '" + column + "'", "frames begin with 0");
+  return static_cast<int>(number);
+}
+
+/// Frame of each row.
+std::vector<int> frames_of(const TextTable& table, const Traversal& traversal) {
+  std::unordered_map<std::string, int> files;
+  const bool by_file = !table.has("frame") && table.has("file");
+  if (by_file) {
+    if (!traversal.images) throw Error("column 'file' is for pictures", table.path(), "name rows by a column 'frame'");
+    for (int frame = 0; frame < traversal.frames; ++frame) {
+      const std::string name = traversal.images->name(frame);
+      files.emplace(name.substr(name.rfind('/') + 1), frame);
+    }
+  }
+  std::vector<int> frames;
+  std::vector<bool> seen(static_cast<std::size_t>(traversal.frames));
+  for (int row = 0; row < table.rows(); ++row) {
+    int frame = row;
+    if (by_file) {
+      const std::string text(table.text(row, "file"));
+      const auto found = files.find(text.substr(text.rfind('/') + 1));
+      if (found == files.end()) table.fail(row, "no picture of this name in " + traversal.name);
+      frame = found->second;
+    } else if (table.has("frame")) {
+      frame = frame_number(table, row, "frame");
+    }
+    if (frame >= traversal.frames)
+      table.fail(row, "frame " + std::to_string(frame) + " is beyond " + traversal.name + ", which has " +
+                          std::to_string(traversal.frames) + " frames");
+    if (seen[static_cast<std::size_t>(frame)]) table.fail(row, "a second row for frame " + std::to_string(frame));
+    seen[static_cast<std::size_t>(frame)] = true;
+    frames.push_back(frame);
+  }
+  return frames;
+}
+
+/// Metres along a route through points in space, as metres_along_plane().
+std::vector<float> metres_along_space(const std::vector<double>& x, const std::vector<double>& y,
+                                      const std::vector<double>& z) {
+  std::vector<float> metres(x.size(), std::numeric_limits<float>::quiet_NaN());
+  double sum = 0;
+  std::size_t last = x.size();
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if (std::isnan(x[i])) continue;
+    if (last != x.size()) sum += std::hypot(x[i] - x[last], y[i] - y[last], z[i] - z[last]);
+    metres[i] = static_cast<float>(sum);
+    last = i;
+  }
+  return metres;
+}
+
+}  // namespace
+
+void read_poses(const std::string& path, Traversal& traversal) {
+  const TextTable table(path, {});
+  const std::vector<int> frames = frames_of(table, traversal);
+  const auto column = [&](const std::string& name) {
+    std::vector<double> values(static_cast<std::size_t>(traversal.frames), kNan);
+    for (int row = 0; row < table.rows(); ++row)
+      values[static_cast<std::size_t>(frames[static_cast<std::size_t>(row)])] = table.number(row, name);
+    return values;
+  };
+  if (table.has("time")) traversal.times = column("time");
+  if (table.has("lat") || table.has("lon")) {
+    for (int row = 0; row < table.rows(); ++row)
+      if (std::abs(table.number(row, "lat")) > 90 || std::abs(table.number(row, "lon")) > 180)
+        table.fail(row, "not a latitude and a longitude in degrees");
+    traversal.latitude = column("lat");
+    traversal.longitude = column("lon");
+    traversal.positions = metres_along(traversal.latitude, traversal.longitude);
+  }
+  if (table.has("metres")) {
+    const std::vector<double> metres = column("metres");
+    for (std::size_t i = 0; i < metres.size(); ++i) traversal.positions[i] = static_cast<float>(metres[i]);
+  } else if (table.has("x") || table.has("y")) {
+    const std::vector<double> x = column("x"), y = column("y");
+    traversal.positions = table.has("z") ? metres_along_space(x, y, column("z")) : metres_along_plane(x, y);
+  } else if (traversal.latitude.empty()) {
+    throw Error("no column tells places", path, "its header needs lat,lon or x,y or metres");
+  }
+}
+
+std::vector<std::pair<int, int>> read_matches(const std::string& path, const std::string& a, const std::string& b) {
+  const TextTable table(path, {});
+  std::vector<std::pair<int, int>> pairs;
+  for (const std::string& name : {a, b})
+    if (!table.has(name))
+      throw Error("no column '" + name + "'", path, "its header names traversals, its rows hold their frames");
+  for (int row = 0; row < table.rows(); ++row)
+    pairs.emplace_back(frame_number(table, row, a), frame_number(table, row, b));
+  return pairs;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,162 @@
+#include "env_service/dataset_io/selection.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "core/wire/messages.h"
+#include "env_service/dataset_io/alignment.h"
+#include "env_service/dataset_io/parts.h"
+
+namespace citylearn {
+namespace {
+
+constexpr double kLeastMetres = 0.05;  ///< apart: a walk in half centimetres helps nobody
+
+void check(const Selection& selection) {
+  if (selection.first < 0 || selection.end <= selection.first) throw Error("no frame in it", "--frames");
+  if (!(selection.from < selection.to)) throw Error("no place in it", "--metres");
+  if (selection.step < 1) throw Error("must be 1 or more", "--step");
+  if (selection.step_metres != 0 && !(selection.step_metres >= kLeastMetres && std::isfinite(selection.step_metres)))
+    throw Error("must be 0.05 or more", "--step-metres");
+  if (selection.step > 1 && selection.step_metres > 0)
+    throw Error("cannot be together with --step", "--step-metres", "give one of them");
+  if (!(selection.tolerance > 0 && selection.tolerance <= 1e5)) throw Error("must be 0..100000 m", "--align-within");
+}
+
+/// What is cut out of `traversal`, thinned.
+std::vector<int> cut(const Traversal& traversal, const Selection& selection) {
+  const auto metres = [&](int frame) { return traversal.positions[static_cast<std::size_t>(frame)]; };
+  const auto need_positions = [&](const std::string& option) {
+    if (std::none_of(traversal.positions.begin(), traversal.positions.end(), [](float m) { return std::isfinite(m); }))
+      throw Error("positions of " + traversal.name + " are not known", option, "use --frames and --step");
+  };
+  int begin = selection.first, end = traversal.frames;
+  if (selection.end != std::numeric_limits<int>::max()) end = selection.end;
+  if (begin >= traversal.frames || end > traversal.frames)
+    throw Error("beyond " + traversal.name + ", which has " + std::to_string(traversal.frames) + " frames", "--frames");
+  if (std::isfinite(selection.from) || std::isfinite(selection.to)) {
+    need_positions("--metres");
+    const auto inside = [&](int frame) { return metres(frame) >= selection.from && metres(frame) < selection.to; };
+    // Frames of unknown position stay when known ones are on both sides.
+    while (begin < end && !inside(begin)) ++begin;
+    while (end > begin && !inside(end - 1)) --end;
+  }
+  std::vector<int> frames;
+  if (selection.step_metres > 0) {
+    need_positions("--step-metres");
+    for (int frame = begin; frame < end; ++frame)
+      if (std::isfinite(metres(frame)) &&
+          (frames.empty() || metres(frame) - static_cast<double>(metres(frames.back())) >= selection.step_metres))
+        frames.push_back(frame);
+  } else {
+    for (long frame = begin; frame < end; frame += selection.step) frames.push_back(static_cast<int>(frame));
+  }
+  if (frames.size() < 2)
+    throw Error(
+        "of " + traversal.name + (frames.empty() ? " no frame is" : " only one frame is") + " left, a route needs two",
+        "--frames, --metres or --step", "select more");
+  return frames;
+}
+
+std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Selection& selection) {
+  if (selection.align == traversal.name) throw Error("is the traversal itself", "--align-to", "name a sibling");
+  const Traversal sibling = dataset.load(selection.align);
+  const std::vector<int> frames = cut(sibling, selection);
+  Correspondence by = dataset.correspondence();
+  if (selection.by == "index") {
+    by = Correspondence::kIndex;
+  } else if (selection.by == "matches") {
+    by = Correspondence::kMatches;
+  } else if (selection.by == "distance") {
+    by = Correspondence::kDistance;
+  } else if (selection.by == "gps") {
+    by = Correspondence::kGps;
+  } else if (selection.by != "dataset") {
+    throw Error("unknown way '" + selection.by + "'", "--align-by", "known: dataset, index, matches, distance, gps");
+  }
+  switch (by) {
+    case Correspondence::kMatches:
+      return align_by_matches(sibling, frames, traversal, dataset.matches(sibling.name, traversal.name));
+    case Correspondence::kDistance:
+      return align_by_distance(sibling, frames, traversal, selection.tolerance);
+    case Correspondence::kGps:
+      return align_by_gps(sibling, frames, traversal, selection.tolerance);
+    case Correspondence::kIndex:
+      break;
+  }
+  return align_by_index(sibling, frames, traversal);
+}
+
+/// The nearest frame of the recording without a fault; the earlier of two.
+int stand_in(const Images& images, int frame) {
+  for (int away = 1; away < images.frames(); ++away)
+    for (const int near : {frame - away, frame + away})
+      if (near >= 0 && near < images.frames() && images.fault(near).empty()) return near;
+  throw Error("not a single frame of the recording can be read", images.name(frame), images.fault(frame));
+}
+
+/// Frames to show in the place of `frames`.
+std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames, bool skip) {
+  constexpr int kShown = 20;
+  int bad = 0, last = -1, replacement = -1;
+  std::string first;
+  for (int& frame : frames) {
+    const std::string fault = images.fault(frame);
+    if (fault.empty()) continue;
+    if (++bad == 1) first = images.name(frame) + ": " + fault;
+    if (!skip) {
+      if (bad <= kShown) spdlog::error("bad frame {}: {}", images.name(frame), fault);
+      continue;
+    }
+    if (frame != last) replacement = stand_in(images, frame);
+    last = frame;
+    if (bad <= kShown)
+      spdlog::warn("bad frame {}: {}; {} stands in", images.name(frame), fault, images.name(replacement));
+    frame = replacement;
+  }
+  if (bad > kShown) spdlog::warn("{} bad frames, {} of them named", bad, kShown);
+  if (bad && !skip)
+    throw Error(first + (bad > 1 ? ", and " + std::to_string(bad - 1) + " more bad frames" : ""), "",
+                "mend them, cut with --frames, or let their neighbours stand in with --on-bad-frame skip");
+  return frames;
+}
+
+template <class Number>
+void pick(std::vector<Number>& values, const std::vector<int>& frames, std::size_t width = 1) {
+  if (values.empty()) return;
+  std::vector<Number> kept;
+  kept.reserve(frames.size() * width);
+  for (const int frame : frames) {
+    const auto begin = values.begin() + static_cast<std::ptrdiff_t>(static_cast<std::size_t>(frame) * width);
+    kept.insert(kept.end(), begin, begin + static_cast<std::ptrdiff_t>(width));
+  }
+  values = std::move(kept);
+}
+
+}  // namespace
+
+Traversal select(Dataset& dataset, const std::string& name, const Selection& selection) {
+  check(selection);
+  Traversal traversal = dataset.load(name);
+  const std::vector<int> frames =
+      selection.align.empty() ? cut(traversal, selection) : aligned(dataset, traversal, selection);
+  std::vector<int> all(static_cast<std::size_t>(traversal.frames));
+  std::iota(all.begin(), all.end(), 0);
+  if (traversal.images) {
+    std::vector<int> shown = without_bad_ones(*traversal.images, frames, selection.skip_bad_frames);
+    if (shown != all) traversal.images = picked(traversal.images, std::move(shown));
+  }
+  if (frames == all) return traversal;
+  pick(traversal.features, frames, static_cast<std::size_t>(traversal.dimension));
+  pick(traversal.positions, frames);
+  pick(traversal.latitude, frames);
+  pick(traversal.longitude, frames);
+  pick(traversal.times, frames);
+  traversal.frames = static_cast<int>(frames.size());
+  return traversal;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,153 @@
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+
+#include "core/util/error.h"
+#include "env_service/dataset_io/parts.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::size_t kMaxFields = std::size_t{1} << 26;
+
+bool blank(char c) { return c == ' ' || c == '\t'; }
+
+std::string_view trimmed(std::string_view text) {
+  while (!text.empty() && blank(text.front())) text.remove_prefix(1);
+  while (!text.empty() && blank(text.back())) text.remove_suffix(1);
+  return text;
+}
+
+/// At most 20 characters that a terminal shows as they are.
+std::string printable(std::string_view text) {
+  std::string shown;
+  for (const char c : text.substr(0, 20)) shown += c >= ' ' && c <= '~' ? c : '?';
+  return shown;
+}
+
+}  // namespace
+
+/// Fields are places in the text, of 8 bytes each: a log of a million rows takes little more than its file.
+struct TextTable::Parts {
+  struct Field {
+    std::uint32_t begin, size;
+  };
+  struct Row {
+    std::uint32_t line, first_field;
+  };
+
+  std::string path, text;
+  char separator;
+  std::vector<std::string> names;
+  std::vector<Field> fields;
+  std::vector<Row> rows;
+
+  void add_row(std::size_t begin, std::size_t end, std::uint32_t line) {
+    rows.push_back({line, static_cast<std::uint32_t>(fields.size())});
+    const std::string_view row = std::string_view(text).substr(0, end);  // a search must not go on to the file's end
+    while (true) {
+      if (fields.size() == kMaxFields)
+        throw Error("more than " + std::to_string(kMaxFields) + " fields", path + ":" + std::to_string(line));
+      const std::size_t stop = separator == ' ' ? row.find_first_of(" \t", begin) : row.find(separator, begin);
+      const std::size_t field_end = std::min(stop, end);
+      const std::string_view field = trimmed(std::string_view(text).substr(begin, field_end - begin));
+      fields.push_back(
+          {static_cast<std::uint32_t>(field.data() - text.data()), static_cast<std::uint32_t>(field.size())});
+      if (field_end == end) return;
+      begin = field_end + 1;
+      if (separator == ' ')
+        while (begin < end && blank(text[begin])) ++begin;
+    }
+  }
+  int columns(std::size_t row) const {
+    const std::size_t next = row + 1 < rows.size() ? rows[row + 1].first_field : fields.size();
+    return static_cast<int>(next - rows[row].first_field);
+  }
+  std::string_view field(std::size_t row, int column) const {
+    const Field& field = fields[rows[row].first_field + static_cast<std::size_t>(column)];
+    return std::string_view(text).substr(field.begin, field.size);
+  }
+  int find(const std::string& column) const {
+    for (std::size_t i = 0; i < names.size(); ++i)
+      if (names[i] == column) return static_cast<int>(i);
+    return -1;
+  }
+};
+
+TextTable::TextTable(const std::string& path, const Options& options) {
+  auto parts = std::make_shared<Parts>();
+  parts->path = path;
+  parts->text = read_text(path);
+  parts->separator = options.separator;
+  const std::string& text = parts->text;
+  std::size_t at = text.starts_with("\xEF\xBB\xBF") ? 3 : 0;  // a byte order mark
+  bool header = options.header;
+  for (std::uint32_t line = 1; at < text.size(); ++line) {
+    const std::size_t end = std::min(text.find_first_of("\r\n", at), text.size());
+    const std::string_view row = trimmed(std::string_view(text).substr(at, end - at));
+    if (!row.empty() && row.front() != '#') {
+      const std::size_t begin = static_cast<std::size_t>(row.data() - text.data());
+      parts->add_row(begin, begin + row.size(), line);
+      if (header) {
+        for (int i = 0; i < parts->columns(0); ++i) parts->names.emplace_back(parts->field(0, i));
+        parts->rows.clear();
+        parts->fields.clear();
+        header = false;
+      }
+    }
+    at = end + (text.compare(end, 2, "\r\n") == 0 ? 2 : 1);
+  }
+  if (header) throw Error("is empty", path, "its first line should name the columns");
+  parts->rows.shrink_to_fit();
+  parts->fields.shrink_to_fit();
+  parts_ = std::move(parts);
+}
+
+int TextTable::rows() const { return static_cast<int>(parts_->rows.size()); }
+int TextTable::columns(int row) const { return parts_->columns(static_cast<std::size_t>(row)); }
+bool TextTable::has(const std::string& column) const { return parts_->find(column) >= 0; }
+const std::string& TextTable::path() const { return parts_->path; }
+
+std::string_view TextTable::text(int row, int column) const {
+  if (column < 0 || column >= columns(row))
+    fail(row, "no column " + std::to_string(column + 1) + ", there are " + std::to_string(columns(row)));
+  return parts_->field(static_cast<std::size_t>(row), column);
+}
+
+std::string_view TextTable::text(int row, const std::string& column) const {
+  const int index = parts_->find(column);
+  if (index < 0) {
+    std::string known;
+    for (const std::string& name : parts_->names) known += (known.empty() ? "" : ", ") + printable(name);
+    throw Error("no column '" + column + "'", parts_->path, "there are: " + known);
+  }
+  if (index >= columns(row)) fail(row, "nothing in column '" + column + "'");
+  return text(row, index);
+}
+
+double TextTable::number(int row, int column) const {
+  std::string_view field = text(row, column);
+  const std::string name = column < static_cast<int>(parts_->names.size())
+                               ? "'" + printable(parts_->names[static_cast<std::size_t>(column)]) + "'"
+                               : std::to_string(column + 1);
+  if (field.empty()) fail(row, "nothing in column " + name);
+  std::string_view digits = field;
+  if (digits.size() > 1 && digits[0] == '+' && digits[1] != '-') digits.remove_prefix(1);  // from_chars knows no plus
+  double value = 0;
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  if (error == std::errc::invalid_argument || end != digits.data() + digits.size())
+    fail(row, "'" + printable(field) + "' in column " + name + " is not a number");
+  if (error != std::errc() || !std::isfinite(value)) fail(row, "a number that is not finite in column " + name);
+  return value;
+}
+
+double TextTable::number(int row, const std::string& column) const {
+  text(row, column);
+  return number(row, parts_->find(column));
+}
+
+void TextTable::fail(int row, const std::string& what, const std::string& remedy) const {
+  throw Error(what, parts_->path + ":" + std::to_string(parts_->rows[static_cast<std::size_t>(row)].line), remedy);
+}
+
+}  // namespace citylearn

@@ -1,0 +1,24 @@
+#include "env_service/dataset_io/traversal.h"
+
+#include <bit>
+
+#include "env_service/dataset_io/sha256.h"
+
+static_assert(std::endian::native == std::endian::little, "hashes are over little-endian numbers");
+
+namespace citylearn {
+
+std::uint64_t Traversal::hash() const {
+  Sha256 sha;
+  sha.add(dataset);
+  sha.add(static_cast<std::uint64_t>(frames));
+  sha.add(static_cast<std::uint64_t>(dimension));
+  sha.add(features);
+  sha.add(positions);
+  if (images)
+    for (int frame = 0; frame < frames; ++frame) sha.add(images->fingerprint(frame));
+  for (const int place : turns) sha.add(static_cast<std::uint64_t>(place));
+  return sha.first_8_bytes();
+}
+
+}  // namespace citylearn

@@ -1,0 +1,39 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "env_service/dataset_io/images.h"
+
+namespace citylearn {
+
+/// An ordered list of frames recorded once along a route under one condition, shown either by features or by images.
+/// As a dataset loads it, frames are as they were recorded; once aligned to a sibling (selection.h), frame i of both is
+/// the same place.
+struct Traversal {
+  std::string dataset;           ///< "plain", "synthetic"
+  std::string name;              ///< unique within the dataset: "summer"
+  std::string condition;         ///< "summer", "night" ...; empty when unknown
+  int frames = 0;                ///< F
+  int dimension = 0;             ///< D, features a frame; 0 when it has images
+  std::vector<float> features;   ///< F x D, frame-major
+  std::vector<float> positions;  ///< F, metres along the route; NaN where unknown
+
+  std::shared_ptr<Images> images;  ///< F pictures; null when it has features
+  std::vector<double> latitude;    ///< F, degrees north (WGS 84), NaN where unknown; or empty
+  std::vector<double> longitude;   ///< F, degrees east, NaN where unknown; or empty
+  std::vector<double> times;       ///< F, seconds since any one moment, NaN where unknown; or empty
+  std::vector<int> turns;          ///< F, where `stay` leads at each frame (core/task/route_map.h); empty: a line
+
+  std::span<const float> feature(int frame) const {
+    return {features.data() + static_cast<std::size_t>(frame) * dimension, static_cast<std::size_t>(dimension)};
+  }
+  /// First 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and turns: other
+  /// data, other hash. The name is left out.
+  std::uint64_t hash() const;
+};
+
+}  // namespace citylearn

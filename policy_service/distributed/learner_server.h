@@ -1,0 +1,88 @@
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <set>
+#include <string>
+
+#include "core/wire/node.h"
+#include "core/wire/rejections.h"
+#include "policy_service/distributed/heartbeat_thread.h"
+#include "policy_service/distributed/parameter_chunks.h"
+#include "policy_service/learning/trainer.h"
+#include "policy_service/distributed/trajectories.h"
+
+namespace citylearn {
+
+struct LearnerLinkOptions {
+  std::string traversal;             ///< learned from
+  std::uint64_t traversal_hash = 0;  ///< of the env_services that actors may serve
+  int window = 2;                    ///< segments of one env_service that may be unacknowledged
+  std::uint64_t most_lag = 0;        ///< updates; older trajectories are dropped; 0 = none is too old
+  std::uint64_t job = 0;             ///< that the actors' work is part of
+};
+
+/// A learner as its actors see it: tells them what to do, takes in their trajectories, gives them parameters
+/// (docs/decisions/0008-roles.md). Used by one thread.
+class LearnerLink {
+ public:
+  /// Throws Error when the trainer's trajectories do not fit into messages.
+  LearnerLink(Node& node, Trainer& trainer, const LearnerLinkOptions& options);
+
+  /// Handles everything that has come and sends what is due. Call it whenever Node::wait() returns.
+  void handle();
+  /// There is enough for an update.
+  bool ready();
+  /// Learns from the oldest trajectories and tells the actors; requires ready().
+  UpdateFigures learn();
+  /// Training is over: actors let go of their env_services.
+  void end();
+
+  int actors() const;                                         ///< heard of lately
+  bool released() const;                                      ///< none of them serves an env_service any more
+  double lag() const { return lag_; }                         ///< of the last update, mean over its trajectories
+  std::uint64_t dropped() const { return queue_.dropped(); }  ///< trajectories that were too old
+  double waited() const;  ///< seconds in which actors waited for room here, all together
+
+ private:
+  struct Actor {
+    std::uint64_t incarnation = 0;
+    Clock::time_point heard;
+    bool serves = false, here = false;
+    double waited = 0, waited_before = 0;  ///< by this incarnation, and by earlier ones
+  };
+  struct Held {
+    ParameterChunks chunks;
+    Clock::time_point asked;
+  };
+
+  void on_status(const msg::ActorStatus& status);
+  void on_trajectory(msg::Trajectory& trajectory);
+  void on_request(const msg::ParametersRequest& request);
+  void acknowledge(const std::string& actor);
+  void send_info();
+  void send_parameters();
+  void count_actors();
+  std::uint64_t version() const { return trainer_.progress().updates; }
+
+  Node& node_;
+  Heart heart_;
+  Trainer& trainer_;
+  LearnerLinkOptions options_;
+  TrajectoryQueue queue_;
+  Rollout rollout_;
+  double lag_ = 0;
+  msg::LearnerInfo info_;
+  Clock::time_point next_info_{};
+  std::map<std::string, Actor> actors_;
+  Rejections rejections_;
+  std::set<std::string> to_acknowledge_;
+  std::map<std::uint64_t, Held> held_;  ///< parameters by version: the newest, and what is being asked for
+  msg::ActorStatus status_;
+  msg::Trajectory trajectory_;
+  msg::TrajectoryAcknowledgement acknowledgement_;
+  msg::ParametersRequest request_;
+  msg::PolicyParameters parameters_;
+};
+
+}  // namespace citylearn

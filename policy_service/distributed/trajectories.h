@@ -1,0 +1,98 @@
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "core/wire/messages.h"
+#include "policy_service/rollout/collector.h"
+#include "policy_service/rollout/rollout.h"
+
+namespace citylearn {
+
+/// What every Trajectory of a run must be like.
+struct TrajectoryShape {
+  int steps = 0;       ///< L
+  int features = 0;    ///< D
+  int state_size = 0;  ///< of the network
+  int frames = 0;      ///< N
+
+  /// Throws Error naming the option when such a Trajectory is larger than a message may be.
+  void require_fits() const;
+};
+
+/// Copies what `agent` saw and did in a rollout of one sequence (T = L): all fields from `state` on, and the dimension.
+void pack(const Rollout& rollout, int agent, msg::Trajectory& trajectory);
+
+/// The learner's end of the actors' trajectories: each exactly once, in the order of its actor, at most `capacity` at a
+/// time. Sees messages, never the wire. Used by one thread.
+class TrajectoryQueue {
+ public:
+  TrajectoryQueue(const TrajectoryShape& shape, int capacity);
+
+  /// An actor is there. A newer incarnation counts from 1 again; an older one is not listened to.
+  void meet(const std::string& actor, std::uint64_t incarnation);
+  /// Among how many actors the room is divided.
+  void share_among(int actors) { actors_ = actors; }
+
+  enum class Taken { kTaken, kRepeated, kNoRoom };
+  /// `trajectory` is moved from when it is taken. `version` is the newest of the parameters. Throws Error naming the
+  /// field when it is not like the shape.
+  Taken take(msg::Trajectory& trajectory, std::uint64_t version);
+
+  struct Window {
+    std::uint64_t number = 0, limit = 0;  ///< as in TrajectoryAcknowledgement
+  };
+  Window window(const std::string& actor) const;
+
+  /// Drops what is of another lesson, or of parameters more than `most_lag` updates old (0: none is too old); true when
+  /// `count` are left.
+  bool ready(int count, std::uint64_t version, std::uint32_t lesson, std::uint64_t most_lag);
+  /// The `count` oldest, as a rollout of one sequence; `places` are in use in the present lesson. Returns their mean
+  /// lag.
+  double assemble(int count, std::uint64_t version, int places, Rollout& rollout);
+  /// Episodes that ended in what was taken since the last call.
+  std::vector<FinishedEpisode> finished();
+
+  std::size_t size() const { return queue_.size(); }
+  std::uint64_t dropped() const { return dropped_; }
+
+ private:
+  struct Actor {
+    std::uint64_t incarnation = 0, number = 0;       ///< all up to it are taken
+    std::size_t queued = 0;                          ///< of this incarnation
+    std::map<std::uint64_t, msg::Trajectory> early;  ///< after a gap
+  };
+  struct Entry {
+    std::string actor;
+    std::uint64_t incarnation;
+    msg::Trajectory trajectory;
+  };
+  struct Episode {  ///< of one agent, going on
+    msg::SettingsId settings;
+    std::uint64_t next_step = 0;
+    bool known = false;  ///< seen from its first observation on
+    int start = 0, goal = 0, steps = 0;
+    double reward = 0;
+  };
+
+  void check(const msg::Trajectory& trajectory, std::uint64_t version) const;
+  void follow(const std::string& actor, const msg::Trajectory& trajectory);
+  std::size_t room(const Actor& actor) const;
+  void leave(const Entry& entry);
+
+  TrajectoryShape shape_;
+  std::size_t capacity_;
+  int actors_ = 1;
+  std::map<std::string, Actor> known_;
+  std::deque<Entry> queue_;
+  std::map<std::tuple<std::string, std::string, std::uint32_t>, Episode> episodes_;  ///< by actor, environment, agent
+  std::vector<FinishedEpisode> finished_;
+  std::uint64_t dropped_ = 0;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,128 @@
+#include <array>
+#include <cmath>
+
+#include "policy_service/learning/optimization/advantages.h"
+#include "policy_service/learning/optimization/gradient_step.h"
+#include "policy_service/learning/optimization/ppo_loss.h"
+#include "policy_service/learning/optimization/sequences.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::uint64_t kShuffle = 2;  // of a random stream
+
+/// Proximal policy optimisation (Schulman et al., 2017) for recurrent networks: minibatches of whole sequences,
+/// gradients through each from the recurrent state it was collected with.
+class Ppo : public Learner {
+ public:
+  Ppo(const Parameters& parameters, const LearnerTask& task)
+      : frames_(task.task.frames),
+        epochs_(parameters.integer("epochs")),
+        minibatch_(parameters.integer("minibatch")),
+        gamma_(parameters["gamma"]),
+        lambda_(parameters["lambda"]),
+        normalise_(parameters.flag("normalise-advantages")),
+        descent_("ppo", parameters, task) {
+    weights_.clip = parameters["clip"];
+    weights_.value_clip = parameters["value-clip"];
+  }
+
+  static std::vector<ParameterSpec> parameter_specs() {
+    std::vector<ParameterSpec> specs = Descent::parameter_specs();
+    specs.insert(specs.end(),
+                 {{"epochs", "times an update goes through its samples", 3, 1, 100, true},
+                  {"minibatch", "sequences in a minibatch", 4, 1, 65536, true},
+                  {"gamma", "discount a step", 0.99, 0, 1},
+                  {"lambda", "of generalised advantage estimation", 0.95, 0, 1},
+                  {"clip", "of the ratio of probabilities", 0.2, 0.01, 10},
+                  {"value-clip", "of a value's change; 0 = not clipped", 0.2, 0, 1000},
+                  {"normalise-advantages", "1: an update's advantages get mean 0 and deviation 1", 1, 0, 1, true}});
+    return specs;
+  }
+
+  void come_to(double share) override { descent_.come_to(share); }
+  UpdateFigures update(std::span<Rollout* const> rollouts) override {
+    list_sequences(rollouts, sequences_);
+    estimate_advantages(rollouts, gamma_, lambda_, normalise_);
+    static_cast<LossWeights&>(weights_) = descent_.weights();
+    const std::size_t batches = std::max<std::size_t>(1, sequences_.size() / static_cast<std::size_t>(minibatch_));
+    Random random{descent_.seed(), kShuffle, descent_.updates()};
+    for (int epoch = 0; epoch < epochs_; ++epoch) {
+      shuffle(random, sequences_);
+      for (std::size_t batch = 0; batch < batches; ++batch) learn(rollouts, part_of(sequences_, batch, batches));
+    }
+    std::size_t steps = 0;
+    for (const Rollout* rollout : rollouts) steps += rollout->action.size();
+    return descent_.end_update(steps, static_cast<double>(steps) * epochs_);
+  }
+
+  const Vector<float>& parameters() const override { return descent_.parameters(); }
+  void save(LearnerState& state) const override { descent_.save(state); }
+  void load(const LearnerState& state) override {
+    descent_.check(state);
+    descent_.load(state);
+  }
+  bool freeze(std::span<const Tensor> tensors) override {
+    descent_.freeze(tensors);
+    return true;
+  }
+
+ private:
+  void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {
+    const float share = 1.0f / static_cast<float>(chosen.size() * static_cast<std::size_t>(rollouts[0]->sequence));
+    descent_.begin_step();
+    descent_.both([&](int which, Descent::Half& half) {
+      PpoSamples<float>& samples = samples_[static_cast<std::size_t>(which)];
+      if (!gather(rollouts, half_of(chosen, which), half, samples)) return;
+      const Heads<float>& heads = half.forward();
+      half.sums = ppo_loss(weights_, samples, half.inputs, frames_, heads, share, half.derivative);
+      half.backward();
+    });
+    descent_.end_step();
+  }
+
+  /// False when nothing is chosen.
+  static bool gather(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen, Descent::Half& half,
+                     PpoSamples<float>& samples) {
+    if (chosen.empty()) return false;
+    const Rollout& model = *rollouts[0];
+    const int length = model.sequence, batch = static_cast<int>(chosen.size());
+    half.inputs.resize(static_cast<int>(model.inputs.features.rows()), length, batch);
+    half.inputs.frames = model.inputs.frames;
+    half.state.resize(model.states.rows(), batch);
+    samples.resize(static_cast<std::size_t>(length) * chosen.size());
+    for (int b = 0; b < batch; ++b) {
+      const Track track(rollouts, chosen[static_cast<std::size_t>(b)]);
+      const Rollout& rollout = track.rollout();
+      half.state.col(b) = track.state();
+      for (std::ptrdiff_t t = 0; t < length; ++t) {
+        const std::ptrdiff_t from = track.column(t), to = t * batch + b;
+        half.inputs.copy_column(rollout.inputs, from, to);
+        const auto f = static_cast<std::size_t>(from), k = static_cast<std::size_t>(to);
+        samples.action[k] = rollout.action[f];
+        samples.log_probability[k] = rollout.log_probability[f];
+        samples.advantage[k] = rollout.advantage[f];
+        samples.value[k] = rollout.value[f];
+        samples.target[k] = rollout.target[f];
+      }
+    }
+    return true;
+  }
+
+  const int frames_, epochs_, minibatch_;
+  const double gamma_, lambda_;
+  const bool normalise_;
+  PpoWeights weights_;
+  std::vector<Sequence> sequences_;
+  std::array<PpoSamples<float>, 2> samples_;
+  Descent descent_;
+};
+
+const LearnerRegistry::Registration registration{
+    {"ppo", "recurrent proximal policy optimisation with Adam", Ppo::parameter_specs(),
+     [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
+       return std::make_unique<Ppo>(parameters, task);
+     }}};
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,134 @@
+#include "policy_service/learning/learners/relabel.h"
+
+#include "policy_service/learning/optimization/vtrace_gradient_step.h"
+
+namespace citylearn {
+namespace {
+
+enum Purpose : std::uint64_t { kShuffle = 2, kRelabel = 3 };  // of a random stream
+
+/// Learns from what its agents did as if they had meant to go elsewhere: hindsight experience replay (Andrychowicz et
+/// al., 2017) for policy gradients (Rauber et al., 2019). The last sequences are kept and lived again with other goals,
+/// for which the rewards are known exactly; what the present policy would have done with those goals is corrected for
+/// by V-trace (Espeholt et al., 2018) instead of the importance sampling of Rauber et al.
+class Relabel : public Learner {
+ public:
+  Relabel(const Parameters& parameters, const LearnerTask& task)
+      : features_(task.task.features),
+        places_(task.task.frames),
+        epochs_(parameters["epochs"]),
+        minibatch_(static_cast<std::size_t>(parameters.integer("minibatch"))),
+        relabelled_(parameters["relabelled"]),
+        visited_(parameters["visited"]),
+        replay_(static_cast<std::size_t>(parameters["replay"])),
+        vtrace_(kName, parameters, task) {
+    if (!task.task.turns.empty())
+      throw Error("knows the rewards of other goals on a line alone, and this route crosses itself", "learner relabel",
+                  "use the learner ppo or vtrace");
+  }
+
+  static std::vector<ParameterSpec> parameter_specs() {
+    std::vector<ParameterSpec> specs = VtraceDescent::parameter_specs();
+    specs.insert(specs.end(),
+                 {{"epochs", "samples learned from, for each new one", 8, 0.01, 1000},
+                  {"minibatch", "sequences in a minibatch", 8, 1, 65536, true},
+                  {"relabelled", "share of these that come from the replay, with other goals", 0.75, 0, 1},
+                  {"visited", "share of other goals that the walk comes by; else any place", 0.5, 0, 1},
+                  {"replay", "steps kept; takes 4 bytes for each of their features", 16384, 1, 1e8, true}});
+    return specs;
+  }
+
+  void come_to(double share) override { vtrace_.descent().come_to(share); }
+  UpdateFigures update(std::span<Rollout* const> rollouts) override {
+    if (rollouts[0]->max_steps < 1)
+      throw Error("must be at least 1", "max_steps of a rollout", "whoever collects it knows how long episodes may be");
+    replay_.add(rollouts);
+    list_sequences(rollouts, sequences_);
+    Random shuffling{vtrace_.descent().seed(), kShuffle, vtrace_.descent().updates()};
+    Random choosing{vtrace_.descent().seed(), kRelabel, vtrace_.descent().updates()};
+    const auto batches = static_cast<std::size_t>(
+        std::max(1.0, std::round(epochs_ * static_cast<double>(sequences_.size()) / static_cast<double>(minibatch_))));
+    std::size_t next = sequences_.size();
+    for (std::size_t batch = 0; batch < batches; ++batch) {
+      chosen_.resize(minibatch_);
+      for (Choice& choice : chosen_) {
+        choice.relabelled = choosing.uniform() < relabelled_;
+        if (choice.relabelled) {
+          choice.slot = choosing.below(replay_.size());
+          choice.seed = choosing.next();
+          continue;
+        }
+        if (next == sequences_.size()) {
+          shuffle(shuffling, sequences_);
+          next = 0;
+        }
+        choice.sequence = sequences_[next++];
+      }
+      learn(rollouts);
+    }
+    return vtrace_.end_update(rollouts);
+  }
+
+  const Vector<float>& parameters() const override { return vtrace_.descent().parameters(); }
+  void save(LearnerState& state) const override {
+    vtrace_.descent().save(state);
+    replay_.save(state);
+  }
+  void load(const LearnerState& state) override {
+    vtrace_.descent().check(state);
+    replay_.check(state, std::string("learner ") + kName, features_, places_);
+    vtrace_.descent().load(state);
+    replay_.load(state, features_);
+  }
+  bool freeze(std::span<const Tensor> tensors) override {
+    vtrace_.descent().freeze(tensors);
+    return true;
+  }
+
+ private:
+  static constexpr const char* kName = "relabel";
+
+  struct Choice {
+    bool relabelled = false;
+    Sequence sequence{};     // as it happened
+    std::size_t slot = 0;    // of the replay
+    std::uint64_t seed = 0;  // of the goals
+  };
+
+  void learn(std::span<Rollout* const> rollouts) {
+    const double samples = static_cast<double>(chosen_.size()) * rollouts[0]->sequence;
+    vtrace_.learn(samples, [&](int which, Descent::Half& half, Walk<float>& walk) {
+      const std::span<const Choice> mine = half_of(std::span<const Choice>(chosen_), which);
+      if (mine.empty()) return false;
+      make_room(*rollouts[0], static_cast<int>(mine.size()), half, walk);
+      int b = 0;
+      for (const Choice& choice : mine) {
+        Random random{choice.seed};
+        if (choice.relabelled)
+          relabel(replay_, choice.slot, visited_, random, b, half, walk);
+        else
+          gather_sequence(Track(rollouts, choice.sequence), b, half, walk);
+        ++b;
+      }
+      return true;
+    });
+  }
+
+  const int features_, places_;
+  const double epochs_;
+  const std::size_t minibatch_;
+  const double relabelled_, visited_;
+  Replay replay_;
+  std::vector<Sequence> sequences_;
+  std::vector<Choice> chosen_;
+  VtraceDescent vtrace_;
+};
+
+const LearnerRegistry::Registration registration{
+    {"relabel", "hindsight: every walk is one to every goal, corrected by V-trace", Relabel::parameter_specs(),
+     [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
+       return std::make_unique<Relabel>(parameters, task);
+     }}};
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,71 @@
+#pragma once
+
+#include "core/util/random.h"
+#include "policy_service/learning/optimization/gradient_step.h"
+#include "policy_service/learning/optimization/goal_reward.h"
+#include "policy_service/learning/optimization/replay.h"
+#include "policy_service/learning/optimization/vtrace_loss.h"
+
+namespace citylearn {
+
+/// A goal for an episode that begins at step `begin` of a stored sequence: with probability `visited` one of the places
+/// that the walk comes by later in the same stretch, else any other place of the route.
+inline int choose_goal(const Replay& replay, std::size_t slot, int begin, double visited, Random& random) {
+  const int here = replay.position(replay.at(slot, begin));
+  if (random.uniform() < visited) {
+    int end = begin + 1;  // one beyond the stretch
+    while (end < replay.sequence() && replay.ended(replay.at(slot, end - 1)) == Rollout::kGoesOn) ++end;
+    const int later = begin + 1 + static_cast<int>(random.below(static_cast<std::uint64_t>(end - begin)));
+    const int place = replay.position(replay.at(slot, std::min(later, replay.sequence())));
+    if (place != here) return place;
+  }
+  const int goal = static_cast<int>(random.below(static_cast<std::uint64_t>(replay.frames() - 1)));
+  return goal + (goal >= here ? 1 : 0);
+}
+
+/// Lives a stored sequence again with other goals, as agent b of half of a minibatch (L + 1 steps). What was seen and
+/// done stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
+/// goal is reached, the steps allowed are used up, or the real episode ended, as the frames' disguise changes there. In
+/// the latter two cases the walk stops for one column to value what the episode would have gone on with.
+inline void relabel(const Replay& replay, std::size_t slot, double visited, Random& random, int b, Descent::Half& half,
+                    Walk<float>& walk) {
+  const int length = replay.sequence();
+  const std::ptrdiff_t batch = half.inputs.agents;
+  half.state.col(b).setZero();
+  int t = 0, goal = 0;
+  bool begins = true, breaks_off = false;
+  GoalReward reward(0, 0, 1);
+  for (int row = 0; row <= length; ++row) {
+    const std::size_t from = replay.at(slot, t);
+    const auto column = static_cast<std::ptrdiff_t>(row) * batch + b;
+    const auto to = static_cast<std::size_t>(column);
+    if (begins) {
+      goal = choose_goal(replay, slot, t, visited, random);
+      reward = GoalReward(replay.position(from), goal, replay.max_steps());
+    }
+    half.inputs.see(column, replay.shown(from), replay.seen(from));
+    half.inputs.position[to] = replay.position(from);
+    half.inputs.allowed[to] = replay.allowed(from);
+    half.inputs.goal[to] = goal;
+    half.inputs.first[to] = begins;
+    half.inputs.previous_action[to] = begins ? static_cast<std::uint8_t>(kNoAction) : replay.action(from - 1);
+    walk.action[to] = kNoAction;
+    if (breaks_off) {  // the same is seen again, as a new episode's first
+      breaks_off = false;
+      begins = true;
+      continue;
+    }
+    begins = false;
+    if (row == length) break;
+    walk.action[to] = replay.action(from);
+    walk.log_probability[to] = replay.log_probability(from);
+    walk.final_value[to] = 0;
+    ++t;
+    walk.reward[to] = reward.step(replay.position(from + 1));
+    walk.ended[to] = reward.reached() ? Rollout::kTerminated : Rollout::kGoesOn;
+    begins = reward.reached();
+    breaks_off = !begins && (replay.ended(from) != Rollout::kGoesOn || reward.out_of_steps());
+  }
+}
+
+}  // namespace citylearn

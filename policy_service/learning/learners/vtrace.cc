@@ -1,0 +1,72 @@
+#include "policy_service/learning/optimization/vtrace_gradient_step.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::uint64_t kShuffle = 2;  // of a random stream
+
+/// The learner of IMPALA (Espeholt et al., 2018) for recurrent networks: an actor-critic that corrects for what its
+/// samples were collected by older parameters, whether these come from actors that lag or from earlier passes.
+class Vtrace : public Learner {
+ public:
+  Vtrace(const Parameters& parameters, const LearnerTask& task)
+      : epochs_(parameters.integer("epochs")),
+        minibatch_(parameters.integer("minibatch")),
+        vtrace_("vtrace", parameters, task) {}
+
+  static std::vector<ParameterSpec> parameter_specs() {
+    std::vector<ParameterSpec> specs = VtraceDescent::parameter_specs();
+    specs.insert(specs.end(), {{"epochs", "times an update goes through its samples", 1, 1, 100, true},
+                               {"minibatch", "sequences in a minibatch", 4, 1, 65536, true}});
+    return specs;
+  }
+
+  void come_to(double share) override { vtrace_.descent().come_to(share); }
+  UpdateFigures update(std::span<Rollout* const> rollouts) override {
+    list_sequences(rollouts, sequences_);
+    const std::size_t batches = std::max<std::size_t>(1, sequences_.size() / static_cast<std::size_t>(minibatch_));
+    Random random{vtrace_.descent().seed(), kShuffle, vtrace_.descent().updates()};
+    for (int epoch = 0; epoch < epochs_; ++epoch) {
+      shuffle(random, sequences_);
+      for (std::size_t batch = 0; batch < batches; ++batch) learn(rollouts, part_of(sequences_, batch, batches));
+    }
+    return vtrace_.end_update(rollouts);
+  }
+
+  const Vector<float>& parameters() const override { return vtrace_.descent().parameters(); }
+  void save(LearnerState& state) const override { vtrace_.descent().save(state); }
+  void load(const LearnerState& state) override {
+    vtrace_.descent().check(state);
+    vtrace_.descent().load(state);
+  }
+  bool freeze(std::span<const Tensor> tensors) override {
+    vtrace_.descent().freeze(tensors);
+    return true;
+  }
+
+ private:
+  void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {
+    const double samples = static_cast<double>(chosen.size()) * rollouts[0]->sequence;
+    vtrace_.learn(samples, [&](int which, Descent::Half& half, Walk<float>& walk) {
+      const std::span<const Sequence> mine = half_of(chosen, which);
+      if (mine.empty()) return false;
+      make_room(*rollouts[0], static_cast<int>(mine.size()), half, walk);
+      for (std::size_t b = 0; b < mine.size(); ++b)
+        gather_sequence(Track(rollouts, mine[b]), static_cast<int>(b), half, walk);
+      return true;
+    });
+  }
+
+  const int epochs_, minibatch_;
+  std::vector<Sequence> sequences_;
+  VtraceDescent vtrace_;
+};
+
+const LearnerRegistry::Registration registration{
+    {"vtrace", "recurrent off-policy actor-critic of IMPALA", Vtrace::parameter_specs(),
+     [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
+       return std::make_unique<Vtrace>(parameters, task);
+     }}};
+
+}  // namespace
+}  // namespace citylearn

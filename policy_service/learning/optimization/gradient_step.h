@@ -1,0 +1,103 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "policy_service/learning/optimization/adam.h"
+#include "policy_service/learning/optimization/loss_parts.h"
+
+namespace citylearn {
+
+/// What every learner by gradient descent has: the parameters, Adam, the run's schedules, and two halves of a minibatch
+/// that two threads work on. Their gradients are added in a fixed order: results don't depend on timing.
+class Descent {
+ public:
+  /// Half of a minibatch. A learner fills inputs and state, then forward(), then derivative, then backward().
+  class Half {
+   public:
+    NetworkInputs<float> inputs;
+    Matrix<float> state;      ///< before the first step
+    Heads<float> derivative;  ///< of the loss, by the heads
+    LossSums sums;            ///< of this step
+
+    /// Says what the network says of `inputs`.
+    const Heads<float>& forward() {
+      network_->forward(*parameters_, inputs, state, *workspace_);
+      return workspace_->heads;
+    }
+    const Heads<float>& heads() const { return workspace_->heads; }  ///< as of the last forward()
+    void backward() { network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_); }
+
+   private:
+    friend class Descent;
+    const AgentNetwork<float>* network_ = nullptr;
+    const Vector<float>* parameters_ = nullptr;
+    std::unique_ptr<Workspace<float>> workspace_;
+    Vector<float> gradient_;
+  };
+
+  Descent(const std::string& name, const Parameters& parameters, const LearnerTask& task);
+  Descent(const Descent&) = delete;  // the halves look at the parameters
+  Descent& operator=(const Descent&) = delete;
+  /// Those that it reads.
+  static std::vector<ParameterSpec> parameter_specs();
+
+  /// Weights of the loss, at this point of the run.
+  LossWeights weights() const;
+  double learning_rate() const;
+
+  /// work(which, half) fills and differentiates half of a minibatch; both at once. A half left alone adds nothing.
+  /// `work` allocates nothing and throws nothing.
+  template <class Work>
+  void both(const Work& work) {
+    const auto half = [&](int which) { work(which, halves_[static_cast<std::size_t>(which)]); };
+    worker_.both(std::cref(half));
+  }
+  /// These stay as they are: their gradient is zero, and so is their share of its length.
+  void freeze(std::span<const Tensor> tensors) { frozen_.assign(tensors.begin(), tensors.end()); }
+  /// As Learner::come_to().
+  void come_to(double share) { over_ = std::min(1.0, share); }
+  /// Before a minibatch's first both().
+  void begin_step();
+  /// After its last: one step of Adam.
+  void end_step();
+  /// After an update that learned from so many environment steps: its figures, means over `samples`.
+  UpdateFigures end_update(std::size_t steps, double samples);
+
+  std::uint64_t updates() const { return updates_; }
+  std::uint64_t seed() const { return seed_; }
+  const Vector<float>& parameters() const { return parameters_; }
+
+  void save(LearnerState& state) const;
+  /// Throws Error naming what is missing or of another size, before anything changes.
+  void check(const LearnerState& state) const;
+  /// Of a state that passed check().
+  void load(const LearnerState& state);
+
+ private:
+  const std::string name_;
+  const std::uint64_t seed_;
+  const double total_steps_, learning_rate_, learning_rate_end_, entropy_until_;
+  const LossWeights weights_;
+
+  Vector<float> parameters_;
+  std::uint64_t updates_ = 0, steps_ = 0;
+  double over_ = 0;  // share of the run, by the clock
+  std::unique_ptr<Adam> adam_;
+  std::vector<Tensor> frozen_;
+  std::array<Half, 2> halves_;
+  LossSums sums_;  // of this update
+  double norms_ = 0, descents_ = 0;
+  Worker worker_;
+
+  double progress() const {
+    return std::max(over_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);
+  }
+};
+
+}  // namespace citylearn

@@ -1,0 +1,72 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "policy_service/rollout/rollout.h"
+
+namespace citylearn {
+
+/// One sequence of one of an update's rollouts, as Rollout numbers them.
+struct Sequence {
+  std::uint32_t rollout, index;
+};
+
+/// Where a sequence stands in its rollout.
+class Track {
+ public:
+  Track(std::span<Rollout* const> rollouts, Sequence sequence)
+      : rollout_(*rollouts[sequence.rollout]),
+        index_(sequence.index),
+        agents_(rollout_.inputs.agents),
+        agent_(index_ % agents_),
+        begin_(index_ / agents_ * rollout_.sequence) {}
+
+  const Rollout& rollout() const { return rollout_; }
+  /// The recurrent state before it, state_size.
+  auto state() const { return rollout_.states.col(index_); }
+  /// Column of its step t, 0 <= t < L.
+  std::ptrdiff_t column(std::ptrdiff_t t) const { return (begin_ + t) * agents_ + agent_; }
+  /// What was seen at step t, 0 <= t <= L: the last of these after its last action.
+  struct Seen {
+    const NetworkInputs<float>& inputs;
+    std::ptrdiff_t column;
+  };
+  Seen seen(std::ptrdiff_t t) const {
+    if (begin_ + t < rollout_.inputs.steps) return {rollout_.inputs, column(t)};
+    return {rollout_.next, agent_};
+  }
+
+ private:
+  const Rollout& rollout_;
+  std::ptrdiff_t index_, agents_, agent_, begin_;
+};
+
+/// All sequences of the rollouts, in their order.
+inline void list_sequences(std::span<Rollout* const> rollouts, std::vector<Sequence>& sequences) {
+  sequences.clear();
+  for (std::size_t r = 0; r < rollouts.size(); ++r)
+    for (int i = 0; i < rollouts[r]->sequences(); ++i)
+      sequences.push_back({static_cast<std::uint32_t>(r), static_cast<std::uint32_t>(i)});
+}
+
+inline void shuffle(Random& random, std::vector<Sequence>& sequences) {
+  for (std::size_t i = sequences.size() - 1; i > 0; --i) std::swap(sequences[i], sequences[random.below(i + 1)]);
+}
+
+/// The half that thread `which` of two works on; the first one is the larger.
+template <class T>
+std::span<const T> half_of(std::span<const T> chosen, int which) {
+  const std::size_t middle = (chosen.size() + 1) / 2;
+  return which == 0 ? chosen.first(middle) : chosen.subspan(middle);
+}
+
+/// The `batch`th of `batches` parts of nearly equal size.
+template <class T>
+std::span<const T> part_of(const std::vector<T>& all, std::size_t batch, std::size_t batches) {
+  const std::size_t begin = batch * all.size() / batches, end = (batch + 1) * all.size() / batches;
+  return {all.data() + begin, end - begin};
+}
+
+}  // namespace citylearn

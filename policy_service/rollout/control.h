@@ -1,0 +1,29 @@
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "core/plugin/registry.h"
+#include "policy_service/rollout/policy.h"
+
+namespace citylearn {
+
+/// The route a control walks on. Places are counted from the route's first frame.
+struct ControlTask {
+  int first_frame = 0;           ///< of the route, index on the traversal
+  int frames = 0;                ///< N, places on the route
+  int dimension = 0;             ///< D of `reference`
+  std::vector<float> reference;  ///< N x D, place-major: features of the training traversal's route
+  std::vector<int> turns = {};   ///< N, where `stay` leads (core/task/route_map.h); empty: the route is a line
+};
+
+/// Policies that learn nothing: the yardsticks beside every figure of a learned agent.
+using ControlRegistry = Registry<Policy, const ControlTask&>;
+
+/// `action` if allowed, else the opposite direction (one of the two is, on a route of at least 2 frames).
+inline std::uint8_t allowed_or_turn(std::uint8_t action, std::uint8_t allowed) {
+  if (allowed >> action & 1) return action;
+  return action == kNext ? kPrevious : kNext;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,100 @@
+#include "policy_service/rollout/network_policy.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/util/error.h"
+
+namespace citylearn {
+
+std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Random& random, float& log_probability) {
+  const Eigen::Array3d shifted = logits.cast<double>().array() - static_cast<double>(logits.maxCoeff());
+  const Eigen::Array3d weights = shifted.exp();
+  const double sum = weights.sum();
+  double left = random.uniform() * sum;
+  int action = 0;
+  for (int i = 0; i < kActions; ++i) {
+    if (weights(i) <= 0) continue;
+    action = i;
+    left -= weights(i);
+    if (left < 0) break;
+  }
+  log_probability = static_cast<float>(shifted(action) - std::log(sum));
+  return static_cast<std::uint8_t>(action);
+}
+
+void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
+                      NetworkInputs<float>& inputs, std::span<const std::size_t> who) {
+  const std::size_t agents = observation.goal().size();
+  if (observation.feature_dimension() != static_cast<std::uint32_t>(features))
+    throw Error(
+        "is " + std::to_string(observation.feature_dimension()) + ", the agent needs " + std::to_string(features),
+        "Observation.feature_dimension of '" + std::string(observation.traversal().c_str()) + "'");
+  if (observation.features().size() != agents * static_cast<std::size_t>(features))
+    throw Error(
+        "are " + std::to_string(observation.features().size()) + " numbers for " + std::to_string(agents) + " agents",
+        "Observation.features");
+  for (const std::size_t size :
+       {observation.frame().size(), observation.position().size(), observation.allowed().size(),
+        observation.previous_action().size(), observation.flags().size()})
+    if (size != agents) throw Error("differ in length", "Observation's sequences");
+  const std::size_t columns = who.empty() ? agents : who.size();
+  inputs.resize(features, 1, static_cast<int>(columns));
+  inputs.frames = frames;
+  const auto place = [&](std::uint32_t frame, const char* field) {
+    const std::int64_t found = std::int64_t{frame} - first_frame;
+    if (found < 0 || found >= frames)
+      throw Error("frame " + std::to_string(frame) + " is beside the route " + std::to_string(first_frame) + ".." +
+                      std::to_string(first_frame + frames - 1),
+                  "Observation." + std::string(field));
+    return static_cast<int>(found);
+  };
+  for (std::size_t column = 0; column < columns; ++column) {
+    const std::size_t a = who.empty() ? column : who[column];
+    inputs.goal[column] = place(observation.goal()[a], "goal");
+    inputs.position[column] = place(observation.position()[a], "position");
+    inputs.previous_action[column] = observation.previous_action()[a];
+    inputs.allowed[column] = observation.allowed()[a];
+    if ((inputs.allowed[column] & ((1u << kActions) - 1)) == 0)
+      throw Error("no action is allowed", "Observation.allowed");
+    inputs.first[column] = (observation.flags()[a] & msg::FLAG_FIRST) != 0;
+    const std::int64_t shown = std::int64_t{observation.frame()[a]} - first_frame;
+    const Eigen::Map<const Vector<float>> numbers(
+        observation.features().data() + a * static_cast<std::size_t>(features), features);
+    inputs.see(static_cast<std::ptrdiff_t>(column), own || shown < 0 || shown >= frames ? -1 : static_cast<int>(shown),
+               numbers);
+  }
+}
+
+NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
+    : agent_(std::move(agent)), options_(options), random_{options.seed}, workspace_(agent_.network->make_workspace()) {
+  workspace_->fixed = 1;
+}
+
+void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+  const std::size_t agents = observation.goal().size();
+  choice.assign(agents, 0);
+  // The last tasks of an evaluation leave most agents without one.
+  awake_.clear();
+  for (std::size_t agent = 0; agent < observation.flags().size(); ++agent)
+    if (!(observation.flags()[agent] & msg::FLAG_IDLE)) awake_.push_back(agent);
+  if (awake_.empty() && observation.flags().size() == agents) return;
+  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, false, inputs_, awake_);
+  if (state_.cols() != static_cast<std::ptrdiff_t>(agents))
+    state_.setZero(agent_.network->state_size(), static_cast<std::ptrdiff_t>(agents));
+  awake_state_ = state_(Eigen::all, awake_);
+  agent_.network->forward(agent_.parameters, inputs_, awake_state_, *workspace_);
+  state_(Eigen::all, awake_) = workspace_->state;
+  for (std::size_t column = 0; column < awake_.size(); ++column) {
+    const auto logits = workspace_->heads.logits.col(static_cast<std::ptrdiff_t>(column));
+    float log_probability = 0;
+    std::ptrdiff_t likeliest = 0;
+    if (options_.greedy)
+      logits.maxCoeff(&likeliest);
+    else
+      likeliest = sample_action(logits, random_, log_probability);
+    choice[awake_[column]] = static_cast<std::uint8_t>(likeliest);
+  }
+}
+
+}  // namespace citylearn

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <array>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "core/util/random.h"
+#include "policy_service/network/agent_network.h"
+#include "policy_service/network/checkpoint.h"
+#include "policy_service/rollout/policy.h"
+
+namespace citylearn {
+
+/// Draws an allowed action from masked logits; `log_probability` gets its logarithm. Uses one number of `random`.
+std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Random& random, float& log_probability);
+
+/// Fills `inputs` (one step, the agents of `who`; empty: all) from an observation of a route of `frames` places from
+/// `first_frame` on. With `own` every agent gets features of its own, to be changed by the caller; else agents shown
+/// one frame share them. Throws Error naming the field when the observation has another number of features or agents,
+/// or a frame beside the route.
+void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
+                      NetworkInputs<float>& inputs, std::span<const std::size_t> who = {});
+
+/// Acts from fixed parameters, the recurrent state kept along each episode. Idle agents cost nothing.
+class NetworkPolicy : public Policy {
+ public:
+  struct Options {
+    std::uint64_t seed = 1;  ///< of the actions drawn
+    bool greedy = false;     ///< take the likeliest action instead of drawing one
+  };
+  NetworkPolicy(TrainedAgent agent, const Options& options);
+  /// Throws Error when the observation does not fit the agent (see read_observation).
+  void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override;
+
+ private:
+  TrainedAgent agent_;
+  Options options_;
+  Random random_;
+  NetworkInputs<float> inputs_;
+  Matrix<float> state_;  ///< of all agents
+  std::vector<std::size_t> awake_;
+  Matrix<float> awake_state_;
+  std::unique_ptr<Workspace<float>> workspace_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,92 @@
+#include "policy_service/run/episode_log.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <cinttypes>
+#include <filesystem>
+#include <fstream>
+
+namespace citylearn {
+namespace {
+
+constexpr const char* kHeader =
+    "environment,incarnation,episode,agent,traversal,evaluation,task,start,goal,steps,shortest,reward,completed";
+
+}  // namespace
+
+void EpisodeLog::Progress::add(std::uint64_t episode) {
+  beyond[episode] = true;
+  skip_to(contiguous);
+}
+
+void EpisodeLog::Progress::skip_to(std::uint64_t episode) {
+  contiguous = std::max(contiguous, episode);
+  beyond.erase(beyond.begin(), beyond.upper_bound(contiguous));
+  while (!beyond.empty() && beyond.begin()->first == contiguous + 1) {
+    ++contiguous;
+    beyond.erase(beyond.begin());
+  }
+}
+
+EpisodeLog::EpisodeLog(const std::string& path) : path_(path) {
+  if (path_.empty()) return;
+  load();
+  file_.emplace(path_);
+  if (file_->size() == 0) file_->add(std::string(kHeader) + "\n");
+}
+
+void EpisodeLog::load() {
+  std::ifstream in(path_);
+  if (!in) return;
+  std::string line;
+  std::uintmax_t whole = 0;  // bytes up to the last complete row
+  bool first = true;
+  while (std::getline(in, line) && !in.eof()) {
+    if (first && line != kHeader) throw Error("is not an episode log", path_, "choose another --output");
+    if (!first) {
+      char environment[65];
+      std::uint64_t incarnation, episode;
+      if (std::sscanf(line.c_str(), "%64[^,],%" SCNu64 ",%" SCNu64, environment, &incarnation, &episode) != 3)
+        throw Error("is not an episode log: " + line.substr(0, 40), path_, "choose another --output");
+      progress_[{environment, incarnation}].add(episode);
+      ++total_;
+    }
+    first = false;
+    whole += line.size() + 1;
+  }
+  in.close();
+  if (whole != std::filesystem::file_size(path_)) std::filesystem::resize_file(path_, whole);
+}
+
+EpisodeLog::Progress& EpisodeLog::progress_of(const msg::EpisodeStat& episode) {
+  Progress& progress = progress_[{episode.header().sender().c_str(), episode.header().incarnation()}];
+  progress.skip_to(episode.acknowledged());
+  return progress;
+}
+
+void EpisodeLog::pass_over(const msg::EpisodeStat& episode) { progress_of(episode).add(episode.episode()); }
+
+bool EpisodeLog::record(const msg::EpisodeStat& episode) {
+  if (file_ && file_->waiting() > kMostWaiting) return false;
+  Progress& progress = progress_of(episode);
+  if (episode.episode() <= progress.contiguous || progress.beyond.contains(episode.episode())) return false;
+  progress.add(episode.episode());
+  ++total_;
+  if (file_)
+    file_->add(fmt::format("{},{},{},{},{},{},{},{},{},{},{},{:.6f},{}\n", episode.header().sender().c_str(),
+                           episode.header().incarnation(), episode.episode(), episode.agent(),
+                           episode.traversal().c_str(), episode.evaluation() ? 1 : 0, episode.task(), episode.start(),
+                           episode.goal(), episode.steps(), episode.shortest(), episode.reward(),
+                           episode.completed() ? 1 : 0));
+  return true;
+}
+
+std::uint64_t EpisodeLog::recorded(const std::string& environment, std::uint64_t incarnation) {
+  const bool handed_on = !file_ || file_->flush();
+  const auto found = progress_.find({environment, incarnation});
+  if (found == progress_.end()) return 0;
+  if (handed_on) found->second.handed_on = found->second.contiguous;
+  return found->second.handed_on;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,112 @@
+#include "policy_service/run/report.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <Eigen/Core>
+#include <nlohmann/json.hpp>
+
+#include "core/plugin/plugins.h"
+#include "core/wire/service.h"
+
+namespace citylearn {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json score_json(const Score& s) {
+  return {{"tasks", s.tasks},   {"completed", s.completed},   {"failed", 1 - s.completed},        {"spl", s.spl},
+          {"excess", s.excess}, {"mean_steps", s.mean_steps}, {"shortest_mean", s.shortest_mean}, {"reward", s.reward}};
+}
+
+template <class T>
+Json or_null(const std::optional<T>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
+}  // namespace
+
+std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training,
+                         const std::vector<ScoreRow>& rows) {
+  Json summary = {{"agent", options.agent}, {"middleware", options.node.middleware.name}, {"seed", options.seed}};
+  if (training)
+    summary["train"] = {
+        {"traversal", training->traversal},
+        {"episodes", training->episodes},
+        {"steps", training->steps},
+        {"wall_s", training->wall},
+        {"steps_per_s", training->wall > 0 ? static_cast<double>(training->steps) / training->wall : 0.0},
+        {"inference_s", training->inference},
+        {"update_s", training->update},
+        {"reward", training->reward},
+        {"spl", training->spl},
+        {"episodes_to_spl95", or_null(training->episodes_to_spl95)},
+        {"wall_s_to_spl95", or_null(training->wall_to_spl95)},
+        {"lag", training->lag},
+        {"dropped", training->dropped},
+        {"actors_waited_s", training->waited}};
+  summary["evaluate"] = Json::object();
+  summary["controls"] = Json::object();
+  for (const ScoreRow& row : rows) {
+    if (row.policy == options.agent) {
+      summary["evaluate"][row.traversal] = score_json(row.score);
+    } else {
+      summary["controls"][row.policy][row.traversal] = score_json(row.score);
+    }
+  }
+  return summary.dump(2) + "\n";
+}
+
+std::string manifest_json(const PolicyServiceOptions& options,
+                          const std::map<std::string, std::map<std::string, double>>& agent,
+                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,
+                          std::uint64_t job) {
+  std::string vendor;
+  for (const auto& [name, help] : list_middlewares())
+    if (name == middleware) vendor = help;
+  Json data;
+  for (const auto& [name, info] : traversals)
+    data[name] = {{"dataset", info.dataset().c_str()},
+                  {"hash", fmt::format("{:016x}", info.hash())},
+                  {"frames", info.frames()},
+                  {"features", info.feature_dimension()},
+                  {"encoder", info.encoder().c_str()}};
+  Json manifest = {
+      {"program", "policy_service " + version()},
+      {"compiler", __VERSION__},
+      {"eigen", std::to_string(EIGEN_WORLD_VERSION) + "." + std::to_string(EIGEN_MAJOR_VERSION) + "." +
+                    std::to_string(EIGEN_MINOR_VERSION)},
+      {"instructions", Eigen::SimdInstructionSetsInUse()},
+      {"middleware", middleware},
+      {"vendor", vendor},
+      {"run", options.node.run},
+      {"job", job},
+      {"mode", options.mode},
+      {"role", options.role},
+      {"agent", options.agent},
+      {"learner", options.learner},
+      {"initial", options.initial},
+      {"frozen", options.frozen},
+      {"plugins", loaded_plugins()},
+      {"seed", options.seed},
+      {"train", options.train},
+      {"evaluate", options.evaluate},
+      {"first_frame", options.first_frame},
+      {"frames", options.frames},
+      {"max_steps", options.max_steps},
+      {"curriculum", options.curriculum},
+      {"environments", options.environments},
+      {"window", options.window},
+      {"max_lag", options.most_lag},
+      {"lockstep", options.lockstep},
+      {"steps", options.steps},
+      {"time_limit", options.time_limit},
+      {"checkpoint_every", options.checkpoint_every},
+      {"tasks", options.tasks},
+      {"controls", options.controls},
+      {"parameters", agent},
+      {"traversals", data},
+  };
+  return manifest.dump(2) + "\n";
+}
+
+}  // namespace citylearn

@@ -1,0 +1,83 @@
+#include "policy_service/run/run_record.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "core/util/wall_clock.h"
+
+namespace citylearn {
+namespace {
+
+constexpr auto kInfoAgain = std::chrono::seconds(1);
+
+}  // namespace
+
+RunRecord::RunRecord(Node& node, const What& what) : node_(node), first_(what.updates + 1) {
+  node_.announce<msg::TrainingStat>();
+  node_.listen<msg::TrainingStatRequest>();
+  info_.agent() = what.agent.c_str();
+  info_.learner() = what.learner.c_str();
+  info_.seed() = what.seed;
+  info_.job() = what.job;
+  info_.updates() = what.updates;
+  if (what.manifest.size() <= msg::MAX_CHUNK)
+    info_.manifest().assign(what.manifest.begin(), what.manifest.end());
+  else
+    spdlog::warn("the manifest has {} bytes: who watches does not get it (at most {})", what.manifest.size(),
+                 msg::MAX_CHUNK);
+  send_info();
+}
+
+void RunRecord::add(msg::TrainingStat& stat) {
+  stat.job() = info_.job();
+  node_.publish(stat);
+  info_.updates() = stat.update();
+  stat_ = stat;
+  stat_.header() = msg::Header();  // so that all are of one size
+  stat_.header().protocol() = msg::PROTOCOL;
+  Bytes bytes;
+  encode(stat_, bytes);
+  size_ = bytes.size();
+  stats_.insert(stats_.end(), bytes.begin(), bytes.end());
+}
+
+void RunRecord::handle() {
+  while (node_.take(request_)) {
+    if (request_.policy() != node_.options().id || request_.policy_incarnation() != node_.incarnation() ||
+        request_.job() != info_.job())
+      continue;
+    const std::uint64_t kept = size_ > 0 ? stats_.size() / size_ : 0;
+    const std::uint64_t first = std::max<std::uint64_t>(request_.first(), first_);
+    for (std::uint64_t update = first; update - first < msg::MAX_STATS_ASKED; ++update) {
+      if (update > request_.last() || update - first_ >= kept) break;
+      decode(std::span<const std::byte>(stats_).subspan((update - first_) * size_, size_), stat_);
+      node_.publish(stat_);
+      ++node_.traffic.resent;
+    }
+  }
+  if (Clock::now() >= next_info_) send_info();
+}
+
+void RunRecord::end() {
+  info_.ended() = true;
+  send_info();
+}
+
+void RunRecord::send_info() {
+  node_.publish(info_);
+  next_info_ = Clock::now() + kInfoAgain;
+}
+
+std::uint64_t new_job() { return microseconds_since_epoch(); }
+
+std::uint64_t job_of(const std::string& manifest_path) {
+  std::ifstream in(manifest_path);
+  const nlohmann::json manifest = nlohmann::json::parse(in, nullptr, /*allow_exceptions=*/false);
+  const auto job = manifest.is_object() ? manifest.find("job") : manifest.end();
+  return job != manifest.end() && job->is_number_unsigned() ? job->get<std::uint64_t>() : new_job();
+}
+
+}  // namespace citylearn

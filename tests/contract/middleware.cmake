@@ -1,5 +1,0 @@
-foreach(name middleware_test middleware_start_test middleware_lossy_test)
-  add_executable(${name} ${CMAKE_CURRENT_LIST_DIR}/${name}.cc)
-  target_link_libraries(${name} PRIVATE citylearn_core citylearn_warnings GTest::gtest_main)
-  citylearn_tests(${name} PROPERTIES TIMEOUT 120)
-endforeach()

@@ -1,4 +1,0 @@
-add_executable(encoder_system_test system/encoder_test.cc)
-target_link_libraries(encoder_system_test PRIVATE citylearn_core citylearn_warnings nlohmann_json::nlohmann_json GTest::gtest_main)
-add_dependencies(encoder_system_test env_service encoder_service policy_service)
-citylearn_tests(encoder_system_test PROPERTIES TIMEOUT 300 RUN_SERIAL ON)

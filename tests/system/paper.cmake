@@ -1,5 +1,0 @@
-add_executable(paper_report_test ${CMAKE_CURRENT_LIST_DIR}/paper_report_test.cc)
-target_compile_definitions(paper_report_test PRIVATE CITYLEARN_PAPER="$<TARGET_FILE:citylearn_paper>")
-target_link_libraries(paper_report_test PRIVATE citylearn_paper_parts citylearn_warnings GTest::gtest_main)
-add_dependencies(paper_report_test citylearn_paper env_service)
-citylearn_tests(paper_report_test PROPERTIES TIMEOUT 900 RUN_SERIAL ON)

@@ -1,8 +1,0 @@
-add_executable(recorder_process system/recorder_process.cc)
-target_link_libraries(recorder_process PRIVATE citylearn_dashboard citylearn_warnings)
-
-add_executable(recorder_system_test system/recorder_test.cc)
-target_compile_definitions(recorder_system_test PRIVATE CITYLEARN_RECORDER_PROCESS="$<TARGET_FILE:recorder_process>")
-target_link_libraries(recorder_system_test PRIVATE citylearn_dashboard citylearn_warnings GTest::gtest_main)
-add_dependencies(recorder_system_test env_service policy_service recorder_process)
-citylearn_tests(recorder_system_test PROPERTIES TIMEOUT 600 RUN_SERIAL ON)

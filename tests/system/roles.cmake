@@ -1,4 +1,0 @@
-add_executable(roles_system_test system/roles_test.cc)
-target_link_libraries(roles_system_test PRIVATE citylearn_core citylearn_warnings nlohmann_json::nlohmann_json GTest::gtest_main)
-add_dependencies(roles_system_test env_service policy_service)
-citylearn_tests(roles_system_test PROPERTIES TIMEOUT 600 RUN_SERIAL ON)

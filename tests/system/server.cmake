@@ -1,5 +1,0 @@
-add_executable(server_test system/server_test.cc)
-target_compile_definitions(server_test PRIVATE CITYLEARN_DASHBOARD="$<TARGET_FILE:dashboard>")
-target_link_libraries(server_test PRIVATE citylearn_web_server citylearn_warnings OpenSSL::SSL OpenSSL::Crypto GTest::gtest_main)
-add_dependencies(server_test dashboard env_service policy_service)
-citylearn_tests(server_test PROPERTIES TIMEOUT 120 RUN_SERIAL ON)

@@ -1,4 +1,0 @@
-add_executable(sweep_system_test ${CMAKE_CURRENT_LIST_DIR}/sweep_test.cc)
-target_link_libraries(sweep_system_test PRIVATE citylearn_core citylearn_warnings nlohmann_json::nlohmann_json GTest::gtest_main)
-add_dependencies(sweep_system_test env_service policy_service)
-citylearn_tests(sweep_system_test PROPERTIES TIMEOUT 300 RUN_SERIAL ON)

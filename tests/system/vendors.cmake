@@ -1,7 +1,0 @@
-add_executable(vendors_peer ${CMAKE_CURRENT_LIST_DIR}/vendors_peer.cc)
-target_link_libraries(vendors_peer PRIVATE citylearn_core citylearn_warnings)
-add_executable(vendors_test ${CMAKE_CURRENT_LIST_DIR}/vendors_test.cc)
-target_link_libraries(vendors_test PRIVATE citylearn_core citylearn_warnings GTest::gtest_main)
-target_compile_definitions(vendors_test PRIVATE VENDORS_PEER="$<TARGET_FILE:vendors_peer>")
-add_dependencies(vendors_test vendors_peer)
-citylearn_tests(vendors_test PROPERTIES TIMEOUT 120)

@@ -1,0 +1,118 @@
+// Plug-ins that are loaded at run time: what is one, is used; what is none, is refused in one line.
+#include "core/plugin/plugins.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "core/util/files.h"
+#include "tests/support/service.h"
+#include "tests/support/small_city.h"
+
+namespace citylearn {
+namespace {
+
+using testing::Folder;
+using testing::Service;
+
+std::string refusal_of(const std::string& file) {
+  try {
+    load_plugin(file);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "was loaded";
+}
+
+void expect_part(const std::string& text, const std::string& part) {
+  EXPECT_NE(text.find(part), std::string::npos) << "'" << part << "' is not in: " << text;
+}
+
+/// Runs policy_service and returns its output.
+std::string run(std::vector<std::string> arguments, int status) {
+  const Folder folder;
+  arguments.insert(arguments.begin(), CITYLEARN_POLICY_SERVICE);
+  Service service(arguments, folder / "log");
+  const auto ended = service.wait(std::chrono::seconds(60));
+  EXPECT_TRUE(ended && *ended == status) << service.output();
+  return service.output();
+}
+
+TEST(Plugins, AreLoadedAndUsed) {
+  load_plugin(SAMPLE_PLUGIN);
+  load_plugin(SAMPLE_PLUGIN);  // once more is no harm
+  EXPECT_EQ(loaded_plugins(), std::vector<std::string>{SAMPLE_PLUGIN});
+  const Traversal city = small_city();
+  TrainerOptions options;
+  options.agent = "baseline";
+  options.network_parameters = {{"hidden", 4}, {"cells", 3}};
+  options.learner = "sample";
+  options.learner_parameters = {{"rate", 0.25}};
+  options.trainer_parameters = {{"segment", 4}, {"sequence", 4}};
+  Loop loop(city, options);
+  const Vector<float> before = loop.trainer.agent().parameters;
+  loop.update();
+  loop.update();
+  EXPECT_TRUE(loop.trainer.agent().parameters.isApprox((before.array() + 0.5f).matrix()));
+  EXPECT_EQ(loop.trainer.progress().updates, 2u);
+
+  Checkpoint checkpoint = loop.trainer.checkpoint();
+  checkpoint.tensors.erase("learner.parameters");
+  EXPECT_THROW(loop.trainer.load(checkpoint), Error) << "both sides mean the same class Error";
+  options.learner_parameters = {{"rate", 2}};
+  EXPECT_THROW(Trainer(options, task_of(city)), Error);
+}
+
+TEST(Plugins, AreNamedOnTheCommandLineInAFileOrInTheEnvironment) {
+  expect_part(run({"--plugin", SAMPLE_PLUGIN, "--list"}, 0), "--sample-rate");
+  expect_part(run({"--help", std::string("--plugin=") + SAMPLE_PLUGIN}, 0), "--sample-rate");
+  const Folder folder;
+  write_file(folder / "options.toml",
+             std::string("plugin = \"") + SAMPLE_PLUGIN + "\"\nlearner = \"sample\"\nsample-rate = 0.125\n");
+  expect_part(run({"--config", folder / "options.toml", "--list"}, 0), "--sample-rate");
+  setenv("CITYLEARN_PLUGIN", SAMPLE_PLUGIN, 1);
+  expect_part(run({"--list"}, 0), "--sample-rate");
+  unsetenv("CITYLEARN_PLUGIN");
+  EXPECT_EQ(run({"--list"}, 0).find("--sample-rate"), std::string::npos);
+  expect_part(run({"--plugin", SAMPLE_PLUGIN, "--sample-rate", "7", "--list"}, 2), "--sample-rate");
+  run({"--plugin"}, 2);
+}
+
+TEST(Plugins, ThatAreNoneAreRefusedInOneLine) {
+  const Folder folder;
+  expect_part(refusal_of(folder / "nowhere.so"), "nowhere.so: there is no such file");
+  expect_part(refusal_of(folder.path()), "there is no such file");
+  write_file(folder / "text.so", "citylearn plug-in: a text that only says so");
+  expect_part(refusal_of(folder / "text.so"), "text.so: is no plug-in of this program");
+  expect_part(refusal_of("/bin/sh"), "is no plug-in of this program");
+  expect_part(refusal_of(EMPTY_PLUGIN), "registers nothing");
+  const std::string whole = read_file(SAMPLE_PLUGIN);
+  write_file(folder / "half.so", whole.substr(0, whole.size() - 100));
+  expect_part(refusal_of(folder / "half.so"), "half.so: is cut short");
+  std::string foreign = whole;
+  foreign[18] = 0;  // the processor
+  write_file(folder / "foreign.so", foreign);
+  expect_part(refusal_of(folder / "foreign.so"), "foreign.so: cannot be loaded: ");
+
+  const std::string said = run({"--plugin", folder / "text.so", "--list"}, 1);
+  expect_part(said, "policy_service: plug-in " + folder / "text.so: is no plug-in");
+  EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1) << said;
+  expect_part(run({"--plugin", TAKEN_PLUGIN, "--list"}, 1), "registers 'ppo', which exists already");
+}
+
+TEST(Plugins, OfAnotherVersionAreRefusedBeforeTheirCodeRuns) {
+  const Folder folder;
+  std::string changed = read_file(SAMPLE_PLUGIN);
+  const std::string mark = "citylearn plug-in: interface ";
+  const std::size_t begin = changed.find(mark);
+  ASSERT_NE(begin, std::string::npos);
+  changed.replace(begin + mark.size(), 12, "0123456789ab");
+  write_file(folder / "older.so", changed);
+  const std::string refusal = refusal_of(folder / "older.so");
+  expect_part(refusal, "older.so: was built for interface 0123456789ab, ");
+  expect_part(refusal, "; this program is interface ");
+  expect_part(refusal, "build both from the same sources");
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,89 @@
+#include "core/plugin/registry.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+namespace citylearn {
+namespace {
+
+const std::vector<ParameterSpec> kSpecs = {
+    {.name = "rate", .help = "step size", .standard = 0.5, .minimum = 0, .maximum = 1},
+    {.name = "layers", .help = "number of layers", .standard = 2, .minimum = 1, .maximum = 8, .integer = true},
+    {.name = "bias", .help = "0 or 1", .standard = 1, .minimum = 0, .maximum = 1, .integer = true},
+};
+
+std::string error_of(const std::map<std::string, double>& values) {
+  try {
+    Parameters("network 'mlp'", kSpecs, values);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Parameters, DefaultsAndGivenValues) {
+  const Parameters parameters("network 'mlp'", kSpecs, {{"layers", 3}});
+  EXPECT_EQ(parameters["rate"], 0.5);
+  EXPECT_EQ(parameters.integer("layers"), 3);
+  EXPECT_TRUE(parameters.flag("bias"));
+  EXPECT_EQ(parameters.values().size(), 3u);
+}
+
+TEST(Parameters, BoundsAreAllowed) { EXPECT_EQ(error_of({{"rate", 0}, {"layers", 8}}), ""); }
+
+TEST(Parameters, UnknownNamesTheKnown) {
+  EXPECT_EQ(error_of({{"depth", 3}}), "network 'mlp': unknown parameter 'depth' (known: rate, layers, bias)");
+}
+
+TEST(Parameters, RangeIsChecked) {
+  EXPECT_EQ(error_of({{"rate", 1.5}}), "network 'mlp'.rate: is 1.5, must be 0..1");
+  EXPECT_EQ(error_of({{"layers", 0}}), "network 'mlp'.layers: is 0, must be 1..8");
+  EXPECT_NE(error_of({{"rate", std::nan("")}}), "");
+}
+
+TEST(Parameters, WholeNumbersAreChecked) {
+  EXPECT_EQ(error_of({{"layers", 2.5}}), "network 'mlp'.layers: is 2.5, must be a whole number");
+}
+
+TEST(Parameters, UndeclaredIsAnError) {
+  const Parameters parameters("network 'mlp'", kSpecs, {});
+  EXPECT_THROW(parameters["depth"], Error);
+}
+
+struct Shape {
+  virtual ~Shape() = default;
+  virtual double area() const = 0;
+};
+struct Square : Shape {
+  explicit Square(double s) : side(s) {}
+  double area() const override { return side * side; }
+  double side;
+};
+using Shapes = Registry<Shape, int>;
+const Shapes::Registration square({"square",
+                                   "four sides",
+                                   {{.name = "side", .help = "metres", .standard = 2, .maximum = 9}},
+                                   [](const Parameters& p, int scale) {
+                                     return std::make_unique<Square>(p["side"] * scale);
+                                   }});
+const Shapes::Registration circle({"circle", "no sides", {}, [](const Parameters&, int) { return nullptr; }});
+
+TEST(Registry, FindsSortsAndCreates) {
+  ASSERT_EQ(Shapes::instance().entries().size(), 2u);
+  EXPECT_EQ(Shapes::instance().entries()[0]->name, "circle");
+  const Shapes::Entry& entry = Shapes::instance().find("shape", "square");
+  EXPECT_EQ(entry.create(Parameters("square", entry.parameters, {}), 3)->area(), 36);
+}
+
+TEST(Registry, UnknownListsTheKnown) {
+  try {
+    Shapes::instance().find("shape", "cube");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_STREQ(error.what(), "unknown shape 'cube' (known: circle, square)");
+  }
+}
+
+}  // namespace
+}  // namespace citylearn

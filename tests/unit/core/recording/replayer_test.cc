@@ -1,0 +1,296 @@
+// Recording what is said in a process, and playing it to the dashboard's recorder.
+#include "core/recording/replayer.h"
+
+#include <gtest/gtest.h>
+
+#include "dashboard/store/recorder.h"
+#include "dashboard/store/sqlite.h"
+#include "dashboard/store/store_reader.h"
+#include "tests/support/recordings.h"
+#include "tests/support/records.h"
+#include "tests/support/samples.h"
+#include "tests/support/service.h"
+#include "tests/support/wait.h"
+#include "tools/record/recording.h"
+
+namespace citylearn {
+namespace {
+
+using namespace testing;
+
+constexpr std::uint64_t kStart = 1'700'000'000'000'000'000, kSecond = 1'000'000'000, kMillisecond = 1'000'000;
+
+std::unique_ptr<Middleware> middleware(std::uint32_t domain, const std::string& name = "inprocess") {
+  MiddlewareOptions options;
+  options.name = name;
+  options.domain = domain;
+  options.participant = "test";
+  return create_middleware(options);
+}
+
+/// A dashboard without a page, as dashboard/main.cc makes one.
+class Watcher {
+ public:
+  Watcher(std::uint32_t domain, const std::string& path)
+      : store({path, 0}), node(options(domain)), recorder(node, store) {}
+  void spin() {
+    const auto hand_on = [this](auto message) {
+      while (node.take(message)) recorder.hear(message);
+    };
+    hand_on(msg::ServiceStatus());
+    hand_on(msg::TraversalInfo());
+    hand_on(msg::RunInfo());
+    hand_on(msg::TrainingStat());
+    recorder.turn();
+  }
+  static Node::Options options(std::uint32_t domain) {
+    Node::Options options;
+    options.middleware.name = "inprocess";
+    options.middleware.domain = domain;
+    options.service = options.id = "dashboard";
+    options.run.clear();
+    return options;
+  }
+  Store store;
+  Node node;
+  Recorder recorder;
+};
+
+/// Until all is played; false when it never is.
+bool play(Middleware& wire, Replayer& replayer, Watcher* watcher = nullptr) {
+  const Clock::time_point deadline = Clock::now() + std::chrono::seconds(60);
+  while (replayer.turn()) {
+    if (watcher) watcher->spin();
+    wire.wait(std::min(replayer.due(), Clock::now() + std::chrono::milliseconds(2)));
+    if (Clock::now() >= deadline) return false;
+  }
+  if (watcher) watcher->spin();
+  return true;
+}
+
+/// A policy_service of `updates` updates, and two env_services of `episodes` episodes each.
+void write_run(const std::string& path, std::uint64_t updates, std::uint64_t episodes) {
+  Tape tape(path);
+  std::uint64_t time = kStart;
+  for (const std::string environment : {"env-a", "env-b"}) {
+    tape.say(heartbeat("env_service", environment, 7), time);
+    tape.say(traversal_info(environment), time);
+  }
+  for (std::uint64_t i = 1; i <= std::max(updates, episodes); ++i) {
+    time += kMillisecond;
+    if (i % 100 == 1) tape.say(run_info(std::min(i, updates), 500, i), time);
+    if (i <= updates) tape.say(training_stat(i), time);
+    if (i > episodes) continue;
+    tape.say(episode(i, "env-a"), time);
+    tape.say(episode(i, "env-b"), time);
+  }
+  tape.say(run_info(updates, 500, episodes + updates), time);
+  tape.writer.close();
+}
+
+std::int64_t count(const std::string& store, const std::string& what) {
+  return Database(store, Database::Mode::kRead).number("SELECT COUNT(*) FROM " + what);
+}
+
+TEST(Replay, ARecorderGetsEverythingAtAnySpeed) {
+  const Folder folder;
+  write_run(folder / "a.mcap", 700, 3000);
+  const auto wire = middleware(30);
+  Watcher watcher(30, folder / "a.sqlite");
+  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  ASSERT_TRUE(play(*wire, replayer, &watcher));
+  EXPECT_EQ(watcher.recorder.recorded(), 6000u);
+  EXPECT_EQ(count(folder / "a.sqlite", "episodes"), 6000);
+  EXPECT_EQ(count(folder / "a.sqlite", "training"), 700);
+  EXPECT_EQ(replayer.figures().played.at("citylearn/episode_stat"), 6000u);
+  EXPECT_EQ(replayer.figures().remarks, std::vector<std::string>());
+  EXPECT_EQ(replayer.figures().skipped.size(), 0u);
+  EXPECT_NEAR(replayer.figures().seconds, 3.0, 1e-3);
+
+  // Once more, it is known; as another run, it is not.
+  Replayer again(*wire, {{folder / "a.mcap"}, 0, {"episode_stat", "run_info", "service_status"}, "again"});
+  ASSERT_TRUE(play(*wire, again, &watcher));
+  EXPECT_EQ(count(folder / "a.sqlite", "episodes"), 12000);
+  EXPECT_EQ(StoreReader(folder / "a.sqlite").runs().size(), 2u);
+}
+
+TEST(Replay, WhatIsLostIsPlayedAgain) {
+  const Folder folder;
+  write_run(folder / "a.mcap", 100, 300);
+  const auto wire = middleware(31, "lossy,drop=0.1,seed=3:inprocess");
+  Watcher watcher(31, folder / "a.sqlite");
+  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  ASSERT_TRUE(play(*wire, replayer, &watcher));
+  EXPECT_EQ(count(folder / "a.sqlite", "episodes"), 600);
+  EXPECT_EQ(count(folder / "a.sqlite", "training"), 100);
+  EXPECT_GT(replayer.figures().repeated, 20u);
+}
+
+TEST(Replay, AnEpisodeThatWasNotRecordedHoldsNobodyUp) {
+  const Folder folder;
+  {
+    Tape tape(folder / "a.mcap");
+    for (std::uint64_t i = 1; i <= 400; ++i)
+      if (i != 10) tape.say(episode(i), kStart);
+    tape.writer.close();
+  }
+  const auto wire = middleware(32);
+  Watcher watcher(32, folder / "a.sqlite");
+  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  ASSERT_TRUE(play(*wire, replayer, &watcher));
+  EXPECT_EQ(count(folder / "a.sqlite", "episodes"), 399);
+  ASSERT_FALSE(replayer.figures().remarks.empty());
+  EXPECT_EQ(replayer.figures().remarks[0],
+            "'dashboard' has not recorded episode 11 of 'env-summer' and is not waited for any more");
+}
+
+TEST(Replay, GoesOnWhereNobodyListensAndIntoTheNextFile) {
+  const Folder folder;
+  write_run(folder / "a.mcap", 5, 5);
+  write_run(folder / "b.mcap", 5, 5);
+  std::string file = contents(folder / "b.mcap");
+  std::ofstream(folder / "b.mcap", std::ios::binary | std::ios::trunc) << file.substr(0, file.size() - 100);
+  const auto wire = middleware(33);
+  Replayer replayer(*wire, {{folder / "a.mcap", folder / "b.mcap"}, 0, {}, ""});
+  ASSERT_TRUE(play(*wire, replayer));
+  EXPECT_EQ(replayer.figures().played.at("citylearn/episode_stat"), 20u);
+  ASSERT_EQ(replayer.figures().remarks.size(), 1u);
+  EXPECT_NE(replayer.figures().remarks[0].find("b.mcap: cut short after "), std::string::npos);
+  EXPECT_NEAR(replayer.figures().seconds, 0.010, 1e-3) << "the second follows at once";
+}
+
+TEST(Replay, TakesTheTimeThatItTook) {
+  const Folder folder;
+  {
+    Tape tape(folder / "a.mcap");
+    for (std::uint64_t i = 0; i <= 4; ++i) tape.say(heartbeat("env_service", "env", 7), kStart + i * kSecond / 4);
+    tape.writer.close();
+  }
+  const auto wire = middleware(34);
+  const auto seconds = [&](double speed) {
+    const Clock::time_point begin = Clock::now();
+    Replayer replayer(*wire, {{folder / "a.mcap"}, speed, {}, ""});
+    while (replayer.figures().played.empty() || replayer.figures().played.begin()->second < 5) {
+      replayer.turn();
+      wire->wait(replayer.due());
+    }
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+  };
+  EXPECT_GE(seconds(4), 0.25);
+  EXPECT_GE(seconds(1), 1.0);
+}
+
+TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
+  const Folder folder;
+  msg::MapChunk map;
+  sign(map.header(), "env-summer", 7);
+  map.hash(0xABC);
+  map.frames(2);
+  map.position({1.5f, 2.5f});
+  {
+    Tape tape(folder / "a.mcap");
+    tape.say(map, kStart);
+    tape.writer.close();
+  }
+  const auto wire = middleware(37);
+  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
+  ASSERT_TRUE(play(*wire, replayer));
+  Node node(Watcher::options(37));
+  node.listen<msg::MapChunk>();
+  msg::MapChunk taken;
+  while (node.take(taken)) continue;  // kept for late joiners
+  msg::MapRequest request;
+  request.environment("env-summer");
+  request.hash(0xABD);
+  node.publish(request);
+  replayer.turn();
+  EXPECT_FALSE(node.take(taken)) << "of another traversal there is none";
+  request.hash(0xABC);
+  node.publish(request);
+  replayer.turn();
+  ASSERT_TRUE(node.take(taken));
+  EXPECT_EQ(taken.position(), map.position());
+}
+
+TEST(Replay, TellsWhatItLeavesOut) {
+  const Folder folder;
+  {
+    Tape tape(folder / "a.mcap");
+    const std::string name = topic_of<msg::Scene>().name;
+    const Bytes scene = encoded(sample_of<msg::Scene>(Size::kTypical));
+    Bytes old = scene;
+    old[4] = std::byte{3};
+    const auto same = tape.writer.add({name, "citylearn::msg::Scene", "omgidl", "", "cdr", {}});
+    tape.writer.write(same, 1, scene);
+    tape.writer.write(same, 1, old);
+    tape.writer.write(same, 1, Bytes(3));
+    tape.writer.write(tape.writer.add({name, "citylearn::msg::Action", "omgidl", "", "cdr", {}}), 1, scene);
+    tape.writer.write(tape.writer.add({"rosout", "rcl_interfaces/msg/Log", "ros2msg", "", "cdr", {}}), 1, scene);
+    tape.writer.close();
+  }
+  const auto wire = middleware(35);
+  Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {"scene"}, ""});
+  ASSERT_TRUE(play(*wire, replayer));
+  EXPECT_EQ(replayer.figures().played, (std::map<std::string, std::uint64_t>{{"citylearn/scene", 1}}));
+  EXPECT_EQ(replayer.figures().skipped,
+            (std::map<std::string, std::uint64_t>{
+                {"of protocol 3, not " + std::to_string(msg::PROTOCOL), 1},
+                {"topic citylearn/scene has 'citylearn::msg::Action' as 'cdr' instead of 'citylearn::msg::Scene' as "
+                 "'cdr'",
+                 1},
+                {"topic citylearn/scene: not readable", 1},
+                {"topic rosout is none of ours", 1}}));
+  EXPECT_THROW(Replayer(*wire, {{folder / "a.mcap"}, 0, {"scenery"}, ""}), Error);
+  EXPECT_THROW(Replayer(*wire, {{folder / "none.mcap"}, 0, {}, ""}), Error);
+}
+
+TEST(Recording, CountsWhatItMissed) {
+  const Folder folder;
+  const auto wire = middleware(38), other = middleware(38);
+  Recording recording(*wire, {folder / "a.mcap", "", {"episode_stat", "run_info"}, 0, "test"});
+  const auto episodes = other->create_publisher(topic_of<msg::EpisodeStat>());
+  const auto runs = other->create_publisher(topic_of<msg::RunInfo>());
+  // Numbers of two senders, one of them heard from the fifth on; late ones are none that were missed.
+  for (const std::uint64_t number : {1, 2, 5, 6, 4, 9}) episodes->publish(encoded(episode(number, "env-a")));
+  for (const std::uint64_t number : {5, 6, 8}) episodes->publish(encoded(episode(number, "env-b")));
+  for (const std::uint64_t number : {1, 9}) runs->publish(encoded(run_info(1, 500, number)));
+  recording.close();
+  EXPECT_EQ(recording.counts().at("citylearn/episode_stat").messages, 9u);
+  EXPECT_EQ(recording.counts().at("citylearn/episode_stat").missed, 5u);
+  EXPECT_EQ(recording.counts().at("citylearn/run_info").missed, 0u);
+}
+
+TEST(Recording, KeepsTheBytesOfItsRunInParts) {
+  const Folder folder;
+  const auto wire = middleware(36), other = middleware(36);
+  Recording recording(*wire, {folder / "a.mcap", "demo", {}, 20000, "test"});
+  std::map<std::string, std::vector<Bytes>> said;
+  for_each_message([&]<class Message>() {
+    const auto publisher = other->create_publisher(topic_of<Message>());
+    for (int i = 0; i < 3; ++i) {
+      Message message = sample_of<Message>(Size::kTypical);
+      message.header().run(i == 1 ? "another" : "demo");
+      message.header().message(static_cast<std::uint64_t>(i));
+      publisher->publish(encoded(message));
+      if (i != 1) said[topic_of<Message>().name].push_back(encoded(message));
+    }
+    recording.turn();
+  });
+  const auto undecodable = other->create_publisher(topic_of<msg::Scene>());
+  undecodable->publish(Bytes(3));
+  said[topic_of<msg::Scene>().name].emplace_back(3);
+  recording.close();
+
+  EXPECT_EQ(recording.other_runs(), all_topics().size());
+  ASSERT_GT(recording.files().size(), 1u);
+  EXPECT_EQ(recording.files()[1], folder / "a-2.mcap");
+  std::map<std::string, std::vector<Bytes>> read;
+  for (const std::string& file : recording.files())
+    for (const Heard& heard : all_of(file)) read[heard.topic].push_back(heard.bytes);
+  EXPECT_EQ(read, said);
+  EXPECT_EQ(recording.counts().at("citylearn/scene").messages, 3u);
+  EXPECT_THROW(Recording(*wire, {folder / "b.mcap", "", {"scenery"}, 0, ""}), Error);
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,160 @@
+// Files that grow by whole records on a disk that is full for a while, and the logs of a run on top of them.
+#include "core/util/growing_file.h"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
+
+#include "core/util/error.h"
+#include "policy_service/run/episode_log.h"
+#include "policy_service/interchange/event_log.h"
+#include "policy_service/run/metrics_log.h"
+#include "tests/support/service.h"
+
+namespace citylearn::testing {
+namespace {
+
+/// While it lives, no file of this process grows beyond so many bytes: a disk that is full.
+class FullDisk {
+ public:
+  explicit FullDisk(rlim_t bytes) {
+    ::signal(SIGXFSZ, SIG_IGN);
+    ::getrlimit(RLIMIT_FSIZE, &before_);
+    const rlimit limit{bytes, before_.rlim_max};
+    EXPECT_EQ(::setrlimit(RLIMIT_FSIZE, &limit), 0);
+  }
+  ~FullDisk() { ::setrlimit(RLIMIT_FSIZE, &before_); }
+
+ private:
+  rlimit before_{};
+};
+
+msg::EpisodeStat episode(std::uint64_t number) {
+  msg::EpisodeStat stat;
+  stat.header().sender() = "env-summer";
+  stat.header().incarnation() = 7;
+  stat.episode() = number;
+  stat.traversal() = "summer";
+  return stat;
+}
+
+msg::TrainingStat update(std::uint64_t number) {
+  msg::TrainingStat stat;
+  stat.update() = number;
+  stat.steps() = 100 * number;
+  return stat;
+}
+
+TEST(GrowingFile, WhatFindsNoRoomWaitsAndNoPartOfARecordIsEverThere) {
+  const Folder folder;
+  const std::string path = folder / "log";
+  GrowingFile file(path);
+  file.add("one\n");
+  EXPECT_TRUE(file.flush());
+  {
+    const FullDisk full(11);
+    file.add("two\n");
+    file.add("three\n");
+    file.add("four\n");
+    EXPECT_FALSE(file.flush());
+    EXPECT_NE(file.problem().find(path + ": File too large"), std::string::npos) << file.problem();
+    EXPECT_EQ(contents(path), "one\ntwo\n") << "as many as fit, and no part of the third";
+    EXPECT_EQ(file.waiting(), 11u);
+    file.add("five\n");
+    EXPECT_FALSE(file.flush());
+    EXPECT_EQ(contents(path), "one\ntwo\n");
+  }
+  EXPECT_TRUE(file.flush());
+  EXPECT_EQ(file.problem(), "");
+  EXPECT_EQ(file.waiting(), 0u);
+  EXPECT_EQ(contents(path), "one\ntwo\nthree\nfour\nfive\n");
+  EXPECT_EQ(file.size(), contents(path).size());
+}
+
+TEST(GrowingFile, GoesOnBehindWhatIsThereOrBeginsAnew) {
+  const Folder folder;
+  const std::string path = folder / "log";
+  { GrowingFile(path).add("one\n"); }
+  { GrowingFile(path).add("two\n"); }
+  EXPECT_EQ(contents(path), "one\ntwo\n");
+  { GrowingFile(path, false).add("three\n"); }
+  EXPECT_EQ(contents(path), "three\n");
+  try {
+    GrowingFile(folder / "nowhere/log");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("nowhere/log: No such file"), std::string::npos) << error.what();
+  }
+}
+
+TEST(EpisodeLog, AFullDiskAcknowledgesNothingNewAndLosesNothing) {
+  const Folder folder;
+  const std::string path = folder / "episodes.csv";
+  EpisodeLog log(path);
+  EXPECT_TRUE(log.record(episode(1)));
+  EXPECT_EQ(log.recorded("env-summer", 7), 1u);
+  const std::string before = contents(path);
+  {
+    const FullDisk full(before.size() + 10);
+    EXPECT_TRUE(log.record(episode(2)));
+    EXPECT_EQ(log.recorded("env-summer", 7), 1u);
+    EXPECT_NE(log.problem().find(path), std::string::npos);
+    EXPECT_EQ(contents(path), before);
+    EXPECT_FALSE(log.record(episode(2))) << "it waits";
+    // As long as there is memory for it; then its env_service keeps it.
+    std::uint64_t number = 3;
+    while (log.record(episode(number)) && number < 10'000'000) ++number;
+    EXPECT_LT(number, 1'000'000u);
+    EXPECT_EQ(log.recorded("env-summer", 7), 1u);
+  }
+  const std::uint64_t recorded = log.recorded("env-summer", 7);
+  EXPECT_GT(recorded, 1000u);
+  EXPECT_EQ(log.problem(), "");
+  EXPECT_TRUE(log.record(episode(recorded + 1))) << "sent again";
+  EXPECT_EQ(log.recorded("env-summer", 7), recorded + 1);
+  EXPECT_EQ(EpisodeLog(path).total(), recorded + 1) << "all of them once";
+}
+
+TEST(MetricsLog, RowsWaitForADiskThatIsFull) {
+  const Folder folder;
+  const std::string path = folder / "metrics.csv";
+  MetricsLog log(path, 0);
+  log.write(update(1));
+  const std::string before = contents(path);
+  {
+    const FullDisk full(before.size() + 3);
+    log.write(update(2));
+    log.write(update(3));
+    EXPECT_NE(log.problem().find(path), std::string::npos);
+    EXPECT_EQ(contents(path), before);
+  }
+  log.flush();
+  EXPECT_EQ(log.problem(), "");
+  EXPECT_NE(contents(path).find("\n2,200,"), std::string::npos);
+  EXPECT_NE(contents(path).find("\n3,300,"), std::string::npos);
+}
+
+TEST(EventLog, EventsWaitForADiskThatIsFull) {
+  const Folder folder;
+  std::string whole;
+  {
+    EventLog log(folder / "calm", 0);
+    for (std::uint64_t number = 1; number <= 3; ++number) log.write(update(number));
+    whole = contents(log.path());
+  }
+  EventLog log(folder / "full", 0);
+  log.write(update(1));
+  const std::string before = contents(log.path());
+  {
+    const FullDisk full(before.size() + 20);
+    log.write(update(2));
+    EXPECT_NE(log.problem(), "");
+    EXPECT_EQ(contents(log.path()), before);
+  }
+  log.write(update(3));
+  EXPECT_EQ(log.problem(), "");
+  EXPECT_EQ(contents(log.path()).size(), whole.size());
+}
+
+}  // namespace
+}  // namespace citylearn::testing

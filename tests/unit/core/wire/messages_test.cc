@@ -1,0 +1,274 @@
+#include "core/wire/messages.h"
+
+#include <fastcdr/Cdr.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <cstdlib>
+#include <limits>
+#include <new>
+#include <set>
+
+#include "tests/support/samples.h"
+
+// The largest single request, to see that hostile lengths do not make decode allocate.
+static std::atomic<std::size_t> largest_request{0};
+// Out of line, or the compiler takes malloc and delete for a mismatched pair.
+[[gnu::noinline]] void* operator new(std::size_t size) {
+  if (size > largest_request) largest_request = size;
+  if (void* memory = std::malloc(size)) return memory;
+  throw std::bad_alloc();
+}
+[[gnu::noinline]] void operator delete(void* memory) noexcept { std::free(memory); }
+[[gnu::noinline]] void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+
+namespace citylearn {
+namespace {
+
+using testing::encoded;
+using testing::equal;
+using testing::for_each_message;
+using testing::sample_of;
+using testing::Size;
+
+template <class Message>
+std::string decode_error(const Bytes& bytes) {
+  try {
+    Message message;
+    decode(std::span<const std::byte>(bytes), message);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(Messages, EveryTypeGoesRoundAtEverySize) {
+  for_each_message([]<class Message>() {
+    for (Size size : {Size::kLeast, Size::kTypical, Size::kMost}) {
+      const Message sent = sample_of<Message>(size);
+      const Bytes bytes = encoded(sent);
+      // Into a message that held something else before.
+      Message received = sample_of<Message>(size == Size::kMost ? Size::kLeast : Size::kMost);
+      ASSERT_NO_THROW(decode(std::span<const std::byte>(bytes), received)) << topic_of<Message>().type;
+      EXPECT_TRUE(equal(sent, received)) << topic_of<Message>().type << ", size " << static_cast<int>(size);
+    }
+  });
+}
+
+TEST(Messages, OurReaderAgreesWithTheGeneratedOne) {
+  for_each_message([]<class Message>() {
+    for (Size size : {Size::kLeast, Size::kTypical, Size::kMost}) {
+      Bytes bytes = encoded(sample_of<Message>(size));
+      eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(bytes.data()), bytes.size());
+      eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::LITTLE_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
+      cdr.read_encapsulation();
+      Message generated, ours;
+      generated.deserialize(cdr);
+      decode(std::span<const std::byte>(bytes), ours);
+      EXPECT_EQ(encoded(generated), bytes) << topic_of<Message>().type;
+      EXPECT_EQ(encoded(ours), bytes) << topic_of<Message>().type;
+    }
+  });
+}
+
+TEST(Messages, LargestIsTheSizeOfTheLargest) {
+  for_each_message([]<class Message>() {
+    const std::size_t size = encoded(sample_of<Message>(Size::kMost)).size();
+    EXPECT_LE(size, topic_of<Message>().largest) << topic_of<Message>().type;
+    EXPECT_GE(size + 16, topic_of<Message>().largest) << topic_of<Message>().type;  // alignment is counted at its worst
+  });
+}
+
+TEST(Messages, BytesAreLittleEndianCdr) {
+  const Bytes bytes = encoded(sample_of<msg::Action>(Size::kTypical));
+  EXPECT_EQ(bytes[0], std::byte{0});
+  EXPECT_EQ(bytes[1], std::byte{1});
+  EXPECT_EQ(bytes[4], std::byte{msg::PROTOCOL});
+}
+
+TEST(Messages, BigEndianIsRead) {
+  const auto sent = sample_of<msg::Observation>(Size::kTypical);
+  Bytes bytes(encoded(sent).size());
+  eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(bytes.data()), bytes.size());
+  eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::BIG_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
+  cdr.serialize_encapsulation();
+  sent.serialize(cdr);
+  msg::Observation received;
+  decode(std::span<const std::byte>(bytes), received);
+  EXPECT_TRUE(equal(sent, received));
+}
+
+TEST(Messages, OtherEncapsulationsAreRefused) {
+  Bytes bytes = encoded(sample_of<msg::Action>(Size::kTypical));
+  for (const unsigned kind : {2u, 3u, 7u, 0x101u}) {  // parameter lists, XCDR2, nonsense
+    bytes[0] = static_cast<std::byte>(kind >> 8);
+    bytes[1] = static_cast<std::byte>(kind);
+    EXPECT_EQ(decode_error<msg::Action>(bytes),
+              "citylearn::msg::Action: encapsulation " + std::to_string(kind) + ", should be CDR: 0 or 1");
+  }
+}
+
+TEST(Messages, PaddingIsAllowedMoreIsNot) {
+  Bytes bytes = encoded(sample_of<msg::EpisodeAcknowledgement>(Size::kTypical));
+  bytes.resize(bytes.size() + 3);
+  EXPECT_EQ(decode_error<msg::EpisodeAcknowledgement>(bytes), "");
+  bytes.resize(bytes.size() + 1);
+  EXPECT_EQ(decode_error<msg::EpisodeAcknowledgement>(bytes),
+            "citylearn::msg::EpisodeAcknowledgement: 4 bytes left over at its end");
+}
+
+TEST(Messages, EveryTruncationIsAnError) {
+  for_each_message([]<class Message>() {
+    const Bytes whole = encoded(sample_of<Message>(Size::kTypical));
+    for (std::size_t size = 0; size < whole.size(); ++size) {
+      const std::string error = decode_error<Message>(Bytes(whole.begin(), whole.begin() + static_cast<long>(size)));
+      ASSERT_NE(error, "") << topic_of<Message>().type << " cut at " << size;
+      ASSERT_TRUE(error.starts_with(topic_of<Message>().type)) << error;
+    }
+  });
+}
+
+TEST(Messages, HostileLengthsAllocateNothing) {
+  for_each_message([]<class Message>() {
+    const Bytes good = encoded(sample_of<Message>(Size::kTypical));
+    const std::size_t words = std::min<std::size_t>(good.size() / 4, 200);
+    for (const std::uint32_t length : {0xFFFFFFFFu, 0x7FFFFFFFu, 0x40000000u, 0x00040000u, 0u}) {
+      for (std::size_t word = 1; word < words; ++word) {
+        Bytes bytes = good;
+        std::memcpy(bytes.data() + 4 * word, &length, sizeof length);
+        largest_request = 0;
+        decode_error<Message>(bytes);
+        ASSERT_LE(largest_request, 2 * good.size() + 1024) << topic_of<Message>().type << ", word " << word;
+      }
+    }
+  });
+}
+
+TEST(Messages, OtherProtocolIsRefusedAtOnce) {
+  auto message = sample_of<msg::Action>(Size::kTypical);
+  message.header().protocol(msg::PROTOCOL + 1);
+  Bytes bytes = encoded(message);
+  bytes.resize(12);  // whatever follows
+  EXPECT_EQ(decode_error<msg::Action>(bytes), "citylearn::msg::Action.header.protocol: the sender speaks protocol " +
+                                                  std::to_string(msg::PROTOCOL + 1) + ", this program " +
+                                                  std::to_string(msg::PROTOCOL));
+}
+
+TEST(Messages, OverBoundIsNotEncoded) {
+  auto message = sample_of<msg::Action>(Size::kMost);
+  message.choice().push_back(0);
+  Bytes bytes;
+  try {
+    encode(message, bytes);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_STREQ(error.what(), "citylearn::msg::Action.choice: 257 entries, at most 256 are allowed");
+  }
+}
+
+template <class Message, class Change>
+std::string error_after(Change change) {
+  auto message = sample_of<Message>(Size::kTypical);
+  change(message);
+  return decode_error<Message>(encoded(message));
+}
+
+TEST(Messages, NumbersMustBeFiniteWhereNobodyMeansAnythingElse) {
+  const float nan = std::numeric_limits<float>::quiet_NaN(), infinite = std::numeric_limits<float>::infinity();
+  EXPECT_EQ(error_after<msg::Observation>([&](auto& m) { m.features().back() = nan; }),
+            "citylearn::msg::Observation.features: not finite");
+  EXPECT_EQ(error_after<msg::Observation>([&](auto& m) { m.features()[0] = -infinite; }),
+            "citylearn::msg::Observation.features: not finite");
+  EXPECT_EQ(error_after<msg::Observation>([&](auto& m) { m.reward()[5] = infinite; }),
+            "citylearn::msg::Observation.reward: not finite");
+  EXPECT_EQ(error_after<msg::EpisodeStat>([&](auto& m) { m.reward() = nan; }),
+            "citylearn::msg::EpisodeStat.reward: not finite");
+  EXPECT_EQ(error_after<msg::ServiceStatus>([&](auto& m) { m.rate() = infinite; }),
+            "citylearn::msg::ServiceStatus.rate: not finite");
+  EXPECT_EQ(error_after<msg::ServiceStatus>([&](auto& m) { m.uptime() = nan; }),
+            "citylearn::msg::ServiceStatus.uptime: not finite");
+  EXPECT_EQ(error_after<msg::ActorStatus>([&](auto& m) { m.waited() = nan; }),
+            "citylearn::msg::ActorStatus.waited: not finite");
+  EXPECT_EQ(error_after<msg::TrainingStat>([&](auto& m) { m.spl() = nan; }), "") << "a figure that is not there yet";
+  EXPECT_EQ(error_after<msg::Observation>([&](auto& m) {
+              m.features()[0] = std::numeric_limits<float>::max();
+              m.features()[1] = std::numeric_limits<float>::denorm_min();
+            }),
+            "");
+}
+
+TEST(Messages, InconsistentContentNamesTypeAndField) {
+  EXPECT_EQ(error_after<msg::Observation>([](auto& m) { m.goal().pop_back(); }),
+            "citylearn::msg::Observation.goal: 15 entries, should be 16 as many as frame has");
+  EXPECT_EQ(error_after<msg::Observation>([](auto& m) { m.feature_dimension(65); }),
+            "citylearn::msg::Observation.features: 1024 entries, should be 1040: agents x feature_dimension");
+  EXPECT_EQ(error_after<msg::Observation>([](auto& m) { m.feature_dimension(0xFFFFFFFF); }),
+            "citylearn::msg::Observation.features: 1024 entries, should be 68719476720: agents x feature_dimension");
+  EXPECT_EQ(error_after<msg::Observation>([](auto& m) { m.previous_action()[3] = 3; }),
+            "citylearn::msg::Observation.previous_action: unknown action 3");
+  EXPECT_EQ(error_after<msg::Action>([](auto& m) { m.choice()[0] = 255; }),
+            "citylearn::msg::Action.choice: unknown action 255");
+  EXPECT_EQ(error_after<msg::TraversalInfo>([](auto& m) { m.frames(0); }),
+            "citylearn::msg::TraversalInfo.frames: must be 1..1048576");
+  EXPECT_EQ(error_after<msg::TraversalInfo>([](auto& m) { m.agents(257); }),
+            "citylearn::msg::TraversalInfo.agents: must be 1..256");
+  EXPECT_EQ(error_after<msg::TraversalInfo>([](auto& m) { m.feature_dimension(msg::MAX_DIMENSION + 1); }),
+            "citylearn::msg::TraversalInfo.feature_dimension: must be at most 262144");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.data().pop_back(); }),
+            "citylearn::msg::TraversalChunk.data: 2599 entries, should be 2600");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.chunk(1); }),
+            "citylearn::msg::TraversalChunk.chunk: index 1 of 1 chunks");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.frames(11); }),
+            "citylearn::msg::TraversalChunk.data: 2600 entries, should be 2860");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.frames(0); }),
+            "citylearn::msg::TraversalChunk.frames: must be 1..1048576");
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.feature_dimension(msg::ANY_DIMENSION); }),
+            "citylearn::msg::TraversalChunk.feature_dimension: must be at most 262144");
+  EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.data().pop_back(); }),
+            "citylearn::msg::ImageChunk.data: 4999 entries, should be 5000");
+  EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.chunk(3); }),
+            "citylearn::msg::ImageChunk.chunk: index 3 is beyond the image");
+  EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.total_bytes(msg::MAX_IMAGE + 1); }),
+            "citylearn::msg::ImageChunk.total_bytes: must be at most 67108864");
+  EXPECT_EQ(error_after<msg::PolicyParameters>([](auto& m) { m.chunk(3); }),
+            "citylearn::msg::PolicyParameters.chunk: index 3 of 3 chunks");
+  EXPECT_EQ(error_after<msg::PolicyParameters>([](auto& m) { m.total_bytes(7); }),
+            "citylearn::msg::PolicyParameters.data: more bytes than total_bytes says");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.shown().pop_back(); }),
+            "citylearn::msg::Trajectory.shown: 32 entries, should be 33, one more than action has");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.reward().pop_back(); }),
+            "citylearn::msg::Trajectory.reward: 31 entries, should be 32");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.feature_dimension(65); }),
+            "citylearn::msg::Trajectory.features: 2112 entries, should be 2145");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.action()[0] = 3; }),
+            "citylearn::msg::Trajectory.action: unknown action 3");
+  EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.ended()[1] = 3; }),
+            "citylearn::msg::Trajectory.ended: unknown end 3");
+}
+
+TEST(Messages, UnknownEnumeratorIsRefused) {
+  auto message = sample_of<msg::TaskSettings>(Size::kLeast);
+  Bytes bytes = encoded(message);
+  message.task_mode(msg::EVALUATE);
+  const Bytes other = encoded(message);
+  const auto place = std::mismatch(bytes.begin(), bytes.end(), other.begin()).first;
+  *place = std::byte{3};
+  EXPECT_EQ(decode_error<msg::TaskSettings>(bytes), "citylearn::msg::TaskSettings.task_mode: unknown value 3");
+}
+
+TEST(Messages, TopicsAreDistinct) {
+  std::set<std::string> names, types;
+  for (const Topic& topic : all_topics()) {
+    EXPECT_TRUE(names.insert(topic.name).second) << topic.name;
+    EXPECT_TRUE(types.insert(topic.type).second) << topic.type;
+  }
+  int messages = 0;
+  for_each_message([&]<class Message>() {
+    ++messages;
+    EXPECT_TRUE(names.count(topic_of<Message>().name));
+  });
+  EXPECT_EQ(names.size(), static_cast<std::size_t>(messages));
+}
+
+}  // namespace
+}  // namespace citylearn

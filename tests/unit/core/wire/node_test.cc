@@ -1,0 +1,159 @@
+// What a node does with messages that nobody of ours would send: it counts them and goes on.
+#include "core/wire/node.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <limits>
+#include <random>
+#include <set>
+
+#include "tests/support/samples.h"
+
+namespace citylearn {
+namespace {
+
+using testing::encoded;
+using testing::sample_of;
+using testing::Size;
+
+Node::Options options(const std::string& id) {
+  Node::Options options;
+  options.middleware.name = "inprocess";
+  options.service = "test";
+  options.id = id;
+  options.run = "ours";
+  return options;
+}
+
+TEST(Node, LaterStartsHaveLargerIncarnationsAndServicesTheirOwn) {
+  std::uint64_t before = 0;
+  for (int i = 0; i < 10; ++i) {
+    const Node node(options("again"));
+    EXPECT_GT(node.incarnation(), before);
+    EXPECT_EQ(node.incarnation() % 64, static_cast<std::uint64_t>(getpid()) % 64);
+    before = node.incarnation();
+  }
+  std::set<std::uint64_t> names;
+  for (int i = 0; i < 10; ++i) names.insert(Node(options("node-" + std::to_string(i))).incarnation() % 4096);
+  EXPECT_GT(names.size(), 1U) << "in containers all have the same process number";
+}
+
+/// A node, and somebody who speaks to it past any node.
+class Hostile : public ::testing::Test {
+ protected:
+  Node node_{options("reader")};
+  std::unique_ptr<Middleware> enemy_ = create_middleware(options("enemy").middleware);
+
+  /// Sends `bytes` as a Message; true when the node takes them.
+  template <class Message>
+  bool takes(const Bytes& bytes) {
+    const Topic& topic = topic_of<Message>();
+    node_.listen<Message>();
+    enemy_->create_publisher(topic)->publish(bytes);
+    Message message;
+    const bool taken = node_.take(message);
+    EXPECT_FALSE(node_.take(message)) << "there was one";
+    node_.ignore<Message>();
+    return taken;
+  }
+};
+
+/// As a node of run "ours" sends it.
+template <class Message>
+Message good() {
+  auto message = sample_of<Message>(Size::kTypical);
+  message.header().run("ours");
+  return message;
+}
+
+TEST_F(Hostile, GarbageOfEveryTypeIsCountedAndTheNextGoodMessageTaken) {
+  std::mt19937 random(1);
+  testing::for_each_message([&]<class Message>() {
+    const Bytes whole = encoded(good<Message>());
+    for (int round = 0; round < 20; ++round) {
+      Bytes garbage(random() % std::min<std::size_t>(topic_of<Message>().largest, 4000));
+      for (std::byte& byte : garbage) byte = static_cast<std::byte>(random());
+      const std::uint64_t before = node_.traffic.rejected;
+      EXPECT_FALSE(takes<Message>(garbage));
+      EXPECT_FALSE(takes<Message>(Bytes(whole.begin(), whole.end() - 1 - static_cast<long>(random() % whole.size()))));
+      EXPECT_EQ(node_.traffic.rejected, before + 2) << topic_of<Message>().type;
+    }
+    const std::uint64_t received = node_.traffic.received;
+    EXPECT_TRUE(takes<Message>(whole)) << topic_of<Message>().type;
+    EXPECT_EQ(node_.traffic.received, received + 1);
+  });
+  EXPECT_EQ(node_.traffic.foreign, 0u);
+}
+
+TEST_F(Hostile, HugeSequencesAreCounted) {
+  Bytes bytes = encoded(good<msg::Action>());
+  const std::uint32_t huge = 0xFFFFFFFF;
+  std::memcpy(bytes.data() + bytes.size() - 16 - sizeof huge, &huge, sizeof huge);  // length of its 16 choices
+  EXPECT_FALSE(takes<msg::Action>(bytes));
+  EXPECT_EQ(node_.traffic.rejected, 1u);
+}
+
+TEST_F(Hostile, UnknownEnumeratorsAreCounted) {
+  auto status = good<msg::ServiceStatus>();
+  Bytes bytes = encoded(status);
+  status.service_state(msg::FAILED);
+  const Bytes other = encoded(status);
+  const auto differs = std::mismatch(bytes.begin(), bytes.end(), other.begin());
+  ASSERT_NE(differs.first, bytes.end());
+  *differs.first = std::byte{0x7F};
+  EXPECT_FALSE(takes<msg::ServiceStatus>(bytes));
+  EXPECT_EQ(node_.traffic.rejected, 1u);
+}
+
+TEST_F(Hostile, ForgedRunsAndOtherProtocolsAreCounted) {
+  auto settings = good<msg::TaskSettings>();
+  for (const std::string run : {"theirs", "our", "ours ", "OURS", ""}) {
+    settings.header().run(run);
+    EXPECT_FALSE(takes<msg::TaskSettings>(encoded(settings))) << run;
+  }
+  EXPECT_EQ(node_.traffic.foreign, 5u);
+  EXPECT_EQ(node_.traffic.rejected, 0u);
+  settings.header().run("ours");
+  settings.header().protocol(msg::PROTOCOL - 1);
+  EXPECT_FALSE(takes<msg::TaskSettings>(encoded(settings)));
+  EXPECT_EQ(node_.traffic.rejected, 1u);
+}
+
+TEST_F(Hostile, NumbersThatAreNoneAreCountedWhereServicesComputeWithThem) {
+  constexpr float kNone = std::numeric_limits<float>::quiet_NaN(), kEndless = std::numeric_limits<float>::infinity();
+  std::uint64_t rejected = 0;
+  const auto expect_rejected = [&]<class Message>(const Message& message) {
+    EXPECT_FALSE(takes<Message>(encoded(message))) << topic_of<Message>().type;
+    EXPECT_EQ(node_.traffic.rejected, ++rejected);
+  };
+  for (const float wrong : {kNone, -kNone, kEndless, -kEndless}) {
+    auto observation = good<msg::Observation>();
+    observation.features().back() = wrong;
+    expect_rejected(observation);
+    observation = good<msg::Observation>();
+    observation.reward().front() = wrong;
+    expect_rejected(observation);
+    auto episode = good<msg::EpisodeStat>();
+    episode.reward(wrong);
+    expect_rejected(episode);
+    auto status = good<msg::ServiceStatus>();
+    status.uptime(wrong);
+    expect_rejected(status);
+  }
+}
+
+TEST_F(Hostile, TrainingStatsHaveNumbersThatAreNoneByRight) {
+  auto sent = good<msg::TrainingStat>();
+  sent.wall(-std::numeric_limits<double>::infinity());
+  sent.lag(std::numeric_limits<float>::signaling_NaN());
+  node_.listen<msg::TrainingStat>();
+  enemy_->create_publisher(topic_of<msg::TrainingStat>())->publish(encoded(sent));
+  msg::TrainingStat received;
+  ASSERT_TRUE(node_.take(received));
+  EXPECT_TRUE(testing::equal(sent, received));
+  EXPECT_TRUE(std::isnan(received.reward()));
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,592 @@
+// The dashboard's REST API: shapes as docs/dashboard-api.md has them, and what it says to wrong requests.
+#include "dashboard/api/api.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <random>
+#include <sstream>
+#include <thread>
+
+#include "tests/support/records.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using namespace testing;
+using Json = nlohmann::json;
+using Parameters = std::map<std::string, std::string>;
+
+/// What is alive: one service, one event, a map, a picture.
+class FakeLive : public LiveView {
+ public:
+  Json services() override { return {{"now", 5.0}, {"services", {{{"id", "env-summer"}}}}}; }
+  Json events(std::size_t) override {
+    return {{{"time", 2.0}, {"run", "demo"}, {"service", "env-summer"}, {"kind", "lost"}, {"text", "no heartbeat"}}};
+  }
+  Json traversals(const std::string& run) override {
+    if (run != "demo") return Json::array();
+    return Json::parse(R"([{"environment":"env-fall","dataset":"synthetic","traversal":"fall","condition":"fall",
+                            "hash":"00000000000000ab","frames":160,"agents":16,"images":true},
+                           {"environment":"env-summer","dataset":"another"}])");
+  }
+  Map map(std::uint64_t hash) override {
+    if (hash == 0xAB) return {Readiness::kHere, {{"hash", "00000000000000ab"}, {"frames", 2}}};
+    return {hash == 0xCD ? Readiness::kComing : Readiness::kNone, {}};
+  }
+  Picture frame(std::uint64_t hash, std::uint32_t index) override {
+    if (hash == 0xAB && index == 7) return {Readiness::kHere, "image/jpeg", "\xFF\xD8"};
+    return {hash == 0xAB && index == 8 ? Readiness::kComing : Readiness::kNone, "", ""};
+  }
+};
+
+class ApiTest : public ::testing::Test {
+ protected:
+  Folder folder_;
+  Store store_{[this] {
+    Store::Options options;
+    options.path = folder_ / "dashboard.sqlite";
+    return options;
+  }()};
+  FakeLive live_;
+  Api::Options options_ = [this] {
+    Api::Options options;
+    options.vendor = "cyclonedds";
+    options.run = "demo";
+    options.domain = 42;
+    options.recognition = folder_ / "recognition";
+    return options;
+  }();
+  Api api_{options_, store_, &live_};
+  const std::string id_ = run_id(run_info());
+
+  Answer ask(const std::vector<std::string>& path, const Parameters& parameters = {},
+             const std::string& method = "GET") {
+    return api_.answer({method, path, parameters});
+  }
+  Json json(const std::vector<std::string>& path, const Parameters& parameters = {}) {
+    const Answer answer = ask(path, parameters);
+    EXPECT_EQ(answer.status, 200) << answer.body;
+    EXPECT_EQ(answer.type, "application/json");
+    return Json::parse(answer.body);
+  }
+  /// Status and text of an error.
+  std::pair<int, std::string> error(const std::vector<std::string>& path, const Parameters& parameters = {},
+                                    const std::string& method = "GET") {
+    const Answer answer = ask(path, parameters, method);
+    return {answer.status, answer.status < 400 ? "" : Json::parse(answer.body)["error"].get<std::string>()};
+  }
+  void expect_error(int status, const std::string& naming, const std::vector<std::string>& path,
+                    const Parameters& parameters = {}, const std::string& method = "GET") {
+    const auto [found, text] = error(path, parameters, method);
+    EXPECT_EQ(found, status) << text;
+    EXPECT_NE(text.find(naming), std::string::npos) << text;
+  }
+};
+
+std::vector<std::string> keys(const Json& json) {
+  std::vector<std::string> names;
+  for (const auto& [name, value] : json.items()) names.push_back(name);
+  return names;
+}
+
+std::vector<std::string> sorted(std::vector<std::string> names) {
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+const std::vector<std::string> kRunFields =
+    sorted({"id", "run", "policy", "seed", "agent", "learner", "state", "started", "last", "updates", "steps",
+            "episodes", "recorded_episodes", "reward", "spl", "wall", "steps_per_second"});
+const std::vector<std::string> kEpisodeFields =
+    sorted({"rowid", "environment", "incarnation", "episode", "agent", "evaluation", "task", "traversal", "policy",
+            "update", "shuffled", "start", "goal", "steps", "shortest", "reward", "completed", "spl", "recorded"});
+
+TEST_F(ApiTest, Runs) {
+  EXPECT_EQ(json({"runs"}).dump(), R"({"runs":[]})");
+  store_.heard(run_info());
+  store_.record(std::vector{episode(1, "env-summer", 7, kJob + 9)});
+  Json runs = json({"runs"})["runs"];
+  ASSERT_EQ(runs.size(), 2u);
+  EXPECT_EQ(runs[0]["id"], "demo") << "the newest first";
+  EXPECT_EQ(runs[0]["policy"], nullptr);
+  EXPECT_EQ(runs[0]["seed"], nullptr);
+  const Json& run = runs[1];
+  EXPECT_EQ(keys(run), kRunFields);
+  EXPECT_EQ(run["id"], "demo/policy/1/1700000000000000");
+  EXPECT_EQ(run["state"], "running");
+  EXPECT_EQ(run["reward"], nullptr) << "unknown";
+  store_.record(training_stats(1, 4));
+  msg::RunInfo end = run_info(6, 500, 2);
+  end.ended(true);
+  store_.heard(end);
+  const Json ended = json({"runs", id_});
+  EXPECT_EQ(ended["state"], "ended");
+  EXPECT_EQ(ended["updates"], 6);
+  EXPECT_EQ(ended["steps"], 2048);
+  EXPECT_EQ(ended["episodes"], 40);
+  EXPECT_EQ(ended["reward"], 0.5);
+  EXPECT_EQ(ended["spl"], 0.8) << "a float as it was meant";
+  EXPECT_EQ(ended["manifest"]["frames"], 128);
+}
+
+TEST_F(ApiTest, ARunNobodyHearsOfIsLost) {
+  store_.heard(run_info());
+  options_.silence = -1;
+  Api impatient(options_, store_, nullptr);
+  EXPECT_EQ(impatient.runs()["runs"][0]["state"], "lost");
+}
+
+TEST_F(ApiTest, ARunsTraversals) {
+  store_.heard(run_info());
+  store_.describe(traversal_info());
+  store_.describe(traversal_info("env-summer", 8));
+  store_.describe(traversal_info("env-of-others", 8));
+  store_.record(std::vector{episode(1), episode(1, "env-summer", 8)});
+  const Json summer = Json::parse(R"({"environment":"env-summer","dataset":"synthetic","traversal":"summer",
+      "condition":"summer","hash":"fedcba9876543210","frames":160,"agents":16,"images":false})");
+  const Json running = json({"runs", id_})["traversals"];
+  ASSERT_EQ(running.size(), 2u) << "also what it may be evaluated on";
+  EXPECT_EQ(running[0], summer) << "as its episodes knew it";
+  EXPECT_EQ(running[1]["environment"], "env-fall");
+  msg::RunInfo end = run_info(0, 500, 2);
+  end.ended(true);
+  store_.heard(end);
+  EXPECT_EQ(json({"runs", id_})["traversals"], Json::array({summer})) << "what its episodes were on";
+}
+
+TEST_F(ApiTest, TrainingWhole) {
+  store_.heard(run_info());
+  store_.record(training_stats(1, 20));
+  const Json all = json({"runs", id_, "training"}, {{"columns", "reward,spl,lag"}, {"x", "steps"}});
+  EXPECT_EQ(sorted(keys(all)), sorted({"id", "x", "total", "columns", "decimated"}));
+  EXPECT_EQ(all["id"], id_);
+  EXPECT_EQ(all["x"], "steps");
+  EXPECT_EQ(all["total"], 20);
+  EXPECT_EQ(all["decimated"], false);
+  EXPECT_EQ(sorted(keys(all["columns"])), sorted({"x", "reward", "spl", "lag"}));
+  EXPECT_EQ(all["columns"]["x"][19], 512 * 20);
+  EXPECT_EQ(all["columns"]["spl"][0], nullptr) << "before the first 100 episodes";
+  EXPECT_EQ(all["columns"]["spl"][1], 0.8);
+  const Json part = json({"runs", id_, "training"}, {{"x", "wall"}, {"from", "2"}, {"to", "3"}});
+  EXPECT_EQ(part["columns"]["x"], Json::parse("[2.0,2.25,2.5,2.75,3.0]"));
+}
+
+TEST_F(ApiTest, TrainingDecimatedLosesNoPeak) {
+  store_.heard(run_info());
+  std::vector<msg::TrainingStat> stats = training_stats(1, 30'000);
+  std::mt19937 random(1);
+  for (msg::TrainingStat& stat : stats) stat.reward(static_cast<float>(random() % 1000) / 1000);
+  stats[12'344].reward(9);
+  stats[23'455].reward(-9);
+  stats[17'000].entropy(77);
+  store_.record(stats);
+  const Json all = json({"runs", id_, "training"}, {{"columns", "reward,entropy"}, {"points", "100"}});
+  EXPECT_EQ(all["total"], 30'000);
+  EXPECT_EQ(all["decimated"], true);
+  const std::vector<double> x = all["columns"]["x"], reward = all["columns"]["reward"];
+  EXPECT_LE(x.size(), 100u);
+  EXPECT_GE(x.size(), 40u);
+  EXPECT_TRUE(std::is_sorted(x.begin(), x.end()));
+  EXPECT_EQ(std::adjacent_find(x.begin(), x.end()), x.end()) << "no row twice";
+  EXPECT_EQ(x.front(), 1);
+  EXPECT_EQ(x.back(), 30'000);
+  EXPECT_EQ(*std::max_element(reward.begin(), reward.end()), 9);
+  EXPECT_EQ(*std::min_element(reward.begin(), reward.end()), -9);
+  EXPECT_NE(std::find(x.begin(), x.end(), 12'345.0), x.end());
+  EXPECT_NE(std::find(x.begin(), x.end(), 17'001.0), x.end());
+  // In a part of it there is more to be seen.
+  const Json part =
+      json({"runs", id_, "training"}, {{"columns", "reward"}, {"points", "100"}, {"from", "12001"}, {"to", "12050"}});
+  EXPECT_EQ(part["total"], 50);
+  EXPECT_EQ(part["decimated"], false);
+  // All columns at once in few points.
+  std::string every;
+  for (const TrainingColumn& column : training_columns())
+    every += (every.empty() ? "" : ",") + std::string(column.name);
+  EXPECT_LE(json({"runs", id_, "training"}, {{"columns", every}, {"points", "10"}})["columns"]["x"].size(), 10u);
+}
+
+TEST_F(ApiTest, TrainingExports) {
+  store_.heard(run_info());
+  store_.record(training_stats(1, 3));
+  const Answer csv = ask({"runs", id_, "training.csv"});
+  EXPECT_EQ(csv.type, "text/csv; charset=utf-8");
+  EXPECT_EQ(csv.body,
+            "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,policy_loss,value_loss,entropy,divergence,"
+            "clipped,gradient_norm,learning_rate,lag\n"
+            "1,512,10,0,0.25,2000,0.5,,0.01,0,1,0,0,0,0.001,0\n"
+            "2,1024,20,0,0.5,2000,0.5,0.8,0.01,0,1,0,0,0,0.001,0\n"
+            "3,1536,30,0,0.75,2000,0.5,0.8,0.01,0,1,0,0,0,0.001,0\n");
+  ASSERT_EQ(csv.headers.size(), 1u);
+  EXPECT_EQ(csv.headers[0].second, "attachment; filename=\"demo-policy-1-1700000000000000-training.csv\"");
+  const Json all = json({"runs", id_, "training.json"});
+  EXPECT_EQ(all["total"], 3);
+  EXPECT_EQ(all["columns"]["steps"], Json::parse("[512,1024,1536]"));
+  EXPECT_EQ(all["columns"]["spl"], Json::parse("[null,0.8,0.8]"));
+}
+
+TEST_F(ApiTest, Episodes) {
+  store_.heard(run_info());
+  std::vector<msg::EpisodeStat> all = episodes(1, 10);
+  for (std::uint64_t i = 0; i < 6; ++i)
+    all.push_back(task(11 + i, static_cast<std::uint32_t>(i), i % 2 == 0, 40 + static_cast<std::uint32_t>(i)));
+  all.back().shuffled(true);
+  store_.record(all);
+  const std::vector<std::string> path = {"runs", id_, "episodes"};
+  const Json newest = json(path, {{"limit", "3"}});
+  EXPECT_EQ(newest["total"], 16);
+  ASSERT_EQ(newest["episodes"].size(), 3u);
+  const Json& e = newest["episodes"][0];
+  EXPECT_EQ(keys(e), kEpisodeFields);
+  EXPECT_EQ(e["episode"], 16);
+  EXPECT_EQ(e["evaluation"], true);
+  EXPECT_EQ(e["completed"], false);
+  EXPECT_EQ(e["steps"], 128);
+  EXPECT_EQ(e["spl"], 0.0);
+  const Json next = json(path, {{"limit", "3"}, {"before", newest["episodes"][2]["rowid"].dump()}});
+  EXPECT_EQ(next["episodes"][0]["episode"], 13);
+  EXPECT_EQ(next["total"], 16);
+  EXPECT_EQ(json(path, {{"evaluation", "1"}})["total"], 6);
+  EXPECT_EQ(json(path, {{"evaluation", "0"}, {"update", "3"}})["total"], 10);
+  EXPECT_EQ(json(path, {{"update", "4"}})["total"], 0);
+  EXPECT_EQ(json(path, {{"completed", "0"}})["total"], 3);
+  EXPECT_EQ(json(path, {{"shuffled", "1"}})["total"], 1);
+  EXPECT_EQ(json(path, {{"shuffled", "0"}})["total"], 15);
+  EXPECT_EQ(json(path, {{"traversal", "winter"}})["total"], 0);
+  EXPECT_EQ(json(path, {{"policy", "place_filter"}})["total"], 16);
+  std::vector<std::uint64_t> order;
+  const Json worst = json(path, {{"evaluation", "1"}, {"order", "worst"}});
+  for (const Json& one : worst["episodes"]) order.push_back(one["task"].get<std::uint64_t>());
+  EXPECT_EQ(order, (std::vector<std::uint64_t>{1, 3, 5, 4, 2, 0}));
+  std::istringstream csv(ask({"runs", id_, "episodes.csv"}).body);
+  std::string line;
+  std::getline(csv, line);
+  EXPECT_EQ(line,
+            "rowid,environment,incarnation,episode,agent,evaluation,task,traversal,policy,update,shuffled,start,goal,"
+            "steps,shortest,reward,completed,spl,recorded");
+  std::getline(csv, line);
+  EXPECT_EQ(line.rfind("1,env-summer,7,1,1,0,0,summer,place_filter,3,0,1,6,7,5,0.9,1,0.71428573,", 0), 0u) << line;
+  const Json whole = json({"runs", id_, "episodes.json"});
+  EXPECT_EQ(whole["total"], 16);
+  EXPECT_EQ(keys(whole["episodes"][15]), kEpisodeFields);
+}
+
+TEST_F(ApiTest, CsvQuotesWhatNeedsIt) {
+  msg::EpisodeStat e = episode(1);
+  e.policy("a,\"b\"");
+  store_.record(std::vector{e});
+  EXPECT_NE(ask({"runs", "demo", "episodes.csv"}).body.find(",summer,\"a,\"\"b\"\"\",3,"), std::string::npos);
+}
+
+TEST_F(ApiTest, AnEpisodeStepByStep) {
+  store_.describe(traversal_info());
+  msg::EpisodeStat without = episode(2);
+  without.path({});
+  store_.record(std::vector{episode(1), without});
+  const Json e = json({"episodes", "1"});
+  std::vector<std::string> fields = kEpisodeFields;
+  fields.insert(fields.end(), {"hash", "positions"});
+  EXPECT_EQ(keys(e), sorted(fields));
+  EXPECT_EQ(e["positions"], Json::parse("[1,2,1,2,3,4,5,6]"));
+  EXPECT_EQ(e["hash"], "fedcba9876543210");
+  EXPECT_EQ(json({"episodes", "2"})["positions"], nullptr);
+  expect_error(404, "no episode 3", {"episodes", "3"});
+  expect_error(400, "'x'", {"episodes", "x"});
+  expect_error(400, "rowid", {"episodes", "99999999999999999999"});
+}
+
+TEST_F(ApiTest, Evaluations) {
+  store_.heard(run_info());
+  std::vector<msg::EpisodeStat> all;
+  for (std::uint32_t i = 0; i < 400; ++i) all.push_back(task(1 + i, i, i % 4 != 0, 20 + i % 30));
+  // Interrupted and done again: only the last one of each task counts.
+  for (std::uint32_t i = 0; i < 10; ++i) all.push_back(task(401 + i, i, true, 20 + i % 30));
+  all.push_back(task(411, 0, false, 30, "blind"));
+  store_.record(all);
+  const Json list = json({"runs", id_, "evaluations"})["evaluations"];
+  ASSERT_EQ(list.size(), 2u);
+  const Json& blind = list[0];
+  EXPECT_EQ(blind["policy"], "blind");
+  EXPECT_EQ(blind["excess"], nullptr);
+  EXPECT_EQ(blind["failed"], 1.0);
+  const Json& agent = list[1];
+  EXPECT_EQ(sorted(keys(agent)),
+            sorted({"policy", "update", "shuffled", "traversal", "tasks", "completed", "failed", "spl", "spl_low",
+                    "spl_high", "reward", "mean_steps", "shortest_mean", "excess"}));
+  EXPECT_EQ(agent["tasks"], 400);
+  const double completed = agent["completed"], spl = agent["spl"], low = agent["spl_low"], high = agent["spl_high"];
+  EXPECT_NEAR(completed, (300 + 3) / 400.0, 1e-12);
+  EXPECT_NEAR(spl, completed, 1e-6) << "every completed one took the shortest path";
+  EXPECT_NEAR(agent["excess"].get<double>(), 1, 1e-12);
+  // A share of n: the bootstrap's interval is the normal one.
+  const double half = 1.96 * std::sqrt(completed * (1 - completed) / 400);
+  EXPECT_NEAR(low, spl - half, 0.01);
+  EXPECT_NEAR(high, spl + half, 0.01);
+  EXPECT_EQ(json({"runs", id_, "evaluations"})["evaluations"], list) << "the same again";
+  store_.record(std::vector{task(412, 1, true, 30, "blind")});
+  EXPECT_EQ(json({"runs", id_, "evaluations"})["evaluations"][0]["tasks"], 2) << "what is new counts";
+}
+
+/// Every task of a small route, walked step by step with the environment's rules.
+ControlFigures walked(int frames, int max_steps, bool blind) {
+  ControlFigures sum;
+  double tasks = 0;
+  for (int start = 0; start < frames; ++start)
+    for (int goal = 0; goal < frames; ++goal) {
+      if (start == goal) continue;
+      ++tasks;
+      int frame = start, steps = 0, nearest = std::abs(goal - start);
+      int heading = blind ? (goal < frames / 2 ? -1 : 1) : (goal < start ? -1 : 1);
+      while (frame != goal && steps < max_steps) {
+        if (frame + heading < 0 || frame + heading >= frames) heading = -heading;
+        const int distance = std::abs(goal - frame);
+        frame += heading;
+        ++steps;
+        const bool free = std::abs(goal - frame) < distance && distance <= nearest;
+        if (free) --nearest;
+        sum.reward += frame == goal ? 1 : free ? 0 : -1.0 / max_steps;
+      }
+      sum.steps += steps;
+      sum.completed += frame == goal;
+      if (frame == goal) sum.spl += std::abs(goal - start) / static_cast<double>(steps);
+    }
+  return {sum.spl / tasks, sum.reward / tasks, sum.steps / tasks, sum.completed / tasks};
+}
+
+TEST_F(ApiTest, ControlsAreExact) {
+  for (const auto& [frames, max_steps] : {std::pair(2, 2), {9, 5}, {10, 40}, {24, 24}, {31, 1}})
+    for (const bool blind : {true, false}) {
+      const Json all =
+          json({"controls"}, {{"frames", std::to_string(frames)}, {"max_steps", std::to_string(max_steps)}});
+      const Json& one = all[blind ? "blind" : "shortest_path"];
+      const ControlFigures expected = walked(frames, max_steps, blind);
+      EXPECT_NEAR(one["spl"].get<double>(), expected.spl, 1e-9) << frames << " " << max_steps;
+      EXPECT_NEAR(one["reward"].get<double>(), expected.reward, 1e-9) << frames << " " << max_steps;
+      EXPECT_NEAR(one["steps"].get<double>(), expected.steps, 1e-9);
+      EXPECT_NEAR(one["completed"].get<double>(), expected.completed, 1e-9);
+    }
+}
+
+TEST_F(ApiTest, WhatIsAlive) {
+  EXPECT_EQ(json({"services"})["services"][0]["id"], "env-summer");
+  EXPECT_EQ(json({"map", "00000000000000ab"})["frames"], 2);
+  const Answer coming = ask({"map", "00000000000000cd"});
+  EXPECT_EQ(coming.status, 503);
+  ASSERT_EQ(coming.headers.size(), 1u);
+  EXPECT_EQ(coming.headers[0].first, "Retry-After");
+  expect_error(404, "00000000000000ef", {"map", "00000000000000ef"});
+  const Answer picture = ask({"frames", "00000000000000ab", "7"});
+  EXPECT_EQ(picture.status, 200);
+  EXPECT_EQ(picture.type, "image/jpeg");
+  EXPECT_EQ(picture.body, "\xFF\xD8");
+  EXPECT_NE(picture.headers.at(0).second.find("immutable"), std::string::npos);
+  EXPECT_EQ(ask({"frames", "00000000000000ab", "8"}).status, 503);
+  EXPECT_EQ(ask({"frames", "00000000000000ab", "9"}).status, 404);
+  for (const std::string hash :
+       {"", "ab", "00000000000000AB", "00000000000000ag", "-0000000000000ab", "../../etc/passwd"})
+    expect_error(400, "hash", {"frames", hash, "7"});
+  for (const std::string index : {"", "-1", "7x", "99999999999"})
+    expect_error(400, "index", {"frames", "00000000000000ab", index});
+}
+
+TEST_F(ApiTest, NothingAliveIsNoError) {
+  Api alone(options_, store_, nullptr);
+  EXPECT_EQ(alone.answer({"GET", {"services"}, {}}).status, 200);
+  EXPECT_EQ(alone.answer({"GET", {"events"}, {}}).status, 200);
+  EXPECT_EQ(alone.answer({"GET", {"map", "00000000000000ab"}, {}}).status, 404);
+}
+
+TEST_F(ApiTest, EventsOfBothNewestFirst) {
+  store_.record(Event{1, "demo", "policy", "run", "begins"});
+  store_.record(Event{3, "", "dashboard", "alarm", "nothing is recorded"});
+  store_.record(Event{2, "demo", "env-summer", "lost", "no heartbeat"});  // as the live one
+  const Json events = json({"events"})["events"];
+  ASSERT_EQ(events.size(), 3u);
+  EXPECT_EQ(sorted(keys(events[0])), sorted({"time", "run", "service", "kind", "text"}));
+  EXPECT_EQ(events[0]["kind"], "alarm");
+  EXPECT_EQ(events[2]["kind"], "run");
+  EXPECT_EQ(json({"events"}, {{"limit", "1"}})["events"].size(), 1u);
+}
+
+TEST_F(ApiTest, About) {
+  store_.record(episodes(1, 3));
+  const Json about = json({"about"});
+  EXPECT_EQ(sorted(keys(about)), sorted({"version", "vendor", "run", "domain", "store", "recording"}));
+  EXPECT_EQ(about["vendor"], "cyclonedds");
+  EXPECT_EQ(about["domain"], 42);
+  EXPECT_EQ(about["recording"], true);
+  EXPECT_EQ(about["store"]["episodes"], 3);
+  EXPECT_EQ(about["store"]["file"], store_.path());
+  EXPECT_GT(about["store"]["bytes"].get<std::uint64_t>(), 10'000u);
+}
+
+TEST_F(ApiTest, DeletesARun) {
+  store_.heard(run_info());
+  expect_error(409, "is running", {"runs", id_}, {}, "DELETE");
+  msg::RunInfo end = run_info(0, 500, 2);
+  end.ended(true);
+  store_.heard(end);
+  const Answer answer = ask({"runs", id_}, {}, "DELETE");
+  EXPECT_EQ(answer.status, 204);
+  EXPECT_EQ(answer.body, "");
+  expect_error(404, id_, {"runs", id_}, {}, "DELETE");
+  expect_error(404, id_, {"runs", id_, "training"});
+}
+
+TEST_F(ApiTest, WrongRequestsAreToldWhatIsWrong) {
+  store_.heard(run_info());
+  store_.record(training_stats(1, 3));
+  const std::vector<std::string> training = {"runs", id_, "training"}, episodes = {"runs", id_, "episodes"};
+  expect_error(400, "'points'", training, {{"points", "9"}});
+  expect_error(400, "10..20000", training, {{"points", "20001"}});
+  expect_error(400, "'points'", training, {{"points", "1e3"}});
+  expect_error(400, "'points'", training, {{"points", ""}});
+  expect_error(400, "'x'", training, {{"x", "reward"}});
+  expect_error(400, "'columns' names 'rewards'", training, {{"columns", "spl,rewards"}});
+  expect_error(400, "'columns' names ''", training, {{"columns", "spl,"}});
+  expect_error(400, "twice", training, {{"columns", "spl,spl"}});
+  expect_error(400, "'from'", training, {{"from", "nan"}});
+  expect_error(400, "'to'", training, {{"to", "inf"}});
+  expect_error(400, "'column' is not known", training, {{"column", "spl"}});
+  expect_error(400, "'limit'", episodes, {{"limit", "0"}});
+  expect_error(400, "'before'", episodes, {{"before", "-1"}});
+  expect_error(400, "'before' goes with", episodes, {{"before", "1"}, {"order", "worst"}});
+  expect_error(400, "'order'", episodes, {{"order", "best"}});
+  expect_error(400, "'evaluation'", episodes, {{"evaluation", "true"}});
+  expect_error(400, "'update'", episodes, {{"update", "99999999999999999999"}});
+  expect_error(400, "'frames' is missing", {"controls"}, {{"max_steps", "5"}});
+  expect_error(400, "'max_steps'", {"controls"}, {{"frames", "5"}, {"max_steps", "0"}});
+  expect_error(400, "'frames'", {"controls"}, {{"frames", "1"}, {"max_steps", "5"}});
+  expect_error(400, "'limit'", {"events"}, {{"limit", "x"}});
+  expect_error(400, "'y' is not known", {"runs"}, {{"y", "1"}});
+  expect_error(404, "nothing of this name", {});
+  expect_error(404, "nothing of this name", {"passwd"});
+  expect_error(404, "nothing of this name", {"runs", id_, "training", "more"});
+  expect_error(404, "a run has no 'secrets'", {"runs", id_, "secrets"});
+  expect_error(404, "no run 'nobody'", {"runs", "nobody"});
+  expect_error(405, "POST", {"runs"}, {}, "POST");
+  expect_error(405, "DELETE", {"events"}, {}, "DELETE");
+  EXPECT_EQ(ask({"runs", id_}, {}, "PUT").headers.at(0).second, "GET, DELETE");
+}
+
+TEST_F(ApiTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
+  store_.heard(run_info());
+  store_.record(training_stats(1, 50));
+  store_.record(episodes(1, 50));
+  const std::vector<std::string> words = {"runs",
+                                          "episodes",
+                                          "training",
+                                          "training.csv",
+                                          "evaluations",
+                                          "controls",
+                                          "services",
+                                          "events",
+                                          "map",
+                                          "frames",
+                                          "recognition",
+                                          "about",
+                                          id_,
+                                          "demo",
+                                          "1",
+                                          "0",
+                                          "-1",
+                                          "",
+                                          "' OR 1=1 --",
+                                          "x'; DROP TABLE episodes; --",
+                                          "%",
+                                          "\xFF\xFE",
+                                          "..",
+                                          "../../etc/passwd",
+                                          "00000000000000ab",
+                                          "curve",
+                                          "matrix",
+                                          std::string(5000, 'A'),
+                                          std::string("a\0b", 3),
+                                          "nan",
+                                          "1e999",
+                                          "\"\\\n"};
+  const std::vector<std::string> names = {"columns", "points",     "x",         "from",   "to",       "limit",
+                                          "before",  "evaluation", "traversal", "policy", "update",   "completed",
+                                          "order",   "frames",     "max_steps", "file",   "shuffled", "'; --"};
+  std::mt19937 random(11);
+  const auto any = [&](const std::vector<std::string>& of) { return of[random() % of.size()]; };
+  int fine = 0;
+  for (int i = 0; i < 4000; ++i) {
+    Query query;
+    const std::size_t depth = random() % 4;
+    for (std::size_t segment = 0; segment < depth; ++segment) query.path.push_back(any(words));
+    if (random() % 2) query.path = {"runs", id_, random() % 2 ? "episodes" : "training"};
+    for (std::size_t parameter = random() % 3; parameter > 0; --parameter) query.parameters[any(names)] = any(words);
+    const Answer answer = api_.answer(query);
+    ASSERT_TRUE(answer.status == 200 || answer.status == 400 || answer.status == 404 || answer.status == 503)
+        << answer.status;
+    if (answer.type == "application/json") {
+      ASSERT_TRUE(Json::accept(answer.body)) << answer.body.substr(0, 200);
+    }
+    fine += answer.status == 200;
+  }
+  EXPECT_GT(fine, 100);
+  EXPECT_EQ(json({"runs", id_})["recorded_episodes"], 50);
+  EXPECT_EQ(json({"runs", id_, "episodes"})["total"], 50);
+}
+
+TEST_F(ApiTest, ManyAskAtOnceWhileItIsWritten) {
+  store_.heard(run_info());
+  std::atomic<bool> done = false;
+  std::vector<std::thread> readers;
+  std::atomic<int> wrong = 0, answers = 0;
+  for (int i = 0; i < 4; ++i)
+    readers.emplace_back([&] {
+      while (!done) {
+        const Json all = Json::parse(api_.answer({"GET", {"runs", id_, "episodes.json"}, {}}).body);
+        // What is committed together is seen together.
+        wrong += all["total"] != all["episodes"].size() || all["episodes"].size() % 50 != 0;
+        ++answers;
+      }
+    });
+  for (std::uint64_t first = 1; first <= 1000; first += 50) store_.record(episodes(first, first + 49));
+  EXPECT_TRUE(poll_until([&] { return answers >= 8; }, std::chrono::seconds(20)));
+  done = true;
+  for (std::thread& reader : readers) reader.join();
+  EXPECT_EQ(wrong, 0);
+}
+
+TEST_F(ApiTest, Recognition) {
+  EXPECT_EQ(json({"recognition"})["results"], Json::array());
+  namespace fs = std::filesystem;
+  const std::string root = folder_ / "recognition";
+  fs::create_directories(root + "/vpr-1");
+  fs::create_directories(root + "/vpr-2");
+  fs::create_directories(root + "/something");
+  std::ofstream(root + "/vpr-1/results.json") << R"({"dataset":"nordland","rows":[{"auc":0.5}]})";
+  std::ofstream(root + "/vpr-1/curves.json") << R"({"curves":[]})";
+  std::ofstream(root + "/vpr-1/similarity-b.png") << "b";
+  std::ofstream(root + "/vpr-1/similarity-a.png") << "a";
+  std::ofstream(root + "/vpr-2/results.json") << "cut sho";
+  std::ofstream(folder_ / "similarity-secret.png") << "secret";
+  const Json results = json({"recognition"})["results"];
+  ASSERT_EQ(results.size(), 2u);
+  const Json& whole = results[results[0]["name"] == "vpr-1" ? 0 : 1];
+  const Json& broken = results[results[0]["name"] == "vpr-1" ? 1 : 0];
+  EXPECT_EQ(whole["dataset"], "nordland");
+  EXPECT_EQ(whole["file"], root + "/vpr-1/results.json");
+  EXPECT_EQ(whole["matrices"], Json::parse(R"(["similarity-a.png","similarity-b.png"])"));
+  EXPECT_NE(broken["error"].get<std::string>().find("vpr-2/results.json"), std::string::npos);
+  EXPECT_EQ(json({"recognition", "vpr-1", "curve"})["curves"], Json::array());
+  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}).body, "a");
+  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}, {{"file", "similarity-b.png"}}).body, "b");
+  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}).type, "image/png");
+  expect_error(404, "'matrix'", {"recognition", "vpr-1", "matrix"}, {{"file", "../../similarity-secret.png"}});
+  expect_error(404, "'curve'", {"recognition", "..", "curve"});
+  expect_error(404, "run it again", {"recognition", "vpr-2", "curve"});
+  expect_error(404, "'rows'", {"recognition", "vpr-1", "rows"});
+}
+
+}  // namespace
+}  // namespace citylearn

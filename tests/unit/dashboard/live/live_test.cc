@@ -1,0 +1,581 @@
+// The dashboard's live part: services by their heartbeats, pictures and maps from a real env_service, what goes to the
+// hub's clients.
+#include "dashboard/live/live.h"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <cstring>
+#include <thread>
+
+#include "core/util/image_header.h"
+#include "dashboard/live/picture_shrink.h"
+#include "env_service/env_service.h"
+#include "tests/support/env.h"
+#include "tests/support/records.h"
+#include "tests/support/sample_pictures.h"
+#include "tests/support/scripted_policy.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+using Json = nlohmann::json;
+using Readiness = LiveView::Readiness;
+
+// ------------------------------------------------------------------------------------------------------- services
+
+/// Heartbeats with a clock of the test's own.
+class Beats {
+ public:
+  std::vector<std::string> beat(const std::string& id, msg::State state, std::uint64_t incarnation = 7,
+                                const std::string& run = "demo", const std::string& activity = "busy") {
+    msg::ServiceStatus status;
+    sign(status.header(), id, incarnation, 1, run);
+    status.service() = "env_service";
+    status.host() = "host";
+    status.process() = 12;
+    status.service_state() = state;
+    status.activity() = activity.c_str();
+    std::vector<Event> events;
+    list.hear(status, now, events);
+    return kinds(events);
+  }
+  std::vector<std::string> after(milliseconds time) {
+    now += time;
+    std::vector<Event> events;
+    list.turn(now, events);
+    return kinds(events);
+  }
+  std::string state(const std::string& id, const std::string& run = "demo") const {
+    const Json all = list.json(now);
+    for (const Json& service : all["services"])
+      if (service["id"] == id && service["run"] == run) return service["state"];
+    return "none";
+  }
+  static std::vector<std::string> kinds(const std::vector<Event>& events) {
+    std::vector<std::string> names;
+    for (const Event& event : events) names.push_back(event.kind);
+    return names;
+  }
+  ServiceList list;
+  Clock::time_point now = Clock::time_point() + std::chrono::hours(1);
+};
+
+using Kinds = std::vector<std::string>;
+
+TEST(ServiceList, AServiceThatFallsSilentIsLostAndMayComeBack) {
+  Beats beats;
+  EXPECT_EQ(beats.beat("env", msg::WAITING), Kinds{"started"});
+  EXPECT_EQ(beats.beat("env", msg::RUNNING), Kinds{});
+  EXPECT_EQ(beats.state("env"), "running");
+  EXPECT_EQ(beats.after(milliseconds(1999)), Kinds{});
+  EXPECT_TRUE(beats.list.lives("demo", "env"));
+  EXPECT_EQ(beats.after(milliseconds(1)), Kinds{"lost"});
+  EXPECT_EQ(beats.state("env"), "lost");
+  EXPECT_FALSE(beats.list.lives("demo", "env"));
+  EXPECT_EQ(beats.after(seconds(60)), Kinds{}) << "told once";
+  EXPECT_EQ(beats.beat("env", msg::RUNNING), Kinds{"back"});
+  EXPECT_EQ(beats.state("env"), "running");
+  beats.after(seconds(3));
+  EXPECT_EQ(beats.beat("env", msg::STARTING, 8), Kinds{"restarted"});
+  EXPECT_EQ(beats.state("env"), "starting");
+}
+
+TEST(ServiceList, WhoSaysThatItStopsIsNotLost) {
+  Beats beats;
+  beats.beat("env", msg::RUNNING);
+  EXPECT_EQ(beats.beat("env", msg::STOPPING), Kinds{});
+  EXPECT_EQ(beats.state("env"), "stopping");
+  EXPECT_EQ(beats.after(seconds(2)), Kinds{"stopped"});
+  EXPECT_EQ(beats.state("env"), "stopped");
+  beats.beat("policy", msg::RUNNING);
+  EXPECT_EQ(beats.beat("policy", msg::FAILED, 7, "demo", "no disk"), Kinds{"failed"});
+  EXPECT_EQ(beats.beat("policy", msg::FAILED), Kinds{}) << "told once";
+  EXPECT_EQ(beats.after(seconds(2)), Kinds{});
+  EXPECT_EQ(beats.state("policy"), "failed");
+}
+
+TEST(ServiceList, TheLaterOfTwoProcessesIsShownWhileItLives) {
+  Beats beats;
+  beats.beat("env", msg::RUNNING, 7);
+  EXPECT_EQ(beats.beat("env", msg::STARTING, 8), Kinds{"restarted"});
+  EXPECT_EQ(beats.beat("env", msg::RUNNING, 7), Kinds{});
+  EXPECT_EQ(beats.state("env"), "starting");
+  beats.after(seconds(2));
+  EXPECT_EQ(beats.beat("env", msg::RUNNING, 7), Kinds{"back"}) << "the later one gave way";
+  EXPECT_EQ(beats.state("env"), "running");
+}
+
+TEST(ServiceList, AnAlarmIsAnEventWhenItBeginsChangesAndEnds) {
+  Beats beats;
+  beats.beat("policy", msg::RUNNING);
+  const auto sound = [&](const std::string& alarm) {
+    std::vector<Event> events;
+    msg::ServiceStatus status;
+    sign(status.header(), "policy", 7, 1, "demo");
+    status.service_state() = msg::RUNNING;
+    status.alarm(alarm);
+    beats.list.hear(status, beats.now, events);
+    return events;
+  };
+  const std::vector<Event> begins = sound("checkpoint: no room");
+  ASSERT_EQ(begins.size(), 1u);
+  EXPECT_EQ(begins[0].kind, "alarm");
+  EXPECT_EQ(begins[0].text, "checkpoint: no room");
+  EXPECT_EQ(beats.list.json(beats.now)["services"][0]["alarm"], "checkpoint: no room");
+  EXPECT_TRUE(sound("checkpoint: no room").empty()) << "told once";
+  EXPECT_EQ(sound("store: no room").size(), 1u);
+  const std::vector<Event> ends = sound("");
+  ASSERT_EQ(ends.size(), 1u);
+  EXPECT_EQ(ends[0].text, "well again: store: no room");
+}
+
+TEST(ServiceList, TellsRunsApartAndForgetsInTheEnd) {
+  Beats beats;
+  beats.beat("env", msg::RUNNING, 7, "one");
+  beats.beat("env", msg::WAITING, 7, "two", "caf\xc3");  // not UTF-8
+  EXPECT_EQ(beats.state("env", "one"), "running");
+  EXPECT_EQ(beats.state("env", "two"), "waiting");
+  const Json service = beats.list.json(beats.now)["services"][0];
+  for (const char* key :
+       {"id", "service", "run", "host", "process", "middleware", "incarnation", "state", "activity", "uptime", "rate",
+        "age", "received", "repeated", "resent", "rejected", "foreign", "alarm", "since"})
+    EXPECT_TRUE(service.contains(key)) << key;
+  beats.after(std::chrono::minutes(61));
+  EXPECT_TRUE(beats.list.json(beats.now)["services"].empty());
+  for (int i = 0; i < 1100; ++i) {
+    beats.after(milliseconds(1));
+    beats.beat("env-" + std::to_string(i), msg::RUNNING);
+  }
+  EXPECT_EQ(beats.list.json(beats.now)["services"].size(), 1000u);
+  EXPECT_EQ(beats.state("env-99"), "none");
+  EXPECT_EQ(beats.state("env-100"), "running");
+}
+
+// ------------------------------------------------------------------------------------------------------- pictures
+
+TEST(PictureCache, KeepsWhatWasAskedForLately) {
+  PictureCache cache(10 * (1000 + 256));
+  const std::string bytes(1000, 'x');
+  for (std::uint32_t frame = 0; frame < 10; ++frame) cache.put({1, frame}, {"image/jpeg", bytes});
+  EXPECT_EQ(cache.bytes(), 10u * 1256);
+  ASSERT_TRUE(cache.find({1, 0}));
+  const auto held = cache.find({1, 1});
+  cache.find({1, 0});
+  cache.put({1, 10}, {"image/jpeg", bytes});
+  EXPECT_TRUE(cache.find({1, 0})) << "asked for since";
+  EXPECT_FALSE(cache.find({1, 2}));
+  EXPECT_FALSE(cache.find({2, 0}));
+  cache.put({1, 0}, {"image/png", "short"});
+  EXPECT_EQ(cache.find({1, 0})->type, "image/png");
+  cache.put({3, 0}, {"image/jpeg", std::string(20'000, 'x')});
+  EXPECT_FALSE(cache.find({3, 0})) << "larger than all";
+  for (std::uint32_t frame = 0; frame < 1000; ++frame) cache.put({4, frame}, {"image/jpeg", bytes});
+  EXPECT_LE(cache.bytes(), 10u * 1256);
+  EXPECT_EQ(held->bytes, bytes) << "whoever has it keeps it";
+}
+
+Bytes encoded(const std::string& extension, int width, int height) {
+  std::vector<std::uint8_t> file;
+  cv::imencode(extension, drawn_picture(width, height, 3), file);
+  const auto* begin = reinterpret_cast<const std::byte*>(file.data());
+  return {begin, begin + file.size()};
+}
+
+std::string text_of(const Bytes& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
+
+ImageHeader header_of(const PictureFile& picture) {
+  return read_image_header(std::as_bytes(std::span(picture.bytes)), "picture");
+}
+
+TEST(PictureShrink, LeavesSmallOnesAsTheyAreAndMakesTheOthersSmallJpegs) {
+  for (const std::string type : {"jpeg", "png"}) {
+    const Bytes file = encoded(type == "jpeg" ? ".jpg" : ".png", 320, 200);
+    const PictureFile picture = shrink(file, 640, "x");
+    EXPECT_EQ(picture.type, "image/" + type);
+    EXPECT_EQ(picture.bytes, text_of(file));
+  }
+  for (const std::string extension : {".jpg", ".png", ".ppm", ".bmp"})
+    for (const int width : {320, 1000, 1300, 2600, 5300}) {
+      if (width == 320 && (extension == ".jpg" || extension == ".png")) continue;
+      const PictureFile picture = shrink(encoded(extension, width, 120), 640, "x");
+      EXPECT_EQ(picture.type, "image/jpeg");
+      EXPECT_EQ(header_of(picture).format, "jpeg");
+      EXPECT_EQ(header_of(picture).width, std::min(width, 640)) << extension << " " << width;
+      EXPECT_NEAR(header_of(picture).height, 120.0 * std::min(width, 640) / width, 1.5) << extension << " " << width;
+    }
+}
+
+TEST(PictureShrink, RefusesWhatIsNoPicture) {
+  Bytes cut = encoded(".png", 1000, 100);
+  cut.resize(200);
+  for (const Bytes& file : {Bytes(), Bytes(100), cut}) {
+    try {
+      shrink(file, 640, "frame 7");
+      FAIL() << file.size();
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find("frame 7"), std::string::npos) << error.what();
+    }
+  }
+}
+
+// ----------------------------------------------------------------------------------------------------------- live
+
+/// Clients that watch what the test says.
+class TestHub : public Hub {
+ public:
+  struct Published {
+    Json header;
+    std::vector<std::byte> payload;
+    Merge merge;
+    Json json() const {
+      const auto* begin = reinterpret_cast<const char*>(payload.data());
+      return Json::parse(begin, begin + payload.size());
+    }
+    template <class T>
+    std::vector<T> numbers() const {
+      std::vector<T> values(payload.size() / sizeof(T));
+      std::memcpy(values.data(), payload.data(), values.size() * sizeof(T));
+      return values;
+    }
+  };
+  void publish(const std::string& topic, Json header, std::vector<std::byte> payload, Merge merge) override {
+    published[topic].push_back({std::move(header), std::move(payload), merge});
+  }
+  std::vector<std::string> watched() const override { return topics; }
+
+  std::vector<std::string> topics;
+  std::map<std::string, std::vector<Published>> published;
+};
+
+/// 40 pictures of one brightness each; the last one cannot be read.
+class GreyImages : public Images {
+ public:
+  int frames() const override { return 40; }
+  void read(int frame, Bytes& bytes) override {
+    ++reads;
+    if (frame == 39) throw Error("cannot be read", name(frame));
+    std::vector<std::uint8_t> file;
+    cv::imencode(".png", cv::Mat(60, 80, CV_8UC3, cv::Scalar::all(frame * 6)), file);
+    const auto* begin = reinterpret_cast<const std::byte*>(file.data());
+    bytes.assign(begin, begin + file.size());
+  }
+  std::string name(int frame) const override { return "grey-" + std::to_string(frame); }
+  std::uint64_t fingerprint(int frame) const override { return static_cast<std::uint64_t>(frame); }
+  std::string fault(int) const override { return ""; }
+  std::atomic<int> reads = 0;
+};
+
+Node::Options node_options(const std::string& id, const std::string& run, const std::string& service) {
+  Node::Options options;
+  options.middleware.name = "inprocess";
+  options.middleware.domain = 3;
+  options.id = id;
+  options.run = run;
+  options.service = service;
+  return options;
+}
+
+class LiveTest : public ::testing::Test {
+ protected:
+  LiveTest() {
+    spdlog::set_level(spdlog::level::off);
+    node.listen<msg::ServiceStatus>();
+    node.listen<msg::TraversalInfo>();
+    node.listen<msg::RunInfo>();
+    node.listen<msg::TrainingStat>();
+  }
+  void spin() {
+    node.wait(std::min(live.due(), Clock::now() + milliseconds(20)));
+    while (node.take(status)) live.hear(status);
+    while (node.take(traversal)) live.hear(traversal);
+    while (node.take(info)) live.hear(info);
+    while (node.take(stat)) live.hear(stat);
+    live.turn();
+  }
+  bool until(const std::function<bool()>& condition, milliseconds patience = kPatience) {
+    const Clock::time_point deadline = Clock::now() + patience;
+    while (!condition()) {
+      if (Clock::now() >= deadline) return false;
+      spin();
+    }
+    return true;
+  }
+  /// Newest message of a topic.
+  const TestHub::Published& newest(const std::string& topic) { return hub.published.at(topic).back(); }
+  std::size_t count(const std::string& topic) { return hub.published[topic].size(); }
+  Json service(const std::string& id) {
+    const Json all = live.services();
+    for (const Json& one : all["services"])
+      if (one["id"] == id && one["run"].get<std::string>().find(std::to_string(getpid())) != std::string::npos)
+        return one;
+    return {};
+  }
+
+  const std::string run = "live-" + std::to_string(getpid());
+  TestHub hub;
+  Node node{node_options("dashboard", "", "dashboard")};  // of all runs
+  Live live{node, hub};
+  msg::ServiceStatus status;
+  msg::TraversalInfo traversal;
+  msg::RunInfo info;
+  msg::TrainingStat stat;
+};
+
+/// An env_service on pictures, and one who drives it.
+class LiveRun : public LiveTest {
+ protected:
+  LiveRun() : images(std::make_shared<GreyImages>()) {
+    street.dataset = "test";
+    street.name = "street";
+    street.frames = 40;
+    street.images = images;
+    for (int i = 0; i < 40; ++i) {
+      street.positions.push_back(i == 3 ? std::numeric_limits<float>::quiet_NaN() : 2.5f * static_cast<float>(i));
+      street.latitude.push_back(-27 + 1e-4 * i);
+      street.longitude.push_back(153);
+    }
+    EnvServiceOptions options;
+    options.agents = 2;
+    options.node = node_options("", run, "");
+    env = std::thread([this, options] { run_env_service(options, street, [this] { return stop.load(); }); });
+  }
+  ~LiveRun() override {
+    stop = true;
+    env.join();
+  }
+  /// Steps on the way: the policy and the dashboard turn by turn.
+  bool drive(const std::function<bool()>& condition) {
+    if (!policy) {
+      policy = std::make_unique<ScriptedPolicy>(node_options("", "", "").middleware, run, "env-street");
+      policy->walker = &walker;
+      msg::TaskSettings with = settings(msg::TRAIN, 30, 30);
+      with.first_frame() = 5;
+      with.policy() = "blind";
+      policy->command(with);
+    }
+    const Clock::time_point deadline = Clock::now() + kPatience;
+    while (!condition()) {
+      if (Clock::now() >= deadline) return false;
+      policy->spin();
+      spin();
+    }
+    return true;
+  }
+  const std::string source = "env-street@" + run;
+  std::shared_ptr<GreyImages> images;
+  Traversal street;
+  std::atomic<bool> stop = false;
+  std::thread env;
+  BlindSweep walker{30};
+  std::unique_ptr<ScriptedPolicy> policy;
+};
+
+TEST_F(LiveTest, HearsServicesOfAllRunsAndTellsWhoWatches) {
+  auto one = std::make_unique<Node>(node_options("env", run + "-a", "env_service"));
+  Node two(node_options("policy", run + "-b", "policy_service"));
+  hub.topics = {"services"};
+  const auto beat = [&] {
+    if (one) one->wait(Clock::now());
+    two.wait(Clock::now());
+    return true;
+  };
+  ASSERT_TRUE(until([&] { return beat() && !service("env").is_null() && !service("policy").is_null(); }));
+  EXPECT_EQ(service("env")["run"], run + "-a");
+  ASSERT_TRUE(until([&] { return beat() && count("services") > 0; }));
+  EXPECT_EQ(newest("services").merge, Hub::Merge::kReplace);
+  EXPECT_TRUE(newest("services").json()["services"].is_array());
+  EXPECT_GT(count("events"), 0u);
+  // One dies. The other one goes on.
+  const Clock::time_point died = Clock::now();
+  one.reset();
+  ASSERT_TRUE(until([&] { return beat() && service("env")["state"] == "lost"; }));
+  EXPECT_LT(Clock::now() - died, milliseconds(2500) * kSlowness);
+  EXPECT_NE(service("policy")["state"], "lost");
+  EXPECT_EQ(newest("events").json()["kind"], "lost");
+  EXPECT_EQ(newest("events").json()["service"], "env");
+  EXPECT_EQ(newest("events").merge, Hub::Merge::kEach);
+  EXPECT_EQ(live.events(1)[0], newest("events").json());
+  one = std::make_unique<Node>(node_options("env", run + "-a", "env_service"));
+  ASSERT_TRUE(until([&] { return beat() && service("env")["state"] == "starting"; }));
+  EXPECT_EQ(newest("events").json()["kind"], "restarted");
+  const double seconds_since = std::chrono::duration<double>(Clock::now() - died).count();
+  EXPECT_LE(static_cast<double>(count("services")), 4 * (seconds_since + 25)) << "no more than four times a second";
+}
+
+TEST_F(LiveTest, EventsGoToWhoTakesThemAndAreKeptWhereNobodyDoes) {
+  std::vector<std::string> taken;
+  bool disk_full = false;
+  live.told = [&](const Event& event) {
+    if (disk_full) throw Error("no space left");
+    taken.push_back(event.service);
+  };
+  const auto start = [&](const std::string& id) {
+    sign(status.header(), id, 9, 1, run);
+    status.service_state() = msg::RUNNING;
+    live.hear(status);
+  };
+  start("first");
+  EXPECT_EQ(taken, std::vector<std::string>{"first"});
+  EXPECT_TRUE(live.events(10).empty());
+  disk_full = true;
+  start("second");
+  start("third");
+  ASSERT_EQ(live.events(10).size(), 2u);
+  EXPECT_EQ(live.events(10)[0]["service"], "third") << "newest first";
+  EXPECT_EQ(live.events(1).size(), 1u);
+  EXPECT_EQ(count("events"), 3u) << "whoever watches hears of them anyway";
+}
+
+TEST_F(LiveTest, TrainingGoesToWhoWatchesThatRun) {
+  Node policy(node_options("policy", run, "policy_service"));
+  const auto tell = [&](std::uint64_t job, std::uint64_t update) {
+    msg::TrainingStat one;
+    one.job() = job;
+    one.update() = update;
+    one.steps() = update * 512;
+    one.reward() = std::numeric_limits<float>::quiet_NaN();
+    one.lag() = 1.5f;
+    policy.publish(one);
+  };
+  msg::RunInfo about;
+  about.job() = 77;
+  about.seed() = 3;
+  policy.publish(about);
+  const std::string topic = "training:" + run + "/policy/3/77";
+  tell(77, 1);
+  ASSERT_TRUE(until([&] { return stat.update() == 1; }));
+  hub.topics = {topic};
+  const Clock::time_point watched = Clock::now();
+  ASSERT_TRUE(until([&] { return Clock::now() > watched + milliseconds(150); })) << "until it knows who watches";
+  EXPECT_EQ(count(topic), 0u) << "what came before is asked for over the API";
+  for (std::uint64_t update = 2; update <= 40; ++update) tell(77, update);
+  tell(78, 2);
+  std::size_t rows = 0;
+  ASSERT_TRUE(until([&] {
+    rows = 0;
+    for (const auto& message : hub.published[topic]) rows += message.header["rows"].get<std::size_t>();
+    return rows >= 39;
+  }));
+  EXPECT_EQ(rows, 39u);
+  EXPECT_LE(count(topic), 4u) << "rows that come together go together";
+  EXPECT_EQ(newest(topic).merge, Hub::Merge::kAppend);
+  const auto columns = newest(topic).header["columns"].get<std::vector<std::string>>();
+  EXPECT_EQ(columns.front(), "update");
+  EXPECT_EQ(columns.back(), "lag");
+  const auto values = newest(topic).numbers<double>();
+  ASSERT_EQ(values.size(), newest(topic).header["rows"].get<std::size_t>() * columns.size());
+  const double* last = values.data() + values.size() - columns.size();
+  EXPECT_EQ(last[0], 40);
+  EXPECT_EQ(last[1], 40 * 512);
+  EXPECT_TRUE(std::isnan(last[6]));
+  EXPECT_EQ(last[columns.size() - 1], 1.5);
+}
+
+TEST_F(LiveRun, ScenesComeWhileSomebodyWatches) {
+  ASSERT_TRUE(drive([&] { return policy->steps() > 20; }));
+  const std::string topic = "scene:" + source;
+  EXPECT_EQ(hub.published.count(topic), 0u);
+  hub.topics = {topic,     "picture:", "picture:nobody", "picture:" + source + ":99", "picture:" + source + ":x",
+                "nonsense"};
+  ASSERT_TRUE(drive([&] { return count(topic) >= 5; }));
+  const auto& scene = newest(topic);
+  EXPECT_EQ(scene.merge, Hub::Merge::kReplace);
+  EXPECT_EQ(scene.header["traversal"], "street");
+  EXPECT_EQ(scene.header["first_frame"], 5);
+  EXPECT_EQ(scene.header["frames"], 30);
+  EXPECT_EQ(scene.header["mode"], "train");
+  EXPECT_EQ(scene.header["policy"], "blind");
+  EXPECT_EQ(scene.header["hash"].get<std::string>().size(), 16u);
+  EXPECT_EQ(scene.header["agents"], 2);
+  const auto numbers = scene.numbers<std::uint32_t>();
+  ASSERT_EQ(numbers.size(), 12u);
+  for (int agent = 0; agent < 2; ++agent) {
+    EXPECT_TRUE(numbers[static_cast<std::size_t>(2 + agent)] >= 5 && numbers[static_cast<std::size_t>(2 + agent)] < 35);
+    EXPECT_NE(numbers[static_cast<std::size_t>(2 + agent)], numbers[static_cast<std::size_t>(6 + agent)])
+        << "position and goal";
+  }
+  EXPECT_EQ(images->reads, 0) << "nobody watches a picture";
+  hub.topics = {};
+  ASSERT_TRUE(drive([&] { return policy->node.readers<msg::Scene>() == 0; })) << "nothing is sent any more";
+}
+
+TEST_F(LiveRun, PicturesShowWhatAnAgentSees) {
+  const std::string topic = "picture:" + source + ":1";
+  hub.topics = {topic, "scene:" + source};
+  ASSERT_TRUE(drive([&] { return count(topic) >= 4; }));
+  for (const auto& message : hub.published[topic]) {
+    EXPECT_EQ(message.merge, Hub::Merge::kReplace);
+    EXPECT_EQ(message.header["type"], "image/png");
+    const auto frame = message.header["frame"].get<int>();
+    const auto* bytes = reinterpret_cast<const uchar*>(message.payload.data());
+    const cv::Mat picture = cv::imdecode(std::vector<uchar>(bytes, bytes + message.payload.size()), cv::IMREAD_COLOR);
+    EXPECT_EQ(picture.at<cv::Vec3b>(30, 40)[0], frame * 6) << "the very frame";
+  }
+  // When it stands still, what is shown is what it sees.
+  policy->walker = nullptr;
+  ASSERT_TRUE(drive([&] {
+    const auto& scenes = hub.published["scene:" + source];
+    return !scenes.empty() && newest(topic).header["frame"] == scenes.back().numbers<std::uint32_t>()[1];
+  }));
+  const int reads = images->reads;
+  const std::size_t shown = count(topic);
+  const Clock::time_point since = Clock::now();
+  ASSERT_TRUE(drive([&] { return Clock::now() > since + milliseconds(300); }));
+  EXPECT_EQ(images->reads, reads);
+  EXPECT_EQ(count(topic), shown) << "it sees the same";
+}
+
+TEST_F(LiveRun, TheApiGetsPicturesAndMapsByHash) {
+  const std::uint64_t hash = street.hash();
+  EXPECT_EQ(live.frame(hash, 7).readiness, Readiness::kNone) << "nobody is known to have it";
+  EXPECT_EQ(live.map(hash).readiness, Readiness::kNone);
+  ASSERT_TRUE(until([&] { return live.frame(hash, 7).readiness != Readiness::kNone; }));
+  ASSERT_TRUE(until([&] { return live.frame(hash, 7).readiness == Readiness::kHere; }));
+  const Json hosted = live.traversals(run);
+  ASSERT_EQ(hosted.size(), 1u);
+  EXPECT_EQ(hosted[0]["environment"], "env-street");
+  EXPECT_EQ(hosted[0]["traversal"], "street");
+  EXPECT_EQ(hosted[0]["hash"], fmt::format("{:016x}", hash));
+  EXPECT_EQ(hosted[0]["agents"], 2);
+  EXPECT_EQ(hosted[0]["images"], true);
+  EXPECT_EQ(live.traversals("another run"), Json::array());
+  const LiveView::Picture picture = live.frame(hash, 7);
+  EXPECT_EQ(picture.type, "image/png");
+  EXPECT_EQ(header_of({picture.type, picture.bytes}).width, 80);
+  EXPECT_EQ(images->reads, 1);
+  EXPECT_EQ(live.frame(hash, 40).readiness, Readiness::kNone) << "beyond the last frame";
+  EXPECT_EQ(live.frame(hash + 1, 7).readiness, Readiness::kNone);
+  EXPECT_EQ(live.frame(hash, 39).readiness, Readiness::kComing);
+  ASSERT_TRUE(until([&] { return live.frame(hash, 39).readiness != Readiness::kComing; }));
+  EXPECT_EQ(live.frame(hash, 39).readiness, Readiness::kNone) << "it cannot be read";
+  EXPECT_EQ(live.map(hash).readiness, Readiness::kComing);
+  ASSERT_TRUE(until([&] { return live.map(hash).readiness == Readiness::kHere; }));
+  const Json map = live.map(hash).json;
+  EXPECT_EQ(map["frames"], 40);
+  ASSERT_EQ(map["position"].size(), 40u);
+  EXPECT_TRUE(map["position"][3].is_null());
+  EXPECT_EQ(map["position"][4], 10.0);
+  EXPECT_NEAR(map["latitude"][10].get<double>(), -26.999, 1e-9);
+  EXPECT_EQ(map["longitude"].size(), 40u);
+}
+
+TEST_F(LiveRun, ManyFramesAskedForAtOnceAllCome) {
+  const std::uint64_t hash = street.hash();
+  const auto all = [&](Readiness wanted) {
+    bool every = true;
+    for (std::uint32_t frame = 0; frame < 39; ++frame) every = live.frame(hash, frame).readiness == wanted && every;
+    return every;
+  };
+  ASSERT_TRUE(until([&] { return live.frame(hash, 0).readiness != Readiness::kNone; }));
+  ASSERT_TRUE(until([&] { return all(Readiness::kHere); }));
+  EXPECT_EQ(images->reads, 39) << "each once";
+}
+
+}  // namespace
+}  // namespace citylearn::testing

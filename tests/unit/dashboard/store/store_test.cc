@@ -1,0 +1,439 @@
+// The dashboard's store: nothing lost, nothing twice, whatever happens to the process, the file or the disk.
+#include "dashboard/store/store.h"
+
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <random>
+
+#include "core/util/error.h"
+#include "dashboard/store/schema.h"
+#include "dashboard/store/store_reader.h"
+#include "tests/support/records.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using namespace testing;
+
+class StoreTest : public ::testing::Test {
+ protected:
+  Folder folder_;
+  const std::string path_ = folder_ / "dashboard.sqlite";
+
+  Store::Options options() const {
+    Store::Options options;
+    options.path = path_;
+    return options;
+  }
+  std::string refusal() const {
+    try {
+      Store store(options());
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  }
+  std::int64_t number(const std::string& sql) const { return Database(path_, Database::Mode::kRead).number(sql); }
+};
+
+const Sender kEnvironment("demo", "env-summer", 7);
+const Sender kPolicy("demo", "policy", 500);
+
+TEST_F(StoreTest, RecordsEachEpisodeOnceInAnyOrderAndAcrossRestarts) {
+  std::vector<msg::EpisodeStat> all = episodes(1, 300);
+  const std::vector<msg::EpisodeStat> again = all;
+  all.insert(all.end(), again.begin(), again.end());
+  std::shuffle(all.begin(), all.end(), std::mt19937(1));
+  std::size_t fresh = 0;
+  for (std::size_t begin = 0; begin < all.size(); begin += 50) {
+    Store store(options());  // a new process each time, as it were
+    fresh += store.record(std::span(all).subspan(begin, 50));
+  }
+  EXPECT_EQ(fresh, 300u);
+  EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), 300);
+  EXPECT_EQ(number("SELECT COUNT(DISTINCT episode) FROM episodes"), 300);
+  EXPECT_EQ(number("SELECT SUM(recorded) FROM runs"), 300);
+  EXPECT_EQ(Store(options()).recorded(kEnvironment), 300u);
+}
+
+TEST_F(StoreTest, CountsUpToTheFirstGapAndKeepsWhatIsBehindIt) {
+  std::vector<msg::EpisodeStat> all = episodes(1, 10);
+  all.erase(all.begin() + 3);
+  {
+    Store store(options());
+    EXPECT_EQ(store.recorded(kEnvironment), 0u);
+    store.record(all);
+    EXPECT_EQ(store.recorded(kEnvironment), 3u);
+  }
+  Store store(options());
+  EXPECT_EQ(store.recorded(kEnvironment), 3u);
+  EXPECT_EQ(store.record(std::vector{episode(4), episode(7)}), 1u);
+  EXPECT_EQ(store.recorded(kEnvironment), 10u);
+  // Its next process counts anew.
+  EXPECT_EQ(store.record(std::vector{episode(1, "env-summer", 8)}), 1u);
+  EXPECT_EQ(store.recorded(kEnvironment), 10u);
+  EXPECT_EQ(store.recorded(Sender("demo", "env-summer", 8)), 1u);
+}
+
+TEST_F(StoreTest, GoesOnFromWhatOthersRecordedAndSaysSo) {
+  {
+    Store store(options());
+    std::vector<msg::EpisodeStat> some = {episode(2), episode(7)};
+    for (msg::EpisodeStat& one : some) one.acknowledged(5);
+    std::vector<Event> lost;
+    EXPECT_EQ(store.record(some, &lost), 1u) << "episode 2 is among those that others have";
+    ASSERT_EQ(lost.size(), 1u);
+    EXPECT_EQ(lost[0].kind, "alarm");
+    EXPECT_NE(lost[0].text.find("5 episodes up to number 5"), std::string::npos) << lost[0].text;
+    EXPECT_EQ(store.recorded(kEnvironment), 5u);
+    EXPECT_EQ(store.events(10).size(), 1u);
+  }
+  Store store(options());
+  EXPECT_EQ(store.recorded(kEnvironment), 5u);
+  EXPECT_EQ(store.record(std::vector{episode(6)}), 1u);
+  EXPECT_EQ(store.recorded(kEnvironment), 7u);
+}
+
+TEST_F(StoreTest, TakesNumbersThatCannotBeForNothing) {
+  Store store(options());
+  msg::EpisodeStat zero = episode(0), huge = episode(~std::uint64_t{0}), strange = episode(1);
+  strange.acknowledged(~std::uint64_t{0});
+  EXPECT_EQ(store.record(std::vector{zero, huge, strange}), 0u);
+  EXPECT_EQ(store.recorded(kEnvironment), 0u);
+  // Those of 64 bits that can be come back as they were.
+  store.heard(run_info(0, 500, 1, ~std::uint64_t{0}));
+  EXPECT_EQ(StoreReader(path_).runs().at(0).seed, ~std::uint64_t{0});
+}
+
+TEST_F(StoreTest, ClaimsEpisodesThatCameBeforeTheirRun) {
+  Store store(options());
+  store.record(episodes(1, 5));
+  store.record(std::vector{episode(6, "env-summer", 7, kJob + 1)});
+  EXPECT_EQ(StoreReader(path_).run("demo")->recorded, 6u);
+  EXPECT_TRUE(store.heard(run_info()));
+  StoreReader reader(path_);
+  EXPECT_EQ(reader.run("demo")->recorded, 1u) << "of another job";
+  const auto run = reader.run("demo/policy/1/1700000000000000");
+  ASSERT_TRUE(run);
+  EXPECT_EQ(run->recorded, 5u);
+  store.record(std::vector{episode(7)});
+  EXPECT_EQ(reader.run(run->name)->recorded, 6u);
+  store.describe(traversal_info());
+  const auto traversals = reader.traversals(run->id);
+  ASSERT_EQ(traversals.size(), 1u);
+  EXPECT_EQ(traversals[0].hash, 0xFEDCBA9876543210);
+  EXPECT_EQ(traversals[0].agents, 16u);
+}
+
+TEST_F(StoreTest, KnowsRunsByTheirJobThroughRestartsAndEnds) {
+  Store store(options());
+  EXPECT_TRUE(store.heard(run_info()));
+  EXPECT_FALSE(store.heard(run_info(10, 500, 2))) << "goes on";
+  EXPECT_TRUE(store.heard(run_info(8, 900, 1))) << "resumed";
+  EXPECT_FALSE(store.heard(run_info(12, 500, 3))) << "kept for late joiners by the one that is gone";
+  EXPECT_TRUE(store.heard(run_info(0, 901, 1, 1, kJob + 5))) << "the same options again are another run";
+  StoreReader reader(path_);
+  ASSERT_EQ(reader.runs().size(), 2u);
+  EXPECT_EQ(store.pulse(reader.runs()[1].id).updates, 8u);
+  msg::RunInfo end = run_info(20, 900, 2);
+  end.ended(true);
+  EXPECT_TRUE(store.heard(end));
+  EXPECT_TRUE(reader.run("demo/policy/1/1700000000000000")->ended);
+  EXPECT_FALSE(reader.run("demo/policy/1/1700000000000005")->ended);
+  store.ended(Sender("demo", "policy", 901));
+  EXPECT_TRUE(reader.run("demo/policy/1/1700000000000005")->ended);
+}
+
+TEST_F(StoreTest, FlushWritesWhatWasOnlyRemembered) {
+  {
+    Store store(options());
+    store.heard(run_info());
+    store.heard(run_info(77, 500, 2));
+    EXPECT_EQ(number("SELECT updates FROM runs"), 0);
+    store.flush(true);
+  }
+  EXPECT_EQ(number("SELECT updates FROM runs"), 77);
+}
+
+/// Reward of each update of the run, by a process's own: which of them the rows are.
+std::vector<double> rewards(const std::string& path) {
+  StoreReader reader(path);
+  std::vector<double> all;
+  reader.training(reader.runs().at(0).id, [&](const Statement& row) { all.push_back(row.real(6)); });
+  return all;
+}
+
+TEST_F(StoreTest, AResumedRunReplacesTheUpdatesAfterItsCheckpoint) {
+  {
+    Store store(options());
+    store.heard(run_info());
+    EXPECT_EQ(store.record(training_stats(1, 10, 500, 0.25f)), 10u);
+    EXPECT_EQ(store.record(std::vector{training_stat(3, 499)}), 0u) << "an older process than the one heard of";
+  }
+  Store store(options());
+  store.heard(run_info(6, 900, 1));
+  EXPECT_EQ(rewards(path_), std::vector<double>(6, 0.25)) << "it went back to update 6";
+  EXPECT_EQ(store.record(training_stats(7, 8, 900, 0.75f)), 2u);
+  EXPECT_EQ(store.record(std::vector{training_stat(9, 500)}), 0u) << "of the one that is gone";
+  std::vector<double> expected(6, 0.25);
+  expected.resize(8, 0.75);
+  EXPECT_EQ(rewards(path_), expected);
+  EXPECT_EQ(store.updates(Sender("demo", "policy", 900), kJob).gap(10), std::pair(std::uint64_t{1}, std::uint64_t{6}));
+}
+
+TEST_F(StoreTest, AResumedRunWhoseStartWasMissedReplacesThemToo) {
+  Store store(options());
+  store.heard(run_info());
+  store.record(training_stats(1, 10, 500, 0.25f));
+  // First heard of when it has come as far as its predecessor: it began after update 4.
+  store.heard(run_info(10, 900, 1));
+  EXPECT_EQ(rewards(path_).size(), 10u);
+  std::vector<msg::TrainingStat> late = training_stats(5, 10, 900, 0.75f);
+  std::reverse(late.begin(), late.end());
+  store.record(late);
+  std::vector<double> expected(4, 0.25);
+  expected.resize(10, 0.75);
+  EXPECT_EQ(rewards(path_), expected);
+}
+
+TEST_F(StoreTest, StatsOfUnknownRunsAreLeftOut) {
+  Store store(options());
+  EXPECT_EQ(store.record(training_stats(1, 3)), 0u);
+  EXPECT_EQ(store.updates(kPolicy, kJob).reach(), 0u);
+}
+
+TEST_F(StoreTest, RemovesARunAndItsEpisodesButNotOneThatIsRunning) {
+  Store store(options());
+  store.heard(run_info());
+  store.record(episodes(1, 20));
+  store.record(training_stats(1, 20));
+  const std::string name = run_id(run_info());
+  EXPECT_EQ(store.remove("demo/policy/1/2"), Store::Removal::kUnknown);
+  EXPECT_EQ(store.remove(name), Store::Removal::kRunning);
+  msg::RunInfo end = run_info(20, 500, 2);
+  end.ended(true);
+  store.heard(end);
+  EXPECT_EQ(store.remove(name), Store::Removal::kDone);
+  for (const std::string table : {"runs", "episodes", "training", "run_sources"})
+    EXPECT_EQ(number("SELECT COUNT(*) FROM " + table), 0) << table;
+  EXPECT_EQ(store.recorded(kEnvironment), 20u) << "what was recorded is not asked for again";
+  EXPECT_EQ(store.record(episodes(1, 21)), 1u);
+}
+
+TEST_F(StoreTest, NamesAreNeverSql) {
+  const std::string evil = "x'; DROP TABLE episodes; --\" \\ % \xF0\x9F\x9A\x8C";
+  Store store(options());
+  msg::EpisodeStat e = episode(1, evil);
+  e.policy(evil);
+  e.traversal(evil);
+  store.record(std::vector{e});
+  store.record(Event{1, evil, evil, evil, evil});
+  StoreReader reader(path_);
+  EpisodeFilter filter;
+  filter.policy = filter.traversal = evil;
+  const auto found = reader.episodes(reader.run("demo")->id, filter, false, 10);
+  ASSERT_EQ(found.size(), 1u);
+  EXPECT_EQ(found[0].environment, evil);
+  EXPECT_EQ(store.events(1).at(0).text, evil);
+}
+
+TEST_F(StoreTest, RunNamesWithSlashesStayApart) {
+  msg::RunInfo one = run_info(), other = run_info();
+  sign(one.header(), "b", 500, 1, "a/policy");
+  sign(other.header(), "policy/b", 500, 1, "a");
+  EXPECT_EQ(run_id(one), "a%2Fpolicy/b/1/1700000000000000");
+  EXPECT_NE(run_id(one), run_id(other));
+  EXPECT_EQ(run_id(std::string("50%")), "50%25");
+}
+
+TEST_F(StoreTest, OneDashboardAFile) {
+  {
+    const Store store(options());
+    EXPECT_NE(refusal().find("another dashboard records here"), std::string::npos) << refusal();
+  }
+  EXPECT_EQ(refusal(), "");
+}
+
+TEST_F(StoreTest, OnlyItsOwnerReadsIt) {
+  Store store(options());
+  store.record(episodes(1, 1));
+  for (const std::string name : {"", "-wal", "-shm", ".lock"}) {
+    struct stat status {};
+    ASSERT_EQ(::stat((path_ + name).c_str(), &status), 0) << name;
+    EXPECT_EQ(status.st_mode & 0777, 0600u) << name;
+  }
+}
+
+void write(const std::string& path, const std::string& text) { std::ofstream(path, std::ios::binary) << text; }
+
+TEST_F(StoreTest, RefusesWhatIsNoStoreAndLeavesItAlone) {
+  const std::string text = "update,reward\n1,0.5\n";
+  write(path_, text);
+  EXPECT_NE(refusal().find("is not a store of the dashboard"), std::string::npos) << refusal();
+  EXPECT_EQ(contents(path_), text);
+
+  std::filesystem::remove(path_);
+  Database(path_, Database::Mode::kCreate).execute("CREATE TABLE friends (name TEXT)");
+  const std::string foreign = contents(path_);
+  EXPECT_NE(refusal().find("is an SQLite file of another program"), std::string::npos) << refusal();
+  EXPECT_EQ(contents(path_), foreign);
+
+  std::filesystem::remove(path_);
+  std::filesystem::create_directory(path_);
+  EXPECT_NE(refusal().find("is not a file"), std::string::npos) << refusal();
+  EXPECT_NE(refusal().find(path_), std::string::npos);
+}
+
+TEST_F(StoreTest, RefusesANewerSchemaAndLeavesItAlone) {
+  { Store store(options()); }
+  Database(path_, Database::Mode::kWrite).execute("PRAGMA user_version = 99");
+  const std::string before = contents(path_);
+  EXPECT_NE(refusal().find("has schema 99, this dashboard knows 1"), std::string::npos) << refusal();
+  EXPECT_EQ(contents(path_), before);
+}
+
+TEST_F(StoreTest, RefusesADamagedFileAndLeavesItAlone) {
+  {
+    Store store(options());
+    store.record(episodes(1, 2000));
+  }
+  std::string bytes = contents(path_);
+  ASSERT_GT(bytes.size(), 100000u);
+  for (std::size_t i = bytes.size() / 2; i < bytes.size() / 2 + 20000; ++i) bytes[i] = static_cast<char>(i * 7);
+  write(path_, bytes);
+  EXPECT_NE(refusal().find("damaged"), std::string::npos) << refusal();
+  EXPECT_NE(refusal().find("restore a copy"), std::string::npos) << refusal();
+  EXPECT_EQ(contents(path_), bytes);
+  bytes.resize(5000);
+  write(path_, bytes);
+  EXPECT_NE(refusal(), "");
+  EXPECT_EQ(contents(path_), bytes);
+}
+
+TEST_F(StoreTest, BringsAnOlderSchemaUpToDateAndKeepsACopy) {
+  const std::vector<std::string> old_steps = {"CREATE TABLE a (x INTEGER); INSERT INTO a VALUES (42)"};
+  prepare_file(path_, old_steps);
+  std::vector<std::string> steps = old_steps;
+  steps.push_back("ALTER TABLE a ADD COLUMN y INTEGER NOT NULL DEFAULT 5");
+  prepare_file(path_, steps);
+  EXPECT_EQ(number("SELECT x + y FROM a"), 47);
+  EXPECT_EQ(number("PRAGMA user_version"), 2);
+  Database copy(path_ + ".schema-1", Database::Mode::kRead);
+  EXPECT_EQ(copy.number("PRAGMA user_version"), 1);
+  EXPECT_EQ(copy.number("SELECT x FROM a"), 42);
+
+  // A step that fails changes nothing.
+  steps.push_back("CREATE TABLE b (x INTEGER); INSERT INTO nowhere VALUES (1)");
+  EXPECT_THROW(prepare_file(path_, steps), Error);
+  EXPECT_EQ(number("PRAGMA user_version"), 2);
+  EXPECT_EQ(number("SELECT COUNT(*) FROM sqlite_schema WHERE name = 'b'"), 0);
+}
+
+TEST_F(StoreTest, AFullDiskLosesNothing) {
+  Store::Options small = options();
+  small.most_bytes = 300'000;
+  std::uint64_t recorded = 0;
+  {
+    Store store(small);
+    std::string fault;
+    for (std::uint64_t first = 1; fault.empty() && first < 100'000; first += 500) {
+      try {
+        store.record(episodes(first, first + 499));
+        recorded = first + 499;
+      } catch (const Error& error) {
+        fault = error.what();
+      }
+      EXPECT_EQ(store.recorded(kEnvironment), recorded);
+    }
+    EXPECT_NE(fault.find("full"), std::string::npos) << fault;
+    EXPECT_NE(fault.find("free some space"), std::string::npos) << fault;
+    ASSERT_GE(recorded, 500u);
+    EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), static_cast<std::int64_t>(recorded));
+    // It is still there to be read, and to be written when there is space.
+    EXPECT_THROW(store.record(episodes(recorded + 1, recorded + 500)), Error);
+  }
+  Store store(options());
+  EXPECT_EQ(store.recorded(kEnvironment), recorded);
+  EXPECT_EQ(store.record(episodes(1, recorded + 500)), 500u);
+  EXPECT_EQ(number("SELECT SUM(recorded) FROM runs"), static_cast<std::int64_t>(recorded + 500));
+}
+
+TEST_F(StoreTest, KilledAtAnyTimeItHasWhatItAcknowledged) {
+  std::uint64_t acknowledged = 0;
+  for (int round = 0; round < 5; ++round) {
+    int ends[2];
+    ASSERT_EQ(pipe(ends), 0);
+    const pid_t child = fork();
+    if (child == 0) {
+      try {
+        Store store(options());
+        for (std::uint64_t first = acknowledged + 1;; first += 20) {
+          store.record(episodes(first, first + 19));
+          const std::uint64_t told = store.recorded(kEnvironment);
+          if (::write(ends[1], &told, sizeof told) != sizeof told) _exit(1);
+        }
+      } catch (const std::exception&) {
+        _exit(1);
+      }
+    }
+    close(ends[1]);
+    const std::uint64_t before = acknowledged;
+    // In the middle of whatever it does after some acknowledgements.
+    while (acknowledged < before + 20 * static_cast<std::uint64_t>(3 + round)) {
+      std::uint64_t told = 0;
+      if (::read(ends[0], &told, sizeof told) != sizeof told) break;
+      acknowledged = told;
+    }
+    kill(child, SIGKILL);
+    waitpid(child, nullptr, 0);
+    std::uint64_t told = 0;
+    while (::read(ends[0], &told, sizeof told) == sizeof told) acknowledged = told;
+    close(ends[0]);
+    ASSERT_GT(acknowledged, before);
+    Store store(options());
+    const std::uint64_t kept = store.recorded(kEnvironment);
+    EXPECT_GE(kept, acknowledged);
+    EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), static_cast<std::int64_t>(kept));
+    EXPECT_EQ(number("SELECT COUNT(DISTINCT episode) FROM episodes"), static_cast<std::int64_t>(kept));
+    EXPECT_EQ(number("SELECT SUM(recorded) FROM runs"), static_cast<std::int64_t>(kept));
+    acknowledged = kept;
+  }
+}
+
+TEST(NumberSet, IsTheSetOfItsNumbers) {
+  std::mt19937 random(3);
+  NumberSet set;
+  std::vector<bool> plain(200, false);
+  for (int i = 0; i < 400; ++i) {
+    const std::uint64_t first = 1 + random() % 199;
+    if (i % 5 == 0) {
+      const std::uint64_t last = std::min<std::uint64_t>(199, first + random() % 4);
+      set.add(first, last);
+      std::fill(plain.begin() + static_cast<std::ptrdiff_t>(first),
+                plain.begin() + static_cast<std::ptrdiff_t>(last) + 1, true);
+    } else {
+      EXPECT_EQ(set.add(first), !plain[first]);
+      plain[first] = true;
+    }
+    std::uint64_t reach = 0;
+    while (reach + 1 < 200 && plain[reach + 1]) ++reach;
+    ASSERT_EQ(set.reach(), reach);
+    ASSERT_EQ(set.count(1, 199), static_cast<std::uint64_t>(std::count(plain.begin(), plain.end(), true)));
+    const auto gap = set.gap(199);
+    ASSERT_EQ(gap.has_value(), reach < 199);
+    if (!gap) continue;
+    EXPECT_EQ(gap->first, reach + 1);
+    for (std::uint64_t n = gap->first; n <= gap->second; ++n) EXPECT_FALSE(plain[n]);
+    if (gap->second < 199) {
+      EXPECT_TRUE(plain[gap->second + 1]);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,3 +1,0 @@
-add_executable(dashboard_store_test unit/api_test.cc unit/recorder_test.cc unit/store_test.cc)
-target_link_libraries(dashboard_store_test PRIVATE citylearn_dashboard citylearn_warnings GTest::gtest_main)
-citylearn_tests(dashboard_store_test)

@@ -1,0 +1,335 @@
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <opencv2/dnn.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "encoder_service/onnx/onnx_file.h"
+#include "encoder_service/onnx/onnx_network.h"
+#include "tests/support/service.h"
+#include "tests/support/tiny_onnx.h"
+
+namespace citylearn {
+namespace {
+
+using testing::Folder;
+using testing::network;
+using testing::tiny_convolution;
+using testing::TinyOnnx;
+using Values = std::map<std::string, double>;
+
+std::unique_ptr<Encoder> make(const EncoderFiles& files, const Values& values = {}) {
+  const auto& entry = EncoderRegistry::instance().find("encoder", "onnx");
+  return entry.create(Parameters("onnx", entry.parameters, values), files);
+}
+
+std::string error_of(const EncoderFiles& files, const Values& values = {}) {
+  try {
+    make(files, values);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+bool has(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
+
+cv::Mat noise(int width, int height, int seed) {
+  cv::Mat picture(height, width, CV_8UC3);
+  cv::RNG(static_cast<std::uint64_t>(seed)).fill(picture, cv::RNG::UNIFORM, 0, 256);
+  return picture;
+}
+
+/// A real network among the shared data; empty when there is none.
+std::string net(const std::string& name) {
+  const char* folder = std::getenv("CITYLEARN_SHARED_DATA");
+  const std::string path = (folder ? folder : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nets/") + name;
+  return std::filesystem::exists(path) ? path : "";
+}
+
+/// One picture through OpenCV alone: its own preprocessing (ImageNet), its own network.
+Eigen::VectorXf bare(const std::string& path, const std::string& layer, const cv::Mat& picture) {
+  cv::dnn::Net net_of_path = cv::dnn::readNetFromONNX(path);
+  cv::Mat blob = cv::dnn::blobFromImage(picture, 1 / 255.0, cv::Size(), cv::Scalar(), true);
+  const float mean[] = {0.485f, 0.456f, 0.406f}, deviation[] = {0.229f, 0.224f, 0.225f};
+  for (int c = 0; c < 3; ++c) {
+    cv::Mat plane(picture.rows, picture.cols, CV_32F, blob.ptr<float>(0, c));
+    plane = (plane - mean[c]) / deviation[c];
+  }
+  net_of_path.setInput(blob);
+  const cv::Mat output = net_of_path.forward(layer);
+  return Eigen::Map<const Eigen::VectorXf>(output.ptr<float>(), static_cast<Eigen::Index>(output.total()));
+}
+
+TEST(Onnx, ComputesWhatTheModelSays) {
+  const Folder folder;
+  constexpr int kMaps = 4, kWidth = 9, kHeight = 7;
+  std::vector<float> kernel;
+  const std::string path = tiny_convolution({1, 3, kHeight, kWidth}, kMaps, &kernel).save(folder / "a.onnx");
+  const auto encoder = make(network(path, "", "netvlad-vgg"));
+  const cv::Mat picture = noise(kWidth, kHeight, 1);
+  ASSERT_EQ(encoder->spec().dimension, kMaps);
+  const Eigen::MatrixXf got = encoder->encode(std::span(&picture, 1));
+  const double mean[] = {123.68, 116.779, 103.939};
+  for (int m = 0; m < kMaps; ++m) {
+    double sum = 0;
+    for (int y = 0; y < kHeight; ++y)
+      for (int x = 0; x < kWidth; ++x) {
+        double here = 0;
+        for (int c = 0; c < 3; ++c)
+          for (int i = 0; i < 9; ++i) {
+            const int v = y + i / 3 - 1, u = x + i % 3 - 1;
+            if (v < 0 || v >= kHeight || u < 0 || u >= kWidth) continue;
+            const double pixel = picture.at<cv::Vec3b>(v, u)[2 - c] - mean[c];
+            here += pixel * static_cast<double>(kernel[static_cast<std::size_t>((m * 3 + c) * 9 + i)]);
+          }
+        sum += std::max(here, 0.0);
+      }
+    EXPECT_NEAR(got(m, 0), sum / (kWidth * kHeight), 1e-3) << m;
+  }
+}
+
+TEST(Onnx, GemmKeepsTheOrderOfItsOutput) {
+  const Folder folder;
+  // Three rows that each pick one channel of the pooled picture.
+  const std::string path = TinyOnnx()
+                               .input({-1, 3, 4, 4})
+                               .weights("w", {3, 3}, {0, 0, 2, 0, 2, 0, 2, 0, 0})
+                               .weights("b", {3}, {1, 10, 100})
+                               .node("GlobalAveragePool", "pool")
+                               .node("Flatten", "flat", {}, {}, {{"axis", 1}})
+                               .node("Gemm", "gemm", {"w", "b"}, {}, {{"transB", 1}})
+                               .save(folder / "a.onnx");
+  const Values plain = {{"scale", 255}, {"mean-red", 0},      {"mean-green", 0},      {"mean-blue", 0},
+                        {"rgb", 1},     {"deviation-red", 1}, {"deviation-green", 1}, {"deviation-blue", 1}};
+  const auto encoder = make(network(path), plain);
+  const cv::Mat picture(4, 4, CV_8UC3, cv::Scalar(10, 20, 30));
+  const Eigen::MatrixXf got = encoder->encode(std::span(&picture, 1));
+  EXPECT_TRUE(got.isApprox(Eigen::Vector3f(21, 50, 160))) << got;
+}
+
+TEST(Onnx, PreprocessingIsPerChannel) {
+  const Folder folder;
+  const std::string path = TinyOnnx().input({1, 3, -1, -1}).node("GlobalAveragePool", "pool").save(folder / "a.onnx");
+  const Values size = {{"width", 8}, {"height", 6}};
+  const cv::Mat picture(50, 70, CV_8UC3, cv::Scalar(51, 102, 204));  // any size; 0.2, 0.4, 0.8
+  const auto encode = [&](Values values, const std::string& preset = "") {
+    values.insert(size.begin(), size.end());
+    return Eigen::VectorXf(make(network(path, "", preset), values)->encode(std::span(&picture, 1)));
+  };
+  const Eigen::Vector3f rgb((0.8f - 0.485f) / 0.229f, (0.4f - 0.456f) / 0.224f, (0.2f - 0.406f) / 0.225f);
+  EXPECT_TRUE(encode({}).isApprox(rgb, 1e-5f));
+  EXPECT_TRUE(encode({{"rgb", 0}}).isApprox(rgb.reverse(), 1e-5f));
+  EXPECT_TRUE(encode({}, "netvlad").isApprox(rgb, 1e-5f));
+  EXPECT_TRUE(encode({}, "netvlad-vgg").isApprox(Eigen::Vector3f(204 - 123.68f, 102 - 116.779f, 51 - 103.939f), 1e-5f));
+  EXPECT_NEAR(encode({{"mean-green", 0.1}, {"deviation-green", 2}, {"scale", 10}})[1], (4 - 0.1) / 2, 1e-5);
+}
+
+TEST(Onnx, EachPictureAloneOrWithOthersIsTheSame) {
+  const Folder folder;
+  const std::string path = tiny_convolution({-1, 3, 12, 16}, 8).save(folder / "a.onnx");
+  std::vector<cv::Mat> pictures;
+  for (int i = 0; i < 5; ++i) pictures.push_back(noise(16 + 7 * i, 12 + 5 * i, i));
+  const auto encoder = make(network(path));
+  const Eigen::MatrixXf together = encoder->encode(pictures);
+  ASSERT_EQ(together.cols(), 5);
+  for (int i = 4; i >= 0; --i) EXPECT_EQ(make(network(path))->encode(std::span(&pictures[i], 1)), together.col(i)) << i;
+  EXPECT_EQ(encoder->encode(pictures), together);
+  EXPECT_EQ(encoder->encode({}).cols(), 0);
+}
+
+TEST(Onnx, FeatureMapsAreAveragedUnlessAskedOtherwise) {
+  const Folder folder;
+  const std::string path = tiny_convolution({1, 3, 6, 8}, 5).save(folder / "a.onnx");
+  const cv::Mat picture = noise(8, 6, 3);
+  const auto encode = [&](const EncoderFiles& files, const Values& values) {
+    return make(files, values)->encode(std::span(&picture, 1));
+  };
+  const Eigen::MatrixXf pooled = encode(network(path), {});
+  EXPECT_TRUE(encode(network(path, "relu"), {}).isApprox(pooled, 1e-5f));
+  const Eigen::MatrixXf whole = encode(network(path, "onnx_node!relu"), {{"pool", 0}});
+  ASSERT_EQ(whole.rows(), 5 * 6 * 8);
+  EXPECT_TRUE(whole.reshaped(48, 5).colwise().mean().transpose().isApprox(pooled, 1e-5f));
+}
+
+TEST(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
+  const Folder folder;
+  const std::string fixed = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "fixed.onnx");
+  const std::string open = tiny_convolution({-1, 3, -1, -1}, 2).save(folder / "open.onnx");
+  const auto size = [](const EncoderFiles& files, const Values& values = {}) {
+    const std::string name = make(files, values)->spec().name;
+    return name.substr(name.find("layer="));
+  };
+  EXPECT_TRUE(has(size(network(fixed)), " 8x6 "));
+  EXPECT_TRUE(has(size(network(fixed, "", "resnet50")), " 8x6 ")) << "a preset only fills what is open";
+  EXPECT_TRUE(has(size(network(open, "", "resnet50")), " 224x224 "));
+  EXPECT_TRUE(has(size(network(open, "", "resnet50"), {{"width", 32}, {"height", 24}}), " 32x24 "));
+  EXPECT_TRUE(has(error_of(network(open)), "leaves the height of its input open")) << error_of(network(open));
+  EXPECT_TRUE(has(error_of(network(fixed), {{"width", 10}}), "width of 8, not 10"));
+}
+
+TEST(Onnx, LayersAreFoundByNameOrSuggested) {
+  const Folder folder;
+  const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
+  EXPECT_TRUE(has(make(network(path, "relu"))->spec().name, "layer=onnx_node!relu "));
+  EXPECT_TRUE(has(make(network(path, "", "resnet50"))->spec().name, "layer=onnx_node!pool "));
+  EXPECT_TRUE(has(error_of(network(path, "REL")), "it has onnx_node!relu"));
+  const std::string none = error_of(network(path, "fc"));
+  EXPECT_TRUE(has(none, "has no layer 'fc'") && has(none, "its last are ") && has(none, "onnx_node!pool")) << none;
+}
+
+TEST(Onnx, NamesSayWhatChangesNumbers) {
+  const Folder folder;
+  const std::string open = tiny_convolution({-1, 3, -1, -1}, 2).save(folder / "a.onnx");
+  const std::string other = tiny_convolution({-1, 3, -1, -1}, 3).save(folder / "b.onnx");
+  std::set<std::string> names;
+  const auto add = [&](const EncoderFiles& files, Values values) {
+    values.insert({{"width", 8}, {"height", 6}});
+    const std::string name = make(files, values)->spec().name;
+    EXPECT_LE(name.size(), 200u);
+    EXPECT_TRUE(names.insert(name).second) << name;
+  };
+  add(network(open), {});
+  add(network(other), {});
+  add(network(open, "conv"), {});
+  add(network(open, "conv"), {{"pool", 0}});
+  add(network(open, "", "netvlad-vgg"), {});
+  add(network(open), {{"width", 9}});
+  add(network(open), {{"height", 9}});
+  for (const char* name :
+       {"scale", "mean-red", "mean-green", "mean-blue", "deviation-red", "deviation-green", "deviation-blue", "rgb"})
+    add(network(open), {{name, name == std::string("rgb") ? 0 : 0.123456789}});
+
+  const std::string long_name(300, 'x');
+  const std::string path = TinyOnnx()
+                               .input({1, 3, 4, 4})
+                               .node("Relu", long_name + "1")
+                               .node("Relu", long_name + "2")
+                               .save(folder / "c.onnx");
+  add(network(path, long_name + "1"), {{"width", 4}, {"height", 4}});
+  add(network(path, long_name + "2"), {{"width", 4}, {"height", 4}});
+}
+
+TEST(Onnx, BadFilesGetOneLine) {
+  const Folder folder;
+  const std::string good = tiny_convolution({1, 3, 6, 8}, 2).bytes();
+  const auto write = [&](const std::string& bytes) {
+    std::ofstream(folder / "bad.onnx", std::ios::binary) << bytes;
+    return folder / "bad.onnx";
+  };
+  EXPECT_TRUE(has(error_of(network("")), "--model"));
+  EXPECT_TRUE(has(error_of(network(folder / "none.onnx")), "No such file"));
+  EXPECT_TRUE(has(error_of(network(folder.path())), "is not a file"));
+  EXPECT_TRUE(has(error_of(network(write(""))), "empty file"));
+  EXPECT_TRUE(has(error_of(network(write("hello, I am no model at all"))), "not an ONNX model"));
+  EXPECT_TRUE(has(error_of(network(write("version https://git-lfs.github.com/spec/v1\n"))), "git lfs pull"));
+  EXPECT_TRUE(has(error_of(network(write(good), "", "vgg")), "known: cosplace"));
+  for (std::size_t size = 1; size < good.size(); size += 5) {
+    const std::string error = error_of(network(write(good.substr(0, size))));
+    EXPECT_TRUE(has(error, "bad.onnx: ") && error.find('\n') == std::string::npos) << size << ": " << error;
+  }
+}
+
+TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
+  const Folder folder;
+  const auto error = [&](const TinyOnnx& model) { return error_of(network(model.save(folder / "a.onnx"))); };
+  EXPECT_TRUE(has(error(TinyOnnx().input({1, 1, 6, 8}).node("Relu", "relu")), "picture of 3 channels"));
+  EXPECT_TRUE(has(error(TinyOnnx().input({1, 192}).node("Relu", "relu")), "picture of 3 channels"));
+  EXPECT_TRUE(has(error(TinyOnnx().input({1, 3, 6, 8}).input({1, 2}, "more").node("Relu", "relu")), "has 2 inputs"));
+  EXPECT_TRUE(has(error(TinyOnnx().input({1, 3, 9999, 8}).node("Relu", "relu")), "height of 9999"));
+  EXPECT_TRUE(has(error(TinyOnnx().input({1, 3, 6, 8}).weights("w", {1}, {1}, true).node("Add", "add", {"w"})),
+                  "weights in other files"));
+  EXPECT_TRUE(has(error(TinyOnnx().input({1, 3, 6, 8})), "no operators"));
+
+  ::testing::internal::CaptureStderr();
+  const std::string unknown = error(TinyOnnx().input({1, 3, 6, 8}).node("Relu", "relu").node("Frobnicate", "strange"));
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "") << "OpenCV's own log";
+  EXPECT_TRUE(has(unknown, "no such operator") && has(unknown, "strange") && has(unknown, "Frobnicate")) << unknown;
+  EXPECT_EQ(unknown.find('\n'), std::string::npos);
+
+  ::testing::internal::CaptureStderr();
+  const std::string wrong = error(TinyOnnx()
+                                      .input({1, 3, 6, 8})
+                                      .weights("kernel", {2, 5, 3, 3}, std::vector<float>(90))  // 5 channels, not 3
+                                      .node("Conv", "conv", {"kernel"}, {{"kernel_shape", {3, 3}}}));
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
+  EXPECT_TRUE(has(wrong, "a.onnx: ") && wrong.find('\n') == std::string::npos) << wrong;
+
+  // OpenCV 4.6 wants the bounds of Clip as attributes (opset 10), not as inputs (docs/onnx.md).
+  const std::string clip =
+      error(TinyOnnx().input({1, 3, 6, 8}).weights("least", {}, {0}).node("Clip", "clip", {"least"}));
+  EXPECT_TRUE(has(clip, "clip', operator Clip: ") && has(clip, "input_size") && clip.find('\n') == std::string::npos)
+      << clip;
+}
+
+TEST(Onnx, NumbersAreFiniteOrAnError) {
+  const Folder folder;
+  const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
+  EXPECT_TRUE(has(error_of(network(path), {{"deviation-red", 1e-40}}), "not finite"));
+  EXPECT_TRUE(has(error_of(network(path), {{"deviation-red", 1e-60}}), "not finite"));
+}
+
+TEST(Onnx, PicturesOfAnotherKindAreRefused) {
+  const Folder folder;
+  const auto encoder = make(network(tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx")));
+  for (const cv::Mat& picture : {cv::Mat(6, 8, CV_8UC1), cv::Mat(6, 8, CV_32FC3), cv::Mat()})
+    EXPECT_THROW(encoder->encode(std::span(&picture, 1)), Error);
+}
+
+TEST(OnnxFile, DamageIsFoundWithoutACrash) {
+  const std::string good = tiny_convolution({1, 3, 6, 8}, 2).bytes();
+  const auto read = [](const std::string& text) {
+    return read_onnx(std::as_bytes(std::span(text.data(), text.size())), "x");
+  };
+  EXPECT_EQ(read(good).nodes, 3);
+  EXPECT_EQ(read(good).opset, 11);
+  EXPECT_EQ(read(good).inputs.at(0).shape, (std::vector<std::int64_t>{1, 3, 6, 8}));
+  cv::RNG random(5);
+  int refused = 0;
+  for (int i = 0; i < 20000; ++i) {
+    std::string bad = good;
+    for (int n = random.uniform(1, 4); n > 0; --n)
+      bad[static_cast<std::size_t>(random.uniform(0, static_cast<int>(bad.size())))] = static_cast<char>(random.next());
+    try {
+      read(bad);
+    } catch (const Error&) {
+      ++refused;
+    }
+  }
+  EXPECT_GT(refused, 500);
+}
+
+TEST(OnnxNets, OsnetGivesWhatOpencvGives) {
+  const std::string path = net("osnet_x0_25_msmt17.onnx");
+  if (path.empty()) GTEST_SKIP() << "no osnet_x0_25_msmt17.onnx among the shared data";
+  const auto encoder = make(network(path));
+  EXPECT_EQ(encoder->spec().dimension, 512);
+  std::vector<cv::Mat> pictures = {noise(128, 256, 1), noise(128, 256, 2), noise(128, 256, 3)};
+  const Eigen::MatrixXf together = encoder->encode(pictures);
+  for (int i = 0; i < 3; ++i) {
+    const Eigen::VectorXf expected = bare(path, "", pictures[i]);
+    EXPECT_LT((together.col(i) - expected).norm(), 1e-4f * expected.norm()) << i;
+    EXPECT_EQ(encoder->encode(std::span(&pictures[i], 1)), together.col(i)) << i;
+  }
+}
+
+TEST(OnnxNets, ResnetIsCutAtItsPooledLayer) {
+  const std::string path = net("resnet20.onnx");
+  if (path.empty()) GTEST_SKIP() << "no resnet20.onnx among the shared data";
+  const std::string layer = "onnx_node!GlobalAveragePool_70";
+  const cv::Mat picture = noise(32, 32, 4);
+  const Eigen::VectorXf expected = bare(path, layer, picture);
+  ASSERT_EQ(expected.size(), 64);
+  for (const EncoderFiles& files :
+       {network(path, layer), network(path, "GlobalAveragePool_70"), network(path, "", "resnet50")}) {
+    const Eigen::MatrixXf got = make(files)->encode(std::span(&picture, 1));
+    ASSERT_EQ(got.rows(), 64);
+    EXPECT_LT((got.col(0) - expected).norm(), 1e-4f * expected.norm());
+  }
+  EXPECT_EQ(make(network(path))->spec().dimension, 10);
+  EXPECT_TRUE(has(error_of(network(path), {{"width", 64}}), "width of 32, not 64"));
+}
+
+}  // namespace
+}  // namespace citylearn

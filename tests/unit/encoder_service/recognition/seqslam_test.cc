@@ -1,0 +1,205 @@
+// Sequence matching, against the published results of an OpenSeqSLAM port on Nordland (spring reference, winter query).
+#include <gtest/gtest.h>
+#include <zlib.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+
+#include "core/util/error.h"
+#include "core/util/random.h"
+#include "encoder_service/recognition/evaluation.h"
+#include "encoder_service/recognition/sequence.h"
+#include "tests/support/matfile.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using testing::MatFile;
+
+class Golden : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    const char* data = std::getenv("CITYLEARN_SHARED_DATA");
+    folder_ = (data ? data : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/seqslam-golden");
+    if (!std::filesystem::is_directory(folder_)) GTEST_SKIP() << "no " << folder_;
+  }
+  Eigen::MatrixXd read(const std::string& name) const {
+    const bool of_one = name.starts_with("preprocessing");
+    return MatFile(folder_ + "/" + name + (of_one ? "" : "-spring-1-100-35601-winter") + "-1-100-35601.mat").matrix();
+  }
+  std::string folder_;
+};
+
+TEST_F(Golden, DifferenceOfThePreprocessedImages) {
+  // The port subtracts bytes from bytes, which wrap around, and divides by the number of frames: its quirks, kept here.
+  const Eigen::MatrixXd spring = read("preprocessing-spring"), winter = read("preprocessing-winter");
+  const Eigen::MatrixXd expected = read("difference");
+  ASSERT_EQ(spring.cols(), 357);
+  ASSERT_EQ(expected.rows(), 357);
+  int wrong = 0;
+  for (Eigen::Index j = 0; j < winter.cols(); ++j)
+    for (Eigen::Index i = 0; i < spring.cols(); ++i) {
+      const Eigen::ArrayXd difference = winter.col(j).array() - spring.col(i).array();
+      const double sum = (difference < 0).select(difference + 256, difference).sum();
+      wrong += std::floor(sum / 357) != expected(i, j);
+    }
+  EXPECT_EQ(wrong, 0);
+}
+
+TEST_F(Golden, LocalContrast) {
+  const Eigen::MatrixXd enhanced = local_contrast(read("difference"), 10);
+  const Eigen::MatrixXd expected = read("differenceEnhanced");
+  EXPECT_LT((enhanced - expected).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+TEST_F(Golden, Matches) {
+  const Eigen::MatrixXd expected = read("matches");
+  const SeqSlam found = seqslam(read("differenceEnhanced"), {});
+  ASSERT_EQ(expected.rows(), found.matches.size());
+  int matched = 0, near = 0;
+  for (Eigen::Index q = 0; q < expected.rows(); ++q) {
+    const bool any = std::isfinite(expected(q, 0));
+    ASSERT_EQ(found.matches[q], any ? static_cast<int>(expected(q, 0)) : -1) << q;
+    matched += any;
+    near += any && std::abs(found.matches[q] - q) <= 2;
+    if (any) {
+      ASSERT_NEAR(found.ratios[q], expected(q, 1), 1e-9) << q;
+    }
+  }
+  EXPECT_EQ(matched, 347);
+  EXPECT_EQ(near, 303);  // 87.3 %
+}
+
+TEST_F(Golden, SequencesOfSimilaritySeeWhatSingleFramesDoNot) {
+  const Eigen::MatrixXf single = (-read("differenceEnhanced")).cast<float>();
+  const GroundTruth truth = GroundTruth::by_index(357, 357, 2);
+  const double alone = recall_at(answers(single, truth), 1);
+  const double sequence = recall_at(answers(sequence_similarity(single, {}), truth), 1);
+  EXPECT_LT(alone, 0.25);
+  EXPECT_GT(sequence, 0.9);
+}
+
+TEST(MatFile, TheSameCompressed) {
+  const testing::Folder folder;
+  const auto element = [](std::uint32_t type, std::string data) {
+    const auto size = static_cast<std::uint32_t>(data.size());
+    std::string text(8, '\0');
+    std::memcpy(text.data(), &type, 4);
+    std::memcpy(text.data() + 4, &size, 4);
+    text += data;
+    if (type != 15) text.resize((text.size() + 7) / 8 * 8);
+    return text;
+  };
+  const double values[] = {1, 2.5, -3, 4, 5, 6};
+  const std::string matrix =
+      element(14, element(6, std::string("\6\0\0\0\0\0\0\0", 8)) + element(5, std::string("\2\0\0\0\3\0\0\0", 8)) +
+                      std::string("\1\0\1\0D\0\0\0", 8) +
+                      element(9, std::string(reinterpret_cast<const char*>(values), sizeof(values))));
+  std::string deflated(200, '\0');
+  uLongf size = deflated.size();
+  ASSERT_EQ(compress(reinterpret_cast<Bytef*>(deflated.data()), &size, reinterpret_cast<const Bytef*>(matrix.data()),
+                     matrix.size()),
+            Z_OK);
+  deflated.resize(size);
+  const std::string header = std::string(124, ' ') + std::string("\0\1IM", 4);
+  for (const std::string& body : {matrix, element(15, deflated)}) {
+    std::ofstream(folder / "d.mat", std::ios::binary) << header << body;
+    const MatFile file(folder / "d.mat");
+    EXPECT_EQ(file.name(), "D");
+    EXPECT_EQ(file.matrix(), (Eigen::MatrixXd(2, 3) << 1, -3, 5, 2.5, 4, 6).finished());
+  }
+  for (const std::string& body : {matrix.substr(0, matrix.size() - 9), element(15, deflated.substr(0, 20))}) {
+    std::ofstream(folder / "d.mat", std::ios::binary) << header << body;
+    EXPECT_THROW(MatFile(folder / "d.mat"), Error);
+  }
+}
+
+TEST(LocalContrast, IsMeanAndDeviationOfTheReferenceFramesAround) {
+  Eigen::MatrixXd difference(4, 1);
+  difference << 1, 2, 6, 3;
+  // Windows: {1,2}, {1,2,6}, {2,6,3}, {6,3}.
+  const Eigen::VectorXd raw =
+      (Eigen::VectorXd(4) << -std::sqrt(0.5), -1 / std::sqrt(7), (6 - 11.0 / 3) / std::sqrt(13.0 / 3), -std::sqrt(0.5))
+          .finished();
+  const Eigen::MatrixXd enhanced = local_contrast(difference, 2);
+  EXPECT_LT((enhanced - (raw.array() - raw.minCoeff()).matrix()).cwiseAbs().maxCoeff(), 1e-12);
+}
+
+TEST(LocalContrast, AConstantWindowHasNone) {
+  const Eigen::MatrixXd enhanced = local_contrast(Eigen::MatrixXd::Constant(6, 3, 5), 4);
+  EXPECT_EQ(enhanced, Eigen::MatrixXd::Zero(6, 3));
+}
+
+TEST(Sequence, MeanAlongTheDiagonalCutAtTheEdges) {
+  const Eigen::MatrixXf similarity = (Eigen::MatrixXf(3, 3) << 1, 2, 3, 4, 5, 6, 7, 8, 9).finished();
+  const Eigen::MatrixXf sequence = sequence_similarity(similarity, {.length = 3});
+  EXPECT_FLOAT_EQ(sequence(1, 1), 5);  // (1 + 5 + 9) / 3
+  EXPECT_FLOAT_EQ(sequence(0, 0), 3);  // (1 + 5) / 2
+  EXPECT_FLOAT_EQ(sequence(0, 2), 3);  // alone in its corner
+  EXPECT_FLOAT_EQ(sequence(1, 0), (4 + 8) / 2.f);
+  EXPECT_EQ(sequence_similarity(similarity, {.length = 1}), similarity);
+}
+
+/// Noise, and a faint line from (first, 0) on that climbs by `velocity`: too faint to be seen in a single frame.
+Eigen::MatrixXf faint_line(int rows, int columns, int first, double velocity) {
+  Random random(7);
+  Eigen::MatrixXf similarity(rows, columns);
+  for (Eigen::Index i = 0; i < similarity.size(); ++i) similarity.data()[i] = static_cast<float>(random.normal());
+  for (int q = 0; q < columns; ++q) similarity(first + static_cast<int>(std::lround(velocity * q)), q) += 2;
+  return similarity;
+}
+
+TEST(Sequence, FindsALineAtAnotherVelocityWhenToldTheRange) {
+  const Eigen::MatrixXf similarity = faint_line(300, 100, 20, 1.5);
+  std::vector<std::pair<int, int>> line;
+  for (int q = 0; q < 100; ++q) line.push_back({20 + static_cast<int>(std::lround(1.5 * q)), q});
+  const GroundTruth truth = GroundTruth::by_matches(line, 300, 100, 2);
+  const auto recall = [&](double slowest, double fastest) {
+    return recall_at(
+        answers(sequence_similarity(similarity, {.length = 21, .slowest = slowest, .fastest = fastest}), truth), 1);
+  };
+  EXPECT_LT(recall(1, 1), 0.5);
+  EXPECT_GT(recall(1.5, 1.5), 0.9);
+  EXPECT_GT(recall(1, 2), 0.85);
+}
+
+TEST(Sequence, SeqSlamFindsAFaintLineAndIsSurestThere) {
+  const Eigen::MatrixXd difference = -faint_line(300, 100, 50, 1).cast<double>();
+  const SeqSlam found = seqslam(local_contrast(difference), {.length = 20});
+  int right = 0;
+  for (int q = 0; q < 100; ++q) {
+    if (q < 10 || q >= 90) {
+      EXPECT_EQ(found.matches[q], -1) << q;
+      EXPECT_TRUE(std::isnan(found.ratios[q]));
+    } else {
+      right += std::abs(found.matches[q] - (50 + q)) <= 2;
+      EXPECT_LE(found.ratios[q], 1);
+    }
+  }
+  EXPECT_GE(right, 72);
+}
+
+TEST(Sequence, RefusesWhatIsNoSequence) {
+  const Eigen::MatrixXf small = Eigen::MatrixXf::Zero(3, 3);
+  EXPECT_THROW(sequence_similarity(small, {.length = 4}), Error);
+  EXPECT_THROW(sequence_similarity(small, {.length = 3, .slowest = 2, .fastest = 1}), Error);
+  EXPECT_THROW(sequence_similarity(small, {.length = 3, .slowest = 0}), Error);
+  EXPECT_THROW(seqslam(small.cast<double>(), {.length = 3}), Error);
+  EXPECT_THROW(seqslam(small.cast<double>(), {.fastest = std::numeric_limits<double>::quiet_NaN()}), Error);
+  EXPECT_THROW(local_contrast(small.cast<double>(), 0), Error);
+}
+
+TEST(Sequence, LongerThanTheRecording) {
+  const Eigen::MatrixXf same = Eigen::MatrixXf::Identity(5, 5);
+  const GroundTruth truth = GroundTruth::by_index(5, 5, 0);
+  EXPECT_EQ(recall_at(answers(sequence_similarity(same, {.length = 21}), truth), 1), 1);
+  const SeqSlam none = seqslam(Eigen::MatrixXd::Zero(5, 5), {.length = 10});
+  EXPECT_EQ(none.matches, Eigen::VectorXi::Constant(5, -1));
+}
+
+}  // namespace
+}  // namespace citylearn

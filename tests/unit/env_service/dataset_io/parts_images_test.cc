@@ -1,0 +1,263 @@
+// Pictures in files and in videos.
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <set>
+
+#include "env_service/dataset_io/parts.h"
+#include "tests/support/env.h"
+#include "tests/support/pictures.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using testing::complaint_of;
+using testing::contents;
+using testing::Folder;
+using testing::write_file;
+using testing::write_grey;
+using testing::write_video;
+
+int brightness(Images& images, int frame) {
+  Bytes bytes;
+  images.read(frame, bytes);
+  const cv::Mat picture = decode_image(bytes, images.name(frame));
+  EXPECT_EQ(picture.type(), CV_8UC3);
+  return picture.at<cv::Vec3b>(picture.rows / 2, picture.cols / 2)[0];
+}
+
+std::string png_header(unsigned width, unsigned height) {
+  std::string text("\x89PNG\r\n\x1A\n\0\0\0\rIHDR", 16);
+  for (const unsigned side : {width, height})
+    for (int shift = 24; shift >= 0; shift -= 8) text += static_cast<char>(side >> shift);
+  return text + std::string("\x08\x02\0\0\0", 5) + "....IEND....";
+}
+
+TEST(ImageFiles, ReadsAndNamesFrames) {
+  const Folder folder;
+  write_grey(folder / "day/a.png", 10);
+  write_grey(folder / "day/b.jpg", 20);
+  write_grey(folder / "night/a.bmp", 30);
+  write_grey(folder / "night/b.ppm", 40);
+  const auto images = image_files(
+      {folder / "day/a.png", folder / "day/b.jpg", folder / "night/a.bmp", folder / "night/b.ppm"}, folder.path());
+  ASSERT_EQ(images->frames(), 4);
+  EXPECT_EQ(images->name(0), "day/a.png");
+  EXPECT_EQ(images->name(3), "night/b.ppm");
+  std::set<std::uint64_t> fingerprints;
+  for (int frame = 0; frame < 4; ++frame) {
+    EXPECT_EQ(images->fault(frame), "");
+    EXPECT_NEAR(brightness(*images, frame), 10 + 10 * frame, 2);
+    fingerprints.insert(images->fingerprint(frame));
+  }
+  EXPECT_EQ(fingerprints.size(), 4u);
+  // The same picture elsewhere has the same fingerprint.
+  std::filesystem::copy_file(folder / "day/a.png", folder / "night/c.png");
+  EXPECT_EQ(image_files({folder / "night/c.png"}, "")->fingerprint(0), images->fingerprint(0));
+  EXPECT_EQ(image_files({folder / "night/c.png"}, "")->name(0), folder / "night/c.png");
+}
+
+TEST(ImageFiles, TellsWhatIsBroken) {
+  const Folder folder;
+  write_grey(folder / "good.png", 10);
+  write_grey(folder / "good.jpg", 10);
+  const std::string png = contents(folder / "good.png"), jpeg = contents(folder / "good.jpg");
+  write_file(folder / "empty.png", "");
+  write_file(folder / "text.png", "hello");
+  write_file(folder / "cut.png", png.substr(0, png.size() / 2));
+  write_file(folder / "cut.jpg", jpeg.substr(0, jpeg.size() - 20));
+  write_file(folder / "huge.png", png_header(40000, 40000));
+  write_file(folder / "none.png", png_header(0, 5));
+  std::filesystem::create_directory(folder / "folder.png");
+  const std::vector<std::pair<std::string, std::string>> cases{
+      {"missing.png", "missing"},
+      {"empty.png", "an empty file"},
+      {"text.png", "neither a JPEG, PNG, PNM nor BMP file"},
+      {"cut.png", "the PNG file is cut short"},
+      {"cut.jpg", "the JPEG file is cut short"},
+      {"huge.png", "an image of 40000 x 40000 pixels, at most 67108864 are allowed"},
+      {"none.png", "an image of 0 x 5 pixels"},
+      {"folder.png", "not a file"}};
+  std::vector<std::string> paths{folder / "good.png"};
+  for (const auto& [name, fault] : cases) paths.push_back(folder / name);
+  const auto images = image_files(paths, folder.path());
+  EXPECT_EQ(images->fault(0), "");
+  for (std::size_t i = 0; i < cases.size(); ++i) {
+    const int frame = static_cast<int>(i) + 1;
+    EXPECT_EQ(images->fault(frame), cases[i].second) << cases[i].first;
+    Bytes bytes;
+    EXPECT_EQ(complaint_of([&] { images->read(frame, bytes); }), folder / (cases[i].first + ": " + cases[i].second));
+  }
+}
+
+TEST(ImageFiles, SizeBehindALongThumbnail) {
+  const Folder folder;
+  write_grey(folder / "x.jpg", 10);
+  const std::string jpeg = contents(folder / "x.jpg");
+  std::string comments;
+  for (int i = 0; i < 3; ++i) comments += std::string("\xFF\xFE\xFF\xFF", 4) + std::string(65533, 'x');
+  write_file(folder / "x.jpg", jpeg.substr(0, 2) + comments + jpeg.substr(2));
+  const auto images = image_files({folder / "x.jpg"}, "");
+  EXPECT_EQ(images->fault(0), "");
+  EXPECT_NEAR(brightness(*images, 0), 10, 2);
+}
+
+TEST(ImageFiles, LooksAtARealTraversalAtOnce) {
+  const std::string folder = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32/summer");
+  if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
+  std::vector<std::string> paths;
+  for (const std::string& name : files_in(folder, image_suffixes())) paths.push_back(folder + "/" + name);
+  ASSERT_EQ(paths.size(), 3576u);
+  const auto begin = std::chrono::steady_clock::now();
+  const auto images = image_files(paths, folder);
+  const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - begin;
+  RecordProperty("seconds", std::to_string(seconds.count()));
+  EXPECT_LT(seconds.count(), 5);  // some 0.1 on a quiet machine
+  for (int frame = 0; frame < images->frames(); ++frame) EXPECT_EQ(images->fault(frame), "");
+}
+
+TEST(ImageFiles, NeverAllocateWhatAHeaderPromises) {
+  const std::string header = png_header(31623, 31623);  // 10^9 pixels
+  Bytes bytes(header.size());
+  std::memcpy(bytes.data(), header.data(), header.size());
+  EXPECT_EQ(complaint_of([&] { decode_image(bytes, "x.png"); }),
+            "x.png: an image of 31623 x 31623 pixels, at most 67108864 are allowed");
+}
+
+TEST(Decoding, BrokenPixelsAreAnError) {
+  const std::string text = png_header(64, 64);
+  Bytes bytes(text.size());
+  std::memcpy(bytes.data(), text.data(), text.size());
+  EXPECT_EQ(complaint_of([&] { decode_image(bytes, "x.png"); }),
+            "x.png: the picture cannot be decoded (replace the file)");
+}
+
+TEST(Encoding, PngOfGreyAndColours) {
+  for (const int type : {CV_8UC1, CV_8UC3}) {
+    Bytes bytes;
+    encode_png(cv::Mat(5, 7, type, cv::Scalar(1, 2, 3)), bytes);
+    const cv::Mat picture = decode_image(bytes, "x");
+    EXPECT_EQ(picture.size(), cv::Size(7, 5));
+    EXPECT_EQ(picture.at<cv::Vec3b>(4, 6), type == CV_8UC1 ? cv::Vec3b(1, 1, 1) : cv::Vec3b(1, 2, 3));
+  }
+  Bytes bytes;
+  EXPECT_NE(complaint_of([&] { encode_png(cv::Mat(5, 7, CV_32F), bytes); }), "accepted");
+  EXPECT_NE(complaint_of([&] { encode_png(cv::Mat(), bytes); }), "accepted");
+}
+
+class Video : public ::testing::TestWithParam<std::pair<const char*, const char*>> {};
+
+TEST_P(Video, FramesInAnyOrder) {
+  const Folder folder;
+  const std::string path = folder / GetParam().first;
+  constexpr int kFrames = 55;
+  if (!write_video(path, kFrames, GetParam().second)) GTEST_SKIP() << "skipped: no encoder for " << GetParam().second;
+  double rate = 0;
+  const auto images = video_frames(path, folder.path(), &rate);
+  ASSERT_EQ(images->frames(), kFrames);
+  EXPECT_NEAR(rate, 25, 0.01);
+  EXPECT_EQ(images->name(12), std::string(GetParam().first) + ", frame 12");
+  // What comes out one after the other, lossy as it is.
+  std::vector<int> expected;
+  cv::VideoCapture capture(path);
+  for (cv::Mat picture; capture.read(picture);) expected.push_back(picture.at<cv::Vec3b>(24, 32)[0]);
+  ASSERT_EQ(expected.size(), static_cast<std::size_t>(kFrames));
+  std::set<std::uint64_t> fingerprints;
+  for (const int frame : {0, 1, 2, 9, 54, 53, 3, 3, 0, 30, 54}) {
+    EXPECT_NEAR(brightness(*images, frame), expected[static_cast<std::size_t>(frame)], 1) << frame;
+    fingerprints.insert(images->fingerprint(frame));
+  }
+  EXPECT_EQ(fingerprints.size(), 8u);
+  Bytes bytes;
+  EXPECT_NE(complaint_of([&] { images->read(kFrames, bytes); }), "accepted");
+}
+
+INSTANTIATE_TEST_SUITE_P(Codecs, Video,
+                         ::testing::Values(std::pair{"m.avi", "MJPG"}, std::pair{"m.mp4", "mp4v"},
+                                           std::pair{"m.mkv", "FFV1"}));
+
+TEST(BrokenVideo, IsOneClearLine) {
+  const Folder folder;
+  write_file(folder / "x.mp4", "no video at all");
+  EXPECT_EQ(complaint_of([&] { video_frames(folder / "x.mp4", folder.path()); }),
+            "x.mp4: the video cannot be opened (broken, or of a kind that OpenCV was built without)");
+  EXPECT_NE(complaint_of([&] { video_frames(folder / "y.mp4", folder.path()); }), "accepted");
+  EXPECT_NE(complaint_of([&] { video_frames(folder.path(), ""); }), "accepted");
+  ASSERT_TRUE(write_video(folder / "m.avi", 50));
+  const std::string whole = contents(folder / "m.avi");
+  write_file(folder / "cut.avi", whole.substr(0, whole.size() / 2));
+  // Half of it is gone: told at once, or as fewer frames that can all be had.
+  std::shared_ptr<Images> images;
+  const std::string told = complaint_of([&] { images = video_frames(folder / "cut.avi", folder.path()); });
+  if (!images) {
+    EXPECT_TRUE(told.starts_with("cut.avi: ")) << told;
+  } else {
+    EXPECT_LT(images->frames(), 50);
+    EXPECT_NEAR(brightness(*images, images->frames() - 1), 4 * (images->frames() - 1) + 20, 3);
+  }
+}
+
+TEST(Changed, PicturesAndFingerprints) {
+  const Folder folder;
+  write_grey(folder / "a.png", 100);
+  const auto images = image_files({folder / "a.png", folder / "none.png"}, folder.path());
+  const auto halved = changed(images, "halve 1", [](const cv::Mat& picture) { return cv::Mat(picture / 2); });
+  EXPECT_EQ(brightness(*halved, 0), 50);
+  EXPECT_EQ(halved->name(0), "a.png");
+  EXPECT_EQ(halved->fault(1), "missing");
+  EXPECT_NE(halved->fingerprint(0), images->fingerprint(0));
+  EXPECT_NE(halved->fingerprint(0), changed(images, "halve 2", nullptr)->fingerprint(0));
+  const auto broken = changed(images, "crop", [](const cv::Mat& picture) { return picture(cv::Rect(0, 0, 999, 9)); });
+  Bytes bytes;
+  EXPECT_TRUE(complaint_of([&] { broken->read(0, bytes); }).starts_with("a.png (crop): "));
+}
+
+TEST(Picked, FramesInTheirOrder) {
+  const Folder folder;
+  for (int i = 0; i < 3; ++i) write_grey(folder / (std::to_string(i) + ".png"), 10 * i);
+  const auto images = image_files({folder / "0.png", folder / "1.png", folder / "2.png"}, folder.path());
+  const auto some = picked(images, {2, 0, 2});
+  ASSERT_EQ(some->frames(), 3);
+  EXPECT_EQ(brightness(*some, 0), 20);
+  EXPECT_EQ(some->name(1), "0.png");
+  EXPECT_EQ(some->fingerprint(2), images->fingerprint(2));
+  EXPECT_NE(complaint_of([&] { picked(images, {0, 3}); }), "accepted");
+  EXPECT_NE(complaint_of([&] { picked(images, {-1}); }), "accepted");
+}
+
+/// Counts its reads.
+class Counting : public Images {
+ public:
+  int frames() const override { return 10; }
+  void read(int frame, Bytes& bytes) override {
+    bytes.assign(100, std::byte(frame));
+    ++reads;
+  }
+  std::string name(int frame) const override { return std::to_string(frame); }
+  std::uint64_t fingerprint(int frame) const override { return static_cast<std::uint64_t>(frame); }
+  std::string fault(int) const override { return ""; }
+  int reads = 0;
+};
+
+TEST(Cached, KeepsWhatWasReadLast) {
+  const auto images = std::make_shared<Counting>();
+  const auto kept = cached(images, 250);  // two of them
+  Bytes bytes;
+  for (const int frame : {1, 2, 1, 2, 1}) {
+    kept->read(frame, bytes);
+    EXPECT_EQ(bytes, Bytes(100, std::byte(frame)));
+  }
+  EXPECT_EQ(images->reads, 2);
+  kept->read(3, bytes);  // 2 goes, for 1 was read later
+  kept->read(1, bytes);
+  EXPECT_EQ(images->reads, 3);
+  kept->read(2, bytes);
+  EXPECT_EQ(images->reads, 4);
+  const auto small = cached(images, 50);
+  for (int i = 0; i < 2; ++i) small->read(1, bytes);
+  EXPECT_EQ(images->reads, 6);
+}
+
+}  // namespace
+}  // namespace citylearn

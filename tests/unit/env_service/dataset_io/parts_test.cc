@@ -1,0 +1,138 @@
+// Folders, tables and geometry that readers of datasets share.
+#include "env_service/dataset_io/parts.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "tests/support/pictures.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using testing::complaint_of;
+using testing::Folder;
+using testing::write_file;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+TEST(Files, ListsInNaturalOrder) {
+  const Folder folder;
+  for (const std::string name : {"img10.PNG", "img2.png", "img1.png", "img02.jpg", ".img3.png", "notes.txt", ".png"})
+    write_file(folder / name, "x");
+  std::filesystem::create_directory(folder / "img4.png");
+  EXPECT_EQ(files_in(folder.path(), image_suffixes()),
+            (std::vector<std::string>{"img1.png", "img02.jpg", "img2.png", "img10.PNG"}));
+  EXPECT_EQ(folders_in(folder.path()), std::vector<std::string>{"img4.png"});
+  EXPECT_EQ(complaint_of([&] { files_in(folder / "no", {".png"}); }), folder / "no: No such file or directory");
+}
+
+TEST(Files, NamesOfLongNumbers) {
+  const Folder folder;
+  const std::string big = "123456789012345678901234567890";
+  for (const std::string& name : {big + "1.png", big + ".png", std::string("9.png")}) write_file(folder / name, "x");
+  EXPECT_EQ(files_in(folder.path(), {".png"}), (std::vector<std::string>{"9.png", big + ".png", big + "1.png"}));
+}
+
+TEST(Files, PathsBelowAFolder) {
+  for (const std::string root : {"/a/b", "/a/b/", "/a/b//"}) {
+    EXPECT_EQ(path_below("/a/b/c/d.png", root), "c/d.png");
+    EXPECT_EQ(path_below(root + "/d.png", root), "d.png");
+    EXPECT_EQ(path_below("/a/bc/d.png", root), "/a/bc/d.png");
+    EXPECT_EQ(path_below("/a", root), "/a");
+  }
+  EXPECT_EQ(path_below("/a/b", ""), "/a/b");
+  EXPECT_EQ(path_below("/a/b", "/"), "a/b");
+}
+
+TEST(Files, ReadsAWholeFile) {
+  const Folder folder;
+  const std::string text = std::string(100'000, 'a') + '\0' + "b";
+  write_file(folder / "x", text);
+  EXPECT_EQ(read_text(folder / "x"), text);
+  EXPECT_EQ(complaint_of([&] { read_text(folder / "x", 1000); }), folder / "x: is larger than 1000 bytes");
+  EXPECT_EQ(complaint_of([&] { read_text(folder / "y"); }), folder / "y: No such file or directory");
+  EXPECT_EQ(complaint_of([&] { read_text(folder.path()); }), folder.path() + ": is a folder, not a file");
+}
+
+TEST(Table, AnyLineEndsAndAHeader) {
+  const Folder folder;
+  for (const std::string end : {"\n", "\r\n", "\r"}) {
+    write_file(folder / "t.csv", "\xEF\xBB\xBF# made by hand" + end + "time, x ,name" + end + end + "1,+2.5, a b " +
+                                     end + "-3e1,4,c" + end);
+    const TextTable table(folder / "t.csv", {});
+    ASSERT_EQ(table.rows(), 2);
+    EXPECT_EQ(table.columns(0), 3);
+    EXPECT_TRUE(table.has("x"));
+    EXPECT_FALSE(table.has("y"));
+    EXPECT_EQ(table.number(0, "x"), 2.5);
+    EXPECT_EQ(table.text(0, "name"), "a b");
+    EXPECT_EQ(table.number(1, 0), -30);
+    EXPECT_EQ(complaint_of([&] { table.fail(1, "odd", "mend it"); }), folder / "t.csv:5: odd (mend it)");
+  }
+}
+
+TEST(Table, RunsOfBlanksSeparate) {
+  const Folder folder;
+  write_file(folder / "poses.txt", "  1  2\t3 \n4 5 6");
+  const TextTable table(folder / "poses.txt", {' ', false});
+  ASSERT_EQ(table.rows(), 2);
+  EXPECT_EQ(table.columns(0), 3);
+  EXPECT_EQ(table.number(0, 1), 2);
+  EXPECT_EQ(table.number(1, 2), 6);
+}
+
+TEST(Table, NamesFileLineAndColumnOfWhatIsWrong) {
+  const Folder folder;
+  const std::string path = folder / "t.csv";
+  write_file(path, "a,b\n1,x\n2\n3,\n4,nan\n5,1e999\n");
+  const TextTable table(path, {});
+  EXPECT_EQ(complaint_of([&] { table.number(0, "b"); }), path + ":2: 'x' in column 'b' is not a number");
+  EXPECT_EQ(complaint_of([&] { table.number(1, "b"); }), path + ":3: nothing in column 'b'");
+  EXPECT_EQ(complaint_of([&] { table.number(2, 1); }), path + ":4: nothing in column 'b'");
+  EXPECT_EQ(complaint_of([&] { table.number(3, "b"); }), path + ":5: a number that is not finite in column 'b'");
+  EXPECT_EQ(complaint_of([&] { table.number(4, "b"); }), path + ":6: a number that is not finite in column 'b'");
+  EXPECT_EQ(complaint_of([&] { table.number(0, "c"); }), path + ": no column 'c' (there are: a, b)");
+  EXPECT_EQ(complaint_of([&] { table.text(0, 2); }), path + ":2: no column 3, there are 2");
+  write_file(path, "");
+  EXPECT_EQ(complaint_of([&] { TextTable(path, {}); }), path + ": is empty (its first line should name the columns)");
+  EXPECT_EQ(TextTable(path, {',', false}).rows(), 0);
+}
+
+TEST(Geometry, MetresOfADegree) {
+  // A degree of a great circle on the sphere of the mean radius.
+  const double degree = 6'371'008.8 * 3.14159265358979 / 180;
+  EXPECT_NEAR(metres_between(0, 10, 1, 10), degree, 1e-6);
+  EXPECT_NEAR(metres_between(60, 179.5, 60, -179.5), degree / 2, 20);  // over the date line; half a degree's width
+  EXPECT_EQ(metres_between(12, 34, 12, 34), 0);
+  const std::vector<float> along = metres_along({0, kNan, 0.001, 0.001}, {0, 0, 0, 0.001});
+  EXPECT_EQ(along[0], 0);
+  EXPECT_TRUE(std::isnan(along[1]));
+  EXPECT_NEAR(along[2], degree / 1000, 1e-3);
+  EXPECT_NEAR(along[3], 2 * degree / 1000, 1e-3);
+}
+
+TEST(Geometry, MetresInAPlane) {
+  const std::vector<float> along = metres_along_plane({kNan, 0, 3, kNan, 3}, {0, 0, 4, 4, 5});
+  EXPECT_TRUE(std::isnan(along[0]));
+  EXPECT_EQ(along[1], 0);
+  EXPECT_EQ(along[2], 5);
+  EXPECT_TRUE(std::isnan(along[3]));
+  EXPECT_EQ(along[4], 6);
+}
+
+TEST(Geometry, InterpolatesBetweenSamples) {
+  const std::vector<double> found =
+      interpolate({1, 2, 2, 4}, {10, 20, 30, 50}, {0, 0.5, 1, 1.5, 2, 3, 4, 4.5, 5.1, kNan}, 1);
+  const std::vector<double> expected{10, 10, 10, 15, 30, 40, 50, 50};
+  for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_DOUBLE_EQ(found[i], expected[i]) << i;
+  EXPECT_TRUE(std::isnan(found[8]));
+  EXPECT_TRUE(std::isnan(found[9]));
+  EXPECT_TRUE(std::isnan(interpolate({}, {}, {1}, 1)[0]));
+  EXPECT_EQ(interpolate({1, 2}, {5, kNan}, {1}, 1)[0], 5);
+}
+
+}  // namespace
+}  // namespace citylearn

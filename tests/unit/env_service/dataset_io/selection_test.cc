@@ -1,0 +1,287 @@
+#include "env_service/dataset_io/selection.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <map>
+#include <numbers>
+
+#include "tests/support/env.h"
+#include "tests/support/pictures.h"
+
+namespace citylearn {
+namespace {
+
+using testing::complaint_of;
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+/// Pictures of nothing, some of them broken.
+class FewImages : public Images {
+ public:
+  FewImages(int frames, std::vector<int> bad) : frames_(frames), bad_(std::move(bad)) {}
+  int frames() const override { return frames_; }
+  void read(int frame, Bytes& bytes) override { bytes.assign(1, std::byte(frame)); }
+  std::string name(int frame) const override { return "f" + std::to_string(frame); }
+  std::uint64_t fingerprint(int frame) const override { return 1000 + static_cast<std::uint64_t>(frame); }
+  std::string fault(int frame) const override {
+    return std::find(bad_.begin(), bad_.end(), frame) == bad_.end() ? "" : "broken";
+  }
+
+ private:
+  int frames_;
+  std::vector<int> bad_;
+};
+
+class Fake : public Dataset {
+ public:
+  std::vector<std::string> names() override {
+    std::vector<std::string> names;
+    for (const auto& [name, traversal] : traversals) names.push_back(name);
+    return names;
+  }
+  Traversal load(const std::string& name) override {
+    if (!traversals.contains(name)) throw unknown_traversal(name, "fake", names());
+    return traversals.at(name);
+  }
+  std::string condition(const std::string& name) override { return traversals.at(name).condition; }
+  Correspondence correspondence() const override { return natural; }
+  std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
+    if (pairs.empty()) return Dataset::matches(a, b);
+    asked = a + " " + b;
+    return pairs;
+  }
+
+  Traversal& add(const std::string& name, int frames, double metres_a_frame) {
+    Traversal traversal = testing::small_traversal(frames);
+    traversal.name = name;
+    for (int i = 0; i < frames; ++i) {
+      traversal.positions[static_cast<std::size_t>(i)] = static_cast<float>(i * metres_a_frame);
+      traversal.times.push_back(i * 0.5);
+    }
+    return traversals[name] = traversal;
+  }
+
+  std::map<std::string, Traversal> traversals;
+  std::vector<std::pair<int, int>> pairs;
+  std::string asked;
+  Correspondence natural = Correspondence::kIndex;
+};
+
+/// Which frames of the recording they were: small_traversal() shows them.
+std::vector<int> shown(const Traversal& traversal) {
+  std::vector<int> frames;
+  for (int i = 0; i < traversal.frames; ++i) frames.push_back(static_cast<int>(traversal.feature(i)[0]));
+  EXPECT_EQ(traversal.features.size(), static_cast<std::size_t>(traversal.frames * traversal.dimension));
+  EXPECT_EQ(traversal.positions.size(), static_cast<std::size_t>(traversal.frames));
+  return frames;
+}
+
+TEST(Select, NothingLeavesEverything) {
+  Fake fake;
+  const Traversal& whole = fake.add("a", 10, 2);
+  const Traversal same = select(fake, "a", {});
+  EXPECT_EQ(same.hash(), whole.hash());
+  EXPECT_EQ(same.times, whole.times);
+  EXPECT_THROW(select(fake, "b", {}), Error);
+}
+
+TEST(Select, FramesAndSteps) {
+  Fake fake;
+  Traversal& a = fake.add("a", 10, 2);
+  a.latitude = a.longitude = a.times;
+  const Traversal part = select(fake, "a", {.first = 2, .end = 9, .step = 3});
+  EXPECT_EQ(shown(part), (std::vector<int>{2, 5, 8}));
+  EXPECT_EQ(part.positions, (std::vector<float>{4, 10, 16}));
+  EXPECT_EQ(part.times, (std::vector<double>{1, 2.5, 4}));
+  EXPECT_EQ(part.latitude, part.times);
+  EXPECT_EQ(part.longitude, part.times);
+  EXPECT_EQ(part.name, "a");
+  EXPECT_EQ(shown(select(fake, "a", {.first = 8})), (std::vector<int>{8, 9}));
+  EXPECT_EQ(shown(select(fake, "a", {.end = 2})), (std::vector<int>{0, 1}));
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.end = 11}); }), "--frames: beyond a, which has 10 frames");
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.first = 10}); }), "--frames: beyond a, which has 10 frames");
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.first = 3, .end = 3}); }), "--frames: no frame in it");
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.first = 9}); }),
+            "--frames, --metres or --step: of a only one frame is left, a route needs two (select more)");
+}
+
+TEST(Select, Metres) {
+  Fake fake;
+  Traversal& a = fake.add("a", 10, 2);
+  EXPECT_EQ(shown(select(fake, "a", {.from = 3, .to = 10})), (std::vector<int>{2, 3, 4}));
+  EXPECT_EQ(shown(select(fake, "a", {.step_metres = 5})), (std::vector<int>{0, 3, 6, 9}));
+  EXPECT_EQ(shown(select(fake, "a", {.first = 1, .from = -5, .to = 15, .step_metres = 4})),
+            (std::vector<int>{1, 3, 5, 7}));
+  a.positions[0] = a.positions[3] = a.positions[6] = kNan;
+  EXPECT_EQ(shown(select(fake, "a", {.from = 3, .to = 10})), (std::vector<int>{2, 3, 4}));
+  EXPECT_EQ(shown(select(fake, "a", {.step_metres = 5})), (std::vector<int>{1, 4, 7}));
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.step_metres = 0.04}); }), "--step-metres: must be 0.05 or more");
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.step = 2, .step_metres = 1}); }),
+            "--step-metres: cannot be together with --step (give one of them)");
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.from = 100}); }),
+            "--frames, --metres or --step: of a no frame is left, a route needs two (select more)");
+  a.positions.assign(10, kNan);
+  for (const Selection& selection : {Selection{.from = 1}, Selection{.step_metres = 1}})
+    EXPECT_NE(complaint_of([&] { select(fake, "a", selection); }).find("positions of a are not known"),
+              std::string::npos);
+}
+
+TEST(SelectBadFrames, RefusedByName) {
+  Fake fake;
+  Traversal& a = fake.add("a", 10, 2);
+  a.images = std::make_shared<FewImages>(10, std::vector<int>{3, 4});
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {}); }),
+            "f3: broken, and 1 more bad frames (mend them, cut with --frames, or let their neighbours stand in with "
+            "--on-bad-frame skip)");
+  // Bad frames that nobody asked for do no harm.
+  const Traversal rest = select(fake, "a", {.first = 5});
+  EXPECT_EQ(rest.images->name(0), "f5");
+}
+
+TEST(SelectBadFrames, TheNearestGoodOneStandsIn) {
+  Fake fake;
+  Traversal& a = fake.add("a", 10, 2);
+  a.images = std::make_shared<FewImages>(10, std::vector<int>{0, 3, 4, 5, 9});
+  const Traversal mended = select(fake, "a", {.skip_bad_frames = true});
+  ASSERT_EQ(mended.frames, 10);
+  ASSERT_EQ(mended.images->frames(), 10);
+  const std::vector<std::string> expected{"f1", "f1", "f2", "f2", "f2", "f6", "f6", "f7", "f8", "f8"};
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(mended.images->name(i), expected[static_cast<std::size_t>(i)]) << i;
+  EXPECT_EQ(mended.positions, a.positions);
+  // A stand-in may lie outside of what was cut out.
+  EXPECT_EQ(select(fake, "a", {.first = 3, .end = 5, .skip_bad_frames = true}).images->name(0), "f2");
+  a.images = std::make_shared<FewImages>(2, std::vector<int>{0, 1});
+  a.frames = 2;
+  EXPECT_NE(complaint_of([&] { select(fake, "a", {.skip_bad_frames = true}); }).find("not a single frame"),
+            std::string::npos);
+}
+
+TEST(SelectAligned, ByIndex) {
+  Fake fake;
+  fake.add("a", 10, 2);
+  fake.add("b", 8, 3);
+  const Traversal b = select(fake, "b", {.first = 1, .end = 8, .step = 2, .align = "a"});
+  EXPECT_EQ(shown(b), (std::vector<int>{1, 3, 5, 7}));
+  EXPECT_EQ(b.positions, (std::vector<float>{3, 9, 15, 21}));  // its own metres
+  EXPECT_EQ(
+      complaint_of([&] { select(fake, "b", {.align = "a"}); }),
+      "--align-by index: frame 8 of a has no counterpart, b has 8 frames (cut with --frames, or align another way)");
+  EXPECT_NE(complaint_of([&] { select(fake, "a", {.align = "a"}); }), "accepted");
+  EXPECT_NE(complaint_of([&] { select(fake, "a", {.align = "c"}); }).find("no traversal 'c'"), std::string::npos);
+  EXPECT_NE(complaint_of([&] { select(fake, "a", {.align = "b", .by = "luck"}); }).find("unknown way 'luck'"),
+            std::string::npos);
+}
+
+TEST(SelectAligned, ByMatches) {
+  Fake fake;
+  fake.add("a", 10, 2);
+  fake.add("b", 30, 1);
+  EXPECT_NE(complaint_of([&] { select(fake, "b", {.align = "a", .by = "matches"}); }).find("no match file"),
+            std::string::npos);
+  fake.natural = Correspondence::kMatches;
+  fake.pairs = {{7, 20}, {2, 5}, {4, 9}, {4, 10}};
+  const Traversal b = select(fake, "b", {.first = 2, .end = 8, .align = "a"});
+  EXPECT_EQ(fake.asked, "a b");
+  EXPECT_EQ(shown(b), (std::vector<int>{5, 7, 9, 13, 16, 20}));
+  EXPECT_EQ(complaint_of([&] { select(fake, "b", {.align = "a"}); }),
+            "--align-by matches: frame 0 of a has no match, they go from 2 to 7 (cut with --frames)");
+  EXPECT_NE(complaint_of([&] { select(fake, "b", {.first = 2, .end = 9, .align = "a"}); }), "accepted");
+  fake.pairs = {{0, 0}, {9, 30}};
+  EXPECT_NE(complaint_of([&] { select(fake, "b", {.align = "a"}); }).find("the match of frames 9 and 30 is beyond"),
+            std::string::npos);
+}
+
+TEST(SelectAligned, ByDistance) {
+  Fake fake;
+  fake.add("a", 10, 2);
+  Traversal& b = fake.add("b", 40, 0.7);
+  fake.natural = Correspondence::kDistance;
+  const std::vector<int> expected{0, 3, 6, 9, 11, 14, 17, 20, 23, 26};  // round(i 2 / 0.7)
+  EXPECT_EQ(shown(select(fake, "b", {.align = "a"})), expected);
+  b.positions[3] = kNan;
+  EXPECT_EQ(shown(select(fake, "b", {.align = "a"}))[1], 2);  // at 1.4 m; 2.8 m is farther
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.align = "b", .tolerance = 1.5}); }),
+            "--align-by distance: the position of frame 3 of b is not known (cut with --frames)");
+  EXPECT_EQ(complaint_of([&] { select(fake, "a", {.first = 4, .align = "b", .tolerance = 1.5}); }),
+            "--align-by distance: frame 28 of b at 19.6 m is 1.6 m from the nearest frame of a (cut with --frames, or "
+            "raise --align-within)");
+}
+
+/// A figure of eight: two circles of 50 m radius that meet in the middle, where the route passes three times.
+void draw_eight(Traversal& traversal, double east = 0) {
+  constexpr double kDegree = 6'371'008.8 * std::numbers::pi / 180;
+  traversal.latitude.clear();
+  traversal.longitude.clear();
+  for (int i = 0; i < traversal.frames; ++i) {
+    const double turn = 4 * std::numbers::pi * i / (traversal.frames - 1);
+    const bool second = turn > 2 * std::numbers::pi;
+    const double x = second ? 50 * std::cos(turn) - 50 : 50 - 50 * std::cos(turn);
+    traversal.latitude.push_back(45 + 50 * std::sin(turn) / kDegree);
+    traversal.longitude.push_back(7 + (x + east) / (kDegree * std::cos(45 * std::numbers::pi / 180)));
+  }
+}
+
+TEST(SelectAligned, ByGpsFollowsARouteThatCrossesItself) {
+  Fake fake;
+  fake.natural = Correspondence::kGps;
+  draw_eight(fake.add("a", 101, 1));
+  draw_eight(fake.add("b", 401, 1),
+             0.4);  // the receiver is off by 40 cm: at the crossing, the wrong pass may be nearer
+  const std::vector<int> frames = shown(select(fake, "b", {.align = "a"}));
+  ASSERT_EQ(frames.size(), 101u);
+  for (int i = 0; i < 101; ++i) EXPECT_NEAR(frames[static_cast<std::size_t>(i)], 4 * i, 2) << i;
+  EXPECT_TRUE(std::is_sorted(frames.begin(), frames.end()));
+  EXPECT_NE(
+      complaint_of([&] { select(fake, "b", {.align = "a", .tolerance = 0.1}); }).find("no frame of b within 0.1 m"),
+      std::string::npos);
+}
+
+TEST(SelectAligned, ByGpsGoesBackWhenItMust) {
+  Fake fake;
+  draw_eight(fake.add("a", 101, 1));
+  Traversal& b = fake.add("b", 401, 1);
+  draw_eight(b);
+  // b was begun in the middle: the first circle comes last.
+  for (std::vector<double>* numbers : {&b.latitude, &b.longitude})
+    std::rotate(numbers->begin(), numbers->begin() + 200, numbers->end());
+  const std::vector<int> frames = shown(select(fake, "b", {.align = "a", .by = "gps", .tolerance = 5}));
+  int returns = 0;
+  for (std::size_t i = 1; i < frames.size(); ++i) returns += frames[i] < frames[i - 1];
+  EXPECT_EQ(returns, 1);
+  EXPECT_NEAR(frames[25], 300, 3);
+  EXPECT_NEAR(frames[75], 100, 3);
+}
+
+TEST(SelectAligned, ByGpsNeedsPositions) {
+  Fake fake;
+  fake.add("a", 10, 2);
+  draw_eight(fake.add("b", 10, 2));
+  EXPECT_NE(complaint_of([&] { select(fake, "b", {.align = "a", .by = "gps"}); }).find("of a are not known"),
+            std::string::npos);
+  draw_eight(fake.traversals["a"]);
+  fake.traversals["a"].latitude[4] = kNan;
+  EXPECT_EQ(complaint_of([&] { select(fake, "b", {.align = "a", .by = "gps"}); }),
+            "--align-by gps: the position of frame 4 of a is not known (cut with --frames)");
+}
+
+TEST(Condition, ChoosesTheOneTraversal) {
+  Fake fake;
+  fake.add("a", 10, 2).condition = "night";
+  fake.add("b", 10, 2).condition = "rain";
+  fake.add("c", 10, 2).condition = "rain";
+  Source source;
+  source.traversal = "c";
+  EXPECT_EQ(chosen_traversal(fake, source), "c");
+  source.condition = "night";
+  EXPECT_EQ(chosen_traversal(fake, source), "a");
+  source.condition = "rain";
+  EXPECT_EQ(complaint_of([&] { chosen_traversal(fake, source); }),
+            "--condition: 2 traversals were recorded under 'rain' (name one with --traversal: b, c)");
+  source.condition = "snow";
+  EXPECT_EQ(complaint_of([&] { chosen_traversal(fake, source); }),
+            "--condition: no traversal was recorded under 'snow' (there are: night, rain)");
+}
+
+}  // namespace
+}  // namespace citylearn

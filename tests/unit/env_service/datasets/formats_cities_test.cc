@@ -1,0 +1,288 @@
+// BDD100K, Cityscapes, StreetLearn.
+#include <cmath>
+
+#include "env_service/dataset_io/panorama.h"
+#include "tests/support/layouts.h"
+
+namespace citylearn {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::complaint_of;
+using testing::Folder;
+using testing::holds;
+using testing::kDegree;
+using testing::make_dataset;
+using testing::write_file;
+using testing::write_picture;
+
+class Bdd : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    testing::write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 60, 30);  // 2 s
+    // Its first frame at 1503828163.0 s; one location a second, each 0.001 degrees to the north.
+    write_file(info_, R"({"rideID": "r", "startTime": 1503828163000, "endTime": 1503828165000, "locations": [)"
+                      R"({"timestamp": 1503828163000, "latitude": 40.000, "longitude": -74.0, "speed": 1},)"
+                      R"({"timestamp": 1503828164000, "latitude": 40.001, "longitude": -74.0, "speed": 1},)"
+                      R"({"timestamp": 1503828165000, "latitude": 40.002, "longitude": -74.0, "speed": 1}]})");
+    testing::write_avi(folder_ / "videos/100k/train/no-info.mov", 3, 30);
+  }
+  Traversal load() const { return make_dataset("bdd100k", folder_.path(), {{"seconds", 2}})->load(kRide); }
+
+  static constexpr char kRide[] = "0000f77c-6257be58";
+  Folder folder_;
+  std::string info_ = folder_ / "info/100k/train/0000f77c-6257be58.json";
+};
+
+TEST_F(Bdd, ReadsRidesThatHaveInfo) {
+  const auto dataset = make_dataset("bdd100k", folder_.path());
+  EXPECT_EQ(dataset->names(), std::vector<std::string>{kRide});
+  EXPECT_EQ(dataset->correspondence(), Correspondence::kGps);
+  const Traversal traversal = load();
+  ASSERT_EQ(traversal.frames, 60);
+  EXPECT_EQ(traversal.condition, "");
+  EXPECT_NEAR(traversal.times[30], 1503828164.0, 1e-6);
+  EXPECT_NEAR(traversal.latitude[15], 40.0005, 1e-9);
+  EXPECT_NEAR(traversal.positions[30], 0.001 * kDegree, 0.05);
+  EXPECT_NEAR(traversal.positions[45], 0.0015 * kDegree, 0.05);
+  EXPECT_NEAR(testing::picture_of(traversal, 5).at<cv::Vec3b>(8, 8)[2], 100, 3);
+}
+
+TEST_F(Bdd, ConditionsComeFromLabels) {
+  write_file(folder_ / "labels/bdd100k_labels_images_train.json",
+             R"([{"name": "0000f77c-6257be58.jpg", "labels": [{"category": "car", "box2d": {"x1": 1}}],)"
+             R"( "attributes": {"weather": "rainy", "scene": "city street", "timeofday": "night"}}])");
+  EXPECT_EQ(make_dataset("bdd100k", folder_.path())->condition(kRide), "night+rainy");
+  EXPECT_EQ(load().condition, "night+rainy");
+  write_file(folder_ / "labels/100k/train/0000f77c-6257be58.json",
+             R"({"name": "x", "attributes": {"weather": "undefined", "timeofday": "daytime"}, "frames": [1, 2]})");
+  EXPECT_EQ(make_dataset("bdd100k", folder_.path())->condition(kRide), "daytime");
+  fs::remove_all(folder_ / "labels/100k");
+  write_file(folder_ / "labels/bdd100k_labels_images_train.json", R"([{"name": )");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "bdd100k_labels_images_train.json"));
+}
+
+TEST_F(Bdd, TellsWhatIsMissingOrBroken) {
+  const std::uint64_t hash = load().hash();
+  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("bdd100k", folder_.path())->load(kRide); }), "--bdd100k-seconds"));
+  write_file(info_, R"({"startTime": 1, "locations": []})");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "0000f77c-6257be58.json: 0 locations"));
+  write_file(info_, R"({"startTime": 1, "locations": [{"timestamp": 1, "latitude": "north"}]})");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), R"(0000f77c-6257be58.json: "latitude")"));
+  write_file(info_, R"({"locations": []})");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), R"(no "startTime")"));
+  write_file(info_, R"([1, 2])");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "0000f77c-6257be58.json"));
+  write_file(info_, R"({"startTime": 15038)");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "0000f77c-6257be58.json: is not JSON"));
+  SetUp();
+  EXPECT_EQ(load().hash(), hash);
+  testing::write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 61, 30);
+  EXPECT_NE(load().hash(), hash);
+  write_file(folder_ / "videos/100k/train/0000f77c-6257be58.mov", "not a video");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "0000f77c-6257be58.mov"));
+  const Folder other;
+  testing::write_avi(other / "videos/train/a.mov", 3, 30);
+  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("bdd100k", other.path())->names(); }), "info"));
+}
+
+/// Three frames of a snippet, 60 ms apart, at 10, 12 and 14 m/s.
+class Cityscapes : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    for (int i = 0; i < 3; ++i) {
+      const std::string frame = "train/aachen/aachen_000000_00000" + std::to_string(i);
+      write_picture(folder_ / ("leftImg8bit_sequence/" + frame + "_leftImg8bit.png"), cv::Scalar::all(50 + 50 * i));
+      write_vehicle(i, 50.78 + 0.001 * i, 10 + 2 * i);
+      write_file(folder_ / ("timestamp_sequence/" + frame + "_timestamp.txt"),
+                 std::to_string(1000000000L + 60000000L * i));
+    }
+  }
+  void write_vehicle(int frame, double latitude, double speed) const {
+    write_file(
+        folder_ / ("vehicle_sequence/train/aachen/aachen_000000_00000" + std::to_string(frame) + "_vehicle.json"),
+        R"({"gpsHeading": 281, "gpsLatitude": )" + std::to_string(latitude) +
+            R"(, "gpsLongitude": 6.06, "outsideTemperature": 19.5, "speed": )" + std::to_string(speed) +
+            R"(, "yawRate": 0.17})");
+  }
+  Traversal load() const { return make_dataset("cityscapes", folder_.path())->load("aachen_000000"); }
+  Folder folder_;
+};
+
+TEST_F(Cityscapes, ReadsASnippet) {
+  write_picture(folder_ / "leftImg8bit_sequence/val/lindau/lindau_000001_000019_leftImg8bit.png");  // alone: no route
+  EXPECT_EQ(make_dataset("cityscapes", folder_.path())->names(), std::vector<std::string>{"aachen_000000"});
+  const Traversal traversal = load();
+  ASSERT_EQ(traversal.frames, 3);
+  EXPECT_NEAR(traversal.times[2] - traversal.times[0], 0.12, 1e-9);
+  EXPECT_NEAR(traversal.positions[1], 0.66, 1e-5);  // 11 m/s for 60 ms
+  EXPECT_NEAR(traversal.positions[2], 1.44, 1e-5);  // and 13 m/s for 60 ms
+  EXPECT_NEAR(traversal.latitude[2], 50.782, 1e-9);
+  EXPECT_NEAR(traversal.longitude[2], 6.06, 1e-9);
+  EXPECT_EQ(testing::picture_of(traversal, 2).at<cv::Vec3b>(0, 0), cv::Vec3b(150, 150, 150));
+  EXPECT_NE(traversal.images->fingerprint(0), traversal.images->fingerprint(1));
+}
+
+TEST_F(Cityscapes, GapsAreMeasuredByGpsAndTimesAreOptional) {
+  write_file(folder_ / "timestamp_sequence/train/aachen/aachen_000000_000002_timestamp.txt", "9000000000");
+  EXPECT_NEAR(load().positions[2], 0.66 + 0.001 * kDegree, 0.05);
+  fs::remove_all(folder_ / "timestamp_sequence");
+  EXPECT_NEAR(load().positions[2], 11 / 17.0 + 13 / 17.0, 1e-5);
+  fs::remove_all(folder_ / "vehicle_sequence");
+  EXPECT_TRUE(std::isnan(load().positions[2]));
+}
+
+TEST_F(Cityscapes, TellsWhatIsMissingOrBroken) {
+  write_file(folder_ / "leftImg8bit_sequence/train/aachen/aachen_000000_000001_leftImg8bit.png", "broken");
+  EXPECT_NE(load().images->fault(1), "");
+  EXPECT_TRUE(holds(load().images->name(1), "aachen_000000_000001_leftImg8bit.png"));
+  const std::string vehicle = folder_ / "vehicle_sequence/train/aachen/aachen_000000_000001_vehicle.json";
+  write_file(vehicle, R"({"gpsLatitude": 50.78, "gpsLongitude": 6.06})");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), R"(aachen_000000_000001_vehicle.json: has no "speed")"));
+  write_file(vehicle, "{");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "aachen_000000_000001_vehicle.json: is not JSON"));
+  fs::remove(vehicle);
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "aachen_000000_000001_vehicle.json"));
+  write_vehicle(1, 50, 10);
+  write_file(folder_ / "timestamp_sequence/train/aachen/aachen_000000_000001_timestamp.txt", "5");
+  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "aachen_000000_000001_timestamp.txt"));
+  const Folder other;
+  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("cityscapes", other.path())->names(); }), "leftImg8bit_sequence"));
+}
+
+/// A panorama of 8 sectors of 45 degrees: sector s, whose middle is s x 45 degrees right of the middle column, has the
+/// colour (20 s, 255 - 20 s, s odd); above the horizon 40 darker in green.
+cv::Mat sectors(int columns) {
+  cv::Mat panorama(columns / 2, columns, CV_8UC3);
+  for (int y = 0; y < panorama.rows; ++y)
+    for (int x = 0; x < panorama.cols; ++x) {
+      const double degrees = ((x + 0.5) / columns - 0.5) * 360;
+      const int s = (static_cast<int>(std::floor((degrees + 22.5) / 45)) + 8) % 8;
+      panorama.at<cv::Vec3b>(y, x) =
+          cv::Vec3b(static_cast<uchar>(20 * s), static_cast<uchar>(255 - 20 * s - (y < panorama.rows / 2 ? 40 : 0)),
+                    static_cast<uchar>(s % 2 ? 255 : 0));
+    }
+  return panorama;
+}
+
+TEST(Panorama, ViewsShowTheirHeading) {
+  const cv::Mat panorama = sectors(720);
+  for (int s = -3; s < 12; ++s) {
+    const int sector = (s + 8) % 8;
+    const cv::Mat view = crop_panorama(panorama, {45.0 * s, 90, 84});
+    ASSERT_EQ(view.size(), cv::Size(84, 84));
+    // The middle is this sector, the edges are the middles of its neighbours: 90 degrees; up is up.
+    EXPECT_EQ(view.at<cv::Vec3b>(60, 42)[0], 20 * sector) << s;
+    EXPECT_EQ(view.at<cv::Vec3b>(60, 2)[0], 20 * ((sector + 7) % 8)) << s;
+    EXPECT_EQ(view.at<cv::Vec3b>(60, 81)[0], 20 * ((sector + 1) % 8)) << s;
+    EXPECT_EQ(view.at<cv::Vec3b>(60, 42)[1], 255 - 20 * sector);
+    EXPECT_EQ(view.at<cv::Vec3b>(20, 42)[1], 255 - 20 * sector - 40);
+  }
+}
+
+TEST(Panorama, BordersLieWhereThePerspectivePutsThem) {
+  // The border of the middle sector is 22.5 degrees to the right: in a view of 90 degrees and 200 pixels at
+  // 100 + 100 tan(22.5) = 141.4; the seam of the panorama behind must not show.
+  const cv::Mat view = crop_panorama(sectors(1440), {180, 90, 200});
+  EXPECT_EQ(view.at<cv::Vec3b>(150, 139)[0], 80);
+  EXPECT_EQ(view.at<cv::Vec3b>(150, 143)[0], 100);
+  EXPECT_EQ(view.at<cv::Vec3b>(150, 99)[0], 80);
+  EXPECT_EQ(view.at<cv::Vec3b>(150, 100)[0], 80);
+  EXPECT_EQ(crop_panorama(sectors(1440), {0, 30, 200}).at<cv::Vec3b>(150, 1)[0], 0);  // 15 degrees: still the middle
+}
+
+/// Four panoramas in a street going east and one to the north of the third:   e
+///                                                                       a b c d
+class StreetLearn : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    // Their middle columns head south (180).
+    write_file(folder_ / "nodes.txt",
+               "a,180,0.0,0.000\nb,180,0.0,0.001\nc,180,0.0,0.002\nd,180,0.0,0.003\ne,180,0.0005,0.002\n");
+    write_file(folder_ / "links.txt", "a,90,b\nb,270,a\nb,90,c\nc,270,b\nc,90,d\nd,270,c\nc,0,e\ne,180,c\n");
+    for (const std::string id : {"a", "b", "c", "d", "e"}) {
+      fs::create_directories(folder_ / "panos");
+      ASSERT_TRUE(cv::imwrite(folder_ / ("panos/" + id + ".png"), sectors(720)));
+    }
+  }
+  std::unique_ptr<Dataset> dataset(const std::map<std::string, double>& parameters = {{"size", 84}}) const {
+    return make_dataset("streetlearn", folder_.path(), parameters);
+  }
+  static int sector(const Traversal& traversal, int frame) {
+    return testing::picture_of(traversal, frame).at<cv::Vec3b>(60, 42)[0] / 20;
+  }
+  Folder folder_;
+};
+
+TEST_F(StreetLearn, WalksTheGivenRoutesLookingAhead) {
+  write_file(folder_ / "routes.txt", "corner,a,e\nthere and back,a,c,a\n");
+  EXPECT_EQ(dataset()->names(), (std::vector<std::string>{"corner", "there and back"}));
+  const Traversal corner = dataset()->load("corner");
+  ASSERT_EQ(corner.frames, 4);  // a b c e
+  EXPECT_NEAR(corner.positions[2], 0.002 * kDegree, 0.05);
+  EXPECT_NEAR(corner.positions[3], 0.0025 * kDegree, 0.05);
+  EXPECT_EQ(corner.latitude[3], 0.0005);
+  // East is 90 degrees left of south: sector 6. North is behind: sector 4; the last frame looks on.
+  EXPECT_EQ(sector(corner, 0), 6);
+  EXPECT_EQ(sector(corner, 1), 6);
+  EXPECT_EQ(sector(corner, 2), 4);
+  EXPECT_EQ(sector(corner, 3), 4);
+  const Traversal back = dataset()->load("there and back");
+  ASSERT_EQ(back.frames, 5);  // a b c b a
+  EXPECT_EQ(sector(back, 2), 2);
+  EXPECT_NEAR(back.positions[4], 0.004 * kDegree, 0.05);
+  // The same panorama, another look.
+  EXPECT_NE(back.images->fingerprint(1), back.images->fingerprint(3));
+  EXPECT_EQ(back.images->fingerprint(1), corner.images->fingerprint(1));
+  EXPECT_NE(dataset({{"size", 100}})->load("corner").images->fingerprint(1), corner.images->fingerprint(1));
+  EXPECT_NE(dataset({{"size", 84}, {"fov", 60}})->load("corner").images->fingerprint(1), corner.images->fingerprint(1));
+  EXPECT_EQ(testing::picture_of(dataset({{"size", 512}})->load("corner"), 0).size(), cv::Size(512, 512));
+}
+
+TEST_F(StreetLearn, FindsFarRoutesItself) {
+  const auto found = dataset();
+  ASSERT_FALSE(found->names().empty());
+  EXPECT_EQ(found->names()[0], "route-1");
+  const Traversal route = found->load("route-1");
+  ASSERT_EQ(route.frames, 4);  // from one end of the street to the other
+  EXPECT_NEAR(route.positions[3], 0.003 * kDegree, 0.05);
+  EXPECT_EQ(route.hash(), dataset()->load("route-1").hash());
+  EXPECT_EQ(dataset({{"routes", 1}})->names().size(), 1u);
+}
+
+TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
+  fs::remove(folder_ / "panos/b.png");
+  write_file(folder_ / "panos/c.png", "broken");
+  write_file(folder_ / "routes.txt", "street,a,d\n");
+  const Traversal street = dataset()->load("street");
+  EXPECT_TRUE(holds(street.images->name(1), "panos/b.jpg"));
+  EXPECT_NE(street.images->fault(1), "");
+  EXPECT_NE(street.images->fault(2), "");
+  Bytes bytes;
+  EXPECT_TRUE(holds(complaint_of([&] { street.images->read(2, bytes); }), "panos/c.png"));
+
+  write_file(folder_ / "routes.txt", "street,a,d\nother,a,z\n");
+  const auto one = dataset();
+  for (int again = 0; again < 2; ++again) EXPECT_TRUE(holds(complaint_of([&] { one->names(); }), "routes.txt:2: id z"));
+  write_file(folder_ / "routes.txt", "street,a,d\nstreet,d,a\n");
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "routes.txt:2: a second route street"));
+  write_file(folder_ / "routes.txt", "street,a,a\n");
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->load("street"); }), "0 pictures"));
+  fs::remove(folder_ / "routes.txt");
+  write_file(folder_ / "links.txt", "a,90,b\nb,east,c\n");
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "links.txt:2"));
+  write_file(folder_ / "links.txt", "a,90,b\nb,90,q\n");
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "links.txt:2: id q"));
+  write_file(folder_ / "links.txt", "a,90,b\n");
+  write_file(folder_ / "routes.txt", "back,b,a\n");
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->load("back"); }), "no way from b to a"));
+  write_file(folder_ / "nodes.txt", "a,180,0.0,0.000\na,180,0.0,0.001\n");
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "nodes.txt:2"));
+  fs::remove_all(folder_ / "panos");
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "panos"));
+  fs::remove(folder_ / "links.txt");
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "links.txt"));
+}
+
+}  // namespace
+}  // namespace citylearn

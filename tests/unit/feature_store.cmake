@@ -1,3 +1,0 @@
-add_executable(feature_store_test ${CMAKE_CURRENT_LIST_DIR}/feature_store_test.cc)
-target_link_libraries(feature_store_test PRIVATE citylearn_encoder citylearn_warnings GTest::gtest_main)
-citylearn_tests(feature_store_test)

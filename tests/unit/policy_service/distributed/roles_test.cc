@@ -1,0 +1,339 @@
+// What learner and actors exchange, without the wire.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "policy_service/distributed/parameter_chunks.h"
+#include "policy_service/distributed/trajectories.h"
+#include "tests/support/small_city.h"
+
+namespace citylearn {
+namespace {
+
+constexpr int kSteps = 8, kAgents = 3;
+
+/// Segments of a real network on a small city, each with the trajectories an actor would make of it.
+class Segments {
+ public:
+  Segments()
+      : network_(make()), collector_({.segment = kSteps, .sequence = kSteps, .noise_frame = 0.1}, task_, *network_) {
+    Random random{3};
+    network_->initialise(random, parameters_);
+    collector_.add(0, kAgents);
+    msg::TaskSettings settings;
+    settings.task_mode() = msg::TRAIN;
+    settings.frames() = 16;
+    settings.max_steps() = 6;
+    settings.seed() = collector_.environment_seed(0);
+    environment_.reset(settings);
+  }
+  /// Collects the next one; rollout() holds it until the next call.
+  void next() {
+    std::vector<std::uint8_t> choice;
+    msg::Observation observation;
+    if (begun_) {
+      collector_.begin_segment(0);
+      collector_.resume(0, parameters_, choice);
+      environment_.step(choice);
+    }
+    begun_ = true;
+    for (environment_.observe(observation); collector_.act(0, observation, parameters_, choice);
+         environment_.observe(observation))
+      environment_.step(choice);
+    ++count_;
+  }
+  const Rollout& rollout() { return collector_.rollout(0); }
+  const std::vector<FinishedEpisode>& finished() const { return collector_.finished(0); }
+  msg::Trajectory trajectory(int agent, std::uint64_t number, std::uint64_t version = 0, const char* actor = "a") {
+    msg::Trajectory made;
+    made.header().protocol() = msg::PROTOCOL;
+    made.header().sender() = actor;
+    made.header().incarnation() = 1;
+    made.number() = number;
+    made.environment() = "env";
+    made.agent() = static_cast<std::uint32_t>(agent);
+    made.step() = static_cast<std::uint64_t>((count_ - 1) * kSteps);
+    made.version() = version;
+    pack(rollout(), agent, made);
+    return made;
+  }
+  TrajectoryShape shape() const { return {kSteps, 12, network_->state_size(), 16}; }
+
+ private:
+  std::unique_ptr<AgentNetwork<float>> make() const {
+    const auto& entry = NetworkRegistry<float>::instance().find("network", "place_filter");
+    return entry.create(Parameters("network", entry.parameters, {}), task_);
+  }
+  Traversal city_ = small_city();
+  NetworkTask task_ = task_of(city_);
+  std::unique_ptr<AgentNetwork<float>> network_;
+  Vector<float> parameters_;
+  Collector collector_;
+  Environment environment_{city_, kAgents};
+  bool begun_ = false;
+  int count_ = 0;
+};
+
+TEST(Trajectories, ARolloutGoesRoundThroughThem) {
+  Segments segments;
+  TrajectoryQueue queue(segments.shape(), 100);
+  segments.next();
+  segments.next();  // with recurrent states and episodes that go on from before
+  for (int agent = 0; agent < kAgents; ++agent) {
+    Bytes bytes;
+    encode(segments.trajectory(agent, static_cast<std::uint64_t>(agent) + 1), bytes);
+    msg::Trajectory received;
+    decode(std::span<const std::byte>(bytes), received);
+    EXPECT_EQ(queue.take(received, 0), TrajectoryQueue::Taken::kTaken);
+  }
+  ASSERT_TRUE(queue.ready(kAgents, 0, 0, 0));
+  Rollout got;
+  EXPECT_EQ(queue.assemble(kAgents, 0, 16, got), 0);
+  const Rollout& sent = segments.rollout();
+  EXPECT_EQ(got.states, sent.states);
+  EXPECT_EQ(got.action, sent.action);
+  EXPECT_EQ(got.log_probability, sent.log_probability);
+  EXPECT_EQ(got.value, sent.value);
+  EXPECT_EQ(got.reward, sent.reward);
+  EXPECT_EQ(got.ended, sent.ended);
+  EXPECT_EQ(got.last_value, sent.last_value);
+  EXPECT_NE(std::count(sent.ended.begin(), sent.ended.end(), Rollout::kTruncated), 0);
+  for (std::size_t i = 0; i < sent.ended.size(); ++i) {
+    if (sent.ended[i] == Rollout::kTruncated) {
+      EXPECT_EQ(got.final_value[i], sent.final_value[i]);
+    }
+  }
+  for (const auto& [a, b] : {std::pair{&got.inputs, &sent.inputs}, std::pair{&got.next, &sent.next}}) {
+    EXPECT_EQ(a->frames, b->frames);
+    EXPECT_EQ(a->goal, b->goal);
+    EXPECT_EQ(a->position, b->position);
+    EXPECT_EQ(a->previous_action, b->previous_action);
+    EXPECT_EQ(a->allowed, b->allowed);
+    EXPECT_EQ(a->first, b->first);
+    for (std::size_t column = 0; column < a->goal.size(); ++column)
+      EXPECT_EQ(a->features_of(static_cast<long>(column)), b->features_of(static_cast<long>(column)));
+  }
+}
+
+TEST(Trajectories, EpisodesAreCountedAsACollectorCountsThem) {
+  Segments segments;
+  TrajectoryQueue queue(segments.shape(), 100);
+  std::vector<double> expected, found;
+  std::uint64_t number = 0;
+  for (int segment = 0; segment < 6; ++segment) {
+    segments.next();
+    for (const FinishedEpisode& episode : segments.finished()) expected.push_back(episode.reward + 100 * episode.spl);
+    for (int agent = 0; agent < kAgents; ++agent) {
+      msg::Trajectory trajectory = segments.trajectory(agent, ++number);
+      ASSERT_EQ(queue.take(trajectory, 0), TrajectoryQueue::Taken::kTaken);
+    }
+  }
+  for (const FinishedEpisode& episode : queue.finished()) found.push_back(episode.reward + 100 * episode.spl);
+  std::sort(expected.begin(), expected.end());
+  std::sort(found.begin(), found.end());
+  EXPECT_GT(expected.size(), 10u);
+  EXPECT_EQ(found, expected);
+  EXPECT_TRUE(queue.finished().empty());
+}
+
+TEST(Trajectories, EachOnceAndInOrderWhateverTheWireDoes) {
+  Segments segments;
+  segments.next();
+  TrajectoryQueue queue(segments.shape(), 100);
+  const auto send = [&](std::uint64_t number) {
+    msg::Trajectory trajectory = segments.trajectory(0, number, number);
+    return queue.take(trajectory, 100);
+  };
+  using Taken = TrajectoryQueue::Taken;
+  EXPECT_EQ(send(2), Taken::kTaken);
+  EXPECT_EQ(queue.window("a").number, 0u) << "a gap is not acknowledged";
+  EXPECT_EQ(send(4), Taken::kTaken);
+  EXPECT_EQ(send(2), Taken::kRepeated);
+  EXPECT_EQ(queue.size(), 0u);
+  EXPECT_EQ(send(1), Taken::kTaken);
+  EXPECT_EQ(queue.window("a").number, 2u);
+  EXPECT_EQ(send(3), Taken::kTaken);
+  EXPECT_EQ(send(1), Taken::kRepeated);
+  EXPECT_EQ(queue.window("a").number, 4u);
+  ASSERT_TRUE(queue.ready(4, 100, 0, 0));
+  Rollout rollout;
+  EXPECT_DOUBLE_EQ(queue.assemble(4, 100, 16, rollout), (99 + 98 + 97 + 96) / 4.0);
+  EXPECT_EQ(send(4), Taken::kRepeated) << "learned from already";
+  queue.meet("a", 2);
+  EXPECT_EQ(queue.window("a").number, 0u) << "a new incarnation counts from 1";
+  EXPECT_EQ(send(5), Taken::kRepeated) << "of the dead one";
+}
+
+TEST(Trajectories, TheRoomIsBoundedAndShared) {
+  Segments segments;
+  segments.next();
+  TrajectoryQueue queue(segments.shape(), 8);
+  queue.share_among(2);
+  const auto send = [&](const char* actor, std::uint64_t number) {
+    msg::Trajectory trajectory = segments.trajectory(1, number, 0, actor);
+    return queue.take(trajectory, 0);
+  };
+  using Taken = TrajectoryQueue::Taken;
+  queue.meet("a", 1);
+  EXPECT_EQ(queue.window("a").limit, 4u);
+  for (std::uint64_t number = 1; number <= 4; ++number) EXPECT_EQ(send("a", number), Taken::kTaken);
+  EXPECT_EQ(send("a", 5), Taken::kNoRoom);
+  EXPECT_EQ(send("b", 1), Taken::kTaken) << "a greedy one leaves the other's room alone";
+  EXPECT_EQ(queue.window("a").limit, 4u);
+  ASSERT_TRUE(queue.ready(2, 0, 0, 0));
+  Rollout rollout;
+  queue.assemble(2, 0, 16, rollout);
+  EXPECT_EQ(queue.window("a").limit, 6u);
+  EXPECT_EQ(send("a", 5), Taken::kTaken);
+}
+
+TEST(Trajectories, WhatIsTooOldOrOfAnotherLessonIsDroppedAndCounted) {
+  Segments segments;
+  segments.next();
+  TrajectoryQueue queue(segments.shape(), 8);
+  for (std::uint64_t number = 1; number <= 3; ++number) {
+    msg::Trajectory trajectory = segments.trajectory(0, number, number);
+    queue.take(trajectory, 5);
+  }
+  EXPECT_FALSE(queue.ready(3, 5, 0, 3)) << "version 1 is 4 updates old";
+  EXPECT_EQ(queue.dropped(), 1u);
+  EXPECT_EQ(queue.window("a").limit, 3u + 6u) << "what was dropped takes no room";
+  EXPECT_TRUE(queue.ready(2, 5, 0, 3));
+  EXPECT_FALSE(queue.ready(1, 5, 1, 3));
+  EXPECT_EQ(queue.dropped(), 3u);
+}
+
+TEST(Trajectories, WhatDoesNotFitIsNamed) {
+  Segments segments;
+  segments.next();
+  TrajectoryQueue queue(segments.shape(), 8);
+  const auto error = [&](auto change) -> std::string {
+    msg::Trajectory trajectory = segments.trajectory(0, 1);
+    change(trajectory);
+    try {
+      queue.take(trajectory, 0);
+    } catch (const Error& problem) {
+      return problem.what();
+    }
+    return "";
+  };
+  EXPECT_NE(error([](auto& t) { t.version() = 1; }).find("Trajectory.version"), std::string::npos);
+  EXPECT_NE(error([](auto& t) { t.position()[2] = 16; }).find("Trajectory.position"), std::string::npos);
+  EXPECT_NE(error([](auto& t) { t.state().pop_back(); }).find("Trajectory.state"), std::string::npos);
+  EXPECT_NE(error([](auto& t) { t.features()[5] = std::nanf(""); }).find("Trajectory.features"), std::string::npos);
+  EXPECT_NE(error([](auto& t) {
+              t.allowed()[0] = 1;
+              t.action()[0] = kNext;
+            }).find("Trajectory.action"),
+            std::string::npos);
+  EXPECT_EQ(queue.window("a").number, 0u);
+  EXPECT_EQ(error([](auto&) {}), "");
+  try {
+    TrajectoryShape{256, 4096, 1, 2}.require_fits();
+    FAIL() << "was not refused";
+  } catch (const Error& problem) {
+    EXPECT_NE(std::string(problem.what()).find("--trainer-sequence"), std::string::npos) << problem.what();
+    EXPECT_NE(std::string(problem.what()).find("at most 64"), std::string::npos) << problem.what();
+  }
+  EXPECT_NO_THROW((TrajectoryShape{64, 4096, 1, 2}.require_fits()));
+}
+
+/// Parameters of three chunks and a bit.
+Vector<float> some_parameters(float scale) {
+  Vector<float> values(3 * static_cast<int>(msg::MAX_CHUNK) / 4 + 5);
+  for (int i = 0; i < values.size(); ++i) values(i) = scale * static_cast<float>(i);
+  return values;
+}
+
+msg::PolicyParameters chunk_of(const ParameterChunks& all, std::uint32_t index) {
+  msg::PolicyParameters chunk;
+  all.fill(index, chunk);
+  return chunk;
+}
+
+TEST(ParameterChunks, AVersionCountsOnceItIsComplete) {
+  const Vector<float> first = some_parameters(1), second = some_parameters(2);
+  const ParameterChunks one(1, first), two(2, second);
+  ASSERT_EQ(one.chunks(), 4u);
+  ParameterAssembly assembly(first.size());
+  EXPECT_FALSE(assembly.missing());
+  for (const std::uint32_t index : {2u, 0u, 2u, 3u}) EXPECT_TRUE(assembly.take(chunk_of(one, index)));
+  EXPECT_EQ(assembly.newest(), nullptr);
+  ASSERT_TRUE(assembly.missing());
+  EXPECT_EQ(assembly.missing()->version, 1u);
+  EXPECT_EQ(assembly.missing()->chunks, std::vector<std::uint32_t>{1});
+  for (std::uint32_t index = 0; index < 3; ++index) EXPECT_TRUE(assembly.take(chunk_of(two, index)));
+  EXPECT_EQ(assembly.missing()->version, 1u) << "it stays with what it began";
+  EXPECT_TRUE(assembly.take(chunk_of(one, 1)));
+  ASSERT_NE(assembly.newest(), nullptr);
+  EXPECT_EQ(assembly.newest()->version, 1u);
+  EXPECT_EQ(assembly.newest()->values, first);
+  EXPECT_TRUE(assembly.take(chunk_of(two, 3)));
+  EXPECT_EQ(assembly.newest()->version, 2u);
+  EXPECT_EQ(assembly.newest()->values, second);
+  EXPECT_FALSE(assembly.missing());
+  EXPECT_TRUE(assembly.take(chunk_of(one, 0))) << "an old one changes nothing";
+  EXPECT_FALSE(assembly.missing());
+}
+
+TEST(ParameterChunks, AFasterLearnerDoesNotKeepAVersionFromBeingComplete) {
+  const Vector<float> values = some_parameters(1);
+  ParameterAssembly assembly(values.size());
+  for (std::uint64_t version = 1; version <= 50; ++version)  // each time one chunk comes before the next version
+    assembly.take(chunk_of(ParameterChunks(version, values), static_cast<std::uint32_t>(version % 4)));
+  EXPECT_EQ(assembly.missing()->version, 1u);
+  const ParameterChunks first(1, values);
+  const std::vector<std::uint32_t> missing = assembly.missing()->chunks;
+  for (const std::uint32_t index : missing) assembly.take(chunk_of(first, index));
+  EXPECT_EQ(assembly.newest()->version, 1u);
+  EXPECT_EQ(assembly.missing()->version, 50u) << "then the newest";
+  assembly.give_up();
+  EXPECT_FALSE(assembly.missing());
+}
+
+/// A learner that announces faster than its parameters come keeps nobody waiting for ever.
+TEST(ParameterChunks, OnesThatFitOneChunkAreTakenThoughNewerOnesAreAnnounced) {
+  const Vector<float> values = Vector<float>::Random(100);
+  ParameterAssembly assembly(values.size());
+  std::vector<ParameterChunks> versions;
+  for (std::uint64_t version = 0; version < 5; ++version) versions.emplace_back(version, values);
+  for (const ParameterChunks& announced : versions)
+    EXPECT_TRUE(assembly.expect(announced.version(), announced.total_bytes(), announced.hash(), announced.chunks()));
+  msg::PolicyParameters chunk;
+  versions[2].fill(0, chunk);
+  EXPECT_TRUE(assembly.take(chunk));
+  ASSERT_TRUE(assembly.newest());
+  EXPECT_EQ(assembly.newest()->version, 2u);
+  versions[1].fill(0, chunk);
+  EXPECT_TRUE(assembly.take(chunk));
+  EXPECT_EQ(assembly.newest()->version, 2u);
+}
+
+TEST(ParameterChunks, OnesThatAreNotFiniteAreRefused) {
+  Vector<float> values = some_parameters(1);
+  values[values.size() - 1] = std::numeric_limits<float>::quiet_NaN();
+  ParameterAssembly assembly(values.size());
+  const ParameterChunks diverged(1, values);
+  for (std::uint32_t index = 0; index < diverged.chunks(); ++index)
+    EXPECT_EQ(assembly.take(chunk_of(diverged, index)), index + 1 < diverged.chunks()) << index;
+  EXPECT_FALSE(assembly.newest()) << "though their hash is right";
+}
+
+TEST(ParameterChunks, DamagedAndForeignOnesAreRefused) {
+  const Vector<float> values = some_parameters(1);
+  const ParameterChunks all(7, values);
+  ParameterAssembly assembly(values.size()), other(values.size() + 1);
+  EXPECT_FALSE(other.take(chunk_of(all, 0))) << "of another network";
+  EXPECT_FALSE(other.expect(7, all.total_bytes(), all.hash(), all.chunks()));
+  for (std::uint32_t index = 0; index < 3; ++index) EXPECT_TRUE(assembly.take(chunk_of(all, index)));
+  msg::PolicyParameters damaged = chunk_of(all, 3);
+  damaged.data()[4] ^= 1;
+  EXPECT_FALSE(assembly.take(damaged));
+  EXPECT_EQ(assembly.newest(), nullptr);
+  for (std::uint32_t index = 0; index < 4; ++index) EXPECT_TRUE(assembly.take(chunk_of(all, index)));
+  ASSERT_NE(assembly.newest(), nullptr) << "asked for again, it is right";
+  EXPECT_EQ(assembly.newest()->values, values);
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,266 @@
+// Exported models, read by OpenCV's ONNX importer and run by its DNN module: a reader and an arithmetic that share no
+// code with ours. The ONNX project's own checker says whether they keep to the standard.
+#include <gtest/gtest.h>
+#include <onnx/checker.h>
+#include <onnx/onnx_pb.h>
+#include <onnx/shape_inference/implementation.h>
+
+#include <cmath>
+#include <filesystem>
+#include <opencv2/dnn.hpp>
+#include <set>
+
+#include "core/util/files.h"
+#include "policy_service/interchange/agent_graph.h"
+#include "policy_service/interchange/export.h"
+#include "tests/support/service.h"
+#include "tests/support/some_agent.h"
+
+namespace citylearn::testing {
+namespace {
+
+constexpr int kSteps = 12, kAgents = 3;
+
+Parameters parameters_for(const std::string& name, const std::map<std::string, double>& values) {
+  return {name, NetworkRegistry<float>::instance().find("network", name).parameters, values};
+}
+
+/// What all agents see at one step: at random, and episodes that begin in the middle.
+NetworkInputs<float> some_step(const NetworkTask& task, int step, Random& random) {
+  NetworkInputs<float> inputs;
+  inputs.resize(task.features, 1, kAgents);
+  inputs.frames = task.frames;
+  for (int b = 0; b < kAgents; ++b) {
+    const auto index = static_cast<std::size_t>(b);
+    inputs.first[index] = step == 0 || (step == 4 && b == 1) || (step == 9 && b != 1);
+    // The route's ends come up often: their masks differ.
+    inputs.position[index] =
+        random.below(3) ? static_cast<int>(random.below(task.frames)) : (b % 2) * (task.frames - 1);
+    inputs.goal[index] = step == 3 ? 0 : step == 4 ? task.frames - 1 : static_cast<int>(random.below(task.frames));
+    inputs.previous_action[index] =
+        inputs.first[index] ? std::uint8_t{kNoAction} : static_cast<std::uint8_t>(random.below(kActions));
+    const int position = inputs.position[index];
+    inputs.allowed[index] = position == 0 ? 0b011 : position == task.frames - 1 ? 0b101 : 0b111;
+    Vector<float> seen = task.reference.col(position);
+    for (float& value : seen) value += static_cast<float>(0.1 * random.normal());
+    inputs.see(b, -1, seen);
+  }
+  return inputs;
+}
+
+/// The exported model in OpenCV.
+class Reader {
+ public:
+  explicit Reader(const std::string& model) {
+    onnx::ModelProto proto;
+    EXPECT_TRUE(proto.ParseFromString(model));
+    for (const auto& input : proto.graph().input()) inputs_.insert(input.name());
+    net_ = cv::dnn::readNetFromONNX(model.data(), model.size());
+    net_.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
+  }
+
+  /// All agents at once when `agent` < 0. `state`: size x agents.
+  std::vector<cv::Mat> step(const NetworkInputs<float>& inputs, const Matrix<float>& state, int agent) {
+    const int begin = agent < 0 ? 0 : agent, count = agent < 0 ? inputs.agents : 1;
+    const auto give = [&](const std::string& name, int width, const auto& value) {
+      if (!inputs_.contains(name)) return;
+      cv::Mat rows(count, width, CV_32F);
+      for (int b = 0; b < count; ++b)
+        for (int i = 0; i < width; ++i)
+          rows.at<float>(b, i) = static_cast<float>(value(static_cast<std::size_t>(begin + b), i));
+      net_.setInput(rows, name);
+    };
+    give("features", static_cast<int>(inputs.features.rows()),
+         [&](std::size_t b, int i) { return inputs.features_of(static_cast<std::ptrdiff_t>(b))(i); });
+    give("goal", 1, [&](std::size_t b, int) { return inputs.goal[b]; });
+    give("position", 1, [&](std::size_t b, int) { return inputs.position[b]; });
+    give("previous_action", kActions, [&](std::size_t b, int i) { return inputs.previous_action[b] == i; });
+    give("allowed", kActions, [&](std::size_t b, int i) { return inputs.allowed[b] >> i & 1; });
+    give("first", 1, [&](std::size_t b, int) { return inputs.first[b]; });
+    give("state", static_cast<int>(state.rows()),
+         [&](std::size_t b, int i) { return state(i, static_cast<std::ptrdiff_t>(b)); });
+    std::vector<cv::Mat> outputs;
+    net_.forward(outputs, std::vector<cv::String>{"logits", "value", "next_state"});
+    return outputs;
+  }
+  const std::set<std::string>& inputs() const { return inputs_; }
+
+ private:
+  std::set<std::string> inputs_;
+  cv::dnn::Net net_;
+};
+
+struct Case {
+  std::string name;
+  std::map<std::string, double> values = {};
+  int features = 64, frames = 128;
+  double rounding = 1e-5;  // allowed, of numbers up to 1
+};
+std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one.name; }
+
+/// Every exporter with its network as it is by default, and other forms of some.
+std::vector<Case> cases() {
+  std::vector<Case> all;
+  for (const auto* entry : AgentGraphRegistry::instance().entries()) {
+    const bool pictures = entry->name == "raw_images";
+    if (pictures)  // three layers more, of sums over up to 2,592 numbers
+      all.push_back({entry->name, {}, 84 * 84 * 3, 16, 5e-5});
+    else
+      all.push_back({entry->name});
+  }
+  all.push_back({"features", {{"hidden", 20}, {"cells", 7}, {"relu", 0}, {"mask-input", 0}}, 12, 9});
+  all.push_back({"place_filter", {{"units", 5}}, 12, 2});
+  return all;
+}
+
+class OnnxExport : public ::testing::TestWithParam<Case> {};
+INSTANTIATE_TEST_SUITE_P(Networks, OnnxExport, ::testing::ValuesIn(cases()),
+                         [](const auto& one) { return one.param.name + std::to_string(one.index); });
+
+void compare(const cv::Mat& found, int row, const Eigen::Ref<const Vector<float>>& expected, double rounding,
+             const std::string& what) {
+  ASSERT_EQ(found.dims, 2) << what;
+  ASSERT_EQ(found.cols, expected.size()) << what;
+  for (int i = 0; i < found.cols; ++i)
+    EXPECT_NEAR(found.at<float>(row, i), expected(i), rounding * std::max(1.0f, std::abs(expected(i))))
+        << what << " " << i;
+}
+
+TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
+  const NetworkTask task = some_task(GetParam().features, GetParam().frames);
+  const TrainedAgent agent = some_agent(GetParam().name, task, GetParam().values);
+  const std::string model = onnx_bytes(agent, parameters_for(agent.name, GetParam().values), {});
+  // Its own state each: errors may add up from step to step, and must not.
+  for (const bool together : {true, false}) {
+    Reader reader(model);
+    Random random{9};
+    const auto workspace = agent.network->make_workspace();
+    // Whatever is in the state at first must not matter.
+    Matrix<float> state = Matrix<float>::Constant(agent.network->state_size(), kAgents, 0.3f), theirs = state;
+    for (int step = 0; step < kSteps; ++step) {
+      const NetworkInputs<float> inputs = some_step(task, step, random);
+      agent.network->forward(agent.parameters, inputs, state, *workspace);
+      state = workspace->state;
+      const Matrix<float> before = theirs;
+      for (int b = 0; b < kAgents; ++b) {
+        if (together && b > 0) break;
+        const std::vector<cv::Mat> outputs = reader.step(inputs, before, together ? -1 : b);
+        const int rows = together ? kAgents : 1;
+        for (int row = 0; row < rows; ++row) {
+          const int column = together ? row : b;
+          const std::string what = "step " + std::to_string(step) + ", agent " + std::to_string(column);
+          ASSERT_EQ(outputs[0].rows, rows) << what;
+          compare(outputs[0], row, workspace->heads.logits.col(column), GetParam().rounding, what + ", logits");
+          compare(outputs[1], row, workspace->heads.values.col(column), GetParam().rounding, what + ", value");
+          compare(outputs[2], row, state.col(column), GetParam().rounding, what + ", state");
+          for (std::ptrdiff_t i = 0; i < state.rows(); ++i)
+            theirs(i, column) = outputs[2].at<float>(row, static_cast<int>(i));
+        }
+      }
+      if (HasFailure()) return;
+    }
+  }
+}
+
+TEST_P(OnnxExport, KeepsToTheStandard) {
+  const NetworkTask task = some_task(GetParam().features, GetParam().frames);
+  const TrainedAgent agent = some_agent(GetParam().name, task, GetParam().values);
+  const Parameters parameters = parameters_for(agent.name, GetParam().values);
+  const std::string bytes = onnx_bytes(agent, parameters, {{"agent", agent.name}});
+  EXPECT_EQ(bytes, onnx_bytes(agent, parameters, {{"agent", agent.name}})) << "the same agent, the same bytes";
+  onnx::ModelProto model;
+  ASSERT_TRUE(model.ParseFromString(bytes));
+  EXPECT_NO_THROW(onnx::checker::check_model(model));
+  ASSERT_EQ(model.opset_import_size(), 1);
+  EXPECT_EQ(model.opset_import(0).version(), OnnxGraph::kOpset);
+  // Every operator's shapes fit: strict, an error where they don't; and what comes out is what was declared.
+  for (auto& output : *model.mutable_graph()->mutable_output()) output.mutable_type()->Clear();
+  onnx::shape_inference::InferShapes(model, onnx::OpSchemaRegistry::Instance(), {true, 1});
+  const std::map<std::string, int> widths = {
+      {"logits", kActions}, {"value", 1}, {"next_state", agent.network->state_size()}};
+  ASSERT_EQ(model.graph().output_size(), 3);
+  for (const auto& output : model.graph().output()) {
+    const auto& shape = output.type().tensor_type().shape();
+    ASSERT_EQ(shape.dim_size(), 2) << output.name();
+    EXPECT_EQ(shape.dim(1).dim_value(), widths.at(output.name())) << output.name();
+  }
+}
+
+TEST(OnnxExportFile, TellsWhatItIs) {
+  Folder folder;
+  const NetworkTask task = some_task();
+  write_checkpoint(folder / "one.clk", some_checkpoint("features", task));
+  export_agent({folder / "one.clk", "", folder / "one.onnx"});
+  onnx::ModelProto model;
+  ASSERT_TRUE(model.ParseFromString(read_file(folder / "one.onnx")));
+  std::map<std::string, std::string> metadata;
+  for (const auto& entry : model.metadata_props()) metadata[entry.key()] = entry.value();
+  EXPECT_EQ(metadata["agent"], "features");
+  EXPECT_EQ(metadata["frames"], "9");
+  EXPECT_EQ(metadata["first_frame"], "5");
+  EXPECT_EQ(metadata["features"], "12");
+  EXPECT_EQ(metadata["checkpoint_sha256"].size(), 64u);
+  EXPECT_NE(metadata["network"].find("\"cells\""), std::string::npos) << metadata["network"];
+  EXPECT_EQ(std::filesystem::file_size(folder / "one.onnx"), read_file(folder / "one.onnx").size());
+}
+
+TEST(OnnxExportFile, NoModelOfAnAgentThatKnowsAMap) {
+  NetworkTask task = some_task();
+  task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
+  try {
+    export_graph(some_agent("place_filter", task), parameters_for("place_filter", {}));
+    FAIL() << "was exported";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("crosses itself"), std::string::npos) << error.what();
+  }
+}
+
+TEST(OnnxExportFile, OneClearLineWhereThereIsNoExporterOrNoFormat) {
+  const NetworkTask task = some_task();
+  TrainedAgent agent = some_agent("baseline", task);
+  const Parameters parameters = parameters_for("baseline", {});
+  agent.name = "something_new";
+  try {
+    export_graph(agent, parameters);
+    FAIL() << "was exported";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("'something_new' has no ONNX exporter"), std::string::npos);
+    EXPECT_NE(std::string(error.what()).find("place_filter"), std::string::npos) << "the known ones";
+  }
+  agent.name = "baseline";  // an exporter that no longer fits its network
+  EXPECT_THROW(AgentGraph(agent).tensor("no.such.tensor"), Error);
+  Folder folder;
+  write_checkpoint(folder / "one.clk", some_checkpoint("baseline", task));
+  for (const std::string output : {"", "one", "one.pt"})
+    EXPECT_THROW(export_agent({folder / "one.clk", "", output}), Error) << output;
+  EXPECT_THROW(export_agent({"", "", folder / "one.onnx"}), Error);
+  EXPECT_THROW(export_agent({folder / "none.clk", "", folder / "one.onnx"}), Error);
+}
+
+TEST(ExportCommand, WritesTheFileOrSaysWhyNot) {
+  Folder folder;
+  write_checkpoint(folder / "one.clk", some_checkpoint("place_filter", some_task()));
+  const auto run = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> command = {CITYLEARN_POLICY_SERVICE, "--mode", "export"};
+    command.insert(command.end(), more.begin(), more.end());
+    Service service(command, folder / "log");
+    const auto status = service.wait(std::chrono::seconds(60));
+    return std::pair{status.value_or(-1), service.output()};
+  };
+  EXPECT_EQ(run({"--checkpoint", folder / "one.clk", "--output", folder / "one.onnx"}).first, 0);
+  EXPECT_EQ(run({"--checkpoint", folder / "one.clk", "--output", folder / "one.safetensors"}).first, 0);
+  EXPECT_EQ(run({"--checkpoint", folder / "one.clk", "--parameters", folder / "one.safetensors", "--output",
+                 folder / "again.onnx"})
+                .first,
+            0);
+  onnx::ModelProto one, again;
+  ASSERT_TRUE(one.ParseFromString(read_file(folder / "one.onnx")));
+  ASSERT_TRUE(again.ParseFromString(read_file(folder / "again.onnx")));
+  EXPECT_EQ(one.graph().SerializeAsString(), again.graph().SerializeAsString()) << "its own parameters, read back";
+  const auto [status, output] = run({"--checkpoint", folder / "one.clk"});
+  EXPECT_EQ(status, 1);
+  EXPECT_NE(output.find("--output"), std::string::npos) << output;
+}
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,339 @@
+// V-trace's targets and loss, and episodes lived again with other goals.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "core/util/random.h"
+#include "policy_service/learning/learners/relabel.h"
+#include "policy_service/learning/optimization/vtrace_loss.h"
+#include "tests/support/small_city.h"
+
+namespace citylearn {
+namespace {
+
+constexpr int kSteps = 9, kAgents = 3;  // the last step has no action
+
+Heads<double> some_heads(Random& random) {
+  Heads<double> heads;
+  heads.logits.resize(kActions, kSteps * kAgents);
+  heads.values.resize(1, kSteps * kAgents);
+  for (double& value : heads.logits.reshaped()) value = random.normal();
+  for (double& value : heads.values.reshaped()) value = random.normal();
+  return heads;
+}
+
+double log_p(const Heads<double>& heads, std::ptrdiff_t column, int action) {
+  return heads.logits(action, column) - std::log(heads.logits.col(column).array().exp().sum());
+}
+
+/// `far` is how far the policy that walked was from the heads'. With `ends` episodes end, are cut and break off.
+Walk<double> some_walk(const Heads<double>& heads, double far, bool ends, Random& random) {
+  Walk<double> walk;
+  walk.resize(kSteps * kAgents);
+  for (int t = 0; t < kSteps; ++t)
+    for (int b = 0; b < kAgents; ++b) {
+      const auto i = static_cast<std::size_t>(t * kAgents + b);
+      const bool acts = t < kSteps - 1 && !(ends && t == 4 && b == 1);
+      walk.action[i] = acts ? static_cast<std::uint8_t>(random.below(kActions)) : std::uint8_t{kNoAction};
+      walk.ended[i] = !ends              ? Rollout::kGoesOn
+                      : t == 3 && b == 0 ? Rollout::kTerminated
+                      : t == 5 && b == 2 ? Rollout::kTruncated
+                                         : Rollout::kGoesOn;
+      walk.reward[i] = random.normal();
+      walk.final_value[i] = random.normal();
+      walk.log_probability[i] =
+          acts ? log_p(heads, static_cast<std::ptrdiff_t>(i), walk.action[i]) + far * random.normal() : 0;
+    }
+  return walk;
+}
+
+/// The definition, term by term: v_s = V(x_s) + sum over t >= s of gamma^(t-s) (c_s .. c_(t-1)) rho_t (r_t + gamma
+/// V(x_(t+1)) - V(x_t)).
+double target_by_definition(const VtraceLimits& limits, const Heads<double>& heads, const Walk<double>& walk, int start,
+                            int agent) {
+  double target = heads.values(0, start * kAgents + agent), weight = 1;
+  for (int t = start; t < kSteps; ++t) {
+    const auto i = static_cast<std::size_t>(t * kAgents + agent);
+    if (walk.action[i] == kNoAction) break;
+    const double ratio =
+        std::exp(log_p(heads, static_cast<std::ptrdiff_t>(i), walk.action[i]) - walk.log_probability[i]);
+    double next = heads.values(0, (t + 1) * kAgents + agent);
+    if (walk.ended[i] == Rollout::kTerminated) next = 0;
+    if (walk.ended[i] == Rollout::kTruncated) next = walk.final_value[i];
+    target += weight * std::min(limits.rho, ratio) *
+              (walk.reward[i] + limits.gamma * next - heads.values(0, static_cast<std::ptrdiff_t>(i)));
+    if (walk.ended[i] != Rollout::kGoesOn) break;
+    weight *= limits.gamma * limits.lambda * std::min(limits.c, ratio);
+  }
+  return target;
+}
+
+TEST(Vtrace, TargetsAreThoseOfThePaper) {
+  Random random{1};
+  const Heads<double> heads = some_heads(random);
+  for (const VtraceLimits& limits : {VtraceLimits{0.9, 1, 1, 1}, VtraceLimits{0.97, 0.8, 1.5, 0.7}}) {
+    Walk<double> walk = some_walk(heads, 1, true, random);
+    vtrace(limits, heads, kAgents, walk);
+    for (int t = 0; t < kSteps; ++t)
+      for (int b = 0; b < kAgents; ++b) {
+        const auto i = static_cast<std::size_t>(t * kAgents + b);
+        EXPECT_NEAR(walk.target[i], target_by_definition(limits, heads, walk, t, b), 1e-12) << t << " " << b;
+        if (walk.action[i] == kNoAction) {
+          EXPECT_EQ(walk.weight[i], 0);
+          continue;
+        }
+        const double ratio =
+            std::exp(log_p(heads, static_cast<std::ptrdiff_t>(i), walk.action[i]) - walk.log_probability[i]);
+        EXPECT_NEAR(walk.weight[i], std::min(limits.rho, ratio), 1e-12);
+        if (limits.lambda < 1) continue;
+        double next = target_by_definition(limits, heads, walk, t + 1, b);  // section 4.2
+        if (walk.ended[i] == Rollout::kTerminated) next = 0;
+        if (walk.ended[i] == Rollout::kTruncated) next = walk.final_value[i];
+        EXPECT_NEAR(walk.advantage[i],
+                    walk.reward[i] + limits.gamma * next - heads.values(0, static_cast<std::ptrdiff_t>(i)), 1e-12);
+      }
+  }
+}
+
+TEST(Vtrace, OnPolicyTargetsAreReturns) {
+  Random random{2};
+  const Heads<double> heads = some_heads(random);
+  Walk<double> walk = some_walk(heads, 0, false, random);
+  const double gamma = 0.9;
+  vtrace(VtraceLimits{gamma, 1, 1, 1}, heads, kAgents, walk);
+  for (int b = 0; b < kAgents; ++b) {
+    double expected = heads.values(0, (kSteps - 1) * kAgents + b);
+    for (int t = kSteps - 2; t >= 0; --t) {
+      const auto i = static_cast<std::size_t>(t * kAgents + b);
+      expected = walk.reward[i] + gamma * expected;
+      EXPECT_NEAR(walk.target[i], expected, 1e-12);
+    }
+  }
+}
+
+TEST(Vtrace, OnPolicyAdvantagesAreGeneralisedAdvantageEstimates) {
+  Random random{3};
+  const Heads<double> heads = some_heads(random);
+  Walk<double> walk = some_walk(heads, 0, false, random);
+  vtrace(VtraceLimits{0.9, 0.8, 1, 1}, heads, kAgents, walk);
+  Rollout rollout;
+  rollout.resize(0, 1, kSteps - 1, kAgents, kSteps - 1);
+  for (std::size_t i = 0; i < rollout.reward.size(); ++i) {
+    rollout.reward[i] = static_cast<float>(walk.reward[i]);
+    rollout.value[i] = static_cast<float>(heads.values(0, static_cast<std::ptrdiff_t>(i)));
+  }
+  for (std::size_t b = 0; b < kAgents; ++b)
+    rollout.last_value[b] = static_cast<float>(heads.values(0, static_cast<std::ptrdiff_t>(rollout.reward.size() + b)));
+  rollout.estimate_advantages(0.9, 0.8);
+  for (std::size_t i = 0; i < rollout.reward.size(); ++i) EXPECT_NEAR(walk.advantage[i], rollout.advantage[i], 1e-5);
+}
+
+TEST(Vtrace, LossAgreesWithCentralDifferences) {
+  Random random{4};
+  Heads<double> heads = some_heads(random);
+  heads.whereabouts.resize(2, kSteps * kAgents);
+  for (double& value : heads.whereabouts.reshaped()) value = random.normal();
+  NetworkInputs<double> inputs;
+  inputs.resize(0, kSteps, kAgents);
+  for (std::size_t i = 0; i < inputs.goal.size(); ++i) {
+    inputs.position[i] = static_cast<int>(random.below(7));
+    inputs.goal[i] = static_cast<int>(random.below(7));
+  }
+  const VtraceLimits limits{0.9, 0.8, 1.2, 1};
+  const LossWeights weights{0.5, 0.3, 0.7, 0.4};
+  Walk<double> walk = some_walk(heads, 0.5, true, random);
+  vtrace(limits, heads, kAgents, walk);  // constants from here on
+  const double share = 0.1;
+  Heads<double> derivative, unused;
+  vtrace_loss(weights, limits, walk, inputs, 7, heads, 1.7, share, derivative);
+  const auto check = [&](Matrix<double>& values, const Matrix<double>& found) {
+    ASSERT_EQ(values.size(), found.size());
+    double largest = 0;
+    for (std::ptrdiff_t i = 0; i < values.size(); ++i) {
+      const double kept = values.reshaped()(i), step = 1e-5;
+      values.reshaped()(i) = kept + step;
+      const double above = vtrace_loss(weights, limits, walk, inputs, 7, heads, 1.7, share, unused).loss;
+      values.reshaped()(i) = kept - step;
+      const double below = vtrace_loss(weights, limits, walk, inputs, 7, heads, 1.7, share, unused).loss;
+      values.reshaped()(i) = kept;
+      EXPECT_NEAR(found.reshaped()(i), share * (above - below) / (2 * step), 1e-8) << i;
+      largest = std::max(largest, std::abs(found.reshaped()(i)));
+    }
+    EXPECT_GT(largest, 0.01);
+  };
+  check(heads.logits, derivative.logits);
+  check(heads.values, derivative.values);
+  check(heads.whereabouts, derivative.whereabouts);
+}
+
+/// GoalReward is a second writing of the environment's rule.
+TEST(GoalReward, IsTheEnvironmentsReward) {
+  const Traversal city = small_city(9);
+  Environment environment(city, 8);
+  msg::TaskSettings settings;
+  settings.task_mode() = msg::TRAIN;
+  settings.frames() = 9;
+  settings.max_steps() = 12;
+  settings.seed() = 5;
+  environment.reset(settings);
+  msg::Observation observation;
+  environment.observe(observation);
+  std::vector<GoalReward> rules;
+  const auto begin = [&](std::size_t agent) {
+    return GoalReward(static_cast<int>(observation.position()[agent]), static_cast<int>(observation.goal()[agent]), 12);
+  };
+  for (std::size_t agent = 0; agent < 8; ++agent) rules.push_back(begin(agent));
+  Random random{6};
+  int reached = 0, cut = 0, free = 0;
+  for (int step = 0; step < 600; ++step) {
+    std::vector<std::uint8_t> choice(8);
+    for (std::size_t agent = 0; agent < 8; ++agent) do
+        choice[agent] = static_cast<std::uint8_t>(random.below(kActions));
+      while (!(observation.allowed()[agent] >> choice[agent] & 1));
+    environment.step(choice);
+    environment.observe(observation);
+    for (std::size_t agent = 0; agent < 8; ++agent) {
+      EXPECT_EQ(rules[agent].step(static_cast<int>(observation.position()[agent])), observation.reward()[agent]);
+      const bool terminated = observation.flags()[agent] & msg::FLAG_TERMINATED;
+      EXPECT_EQ(rules[agent].reached(), terminated);
+      EXPECT_EQ(!terminated && rules[agent].out_of_steps(), (observation.flags()[agent] & msg::FLAG_TRUNCATED) != 0);
+      reached += terminated;
+      free += observation.reward()[agent] == 0;
+      if (!(observation.flags()[agent] & msg::FLAG_FIRST)) continue;
+      cut += !terminated;
+      rules[agent] = begin(agent);
+    }
+  }
+  EXPECT_GT(reached, 20);
+  EXPECT_GT(cut, 20);
+  EXPECT_GT(free, 100);
+}
+
+/// A walk along 20 places that begins at place 5 and goes where `moves` say; its frames show the step's number.
+Rollout walk_along(const std::vector<int>& moves, const std::vector<std::size_t>& ends) {
+  Rollout rollout;
+  const int length = static_cast<int>(moves.size());
+  rollout.resize(1, 2, length, 1, length);
+  rollout.max_steps = 6;
+  int position = 5;
+  for (int t = 0; t <= length; ++t) {
+    NetworkInputs<float>& inputs = t < length ? rollout.inputs : rollout.next;
+    inputs.frames = 20;
+    const std::size_t i = t < length ? static_cast<std::size_t>(t) : 0;
+    inputs.see(static_cast<std::ptrdiff_t>(i), -1, Vector<float>::Constant(1, static_cast<float>(t)));
+    inputs.position[i] = position;
+    inputs.allowed[i] = 0b111;
+    inputs.goal[i] = 19;
+    inputs.first[i] = 0;
+    if (t == length) break;
+    const int move = moves[i];
+    position += move;
+    rollout.action[i] = move > 0 ? kNext : move < 0 ? kPrevious : kStay;
+    rollout.log_probability[i] = -0.1f * static_cast<float>(t);
+  }
+  for (const std::size_t end : ends) rollout.ended[end] = Rollout::kTruncated;
+  return rollout;
+}
+
+TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
+  // Ends really after step 4; never comes back to where it was before.
+  Rollout rollout = walk_along({1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1}, {4});
+  Rollout* const rollouts[] = {&rollout};
+  Replay replay(100);
+  replay.add(rollouts);
+  Descent::Half half;
+  Walk<float> walk;
+  int terminated = 0, broken_off = 0, out_of_steps = 0;
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
+    half.inputs.resize(1, 13, 1);
+    half.inputs.frames = 20;
+    half.state.setOnes(2, 1);
+    walk.resize(13);
+    Random random{seed};
+    relabel(replay, 0, 0.5, random, 0, half, walk);
+    EXPECT_TRUE(half.state.isZero());
+    EXPECT_TRUE(half.inputs.first[0]);
+    EXPECT_EQ(walk.action[12], kNoAction);
+    int steps = 0;
+    GoalReward rule(0, 0, 1);
+    for (std::size_t row = 0; row < 13; ++row) {
+      const auto t = static_cast<std::size_t>(half.inputs.features_of(static_cast<std::ptrdiff_t>(row))(0));
+      const int position = t < 12 ? rollout.inputs.position[t] : rollout.next.position[0];
+      EXPECT_EQ(half.inputs.position[row], position);
+      if (half.inputs.first[row]) {
+        EXPECT_EQ(half.inputs.previous_action[row], kNoAction);
+        EXPECT_TRUE(row == 12 || half.inputs.goal[row] != position);
+        steps = 0;
+        rule = GoalReward(position, half.inputs.goal[row], 6);
+      } else {
+        EXPECT_EQ(half.inputs.previous_action[row], rollout.action[t - 1]);
+        EXPECT_EQ(half.inputs.goal[row], half.inputs.goal[row - 1]);
+      }
+      if (row == 12) break;
+      const auto next = static_cast<std::size_t>(half.inputs.features_of(static_cast<std::ptrdiff_t>(row + 1))(0));
+      if (walk.action[row] == kNoAction) {  // seen twice: what the one goes on with, the other's first
+        EXPECT_EQ(next, t);
+        EXPECT_TRUE(half.inputs.first[row + 1]);
+        EXPECT_FALSE(half.inputs.first[row]);
+        EXPECT_TRUE(t == 5 || steps == 6);
+        ++(t == 5 ? broken_off : out_of_steps);
+        continue;
+      }
+      ++steps;
+      EXPECT_EQ(next, t + 1);
+      EXPECT_EQ(walk.action[row], rollout.action[t]);
+      EXPECT_EQ(walk.log_probability[row], rollout.log_probability[t]);
+      EXPECT_EQ(walk.reward[row], rule.step(half.inputs.position[row + 1]));
+      EXPECT_EQ(walk.ended[row], rule.reached() ? Rollout::kTerminated : Rollout::kGoesOn);
+      EXPECT_EQ(half.inputs.position[row + 1] == half.inputs.goal[row], rule.reached());
+      EXPECT_EQ(half.inputs.first[row + 1], rule.reached());
+      terminated += rule.reached();
+    }
+  }
+  EXPECT_GT(terminated, 50);
+  EXPECT_GT(broken_off, 50);
+  EXPECT_GT(out_of_steps, 20);
+}
+
+TEST(Relabel, GoalsAreVisitedOrAnyOther) {
+  Rollout rollout = walk_along({1, 1, 0, 1, 1, -1, -1, 1, 1, 1, 1, 1}, {4});
+  Rollout* const rollouts[] = {&rollout};
+  Replay replay(100);
+  replay.add(rollouts);
+  std::vector<int> visited(20), any(20);
+  for (std::uint64_t seed = 0; seed < 2000; ++seed) {
+    Random one{seed}, other{seed};
+    ++visited[static_cast<std::size_t>(choose_goal(replay, 0, 1, 1, one))];
+    ++any[static_cast<std::size_t>(choose_goal(replay, 0, 1, 0, other))];
+  }
+  for (std::size_t place = 0; place < 20; ++place) {
+    // From place 6 the stretch comes by 7 (twice), 8 and 9.
+    EXPECT_EQ(visited[place] > 0, place >= 7 && place <= 9) << place;
+    EXPECT_EQ(any[place] > 0, place != 6) << place;
+  }
+}
+
+TEST(Replay, KeepsTheLastSequences) {
+  Replay replay(24);  // two sequences of 12
+  const std::vector<std::vector<int>> walks = {
+      {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}, std::vector<int>(12, 0), {-1, -1, -1, -1, -1, 1, 1, 1, 1, 1, 1, 1}};
+  for (const std::vector<int>& moves : walks) {
+    Rollout rollout = walk_along(moves, {});
+    Rollout* const rollouts[] = {&rollout};
+    replay.add(rollouts);
+  }
+  ASSERT_EQ(replay.size(), 2u);
+  EXPECT_EQ(replay.position(replay.at(1, 12)), 5);  // the second one stayed
+  EXPECT_EQ(replay.position(replay.at(0, 5)), 0);   // the third one is in the place of the first
+  EXPECT_EQ(replay.action(replay.at(0, 11)), kNext);
+  EXPECT_EQ(replay.action(replay.at(0, 12)), kNoAction);
+  EXPECT_EQ(replay.seen(replay.at(0, 12))(0), 12);
+  Rollout other_lesson = walk_along(walks[1], {});
+  other_lesson.max_steps = 7;
+  Rollout* const rollouts[] = {&other_lesson};
+  replay.add(rollouts);
+  EXPECT_EQ(replay.size(), 1u);
+}
+
+}  // namespace
+}  // namespace citylearn

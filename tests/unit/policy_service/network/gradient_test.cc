@@ -1,0 +1,132 @@
+// Each network's backward pass and PPO's loss, against central differences in double precision.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/wire/messages.h"
+#include "policy_service/network/agent_network.h"
+#include "policy_service/learning/optimization/ppo_loss.h"
+#include "policy_service/rollout/rollout.h"
+#include "tests/support/small_networks.h"
+
+namespace citylearn {
+namespace {
+
+constexpr int kFrames = 7;
+
+PpoSamples<double> some_samples(const NetworkInputs<double>& inputs, const Heads<double>& heads) {
+  Random random{3};
+  PpoSamples<double> samples;
+  samples.resize(inputs.goal.size());
+  for (std::size_t i = 0; i < inputs.goal.size(); ++i) {
+    const auto logits = heads.logits.col(static_cast<std::ptrdiff_t>(i));
+    do samples.action[i] = static_cast<std::uint8_t>(random.below(kActions));
+    while (!(inputs.allowed[i] >> samples.action[i] & 1));
+    const double log_p = logits(samples.action[i]) - std::log(logits.array().exp().sum());
+    samples.log_probability[i] = log_p + 0.3 * random.normal();  // some ratios are clipped
+    samples.advantage[i] = random.normal();
+    samples.value[i] = heads.values(0, static_cast<std::ptrdiff_t>(i)) + 0.3 * random.normal();
+    samples.target[i] = random.normal();
+  }
+  return samples;
+}
+
+struct Case {
+  std::string network;
+  std::map<std::string, double> parameters;
+  int frames = kFrames;
+  double localisation = 0;
+  std::vector<int> turns = {};
+};
+
+std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one.network; }
+
+class Gradients : public testing::TestWithParam<Case> {};
+
+TEST_P(Gradients, AgreeWithCentralDifferences) {
+  NetworkTask task = small_task(small_network(GetParam().network).features);
+  task.turns = GetParam().turns;
+  const auto& entry = NetworkRegistry<double>::instance().find("network", GetParam().network);
+  const auto network = entry.create(Parameters(entry.name, entry.parameters, GetParam().parameters), task);
+  Random random{4};
+  Vector<double> parameters;
+  network->initialise(random, parameters);
+  for (double& value : parameters) value += 0.1 * random.normal();  // no zeros, no tiny policy
+  const NetworkInputs<double> inputs = some_inputs(task, GetParam().frames);
+  const Matrix<double> state = some_state(*network, entry.name, inputs.agents);
+
+  const auto workspace = network->make_workspace();
+  workspace->localise = GetParam().localisation > 0;
+  network->forward(parameters, inputs, state, *workspace);
+  const PpoSamples<double> samples = some_samples(inputs, workspace->heads);
+  PpoWeights weights;
+  weights.value_clip = 0.2;
+  weights.entropy = 0.3;
+  weights.localisation = GetParam().localisation;
+  weights.orientation = 2 * GetParam().localisation;
+  const double share = 1.0 / static_cast<double>(inputs.goal.size());
+  Heads<double> derivative, unused;
+  const auto loss = [&] {
+    network->forward(parameters, inputs, state, *workspace);
+    return share * ppo_loss(weights, samples, inputs, kFrames, workspace->heads, share, unused).loss;
+  };
+  ppo_loss(weights, samples, inputs, kFrames, workspace->heads, share, derivative);
+  Vector<double> gradient = Vector<double>::Zero(parameters.size());
+  network->backward(parameters, inputs, *workspace, derivative, gradient);
+
+  for (const Tensor& tensor : network->tensors()) {
+    double largest_error = 0, largest = 0;
+    for (std::ptrdiff_t i = tensor.offset; i < tensor.offset + tensor.rows * tensor.cols; ++i) {
+      const double kept = parameters(i), step = 1e-5;
+      parameters(i) = kept + step;
+      const double above = loss();
+      parameters(i) = kept - step;
+      const double below = loss();
+      parameters(i) = kept;
+      const double numeric = (above - below) / (2 * step);
+      largest_error = std::max(largest_error, std::abs(numeric - gradient(i)));
+      largest = std::max({largest, std::abs(numeric), std::abs(gradient(i))});
+    }
+    const bool unused_head = tensor.name.starts_with("whereabouts.") && GetParam().localisation == 0;
+    EXPECT_EQ(largest > 1e-7, !unused_head) << tensor.name;
+    EXPECT_LE(largest_error, 1e-6 * std::max(largest, 1e-3)) << tensor.name;
+  }
+}
+
+const std::map<std::string, double> kSmall = {{"hidden", 6}, {"cells", 4}};
+
+INSTANTIATE_TEST_SUITE_P(Networks, Gradients,
+                         testing::Values(Case{"features", {{"hidden", 6}, {"cells", 4}, {"relu", 0}}, kFrames, 0.5},
+                                         Case{"features", kSmall, kFrames, 0},
+                                         Case{"baseline", {{"hidden", 6}, {"cells", 4}, {"mask-input", 0}}},
+                                         Case{"place_filter", {{"units", 5}}},
+                                         Case{"place_filter", {{"units", 5}}, kFrames - 2},
+                                         Case{"place_filter", {{"units", 5}}, kFrames, 0, {0, 5, 3, 6, 4, 1, 2}},
+                                         Case{"place_memory", kSmall, kFrames, 0.5},
+                                         Case{"place_memory", kSmall, kFrames - 2},
+                                         Case{"raw_images", small_network("raw_images").parameters, kFrames, 0.5}),
+                         [](const auto& tested) { return tested.param.network + std::to_string(tested.index); });
+
+/// One agent: goes on, ends at its goal, goes on, is cut by its step limit, goes on.
+TEST(Rollout, AdvantagesKnowEndsAndCuts) {
+  Rollout rollout;
+  rollout.resize(0, 1, 5, 1, 5);
+  rollout.reward = {-1, 1, -1, -1, -1};
+  rollout.value = {0.1f, 0.2f, 0.3f, 0.4f, 0.5f};
+  rollout.ended = {Rollout::kGoesOn, Rollout::kTerminated, Rollout::kGoesOn, Rollout::kTruncated, Rollout::kGoesOn};
+  rollout.final_value = {0, 0, 0, 7, 0};
+  rollout.last_value = {9};
+  const double gamma = 0.9, lambda = 0.8;
+  rollout.estimate_advantages(gamma, lambda);
+  const double a4 = -1 + gamma * 9 - 0.5, a3 = -1 + gamma * 7 - 0.4, a2 = -1 + gamma * 0.4 - 0.3 + gamma * lambda * a3;
+  const double a1 = 1 - 0.2, a0 = -1 + gamma * 0.2 - 0.1 + gamma * lambda * a1;
+  const double expected[] = {a0, a1, a2, a3, a4};
+  for (std::size_t i = 0; i < 5; ++i) {
+    EXPECT_NEAR(rollout.advantage[i], expected[i], 1e-6) << i;
+    EXPECT_NEAR(rollout.target[i], expected[i] + static_cast<double>(rollout.value[i]), 1e-6) << i;
+  }
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,438 @@
+// The policy_service's parts that need no wire: scores, records, files, controls.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+
+#include "core/util/error.h"
+#include "core/util/files.h"
+#include "core/util/random.h"
+#include "core/task/route_map.h"
+#include "policy_service/rollout/control.h"
+#include "policy_service/run/episode_log.h"
+#include "policy_service/distributed/heartbeat_thread.h"
+#include "policy_service/run/metrics_log.h"
+#include "policy_service/run/policy_service.h"
+#include "policy_service/run/run_record.h"
+#include "policy_service/run/score.h"
+#include "tests/support/service.h"
+#include "tests/support/some_agent.h"
+#include "tests/support/wait.h"
+
+namespace citylearn {
+namespace {
+
+namespace fs = std::filesystem;
+
+using testing::Folder;
+using testing::some_checkpoint;
+using testing::some_task;
+
+msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest, std::uint32_t steps, bool completed) {
+  msg::EpisodeStat e;
+  e.header().sender() = "env-summer";
+  e.header().incarnation() = 7;
+  e.episode() = number;
+  e.traversal() = "summer";
+  e.shortest() = shortest;
+  e.steps() = steps;
+  e.completed() = completed;
+  e.reward() = completed ? 1.0f : -1.0f;
+  return e;
+}
+
+TEST(Score, IsWhatItsNamesSay) {
+  const Score s =
+      score({episode(1, 10, 10, true), episode(2, 10, 20, true), episode(3, 40, 128, false), episode(4, 4, 16, true)});
+  EXPECT_EQ(s.tasks, 4);
+  EXPECT_DOUBLE_EQ(s.completed, 0.75);
+  EXPECT_DOUBLE_EQ(s.spl, (1 + 0.5 + 0 + 0.25) / 4);
+  EXPECT_DOUBLE_EQ(s.excess, (1 + 2 + 4) / 3.0);
+  EXPECT_DOUBLE_EQ(s.mean_steps, (10 + 20 + 128 + 16) / 4.0);
+  EXPECT_DOUBLE_EQ(s.shortest_mean, 16);
+  EXPECT_DOUBLE_EQ(s.reward, 0.5);
+}
+
+TEST(Score, OfNothingAndOfFailuresIsFinite) {
+  EXPECT_EQ(score({}).tasks, 0);
+  const Score s = score({episode(1, 10, 128, false)});
+  EXPECT_EQ(s.spl, 0);
+  EXPECT_EQ(s.excess, 0);
+}
+
+TEST(EpisodeLog, RecordsOnceWhateverTheOrder) {
+  Folder folder;
+  EpisodeLog log(folder / "episodes.csv");
+  EXPECT_TRUE(log.record(episode(2, 1, 1, true)));
+  EXPECT_EQ(log.recorded("env-summer", 7), 0u);
+  EXPECT_TRUE(log.record(episode(1, 1, 1, true)));
+  EXPECT_EQ(log.recorded("env-summer", 7), 2u);
+  EXPECT_FALSE(log.record(episode(2, 1, 1, true)));
+  EXPECT_TRUE(log.record(episode(4, 1, 1, true)));
+  EXPECT_EQ(log.recorded("env-summer", 7), 2u) << "3 is missing";
+  EXPECT_EQ(log.recorded("env-summer", 8), 0u) << "another incarnation";
+  EXPECT_EQ(log.total(), 3u);
+}
+
+TEST(EpisodeLog, TakesUpWhereTheEnvironmentWasAcknowledged) {
+  EpisodeLog log("");
+  msg::EpisodeStat late = episode(58, 1, 1, true);
+  late.acknowledged() = 57;
+  EXPECT_TRUE(log.record(late));
+  EXPECT_EQ(log.recorded("env-summer", 7), 58u);
+}
+
+TEST(EpisodeLog, HasNoRowsOfWhatItPassesOver) {
+  Folder folder;
+  const std::string path = folder / "episodes.csv";
+  EpisodeLog log(path);
+  log.pass_over(episode(1, 1, 1, true));
+  EXPECT_TRUE(log.record(episode(3, 1, 1, true)));
+  log.pass_over(episode(2, 1, 1, true));
+  EXPECT_EQ(log.recorded("env-summer", 7), 3u) << "nothing is missing";
+  EXPECT_FALSE(log.record(episode(2, 1, 1, true)));
+  EXPECT_EQ(log.total(), 1u);
+  const std::string text = read_file(path);
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 2) << text;
+}
+
+TEST(EpisodeLog, SurvivesAKillInTheMiddleOfARow) {
+  Folder folder;
+  const std::string path = folder / "episodes.csv";
+  {
+    EpisodeLog log(path);
+    log.record(episode(1, 1, 1, true));
+    log.record(episode(2, 1, 1, true));
+    log.recorded("env-summer", 7);
+  }
+  std::string text = read_file(path);
+  const std::size_t whole = text.size();
+  std::ofstream(path, std::ios::app) << "env-summer,7,3,0,su";
+  EpisodeLog log(path);
+  EXPECT_EQ(log.total(), 2u);
+  EXPECT_EQ(fs::file_size(path), whole);
+  EXPECT_FALSE(log.record(episode(2, 1, 1, true)));
+  EXPECT_TRUE(log.record(episode(3, 1, 1, true)));
+}
+
+TEST(EpisodeLog, RefusesAForeignFile) {
+  Folder folder;
+  const std::string path = folder / "episodes.csv";
+  std::ofstream(path) << "name,price\nbread,3\n";
+  try {
+    EpisodeLog log(path);
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find(path), std::string::npos);
+  }
+  EXPECT_EQ(read_file(path), "name,price\nbread,3\n");
+}
+
+TEST(MetricsLog, ForgetsWhatCameAfterTheCheckpoint) {
+  Folder folder;
+  const std::string path = folder / "metrics.csv";
+  {
+    MetricsLog log(path, 0);
+    for (std::uint64_t update = 1; update <= 5; ++update) {
+      msg::TrainingStat stat;
+      stat.update() = update;
+      stat.wall() = static_cast<double>(update) * 2;
+      log.write(stat);
+    }
+  }
+  std::ofstream(path, std::ios::app) << "6,1";
+  MetricsLog log(path, 3);
+  EXPECT_DOUBLE_EQ(log.wall(), 6);
+  std::ifstream in(path);
+  std::string line;
+  int rows = 0;
+  while (std::getline(in, line)) ++rows;
+  EXPECT_EQ(rows, 4);
+}
+
+/// Two nodes in this process.
+class RunRecordTest : public ::testing::Test {
+ protected:
+  static Node::Options options(const std::string& id) {
+    Node::Options options;
+    options.middleware.name = "inprocess";
+    options.service = options.id = id;
+    options.run = "run-record-" + std::to_string(getpid());
+    return options;
+  }
+  RunRecordTest() {
+    watcher.listen<msg::RunInfo>();
+    watcher.listen<msg::TrainingStat>();
+    watcher.announce<msg::TrainingStatRequest>();
+  }
+  /// Lets the record work until nothing more comes; all stats that came.
+  std::vector<msg::TrainingStat> stats(RunRecord& record) {
+    std::vector<msg::TrainingStat> found;
+    record.handle();
+    while (watcher.take(stat)) found.push_back(stat);
+    return found;
+  }
+  bool take_info() {
+    bool any = false;
+    while (watcher.take(info)) any = true;
+    return any;
+  }
+  void ask(std::uint64_t first, std::uint64_t last, std::uint64_t job = 5) {
+    msg::TrainingStatRequest request;
+    request.policy() = "policy";
+    request.policy_incarnation() = policy.incarnation();
+    request.job() = job;
+    request.first() = first;
+    request.last() = last;
+    watcher.publish(request);
+  }
+  Node policy{options("policy")}, watcher{options("watcher")};
+  msg::TrainingStat stat;
+  msg::RunInfo info;
+};
+
+TEST_F(RunRecordTest, TellsWhatTheRunIsAtItsStartAndItsEndAndInBetween) {
+  RunRecord record(policy, {"place_filter", "ppo", 3, 5, 20, "{\"a\": 1}"});
+  ASSERT_TRUE(take_info());
+  EXPECT_EQ(std::string(info.agent().c_str()), "place_filter");
+  EXPECT_EQ(std::string(info.learner().c_str()), "ppo");
+  EXPECT_EQ(info.seed(), 3u);
+  EXPECT_EQ(info.job(), 5u);
+  EXPECT_EQ(info.updates(), 20u);
+  EXPECT_FALSE(info.ended());
+  EXPECT_EQ(std::string(info.manifest().begin(), info.manifest().end()), "{\"a\": 1}");
+  record.handle();
+  EXPECT_FALSE(take_info()) << "not all the time";
+  const Clock::time_point deadline = Clock::now() + testing::kPatience;
+  while (!take_info() && Clock::now() < deadline) {
+    policy.wait(Clock::now() + std::chrono::milliseconds(20));
+    record.handle();
+  }
+  EXPECT_EQ(info.header().message(), 2u) << "again after a while";
+  record.end();
+  ASSERT_TRUE(take_info());
+  EXPECT_TRUE(info.ended());
+  RunRecord large(policy, {"place_filter", "", 3, 6, 0, std::string(msg::MAX_CHUNK + 1, ' ')});
+  ASSERT_TRUE(take_info());
+  EXPECT_TRUE(info.manifest().empty()) << "what does not fit is left out";
+}
+
+TEST_F(RunRecordTest, GivesItsStatsAgainToWhoAsks) {
+  RunRecord record(policy, {"place_filter", "ppo", 3, 5, 20, ""});
+  for (std::uint64_t update = 21; update <= 420; ++update) {
+    msg::TrainingStat one;
+    one.update() = update;
+    one.reward() = static_cast<float>(update) / 2;
+    one.wall() = static_cast<double>(update) * 3;
+    record.add(one);
+    const auto came = stats(record);
+    ASSERT_EQ(came.size(), 1u);
+    EXPECT_EQ(came[0].job(), 5u);
+  }
+  ask(30, 35);
+  auto came = stats(record);
+  ASSERT_EQ(came.size(), 6u);
+  for (std::uint64_t i = 0; i < 6; ++i) {
+    EXPECT_EQ(came[i].update(), 30 + i);
+    EXPECT_EQ(came[i].reward(), static_cast<float>(30 + i) / 2);
+    EXPECT_EQ(came[i].wall(), static_cast<double>(30 + i) * 3);
+    EXPECT_EQ(came[i].job(), 5u);
+    EXPECT_EQ(std::string(came[i].header().sender().c_str()), "policy");
+  }
+  ask(1, 22);
+  EXPECT_EQ(stats(record).size(), 2u) << "those before were of another process";
+  ask(100, 10'000);
+  came = stats(record);
+  ASSERT_EQ(came.size(), std::size_t{msg::MAX_STATS_ASKED});
+  EXPECT_EQ(came.front().update(), 100u);
+  ask(419, ~std::uint64_t{0});
+  EXPECT_EQ(stats(record).size(), 2u);
+  ask(421, 500);
+  ask(30, 29);
+  ask(30, 35, 6);
+  EXPECT_TRUE(stats(record).empty()) << "not there, nothing, another run";
+  ask(~std::uint64_t{0}, ~std::uint64_t{0});
+  EXPECT_TRUE(stats(record).empty());
+}
+
+TEST_F(RunRecordTest, AHeartBeatsWhileTheNodesThreadComputes) {
+  watcher.listen<msg::ServiceStatus>();
+  Heart heart(policy);
+  msg::ServiceStatus status;
+  int beats = 0;
+  // Work that ends when two heartbeats were heard, a second apart.
+  const bool heard = heart.beside([&] {
+    const Clock::time_point deadline = Clock::now() + testing::kPatience;
+    while (beats < 2 && Clock::now() < deadline) {
+      watcher.wait(Clock::now() + std::chrono::milliseconds(20));
+      while (watcher.take(status)) beats += status.header().sender() == "policy";
+    }
+    return beats >= 2;
+  });
+  EXPECT_TRUE(heard);
+  policy.report(msg::RUNNING, "its own again");
+  EXPECT_TRUE(testing::poll_until(
+      [&] {
+        while (watcher.take(status))
+          if (status.activity() == "its own again") return true;
+        return false;
+      },
+      testing::kPatience));
+}
+
+TEST(RunRecord, AResumedRunKeepsItsJob) {
+  Folder folder;
+  const std::uint64_t before = new_job();
+  EXPECT_GE(job_of(folder / "manifest.json"), before) << "there is none";
+  std::ofstream(folder / "manifest.json") << "{\"job\": 1234}";
+  EXPECT_EQ(job_of(folder / "manifest.json"), 1234u);
+  std::ofstream(folder / "manifest.json") << "{\"jo";
+  EXPECT_GE(job_of(folder / "manifest.json"), before);
+}
+
+TEST(Files, AFailedWriteLeavesTheOldFile) {
+  Folder folder;
+  const std::string path = folder / "file";
+  write_file(path, "old");
+  fs::create_directory(path + "." + std::to_string(::getpid()) + ".tmp");  // in the way of the temporary file
+  EXPECT_THROW(write_file(path, "new"), Error);
+  EXPECT_EQ(read_file(path), "old");
+}
+
+TEST(Files, ANamedErrorForAMissingFolder) {
+  EXPECT_THROW(write_file("/nonexistent/folder/file", "x"), Error);
+  EXPECT_THROW(read_file("/nonexistent/file"), Error);
+}
+
+msg::Observation observation(int position, int goal, std::uint8_t flags, int frames, std::uint8_t previous) {
+  msg::Observation o;
+  o.frame() = {static_cast<std::uint32_t>(position)};
+  o.position() = {static_cast<std::uint32_t>(position)};
+  o.goal() = {static_cast<std::uint32_t>(goal)};
+  o.flags() = {flags};
+  o.previous_action() = {previous};
+  o.allowed() = {static_cast<std::uint8_t>(1 | (position + 1 < frames ? 2 : 0) | (position > 0 ? 4 : 0))};
+  return o;
+}
+
+int walk(Policy& policy, int first, int frames, int position, int goal, const std::vector<float>& features,
+         int dimension, const std::vector<int>& turns = {}) {
+  std::vector<std::uint8_t> choice;
+  std::uint8_t flags = msg::FLAG_FIRST, previous = kNoAction;
+  for (int step = 0; step < 4 * frames; ++step) {
+    if (position == goal) return step;
+    msg::Observation o = observation(position, goal, flags, frames, previous);
+    for (auto* field : {&o.frame(), &o.position(), &o.goal()}) field->at(0) += static_cast<std::uint32_t>(first);
+    o.feature_dimension() = static_cast<std::uint32_t>(dimension);
+    o.features().assign(features.begin() + position * dimension, features.begin() + (position + 1) * dimension);
+    policy.act(o, choice);
+    EXPECT_TRUE(o.allowed()[0] >> choice.at(0) & 1);
+    previous = choice[0];
+    position = place_after(position, previous, turns);
+    flags = 0;
+  }
+  return -1;
+}
+
+TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
+  const auto refusal = [](const PolicyServiceOptions& options) -> std::string {
+    try {
+      checked_options(options);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  PolicyServiceOptions options;
+  options.initial = "agent.clk";
+  options.frozen = {"head"};
+  EXPECT_EQ(refusal(options), "");
+  options.mode = "evaluate";
+  options.checkpoint = "agent.clk";
+  EXPECT_NE(refusal(options).find("--initial: is for --mode train"), std::string::npos) << refusal(options);
+  options.initial.clear();
+  EXPECT_NE(refusal(options).find("--freeze: is for --mode train"), std::string::npos) << refusal(options);
+  options.mode = "train";
+  EXPECT_NE(refusal(options).find("--initial"), std::string::npos) << "the way to train a checkpoint's agent further";
+}
+
+TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
+  const int frames = 24, dimension = 8, first = 5;
+  Random random(3);
+  ControlTask task{first, frames, dimension, {}};
+  for (int i = 0; i < frames * dimension; ++i) task.reference.push_back(static_cast<float>(random.normal()));
+  ASSERT_EQ(ControlRegistry::instance().entries().size(), 3u);
+  for (const auto* entry : ControlRegistry::instance().entries()) {
+    const auto policy = entry->create(Parameters(entry->name, entry->parameters, {}), task);
+    for (int start : {0, 3, 12, 23})
+      for (int goal : {0, 1, 11, 12, 22, 23}) {
+        const int steps = walk(*policy, first, frames, start, goal, task.reference, dimension);
+        ASSERT_GE(steps, 0) << entry->name << ": " << start << " -> " << goal;
+        if (entry->name != "blind") {
+          EXPECT_EQ(steps, std::abs(goal - start)) << entry->name;
+        }
+      }
+  }
+}
+
+TEST(Evaluation, RefusesAnAgentThatKnowsAMap) {
+  const Folder folder;
+  NetworkTask task = some_task();
+  task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
+  write_checkpoint(folder / "map.clk", some_checkpoint("place_filter", task));
+  PolicyServiceOptions options;
+  options.node.run = "map-" + std::to_string(getpid());
+  options.node.id = "policy";
+  options.node.middleware.name = "inprocess";
+  options.mode = "evaluate";
+  options.checkpoint = folder / "map.clk";
+  try {
+    run_policy_service(options);
+    FAIL() << "was tried";
+  } catch (const Error& error) {
+    EXPECT_NE(std::string(error.what()).find("crosses itself"), std::string::npos) << error.what();
+  }
+}
+
+TEST(Controls, TakeTheShortestWayOnAMap) {
+  const int frames = 24, dimension = 8, first = 5;
+  Random random(3);
+  ControlTask task{first, frames, dimension, {}};
+  for (int i = 0; i < frames * dimension; ++i) task.reference.push_back(static_cast<float>(random.normal()));
+  for (int i = 0; i < frames; ++i) task.turns.push_back(i);
+  std::swap(task.turns[3], task.turns[14]);
+  task.turns[8] = 17;  // three roads: 8 -> 17 -> 21 -> 8
+  task.turns[17] = 21;
+  task.turns[21] = 8;
+  std::vector<int> distances;
+  for (const std::string name : {"shortest_path", "sequence_filter"}) {
+    const auto& entry = ControlRegistry::instance().find("control", name);
+    const auto policy = entry.create(Parameters(entry.name, entry.parameters, {}), task);
+    for (int goal = 0; goal < frames; ++goal) {
+      distances_to(goal, frames, task.turns, distances);
+      for (int start = 0; start < frames; ++start)
+        EXPECT_EQ(walk(*policy, first, frames, start, goal, task.reference, dimension, task.turns), distances[start])
+            << name << ": " << start << " -> " << goal;
+    }
+    ControlTask bad = task;
+    bad.turns[0] = 1;
+    EXPECT_THROW(entry.create(Parameters(entry.name, entry.parameters, {}), bad), Error);
+  }
+}
+
+TEST(Controls, BlindTurnsRoundAtTheEnd) {
+  const auto& entry = ControlRegistry::instance().find("control", "blind");
+  const auto policy = entry.create(Parameters(), ControlTask{0, 24, 0, {}});
+  EXPECT_EQ(walk(*policy, 0, 24, 2, 5, {}, 0), 2 + 5) << "goal in the lower half: first to the beginning";
+  EXPECT_EQ(walk(*policy, 0, 24, 20, 15, {}, 0), 3 + 8) << "goal in the upper half: first to the end";
+}
+
+TEST(Controls, SequenceFilterNamesAMissingReference) {
+  const auto& entry = ControlRegistry::instance().find("control", "sequence_filter");
+  EXPECT_THROW(entry.create(Parameters(entry.name, entry.parameters, {}), ControlTask{0, 24, 0, {}}), Error);
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,136 @@
+// Sweeps without a wire: which seeds are meant, figures over several runs, tables of runs that ended.
+#include "policy_service/run/sweep.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "core/util/error.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using testing::Folder;
+using Seeds = std::vector<std::uint64_t>;
+using Json = nlohmann::json;
+
+TEST(Seeds, AreRangesAndLists) {
+  EXPECT_EQ(parse_seeds("1..5"), (Seeds{1, 2, 3, 4, 5}));
+  EXPECT_EQ(parse_seeds("7"), (Seeds{7}));
+  EXPECT_EQ(parse_seeds("1,3,7"), (Seeds{1, 3, 7}));
+  EXPECT_EQ(parse_seeds("9,1..3,0..0"), (Seeds{9, 1, 2, 3, 0}));
+  EXPECT_EQ(parse_seeds("18446744073709551614..18446744073709551615").size(), 2u);
+  EXPECT_EQ(parse_seeds("1..1000").size(), 1000u);
+}
+
+TEST(Seeds, WrongOnesAreNamed) {
+  const std::map<std::string, std::string> cases = {{"5..1", "goes down"},
+                                                    {"1..x", "'x'"},
+                                                    {"x", "'x'"},
+                                                    {"", "''"},
+                                                    {"1,,2", "''"},
+                                                    {"1,", "''"},
+                                                    {"1..", "''"},
+                                                    {"1...3", "'.3'"},
+                                                    {"-1", "'-1'"},
+                                                    {"1,2,1", "1 twice"},
+                                                    {"1..3,2", "2 twice"},
+                                                    {"1 2", "'1 2'"},
+                                                    {"0..1000", "1000"},
+                                                    {"0..18446744073709551615", "1000"},
+                                                    {"18446744073709551616", "number"}};
+  for (const auto& [text, wanted] : cases) try {
+      parse_seeds(text);
+      ADD_FAILURE() << "'" << text << "' was taken";
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find(wanted), std::string::npos) << text << ": " << error.what();
+    }
+}
+
+TEST(Spread, IsWhatItsNamesSay) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const Spread s = spread_of({4, 1, nan, 2, 9});
+  EXPECT_EQ(s.count, 4);
+  EXPECT_DOUBLE_EQ(s.mean, 4);
+  EXPECT_DOUBLE_EQ(s.median, 3);
+  EXPECT_DOUBLE_EQ(s.minimum, 1);
+  EXPECT_DOUBLE_EQ(s.maximum, 9);
+  EXPECT_DOUBLE_EQ(s.deviation, std::sqrt((9 + 4 + 0 + 25) / 3.0));
+  EXPECT_DOUBLE_EQ(spread_of({3, 1, 2}).median, 2);
+  EXPECT_EQ(spread_of({5}).deviation, 0);
+  EXPECT_EQ(spread_of({nan}).count, 0);
+}
+
+/// A run that ended, as far as tables look at it.
+void finished_run(const std::string& folder, const std::string& agent, const std::string& learner, double spl,
+                  const Json& episodes_to_spl95) {
+  std::filesystem::create_directories(folder);
+  const auto score = [](double value) {
+    return Json{{"completed", value}, {"spl", value},        {"excess", 1},
+                {"mean_steps", 50},   {"shortest_mean", 43}, {"reward", value}};
+  };
+  const Json summary = {{"agent", agent},
+                        {"middleware", "cyclonedds"},
+                        {"seed", 1},
+                        {"train",
+                         {{"traversal", "summer"},
+                          {"episodes", 900},
+                          {"steps", 40000},
+                          {"wall_s", 5.25},
+                          {"steps_per_s", 7619},
+                          {"reward", 0.9},
+                          {"spl", spl},
+                          {"episodes_to_spl95", episodes_to_spl95},
+                          {"wall_s_to_spl95", episodes_to_spl95.is_null() ? Json() : Json(1.5)}}},
+                        {"evaluate", {{"fall", score(spl)}}},
+                        {"controls", {{"blind", {{"fall", score(0.852)}}}, {"shuffled", {{"fall", score(0.1)}}}}}};
+  std::ofstream(folder + "/summary.json") << summary;
+  std::ofstream(folder + "/manifest.json") << Json{{"learner", learner}};
+}
+
+TEST(Tables, PutRunsSideBySideAndControlsOnce) {
+  Folder folder;
+  finished_run(folder / "first", "place_filter", "ppo", 0.993, 141);
+  finished_run(folder / "second", "features", "other", 0.944, nullptr);
+  const std::string text = tables_of({folder / "first/", folder / "second/summary.json"});
+  const auto line_with = [&text](const std::string& wanted) {
+    std::istringstream lines(text);
+    for (std::string line; std::getline(lines, line);)
+      if (line.find(wanted) != std::string::npos) return line;
+    return std::string("no line with ") + wanted + " in\n" + text;
+  };
+  EXPECT_NE(line_with("| first").find("99.3"), std::string::npos) << text;
+  EXPECT_NE(line_with("| second").find("0.944"), std::string::npos) << text;
+  EXPECT_NE(line_with("| second").find("other"), std::string::npos) << text;
+  EXPECT_NE(line_with("| 40000").find("| 141 "), std::string::npos) << text;
+  EXPECT_NE(text.find("features, shuffled"), std::string::npos) << text;
+  std::size_t blind = 0;
+  for (std::size_t at = text.find("blind"); at != std::string::npos; at = text.find("blind", at + 1)) ++blind;
+  EXPECT_EQ(blind, 1u) << text;
+}
+
+TEST(Tables, NameWhatIsNoRun) {
+  Folder folder;
+  std::ofstream(folder / "nothing.txt") << "x";
+  std::filesystem::create_directories(folder / "cut");
+  std::ofstream(folder / "cut/summary.json") << "{\"agent\": \"pla";
+  std::filesystem::create_directories(folder / "foreign");
+  std::ofstream(folder / "foreign/summary.json") << "{\"colour\": 3}";
+  std::filesystem::create_directories(folder / "sweep");
+  std::ofstream(folder / "sweep/sweep.json") << "[1, 2]";
+  for (const std::string name : {"nothing.txt", "cut", "foreign", "sweep", "nowhere"}) try {
+      tables_of({folder / name});
+      ADD_FAILURE() << name << " was taken";
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find(folder / name), std::string::npos) << error.what();
+    }
+  EXPECT_THROW(tables_of({}), Error);
+}
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,178 @@
+// citylearn_vpr from the outside: its files, its table, its complaints.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <regex>
+
+#include "core/util/random.h"
+#include "tests/support/service.h"
+
+namespace citylearn {
+namespace {
+
+using testing::contents;
+using testing::Folder;
+
+struct Ended {
+  int status = -1;
+  std::string text;  // standard output and error
+};
+
+Ended vpr(const std::string& arguments) {
+  Ended ended;
+  FILE* pipe = popen((CITYLEARN_VPR " " + arguments + " 2>&1").c_str(), "r");
+  if (!pipe) return ended;
+  std::array<char, 4096> part{};
+  while (const std::size_t size = std::fread(part.data(), 1, part.size(), pipe)) ended.text.append(part.data(), size);
+  const int status = pclose(pipe);
+  ended.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  return ended;
+}
+
+/// summer.csv, and fall.csv with noise on it; 60 frames of 16 features.
+void write_features(const Folder& folder) {
+  Random random(3);
+  std::ofstream summer(folder / "summer.csv"), fall(folder / "fall.csv");
+  for (int frame = 0; frame < 60; ++frame)
+    for (int d = 0; d < 16; ++d) {
+      const double value = random.normal();
+      const char* end = d < 15 ? "," : "\n";
+      summer << value << end;
+      fall << value + 0.5 * random.normal() << end;
+    }
+}
+
+std::size_t lines(const std::string& text) {
+  return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
+}
+
+TEST(VprTool, FeaturesNeedNoEncoder) {
+  const Folder data, output;
+  write_features(data);
+  const Ended ended = vpr("--dataset plain --data " + data.path() +
+                          " --dimension 0,8 --centring own,none --method nearest,csls+sequence,seqslam,mlp --sequence 5"
+                          " --mlp-epochs 20 --output " +
+                          output.path());
+  ASSERT_EQ(ended.status, 0) << ended.text;
+  const std::string csv = contents(output / "results.csv");
+  EXPECT_EQ(lines(csv), 1u + 2 * 2 * 4) << csv;
+  const nlohmann::json json = nlohmann::json::parse(contents(output / "results.json"));
+  ASSERT_EQ(json["rows"].size(), 16u);
+  for (const auto& row : json["rows"]) {
+    EXPECT_EQ(row["query"], "fall");
+    EXPECT_EQ(row["queries"], 60);
+    EXPECT_LE(row["auc"].get<double>(), row["recall_1"].get<double>() + 1e-9);
+    EXPECT_LE(row["recall_1"].get<double>(), row["recall_5"].get<double>());
+    EXPECT_LE(row["recall_1_interval"][0].get<double>(), row["recall_1"].get<double>());
+    const bool single = row["method"] == "nearest", sequence = row["method"] == "csls+sequence";
+    const double least = sequence ? 1 : !single ? 0 : row["dimension"] == 16 ? 0.9 : 0.6;
+    EXPECT_GE(row["recall_1"].get<double>(), least) << row;
+  }
+  const nlohmann::json curves = nlohmann::json::parse(contents(output / "curves.json"))["curves"];
+  ASSERT_EQ(curves.size(), 16u);
+  for (std::size_t i = 0; i < curves.size(); ++i) {
+    const nlohmann::json &curve = curves[i], &row = json["rows"][i];
+    EXPECT_EQ(curve["method"], row["method"]);
+    ASSERT_EQ(curve["recall"].size(), curve["precision"].size());
+    EXPECT_LE(curve["recall"].size(), 60u) << "a point a query at most";
+    EXPECT_EQ(curve["recall"].back(), row["recall_1"]) << "every query answered";
+    EXPECT_EQ(curve["auc"], row["auc"]);
+  }
+  for (const std::string method : {"nearest", "csls-sequence", "seqslam", "mlp"}) {
+    const std::string svg = contents(output / ("pr-fall-" + method + ".svg"));
+    EXPECT_EQ(svg.find("<svg "), 0u) << method;
+    EXPECT_NE(svg.find("recall"), svg.npos);
+    EXPECT_NE(svg.find("</svg>"), svg.npos);
+    EXPECT_EQ(svg.find("nan"), svg.npos);
+  }
+  const cv::Mat picture = cv::imread(output / "similarity-features-16-own-fall-nearest.png");
+  EXPECT_EQ(picture.size(), cv::Size(60, 60));
+}
+
+TEST(VprTool, MatchesInsteadOfIndex) {
+  const Folder data, output;
+  write_features(data);
+  // Against itself with truth shifted by ten frames: every answer is wrong by ten.
+  std::ofstream matches(data / "truth.txt");
+  matches << "query,reference\n";
+  for (int frame = 0; frame < 50; ++frame) matches << frame << "," << frame + 10 << "\n";
+  matches.close();
+  const std::string common = "--dataset plain --data " + data.path() + " --query summer --centring none --matches " +
+                             data.path() + "/truth.txt --output " + output.path();
+  ASSERT_EQ(vpr(common + " --tolerance 9").status, 0);
+  EXPECT_EQ(nlohmann::json::parse(contents(output / "results.json"))["rows"][0]["recall_1"], 0.0);
+  ASSERT_EQ(vpr(common + " --tolerance 10").status, 0);
+  EXPECT_EQ(nlohmann::json::parse(contents(output / "results.json"))["rows"][0]["recall_1"], 1.0);
+  std::ofstream(data / "truth.txt", std::ios::app) << "60,0\n";
+  const Ended outside = vpr(common);
+  EXPECT_EQ(outside.status, 1);
+  EXPECT_NE(outside.text.find("truth.txt:52"), std::string::npos) << outside.text;
+}
+
+TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
+  const Folder data, output;
+  write_features(data);
+  const std::string common = "--dataset plain --data " + data.path() + " --output " + output.path();
+  const Ended some = vpr(common + " --dimension 8,512");
+  EXPECT_EQ(some.status, 0) << some.text;
+  EXPECT_NE(some.text.find("512"), std::string::npos);
+  EXPECT_EQ(lines(contents(output / "results.csv")), 2u);
+  EXPECT_EQ(vpr(common + " --dimension 512").status, 1);
+}
+
+TEST(VprTool, ComplainsInOneLine) {
+  const Folder data, output;
+  write_features(data);
+  const std::string common = "--dataset plain --data " + data.path() + " --output " + output.path() + " ";
+  const auto complaint = [&](const std::string& arguments, int status) {
+    const Ended ended = vpr(common + arguments);
+    EXPECT_EQ(ended.status, status) << arguments << ": " << ended.text;
+    EXPECT_EQ(lines(ended.text), 1u) << ended.text;
+    return ended.text;
+  };
+  EXPECT_NE(complaint("--method nearst", 1).find("known: nearest"), std::string::npos);
+  complaint("--method seqslam+csls", 1);
+  complaint("--method csls+mlp", 1);
+  complaint("--sequence 4", 1);
+  complaint("--slowest 2 --fastest 1", 1);
+  complaint("--measure hamming", 2);
+  complaint("--tolerance -1", 2);
+  EXPECT_NE(complaint("--query spring", 1).find("fall, summer"), std::string::npos);
+  EXPECT_NE(complaint("--encoder hog", 1).find("--encoder"), std::string::npos);
+  complaint("--output " + data.path() + "/summer.csv/below", 1);
+  EXPECT_FALSE(std::filesystem::exists(output / "results.csv"));
+}
+
+TEST(VprTool, PicturesThroughAnEncoderAndAStore) {
+  const char* shared = std::getenv("CITYLEARN_SHARED_DATA");
+  const std::string data = (shared ? shared : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nordland-64x32");
+  if (!std::filesystem::is_directory(data)) GTEST_SKIP() << "no " << data;
+  const Folder output, store;
+  const std::string common =
+      "--dataset plain --data " + data +
+      " --query winter --step 10 --encoder hog --centring own --method nearest,sequence --store " + store.path() +
+      " --output " + output.path();
+  const Ended first = vpr(common);
+  ASSERT_EQ(first.status, 0) << first.text;
+  const auto rows = nlohmann::json::parse(contents(output / "results.json"))["rows"];
+  EXPECT_EQ(rows[0]["queries"], 358);
+  EXPECT_GT(rows[0]["recall_1"].get<double>(), 0.7);
+  EXPECT_GT(rows[1]["recall_1"].get<double>(), 0.99);
+  // What was kept gives the same answers.
+  ASSERT_EQ(vpr(common).status, 0);
+  const auto again = nlohmann::json::parse(contents(output / "results.json"))["rows"];
+  for (const int i : {0, 1}) {
+    EXPECT_EQ(rows[i]["recall_1"], again[i]["recall_1"]);
+    EXPECT_EQ(rows[i]["auc"], again[i]["auc"]);
+  }
+}
+
+}  // namespace
+}  // namespace citylearn
