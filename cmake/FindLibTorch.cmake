@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # libtorch's own TorchConfig.cmake asks for much that a program against it never needs, and Debian's for files of other packages.
 # Looks where the packages put it, and below LibTorch_ROOT (the unpacked archive of pytorch.org, of the cxx11 ABI).
 find_path(LibTorch_INCLUDE_DIR torch/library.h)

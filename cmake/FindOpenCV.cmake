@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Debian's packages of the single OpenCV modules come without OpenCVConfig.cmake; the package that has it, libopencv-dev,
 # pulls in 200 others. So the modules are looked for by name: OpenCV::core, OpenCV::imgproc ... for each COMPONENT asked for.
 find_path(OpenCV_INCLUDE_DIR opencv2/core.hpp PATH_SUFFIXES opencv4)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # cmake --install BUILD --prefix DIR: the programs, the dashboard's page, and the units of systemd.
 include(GNUInstallDirs)
 foreach(program env_service encoder_service policy_service dashboard

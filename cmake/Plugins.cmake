@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Plug-ins loaded at run time (docs/plugins.md).
 set(CITYLEARN_PLUGINS "" CACHE STRING "Plug-ins of your own: NAME.cc, or a folder whose CMakeLists.txt calls citylearn_plugin; a;b;c")
 

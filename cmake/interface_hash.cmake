@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # cmake -DOUTPUT=FILE -DINPUTS=A,B,... -DALSO=TEXT -P interface_hash.cmake: writes a header with one hash of the files' contents.
 string(REPLACE "," ";" inputs "${INPUTS}")
 set(all "${ALSO}")

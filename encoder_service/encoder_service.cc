@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "encoder_service/encoder_service.h"
 
 #include <spdlog/fmt/fmt.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "env_service/env_service.h"
 
 #include <spdlog/spdlog.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # shellcheck shell=bash disable=SC2034
 # Keeps services running: what dies is started again, after 1 s, 2 s, 4 s ... at most 30 s. Sourced by ./run and by its
 # test; docs/decisions/0014-faults.md says what is started again and what is not.

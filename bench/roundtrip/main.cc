@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Round trips Observation -> Action between two processes over this project's Node, and the same bytes over each
 // vendor's bare API. See README.md.
 #include <fcntl.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What DDS Security costs (README.md).
 #include <fcntl.h>
 #include <poll.h>

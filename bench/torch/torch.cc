@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Is our own PPO at least as fast as the same in libtorch? (README.md)
 #include <CLI/CLI.hpp>
 #include <algorithm>

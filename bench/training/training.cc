@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // How fast, and how well, does an agent learn with nothing between environment and trainer? (README.md)
 #include "tools/inprocess/training.h"
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """One service's process, and what it sees: a root of its own with /usr of this machine, the installed programs at
 /usr/local, its volumes, a /tmp and a /proc of its own; only root's children outside see it, it sees nobody."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 class ComposeError(Exception):
     """One line: where, what, and what to do about it."""
 

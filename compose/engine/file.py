@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What a compose file says, as far as it is understood: whatever is not is an error that names it."""
 
 import ipaddress

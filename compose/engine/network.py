@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Network namespaces, joined by bridges that live in a namespace of their own: this machine's network sees none of it."""
 
 import ipaddress

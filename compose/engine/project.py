@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A topology that runs: who is started when, watched, restarted and ended. One thread; a coroutine a service."""
 
 import asyncio

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include <arpa/inet.h>
 #include <dds/dds.h>
 #include <dds/ddsi/ddsi_serdata.h>

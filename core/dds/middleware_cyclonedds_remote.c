@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "core/dds/middleware_cyclonedds_remote.h"
 
 #include <arpa/inet.h>

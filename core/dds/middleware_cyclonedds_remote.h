@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 // What Cyclone DDS knows of another participant beyond its public API: whose it is and where it is reached. In C,

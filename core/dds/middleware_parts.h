@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 // What the middlewares share among themselves. Private to core/middleware*.cc; the doctor reads its ports.

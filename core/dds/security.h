@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 // DDS Security (docs/security.md): a service's folder of keys, checked before anything starts, and what the vendors

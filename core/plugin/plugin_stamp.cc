@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Compiled into every plug-in (cmake/Plugins.cmake): says what it was built against, for core/plugin/plugins.cc to read.
 #include "core/plugin/plugin_stamp.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #pragma once
 
 #include "core/plugin/plugin_interface.h"  // generated: CITYLEARN_INTERFACE, a hash of all that a plug-in includes of ours

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # cmake -DOUTPUT=FILE -DINPUTS=A,B,... -P idl_files.cmake: the files as {"NAME", R"IDL(TEXT)IDL"}, lines.
 string(REPLACE "," ";" inputs "${INPUTS}")
 set(all "")

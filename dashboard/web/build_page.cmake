@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # cmake -DNPM= -DWEB= -DPAGE= -DSTAMP= -P: installs what package-lock.json names where that has changed, then builds the page.
 # Packages that cannot be had are no error: then there is no new page and no stamp, and the next build tries again.
 file(REMOVE ${STAMP})

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # The dashboard's page: sources -> build/.../dashboard/page. Node and npm make it; without them, or without a network for the first
 # `npm ci`, everything else is built all the same and the dashboard says what is missing.
 set(CITYLEARN_PAGE ${CMAKE_BINARY_DIR}/dashboard/page)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Tests of the page. Each skips itself (77) where npm, its packages or chromium are missing.
 set(web ${CMAKE_SOURCE_DIR}/dashboard/web)
 foreach(part unit e2e)

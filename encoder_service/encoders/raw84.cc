@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include <opencv2/imgproc.hpp>
 
 #include "encoder_service/encoding/picture_encoder.h"

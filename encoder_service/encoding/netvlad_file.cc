@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // NetvladHead as a safetensors file: 8 bytes (little-endian) with the length of a JSON header, the header, the numbers.
 #include <bit>
 #include <cstring>

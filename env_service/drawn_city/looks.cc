@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "env_service/drawn_city/parts.h"
 
 namespace citylearn::drawn {

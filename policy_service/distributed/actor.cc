@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/distributed/actor.h"
 
 #include <spdlog/fmt/fmt.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/distributed/feature_cache.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/distributed/parameter_chunks.h"
 
 #include <openssl/sha.h>

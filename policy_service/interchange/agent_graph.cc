@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/interchange/agent_graph.h"
 
 #include "policy_service/network/layers.h"

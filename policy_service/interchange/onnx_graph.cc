@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/interchange/onnx_graph.h"
 
 #include <google/protobuf/io/coded_stream.h>

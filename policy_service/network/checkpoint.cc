@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/network/checkpoint.h"
 
 #include <openssl/sha.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/run/report.h"
 
 #include <spdlog/fmt/fmt.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/run/run_record.h"
 
 #include <spdlog/spdlog.h>

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """compose/hosts itself, on services that are a line of shell each."""
 
 import shutil

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What compose/ says is true of this repository: files, image, units and scripts, as far as can be told without an engine."""
 
 import os

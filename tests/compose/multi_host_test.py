@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """compose/multi-host.yaml, run: env_services and encoder_service on one host, policy_service and dashboard on another."""
 
 import support

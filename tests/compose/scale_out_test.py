@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """compose/scale-out.yaml, run: an actor, an encoder_service, a replica of the env_services and the learner are killed in it."""
 
 import support

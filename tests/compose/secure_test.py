@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """compose/secure.yaml, run with a keystore made as its first lines say; who has no keys finds nobody."""
 
 import re

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """compose/single-node.yaml, run: an env_service and the policy_service are killed in it."""
 
 

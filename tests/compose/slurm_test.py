@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """compose/slurm/train.sbatch, run on this machine's loopback: srun starts programs here, scontrol names two addresses of it."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the tests of compose/ share. Each is called with the folder into which the programs are installed."""
 
 import csv

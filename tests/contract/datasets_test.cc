@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What every registered dataset promises (env_service/dataset_io/dataset.h).
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What every encoder without files promises, whichever it is.
 #include <gtest/gtest.h>
 

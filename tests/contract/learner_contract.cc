@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What every learner promises (policy_service/learning/learner.h), asked of all that are registered in this program.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the learners of this repository promise beyond learner_contract.cc: with a trainer, and without a single
 // allocation.
 #include <gtest/gtest.h>

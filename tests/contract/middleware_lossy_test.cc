@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The lossy decorator loses, repeats and reorders as much as it says, and the same again for the same seed.
 #include <gtest/gtest.h>
 #include <unistd.h>

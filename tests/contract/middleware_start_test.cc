@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Names, domains, interfaces, and what happens when a vendor cannot start: one clear line, soon, never another
 // middleware.
 #include <arpa/inet.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What every middleware promises, asked of each of them: core/dds/middleware.h.
 #include "core/dds/middleware.h"
 

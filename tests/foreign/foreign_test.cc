@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A learner of another make (tests/foreign/README.md) in the place of policy_service.
 #include <gtest/gtest.h>
 

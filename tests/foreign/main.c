@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A learner in C that shares nothing with policy_service but idl/. While it explores the training traversal it counts:
 // what each place looks like, and where each action leads. With these two tables alone it then navigates other
 // traversals: a Bayes filter tells where it is, and it takes the action that most likely leads towards the goal.

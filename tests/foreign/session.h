@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The protocol of a run, as whoever learns has to speak it: finds the env_services, tells them what to do, answers
 // their observations, records their episodes. Plain C over Cyclone DDS and what its compiler makes of idl/; nothing
 // else.

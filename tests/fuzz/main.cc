@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // libFuzzer's entry; CITYLEARN_FUZZ_TARGET is the function to run.
 #include <spdlog/spdlog.h>
 

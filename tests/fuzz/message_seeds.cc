@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Writes where the fuzzing of messages begins: FOLDER/message_TYPE/NAME. Made anew each time, as a new protocol refuses
 // what an older one wrote.
 #include <filesystem>

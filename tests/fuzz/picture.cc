@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include <opencv2/core.hpp>
 
 #include "core/util/image_header.h"

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # run.sh SAMPLE FOLDER: the program SAMPLE writes a recording, readers of others read it. Packages are kept in FOLDER. Exits with
 # 77 where node, npm or the network for the first `npm ci` is missing.
 here=$(cd "$(dirname "$0")" && pwd) || exit 1

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // mcap_sample FILE.mcap: a recording of every message of idl/, and FILE.mcap.json, which says what is in it.
 #include <fstream>
 #include <iostream>

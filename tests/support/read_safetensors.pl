@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Reads a safetensors file by the format's description alone, with none of the project's code:
 # https://github.com/huggingface/safetensors#format. Prints "meta KEY VALUE" and "NAME SHAPE BITS...", the numbers as
 # the bits of their 32-bit floats, and dies where the file breaks a rule.

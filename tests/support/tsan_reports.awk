@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Reports of ThreadSanitizer that count: awk -f tsan_reports.awk FILE ... prints them.
 #
 # Left out are those all of whose accesses (races) or locks (potential deadlocks) are made by one of these libraries.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pictures through all services: real processes over loopback DDS.
 #include <gtest/gtest.h>
 #include <spdlog/fmt/fmt.h>

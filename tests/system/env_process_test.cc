@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The program env_service: command line, exit status, one line for a person, signals.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One env_service and a scripted policy: over each vendor with the real program, over a transport that loses, repeats
 // and reorders, and within this process. Whatever happens on the way, the episodes are those of an Environment walked
 // by hand.

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A training run whose services are killed at random moments: it goes on, loses nothing and learns as well.
 // The suites Long... kill more often: `./run test --long`.
 #include <gtest/gtest.h>

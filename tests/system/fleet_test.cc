@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A policy_service's Fleet and env_services in one process: observations by reference are those with features.
 #include "policy_service/distributed/env_client.h"
 

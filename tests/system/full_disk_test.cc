@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A training run whose disk is full for a while: it goes on, says so, keeps what it had, and makes up for it when there
 // is room again.
 #include <gtest/gtest.h>

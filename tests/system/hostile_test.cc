@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Messages that are not to be believed: each is dropped and counted, and training goes on.
 #include <gtest/gtest.h>
 

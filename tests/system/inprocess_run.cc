@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // One env_service and one policy_service in one process over the inprocess middleware, with the options of the lockstep
 // test: the reference that every vendor's run must equal byte for byte.
 #include <atomic>

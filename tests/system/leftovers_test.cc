@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What killed services leave behind: nothing that grows, and nothing that the next start must wait for.
 #include <gtest/gtest.h>
 

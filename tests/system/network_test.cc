@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Hosts of their own, a real packet size, no multicast: how services find each other there, and what loss and
 // partitions do. Suites whose name begins with Long are for `./run test --long`.
 #include <gtest/gtest.h>

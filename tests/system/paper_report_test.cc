@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // ./run paper as a program: the whole quick report on a small drawn city, trained for a moment.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Whole runs: real processes over loopback DDS.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A dashboard without a page: recorder_process MIDDLEWARE DOMAIN STORE. Leaves at SIGTERM.
 #include <spdlog/spdlog.h>
 

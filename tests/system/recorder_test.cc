@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The dashboard's recorder beside real services: killed again and again while they train, it loses nothing and has
 // nothing twice.
 #include <gtest/gtest.h>

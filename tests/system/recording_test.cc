@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Recording a run of real services, and playing it: to a recorder, to the dashboard, to a learner.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A learner and its actors: real processes over loopback DDS.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // security_peer MIDDLEWARE DOMAIN FOLDER NAME WRITES READS: a participant with the keys in FOLDER (none: "") that
 // nobody has checked, so that what protects is the wire alone. Writes its name to the topic WRITES ("" for none) fifty
 // times a second ("NAME has heard" once something came) and reads READS, until its standard input ends. Exit status: 0

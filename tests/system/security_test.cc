@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // DDS Security on the wire: a secured run goes on as an open one does, nobody else gets anything in or out, and each
 // attempt is in the log.
 #include <arpa/inet.h>

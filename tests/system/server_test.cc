@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The web server against clients that behave, and against those that do not.
 #include "dashboard/http/server.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Endurance: 16 env_services of 16 agents each, a policy_service and a recorder, for half an hour, and a kill a minute.
 // `./run test --long`. CITYLEARN_SOAK_MINUTES says another time.
 #include <gtest/gtest.h>

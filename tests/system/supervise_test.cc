@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // ./run keeps the services of a demo alive (tools/supervise.sh).
 #include <gtest/gtest.h>
 #include <signal.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sweeps: one policy_service, several seeds, env_services that stay.
 #include <gtest/gtest.h>
 

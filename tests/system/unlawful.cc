@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Preloaded into security_peer, this makes it a participant that does not keep to the rules it has signed:
 //   CITYLEARN_CLOCK=-172800  lives two days ago, so that it takes its own expired certificate for valid;
 //   CITYLEARN_LAWLESS=1      its vendor does not check what its own permissions allow, as a changed one would not.

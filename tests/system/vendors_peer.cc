@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // vendors_peer MIDDLEWARE DOMAIN RUN ID: reads every kind of message and sends each back, until its standard input
 // ends.
 #include <poll.h>

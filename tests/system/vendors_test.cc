@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Every pairing of the vendors, in two processes: every message, empty and at its largest, there and back unchanged.
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // docs/tutorial-learner.md, followed to the letter: its files are written, its commands run, its promises kept.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // ./run doctor: what is heard on the network, and what is in its way.
 #include <spdlog/spdlog.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // ./run paper: the paper's figures and tables on the data at hand, in one report.
 #include <spdlog/spdlog.h>
 

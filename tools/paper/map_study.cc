@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "tools/paper/map_study.h"
 
 #include <spdlog/fmt/fmt.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "tools/paper/world.h"
 
 #include <spdlog/fmt/fmt.h>

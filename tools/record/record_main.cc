@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // ./run record: what a run says, into MCAP files.
 #include <spdlog/spdlog.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // ./run replay: plays MCAP recordings to a dashboard, or their trajectories to a learner.
 #include <spdlog/spdlog.h>
 

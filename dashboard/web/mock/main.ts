@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { Mock } from './server';
 
 // npm run mock -- [port] [--token TOKEN] [--empty]: a dashboard without services, for work on the page.

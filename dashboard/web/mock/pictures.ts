@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { png } from './png';
 import { Random } from './random';
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /** Reproducible random numbers (mulberry32). */
 export class Random {
   constructor(private state: number) {}

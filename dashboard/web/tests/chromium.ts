@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { existsSync } from 'node:fs';
 
 /** Debian's chromium, or the one that CITYLEARN_CHROMIUM names. */

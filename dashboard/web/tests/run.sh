@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # run.sh unit|e2e PAGE: the page's tests; PAGE is the folder of the built page. Exits with 77 where something they need is missing.
 cd "$(dirname "$0")/.." || exit 1
 skip() { echo "skipped: $*"; exit 77; }

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The learner `ppo` once more, in torch: a plug-in (docs/plugins.md), as nothing else shall wait for libtorch to be
 // loaded.
 #include <dlfcn.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "policy_service/learning/optimization/gradient_step.h"
 
 #include "policy_service/learning/optimization/saved_state.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Whole episodes as text, in tests/golden/environment_*.txt. A changed line is a changed task: agents and figures from
 // before no longer compare. Written anew with CITYLEARN_GOLDEN=write in the environment.
 #include <gtest/gtest.h>

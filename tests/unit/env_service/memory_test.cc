@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // A long recording of pictures costs next to no memory.
 #include <gtest/gtest.h>
 

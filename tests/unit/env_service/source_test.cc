@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a person says on the command line becomes a Source.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The house's floors: includes go downwards only (docs/architecture.md).
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the fuzzers begin with, and images broken at random, through the fuzzers' own functions.
 #include <gtest/gtest.h>
 

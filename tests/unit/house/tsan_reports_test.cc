@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Which reports of ThreadSanitizer count (tests/support/tsan_reports.awk).
 #include <gtest/gtest.h>
 

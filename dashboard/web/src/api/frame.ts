@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { Scene, SceneAgent, SceneHeader } from './types';
 
 /** One binary frame of the WebSocket, taken apart. */

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { signal } from '@preact/signals';
 import { alive, getJson, unauthorised } from './client';
 import { parseFrame, type Frame } from './frame';

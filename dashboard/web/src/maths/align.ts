@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { Curve } from './seeds';
 
 /** Several curves over one x: every x that one of them has, null where another has none there. */

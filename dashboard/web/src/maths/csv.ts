@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 export type Cell = string | number | boolean | null | undefined;
 
 /** RFC 4180; a cell that a spreadsheet would take for a formula is text there too. */

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { smooth } from './ema';
 import { aggregate, type Curve, type Range } from './seeds';
 import { axis, metric, type MetricKey, type Rows, type XAxis } from './rows';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /**
  * Exponential moving average, debiased: the weights of what there is so far add up to 1, so that the start is not drawn
  * towards zero. `smoothing` is the weight that one update keeps at the next (0: none; the paper's curves have 0.9). Where

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { Evaluation } from '../api/types';
 
 const CONTROLS = ['sequence_filter', 'blind', 'shortest_path'];

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 const NONE = '–';
 
 function known(value: number | null | undefined): value is number {

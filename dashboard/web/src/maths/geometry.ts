@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /** A point of the plane, x to the right, y down as on a screen. */
 export interface Point {
   x: number;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { Run } from '../api/types';
 
 export type GroupBy = 'sweep' | 'agent';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { Json, Manifest } from '../api/types';
 
 /** Leaves of nested JSON: "parameters.learner.clip" -> "0.2". Lists are leaves. */

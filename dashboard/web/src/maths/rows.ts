@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { TRAINING_COLUMNS, type TrainingAnswer, type TrainingColumn } from '../api/types';
 import { episodeLength } from './ema';
 

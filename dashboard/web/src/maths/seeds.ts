@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 /** A curve: x ascending, y null where unknown. */
 export interface Curve {
   x: readonly number[];

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { FLAG_FIRST, FLAG_IDLE, type Scene, type SceneAgent } from '../api/types';
 
 /** What is known of an agent's episode: positions at some of its steps, as scenes come less often than steps. */

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
 import { useMemo, useState } from 'preact/hooks';
 import type { Recognition as Result, RecognitionCurve, RecognitionRow } from '../api/types';

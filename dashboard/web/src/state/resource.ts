@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { useEffect, useState } from 'preact/hooks';
 import { ApiError, getJson, unauthorised } from '../api/client';
 import { live } from '../api/live';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { signal } from '@preact/signals';
 
 export const PAGES = ['overview', 'training', 'route', 'deployment', 'recognition', 'compare'] as const;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { computed, effect, signal } from '@preact/signals';
 import { getJson, unauthorised } from '../api/client';
 import { jsonPayload } from '../api/frame';

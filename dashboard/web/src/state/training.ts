@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { signal, type Signal } from '@preact/signals';
 import { useEffect, useMemo } from 'preact/hooks';
 import { getJson, runPath } from '../api/client';

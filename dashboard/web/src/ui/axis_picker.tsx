@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What the curves of training are drawn against.
 
 import type { JSX } from 'preact';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
 import type { Run } from '../api/types';
 import { dateTime } from '../maths/format';

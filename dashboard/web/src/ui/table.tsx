@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { ComponentChildren, JSX } from 'preact';
 import { csv, download, fileName, type Cell } from '../maths/csv';
 import { IconButton, classes } from './basics';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import type { TestProject } from 'vitest/node';
 import { chromium } from 'playwright-core';
 import { ARGS, executable } from '../chromium';

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import type { Evaluation } from '../../src/api/types';
 import { byTraversal, checkpoints, evaluationName, newest } from '../../src/maths/evaluations';

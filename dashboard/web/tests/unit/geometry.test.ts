@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { fit, nearest, niceBelow, project, scaleBar, ticks, toScreen, zoomAt, type Point } from '../../src/maths/geometry';
 

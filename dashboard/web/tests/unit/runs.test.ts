@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
 import type { Run, SceneAgent } from '../../src/api/types';

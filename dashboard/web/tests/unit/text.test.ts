@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { csv, fileName } from '../../src/maths/csv';
 import { bytes, duration, fixed, integer, metres, percent, plural, short, significant } from '../../src/maths/format';

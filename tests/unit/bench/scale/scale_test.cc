@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The simulation that docs/scaling.md extrapolates with (bench/scale).
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // compose/keystore, and the checks of what it makes: enforced or refused with one line that names the file, never half.
 #include "core/dds/security.h"
 

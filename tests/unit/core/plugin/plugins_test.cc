@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Plug-ins that are loaded at run time: what is one, is used; what is none, is refused in one line.
 #include "core/plugin/plugins.h"
 

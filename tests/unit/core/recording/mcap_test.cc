@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // MCAP files: what is written is read, wherever the file ends and whatever is in it.
 #include "core/recording/mcap.h"
 

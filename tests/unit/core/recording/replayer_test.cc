@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Recording what is said in a process, and playing it to the dashboard's recorder.
 #include "core/recording/replayer.h"
 

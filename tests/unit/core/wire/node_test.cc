@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What a node does with messages that nobody of ours would send: it counts them and goes on.
 #include "core/wire/node.h"
 

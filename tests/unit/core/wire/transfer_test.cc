@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Positions and features cut into chunks and put together again.
 #include "core/wire/transfer.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The dashboard's REST API: shapes as docs/dashboard-api.md has them, and what it says to wrong requests.
 #include "dashboard/api/api.h"
 

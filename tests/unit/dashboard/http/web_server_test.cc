@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The parts of the web server that need no network.
 #include <gtest/gtest.h>
 #include <sys/stat.h>

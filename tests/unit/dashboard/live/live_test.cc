@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The dashboard's live part: services by their heartbeats, pictures and maps from a real env_service, what goes to the
 // hub's clients.
 #include "dashboard/live/live.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The dashboard's recorder, against scripted services in the same process.
 #include "dashboard/store/recorder.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The dashboard's store: nothing lost, nothing twice, whatever happens to the process, the file or the disk.
 #include "dashboard/store/store.h"
 

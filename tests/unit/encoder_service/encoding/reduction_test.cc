@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 #include "encoder_service/encoding/reduction.h"
 
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Similarity, ground truth, recall, precision-recall, intervals, hubness correction, the classifier.
 #include <gtest/gtest.h>
 

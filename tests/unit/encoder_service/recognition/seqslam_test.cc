@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sequence matching, against the published results of an OpenSeqSLAM port on Nordland (spring reference, winter query).
 #include <gtest/gtest.h>
 #include <zlib.h>

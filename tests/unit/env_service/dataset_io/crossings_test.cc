@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Where a recorded route crosses itself, and ways on the map that this makes.
 #include "env_service/dataset_io/crossings.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pictures in files and in videos.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Folders, tables and geometry that readers of datasets share.
 #include "env_service/dataset_io/parts.h"
 

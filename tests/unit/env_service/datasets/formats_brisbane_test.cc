@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Alderley, UQ St Lucia, St Lucia Multiple Times of Day, Multi-Lane Road, Gold Coast drive.
 #include <cmath>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Oxford RobotCar and KITTI.
 #include <algorithm>
 #include <cmath>

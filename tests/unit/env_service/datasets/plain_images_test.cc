@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Pictures, videos, poses and matches of dataset "plain".
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The generated city against figures measured on real features: NetVLAD, 64-d, 1,000 frames of Nordland, summer and
 // fall.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The pictures of dataset synthetic: lazily drawn, the same when asked again, smooth along the route, and about as hard
 // to recognise under another condition as real ones.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What learner and actors exchange, without the wire.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Event files, read by protobuf's own parser from TensorFlow's message definitions. The checksums are computed by the
 // processor's CRC32C instruction, which knows nothing of our table.
 #include "policy_service/interchange/event_log.h"

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Exported models, read by OpenCV's ONNX importer and run by its DNN module: a reader and an arithmetic that share no
 // code with ours. The ONNX project's own checker says whether they keep to the standard.
 #include <gtest/gtest.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The learner torch_ppo, where it is built: it does what ppo does.
 #include <gtest/gtest.h>
 

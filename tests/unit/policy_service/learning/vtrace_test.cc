@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // V-trace's targets and loss, and episodes lived again with other goals.
 #include <gtest/gtest.h>
 

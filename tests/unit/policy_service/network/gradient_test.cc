@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Each network's backward pass and PPO's loss, against central differences in double precision.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // The policy_service's parts that need no wire: scores, records, files, controls.
 #include <gtest/gtest.h>
 #include <unistd.h>

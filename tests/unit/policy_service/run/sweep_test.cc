@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Sweeps without a wire: which seeds are meant, figures over several runs, tables of runs that ended.
 #include "policy_service/run/sweep.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What ./run paper's sections beyond the paper stand on: trials over seeds, shifted cameras, agents carried elsewhere.
 #include <gtest/gtest.h>
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Parts of ./run paper: figures with intervals, work that is done once, charts.
 #include <gtest/gtest.h>
 #include <spdlog/fmt/fmt.h>

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Recorded trajectories played to a scripted learner in the same process.
 #include "tools/record/trajectory_replay.h"
 

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // citylearn_vpr from the outside: its files, its table, its complaints.
 #include <gtest/gtest.h>
 #include <sys/wait.h>
