@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-# Plug-ins loaded at run time (docs/plugins.md).
+# Plug-ins loaded at run time (docs/how-to/load-a-plugin.md).
 set(CITYLEARN_PLUGINS "" CACHE STRING "Plug-ins of your own: NAME.cc, or a folder whose CMakeLists.txt calls citylearn_plugin; a;b;c")
 
 # One hash of all headers that a plug-in and a program must agree on; only a changed hash compiles anything anew.

@@ -111,7 +111,7 @@ int run(int argc, char** argv) {
   app.add_option("--rounds", rounds, "measured updates of each")->check(CLI::PositiveNumber)->capture_default_str();
   CLI11_PARSE(app, argc, argv);
   if (plugin.empty()) {
-    std::printf("skipped: built without libtorch (docs/plugins.md)\n");
+    std::printf("skipped: built without libtorch (docs/how-to/load-a-plugin.md)\n");
     return 0;
   }
   const Clock::time_point start = Clock::now();

@@ -107,9 +107,10 @@ void Surroundings::tell_strangers(std::vector<std::string>& lines) {
       continue;
     }
     stranger.told = true;
-    lines.push_back("security: " + stranger.who +
-                    ": has shown no identity that is trusted here, and is kept out (docs/security.md tells why that "
-                    "may be)");
+    lines.push_back(
+        "security: " + stranger.who +
+        ": has shown no identity that is trusted here, and is kept out (docs/how-to/secure-a-run.md tells why that "
+        "may be)");
   }
 }
 

@@ -76,8 +76,8 @@ struct MiddlewareOptions {
   std::vector<std::string> interfaces = {"lo"};  ///< the only ones used, by name or IPv4 address; "lo": this machine
   std::vector<std::string> peers;  ///< hosts (or host:port) asked for participants beside this machine's own
   std::vector<std::string> discovery_servers;  ///< host[:port], instead of asking peers; fastdds only
-  std::string security;                        ///< folder with this service's keys (docs/security.md); empty: none
-  std::string participant;                     ///< name shown to other participants
+  std::string security;     ///< folder with this service's keys (docs/how-to/secure-a-run.md); empty: none
+  std::string participant;  ///< name shown to other participants
 };
 
 /// Creates the middleware `options.name`: `fastdds`, `cyclonedds`, `inprocess`, or a decorator in front of one:

@@ -267,7 +267,7 @@ std::optional<std::string> explain_security(const std::string& message) {
   };
   static constexpr Meaning kMeanings[] = {
       {"octet sequence to ASN1",
-       "a participant of the other DDS vendor cannot show us its identity (docs/security.md)"},
+       "a participant of the other DDS vendor cannot show us its identity (docs/how-to/secure-a-run.md)"},
       {"while validating local", "our own keys are refused"},
       {"Error validating remote permissions", "kept somebody out whose permissions our authority has not signed"},
       {"Could not get remote participant", "kept somebody out whose permissions our authority has not signed"},

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// DDS Security (docs/security.md): a service's folder of keys, checked before anything starts, and what the vendors
-// want to know of it. Knows no vendor's headers.
+// DDS Security (docs/how-to/secure-a-run.md): a service's folder of keys, checked before anything starts, and what the
+// vendors want to know of it. Knows no vendor's headers.
 
 #include <chrono>
 #include <cstdint>

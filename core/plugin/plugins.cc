@@ -33,7 +33,8 @@ void check_stamp(const std::string& file) {
   const bool shared = contents.size() > sizeof(Elf64_Ehdr) && contents.starts_with(ELFMAG);
   const std::size_t found = shared ? contents.find(mark) : std::string::npos;
   if (found == std::string::npos)
-    throw Error("is no plug-in of this program", "plug-in " + file, "docs/plugins.md tells how one is built");
+    throw Error("is no plug-in of this program", "plug-in " + file,
+                "docs/how-to/load-a-plugin.md tells how one is built");
   Elf64_Ehdr header;  // the table of sections stands last
   std::memcpy(&header, contents.data(), sizeof(header));
   if (header.e_shoff > contents.size() ||
@@ -48,7 +49,7 @@ void check_stamp(const std::string& file) {
 
 void declare(CLI::App& app, const std::function<void(const std::vector<std::string>&)>& given) {
   app.add_option_function("--plugin", given,
-                          "Shared objects with more networks, learners ...: FILE,... (docs/plugins.md)")
+                          "Shared objects with more networks, learners ...: FILE,... (docs/how-to/load-a-plugin.md)")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->take_all()

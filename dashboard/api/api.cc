@@ -314,7 +314,7 @@ Answer Api::answer(const Query& query) {
     if (first == "frames" && depth == 3) return frame(query);
     if (first == "recognition" && (depth == 1 || depth == 3)) return recognition(query);
     if (first == "about" && depth == 1) return about();
-    not_found("there is nothing of this name (docs/dashboard-api.md lists what there is)");
+    not_found("there is nothing of this name (docs/reference/dashboard-api.md lists what there is)");
   } catch (Refusal& refusal) {
     return std::move(refusal.answer);
   } catch (const Error& error) {

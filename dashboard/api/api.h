@@ -9,17 +9,18 @@
 #include <string>
 #include <vector>
 
-#include "dashboard/http/answer.h"
 #include "dashboard/api/evaluations.h"
-#include "dashboard/live/live_view.h"
 #include "dashboard/api/recognition_results.h"
+#include "dashboard/http/answer.h"
+#include "dashboard/live/live_view.h"
 #include "dashboard/store/store.h"
 #include "dashboard/store/store_reader.h"
 
 namespace citylearn {
 
-/// Answers what the page asks (docs/dashboard-api.md): out of the store, or out of what is alive now. May be used by
-/// several threads at once, each with a connection of its own; a wrong request gets an answer that says what is wrong.
+/// Answers what the page asks (docs/reference/dashboard-api.md): out of the store, or out of what is alive now. May be
+/// used by several threads at once, each with a connection of its own; a wrong request gets an answer that says what is
+/// wrong.
 class Api {
  public:
   struct Options {

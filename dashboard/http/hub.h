@@ -8,8 +8,8 @@
 
 namespace citylearn {
 
-/// Between those who have news and the WebSocket clients who watch (docs/dashboard-api.md). May be used by any thread;
-/// never waits for a client.
+/// Between those who have news and the WebSocket clients who watch (docs/reference/dashboard-api.md). May be used by
+/// any thread; never waits for a client.
 class Hub {
  public:
   /// What becomes of news of a topic for a client who has not taken the last ones yet.

@@ -23,7 +23,7 @@ struct ServerOptions {
   std::string tls_key;                ///< PEM
   std::string page;                   ///< folder of the built page
 
-  // Bounds (docs/dashboard-api.md, "Who may").
+  // Bounds (docs/reference/dashboard-api.md, "Who may").
   std::size_t connections = 1024;
   std::size_t connections_each = 256;  ///< of one address
   std::uint32_t header_bytes = 32 << 10;
@@ -37,8 +37,8 @@ struct ServerOptions {
   std::size_t waiting = 128;                   ///< API requests that wait for a worker
 };
 
-/// Serves page, API and live messages on one port (docs/dashboard-api.md): a thread of its own moves the bytes,
-/// `workers` others answer the API, so that neither a slow query nor a slow client holds up anybody else.
+/// Serves page, API and live messages on one port (docs/reference/dashboard-api.md): a thread of its own moves the
+/// bytes, `workers` others answer the API, so that neither a slow query nor a slow client holds up anybody else.
 class Server {
  public:
   struct Handlers {

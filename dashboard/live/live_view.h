@@ -7,8 +7,8 @@
 
 namespace citylearn {
 
-/// What the API asks of what is alive now, in the shapes of docs/dashboard-api.md. Used by several threads at once;
-/// never waits for the wire.
+/// What the API asks of what is alive now, in the shapes of docs/reference/dashboard-api.md. Used by several threads at
+/// once; never waits for the wire.
 class LiveView {
  public:
   enum class Readiness {

@@ -18,7 +18,7 @@ struct Event {
   double time = 0;  ///< seconds since 1970
   std::string run;  ///< as in the messages' headers; empty: of the dashboard itself
   std::string service;
-  std::string kind;  ///< "alarm", "run", ... (docs/dashboard-api.md)
+  std::string kind;  ///< "alarm", "run", ... (docs/reference/dashboard-api.md)
   std::string text;
 };
 

@@ -180,7 +180,8 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
     parts_->net.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
     parts_->net.setPreferableTarget(cv::dnn::DNN_TARGET_CPU);
   } catch (const std::exception& exception) {
-    throw Error(import_fault(exception, file.opset), path_, "docs/onnx.md says how to export what OpenCV reads");
+    throw Error(import_fault(exception, file.opset), path_,
+                "docs/how-to/use-an-onnx-encoder.md says how to export what OpenCV reads");
   }
   choose_layer(files.layer, preset.pooled);
   const cv::Mat output = forward(cv::Mat(height_, width_, CV_8UC3, cv::Scalar::all(128)));
@@ -294,7 +295,7 @@ cv::Mat OnnxNetwork::run(const cv::Mat& input) {
   } catch (const std::exception& exception) {
     throw Error("OpenCV cannot run it on a picture of " + std::to_string(width_) + " x " + std::to_string(height_) +
                     " up to layer '" + layer_ + "': " + reason_of(exception),
-                path_, "is that the size it was made for? docs/onnx.md says how to export");
+                path_, "is that the size it was made for? docs/how-to/use-an-onnx-encoder.md says how to export");
   }
   if (output.type() != CV_32F || output.dims < 2 || output.size[0] != 1 || output.total() == 0 ||
       !output.isContinuous())

@@ -17,7 +17,7 @@ std::string list_presets();
 
 /// A convolutional network read from an ONNX file and run by OpenCV's DNN module on the processor, from a picture to
 /// the output of one layer. Pictures are run one by one whatever the model's batch: so the numbers never depend on what
-/// else is encoded, and nothing is lost (docs/onnx.md). Used by one thread at a time.
+/// else is encoded, and nothing is lost (docs/how-to/use-an-onnx-encoder.md). Used by one thread at a time.
 class OnnxNetwork {
  public:
   /// Throws Error: no such file, no ONNX model, an operator that OpenCV cannot import (named), no such layer (names

@@ -13,8 +13,8 @@ struct ExportOptions {
   std::string output;      ///< file to write: NAME.onnx or NAME.safetensors
 };
 
-/// Writes the agent in the format that the output's name asks for (docs/interchange.md). The same inputs give the same
-/// bytes. Throws Error naming the option or file.
+/// Writes the agent in the format that the output's name asks for (docs/reference/export-formats.md). The same inputs
+/// give the same bytes. Throws Error naming the option or file.
 void export_agent(const ExportOptions& options);
 
 /// The agent as a file's bytes. `metadata` goes along.

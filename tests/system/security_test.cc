@@ -227,7 +227,7 @@ TEST_P(Intruders, GetNothingInOrOutAndAreLogged) {
   Victim victim(vendor, domain, keys.add("env_service", "env-1"));
   Child friendly(peer(vendor, domain, friend_keys, "friend"));
   Child hostile(with_environment(environment, peer(vendor, domain, intruder_keys, intruder.name)));
-  // Cyclone DDS drops the writer of somebody who may not write without a word (docs/security.md).
+  // Cyclone DDS drops the writer of somebody who may not write without a word (docs/how-to/secure-a-run.md).
   const bool silent = vendor == "cyclonedds" && intruder.name == "topic_not_permitted";
   const auto noticed = [&] { return silent ? victim.sees(intruder.name) : log.has(intruder.complaint); };
   EXPECT_TRUE(victim.until([&] { return victim.heard("friend has heard") && noticed(); }, log)) << log.text();
@@ -270,8 +270,8 @@ TEST_P(Secured, WhoeverWasRevokedIsKeptOut) {
   EXPECT_EQ(hostile.finish(seconds(10)), 0);
 }
 
-/// Known of the two vendors together (docs/security.md): who asks first is settled by the names, and Fast DDS asks with
-/// a key that Cyclone DDS cannot read. Whoever finds this test failing may cross the limit out.
+/// A known limit of the two vendors together (docs/how-to/secure-a-run.md): the names settle which side asks first, and
+/// Fast DDS asks with a key that Cyclone DDS cannot read. Remove the limit from the page when this test fails.
 TEST(SecuredMixed, WorksWhereCycloneAsksFirstAndIsToldWhereFastDoes) {
   Keystore keys;
   const std::string env_keys = keys.add("env_service", "env-1"), friend_keys = keys.add("policy_service", "policy");

@@ -60,7 +60,7 @@ interface Reply {
   cache?: string;
 }
 
-/** Plays a dashboard as docs/dashboard-api.md describes it. */
+/** Plays a dashboard as docs/reference/dashboard-api.md describes it. */
 export class Mock {
   readonly world: World;
   private readonly server: Server;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The learner `ppo` once more, in torch: a plug-in (docs/plugins.md), as nothing else shall wait for libtorch to be
-// loaded.
+// The learner `ppo` once more, in torch: a plug-in (docs/how-to/load-a-plugin.md), as nothing else shall wait for
+// libtorch to be loaded.
 #include <dlfcn.h>
 #include <torch/cuda.h>
 #include <torch/types.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The house's floors: includes go downwards only (docs/architecture.md).
+// The house's floors: includes go downwards only (docs/explanation/architecture.md).
 #include <gtest/gtest.h>
 
 #include <filesystem>

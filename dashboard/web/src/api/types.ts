@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the server sends: docs/dashboard-api.md. Numbers that are unknown are null, times are seconds since 1970.
+// What the server sends: docs/reference/dashboard-api.md. Numbers that are unknown are null, times are seconds since 1970.
 
 export interface Run {
   id: string;

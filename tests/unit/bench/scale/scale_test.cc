@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The simulation that docs/scaling.md extrapolates with (bench/scale).
+// The simulation that docs/explanation/scaling.md extrapolates with (bench/scale).
 #include <gtest/gtest.h>
 #include <unistd.h>
 

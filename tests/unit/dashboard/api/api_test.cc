@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The dashboard's REST API: shapes as docs/dashboard-api.md has them, and what it says to wrong requests.
+// The dashboard's REST API: shapes as docs/reference/dashboard-api.md has them, and what it says to wrong requests.
 #include "dashboard/api/api.h"
 
 #include <gtest/gtest.h>

@@ -28,7 +28,7 @@ std::string text(const std::vector<std::byte>& payload) {
   return {reinterpret_cast<const char*>(payload.data()), payload.size()};
 }
 
-/// A frame taken apart as docs/dashboard-api.md says.
+/// A frame taken apart as docs/reference/dashboard-api.md says.
 struct News {
   Json header;
   std::string payload;

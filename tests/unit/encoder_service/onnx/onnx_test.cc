@@ -257,7 +257,7 @@ TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
   EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
   EXPECT_TRUE(has(wrong, "a.onnx: ") && wrong.find('\n') == std::string::npos) << wrong;
 
-  // OpenCV 4.6 wants the bounds of Clip as attributes (opset 10), not as inputs (docs/onnx.md).
+  // OpenCV 4.6 wants the bounds of Clip as attributes (opset 10), not as inputs (docs/how-to/use-an-onnx-encoder.md).
   const std::string clip =
       error(TinyOnnx().input({1, 3, 6, 8}).weights("least", {}, {0}).node("Clip", "clip", {"least"}));
   EXPECT_TRUE(has(clip, "clip', operator Clip: ") && has(clip, "input_size") && clip.find('\n') == std::string::npos)
