@@ -23,7 +23,7 @@ struct ServerOptions {
   std::string tls_key;                ///< PEM
   std::string page;                   ///< folder of the built page
 
-  // Bounds (docs/reference/dashboard-api.md, "Who may").
+  // Bounds (docs/reference/dashboard-api.md, "Access").
   std::size_t connections = 1024;
   std::size_t connections_each = 256;  ///< of one address
   std::uint32_t header_bytes = 32 << 10;
