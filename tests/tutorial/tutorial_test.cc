@@ -93,7 +93,8 @@ TEST_F(Tutorial, KeepsItsPromises) {
     EXPECT_NE(said.find("--a2c-" + std::string(parameter)), std::string::npos) << said;
   EXPECT_NE(said.find("| fast"), std::string::npos) << said;
   std::smatch promised;
-  const std::regex promise(R"(an SPL of at least ([0-9.]+) on\s+summer and of at least ([0-9.]+) on fall)");
+  const std::regex promise(
+      R"(an\s+SPL\s+of\s+at\s+least\s+([0-9.]+)\s+on\s+summer\s+and\s+of\s+at\s+least\s+([0-9.]+)\s+on\s+fall)");
   ASSERT_TRUE(std::regex_search(page_, promised, promise)) << "the page promises nothing";
   const Json summary = Json::parse(contents(folder / "my_learner/runs/first/summary.json"));
   EXPECT_GE(summary["evaluate"]["summer"]["spl"].get<double>(), std::stod(promised[1]));
