@@ -18,9 +18,9 @@ esac
 [[ $seconds =~ ^[1-9][0-9]*$ ]] || fail "'$seconds' is not a number of seconds"
 command -v clang++ >/dev/null || fail "needs clang++ with libFuzzer (on Debian: apt-get install clang libclang-rt-14-dev llvm)"
 
-programs=$(tr ' ' '\n' <<<"$targets" | sed 's/^message_.*/fuzz_message\nfuzz_message_seeds/; t; s/^/fuzz_/' | sort -u)
+mapfile -t programs < <(tr ' ' '\n' <<<"$targets" | sed 's/^message_.*/fuzz_message\nfuzz_message_seeds/; t; s/^/fuzz_/' | sort -u)
 cmake --preset fuzz >/dev/null
-cmake --build build/fuzz --parallel "${CITYLEARN_JOBS:-$(nproc)}" --target $programs >&2
+cmake --build build/fuzz --parallel "${CITYLEARN_JOBS:-$(nproc)}" --target "${programs[@]}" >&2
 
 # Targets that read files write them here; in memory where there is such a disk.
 scratch=$(mktemp -d "$([ -w /dev/shm ] && echo /dev/shm || echo "${TMPDIR:-/tmp}")/citylearn-fuzz-XXXXXX")
@@ -30,7 +30,7 @@ export TMPDIR=$scratch
 export ASAN_OPTIONS=detect_container_overflow=0:allocator_may_return_null=1:detect_leaks=1
 export UBSAN_OPTIONS=print_stacktrace=1 OPENCV_LOG_LEVEL=SILENT
 
-! grep -q message <<<"$programs" || build/fuzz/tests/fuzz_message_seeds build/fuzz/seeds
+[[ " ${programs[*]} " != *message* ]] || build/fuzz/tests/fuzz_message_seeds build/fuzz/seeds
 for one in $targets; do
   corpus=build/fuzz/corpus/$one findings=build/fuzz/findings/$one
   mkdir -p "$corpus" "$findings"
