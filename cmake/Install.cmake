@@ -9,6 +9,8 @@ foreach(program env_service encoder_service policy_service dashboard
 endforeach()
 # Where npm is missing there is no page, and the dashboard says so.
 install(DIRECTORY ${CMAKE_BINARY_DIR}/dashboard/page/ DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/page OPTIONAL)
+install(FILES ${CMAKE_SOURCE_DIR}/tools/vpr/charts.py ${CMAKE_SOURCE_DIR}/tools/vpr/precision_recall.py
+  DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/tools/vpr)
 file(GLOB units ${CMAKE_SOURCE_DIR}/compose/systemd/*.service ${CMAKE_SOURCE_DIR}/compose/systemd/*.target)
 install(FILES ${units} DESTINATION lib/systemd/system)
 install(FILES ${CMAKE_SOURCE_DIR}/compose/systemd/citylearn.sysusers DESTINATION lib/sysusers.d RENAME citylearn.conf)

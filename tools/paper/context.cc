@@ -1,15 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "tools/paper/context.h"
+
 #include <algorithm>
 #include <cmath>
 
 #include "policy_service/learning/trainer.h"
-#include "tools/paper/section.h"
-#include "tools/paper/trials.h"
 
 namespace citylearn::paper {
 namespace {
 
-/// Half of what is recommended: the curve lies at its end after a quarter of that.
+/// Half of the recommendation: the curve is flat after a quarter of it.
 constexpr double kBaselineSteps = 100000;
 
 int share_of(int tasks, double effort) { return std::max(10, static_cast<int>(std::lround(tasks * effort))); }
@@ -48,8 +48,29 @@ int Context::features(const Agent& agent) const {
   return dash == std::string::npos ? 0 : std::stoi(agent.representation.substr(dash + 1));
 }
 
-std::vector<Json> Context::outcomes(const Agent& agent) const {
-  return outcomes_of(work, agent.seeds, [&](std::uint64_t seed) { return unit_of(study(agent, seed), world); });
+Json Context::description(const Agent& agent, Json units) const {
+  return {{"agent", agent.agent},
+          {"label", agent.label},
+          {"representation", agent.representation},
+          {"features", features(agent)},
+          {"units", std::move(units)}};
+}
+
+Json Context::add_agents() const {
+  Json all = Json::array();
+  for (const Agent& agent : agents)
+    all.push_back(description(
+        agent, add_units(agent.seeds, [&](std::uint64_t seed) { return unit_of(study(agent, seed), world); })));
+  return all;
+}
+
+Json Context::add_controls(World& where, const std::vector<std::string>& names, ControlStudy study) const {
+  Json all = Json::array();
+  for (const std::string& name : names) {
+    study.control = name;
+    all.push_back({{"label", name}, {"unit", work.add(unit_of(study, where))}});
+  }
+  return all;
 }
 
 }  // namespace citylearn::paper

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ./run paper: the paper's figures and tables on the data at hand, in one report.
+// ./run paper: repeats the paper's experiments on the given data and reports them.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
@@ -13,8 +13,8 @@
 #include "encoder_service/encoder_options.h"
 #include "policy_service/run/sweep.h"
 #include "tools/paper/manifest.h"
-#include "tools/paper/section.h"
-#include "tools/paper/trials.h"
+#include "tools/paper/sections/sections.h"
+#include "tools/vpr/python.h"
 
 namespace {
 
@@ -27,80 +27,62 @@ struct CommandLine {
   std::vector<std::string> only;
   bool quick = false, list = false, no_strips = false;
   double effort = 1;
-  std::string text;  ///< as typed, without --only
+  std::string text;  ///< the command as typed, without --only
 };
-
-std::vector<std::unique_ptr<Section>> sections() {
-  std::vector<std::unique_ptr<Section>> all;
-  all.push_back(make_compute());
-  all.push_back(make_recognition());
-  all.push_back(make_curves());
-  all.push_back(make_deployment());
-  all.push_back(make_pictures());
-  all.push_back(make_datasets());
-  all.push_back(make_longer());
-  all.push_back(make_transfer());
-  all.push_back(make_viewpoint());
-  all.push_back(make_map());
-  return all;
-}
 
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string data = "Recordings", report = "Report";
   add_dataset_options(app, line.world.source, data);
-  app.add_option("--train", line.world.source.traversal, "Traversal that is learned from")
-      ->capture_default_str()
-      ->group(data);
+  app.add_option("--train", line.world.source.traversal, "Traversal to learn from")->capture_default_str()->group(data);
   add_selection_options(app, line.world.source.selection, data);
   app.add_option("--encoder", line.world.encoders,
-                 "Encoders of pictures, of " + encoder_names() + " (hog,vlad; --quick: hog)")
+                 "Encoders of the pictures: " + encoder_names() + " (hog,vlad; --quick: hog)")
       ->delimiter(',')
       ->group(data);
-  app.add_option("--model", line.world.files.model, "Network of the encoders that need one")
+  app.add_option("--model", line.world.files.model, "Network file for encoders that need one")
       ->type_name("FILE")
       ->group(data);
-  app.add_option("--store", line.store, "Folder that keeps what was encoded")
+  app.add_option("--store", line.store, "Folder of the feature store")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
       ->capture_default_str()
       ->group(data);
   app.add_flag("--quick", line.quick, "Fewer seeds, tasks and encoders: 15 minutes on two processors")->group(report);
-  app.add_option(
-         "--effort", line.effort,
-         "Share of training steps and tasks: less than 1 fills the report quickly, with figures that tell nothing")
+  app.add_option("--effort", line.effort,
+                 "Share of training steps and tasks; below 1 the report fills quickly, with meaningless figures")
       ->capture_default_str()
       ->check(CLI::Range(0.001, 1.0))
       ->group(report);
-  app.add_option("--seeds", line.seeds, "As 1..5 (1..5; --quick: 1..2)")->group(report);
+  app.add_option("--seeds", line.seeds, "Seeds, such as 1..5 or 1,3 (1..5; --quick: 1..2)")->group(report);
   std::vector<std::string> names;
-  for (const auto& section : sections()) names.push_back(section->name());
-  app.add_option("--only", line.only, "These parts of the report: " + CLI::detail::join(names, ","))
+  for (const Section& section : sections()) names.push_back(section.name);
+  app.add_option("--only", line.only, "Make only these parts of the report: " + CLI::detail::join(names, ","))
       ->delimiter(',')
       ->check(CLI::IsMember(names))
       ->group(report);
   app.add_flag("--no-strips", line.no_strips,
-               "Leave out real recordings' pictures, for a report that may be passed on where they may not")
+               "Leave out the pictures of real recordings, for a report to publish where they must not be")
       ->group(report);
   app.add_flag("--list", line.list, "Print the parts of the report, and exit")->configurable(false)->group(report);
   app.add_option(
          "--output", line.output,
-         "Folder of report.html, its figures and tables (SVG, PNG, CSV), manifest.json (how, on what, with what "
-         "files), results.json (all that is the same again with the same seeds: no seconds, for diff)")
+         "Folder of report.html, its figures and tables (SVG, PNG, CSV), results.json (outcomes that the same seeds "
+         "reproduce), report.json (the rest that the page shows) and manifest.json (command, machine, data, files)")
       ->type_name("DIR")
       ->capture_default_str()
       ->group(report);
-  app.add_option("--work", line.work,
-                 "Folder of the work that is done, for the next run to go on from; reports on several data may share "
-                 "it, also at the same time (OUTPUT/work)")
+  app.add_option(
+         "--work", line.work,
+         "Folder of finished work, from which the next run continues; reports on different data may share it, even "
+         "at the same time (OUTPUT/work)")
       ->type_name("DIR")
       ->group(report);
 }
 
-/// Who is compared: the paper's agents, and the one that this project recommends.
+/// The agents compared: the paper's, and the one that this project recommends.
 std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint64_t>& seeds, bool quick) {
-  const std::vector<std::string> known = world.representations({64});
-  const std::string features = known.front();
-  const std::vector<std::uint64_t> few = quick ? first_of(seeds, 1) : seeds;
+  const std::string features = world.representations({64}).front();
+  const std::vector<std::uint64_t> few = quick ? std::vector{seeds.front()} : seeds;
   std::vector<Context::Agent> agents = {{"baseline", "baseline (sees its position)", features, seeds, 40},
                                         {"features", "features (the paper's)", features, few, 90}};
   if (world.pictures()) agents.push_back({"raw_images", "raw images", "raw84", few, 150});
@@ -108,7 +90,7 @@ std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint6
   return agents;
 }
 
-/// For sections that need pictures or a map where the data given have none.
+/// For sections that need pictures or a map where the given data have none.
 WorldOptions drawn_city(const CommandLine& line) {
   WorldOptions options;
   options.encoders = {"hog"};
@@ -120,7 +102,7 @@ WorldOptions drawn_city(const CommandLine& line) {
 int make_report(CommandLine& line) {
   const std::time_t begun = std::time(nullptr);
   const Clock::time_point start = Clock::now();
-  line.world.usual = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
+  line.world.default_encoders = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
   line.world.store = line.store == "none" ? "" : line.store;
   line.world.most_frames = line.quick ? 640 : 4000;
   const std::vector<std::uint64_t> seeds = parse_seeds(!line.seeds.empty() ? line.seeds : line.quick ? "1..2" : "1..5");
@@ -129,41 +111,45 @@ int make_report(CommandLine& line) {
   if (!world.drawn() || !world.pictures()) city.emplace(drawn_city(line));
   make_folder(line.output, "--output");
   Work work(line.work.empty() ? line.output + "/work" : line.work);
-  Context context{world,
-                  city ? *city : world,
-                  work,
-                  line.quick,
-                  line.effort,
-                  seeds,
-                  std::min(128, world.frames()),
-                  line.text,
-                  agents_of(world, seeds, line.quick)};
-  context.strips = !line.no_strips;
-  std::vector<std::unique_ptr<Section>> wanted;
-  for (auto& section : sections())
-    if (line.only.empty() || std::find(line.only.begin(), line.only.end(), section->name()) != line.only.end())
-      wanted.push_back(std::move(section));
-  for (const auto& section : wanted) section->plan(context);
+  const Context context{.world = world,
+                        .drawn = city ? *city : world,
+                        .work = work,
+                        .output = line.output,
+                        .quick = line.quick,
+                        .effort = line.effort,
+                        .seeds = seeds,
+                        .frames = std::min(128, world.frames()),
+                        .pictures = !line.no_strips,
+                        .agents = agents_of(world, seeds, line.quick)};
+  std::vector<Section> wanted;
+  for (const Section& section : sections())
+    if (line.only.empty() || std::find(line.only.begin(), line.only.end(), section.name) != line.only.end())
+      wanted.push_back(section);
+  Json parts = Json::array();
+  for (const Section& section : wanted)
+    parts.push_back({{"name", section.name}, {"title", section.title}, {"data", section.plan(context)}});
   bool well = work.run();
-  Report report(line.output);
-  for (const auto& section : wanted) {
-    report.section(section->name(), section->title());
-    try {
-      section->tell(context, report);
+  for (std::size_t i = 0; i < wanted.size(); ++i) try {
+      if (wanted[i].complete) wanted[i].complete(context, parts[i]["data"]);
     } catch (const Error& error) {
-      report.remark("The rest of this part could not be made: " + std::string(error.what()));
-      spdlog::error("{}: {}", section->name(), error.what());
+      parts[i]["error"] = error.what();
+      spdlog::error("{}: {}", wanted[i].name, error.what());
       well = false;
     }
-  }
-  report.write("CityLearn's experiments, again", "Made by: " + line.text + ", version " + version() + ", " +
-                                                     (world.drawn() ? "on drawn recordings" : "on real recordings") +
-                                                     ".");
-  if (!report.draws())
-    spdlog::info("the charts are not there as PNG: rsvg-convert draws them (apt-get install librsvg2-bin)");
-  report.file("results.json", work.results());
+  write_file(line.output + "/results.json", work.results());
+  write_file(line.output + "/report.json", Json{{"command", line.text},
+                                                {"version", version()},
+                                                {"quick", line.quick},
+                                                {"tasks", context.tasks()},
+                                                {"recordings", world.description()},
+                                                {"sections", parts},
+                                                {"measurements", work.measurements()}}
+                                                   .dump() +
+                                               "\n");
   write_file(line.output + "/manifest.json",
-             manifest_of(context, report, begun, std::chrono::duration<double>(Clock::now() - start).count()));
+             manifest_of(context, line.text, begun, std::chrono::duration<double>(Clock::now() - start).count()));
+  spdlog::info("drawing the figures");
+  vpr::run_python("paper/report", {line.output});
   std::cout << line.output << "/report.html" << std::endl;
   return well ? 0 : 1;
 }
@@ -185,7 +171,7 @@ int main(int argc, char** argv) {
       [&](CLI::App& app) { add_options(app, line); },
       [&] {
         if (line.list) {
-          for (const auto& section : sections()) std::cout << section->name() << "  " << section->title() << "\n";
+          for (const Section& section : sections()) std::cout << section.name << "  " << section.title << "\n";
           return 0;
         }
         try {

@@ -9,8 +9,8 @@
 #include <thread>
 
 #include "core/plugin/plugins.h"
-#include "core/wire/service.h"
 #include "core/util/wall_clock.h"
+#include "core/wire/service.h"
 
 namespace citylearn::paper {
 namespace {
@@ -42,14 +42,14 @@ Json data_of(World& world) {
 
 }  // namespace
 
-std::string manifest_of(const Context& context, const Report& report, std::time_t begun, double seconds) {
+std::string manifest_of(const Context& context, const std::string& command, std::time_t begun, double seconds) {
   Json data = Json::array({data_of(context.world)});
   if (&context.drawn != &context.world) data.push_back(data_of(context.drawn));
   const Json manifest = {{"program", "citylearn_paper " + version()},
                          {"compiler", __VERSION__},
                          {"plugins", loaded_plugins()},
                          {"machine", machine()},
-                         {"command", context.command},
+                         {"command", command},
                          {"begun", date_of(begun)},
                          {"seconds", seconds},
                          {"quick", context.quick},
@@ -57,8 +57,7 @@ std::string manifest_of(const Context& context, const Report& report, std::time_
                          {"seeds", context.seeds},
                          {"frames", context.frames},
                          {"data", data},
-                         {"work", context.work.times()},
-                         {"files", report.files()}};
+                         {"work", context.work.times()}};
   return manifest.dump(2) + "\n";
 }
 

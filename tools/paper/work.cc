@@ -4,24 +4,18 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 
+#include "core/dds/middleware.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
-#include "core/dds/middleware.h"
-#include "core/wire/service.h"
 #include "core/util/sha256.h"
+#include "core/wire/service.h"
 #include "tools/vpr/progress.h"
 
 namespace citylearn::paper {
-namespace {
-
-double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
-}  // namespace
 
 void make_folder(const std::string& folder, const std::string& option) {
   std::error_code error;
@@ -43,13 +37,24 @@ Json repeatable(const Json& outcome) {
   return kept;
 }
 
+Json measured(const Json& outcome) {
+  Json found;
+  if (!outcome.is_object()) return found;
+  for (const auto& [key, value] : outcome.items())
+    if (key == "seconds" || key == "bytes")
+      found[key] = value;
+    else if (const Json inner = measured(value); !inner.is_null())
+      found[key] = inner;
+  return found;
+}
+
 Work::Work(std::string folder) : folder_(std::move(folder)) { make_folder(folder_, "--work"); }
 
 std::string Work::path_of(const Json& spec) const {
   return folder_ + "/" + sha256(spec.dump() + "#" + std::to_string(kVersion)).substr(0, 20) + ".json";
 }
 
-/// What a run left; nothing when it left nothing, or something that cannot be read.
+/// The outcome that an earlier run wrote; null when there is none, or one that cannot be read.
 Work::Done Work::read(const std::string& path, const Json& spec) {
   std::ifstream file(path);
   if (!file) return {};
@@ -60,43 +65,47 @@ Work::Done Work::read(const std::string& path, const Json& spec) {
   return {stored["outcome"], stored["seconds"].get<double>()};
 }
 
-void Work::add(Unit unit) {
-  if (outcomes_.try_emplace(path_of(unit.spec)).second) units_.push_back(std::move(unit));
+int Work::add(Unit unit) {
+  const auto [known, fresh] = numbers_.try_emplace(path_of(unit.spec), units());
+  if (fresh) {
+    units_.push_back(std::move(unit));
+    done_.emplace_back();
+  }
+  return known->second;
 }
 
 bool Work::run() {
-  std::vector<const Unit*> open;
+  std::vector<std::size_t> open;
   double left = 0;
-  for (const Unit& unit : units_) {
-    const std::string path = path_of(unit.spec);
-    Done& done = outcomes_[path];
-    if (done.outcome.is_null()) done = read(path, unit.spec);
-    if (!done.outcome.is_null()) continue;
-    if (std::filesystem::exists(path)) spdlog::warn("{} is not an outcome of this program: done again", path);
-    open.push_back(&unit);
-    left += unit.seconds;
+  for (std::size_t i = 0; i < units_.size(); ++i) {
+    const std::string path = path_of(units_[i].spec);
+    if (done_[i].outcome.is_null()) done_[i] = read(path, units_[i].spec);
+    if (!done_[i].outcome.is_null()) continue;
+    if (std::filesystem::exists(path)) spdlog::warn("{}: not an outcome of this program; computing it again", path);
+    open.push_back(i);
+    left += units_[i].seconds;
   }
   if (open.size() < units_.size())
     spdlog::info("{} of {} pieces of work are there", units_.size() - open.size(), units_.size());
-  // Guesses are of a quiet machine of two cores; what was done tells how slow this one is.
-  double guessed = 0, taken = 0;
+  // Estimates are for an idle machine of two cores; the units done so far show how slow this one is.
+  double estimated = 0, taken = 0;
   bool well = true;
   for (std::size_t i = 0; i < open.size(); ++i) {
-    const Unit& unit = *open[i];
+    const Unit& unit = units_[open[i]];
     if (stop_requested()) throw Stopped{};
     const std::string path = path_of(unit.spec);
-    Done& done = outcomes_[path];
+    Done& done = done_[open[i]];
     done = read(path, unit.spec);
-    if (!done.outcome.is_null()) {  // by another run meanwhile
+    if (!done.outcome.is_null()) {  // another run did it meanwhile
       left -= unit.seconds;
       continue;
     }
-    const double slowness = guessed > 0 ? taken / guessed : 1;
+    const double slowness = estimated > 0 ? taken / estimated : 1;
     spdlog::info("[{} of {}, {} left] {}", i + 1, open.size(), vpr::clock_time(left * slowness), unit.name);
     const Clock::time_point start = Clock::now();
     try {
       const Json outcome = unit.compute();
-      const double seconds = since(start);
+      const double seconds = vpr::seconds_since(start);
       write_file(path, Json{{"spec", unit.spec}, {"outcome", outcome}, {"seconds", seconds}}.dump() + "\n");
       done = {outcome, seconds};
     } catch (const Error& error) {
@@ -104,32 +113,39 @@ bool Work::run() {
       well = false;
     }
     left -= unit.seconds;
-    guessed += unit.seconds;
-    taken += since(start);
+    estimated += unit.seconds;
+    taken += vpr::seconds_since(start);
   }
   return well;
 }
 
+const Json& Work::outcome(int unit) const { return done_.at(static_cast<std::size_t>(unit)).outcome; }
+
 const Json& Work::outcome(const Json& spec) const {
   static const Json none;
-  const auto found = outcomes_.find(path_of(spec));
-  return found == outcomes_.end() ? none : found->second.outcome;
+  const auto found = numbers_.find(path_of(spec));
+  return found == numbers_.end() ? none : outcome(found->second);
 }
 
 std::string Work::results() const {
   std::string text;
-  for (const Unit& unit : units_)
+  for (std::size_t i = 0; i < units_.size(); ++i)
     text += (text.empty() ? "[" : ",\n") +
-            Json{{"name", unit.name}, {"spec", unit.spec}, {"outcome", repeatable(outcome(unit.spec))}}.dump();
+            Json{{"name", units_[i].name}, {"spec", units_[i].spec}, {"outcome", repeatable(done_[i].outcome)}}.dump();
   return (text.empty() ? "[" : text) + "]\n";
+}
+
+Json Work::measurements() const {
+  Json all = Json::array();
+  for (const Done& done : done_) all.push_back(measured(done.outcome));
+  return all;
 }
 
 Json Work::times() const {
   Json times = Json::array();
-  for (const Unit& unit : units_) {
-    const Done& done = outcomes_.at(path_of(unit.spec));
-    times.push_back({{"name", unit.name}, {"seconds", done.outcome.is_null() ? Json() : Json(done.seconds)}});
-  }
+  for (std::size_t i = 0; i < units_.size(); ++i)
+    times.push_back(
+        {{"name", units_[i].name}, {"seconds", done_[i].outcome.is_null() ? Json() : Json(done_[i].seconds)}});
   return times;
 }
 

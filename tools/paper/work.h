@@ -13,49 +13,53 @@ namespace citylearn::paper {
 
 using Json = nlohmann::json;
 
-/// Ctrl-C or SIGTERM has come: what is complete is kept, what is not is left.
+/// Ctrl-C or SIGTERM arrived: complete units are kept, the rest is abandoned.
 using vpr::Stopped;
 
-/// Throws Error that names the option it is for.
+/// Creates the folder. Throws Error that names the option it was given by.
 void make_folder(const std::string& folder, const std::string& option);
 
-/// Null where there is none: NaN, infinite.
+/// Returns null for NaN and infinity.
 Json number(double value);
 
 /// One piece of work, whose outcome depends on its spec alone.
 struct Unit {
-  std::string name;               ///< for people: "features hog-64, seed 3"
+  std::string name;               ///< for logs: "features hog-64, seed 3"
   Json spec;                      ///< all that the outcome depends on; with `kVersion` it names the outcome's file
-  double seconds = 1;             ///< that it takes, guessed, for the time left
-  std::function<Json()> compute;  ///< throws Error, Stopped (asked of stop_requested() now and then)
+  double seconds = 1;             ///< estimated duration, for the time left
+  std::function<Json()> compute;  ///< throws Error, and Stopped soon after stop_requested()
 };
 
-/// `outcome` without what the machine decides, not the seed: all members named "seconds" or "bytes", at whatever depth.
+/// `outcome` without what depends on the machine: all members named "seconds" or "bytes", at whatever depth.
 Json repeatable(const Json& outcome);
+/// Only those members, in the objects they stand in; null when there are none.
+Json measured(const Json& outcome);
 
-/// Does units of work, each once: outcomes are kept in a folder, written whole, and found again by the next run. Used
-/// by one thread.
+/// Computes units of work, each once: it stores outcomes in a folder, where the next run finds them. Not thread-safe.
 class Work {
  public:
-  /// Raised when the same spec gives another outcome than before.
+  /// To be raised when the same spec gives another outcome than before.
   static constexpr int kVersion = 3;
 
   /// Creates the folder. Throws Error.
   explicit Work(std::string folder);
 
-  /// Registers a unit; the same spec twice is one unit.
-  void add(Unit unit);
-  /// Does what is not there yet, in the order of add(), with a line of progress and time left. Units that throw Error
-  /// are told and left out; the others go on. False when one failed. Throws Stopped.
+  /// Registers a unit and returns its number, counted from 0; the same spec twice is one unit.
+  int add(Unit unit);
+  /// Does the units that have no outcome yet, in the order of add(), with a line of progress and time left. Units that
+  /// throw Error are logged and left out; the others go on. False when one failed. Throws Stopped.
   bool run();
   /// Outcome of a unit; null when there is none (it failed).
   const Json& outcome(const Json& spec) const;
+  const Json& outcome(int unit) const;
 
   int units() const { return static_cast<int>(units_.size()); }
 
-  /// All outcomes as they are again with the same seeds, a line a unit, for `diff`: [{"name", "spec", "outcome"}, ...].
+  /// All outcomes without what depends on the machine, one line a unit: [{"name", "spec", "outcome"}, ...].
   std::string results() const;
-  /// What each unit took, in this run or an earlier one: [{"name", "seconds"}], null where it failed.
+  /// What measured() leaves of each outcome, in the same order.
+  Json measurements() const;
+  /// Duration of each unit, in this run or an earlier one: [{"name", "seconds"}], null where it failed.
   Json times() const;
 
  private:
@@ -68,7 +72,8 @@ class Work {
 
   std::string folder_;
   std::vector<Unit> units_;
-  std::map<std::string, Done> outcomes_;  ///< by path
+  std::vector<Done> done_;              ///< by unit
+  std::map<std::string, int> numbers_;  ///< of units, by path
 };
 
 }  // namespace citylearn::paper

@@ -8,7 +8,7 @@
 
 #include "core/util/error.h"
 #include "tools/inprocess/pictures.h"
-#include "tools/paper/cropped.h"
+#include "tools/paper/studies/cropped.h"
 #include "tools/vpr/descriptors.h"
 
 namespace citylearn::paper {
@@ -40,8 +40,7 @@ World::World(const WorldOptions& options) : options_(options) {
   selection.align = learned;
   selection_ = selection;
   for (std::size_t i = 1; i < names_.size();) {
-    // Pictures and features in one folder do not mix, nor can they be aligned: what is of the other kind is something
-    // else.
+    // Pictures cannot be aligned to features in the same folder: those are another recording.
     if ((dataset->load(names_[i]).images == nullptr) == (reference.images == nullptr)) {
       recordings_[names_[i]] = select(*dataset, names_[i], selection);
       ++i;
@@ -50,7 +49,7 @@ World::World(const WorldOptions& options) : options_(options) {
       names_.erase(names_.begin() + static_cast<std::ptrdiff_t>(i));
     }
   }
-  if (pictures() && options_.encoders.empty()) options_.encoders = options_.usual;
+  if (pictures() && options_.encoders.empty()) options_.encoders = options_.default_encoders;
   if (!pictures() && !options_.encoders.empty())
     throw Error("dataset " + options.source.dataset + " has features already", "--encoder", "leave it out");
 }
@@ -84,21 +83,27 @@ std::uint64_t World::hash(const std::string& name) {
   return known->second;
 }
 
-std::vector<double> World::aside_shifts() const {
+Json World::hashes(const std::vector<std::string>& names) {
+  Json all = Json::object();
+  for (const std::string& name : names) all[name] = fmt::format("{:016x}", hash(name));
+  return all;
+}
+
+std::vector<double> World::lateral_shifts() const {
   if (drawn()) return {0, 0.5, 1, 2, 3};
   return {0, 0.05, 0.1, 0.2};
 }
 
-std::string World::aside_name(double shift) const {
+std::string World::shifted_name(double shift) const {
   return drawn() ? fmt::format("{:g} m", shift) : fmt::format("{:g} %", 100 * shift);
 }
 
-World& World::aside() {
-  if (aside_) return *aside_;
+World& World::laterally_shifted() {
+  if (laterally_shifted_) return *laterally_shifted_;
   if (!pictures()) throw Error("has no pictures to shift", "dataset " + dataset());
   constexpr double kWindow = 0.8;  // of the width; the largest shift goes to its edge
   std::vector<Traversal> all = {recordings_.at(train())};
-  for (const double shift : aside_shifts()) {
+  for (const double shift : lateral_shifts()) {
     Traversal moved = all.front();
     if (drawn()) {
       Source source = options_.source;
@@ -107,12 +112,19 @@ World& World::aside() {
     } else {
       moved.images = cropped(moved.images, shift, kWindow);
     }
-    moved.name = aside_name(shift);
+    moved.name = shifted_name(shift);
     all.push_back(std::move(moved));
   }
   if (!drawn()) all.front().images = cropped(all.front().images, 0, kWindow);
-  aside_.reset(new World(options_, all));
-  return *aside_;
+  laterally_shifted_.reset(new World(options_, all));
+  return *laterally_shifted_;
+}
+
+Json World::description() const {
+  Json traversals = Json::array();
+  for (const std::string& name : names_)
+    traversals.push_back({{"name", name}, {"condition", recordings_.at(name).condition}});
+  return {{"drawn", drawn()}, {"train", train()}, {"frames", frames()}, {"traversals", traversals}};
 }
 
 World::Encoded& World::encoded(const std::string& name) {
@@ -121,7 +133,7 @@ World::Encoded& World::encoded(const std::string& name) {
   auto made = std::make_unique<Encoded>();
   const auto& entry = EncoderRegistry::instance().find("encoder", name);
   made->encoder = entry.create(Parameters("encoder " + name, entry.parameters, {}), options_.files);
-  vpr::teach(*made->encoder, recordings_.at(train()));
+  vpr::fit_encoder(*made->encoder, recordings_.at(train()));
   slot = std::move(made);
   return *slot;
 }

@@ -9,21 +9,22 @@
 #include "encoder_service/encoding/encoder.h"
 #include "encoder_service/encoding/reduction.h"
 #include "env_service/dataset_io/selection.h"
+#include "tools/paper/work.h"
 
 namespace citylearn::paper {
 
 struct WorldOptions {
-  Source source;                      ///< dataset and folder; its traversal is the one learned from
-  std::vector<std::string> encoders;  ///< of pictures, by name; empty where the dataset has features
-  std::vector<std::string> usual;     ///< these where it has pictures and `encoders` is empty
-  EncoderFiles files;                 ///< of theirs
-  int most_frames = 1000;             ///< of each recording, from its beginning
-  int raw_frames = 128;               ///< of those, as pixels
-  std::string store;                  ///< folder that keeps what was encoded
+  Source source;                              ///< dataset and folder; its traversal is the one learned from
+  std::vector<std::string> encoders;          ///< names; empty where the dataset has features
+  std::vector<std::string> default_encoders;  ///< used where it has pictures and `encoders` is empty
+  EncoderFiles files;                         ///< of the encoders
+  int most_frames = 1000;                     ///< of each recording, from its beginning
+  int raw_frames = 128;                       ///< of those, as pixels
+  std::string store;                          ///< folder of the feature store
 };
 
-/// The recordings of the study: the route as each traversal shows it, in each representation, frame i everywhere the
-/// same place. Encodes when asked, once. Throws Error, Stopped.
+/// The recordings of the study: the route as each traversal shows it, in each representation. Frame i is the same place
+/// in all of them. Encodes each representation once, when it is asked for. Throws Error, Stopped.
 class World {
  public:
   explicit World(const WorldOptions& options);
@@ -36,27 +37,31 @@ class World {
   int frames() const;                      ///< of the route
   const std::string& train() const;        ///< the traversal learned from
   std::vector<std::string> names() const;  ///< of all traversals, that one first
-  /// As it was read, pictures or features.
+  /// A traversal as it was read, with pictures or features.
   const Traversal& recording(const std::string& name) const;
-  std::uint64_t hash(const std::string& name);  ///< of a recording
+  std::uint64_t hash(const std::string& name);         ///< of a recording
+  Json hashes(const std::vector<std::string>& names);  ///< as hexadecimal text, by name
 
-  /// Representations of the frames: "features" as the dataset has them, else "ENCODER-D" for D of `dimensions` that the
-  /// route's frames and the encoder allow (D principal components, learned on the traversal learned from), and
-  /// "raw84" (pixels; of the first `raw_frames` alone).
+  /// Names of the frames' representations: "features" where the dataset has them; otherwise "ENCODER-D" for each D of
+  /// `dimensions` that the number of frames and the encoder allow (D principal components of the traversal learned
+  /// from), and "raw84" (pixels of the first `raw_frames` frames).
   std::vector<std::string> representations(const std::vector<int>& dimensions);
   /// A traversal with the features of a representation.
   const Traversal& traversal(const std::string& representation, const std::string& name);
 
-  /// The traversal learned from, and the same route with the camera to the side of where it was, a traversal for each
-  /// of aside_shifts(), called aside_name(). Drawn: "shifted" with the camera so many metres further left. Real
+  /// The traversal learned from, and the same route seen by a laterally shifted camera: a traversal named
+  /// shifted_name() for each of lateral_shifts(). Drawn: "shifted" with the camera so many metres further left. Real
   /// pictures: a simulated shift, a window of 4/5 of the picture's width (of the traversal learned from too) moved
   /// right by such a share of it. Made once; the world must have pictures. Throws Error.
-  World& aside();
-  std::vector<double> aside_shifts() const;
-  std::string aside_name(double shift) const;  ///< "1.5 m", "10 %"
+  World& laterally_shifted();
+  std::vector<double> lateral_shifts() const;
+  std::string shifted_name(double shift) const;  ///< "1.5 m", "10 %"
+
+  /// {"drawn", "train", "frames", "traversals": [{"name", "condition"}]}, the traversal learned from first.
+  Json description() const;
 
  private:
-  /// Recordings that were made elsewhere; the first is learned from.
+  /// Takes recordings that exist already; the first is learned from.
   World(const WorldOptions& options, const std::vector<Traversal>& recordings);
 
   struct Encoded;
@@ -69,7 +74,7 @@ class World {
   std::map<std::string, std::uint64_t> hashes_;
   std::map<std::string, std::unique_ptr<Encoded>> encoded_;              ///< by encoder
   std::map<std::pair<std::string, std::string>, Traversal> traversals_;  ///< by representation and name
-  std::unique_ptr<World> aside_;
+  std::unique_ptr<World> laterally_shifted_;
 };
 
 }  // namespace citylearn::paper

@@ -19,11 +19,9 @@ cv::Mat picture(const Traversal& traversal, int frame, Bytes& bytes) {
   return decode_picture(bytes, traversal.images->name(frame));
 }
 
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
 }  // namespace
 
-void teach(Encoder& encoder, const Traversal& reference) {
+void fit_encoder(Encoder& encoder, const Traversal& reference) {
   const int lessons = std::min(encoder.lessons(), reference.frames);
   if (lessons <= 0) return;
   Progress progress("learning from " + reference.name, lessons);

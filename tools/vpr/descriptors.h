@@ -9,7 +9,7 @@
 
 namespace citylearn::vpr {
 
-/// Ctrl-C arrived: what is complete is kept, the rest is left.
+/// Ctrl-C arrived: complete results are kept, the rest is abandoned.
 struct Stopped {};
 
 /// D x F descriptors of a traversal, and how long they took.
@@ -19,10 +19,10 @@ struct Descriptors {
   int encoded = 0;  ///< frames; the others came from the store
 };
 
-/// The encoder learns from the reference's pictures, when it is one that learns. Throws Error, Stopped.
-void teach(Encoder& encoder, const Traversal& reference);
+/// Lets an encoder that learns do so from the reference's pictures. Throws Error, Stopped.
+void fit_encoder(Encoder& encoder, const Traversal& reference);
 
-/// Encodes a traversal of pictures in order. With a `store` folder, frames that are there are read and new ones
+/// Encodes a traversal of pictures in order. With a `store` folder, features stored there are read and new ones
 /// written. Throws Error, Stopped.
 Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store);
 

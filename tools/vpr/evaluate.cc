@@ -12,12 +12,12 @@
 #include "core/wire/service.h"
 #include "env_service/dataset_io/parts.h"
 #include "tools/vpr/descriptors.h"
-#include "tools/vpr/plot.h"
+#include "tools/vpr/progress.h"
+#include "tools/vpr/python.h"
+#include "tools/vpr/similarity_picture.h"
 
 namespace citylearn::vpr {
 namespace {
-
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
 class Evaluation {
  public:
@@ -51,14 +51,23 @@ class Evaluation {
     if (rows_.empty() && !stopped)
       throw Error("none of these is possible", "--dimension", "0 takes the descriptors as they are");
     if (!rows_.empty()) {
-      write_plots(options_.output, setting_, rows_);
       std::cout << table(rows_);
+      draw();
     }
     std::cerr << (stopped ? "stopped early; " : "") << rows_.size() << " rows in " << options_.output << std::endl;
     return stopped ? 130 : 0;
   }
 
  private:
+  /// The figures are complete without the curves' pictures, which need Python and matplotlib.
+  void draw() const {
+    try {
+      run_python("vpr/precision_recall.py", {options_.output});
+    } catch (const Error& error) {
+      spdlog::warn("pr-*.svg not drawn: {}", error.what());
+    }
+  }
+
   void create_folder() {
     std::error_code error;
     std::filesystem::create_directories(options_.output, error);
@@ -129,7 +138,7 @@ class Evaluation {
   }
 
   void run_encoder(const std::string& label, Encoder& encoder) {
-    teach(encoder, reference_);
+    fit_encoder(encoder, reference_);
     const Descriptors reference = encode(encoder, reference_, label, options_.store);
     std::vector<Descriptors> queries;
     for (const Traversal& query : queries_) queries.push_back(encode(encoder, query, label, options_.store));

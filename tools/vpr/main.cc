@@ -26,10 +26,10 @@ CLI::Option* add_list(CLI::App& app, const std::string& name, List& list, const 
 
 void add_encoding(CLI::App& app, vpr::Options& options, CommandLine& line) {
   const std::string group = "Encoding";
-  add_list(app, "--encoder", options.encoders, "Of " + encoder_names() + "; left out when the dataset has features")
+  add_list(app, "--encoder", options.encoders, "Encoders: " + encoder_names() + "; not for datasets that have features")
       ->group(group);
   add_encoder_options(app, options.files, options.parameters, group);
-  app.add_option("--store", line.store, "Folder that keeps what was encoded; none: memory alone")
+  app.add_option("--store", line.store, "Folder of the feature store; none keeps features in memory only")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
       ->capture_default_str()
@@ -38,15 +38,15 @@ void add_encoding(CLI::App& app, vpr::Options& options, CommandLine& line) {
 
 void add_matching(CLI::App& app, vpr::Options& options, CommandLine& line) {
   const std::string features = "Features";
-  add_list(app, "--dimension", options.dimensions, "Features a frame, by PCA on the reference; 0: no PCA")
+  add_list(app, "--dimension", options.dimensions, "Features per frame, by PCA on the reference; 0 disables PCA")
       ->capture_default_str()
       ->check(CLI::Range(0, kMaxDimension))
       ->group(features);
-  add_list(app, "--centring", options.centrings, "Mean taken off first: own, running, reference, none")
+  add_list(app, "--centring", options.centrings, "Which mean to subtract first: own, running, reference, none")
       ->capture_default_str()
       ->check(CLI::IsMember({"own", "running", "reference", "none"}))
       ->group(features);
-  app.add_option("--whitening", options.whitening, "Exponent: 0 none, 0.5 full")
+  app.add_option("--whitening", options.whitening, "Whitening exponent: 0 disables it, 0.5 is full whitening")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 0.5))
       ->group(features);
@@ -54,30 +54,30 @@ void add_matching(CLI::App& app, vpr::Options& options, CommandLine& line) {
   const std::string matching = "Matching";
   vpr::MatchingOptions& match = options.matching;
   add_list(app, "--method", options.methods,
-           "nearest or mlp, then any of csls, contrast, sequence, seqslam, joined by +: csls+sequence")
+           "nearest or mlp, then any of csls, contrast, sequence, seqslam, joined by +, such as csls+sequence")
       ->capture_default_str()
       ->group(matching);
   app.add_option("--measure", line.measure, "How features are compared: cosine, l2, l1")
       ->capture_default_str()
       ->check(CLI::IsMember({"cosine", "l2", "l1"}))
       ->group(matching);
-  app.add_option("--sequence", match.sequence, "Frames of a sequence, odd")
+  app.add_option("--sequence", match.sequence, "Length of a sequence in frames, odd")
       ->capture_default_str()
       ->check(CLI::Range(1, 999))
       ->group(matching);
-  app.add_option("--slowest", match.slowest, "Least reference frames per query frame, of sequence")
+  app.add_option("--slowest", match.slowest, "Slowest speed of sequence, in reference frames per query frame")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 10.0))
       ->group(matching);
-  app.add_option("--fastest", match.fastest, "Most of them")
+  app.add_option("--fastest", match.fastest, "Fastest speed of sequence, likewise")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 10.0))
       ->group(matching);
-  app.add_option("--contrast-window", match.window, "Reference frames that contrast and seqslam look at")
+  app.add_option("--contrast-window", match.window, "Window of contrast and seqslam, in reference frames")
       ->capture_default_str()
       ->check(CLI::Range(1, 100000))
       ->group(matching);
-  app.add_option("--csls-neighbours", match.neighbours, "Nearest frames that csls takes the mean of")
+  app.add_option("--csls-neighbours", match.neighbours, "Number of nearest frames that csls averages")
       ->capture_default_str()
       ->check(CLI::Range(1, 100000))
       ->group(matching);
@@ -85,11 +85,13 @@ void add_matching(CLI::App& app, vpr::Options& options, CommandLine& line) {
       ->capture_default_str()
       ->check(CLI::Range(1, 4096))
       ->group(matching);
-  app.add_option("--mlp-epochs", match.epochs, "Times that mlp sees the reference")
+  app.add_option("--mlp-epochs", match.epochs, "Training epochs of mlp on the reference")
       ->capture_default_str()
       ->check(CLI::Range(1, 100000))
       ->group(matching);
-  app.add_option("--seed", match.seed, "Of mlp and of the intervals")->capture_default_str()->group(matching);
+  app.add_option("--seed", match.seed, "Random seed of mlp and of the intervals")
+      ->capture_default_str()
+      ->group(matching);
 }
 
 void add_options(CLI::App& app, CommandLine& line) {
@@ -99,9 +101,9 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--reference", options.source.traversal, "Traversal whose frames are the places")
       ->capture_default_str()
       ->group(recordings);
-  add_list(app, "--query", options.queries, "Traversals to be recognised (all others)")->group(recordings);
+  add_list(app, "--query", options.queries, "Traversals to recognise (all others)")->group(recordings);
   app.add_option("--matches", options.matches,
-                 "CSV with columns reference and query: frames of the same place (the traversals are not aligned then)")
+                 "CSV with columns reference and query, pairs of frames that show the same place (disables alignment)")
       ->type_name("FILE")
       ->check(CLI::ExistingFile)
       ->group(recordings);
@@ -110,7 +112,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   add_matching(app, options, line);
 
   const std::string results = "Results";
-  app.add_option("--tolerance", options.tolerance, "Frames by which a right answer may be off")
+  app.add_option("--tolerance", options.tolerance, "How many frames a right answer may be off")
       ->capture_default_str()
       ->check(CLI::Range(0, 100000))
       ->group(results);
@@ -118,7 +120,7 @@ void add_options(CLI::App& app, CommandLine& line) {
                  "Folder for results.csv, results.json, curves.json, pr-*.svg, similarity-*.png (runs/vpr-TIME)")
       ->type_name("DIR")
       ->group(results);
-  app.add_flag("--no-pictures", line.no_pictures, "No similarity-*.png")->group(results);
+  app.add_flag("--no-pictures", line.no_pictures, "Do not write similarity-*.png")->group(results);
   app.add_flag("--list", line.list, "Print encoders, and exit")->configurable(false)->group(results);
 }
 

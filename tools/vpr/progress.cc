@@ -8,11 +8,7 @@
 #include <iostream>
 
 namespace citylearn::vpr {
-namespace {
-
 double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
-}  // namespace
 
 std::string clock_time(double seconds) {
   const long all = std::lround(std::ceil(seconds));

@@ -9,7 +9,7 @@
 namespace citylearn::vpr {
 
 /// "hog winter: 1200 of 3576, 0:42 left" on standard error: rewritten in place on a terminal, else a line every 10 s.
-/// Work of less than two seconds is not spoken of.
+/// Prints nothing for work of less than two seconds.
 class Progress {
  public:
   Progress(std::string what, int total);
@@ -24,6 +24,8 @@ class Progress {
   bool terminal_, shown_ = false;
   Clock::time_point start_, spoke_;
 };
+
+double seconds_since(Clock::time_point start);
 
 /// "1:05:09", "3:20".
 std::string clock_time(double seconds);

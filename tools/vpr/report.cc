@@ -5,12 +5,9 @@
 #include <cctype>
 #include <cmath>
 #include <cstdio>
-#include <map>
 #include <nlohmann/json.hpp>
 
-#include "core/util/files.h"
 #include "core/wire/service.h"
-#include "tools/vpr/plot.h"
 
 namespace citylearn::vpr {
 namespace {
@@ -155,21 +152,6 @@ std::string slug(const std::string& text) {
     result += fine ? c : '-';
   }
   return result;
-}
-
-void write_plots(const std::string& folder, const Setting& setting, const std::vector<Row>& rows) {
-  std::map<std::pair<std::string, std::string>, std::vector<const Row*>> plots;
-  for (const Row& row : rows) plots[{row.query, row.method}].push_back(&row);
-  for (const auto& [key, members] : plots) {
-    std::vector<Curve> curves;
-    for (const Row* row : members)
-      curves.push_back(
-          {row->encoder + " " + std::to_string(row->dimension) + ", " + row->centring + ", AUC " + share(row->auc),
-           row->curve.recall, row->curve.precision});
-    const std::string title = setting.reference + " as reference, " + key.first + " as query, " + key.second;
-    write_file(folder + "/pr-" + slug(key.first) + "-" + slug(key.second) + ".svg",
-               precision_recall_svg(title, curves));
-  }
 }
 
 }  // namespace citylearn::vpr

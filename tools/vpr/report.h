@@ -46,7 +46,4 @@ std::string curves_json(const std::vector<Row>& rows);
 /// `text` as part of a file's name: everything but letters, digits, '.', '_' becomes '-'.
 std::string slug(const std::string& text);
 
-/// Writes pr-QUERY-METHOD.svg files into `folder`, one curve a row. Throws Error.
-void write_plots(const std::string& folder, const Setting& setting, const std::vector<Row>& rows);
-
 }  // namespace citylearn::vpr

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page, figures and tables of ./run paper, from a small made-up study."""
+
+import contextlib
+import io
+import json
+import math
+import sys
+import tempfile
+import unittest
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[5]
+sys.path += [str(ROOT / "tools/paper/report"), str(ROOT / "tools/vpr")]
+
+import charts
+import curves
+import estimates
+import precision_recall
+import report
+import trials
+from page import Page
+from sample_study import sample, trial
+
+
+class TemporaryFolder(unittest.TestCase):
+    def setUp(self) -> None:
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = Path(folder.name)
+
+    def run_report(self) -> tuple[int, str]:
+        errors = io.StringIO()
+        with contextlib.redirect_stderr(errors):
+            return report.main([str(self.folder)]), errors.getvalue()
+
+
+class TheReport(TemporaryFolder):
+    def test_shows_each_section_figure_and_table_and_is_the_same_again(self) -> None:
+        study = sample()
+        study.write(self.folder)
+        self.assertEqual(self.run_report(), (0, ""))
+        html = (self.folder / "report.html").read_text()
+        for section in study.sections:
+            part = html.split(f'<h2 id="{section["name"]}">')[1].split("<h2 ")[0]
+            self.assertIn("<td>", part, section["name"])
+            self.assertEqual("<img " in part, section["name"] != "tables")
+        self.assertIn("features &lt;ours&gt;", html)
+        for remark in ("1 of 2 seeds did not reach SPL 0.95", "Worse than the paper: features", "Lower SPL than blind, which never",
+                       "did not reach the goal on", "lost on the second route", "no better than a policy that never looks",
+                       "1 of 3 trainings failed", "less than the sequence filter", "the one for which junctions save most"):
+            self.assertIn(remark, html)
+        files = json.loads((self.folder / "manifest.json").read_text())["files"]
+        self.assertEqual(html.count('src="data:image/svg+xml'), len([name for name in files if name.endswith(".svg")]))
+        self.assertEqual(html.count('src="data:image/png'), 2)
+        self.assertIn("results.json", files)
+        self.assertIn("with junctions: 3 steps", (self.folder / "map.svg").read_text())
+
+        sample().write(self.folder)
+        self.assertEqual(self.run_report(), (0, ""))
+        self.assertEqual(json.loads((self.folder / "manifest.json").read_text())["files"], files)
+
+    def test_is_made_when_all_units_failed(self) -> None:
+        study = sample()
+        study.outcomes = [None] * len(study.outcomes)
+        study.write(self.folder)
+        self.assertEqual(self.run_report(), (0, ""))
+        self.assertEqual((self.folder / "map.csv").read_text().count("\n"), 1)
+        self.assertIn("its 1 junction", (self.folder / "map.svg").read_text())
+
+    def test_bad_input_is_one_line(self) -> None:
+        def damaged(name: str, change) -> str:
+            sample().write(self.folder)
+            path = self.folder / f"{name}.json"
+            content = json.loads(path.read_text())
+            change(content)
+            path.write_text(json.dumps(content))
+            status, errors = self.run_report()
+            self.assertEqual(status, 1)
+            self.assertEqual(errors.count("\n"), 1, errors)
+            return errors
+
+        self.assertIn("report.json: field 'measurements' is missing", damaged("report", lambda c: c.pop("measurements")))
+        self.assertIn("same run", damaged("results", list.pop))
+        self.assertIn("results.json: field 'curve' is missing", damaged("results", lambda c: c[0]["outcome"].pop("curve")))
+        self.assertIn("'much' is not a number", damaged("results", lambda c: c[0]["outcome"].update(seconds="much")))
+        self.assertIn("unknown section 'moon'", damaged("report", lambda c: c["sections"][0].update(name="moon")))
+        (self.folder / "results.json").write_text("[half")
+        self.assertIn("results.json: not JSON", self.run_report()[1])
+        (self.folder / "results.json").unlink()
+        self.assertIn("results.json: No such file", self.run_report()[1])
+
+
+class ThePage(TemporaryFolder):
+    def test_writes_each_number_of_a_chart(self) -> None:
+        page = Page(self.folder, "./run paper")
+        page.section("part", "A part")
+        line = charts.Line("a, b", [0, 0.5], [1, math.nan], [0.5, math.nan], [2, math.nan])
+        page.chart("one", charts.Chart("one", "x", "y, m", [line]), "first")
+        self.assertEqual((self.folder / "one-lines.csv").read_text(),
+                         'line,x,"y, m",low,high\n"a, b",0,1,0.5,2\n"a, b",0.5,,,\n')
+        nothing = charts.Bar(math.nan, math.nan, math.nan)
+        bars = charts.BarChart("two", "AUC", ["hog", "vlad"], {"night": [charts.Bar(0.25, 0.125, 0.5), nothing]})
+        page.bars("two", bars, "second")
+        self.assertEqual((self.folder / "two-bars.csv").read_text(),
+                         "group,bar,AUC,low,high\nnight,hog,0.25,0.125,0.5\nnight,vlad,,,\n")
+        with self.assertRaises(ValueError):
+            page.chart("one", charts.Chart("one", "x", "y"), "the first would be lost")
+
+    def test_axes_hold_all_values(self) -> None:
+        low, high = charts.limits_around([-3, 17, math.nan])
+        self.assertTrue(low <= -3 and high >= 17)
+        self.assertEqual(charts.limits_around([]), (0, 1))
+        self.assertEqual(charts.limits_around([5, 9], from_zero=True)[0], 0)
+
+    def test_single_points_and_dots_are_drawn_as_dots(self) -> None:
+        def markers(line: charts.Line) -> list:
+            axes = charts.draw_chart(charts.Chart("one", "x", "y", [line])).axes[0]
+            return [(artist.get_marker(), len(artist.get_xdata())) for artist in axes.lines]
+
+        self.assertEqual(markers(charts.Line("a", [0.5], [0.5])), [("o", 1)])
+        self.assertEqual(markers(charts.Line("a", [0, 0.5, 1], [0, math.nan, 1])), [("None", 2)])
+        self.assertEqual(markers(charts.Line("a", [0, 0.5, 1], [0, math.nan, 1], dots=True)), [("o", 2)])
+
+    def test_precision_recall_curves_have_a_file_for_each_query_and_method(self) -> None:
+        curve = {"encoder": "hog", "dimension": 64, "centring": "own", "method": "csls+sequence", "query": "./night",
+                 "auc": 0.5, "recall": [0.5, 1], "precision": [1, 0.5]}
+        (self.folder / "results.json").write_text('{"reference": "day"}')
+        (self.folder / "curves.json").write_text(json.dumps({"curves": [curve, {**curve, "recall": [], "precision": []}]}))
+        precision_recall.draw(self.folder)
+        svg = (self.folder / "pr---night-csls-sequence.svg").read_text()
+        self.assertIn("day as reference, ./night as query, csls+sequence", svg)
+        self.assertIn("hog 64, own, AUC 0.500", svg)
+
+
+class Estimates(unittest.TestCase):
+    def test_means_have_students_interval(self) -> None:
+        estimate = estimates.mean_of([1, 2, 3, 4, 5])
+        self.assertEqual((estimate.n, estimate.mean), (5, 3))
+        self.assertAlmostEqual(estimate.high - 3, 2.7764451052 * math.sqrt(2.5 / 5), 9)  # t(0.975, 4), s^2 = 2.5
+        self.assertAlmostEqual(estimate.low + estimate.high, 6, 12)
+        for freedom, quantile in ((1, 12.7062047364), (2, 4.3026527297), (3, 3.1824463053), (29, 2.0452296421)):
+            self.assertAlmostEqual(estimates.student_quantile(freedom), quantile, 9)
+
+    def test_one_value_has_no_interval_and_none_no_mean(self) -> None:
+        self.assertEqual(estimates.mean_of([7]).mean, 7)
+        self.assertTrue(math.isnan(estimates.mean_of([7]).low))
+        self.assertTrue(math.isnan(estimates.mean_of([]).mean))
+        self.assertEqual(estimates.mean_of([math.nan, 2, math.inf, 4]).n, 2)
+
+    def test_intervals_end_where_no_value_can_lie(self) -> None:
+        estimate = estimates.mean_of([0.9, 1], estimates.SHARES)
+        self.assertAlmostEqual(estimate.mean, 0.95)
+        self.assertEqual(estimate.low, estimates.mean_of([0.9, 1]).low)
+        self.assertEqual(estimate.high, 1)
+        self.assertEqual(estimates.mean_of([3, 50], estimates.COUNTS).low, 0)
+
+    def test_shares_have_wilsons_interval(self) -> None:
+        self.assertEqual(estimates.share_of(100, 100).mean, 1)
+        self.assertAlmostEqual(estimates.share_of(100, 100).low, 0.963, 3)  # a hundred successes prove no more
+
+    def test_texts(self) -> None:
+        self.assertEqual(estimates.percent(estimates.Estimate(0.941, 0.931, 0.955, 5)), "94.1 (93.1..95.5) %")
+        self.assertEqual(estimates.text_of(estimates.Estimate(0.5), 2), "0.50")
+        self.assertEqual(estimates.text_of(estimates.Estimate(), 2), "-")
+
+    def test_smoothing_has_no_pull_to_zero(self) -> None:
+        for value in estimates.smoothed([5, 5, math.nan, 5], 0.9):
+            self.assertAlmostEqual(value, 5, 12)
+
+    def test_interpolates_between_points_only(self) -> None:
+        y = estimates.interpolated([1, 3], [10, 30], [0, 1, 2, 3, 4])
+        self.assertTrue(math.isnan(y[0]) and math.isnan(y[4]))
+        self.assertEqual(y[1:4], [10, 20, 30])
+
+
+class Curves(unittest.TestCase):
+    def test_final_values_are_of_the_last_episodes(self) -> None:
+        curve = {"episodes": [100, 200, 1000, 1000, 1400], "reward": [0, 0, 0.5, None, 0.8]}
+        self.assertAlmostEqual(curves.final_value({"curve": curve}, "reward"), (800 * 0.5 + 400 * 0.8) / 1200, 12)
+        self.assertTrue(math.isnan(curves.final_value({"curve": {"episodes": [], "reward": []}}, "reward")))
+
+    def test_mean_does_not_jump_where_a_seed_ends(self) -> None:
+        def training(episodes: int, reward: float) -> dict:
+            return {"episodes": episodes, "curve": {"episodes": [1, episodes / 2, episodes], "reward": [reward] * 3}}
+
+        line = curves.mean_curve("two seeds", [training(400, -1), training(1000, 0.5)], "reward", 0.9)
+        self.assertEqual(line.x[-1], 1000)
+        for y in line.y:
+            self.assertAlmostEqual(y, -0.25, 12)
+
+
+class TrialsOfSeeds(unittest.TestCase):
+    def test_are_means_over_seeds_or_the_share_of_one(self) -> None:
+        def row(traversal: str, completed: float, spl: float, shuffled: bool = False) -> dict:
+            return {**trial(traversal, shuffled, spl), "completed": completed, "excess": None}
+
+        two = [[row("summer", 1, 0.9), row("fall", 0.5, 0.4), row("fall", 0.1, 0.1, True)], [row("fall", 0.7, 0.6)]]
+        both = trials.trials_on(two, "fall")
+        self.assertEqual((both.seeds, both.seeds_by_tasks), (2, "2 x 100"))
+        self.assertAlmostEqual(both.completed.mean, 0.6, 12)
+        self.assertAlmostEqual(both.spl.mean, 0.5, 12)
+        self.assertTrue(math.isnan(both.excess.mean))
+        self.assertEqual(trials.trials_on(two, "fall", shuffled=True).completed.mean, 0.1)
+        one = trials.trials_on(two, "summer")
+        self.assertEqual(one.completed.n, 100)
+        self.assertAlmostEqual(one.completed.low, 0.963, 3)
+        self.assertEqual(trials.trials_on([None], "summer").seeds_by_tasks, "-")
+
+    def test_are_worse_beyond_the_margin_and_by_more_than_chance(self) -> None:
+        yardstick = estimates.Estimate(0.9)
+        self.assertTrue(trials.is_worse(estimates.Estimate(0.8, 0.75, 0.85, 5), yardstick))
+        self.assertFalse(trials.is_worse(estimates.Estimate(0.8, 0.65, 0.95, 5), yardstick))
+        self.assertTrue(trials.is_worse(estimates.Estimate(0.8), yardstick))
+        self.assertFalse(trials.is_worse(estimates.Estimate(0.895), yardstick))
+        self.assertFalse(trials.is_worse(estimates.Estimate(), yardstick))
+
+
+if __name__ == "__main__":
+    unittest.main()

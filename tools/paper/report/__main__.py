@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the figures and the page of ./run paper in the folder where citylearn_paper left results.json and report.json."""
+
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "vpr"))
+
+import report
+
+if __name__ == "__main__":
+    sys.exit(report.main(sys.argv[1:]))

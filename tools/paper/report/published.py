@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Figures of the paper (Chancan & Milford, ICRA 2020) and of the agents that its authors released."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Published:
+    """An agent at the end of its training: 128 places, 16 agents, mean of five seeds."""
+    reward: float  # mean of an episode; NaN: not given
+    steps: str  # an episode, in the paper's words
+    most_steps: float  # that these words still cover
+
+
+def published(agent: str, features: int) -> Published | None:
+    """Returns the figures of the paper's agent that is like ours, if there is one."""
+    if agent == "baseline":
+        return Published(0.99, "just under 50", 50)
+    if agent == "features" and features == 64:
+        return Published(0.92, "just over 50", 55)
+    if agent == "features" and features >= 512:
+        return Published(math.nan, "about 75", 80)
+    return None
+
+
+FEATURE_MINUTES = 11  # of training, 64 features
+RAW_IMAGE_MINUTES = 29 * 60 + 48
+GIGABYTES = 2  # of memory per environment
+STREETLEARN_GIGABYTES = 12  # likewise, as the paper gives it
+
+
+def training_time(agent: str, features: int) -> str:
+    if agent == "raw_images":
+        return "29 h 48 min"
+    return f"{FEATURE_MINUTES} min" if agent == "features" and features == 64 else "-"
+
+
+# How the AUC of place recognition falls, as a share of the best condition's: a value to compare with, and the text.
+RECOGNITION_SHARES = {"winter": (0.5, "0.50"), "night": (math.nan, "under 0.25")}
+
+
+@dataclass(frozen=True)
+class Released:
+    """An agent that the paper's authors released, run by this project: NetVLAD features (64) of Nordland's first 128
+    frames, at most 128 steps, 2,000 to 4,000 tasks."""
+    label: str
+    agent: str  # ours that is like it
+    condition: str  # of Nordland
+    learned: bool  # from this traversal
+    completed: float
+    steps: float
+    reward: float
+
+
+RELEASED = [
+    Released("authors' NetVLAD-64 agent", "features", "summer", True, 0.867, 64.5, 0.68),
+    Released("authors' NetVLAD-64 agent", "features", "fall", False, 0.896, 63.1, math.nan),
+    Released("authors' baseline agent", "baseline", "summer", True, 1.0, 43.4, 0.998)]

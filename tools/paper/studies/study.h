@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tools/inprocess/training.h"
+#include "tools/paper/work.h"
+#include "tools/paper/world.h"
+
+namespace citylearn::paper {
+
+/// The trained agent of an earlier study that saved its parameters.
+struct SavedAgent {
+  Json study;  ///< spec of its unit
+  const Work* work = nullptr;
+};
+
+/// One training and its trials.
+struct Study {
+  std::string agent, learner = "ppo";
+  std::string representation;
+  int first = 0, frames = 128;  ///< the route; N steps are the limit of its tasks
+  std::uint64_t seed = 1;
+  std::uint64_t steps = 0;              ///< of training; 0: the agent's recommendation
+  int deploy_every = 0;                 ///< episodes between trials during training; 0: none
+  int tasks = 2000;                     ///< of the trials at the end
+  int tasks_between = 200;              ///< of those during training
+  std::vector<std::string> traversals;  ///< that it is tried on
+  double seconds = 30;                  ///< estimate
+  bool save_parameters = false;         ///< the outcome contains the trained parameters, for others to begin with
+  std::optional<SavedAgent> initial;    ///< the agent whose parameters it begins with; none: random ones
+  std::vector<std::string> frozen;      ///< tensors, or beginnings of their names, that stay as they are
+};
+
+/// The unit of work of a study. Its outcome:
+/// "curve": {"episodes", "steps", "seconds", "reward", "spl", "length"}, a number an update: means over the episodes
+/// that ended in it (null where none did); "deployments": [{"episodes", "traversal", SCORE}]; "trials": [{"traversal",
+/// "shuffled", SCORE}], those not shuffled with "walk" (walk.h); "episodes", "steps", "seconds"; "spl95": {"episodes",
+/// "steps", "seconds"} or null; "parameters": text, where they are saved. SCORE: tasks, completed, spl, excess, steps,
+/// reward. All but the seconds are the same again with the same seed.
+Unit unit_of(const Study& study, World& world);
+
+/// The agent of a study that saves its parameters; its unit must be added to `work` before those that use it.
+SavedAgent saved_agent(const Study& study, World& world, const Work& work);
+
+/// That agent, without more training, on another route or other recordings. Its parameters are the same; it is given
+/// the features of that route's places on the traversal learned from. Outcome: [{"traversal", SCORE}].
+struct TransferTrial {
+  SavedAgent agent;
+  std::string representation;
+  int first = 0, frames = 128, tasks = 2000;
+  std::vector<std::string> traversals;
+};
+Unit unit_of(const TransferTrial& transfer, World& world);
+
+/// A policy that learns nothing on a route: blind, shortest_path, sequence_filter. Outcome: [{"traversal", SCORE}].
+struct ControlStudy {
+  std::string control, representation;
+  int first = 0, frames = 128, tasks = 2000;
+  std::vector<std::string> traversals;
+};
+Unit unit_of(const ControlStudy& study, World& world);
+
+}  // namespace citylearn::paper

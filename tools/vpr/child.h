@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <sys/types.h>
+
+#include <string>
+#include <vector>
+
+namespace citylearn::vpr {
+
+/// A child process, killed when this object is destroyed.
+class Child {
+ public:
+  /// command[0] is a path, or a name to find in PATH. Its output goes to the file `log`, which may be "/dev/null".
+  /// Throws Error when it cannot be started.
+  Child(std::vector<std::string> command, const std::string& log);
+  ~Child();
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+
+  /// Waits for its end: exit status, 128 + signal when one ended it.
+  int wait();
+  /// Whether it has ended by now.
+  bool ended();
+  pid_t id() const { return id_; }
+
+ private:
+  pid_t id_ = -1;
+  int status_ = 0;
+  bool ended_ = false;
+};
+
+}  // namespace citylearn::vpr

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/vpr/similarity_picture.h"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "core/util/error.h"
+
+namespace citylearn::vpr {
+
+std::string matrix_png(const Eigen::Ref<const Eigen::MatrixXf>& matrix, int most) {
+  const Eigen::Index block = std::max<Eigen::Index>(1, (std::max(matrix.rows(), matrix.cols()) + most - 1) / most);
+  const Eigen::Index rows = (matrix.rows() + block - 1) / block, columns = (matrix.cols() + block - 1) / block;
+  std::vector<float> finite;
+  Eigen::MatrixXf small(rows, columns);
+  for (Eigen::Index c = 0; c < columns; ++c)
+    for (Eigen::Index r = 0; r < rows; ++r) {
+      const float value = matrix
+                              .block(r * block, c * block, std::min(block, matrix.rows() - r * block),
+                                     std::min(block, matrix.cols() - c * block))
+                              .maxCoeff();
+      small(r, c) = value;
+      if (std::isfinite(value)) finite.push_back(value);
+    }
+  float low = 0, high = 1;
+  if (!finite.empty()) {
+    const auto at = [&](double share) {
+      const auto middle = finite.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(finite.size() - 1));
+      std::nth_element(finite.begin(), middle, finite.end());
+      return *middle;
+    };
+    low = at(0.01);
+    high = at(0.99);
+  }
+  const float scale = high > low ? 255 / (high - low) : 0;
+  cv::Mat grey(static_cast<int>(rows), static_cast<int>(columns), CV_8U), colour;
+  for (int c = 0; c < grey.cols; ++c)
+    for (int r = 0; r < grey.rows; ++r) {
+      const float level = (small(r, c) - low) * scale;
+      grey.at<std::uint8_t>(r, c) = std::isnan(level) ? 0 : static_cast<std::uint8_t>(std::clamp(level, 0.0f, 255.0f));
+    }
+  try {
+    cv::applyColorMap(grey, colour, cv::COLORMAP_VIRIDIS);
+    std::vector<std::uint8_t> file;
+    cv::imencode(".png", colour, file);
+    return {file.begin(), file.end()};
+  } catch (const cv::Exception& error) {
+    throw Error("the picture of the similarities cannot be made: " + error.err);
+  }
+}
+
+}  // namespace citylearn::vpr
