@@ -238,7 +238,7 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.shown().pop_back(); }),
             "citylearn::msg::Trajectory.shown: 32 entries, should be 33, one more than action has");
   EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.reward().pop_back(); }),
-            "citylearn::msg::Trajectory.reward: 31 entries, should be 32");
+            "citylearn::msg::Trajectory.reward: 31 entries, should be 32 as many as action has");
   EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.feature_dimension(65); }),
             "citylearn::msg::Trajectory.features: 2112 entries, should be 2145");
   EXPECT_EQ(error_after<msg::Trajectory>([](auto& m) { m.action()[0] = 3; }),

@@ -1,0 +1,144 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Writes what core/wire must know about the messages of idl/: generate.py FOLDER FILE.idl ...
+
+fastddsgen makes structs with CDR functions, but knows no bounds, no topics and no relations between fields. This program
+reads the same files and writes FOLDER/idl/forward.h (declares each type, for light headers) and
+FOLDER/core/wire/message_fields.h (each type's fields, bounds and checks, and the list of topics).
+
+It reads one declaration a line, and annotations that begin a comment, so that IDL compilers skip them:
+  //@topic(PROFILE)    above a struct: it is a message, sent on a topic of its own with this QoS profile
+  //@length(OTHER)     behind a sequence: it has as many entries as OTHER; OTHER+1: one more
+  //@finite            behind a float, a double or a sequence of them: NaN and infinities are refused
+  //@protocol          behind the number that must be PROTOCOL
+"""
+import os
+import re
+import sys
+
+PROFILES = ("stream", "state", "command", "durable")
+NUMBERS = ("octet|boolean|short|unsigned short|long|unsigned long|long long|unsigned long long|float|double")
+
+
+class Struct:
+    def __init__(self, name, profile):
+        self.name, self.profile, self.fields, self.checks = name, profile, {}, []
+        self.topic = "citylearn/" + re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+
+class Idl:
+    """The structs, enums and constants of the files read so far."""
+
+    def __init__(self):
+        self.structs, self.enums, self.constants, self.files = {}, {}, set(), []
+
+    def read(self, path):
+        """Reads a file after those that it includes."""
+        if path in self.files:
+            return
+        with open(path, encoding="utf-8") as file:
+            text = file.read()
+        for name in re.findall(r'^#include "(.*)"', text, re.M):
+            self.read(os.path.join(os.path.dirname(path), name))
+        self.files.append(path)
+        # An enum may take several lines: they become its first one.
+        text = re.sub(r"enum[^}]*}", lambda enum: re.sub(r"//.*|\n", "", enum[0]) + "\n" * enum[0].count("\n"), text)
+        self.open, self.profile = None, None
+        for number, line in enumerate(text.split("\n"), 1):
+            try:
+                self.read_line(*re.fullmatch(r"\s*(.*?)\s*(?://(.*))?", line).groups(""))
+            except ValueError as error:
+                sys.exit(f"{path}:{number}: {error}")
+
+    def read_line(self, code, comment):
+        notes = re.findall(r"@(\w*)(?:\((.*?)\))?", re.match(r"(\s*@\w*(\(.*?\))?)*", comment)[0])
+        if found := re.fullmatch(r"@final struct (\w+) \{", code):
+            self.open = self.structs[found[1]] = Struct(found[1], self.profile)
+            self.profile = None
+        elif self.open and code == "};":
+            for check in self.open.checks:
+                other = re.search(r', "(\w+)"', check)
+                if other and "sequence" not in self.open.fields.get(other[1], ""):
+                    raise ValueError(f"{self.open.name} has no sequence '{other[1]}'")
+            if self.open.profile and [*self.open.fields.values()][:1] != ["Header"]:
+                raise ValueError(f"{self.open.name} has a topic, so its first field must be a Header")
+            self.open = None
+        elif self.open and code:
+            self.read_field(code, notes)
+        elif found := re.fullmatch(r"const .* (\w+) = .*;", code):
+            self.constants.add(found[1])
+        elif found := re.match(r"enum (\w+) \{.*\b(\w+)\s*\}", code):
+            self.enums[found[1]] = found[2]
+        elif notes:
+            if notes[0][0] != "topic" or notes[0][1] not in PROFILES:
+                raise ValueError(f"expected //@topic(PROFILE), PROFILE one of {', '.join(PROFILES)}")
+            self.profile = notes[0][1]
+        elif not re.fullmatch(r'(#include ".*"|module citylearn \{ module msg \{|\};|;)?', code):
+            raise ValueError(f"cannot read '{code}'" + (", structs must be @final" if "struct" in code else ""))
+
+    def read_field(self, code, notes):
+        found = re.fullmatch(r"(.*\S) (\w+);", code)
+        if not found or found[2] in self.open.fields:
+            raise ValueError(f"'{code}' is not a new field: TYPE NAME;")
+        type_, name = found.groups()
+        bounded = re.fullmatch(rf"sequence<({NUMBERS}), (\w+)>|string<\d+>", type_)
+        if bounded and bounded[2] and bounded[2] not in self.constants:
+            raise ValueError(f"unknown bound '{bounded[2]}'")
+        if not (bounded or type_ in self.structs or type_ in self.enums or re.fullmatch(NUMBERS, type_)):
+            raise ValueError(f"'{type_}' is neither a number, string<N>, sequence<NUMBER, BOUND>, enum nor struct")
+        self.open.fields[name] = type_
+        for note, argument in notes:
+            other = re.fullmatch(r"(\w+)(\+1)?", argument)
+            if note == "length" and other and "sequence" in type_:
+                more = 1 if other[2] else 0
+                self.open.checks.append(
+                    f'check.length("{name}", m.{name}().size(), "{other[1]}", m.{other[1]}().size(), {more});')
+            elif note == "finite" and re.search("float|double", type_):
+                self.open.checks.append(f'check.finite("{name}", m.{name}());')
+            elif note == "protocol" and type_ == "unsigned long":
+                self.open.fields[name] = "protocol"
+            else:
+                raise ValueError(f"unknown annotation, or one that does not fit '{code}': //@{note}")
+
+    def visits(self, struct):
+        for name, type_ in struct.fields.items():
+            if type_ == "protocol":
+                yield f'visitor.protocol("{name}", m.{name}());'
+            elif type_ in self.structs:
+                yield f'visitor.nested("{name}", m.{name}());'
+            elif type_ in self.enums:
+                yield f'visitor.enumerator("{name}", m.{name}(), {self.enums[type_]});'
+            else:
+                bound = re.search(r"sequence<.*, (\w+)>", type_)
+                yield f'visitor("{name}", m.{name}(){", " + bound[1] if bound else ""});'
+
+
+def write(path, *lines):
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    with open(path, "w", encoding="utf-8") as file:
+        file.write("\n".join(["// Made by idl/generate.py.", "#pragma once", *lines, ""]))
+
+
+def main(folder, *paths):
+    idl = Idl()
+    for path in paths:
+        idl.read(path)
+    structs = idl.structs.values()
+    write(f"{folder}/idl/forward.h", "#include <cstdint>", "namespace citylearn::msg {",
+          *(f"class {struct.name};" for struct in structs), *(f"enum {name} : std::uint32_t;" for name in idl.enums), "}")
+    functions = []
+    for struct in structs:
+        functions += ["template <class Message, class Visitor>",
+                      f"  requires std::same_as<std::remove_const_t<Message>, {struct.name}>",
+                      "void visit(Message& m, Visitor& visitor) {", *idl.visits(struct), "}",
+                      "template <class Check>",
+                      f"void check_fields([[maybe_unused]] const {struct.name}& m, [[maybe_unused]] Check& check) {{",
+                      *struct.checks, "}"]
+    write(f"{folder}/core/wire/message_fields.h", "#include <concepts>", "#include <type_traits>",
+          *(f'#include "idl/{os.path.basename(path)[:-4]}.h"' for path in idl.files),
+          "namespace citylearn::msg {", *functions, "}", "#define CITYLEARN_MESSAGES(X) \\",
+          *(f'  X({s.name}, "{s.topic}", k{s.profile.title()}) \\' for s in structs if s.profile), "")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
