@@ -13,6 +13,7 @@
 
 #include "core/util/files.h"
 #include "core/util/random.h"
+#include "core/wire/presence.h"
 #include "core/wire/transfer.h"
 #include "encoder_service/background.h"
 #include "encoder_service/image_fetch.h"
@@ -24,7 +25,6 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr seconds kSilence{3};     // without a sign of life: gone
 constexpr milliseconds kIdle{50};  // between looks at `stop`
 constexpr milliseconds kBusy{5};   // between looks at what is done behind
 constexpr seconds kProgress{2};
@@ -78,7 +78,7 @@ struct Route {
 /// An env_service whose traversal has images.
 struct Environment {
   msg::TraversalInfo info;  // as it sent it
-  Clock::time_point heard;
+  Presence presence;
   std::uint64_t server = 0;  // incarnation of the encoder_service that completes its observations; 0: nobody yet
   Clock::time_point unserved{};
   std::string fault;      // why it cannot be served
@@ -119,7 +119,7 @@ class EncoderService {
   }
   Route* reference();
   const Environment* host(const Route& route) const;
-  bool alive(const Environment& environment) const { return now_ - environment.heard < kSilence; }
+  bool alive(const Environment& environment) const { return environment.presence.here(now_); }
   bool serving(const Environment& environment) const { return environment.server == node_.incarnation(); }
   bool busy() const;
   std::string learned_path(const std::string& what, const std::string& suffix) const;
@@ -137,7 +137,7 @@ class EncoderService {
   std::map<std::uint64_t, std::unique_ptr<Route>> routes_;
   std::map<std::string, Environment> environments_;
   struct Peer {
-    Clock::time_point heard;
+    Presence presence;
     bool beats = false;  // its heartbeat was heard, so it lives; what it sent may be older
   };
   std::map<std::uint64_t, Peer> peers_;                         // other encoder_services, by incarnation
@@ -239,7 +239,7 @@ void EncoderService::on_info(const msg::TraversalInfo& info) {
     if (info.encoder_incarnation() == node_.incarnation()) return;
     // Another encoder_service completed it. Two of one kind share the work; of two kinds the later one is a mistake.
     Peer& peer = peers_[info.encoder_incarnation()];
-    peer.heard = now_;
+    peer.presence.heard(now_);
     if (peer.beats && learned_ && info.encoder().c_str() != recipe_of_features() &&
         info.encoder_incarnation() < node_.incarnation())
       throw Error(fmt::format("'{}' already encodes with {}, this one would with {}", info.encoder_service().c_str(),
@@ -257,7 +257,7 @@ void EncoderService::on_info(const msg::TraversalInfo& info) {
   if (environment.info.header().incarnation() > info.header().incarnation() && alive(environment)) return;
   const bool fresh = environment.info.header().incarnation() != info.header().incarnation();
   environment.info = info;
-  environment.heard = now_;
+  environment.presence.heard(now_);
   if (fresh) {
     environment.server = 0;
     environment.unserved = now_;
@@ -277,7 +277,7 @@ void EncoderService::on_observation(msg::Observation& observation) {
   if (found == environments_.end()) return;
   Environment& environment = found->second;
   if (observation.header().incarnation() != environment.info.header().incarnation()) return;
-  environment.heard = now_;
+  environment.presence.heard(now_);
   // Some are complete: from another encoder_service, or from an env_service that has its features by now.
   if (observation.by_reference() || observation.feature_dimension() != 0 || !serving(environment)) return;
   const auto route = routes_.find(observation.traversal_hash());
@@ -352,7 +352,7 @@ void EncoderService::on_image(const msg::ImageChunk& chunk) {
 
 void EncoderService::on_status(const msg::ServiceStatus& status) {
   if (const auto found = environments_.find(status.header().sender().c_str()); found != environments_.end())
-    if (found->second.info.header().incarnation() == status.header().incarnation()) found->second.heard = now_;
+    if (found->second.info.header().incarnation() == status.header().incarnation()) found->second.presence.heard(now_);
   if (std::string(status.service().c_str()) != "encoder_service") return;
   if (status.service_state() == msg::STOPPING)
     peers_.erase(status.header().incarnation());
@@ -608,7 +608,7 @@ void EncoderService::ask() {
 /// that one has not begun, whoever is ready.
 void EncoderService::decide_who_serves() {
   for (auto peer = peers_.begin(); peer != peers_.end();)
-    peer = now_ - peer->second.heard >= kSilence ? peers_.erase(peer) : std::next(peer);
+    peer = peer->second.presence.here(now_) ? std::next(peer) : peers_.erase(peer);
   for (auto& [id, environment] : environments_) {
     if (environment.server != 0 && (serving(environment) || peers_.count(environment.server))) continue;
     if (environment.server != 0) {

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/wire/blob.h"
 #include "core/wire/node.h"
 
 namespace citylearn {
@@ -35,20 +36,13 @@ class ImageFetch {
   void ask(const std::string& environment);
 
  private:
-  struct Part {
-    Bytes file;
-    std::vector<bool> chunks;  // those that have come
-    std::uint32_t left = 0;    // those that have not
-  };
-
   Node& node_;
   std::uint64_t hash_;
   int frames_;
   std::deque<int> wanted_;     // in the order they are asked for
-  std::map<int, Part> parts_;  // of wanted frames
-  int expected_ = 0;           // chunks that answer the last request, at most
+  std::map<int, Blob> files_;  // of wanted frames
   int asked_ = 0;              // frames of the last request that have not come
-  Clock::time_point again_{};
+  RequestTimer timer_{std::chrono::milliseconds(300)};
   msg::ImageRequest request_;
 };
 

@@ -11,9 +11,10 @@
 #include <tuple>
 #include <utility>
 
+#include "core/util/wall_clock.h"
+#include "core/wire/presence.h"
 #include "core/wire/rejections.h"
 #include "core/wire/transfer.h"
-#include "core/util/wall_clock.h"
 #include "env_service/environment.h"
 #include "env_service/episode_outbox.h"
 
@@ -27,7 +28,6 @@ constexpr milliseconds kObservationAgain{50}, kObservationAgainAtMost{1000};
 constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
 constexpr seconds kInfoAgain{1};
 constexpr milliseconds kSceneAgain{100};
-constexpr seconds kSilence{3};         // without an Action: the policy_service is gone or busy
 constexpr milliseconds kLeaving{500};  // for acknowledgements of recorders that nothing was heard of
 constexpr milliseconds kStopCheck{50};
 constexpr std::uint64_t kClocksApart = 24ull * 3600 * 1'000'000;  // of two hosts, microseconds; more is no clock
@@ -107,7 +107,8 @@ class EnvService {
   const std::chrono::duration<double> linger_;
 
   Clock::time_point now_;
-  Clock::time_point next_info_, next_observation_, next_scene_, next_report_, last_action_, last_report_;
+  Clock::time_point next_info_, next_observation_, next_scene_, next_report_, last_report_;
+  Presence policy_;  // heard by its Actions
   Duration observation_interval_{};
   std::uint64_t steps_ = 0;  // of agents since last_report_
   std::uint64_t tasks_done_ = 0;
@@ -248,7 +249,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
         "settings {}: {}, {}, at most {} steps, seed {}{}", newest_.version(),
         settings.task_mode() == msg::TRAIN ? "training" : std::to_string(settings.tasks()) + " evaluation tasks",
         route(settings), settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
-    last_action_ = now_;
+    policy_.heard(now_);
     send_observation();
   }
   report();
@@ -275,7 +276,7 @@ void EnvService::on_action(const msg::Action& action) {
                    action.header().sender().c_str(), error.what());
     return;
   }
-  last_action_ = now_;
+  policy_.heard(now_);
   steps_ += action.choice().size();
   send_observation();  // first: the policy_service waits for it
   record_episodes();
@@ -356,15 +357,13 @@ void EnvService::on_request(const msg::ImageRequest& request) {
     }
     image_chunk_.name() = name.substr(0, 200).c_str();
     image_chunk_.total_bytes() = static_cast<std::uint32_t>(image_.size());
-    const std::uint32_t chunks =
-        std::max<std::uint32_t>(1, (image_chunk_.total_bytes() + msg::MAX_CHUNK - 1) / msg::MAX_CHUNK);
+    const std::uint32_t chunks = chunk_count(image_.size());
     for (std::uint32_t chunk = std::exchange(first_chunk, 0); chunk < chunks; ++chunk) {
       if (budget-- == 0) return;
-      const std::byte* from = image_.data() + std::size_t{chunk} * msg::MAX_CHUNK;
-      const std::size_t size = std::min<std::size_t>(msg::MAX_CHUNK, image_.data() + image_.size() - from);
+      const auto data = chunk_of(std::span<const std::byte>(image_), chunk);
       image_chunk_.chunk() = chunk;
-      image_chunk_.data().resize(size);
-      if (size > 0) std::memcpy(image_chunk_.data().data(), from, size);
+      image_chunk_.data().resize(data.size());
+      if (!data.empty()) std::memcpy(image_chunk_.data().data(), data.data(), data.size());
       node_.publish(image_chunk_);
     }
   }
@@ -480,7 +479,7 @@ void EnvService::do_what_is_due() {
     observation_interval_ = std::min<Duration>(2 * observation_interval_, kObservationAgainAtMost);
     next_observation_ = now_ + observation_interval_;
   }
-  if (running() && !silent_ && now_ >= last_action_ + kSilence) {
+  if (running() && !silent_ && !policy_.here(now_)) {
     silent_ = true;
     spdlog::warn("no action for {} s: waiting for policy_service", kSilence.count());
     report();
@@ -500,7 +499,7 @@ Clock::time_point EnvService::next_due() const {
   Clock::time_point due = next_report_;
   if (running()) due = std::min(due, next_observation_);
   if (features_) due = std::min(due, features_->due());
-  if (running() && !silent_) due = std::min(due, last_action_ + kSilence);
+  if (running() && !silent_) due = std::min(due, policy_.gone_at());
   if (!running() || silent_) due = std::min(due, next_info_);
   return std::min(due, book_.due());
 }

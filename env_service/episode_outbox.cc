@@ -13,7 +13,6 @@ using std::chrono::seconds;
 constexpr milliseconds kAgainAtMost{2000}, kAgainInAHurry{50};
 constexpr std::uint64_t kAtOnce = 64;      // sent again to who does not answer
 constexpr std::uint64_t kOnTheWay = 1024;  // to who acknowledges
-constexpr seconds kSilence{3};             // of a recorder: it is gone
 
 }  // namespace
 
@@ -84,7 +83,7 @@ EpisodeBook::Taken EpisodeBook::take(const msg::EpisodeAcknowledgement& acknowle
   const bool fresh = !recorder.here || header.incarnation() != recorder.incarnation;
   recorder.incarnation = header.incarnation();
   recorder.message = header.message();
-  recorder.heard = now;
+  recorder.presence.heard(now);
   recorder.stopping = false;
   const std::uint64_t has = std::max<std::uint64_t>(acknowledgement.episode(), forgotten_);
   const bool progress = has > recorder.acknowledged, loss = has < recorder.acknowledged;
@@ -107,15 +106,14 @@ EpisodeBook::Taken EpisodeBook::take(const msg::EpisodeAcknowledgement& acknowle
 void EpisodeBook::heard(const msg::Header& header, bool stopping, Clock::time_point now) {
   const auto found = recorders_.find(header.sender().c_str());
   if (found == recorders_.end() || header.incarnation() < found->second.incarnation) return;
-  found->second.heard = now;
+  found->second.presence.heard(now);
   found->second.stopping = stopping;
 }
 
 bool EpisodeBook::awaited(Clock::time_point now) const {
   return std::any_of(recorders_.begin(), recorders_.end(), [&](const auto& entry) {
     const Recorder& recorder = entry.second;
-    return recorder.here && recorder.acknowledged < episodes_ && !recorder.stopping &&
-           recorder.heard != Clock::time_point() && now - recorder.heard < kSilence;
+    return recorder.here && recorder.acknowledged < episodes_ && !recorder.stopping && recorder.presence.here(now);
   });
 }
 
@@ -154,7 +152,7 @@ void EpisodeBook::bound() {
   while (entries_.size() > most_ && here_ > 0) {
     auto last = recorders_.end();
     for (auto recorder = recorders_.begin(); recorder != recorders_.end(); ++recorder) {
-      const auto key = [](const auto& of) { return std::make_tuple(of->second.acknowledged, of->second.heard); };
+      const auto key = [](const auto& of) { return std::make_tuple(of->second.acknowledged, of->second.presence); };
       if (recorder->second.here && (last == recorders_.end() || key(recorder) < key(last))) last = recorder;
     }
     problem_ = "more than " + std::to_string(most_) + " episodes wait for recorder '" + last->first +

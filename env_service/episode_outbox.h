@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/wire/messages.h"
+#include "core/wire/presence.h"
 #include "env_service/environment.h"
 
 namespace citylearn {
@@ -82,7 +83,7 @@ class EpisodeBook {
     std::uint64_t limit = 0;  ///< those up to this one may be
     Clock::duration interval = kAgain;
     Clock::time_point again{};  ///< when all of them count as lost
-    Clock::time_point heard{};
+    Presence presence;
     bool stopping = false;
   };
   void open(Recorder& recorder, std::uint64_t window, Clock::time_point now) const;

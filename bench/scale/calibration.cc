@@ -10,6 +10,7 @@
 #include <tuple>
 #include <utility>
 
+#include "core/wire/blob.h"
 #include "core/wire/messages.h"
 #include "policy_service/network/agent_network.h"
 
@@ -358,7 +359,7 @@ Sizes sizes_of(const std::string& agent, int agents, int dimension, int frames) 
   acknowledgement.actor("actor-0");
   sizes.acknowledgement = size_of(acknowledgement);
   const std::size_t parameters = static_cast<std::size_t>(network->parameter_count()) * sizeof(float);
-  sizes.chunks = static_cast<int>((parameters + msg::MAX_CHUNK - 1) / msg::MAX_CHUNK);
+  sizes.chunks = static_cast<int>(chunk_count(parameters));
   msg::PolicyParameters chunk;
   chunk.agent(agent);
   chunk.data().resize(parameters / static_cast<std::size_t>(sizes.chunks));

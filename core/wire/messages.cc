@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/wire/blob.h"
 #include "core/wire/message_fields.h"
 #include "core/wire/transfer.h"
 
@@ -222,9 +223,7 @@ void check(const TraversalChunk& m, const std::string& type) {
 
 void check(const ImageChunk& m, const std::string& type) {
   if (m.total_bytes() > MAX_IMAGE) refuse(type, "total_bytes", "must be at most " + std::to_string(MAX_IMAGE));
-  const std::uint64_t before = std::uint64_t{m.chunk()} * MAX_CHUNK;
-  const std::uint64_t size =
-      before > m.total_bytes() ? 0 : std::min<std::uint64_t>(m.total_bytes() - before, MAX_CHUNK);
+  const std::size_t size = chunk_size(m.chunk(), m.total_bytes());
   if (m.chunk() > 0 && size == 0) refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " is beyond the image");
   if (m.data().size() != size) refuse(type, "data", counts(m.data().size(), size));
 }

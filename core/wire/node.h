@@ -6,8 +6,8 @@
 #include <set>
 #include <string>
 
-#include "core/wire/messages.h"
 #include "core/dds/middleware.h"
+#include "core/wire/messages.h"
 
 namespace citylearn {
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "core/wire/node.h"
 #include "core/plugin/registry.h"
+#include "core/wire/node.h"
 
 namespace CLI {
 class App;
@@ -19,10 +19,10 @@ namespace citylearn {
 std::string version();
 
 /// Options that every service has: --run, --id, --middleware, --domain, --interface, --peers, --discovery-server,
-/// --security, --config, --log-level, --log-format. Precedence: command line, then --config FILE (TOML, the same names without dashes), then environment
-/// (CITYLEARN_RUN, CITYLEARN_MIDDLEWARE, CITYLEARN_DOMAIN, CITYLEARN_INTERFACE, CITYLEARN_PEERS,
-/// CITYLEARN_DISCOVERY_SERVER, CITYLEARN_SECURITY), then the default.
-/// `options.service` and `options.id` are the defaults to begin with.
+/// --security, --config, --log-level, --log-format. Precedence: command line, then --config FILE (TOML, the same names
+/// without dashes), then environment (CITYLEARN_RUN, CITYLEARN_MIDDLEWARE, CITYLEARN_DOMAIN, CITYLEARN_INTERFACE,
+/// CITYLEARN_PEERS, CITYLEARN_DISCOVERY_SERVER, CITYLEARN_SECURITY), then the default. `options.service` and
+/// `options.id` are the defaults to begin with.
 void add_node_options(CLI::App& app, Node::Options& options);
 
 /// One option `--PREFIX-NAME` for each parameter of a plug-in; those given end up in `values` (name without prefix).

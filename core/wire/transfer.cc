@@ -46,23 +46,22 @@ void ChunkLayout::fill(std::uint32_t chunk, std::span<const float> positions,
 }
 
 Transfer::Transfer(const What& what)
-    : what_(what), layout_(what.frames, what.dimension == msg::ANY_DIMENSION ? 0 : what.dimension) {
+    : what_(what),
+      layout_(what.frames, what.dimension == msg::ANY_DIMENSION ? 0 : what.dimension),
+      chunks_(1),
+      timer_(kAgain) {
   if (what_.count == 0) what_.count = what_.frames - what_.first;
-  if (what_.dimension == msg::ANY_DIMENSION) {
-    missing_ = 1;
-  } else {
-    first_chunk_ = layout_.first_chunk(what_.first);
-    missing_ = layout_.last_chunk(what_.first + what_.count - 1) - first_chunk_ + 1;
-    positions.resize(what_.count);
-    features.resize(std::size_t{what_.count} * what_.dimension);
-  }
-  here_.assign(missing_, false);
+  if (what_.dimension == msg::ANY_DIMENSION) return;
+  first_chunk_ = layout_.first_chunk(what_.first);
+  chunks_ = ChunkSet(layout_.last_chunk(what_.first + what_.count - 1) - first_chunk_ + 1);
+  positions.resize(what_.count);
+  features.resize(std::size_t{what_.count} * what_.dimension);
 }
 
 bool Transfer::wants(const msg::TraversalChunk& chunk) const {
-  const std::uint32_t index = chunk.chunk() - first_chunk_;  // one before the run becomes a large number
-  return chunk.hash() == what_.hash && chunk.feature_dimension() == what_.dimension && index < here_.size() &&
-         !here_[index];
+  // The index of a chunk before the run becomes a large number.
+  return chunk.hash() == what_.hash && chunk.feature_dimension() == what_.dimension &&
+         chunks_.wants(chunk.chunk() - first_chunk_);
 }
 
 bool Transfer::sound(const msg::TraversalChunk& chunk) const {
@@ -82,7 +81,6 @@ bool Transfer::sound(const msg::TraversalChunk& chunk) const {
 Transfer::Taken Transfer::take(const msg::TraversalChunk& chunk) {
   if (!wants(chunk)) return Taken::kNotWanted;
   if (!sound(chunk)) return Taken::kDamaged;
-  const std::uint32_t index = chunk.chunk() - first_chunk_;
   const auto* data = chunk.data().data();
   layout_.each_piece(chunk.chunk(),
                      [&](std::uint32_t frame, std::size_t column, std::size_t count, std::size_t offset) {
@@ -98,22 +96,17 @@ Transfer::Taken Transfer::take(const msg::TraversalChunk& chunk) {
                        std::memcpy(features.data() + std::size_t{place} * what_.dimension + column - 1,
                                    data + offset * sizeof(float), count * sizeof(float));
                      });
-  here_[index] = true;
-  --missing_;
-  while (next_ < here_.size() && here_[next_]) ++next_;
-  if (next_ >= asked_up_to_) due_ = {};
+  chunks_.add(chunk.chunk() - first_chunk_);
+  timer_.answered(Clock::now());
   return Taken::kYes;
 }
 
 bool Transfer::ask(Clock::time_point now, msg::TraversalRequest& request) {
-  if (complete() || now < due_) return false;
+  if (complete() || !timer_.is_due(now)) return false;
   request.hash() = what_.hash;
   request.feature_dimension() = what_.dimension;
-  request.chunks().clear();
-  for (asked_up_to_ = next_; asked_up_to_ < here_.size() && request.chunks().size() < msg::MAX_CHUNKS_ASKED;
-       ++asked_up_to_)
-    if (!here_[asked_up_to_]) request.chunks().push_back(first_chunk_ + asked_up_to_);
-  due_ = now + kAgain;
+  request.chunks() = chunks_.first_missing(msg::MAX_CHUNKS_ASKED, first_chunk_);
+  timer_.sent(now, request.chunks().size());
   return true;
 }
 

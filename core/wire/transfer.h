@@ -7,7 +7,8 @@
 #include <span>
 #include <vector>
 
-#include "core/dds/middleware.h"
+#include "core/util/types.h"
+#include "core/wire/blob.h"
 #include "idl/traversal.h"
 
 namespace citylearn {
@@ -64,7 +65,7 @@ class Transfer {
     std::uint32_t first = 0;  ///< the run: first .. first + count - 1, on the traversal
     std::uint32_t count = 0;  ///< 0: up to the last frame
   };
-  enum class Taken { kYes, kNotWanted, kDamaged };
+  using Taken = citylearn::Taken;
 
   explicit Transfer(const What& what);
 
@@ -74,13 +75,13 @@ class Transfer {
   Taken take(const msg::TraversalChunk& chunk);
   /// It has the hash, dimension and frames of what is still missing.
   bool wants(const msg::TraversalChunk& chunk) const;
-  bool complete() const { return missing_ == 0; }
-  std::uint32_t missing() const { return missing_; }  ///< chunks
+  bool complete() const { return chunks_.complete(); }
+  std::uint32_t missing() const { return chunks_.missing(); }
   const What& what() const { return what_; }
 
   /// When a request should go out: at once in the beginning and when all that was asked for has come, else after a
   /// while.
-  Clock::time_point due() const { return due_; }
+  Clock::time_point due() const { return timer_.due(); }
   /// When it is due: fills all of a request but its header and environment, and returns true.
   bool ask(Clock::time_point now, msg::TraversalRequest& request);
 
@@ -93,11 +94,8 @@ class Transfer {
   What what_;
   ChunkLayout layout_;
   std::uint32_t first_chunk_ = 0;
-  std::vector<bool> here_;         ///< by chunk, from first_chunk_
-  std::uint32_t missing_ = 0;      ///< of them
-  std::uint32_t next_ = 0;         ///< the first that is missing, counted from first_chunk_
-  std::uint32_t asked_up_to_ = 0;  ///< behind the last one asked for, counted likewise
-  Clock::time_point due_{};
+  ChunkSet chunks_;  ///< from first_chunk_ on
+  RequestTimer timer_;
 };
 
 }  // namespace citylearn

@@ -22,35 +22,32 @@ std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
 
 void Maps::want(std::uint64_t hash, const std::string& run, const std::string& environment) {
   if (maps_.contains(hash) || fetches_.contains(hash) || fetches_.size() >= kMost) return;
-  Fetch& fetch = fetches_[hash];
-  fetch.run = run;
-  fetch.environment = environment;
+  fetches_.try_emplace(hash, Fetch{run, environment, std::make_shared<RouteMap>(), RequestTimer(kAgain, kTries)});
 }
 
 void Maps::turn(Clock::time_point now) {
   while (listens_ && node_.take(chunk_)) hear(chunk_, now);
   for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
-    if (now >= fetch->second.again && fetch->second.tries >= kTries) {
+    if (fetch->second.timer.gave_up(now)) {
       spdlog::warn("the map of {:016x} does not come from '{}'", fetch->first, fetch->second.environment);
       fetch = fetches_.erase(fetch);
       continue;
     }
-    if (now >= fetch->second.again) ask(fetch->first, fetch->second, now);
+    if (fetch->second.timer.is_due(now)) ask(fetch->first, fetch->second, now);
     ++fetch;
   }
 }
 
 Clock::time_point Maps::due() const {
   Clock::time_point due = Clock::time_point::max();
-  for (const auto& [hash, fetch] : fetches_) due = std::min(due, fetch.again);
+  for (const auto& [hash, fetch] : fetches_) due = std::min(due, fetch.timer.due());
   return due;
 }
 
 void Maps::ask(std::uint64_t hash, Fetch& fetch, Clock::time_point now) {
   if (!listens_) node_.listen<msg::MapChunk>();
   listens_ = true;
-  ++fetch.tries;
-  fetch.again = now + kAgain;
+  fetch.timer.sent(now, 1);
   msg::MapRequest request;
   request.environment() = fetch.environment.c_str();
   request.hash() = hash;
@@ -72,7 +69,7 @@ void Maps::hear(const msg::MapChunk& chunk, Clock::time_point now) {
   map.position.insert(map.position.end(), chunk.position().begin(), chunk.position().end());
   map.latitude.insert(map.latitude.end(), chunk.latitude().begin(), chunk.latitude().end());
   map.longitude.insert(map.longitude.end(), chunk.longitude().begin(), chunk.longitude().end());
-  fetch.tries = 0;
+  fetch.timer.answered(now);
   if (map.position.size() < map.frames) {
     ask(found->first, fetch, now);
     return;

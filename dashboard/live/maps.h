@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/wire/blob.h"
 #include "core/wire/node.h"
 
 namespace citylearn {
@@ -36,9 +37,8 @@ class Maps {
  private:
   struct Fetch {
     std::string run, environment;
-    std::shared_ptr<RouteMap> map = std::make_shared<RouteMap>();
-    int tries = 0;
-    Clock::time_point again{};
+    std::shared_ptr<RouteMap> map;
+    RequestTimer timer;
   };
   void hear(const msg::MapChunk& chunk, Clock::time_point now);
   void ask(std::uint64_t hash, Fetch& fetch, Clock::time_point now);

@@ -45,9 +45,9 @@ bool Pictures::coming(const PictureKey& key) {
 void Pictures::turn(Clock::time_point now) {
   while (listens_ && node_.take(chunk_)) hear(chunk_, now);
   for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
-    if (now < fetch->second.again) {
+    if (!fetch->second.timer.is_due(now)) {
       ++fetch;
-    } else if (fetch->second.tries >= kTries) {
+    } else if (fetch->second.timer.gave_up(now)) {
       spdlog::warn("frame {} of {:016x} does not come from '{}'", fetch->first.frame, fetch->first.hash,
                    fetch->second.source.environment);
       fetch = fetches_.erase(fetch);
@@ -66,14 +66,13 @@ void Pictures::turn(Clock::time_point now) {
   const auto [key, source] = newest_next_ ? wanted_.back() : wanted_.front();
   newest_next_ ? wanted_.pop_back() : wanted_.pop_front();
   next_ = now + options_.between;
-  Fetch& fetch = fetches_[key];
-  fetch.source = source;
+  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, RequestTimer(options_.patience, kTries)}).first->second;
   ask(key, fetch, now);
 }
 
 Clock::time_point Pictures::due() const {
   Clock::time_point due = Clock::time_point::max();
-  for (const auto& [key, fetch] : fetches_) due = std::min(due, fetch.again);
+  for (const auto& [key, fetch] : fetches_) due = std::min(due, fetch.timer.due());
   if (!wanted_.empty() && fetches_.size() < kMostFetches) due = std::min(due, next_);
   return due;
 }
@@ -81,33 +80,27 @@ Clock::time_point Pictures::due() const {
 void Pictures::ask(const PictureKey& key, Fetch& fetch, Clock::time_point now) {
   if (!listens_) node_.listen<msg::ImageChunk>();
   listens_ = true;
-  fetch.answered = 0;
-  ++fetch.tries;
-  fetch.again = now + options_.patience;
+  fetch.timer.sent(now, msg::MAX_CHUNKS_ASKED);
   msg::ImageRequest request;
   request.environment() = fetch.source.environment.c_str();
   request.hash() = key.hash;
   request.frames() = {key.frame};
-  request.first_chunk() = fetch.chunks;
+  request.first_chunk() = fetch.file ? fetch.file->chunks.first_missing() : 0;
   node_.publish(request, fetch.source.run);
 }
 
-/// They come in order, more or less: what comes too early is asked for again.
 void Pictures::hear(const msg::ImageChunk& chunk, Clock::time_point now) {
   const auto found = fetches_.find({chunk.hash(), chunk.frame()});
   if (found == fetches_.end()) return;  // an encoder_service wants it
   Fetch& fetch = found->second;
-  if (chunk.chunk() != fetch.chunks || (fetch.total && *fetch.total != chunk.total_bytes())) return;
-  fetch.total = chunk.total_bytes();
-  const auto* bytes = reinterpret_cast<const std::byte*>(chunk.data().data());
-  fetch.file.insert(fetch.file.end(), bytes, bytes + chunk.data().size());
-  ++fetch.chunks;
-  fetch.tries = 0;
-  fetch.again = now + options_.patience;
-  if (fetch.file.size() == *fetch.total) {
-    hand_over(found->first, std::move(fetch.file), chunk.name().c_str());
+  if (!fetch.file) fetch.file.emplace(chunk.total_bytes());
+  if (fetch.file->total_bytes() != chunk.total_bytes()) return;
+  if (fetch.file->take(chunk.chunk(), chunk.data()) != Taken::kYes) return;
+  fetch.timer.answered(now);
+  if (fetch.file->complete()) {
+    hand_over(found->first, fetch.file->release(), chunk.name().c_str());
     fetches_.erase(found);
-  } else if (++fetch.answered == msg::MAX_CHUNKS_ASKED) {
+  } else if (fetch.timer.is_due(now)) {
     ask(found->first, fetch, now);
   }
 }

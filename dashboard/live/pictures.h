@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "core/wire/blob.h"
 #include "core/wire/node.h"
 #include "dashboard/live/picture_cache.h"
 
@@ -46,12 +47,8 @@ class Pictures {
  private:
   struct Fetch {
     Source source;
-    Bytes file;
-    std::optional<std::uint32_t> total;  // bytes; once a chunk has come
-    std::uint32_t chunks = 0;            // that have come, the first ones
-    std::uint32_t answered = 0;          // chunks since the last request
-    int tries = 0;                       // requests without an answer
-    Clock::time_point again;
+    RequestTimer timer;
+    std::optional<Blob> file = {};  // once a chunk has come
   };
   void hear(const msg::ImageChunk& chunk, Clock::time_point now);
   void ask(const PictureKey& key, Fetch& fetch, Clock::time_point now);

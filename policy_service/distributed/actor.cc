@@ -15,11 +15,11 @@
 
 #include "core/wire/rejections.h"
 #include "core/wire/service.h"
-#include "policy_service/rollout/collector.h"
-#include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/distributed/env_client.h"
+#include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/distributed/parameter_chunks.h"
 #include "policy_service/distributed/trajectories.h"
+#include "policy_service/rollout/collector.h"
 
 namespace citylearn {
 namespace {
@@ -27,7 +27,6 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr seconds kSilence{3};  // of a learner or another actor: it is gone
 constexpr seconds kStatusAgain{1};
 constexpr seconds kSettle{1};  // others are heard before anything is taken
 constexpr milliseconds kAssign{100};
@@ -95,7 +94,7 @@ class Actor {
   };
   struct Other {  // actor
     std::uint64_t incarnation = 0;
-    Clock::time_point heard;
+    Presence presence;
     std::set<std::uint64_t> environments;
   };
   /// All that belongs to one incarnation of a learner.
@@ -151,8 +150,8 @@ class Actor {
   bool warned_ = false;
   std::string told_;  // why nothing is served, as logged
   double waited_ = 0;
-  Clock::time_point started_, learner_heard_{}, next_status_{}, next_assign_{}, next_report_{}, last_report_,
-      last_turn_;
+  Presence learner_presence_;
+  Clock::time_point started_, next_status_{}, next_assign_{}, next_report_{}, last_report_, last_turn_;
   std::vector<std::uint8_t> choice_;
   msg::LearnerInfo info_;
   msg::ActorStatus status_, own_status_;
@@ -197,7 +196,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
   }
   const bool fresh = !session_ || info.header().incarnation() > session_->info.header().incarnation();
   if (!fresh && !of_learner(info.header(), "an announcement")) return;
-  learner_heard_ = Clock::now();
+  learner_presence_.heard(Clock::now());
   if (!fresh) {
     const bool lesson = info.lesson() != session_->info.lesson();
     session_->info = info;
@@ -316,7 +315,7 @@ void Actor::on_status(const msg::ActorStatus& status) {
   Other& other = others_[id];
   if (status.header().incarnation() < other.incarnation) return;
   other.incarnation = status.header().incarnation();
-  other.heard = Clock::now();
+  other.presence.heard(Clock::now());
   other.environments = std::set<std::uint64_t>(status.environments().begin(), status.environments().end());
 }
 
@@ -335,7 +334,7 @@ void Actor::assign() {
   const Clock::time_point now = Clock::now();
   if (now < next_assign_ || now < started_ + kSettle) return;
   next_assign_ = now + kAssign;
-  std::erase_if(others_, [&](const auto& entry) { return now - entry.second.heard > kSilence; });
+  std::erase_if(others_, [&](const auto& entry) { return !entry.second.presence.here(now); });
   std::vector<Seat*> lost;
   for (const auto& [seat, served] : served_)
     if (Fleet::lost(*seat) || !ours(*seat)) lost.push_back(seat);
@@ -585,7 +584,7 @@ void Actor::report() {
     return;
   }
   const std::string learner = session_->info.header().sender().c_str();
-  const bool silent = now - learner_heard_ > kSilence;
+  const bool silent = !learner_presence_.here(now);
   if (silent && !std::exchange(warned_, true))
     spdlog::warn("learner '{}' is silent: going on as far as {} unacknowledged segments, then waiting", learner,
                  session_->info.window());

@@ -61,12 +61,12 @@ Fleet::Fleet(Node& node, const FleetOptions& options)
   node_.listen<msg::ServiceStatus>();
 }
 
-bool Fleet::alive(const Seat& seat) { return Clock::now() - seat.heard < kSilence; }
+bool Fleet::alive(const Seat& seat) { return seat.presence.here(Clock::now()); }
 
 Seat* Fleet::known(const msg::Header& header) {
   const auto found = seats_.find(header.sender().c_str());
   if (found == seats_.end() || found->second->incarnation() != header.incarnation()) return nullptr;
-  found->second->heard = Clock::now();
+  found->second->presence.heard(Clock::now());
   return found->second.get();
 }
 
@@ -113,29 +113,31 @@ void Fleet::spin(Clock::time_point deadline) {
 void Fleet::on_status(const msg::ServiceStatus& status) {
   if (Seat* seat = known(status.header())) seat->busy = status.service_state() == msg::RUNNING;
   const std::string id = status.header().sender().c_str();
-  if (const auto found = unencoded_.find(id); found != unencoded_.end()) found->second.when = Clock::now();
+  if (const auto found = unencoded_.find(id); found != unencoded_.end()) found->second.presence.heard(Clock::now());
   if (std::string(status.service().c_str()) != "encoder_service") return;
-  beats_[status.header().incarnation()] = Clock::now();
-  encoders_[id] = {{id + ": " + status.activity().c_str(), status.service_state() == msg::RUNNING}, Clock::now()};
+  beats_[status.header().incarnation()].heard(Clock::now());
+  encoders_[id] = {{id + ": " + status.activity().c_str(), status.service_state() == msg::RUNNING},
+                   Presence(Clock::now())};
 }
 
 std::map<std::string, std::string> Fleet::unencoded() const {
   std::map<std::string, std::string> found;
   for (const auto& [id, traversal] : unencoded_)
-    if (Clock::now() - traversal.when < kSilence) found[id] = traversal.what;
+    if (traversal.presence.here(Clock::now())) found[id] = traversal.what;
   return found;
 }
 
 std::vector<Fleet::Encoder> Fleet::encoders() const {
   std::vector<Encoder> found;
   for (const auto& [id, encoder] : encoders_)
-    if (Clock::now() - encoder.when < kSilence) found.push_back(encoder.what);
+    if (encoder.presence.here(Clock::now())) found.push_back(encoder.what);
   return found;
 }
 
 void Fleet::on_info(const msg::TraversalInfo& info) {
   if (info.images() && info.feature_dimension() == 0) {  // an encoder_service will send it again, complete
-    if (!known(info.header())) unencoded_[info.header().sender().c_str()] = {info.traversal().c_str(), Clock::now()};
+    if (!known(info.header()))
+      unencoded_[info.header().sender().c_str()] = {info.traversal().c_str(), Presence(Clock::now())};
     return;
   }
   unencoded_.erase(info.header().sender().c_str());
@@ -153,7 +155,7 @@ void Fleet::on_info(const msg::TraversalInfo& info) {
   }
   if (!slot) slot = std::make_unique<Seat>();
   Seat& seat = *slot;
-  seat.heard = Clock::now();
+  seat.presence.heard(Clock::now());
   // An env_service that got its features from an encoder_service announces them itself, but not who made them.
   const std::string encoder = !fresh && info.images() ? seat.info.encoder().c_str() : "";
   seat.info = info;
@@ -203,7 +205,7 @@ void Fleet::on_observation(msg::Observation& observation) {
     wrong = "of frames without features";
   if (!wrong.empty()) {
     rejections_.add(observation.header(), "an observation " + wrong);
-    seat->heard = {};  // nobody need wait for it
+    seat->presence.forget();  // nobody need wait for it
     return;
   }
   seat->waiting = true;
@@ -272,7 +274,7 @@ bool Fleet::answers_requests(const Seat& seat) const {
   if (!alive(seat)) return false;
   const std::uint64_t encoder = seat.info.encoder_incarnation();
   const auto beat = beats_.find(encoder);
-  return encoder == 0 || (beat != beats_.end() && Clock::now() - beat->second < kSilence);
+  return encoder == 0 || (beat != beats_.end() && beat->second.here(Clock::now()));
 }
 
 void Fleet::ask_for_features() {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/wire/node.h"
+#include "core/wire/presence.h"
 #include "core/wire/rejections.h"
 #include "policy_service/distributed/feature_cache.h"
 
@@ -34,7 +35,7 @@ struct Seat {
   bool in_force = false;              ///< the env_service has confirmed them
   std::uint64_t next_step = 0;        ///< step of the observation to be answered next, under `settings`
   bool waiting = false;               ///< that observation has come and waits for answer()
-  Clock::time_point heard;            ///< last sign of life
+  Presence presence;                  ///< last sign of life
   msg::Action last_action;            ///< sent again when the observation it answers is repeated
   Clock::time_point next_settings{};  ///< when they are sent again, while not in force
   /// Of the route, when `settings` ask for observations by reference. They go out once it is complete.
@@ -104,7 +105,6 @@ class Fleet {
   std::vector<Encoder> encoders() const;
   /// Heard of within the last `kSilence`.
   static bool alive(const Seat& seat);
-  static constexpr std::chrono::seconds kSilence{3};
   /// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
   static constexpr std::size_t kLargestWhole = 60'000;
 
@@ -134,11 +134,11 @@ class Fleet {
   template <class What>
   struct Heard {
     What what;
-    Clock::time_point when;
+    Presence presence;
   };
   std::map<std::string, Heard<std::string>> unencoded_;  ///< traversal, by id of the env_service
   std::map<std::string, Heard<Encoder>> encoders_;       ///< by id
-  std::map<std::uint64_t, Clock::time_point> beats_;     ///< of encoder_services, by incarnation
+  std::map<std::uint64_t, Presence> beats_;              ///< of encoder_services, by incarnation
   std::uint32_t version_ = 0;
   bool hears_observations_ = true, hears_episodes_ = true, records_ = false;
   Clock::time_point next_acknowledgements_{};

@@ -9,7 +9,6 @@ namespace citylearn {
 namespace {
 
 constexpr auto kInfoAgain = std::chrono::seconds(1);
-constexpr auto kSilence = std::chrono::seconds(3);
 constexpr auto kAskedLately = std::chrono::seconds(1);
 constexpr std::size_t kMostHeld = 4;
 
@@ -78,7 +77,7 @@ void LearnerLink::handle() {
 
 void LearnerLink::count_actors() {
   for (auto& [id, actor] : actors_) {
-    if (!actor.here || Clock::now() - actor.heard < kSilence) continue;
+    if (!actor.here || actor.presence.here(Clock::now())) continue;
     spdlog::warn("actor '{}' went silent", id);
     actor.here = false;
   }
@@ -99,7 +98,7 @@ void LearnerLink::on_status(const msg::ActorStatus& status) {
     spdlog::info("actor '{}' {}", id, actor.incarnation == 0 ? "joins" : "is back");
   actor.incarnation = status.header().incarnation();
   actor.here = true;
-  actor.heard = Clock::now();
+  actor.presence.heard(Clock::now());
   actor.serves = status.environments().size() > 0;
   if (status.learner_incarnation() == node_.incarnation()) actor.waited = status.waited();
   queue_.meet(id, actor.incarnation);
@@ -112,7 +111,7 @@ void LearnerLink::on_trajectory(msg::Trajectory& trajectory) {
     ++node_.traffic.repeated;
     return;
   }
-  if (const auto known = actors_.find(id); known != actors_.end()) known->second.heard = Clock::now();
+  if (const auto known = actors_.find(id); known != actors_.end()) known->second.presence.heard(Clock::now());
   try {
     if (queue_.take(trajectory, version()) != TrajectoryQueue::Taken::kTaken) ++node_.traffic.repeated;
     to_acknowledge_.insert(id);

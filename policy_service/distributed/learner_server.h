@@ -7,11 +7,12 @@
 #include <string>
 
 #include "core/wire/node.h"
+#include "core/wire/presence.h"
 #include "core/wire/rejections.h"
 #include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/distributed/parameter_chunks.h"
-#include "policy_service/learning/trainer.h"
 #include "policy_service/distributed/trajectories.h"
+#include "policy_service/learning/trainer.h"
 
 namespace citylearn {
 
@@ -48,7 +49,7 @@ class LearnerLink {
  private:
   struct Actor {
     std::uint64_t incarnation = 0;
-    Clock::time_point heard;
+    Presence presence;
     bool serves = false, here = false;
     double waited = 0, waited_before = 0;  ///< by this incarnation, and by earlier ones
   };

@@ -3,9 +3,9 @@
 
 #include <openssl/sha.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <span>
 
 namespace citylearn {
 namespace {
@@ -16,15 +16,6 @@ std::uint64_t hash_of(const float* values, std::size_t count) {
   std::uint64_t number = 0;
   for (int i = 0; i < 8; ++i) number = number << 8 | digest[i];
   return number;
-}
-
-std::size_t chunks_of(std::size_t bytes) {
-  return std::max<std::size_t>(1, (bytes + msg::MAX_CHUNK - 1) / msg::MAX_CHUNK);
-}
-
-/// Bytes of chunk `index`, of so many in all.
-std::size_t size_of(std::size_t index, std::size_t bytes) {
-  return std::min<std::size_t>(msg::MAX_CHUNK, bytes - index * msg::MAX_CHUNK);
 }
 
 /// Whether all the floats of a chunk are. None lies in two chunks.
@@ -46,7 +37,7 @@ ParameterChunks::ParameterChunks(std::uint64_t version, const Vector<float>& par
       hash_(hash_of(parameters.data(), static_cast<std::size_t>(parameters.size()))),
       values_(parameters.begin(), parameters.end()) {}
 
-std::uint32_t ParameterChunks::chunks() const { return static_cast<std::uint32_t>(chunks_of(total_bytes())); }
+std::uint32_t ParameterChunks::chunks() const { return chunk_count(total_bytes()); }
 
 void ParameterChunks::fill(std::uint32_t chunk, msg::PolicyParameters& message) const {
   message.version() = version_;
@@ -54,22 +45,21 @@ void ParameterChunks::fill(std::uint32_t chunk, msg::PolicyParameters& message) 
   message.hash() = hash_;
   message.chunk() = chunk;
   message.chunks() = chunks();
-  message.data().resize(size_of(chunk, total_bytes()));
-  std::memcpy(message.data().data(),
-              reinterpret_cast<const unsigned char*>(values_.data()) + std::size_t{chunk} * msg::MAX_CHUNK,
-              message.data().size());
+  const auto data = chunk_of(std::as_bytes(std::span(values_)), chunk);
+  message.data().resize(data.size());
+  if (!data.empty()) std::memcpy(message.data().data(), data.data(), data.size());
 }
 
 bool ParameterAssembly::expect(std::uint64_t version, std::uint64_t total_bytes, std::uint64_t hash,
                                std::uint32_t chunks) {
-  if (total_bytes != static_cast<std::uint64_t>(parameters_) * sizeof(float) || chunks != chunks_of(total_bytes))
+  if (total_bytes != static_cast<std::uint64_t>(parameters_) * sizeof(float) || chunks != chunk_count(total_bytes))
     return false;
   if ((newest_ && version <= newest_->version) || parts_.contains(version)) return true;
   if (parts_.size() == 2) {
     if (version < parts_.rbegin()->first) return true;
     parts_.erase(std::prev(parts_.end()));
   }
-  parts_[version] = {hash, std::vector<bool>(chunks, false), chunks, Vector<float>(parameters_)};
+  parts_.emplace(version, Part{hash, Blob(total_bytes)});
   return true;
 }
 
@@ -79,19 +69,19 @@ bool ParameterAssembly::take(const msg::PolicyParameters& chunk) {
   if (found == parts_.end()) {
     if (chunk.chunks() > 1 || (newest_ && chunk.version() <= newest_->version)) return true;
     // Whole in this one chunk: of use, however many newer ones have been announced meanwhile.
-    found = parts_.emplace(chunk.version(), Part{chunk.hash(), {false}, 1, Vector<float>(parameters_)}).first;
+    found = parts_.emplace(chunk.version(), Part{chunk.hash(), Blob(chunk.total_bytes())}).first;
   }
   Part& part = found->second;
-  if (chunk.hash() != part.hash || chunk.data().size() != size_of(chunk.chunk(), chunk.total_bytes())) return false;
-  if (part.has[chunk.chunk()]) return true;
-  if (!finite(chunk.data())) return false;
-  std::memcpy(reinterpret_cast<unsigned char*>(part.values.data()) + std::size_t{chunk.chunk()} * msg::MAX_CHUNK,
-              chunk.data().data(), chunk.data().size());
-  part.has[chunk.chunk()] = true;
-  if (--part.left > 0) return true;
-  const bool right = hash_of(part.values.data(), static_cast<std::size_t>(part.values.size())) == part.hash;
-  if (right)
-    newest_ = std::make_shared<VersionedParameters>(VersionedParameters{chunk.version(), std::move(part.values)});
+  if (chunk.hash() != part.hash) return false;
+  if (part.blob.chunks.wants(chunk.chunk()) && !finite(chunk.data())) return false;
+  const Taken taken = part.blob.take(chunk.chunk(), chunk.data());
+  if (taken == Taken::kDamaged) return false;
+  if (taken == Taken::kNotWanted || !part.blob.complete()) return true;
+  Vector<float> values(parameters_);
+  const Bytes bytes = part.blob.release();
+  if (!bytes.empty()) std::memcpy(values.data(), bytes.data(), bytes.size());
+  const bool right = hash_of(values.data(), static_cast<std::size_t>(values.size())) == part.hash;
+  if (right) newest_ = std::make_shared<VersionedParameters>(VersionedParameters{chunk.version(), std::move(values)});
   // An older one is of no use any more; a wrong one is asked for again.
   parts_.erase(right ? parts_.begin() : found, std::next(found));
   return right;
@@ -100,10 +90,7 @@ bool ParameterAssembly::take(const msg::PolicyParameters& chunk) {
 std::optional<ParameterAssembly::Missing> ParameterAssembly::missing() const {
   if (parts_.empty()) return std::nullopt;
   const auto& [version, part] = *parts_.begin();
-  Missing missing{version, {}};
-  for (std::uint32_t chunk = 0; chunk < part.has.size() && missing.chunks.size() < msg::MAX_PARTS_ASKED; ++chunk)
-    if (!part.has[chunk]) missing.chunks.push_back(chunk);
-  return missing;
+  return Missing{version, part.blob.chunks.first_missing(msg::MAX_PARTS_ASKED)};
 }
 
 void ParameterAssembly::give_up() {

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "core/wire/blob.h"
 #include "core/wire/messages.h"
 #include "policy_service/network/agent_network.h"
 
@@ -60,10 +61,8 @@ class ParameterAssembly {
 
  private:
   struct Part {
-    std::uint64_t hash = 0;
-    std::vector<bool> has;
-    std::size_t left = 0;
-    Vector<float> values;
+    std::uint64_t hash;
+    Blob blob;
   };
   std::ptrdiff_t parameters_;
   std::map<std::uint64_t, Part> parts_;

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <algorithm>
+#include <chrono>
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "core/util/types.h"
+#include "idl/common.h"
+
+// Large things travel in chunks of MAX_CHUNK bytes, all full but the last; an empty thing is one empty chunk. The
+// classes below know which chunks have come, what to ask for next and when to ask again. Their users supply the
+// messages.
+
+namespace citylearn {
+
+/// Returns the number of chunks of a thing of so many bytes.
+constexpr std::uint32_t chunk_count(std::uint64_t bytes) {
+  return static_cast<std::uint32_t>(std::max<std::uint64_t>(1, (bytes + msg::MAX_CHUNK - 1) / msg::MAX_CHUNK));
+}
+/// Returns the bytes of one chunk; 0 beyond the last.
+constexpr std::size_t chunk_size(std::uint32_t chunk, std::uint64_t bytes) {
+  const std::uint64_t before = std::uint64_t{chunk} * msg::MAX_CHUNK;
+  return before >= bytes ? 0 : std::min<std::uint64_t>(bytes - before, msg::MAX_CHUNK);
+}
+/// Returns that part of `bytes` which one chunk carries.
+template <class Byte>
+std::span<const Byte> chunk_of(std::span<const Byte> bytes, std::uint32_t chunk) {
+  return bytes.subspan(std::size_t{chunk} * msg::MAX_CHUNK, chunk_size(chunk, bytes.size()));
+}
+
+/// Decides when a request goes out: at once in the beginning and when all that was asked for has come, else after
+/// `retry` without an answer.
+class RequestTimer {
+ public:
+  /// `most_tries`: requests in a row without an answer before it gives up; 0: it never does.
+  explicit RequestTimer(std::chrono::milliseconds retry, int most_tries = 0) : retry_(retry), most_tries_(most_tries) {}
+
+  Clock::time_point due() const { return due_; }
+  bool is_due(Clock::time_point now) const { return now >= due_; }
+  bool gave_up(Clock::time_point now) const { return most_tries_ > 0 && tries_ >= most_tries_ && is_due(now); }
+  /// A request went out that brings at most so many answers.
+  void sent(Clock::time_point now, std::size_t answers) {
+    expected_ = answers;
+    ++tries_;
+    due_ = now + retry_;
+  }
+  /// One of them came.
+  void answered(Clock::time_point now) {
+    tries_ = 0;
+    if (expected_ > 0) --expected_;
+    due_ = expected_ > 0 ? now + retry_ : Clock::time_point{};
+  }
+  /// There is something new to ask for.
+  void ask_now() { due_ = {}; }
+
+ private:
+  std::chrono::milliseconds retry_;
+  int most_tries_, tries_ = 0;
+  std::size_t expected_ = 0;
+  Clock::time_point due_{};
+};
+
+/// The chunks of one thing that have come, in whatever order and as often as they come.
+class ChunkSet {
+ public:
+  explicit ChunkSet(std::uint32_t chunks = 0) : missing_(chunks), here_(chunks, false) {}
+
+  bool wants(std::uint32_t chunk) const { return chunk < here_.size() && !here_[chunk]; }
+  /// Marks a wanted chunk as come.
+  void add(std::uint32_t chunk);
+  std::uint32_t missing() const { return missing_; }
+  bool complete() const { return missing_ == 0; }
+  /// Returns the first chunk that is missing; the number of chunks when none is.
+  std::uint32_t first_missing() const { return first_missing_; }
+  /// Returns the first `most` chunks that are missing, each increased by `offset`.
+  std::vector<std::uint32_t> first_missing(std::size_t most, std::uint32_t offset = 0) const;
+
+ private:
+  std::uint32_t missing_, first_missing_ = 0;
+  std::vector<bool> here_;
+};
+
+enum class Taken { kYes, kNotWanted, kDamaged };
+
+/// The bytes of one thing, put together from its chunks.
+class Blob {
+ public:
+  explicit Blob(std::uint64_t total_bytes) : chunks(chunk_count(total_bytes)), bytes_(total_bytes) {}
+
+  /// Returns kDamaged when the chunk has another size than it should have.
+  Taken take(std::uint32_t chunk, std::span<const std::uint8_t> data);
+  std::uint64_t total_bytes() const { return bytes_.size(); }
+  bool complete() const { return chunks.complete(); }
+  /// Hands over the bytes, once complete.
+  Bytes release() { return std::move(bytes_); }
+
+  ChunkSet chunks;  ///< read by users
+
+ private:
+  Bytes bytes_;
+};
+
+}  // namespace citylearn

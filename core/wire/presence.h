@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <compare>
+
+#include "core/util/types.h"
+
+namespace citylearn {
+
+/// A service that was not heard for so long counts as gone. Heartbeats go out every second.
+inline constexpr std::chrono::seconds kSilence{3};
+
+/// When one service was last heard.
+class Presence {
+ public:
+  Presence() = default;
+  explicit Presence(Clock::time_point heard) : last_(heard) {}
+  void heard(Clock::time_point now) { last_ = now; }
+  /// Counts it as gone from now on.
+  void forget() { last_ = {}; }
+  bool here(Clock::time_point now) const { return last_ != Clock::time_point{} && now - last_ < kSilence; }
+  /// Returns when it will count as gone unless it is heard again.
+  Clock::time_point gone_at() const { return last_ + kSilence; }
+  auto operator<=>(const Presence&) const = default;
+
+ private:
+  Clock::time_point last_{};
+};
+
+}  // namespace citylearn
