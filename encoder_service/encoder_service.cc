@@ -185,17 +185,17 @@ EncoderService::EncoderService(const EncoderServiceOptions& options) : options_(
     std::filesystem::create_directories(options_.store, error);
     if (error) throw Error(error.message(), options_.store, "choose another --store");
   }
-  node_.listen<msg::ServiceStatus>();
-  node_.listen<msg::TraversalInfo>();
-  node_.listen<msg::Observation>();
-  node_.listen<msg::TraversalRequest>();
-  node_.listen<msg::TraversalChunk>();
-  node_.listen<msg::ImageChunk>();
-  node_.announce<msg::TraversalInfo>();
-  node_.announce<msg::Observation>();
-  node_.announce<msg::TraversalRequest>();
-  node_.announce<msg::TraversalChunk>();
-  node_.announce<msg::ImageRequest>();
+  node_.create_reader<msg::ServiceStatus>();
+  node_.create_reader<msg::TraversalInfo>();
+  node_.create_reader<msg::Observation>();
+  node_.create_reader<msg::TraversalRequest>();
+  node_.create_reader<msg::TraversalChunk>();
+  node_.create_reader<msg::ImageChunk>();
+  node_.create_writer<msg::TraversalInfo>();
+  node_.create_writer<msg::Observation>();
+  node_.create_writer<msg::TraversalRequest>();
+  node_.create_writer<msg::TraversalChunk>();
+  node_.create_writer<msg::ImageRequest>();
 }
 
 void EncoderService::run(const std::function<bool()>& stop) {
@@ -648,9 +648,9 @@ void EncoderService::listen_when_needed() {
   if (needed == listening_) return;
   listening_ = needed;
   if (needed)
-    node_.listen<msg::Observation>();
+    node_.create_reader<msg::Observation>();
   else
-    node_.ignore<msg::Observation>();
+    node_.delete_reader<msg::Observation>();
 }
 
 void EncoderService::send_info(const Environment& environment) {

@@ -154,25 +154,25 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   info_.agents() = static_cast<std::uint32_t>(environment_.agents());
   info_.chunks() = ChunkLayout(info_.frames(), info_.feature_dimension()).chunks();
   info_.images() = traversal_.images != nullptr;
-  node_.listen<msg::ServiceStatus>();
-  node_.listen<msg::TaskSettings>();
-  node_.listen<msg::Action>();
-  node_.listen<msg::TraversalRequest>();
-  node_.listen<msg::EpisodeAcknowledgement>();
-  node_.listen<msg::MapRequest>();
+  node_.create_reader<msg::ServiceStatus>();
+  node_.create_reader<msg::TaskSettings>();
+  node_.create_reader<msg::Action>();
+  node_.create_reader<msg::TraversalRequest>();
+  node_.create_reader<msg::EpisodeAcknowledgement>();
+  node_.create_reader<msg::MapRequest>();
   if (traversal_.images) {
     features_.emplace(Transfer::What{info_.hash(), info_.frames(), msg::ANY_DIMENSION});
-    node_.listen<msg::ImageRequest>();
-    node_.listen<msg::TraversalChunk>();
-    node_.announce<msg::ImageChunk>();
-    node_.announce<msg::TraversalRequest>();
+    node_.create_reader<msg::ImageRequest>();
+    node_.create_reader<msg::TraversalChunk>();
+    node_.create_writer<msg::ImageChunk>();
+    node_.create_writer<msg::TraversalRequest>();
   }
-  node_.announce<msg::TraversalInfo>();
-  node_.announce<msg::TraversalChunk>();
-  node_.announce<msg::Observation>();
-  node_.announce<msg::EpisodeStat>();
-  node_.announce<msg::Scene>();
-  node_.announce<msg::MapChunk>();
+  node_.create_writer<msg::TraversalInfo>();
+  node_.create_writer<msg::TraversalChunk>();
+  node_.create_writer<msg::Observation>();
+  node_.create_writer<msg::EpisodeStat>();
+  node_.create_writer<msg::Scene>();
+  node_.create_writer<msg::MapChunk>();
 }
 
 void EnvService::run(const std::function<bool()>& stop) {

@@ -231,8 +231,8 @@ Node::Options node_options(const Settings& settings, const std::string& vendor, 
 
 void answer_node(const Settings& settings, const std::string& vendor) {
   Node node(node_options(settings, vendor, "answerer"));
-  node.announce<msg::Action>();
-  node.listen<msg::Observation>();
+  node.create_writer<msg::Action>();
+  node.create_reader<msg::Observation>();
   msg::Observation question;
   msg::Action answer = make_action(settings);
   while (!input_ended())
@@ -245,8 +245,8 @@ void answer_node(const Settings& settings, const std::string& vendor) {
 
 std::vector<double> ask_node(const Settings& settings, const std::string& vendor) {
   Node node(node_options(settings, vendor, "asker"));
-  node.announce<msg::Observation>();
-  node.listen<msg::Action>();
+  node.create_writer<msg::Observation>();
+  node.create_reader<msg::Action>();
   msg::Observation question = make_observation(settings);
   msg::Action answer;
   Trips trips(settings);

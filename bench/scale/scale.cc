@@ -104,7 +104,7 @@ class Scene {
     options.id = "watcher";
     options.run = run_;
     node_ = std::make_unique<Node>(options);
-    node_->listen<msg::ServiceStatus>();
+    node_->create_reader<msg::ServiceStatus>();
   }
 
   /// Until all have been heard.

@@ -97,8 +97,8 @@ double catching_up(const std::string& folder, const std::string& middleware, std
   double time = 0;
   std::thread environment([&] {
     Node node(node_options("env_service", "env-summer"));
-    node.announce<msg::EpisodeStat>();
-    node.listen<msg::EpisodeAcknowledgement>();
+    node.create_writer<msg::EpisodeStat>();
+    node.create_reader<msg::EpisodeAcknowledgement>();
     node.report(msg::RUNNING, "sends episodes");
     std::uint64_t sent = 0, acknowledged = 0;
     const Clock::time_point deadline = Clock::now() + std::chrono::minutes(5);

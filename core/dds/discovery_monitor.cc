@@ -10,7 +10,8 @@
 namespace citylearn {
 namespace {
 
-constexpr auto kTold = std::chrono::steady_clock::time_point::max();  // the end of waiting for a peer, once it was told
+constexpr auto kReported =
+    std::chrono::steady_clock::time_point::max();  // the end of waiting for a peer, once it was told
 
 /// Whoever floods a domain with participants is told this often, and costs no more memory.
 constexpr std::size_t kMostStrangers = 1000;
@@ -22,7 +23,7 @@ std::string printable(std::string text) {
   return text;
 }
 
-std::string describe(const Surroundings::Participant& participant) {
+std::string describe(const DiscoveryMonitor::Participant& participant) {
   std::string who = participant.name.empty() ? "an unnamed participant" : "'" + participant.name + "'";
   if (!participant.vendor.empty()) who += ", " + participant.vendor;
   for (const std::string& address : participant.addresses) who += ", at " + address;
@@ -31,24 +32,24 @@ std::string describe(const Surroundings::Participant& participant) {
 
 }  // namespace
 
-std::string Surroundings::name_of(const std::string& participant) const {
+std::string DiscoveryMonitor::name_of(const std::string& participant) const {
   const auto found = participants_.find(participant);
   return found == participants_.end() ? "" : found->second.name;
 }
 
-bool Surroundings::differs(const Remote& remote) const {
-  const auto expected = own_.find(remote.topic);
-  return expected != own_.end() && expected->second != remote.type;
+bool DiscoveryMonitor::differs(const Remote& remote) const {
+  const auto expected = local_topics_.find(remote.topic);
+  return expected != local_topics_.end() && expected->second != remote.type;
 }
 
-std::vector<Surroundings::Participant> Surroundings::participants() {
+std::vector<DiscoveryMonitor::Participant> DiscoveryMonitor::participants() {
   std::lock_guard lock(mutex_);
   std::vector<Participant> all;
   for (const auto& [key, participant] : participants_) all.push_back(participant);
   return all;
 }
 
-std::vector<Surroundings::Endpoint> Surroundings::endpoints() {
+std::vector<DiscoveryMonitor::Endpoint> DiscoveryMonitor::endpoints() {
   std::lock_guard lock(mutex_);
   std::vector<Endpoint> all;
   for (const auto& [key, remote] : endpoints_)
@@ -56,19 +57,19 @@ std::vector<Surroundings::Endpoint> Surroundings::endpoints() {
   return all;
 }
 
-std::vector<std::string> Surroundings::faults() {
+std::vector<std::string> DiscoveryMonitor::faults() {
   std::vector<std::string> lines;
   const bool changed = changed_.exchange(false);
-  if (!changed && !expecting_ && !strange_) return lines;
+  if (!changed && !expecting_ && !unreported_strangers_) return lines;
   std::lock_guard lock(mutex_);
-  tell_strangers(lines);
+  report_strangers(lines);
   for (auto& [key, remote] : endpoints_) {
     if (remote.reported || !differs(remote)) continue;
     remote.reported = true;
     const std::string name = name_of(remote.participant);
     const std::string who = name.empty() ? "an unnamed participant" : "'" + name + "'";
     lines.push_back("topic " + remote.topic + ": " + who + (remote.writes ? " publishes" : " reads") + " type " +
-                    remote.type + ", expected " + own_.at(remote.topic));
+                    remote.type + ", expected " + local_topics_.at(remote.topic));
   }
   const Clock::time_point now = Clock::now();
   expecting_ = false;
@@ -80,30 +81,30 @@ std::vector<std::string> Surroundings::faults() {
           return std::find(addresses.begin(), addresses.end(), where) != addresses.end();
         });
     if (found != participants_.end()) {
-      if (expected.until == kTold) spdlog::info("peer '{}': answers at {} after all", expected.peer, address);
+      if (expected.until == kReported) spdlog::info("peer '{}': answers at {} after all", expected.peer, address);
       item = expected_.erase(item);
       continue;
     }
-    if (expected.until != kTold && now >= expected.until) {
+    if (expected.until != kReported && now >= expected.until) {
       lines.push_back("peer '" + expected.peer + "': nobody answers at " + address +
                       " (does a service of this domain run there, and does its --interface lead here? citylearn_doctor "
                       "tells more)");
-      expected.until = kTold;
+      expected.until = kReported;
     }
     // Those that were told are looked at again when a participant is found.
-    if (expected.until != kTold) expecting_ = true;
+    if (expected.until != kReported) expecting_ = true;
     ++item;
   }
   return lines;
 }
 
-void Surroundings::tell_strangers(std::vector<std::string>& lines) {
+void DiscoveryMonitor::report_strangers(std::vector<std::string>& lines) {
   const Clock::time_point now = Clock::now();
-  strange_ = false;
+  unreported_strangers_ = false;
   for (auto& [key, stranger] : strangers_) {
     if (stranger.told) continue;
     if (now < stranger.until && !stranger.gone) {
-      strange_ = true;
+      unreported_strangers_ = true;
       continue;
     }
     stranger.told = true;
@@ -114,30 +115,30 @@ void Surroundings::tell_strangers(std::vector<std::string>& lines) {
   }
 }
 
-void Surroundings::guard() { guarding_ = true; }
+void DiscoveryMonitor::require_identity() { identity_required_ = true; }
 
-void Surroundings::participant_found(const std::string& key, const Participant& participant) {
+void DiscoveryMonitor::participant_found(const std::string& key, const Participant& participant) {
   std::lock_guard lock(mutex_);
   Participant& found = participants_[key] = participant;
   expecting_ = !expected_.empty();
   found.name = printable(found.name);
   const auto known = [&](const auto& endpoint) { return endpoint.second.participant == key; };
-  if (!guarding_ || std::any_of(endpoints_.begin(), endpoints_.end(), known)) return;
+  if (!identity_required_ || std::any_of(endpoints_.begin(), endpoints_.end(), known)) return;
   if (strangers_.size() >= kMostStrangers) std::erase_if(strangers_, [](const auto& item) { return item.second.told; });
   if (strangers_.size() >= kMostStrangers) return;
   strangers_.try_emplace(key, Stranger{describe(found), Clock::now() + kIdentified}).first->second.gone = false;
-  strange_ = true;
+  unreported_strangers_ = true;
 }
 
-void Surroundings::participant_lost(const std::string& key) {
+void DiscoveryMonitor::participant_lost(const std::string& key) {
   std::lock_guard lock(mutex_);
   participants_.erase(key);
   if (const auto stranger = strangers_.find(key); stranger != strangers_.end()) stranger->second.gone = true;
   std::erase_if(endpoints_, [&](const auto& item) { return item.second.participant == key; });
 }
 
-void Surroundings::endpoint_found(const std::string& key, const std::string& participant, bool writes,
-                                  const std::string& topic, const std::string& type) {
+void DiscoveryMonitor::endpoint_found(const std::string& key, const std::string& participant, bool writes,
+                                      const std::string& topic, const std::string& type) {
   std::lock_guard lock(mutex_);
   if (endpoints_.try_emplace(key, Remote{participant, writes, printable(topic), printable(type)}).second)
     changed_ = true;
@@ -148,20 +149,20 @@ void Surroundings::endpoint_found(const std::string& key, const std::string& par
   }
 }
 
-void Surroundings::endpoint_lost(const std::string& key) {
+void DiscoveryMonitor::endpoint_lost(const std::string& key) {
   std::lock_guard lock(mutex_);
   endpoints_.erase(key);
 }
 
-void Surroundings::own(const std::string& topic, const std::string& type) {
+void DiscoveryMonitor::register_local_topic(const std::string& topic, const std::string& type) {
   std::lock_guard lock(mutex_);
-  const auto [known, added] = own_.try_emplace(topic, type);
+  const auto [known, added] = local_topics_.try_emplace(topic, type);
   if (!added && known->second != type)
     throw Error("type is " + type + ", but this process already uses it with " + known->second, "topic " + topic);
   if (added) changed_ = true;
 }
 
-void Surroundings::expect(const std::string& peer, const std::string& address) {
+void DiscoveryMonitor::expect_peer(const std::string& peer, const std::string& address) {
   std::lock_guard lock(mutex_);
   expected_.try_emplace(address, Expected{peer, Clock::now() + kPatience});
   expecting_ = true;

@@ -12,7 +12,7 @@ namespace citylearn {
 
 /// Who else is in a DDS domain, as discovery tells a middleware, and what is wrong with it. Vendors' threads tell, the
 /// service asks: all methods may be called from any thread.
-class Surroundings {
+class DiscoveryMonitor {
  public:
   struct Participant {
     std::string name;    ///< as in MiddlewareOptions; empty when it has none
@@ -46,11 +46,11 @@ class Surroundings {
                       const std::string& type);
   void endpoint_lost(const std::string& key);
   /// A topic of our own. Throws Error when we have it with another type already.
-  void own(const std::string& topic, const std::string& type);
+  void register_local_topic(const std::string& topic, const std::string& type);
   /// Strangers are to be told from here on: a participant whose endpoints are unknown is one (security encrypts them).
-  void guard();
+  void require_identity();
   /// Somebody should be heard at this IPv4 address; `peer` is what the user wrote.
-  void expect(const std::string& peer, const std::string& address);
+  void expect_peer(const std::string& peer, const std::string& address);
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -66,13 +66,13 @@ class Surroundings {
   };
   std::string name_of(const std::string& participant) const;
   bool differs(const Remote& remote) const;
-  void tell_strangers(std::vector<std::string>& lines);
+  void report_strangers(std::vector<std::string>& lines);
 
   std::mutex mutex_;
   std::map<std::string, Participant> participants_;
   std::map<std::string, Remote> endpoints_;
-  std::map<std::string, std::string> own_;    // topic -> type
-  std::map<std::string, Expected> expected_;  // address -> not heard yet, not told yet
+  std::map<std::string, std::string> local_topics_;  // topic -> type
+  std::map<std::string, Expected> expected_;         // address -> not heard yet, not told yet
   std::atomic<bool> changed_{false};
   std::atomic<bool> expecting_{false};
   struct Stranger {
@@ -81,8 +81,8 @@ class Surroundings {
     bool told = false, gone = false;
   };
   std::map<std::string, Stranger> strangers_;  // key
-  std::atomic<bool> guarding_{false};
-  std::atomic<bool> strange_{false};  // some are not told yet
+  std::atomic<bool> identity_required_{false};
+  std::atomic<bool> unreported_strangers_{false};  // some are not told yet
 };
 
 }  // namespace citylearn

@@ -14,12 +14,13 @@
 #include <cstdio>
 #include <cstring>
 
-#include "core/util/error.h"
-#include "core/dds/middleware_parts.h"
+#include "core/dds/middleware_internal.h"
 #include "core/dds/security.h"
+#include "core/dds/wakeup.h"
+#include "core/util/error.h"
 
 namespace citylearn {
-namespace parts {
+namespace internal {
 
 namespace {
 
@@ -137,12 +138,12 @@ int free_index(const Network& network) {
               "domain", "a host has room for so many services in a domain; choose another one for other runs");
 }
 
-void expect_peers(const Network& network, Surroundings& surroundings) {
+void expect_peers(const Network& network, DiscoveryMonitor& discovery) {
   for (const auto* list : {&network.peers, &network.discovery_servers})
     for (const Network::Peer& peer : *list)
       if (!peer.address.starts_with("127.") &&
           std::find(network.addresses.begin(), network.addresses.end(), peer.address) == network.addresses.end())
-        surroundings.expect(peer.name, peer.address);
+        discovery.expect_peer(peer.name, peer.address);
 }
 
 std::string vendor_name(std::uint8_t major, std::uint8_t minor) {
@@ -153,11 +154,11 @@ std::string vendor_name(std::uint8_t major, std::uint8_t minor) {
   return text;
 }
 
-}  // namespace parts
+}  // namespace internal
 
 namespace {
 
-using parts::Network;
+using internal::Network;
 
 constexpr int kLargestDatagram = 65500;  // UDP over IPv4 has room for 65507
 constexpr int kHeaders = 28;             // of IPv4 and UDP
@@ -165,9 +166,9 @@ constexpr int kHeaders = 28;             // of IPv4 and UDP
 bool is_loopback(const std::string& address) { return address.starts_with("127."); }
 
 /// The interface given by name or by IPv4 address.
-parts::Interface resolve_interface(const std::string& wanted) {
+internal::Interface resolve_interface(const std::string& wanted) {
   std::string known;
-  for (const parts::Interface& each : parts::interfaces()) {
+  for (const internal::Interface& each : internal::interfaces()) {
     if (!each.up) continue;
     if (wanted == each.name || wanted == each.address) return each;
     known += (known.empty() ? "" : ", ") + each.name + " " + each.address;
@@ -194,33 +195,33 @@ Network::Peer resolve_peer(const std::string& peer, const std::string& option, i
   if (const int status = getaddrinfo(host.c_str(), nullptr, &hints, &found); status != 0)
     throw Error("host '" + host + "' has no IPv4 address: " + gai_strerror(status), option);
   const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, freeaddrinfo);
-  return {peer, parts::dotted(found->ai_addr), port};
+  return {peer, internal::dotted(found->ai_addr), port};
 }
 
 Network resolve(const MiddlewareOptions& options) {
   Network network{options.domain, options.participant, "", {}, false, kLargestDatagram, {}, {}, ""};
-  if (!options.security.empty() && options.domain > parts::kMostSecureDomain)
-    throw Error("must be 0.." + std::to_string(parts::kMostSecureDomain) + " with --security", "domain");
-  if (!options.security.empty()) network.security = parts::check_security(options.security, options.participant);
+  if (!options.security.empty() && options.domain > internal::kMostSecureDomain)
+    throw Error("must be 0.." + std::to_string(internal::kMostSecureDomain) + " with --security", "domain");
+  if (!options.security.empty()) network.security = internal::check_security(options.security, options.participant);
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
-  std::vector<parts::Interface> interfaces;
+  std::vector<internal::Interface> interfaces;
   for (const std::string& interface : options.interfaces) interfaces.push_back(resolve_interface(interface));
-  network.at_home = std::all_of(interfaces.begin(), interfaces.end(),
-                                [](const parts::Interface& each) { return is_loopback(each.address); });
+  network.loopback_only = std::all_of(interfaces.begin(), interfaces.end(),
+                                      [](const internal::Interface& each) { return is_loopback(each.address); });
   for (std::size_t i = 0; i < interfaces.size(); ++i) {
     const std::string& interface = options.interfaces[i];
     network.interfaces += (network.interfaces.empty() ? "" : ",") + interface;
     const std::string& address = interfaces[i].address;
     // Beside another interface it has no use: whoever is told that 127.0.0.1 is where we are would talk to itself. This
     // host's services reach each other at the other interface's address, and no packet of that leaves the machine.
-    if (!network.at_home && is_loopback(address)) continue;
+    if (!network.loopback_only && is_loopback(address)) continue;
     if (std::find(network.addresses.begin(), network.addresses.end(), address) != network.addresses.end()) continue;
     network.datagram = std::min(network.datagram, interfaces[i].packet - kHeaders);
     network.addresses.push_back(address);
     network.peers.push_back({interface, address, 0});
   }
   const auto reachable = [&](const Network::Peer& peer, const std::string& option) {
-    if (network.at_home && !is_loopback(peer.address))
+    if (network.loopback_only && !is_loopback(peer.address))
       throw Error("'" + peer.name + "' cannot be reached through interface '" + network.interfaces + "'", option,
                   "name the interface that leads there");
     return peer;
@@ -229,7 +230,7 @@ Network resolve(const MiddlewareOptions& options) {
     network.peers.push_back(reachable(resolve_peer(peer, "peers", 0), "peers"));
   for (const std::string& server : options.discovery_servers)
     network.discovery_servers.push_back(
-        reachable(resolve_peer(server, "discovery-server", parts::kDiscoveryServerPort), "discovery-server"));
+        reachable(resolve_peer(server, "discovery-server", internal::kDiscoveryServerPort), "discovery-server"));
   return network;
 }
 
@@ -248,17 +249,17 @@ std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) 
     throw Error("cyclonedds cannot use Fast DDS's", "discovery-server", "--peers finds others too");
   if (name == "inprocess" && !options.security.empty())
     throw Error("inprocess has no wire to protect", "security", "leave it out, or choose another middleware");
-  if (name == "inprocess") return parts::create_inprocess(options.domain, options.participant);
-  if (name == "fastdds") return parts::create_fastdds(resolve(options));
-  if (name == "cyclonedds") return parts::create_cyclonedds(resolve(options));
+  if (name == "inprocess") return internal::create_inprocess(options.domain, options.participant);
+  if (name == "fastdds") return internal::create_fastdds(resolve(options));
+  if (name == "cyclonedds") return internal::create_cyclonedds(resolve(options));
   if (const std::size_t colon = name.find(':'); colon != std::string::npos) {
     const std::string decorator = name.substr(0, name.find_first_of(",:"));
     if (decorator == "lossy") {
       const std::string values = name.substr(decorator.size(), colon - decorator.size());
-      parts::check_lossy(values);
+      internal::check_lossy(values);
       MiddlewareOptions inner = options;
       inner.name = name.substr(colon + 1);
-      return parts::create_lossy(values, create_middleware(inner));
+      return internal::create_lossy(values, create_middleware(inner));
     }
   }
   std::string known;

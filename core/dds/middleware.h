@@ -65,7 +65,7 @@ class Middleware {
   /// Waits until a subscription may have a sample (true) or the deadline has passed (false). May return true early.
   virtual bool wait(Clock::time_point deadline) = 0;
   /// The others, as discovered up to now.
-  virtual Surroundings& surroundings() = 0;
+  virtual DiscoveryMonitor& discovery() = 0;
   /// "fastdds", "cyclonedds", "inprocess"; decorators put their own name in front: "lossy:fastdds".
   virtual std::string name() const = 0;
 };

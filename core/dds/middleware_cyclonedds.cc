@@ -3,30 +3,19 @@
 #include <dds/dds.h>
 #include <dds/ddsi/ddsi_serdata.h>
 #include <dds/ddsi/ddsi_sertype.h>
-#include <dds/ddsi/q_radmin.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <cstdio>
-#include <cstdlib>
 #include <cstring>
-#include <new>
 
-#include "core/util/error.h"
 #include "core/dds/middleware_cyclonedds_remote.h"
-#include "core/dds/middleware_parts.h"
+#include "core/dds/middleware_cyclonedds_sample.h"
+#include "core/dds/middleware_internal.h"
 #include "core/dds/security.h"
+#include "core/dds/wakeup.h"
+#include "core/util/error.h"
 
-#if defined(__SANITIZE_THREAD__)
-#include <sanitizer/tsan_interface.h>
-extern "C" void AnnotateIgnoreWritesBegin(const char* file, int line);
-extern "C" void AnnotateIgnoreWritesEnd(const char* file, int line);
-#endif
-
-// Cyclone's public C API moves samples that its own IDL compiler describes. To move CDR bytes that are ready made, we
-// bring our own kind of type (ddsi_sertype) and sample (ddsi_serdata), as ROS 2's rmw_cyclonedds does.
-
-namespace citylearn::parts {
+namespace citylearn::internal {
 namespace {
 
 using QosOwner = std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)>;
@@ -40,169 +29,7 @@ dds_entity_t require(dds_entity_t entity, const std::string& what, const std::st
   return entity;
 }
 
-// --- Samples
-// -----------------------------------------------------------------------------------------------------------
-
-/// A sample: this header, then its bytes (encapsulation first), padded to a multiple of 4.
-struct Sample : ddsi_serdata {
-  std::uint32_t size;
-
-  std::byte* bytes() { return reinterpret_cast<std::byte*>(this + 1); }
-  const std::byte* bytes() const { return reinterpret_cast<const std::byte*>(this + 1); }
-};
-
-std::size_t padded(std::size_t size) { return (size + 3) / 4 * 4; }
-
-Sample* make_sample(const ddsi_sertype* type, ddsi_serdata_kind kind, std::size_t size) {
-  Sample* sample = static_cast<Sample*>(std::malloc(sizeof(Sample) + padded(size)));
-  if (!sample) throw std::bad_alloc();
-  ddsi_serdata_init(sample, type, kind);
-  sample->size = static_cast<std::uint32_t>(size);
-  std::memset(sample->bytes() + size, 0, padded(size) - size);
-  return sample;
-}
-
-const Sample* as_sample(const ddsi_serdata* data) { return static_cast<const Sample*>(data); }
-
-bool same_key(const ddsi_serdata*, const ddsi_serdata*) { return true; }  // keyless: one instance
-
-/// Cyclone DDS counts references by atomics; the last reference goes in its library, where ThreadSanitizer sees none.
-void let_go(ddsi_serdata* data) {
-#if defined(__SANITIZE_THREAD__)
-  __tsan_release(data);
-  AnnotateIgnoreWritesBegin(__FILE__, __LINE__);
-#endif
-  ddsi_serdata_unref(data);
-#if defined(__SANITIZE_THREAD__)
-  AnnotateIgnoreWritesEnd(__FILE__, __LINE__);
-#endif
-}
-
-void free_sample(ddsi_serdata* data) {
-#if defined(__SANITIZE_THREAD__)
-  __tsan_acquire(data);
-#endif
-  std::free(data);
-}
-
-std::uint32_t sample_size(const ddsi_serdata* data) { return as_sample(data)->size; }
-
-ddsi_serdata* sample_from_fragments(const ddsi_sertype* type, ddsi_serdata_kind kind, const nn_rdata* fragment,
-                                    std::size_t size) {
-  Sample* sample = make_sample(type, kind, size);
-  std::uint32_t filled = 0;
-  for (; fragment; fragment = fragment->nextfrag) {
-    if (fragment->maxp1 <= filled) continue;  // overlap
-    const std::uint32_t skip = filled > fragment->min ? filled - fragment->min : 0;
-    const std::uint32_t count = fragment->maxp1 - fragment->min - skip;
-    if (fragment->min > filled || filled + std::size_t{count} > size) break;
-    std::memcpy(sample->bytes() + filled, NN_RMSG_PAYLOADOFF(fragment->rmsg, NN_RDATA_PAYLOAD_OFF(fragment)) + skip,
-                count);
-    filled += count;
-  }
-  if (filled == size) return sample;
-  std::free(sample);
-  return nullptr;  // Cyclone drops it
-}
-
-ddsi_serdata* sample_from_vector(const ddsi_sertype* type, ddsi_serdata_kind kind, ddsrt_msg_iovlen_t count,
-                                 const ddsrt_iovec_t* parts, std::size_t size) {
-  Sample* sample = make_sample(type, kind, size);
-  std::size_t filled = 0;
-  for (ddsrt_msg_iovlen_t i = 0; i < count && filled < size; ++i) {
-    const std::size_t length = std::min<std::size_t>(parts[i].iov_len, size - filled);
-    std::memcpy(sample->bytes() + filled, parts[i].iov_base, length);
-    filled += length;
-  }
-  return sample;
-}
-
-ddsi_serdata* sample_without_data(const ddsi_sertype* type) { return make_sample(type, SDK_KEY, 4); }
-
-ddsi_serdata* sample_from_keyhash(const ddsi_sertype* type, const ddsi_keyhash*) { return sample_without_data(type); }
-
-ddsi_serdata* sample_from_application(const ddsi_sertype* type, ddsi_serdata_kind, const void*) {
-  return sample_without_data(type);  // for unregistering only; data is written by dds_writecdr
-}
-
-void copy_out(const ddsi_serdata* data, std::size_t offset, std::size_t size, void* out) {
-  std::memcpy(out, as_sample(data)->bytes() + offset, size);
-}
-
-ddsi_serdata* refer_to(const ddsi_serdata* data, std::size_t offset, std::size_t size, ddsrt_iovec_t* out) {
-  out->iov_base = const_cast<std::byte*>(as_sample(data)->bytes() + offset);
-  out->iov_len = size;
-  return ddsi_serdata_ref(data);
-}
-
-void release(ddsi_serdata* data, const ddsrt_iovec_t*) { let_go(data); }
-
-bool to_application(const ddsi_serdata*, void*, void**, void*) { return false; }
-
-ddsi_serdata* without_type(const ddsi_serdata* data) {
-  Sample* sample = make_sample(data->type, SDK_KEY, 4);
-  sample->type = nullptr;
-  return sample;
-}
-
-bool key_to_application(const ddsi_sertype*, const ddsi_serdata*, void*, void**, void*) { return true; }
-
-std::size_t print_sample(const ddsi_sertype* type, const ddsi_serdata*, char* text, std::size_t size) {
-  return static_cast<std::size_t>(std::snprintf(text, size, "%s", type ? type->type_name : ""));
-}
-
-void no_key(const ddsi_serdata*, ddsi_keyhash* hash, bool) { std::memset(hash, 0, sizeof *hash); }
-
-const ddsi_serdata_ops kSampleOps = [] {
-  ddsi_serdata_ops ops{};
-  ops.eqkey = same_key;
-  ops.get_size = sample_size;
-  ops.from_ser = sample_from_fragments;
-  ops.from_ser_iov = sample_from_vector;
-  ops.from_keyhash = sample_from_keyhash;
-  ops.from_sample = sample_from_application;
-  ops.to_ser = copy_out;
-  ops.to_ser_ref = refer_to;
-  ops.to_ser_unref = release;
-  ops.to_sample = to_application;
-  ops.to_untyped = without_type;
-  ops.untyped_to_sample = key_to_application;
-  ops.free = free_sample;
-  ops.print = print_sample;
-  ops.get_keyhash = no_key;
-  return ops;
-}();
-
-// --- Types: a name, nothing else
-// ---------------------------------------------------------------------------------------
-
-const ddsi_sertype_ops kTypeOps = [] {
-  ddsi_sertype_ops ops{};
-  ops.version = ddsi_sertype_v0;
-  ops.free = [](ddsi_sertype* type) {
-    ddsi_sertype_fini(type);
-    std::free(type);
-  };
-  ops.zero_samples = [](const ddsi_sertype*, void*, std::size_t) {};
-  ops.realloc_samples = [](void**, const ddsi_sertype*, void*, std::size_t, std::size_t) {};
-  ops.free_samples = [](const ddsi_sertype*, void**, std::size_t, dds_free_op_t) {};
-  ops.equal = [](const ddsi_sertype*, const ddsi_sertype*) { return true; };  // the name is compared before
-  ops.hash = [](const ddsi_sertype*) -> std::uint32_t { return 0; };
-  ops.derive_sertype = [](const ddsi_sertype* type, dds_data_representation_id_t,
-                          dds_type_consistency_enforcement_qospolicy_t) { return const_cast<ddsi_sertype*>(type); };
-  return ops;
-}();
-
-ddsi_sertype* make_type(const std::string& name) {
-  ddsi_sertype* type = static_cast<ddsi_sertype*>(std::calloc(1, sizeof(ddsi_sertype)));
-  if (!type) throw std::bad_alloc();
-  ddsi_sertype_init(type, name.c_str(), &kTypeOps, &kSampleOps, true);
-  type->allowed_data_representation = DDS_DATA_REPRESENTATION_FLAG_XCDR1;
-  return type;
-}
-
-// --- The domain: one per process and number
-// ----------------------------------------------------------------------------
+// One domain per process and number.
 
 std::mutex log_mutex;
 std::string last_complaint;
@@ -211,7 +38,7 @@ void forward_log(void*, const dds_log_data_t* data) {
   std::string line(data->message, data->size);
   while (!line.empty() && line.back() == '\n') line.pop_back();
   if (const auto told = explain_security(line))
-    tell_security(*told);
+    log_security_event(*told);
   else
     spdlog::debug("cyclonedds: {}", line);
   std::lock_guard lock(log_mutex);
@@ -236,7 +63,7 @@ std::string config_of(const Network& network) {
     interfaces += "<NetworkInterface address=\"" + address + "\" multicast=\"false\"/>";
   for (const Network::Peer& peer : network.peers)
     peers += "<Peer address=\"" + peer.address + (peer.port ? ":" + std::to_string(peer.port) : "") + "\"/>";
-  const int fragment = network.at_home ? 64000 : network.datagram - kAroundFragment;
+  const int fragment = network.loopback_only ? 64000 : network.datagram - kAroundFragment;
   // A send buffer less than asked for is no failure, so only the upper bound of the socket buffers is set. The
   // watermarks are above what the deepest history holds: a writer never waits for a reader.
   return "<General><Interfaces>" + interfaces + "</Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>" +
@@ -244,9 +71,9 @@ std::string config_of(const Network& network) {
          "B</FragmentSize></General>"
          "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>" +
          std::to_string(kParticipants - 1) + "</MaxAutoParticipantIndex><Peers>" + peers + "</Peers>" +
-         (network.at_home ? "" : kFoundAgain) +
+         (network.loopback_only ? "" : kFoundAgain) +
          "</Discovery><Internal><SocketReceiveBufferSize max=\"4MB\"/><SocketSendBufferSize max=\"4MB\"/>" +
-         (network.at_home ? "" : kRepairs) +
+         (network.loopback_only ? "" : kRepairs) +
          "<Watermarks><WhcHigh>64MB</WhcHigh><WhcHighInit>64MB</WhcHighInit></Watermarks></Internal>";
 }
 
@@ -358,7 +185,7 @@ class CycloneSubscription : public Subscription {
     while (dds_takecdr(reader_, &data, 1, &info, DDS_ANY_STATE) == 1) {
       const Sample* sample = as_sample(data);
       if (info.valid_data) out.assign(sample->bytes(), sample->bytes() + sample->size);
-      let_go(data);
+      release_sample(data);
       if (!info.valid_data) continue;
       flag_.raise_quietly();  // there may be more
       return true;
@@ -408,7 +235,7 @@ class CycloneMiddleware : public Middleware {
     if (!network.security.empty()) {
       for (const auto& [name, value] : cyclonedds_security(network.security))
         dds_qset_prop(qos.get(), name.c_str(), value.c_str());
-      surroundings_.guard();
+      discovery_.require_identity();
     }
     participant_ = require(dds_create_participant(network.domain, qos.get(), nullptr), "create a participant",
                            "domain " + std::to_string(network.domain));
@@ -425,7 +252,7 @@ class CycloneMiddleware : public Middleware {
     require(dds_get_guid(participant_, &guid), "name itself", "cyclonedds");
     self_ = text_of(guid);
     builtin_type_ = type_of(participants_);
-    expect_peers(network, surroundings_);
+    expect_peers(network, discovery_);
   }
   ~CycloneMiddleware() override {
     for (dds_entity_t reader : {participants_, publications_, subscriptions_}) dds_set_listener(reader, nullptr);
@@ -440,9 +267,9 @@ class CycloneMiddleware : public Middleware {
     return std::make_unique<CycloneSubscription>(participant_, own(topic).topic, topic, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
-  Surroundings& surroundings() override {
+  DiscoveryMonitor& discovery() override {
     if (discovered_.exchange(false)) look_at_discovery();
-    return surroundings_;
+    return discovery_;
   }
   std::string name() const override { return "cyclonedds"; }
 
@@ -453,7 +280,7 @@ class CycloneMiddleware : public Middleware {
   };
 
   const Known& own(const Topic& topic) {
-    surroundings_.own(topic.name, topic.type);
+    discovery_.register_local_topic(topic.name, topic.type);
     Known& known = topics_[topic.name];
     if (!known.type) {
       const QosOwner qos = make_qos();
@@ -469,10 +296,10 @@ class CycloneMiddleware : public Middleware {
     return known;
   }
 
-  Surroundings::Participant described(const std::string& name, const dds_guid_t& guid) const {
+  DiscoveryMonitor::Participant described(const std::string& name, const dds_guid_t& guid) const {
     CycloneRemote remote;
     if (!cyclone_remote(builtin_type_, guid.v, &remote)) return {name, "cyclonedds", addresses_};  // of this process
-    Surroundings::Participant participant{name, vendor_name(remote.vendor[0], remote.vendor[1]), {}};
+    DiscoveryMonitor::Participant participant{name, vendor_name(remote.vendor[0], remote.vendor[1]), {}};
     for (std::size_t i = 0; i < remote.addresses; ++i) {
       char text[INET_ADDRSTRLEN] = "";
       inet_ntop(AF_INET, remote.address[i], text, sizeof text);
@@ -486,18 +313,18 @@ class CycloneMiddleware : public Middleware {
         participants_, [&](const dds_builtintopic_participant_t& found, bool alive) {
           const std::string key = text_of(found.key);
           if (key == self_) return;
-          if (!alive) return surroundings_.participant_lost(key);
+          if (!alive) return discovery_.participant_lost(key);
           char* name = nullptr;
           dds_qget_entity_name(found.qos, &name);
-          surroundings_.participant_found(key, described(name ? name : "", found.key));
+          discovery_.participant_found(key, described(name ? name : "", found.key));
           dds_free(name);
         });
     const auto endpoints = [&](dds_entity_t reader, bool writes) {
       take_all<dds_builtintopic_endpoint_t>(reader, [&](const dds_builtintopic_endpoint_t& found, bool alive) {
         if (text_of(found.participant_key) == self_) return;
-        if (!alive) return surroundings_.endpoint_lost(text_of(found.key));
-        surroundings_.endpoint_found(text_of(found.key), text_of(found.participant_key), writes, found.topic_name,
-                                     found.type_name);
+        if (!alive) return discovery_.endpoint_lost(text_of(found.key));
+        discovery_.endpoint_found(text_of(found.key), text_of(found.participant_key), writes, found.topic_name,
+                                  found.type_name);
       });
     };
     endpoints(publications_, true);
@@ -509,7 +336,7 @@ class CycloneMiddleware : public Middleware {
   std::string self_;
   const ddsi_sertype* builtin_type_ = nullptr;  // of what the built-in readers read; knows the domain
   std::atomic<bool> discovered_{false};
-  Surroundings surroundings_;
+  DiscoveryMonitor discovery_;
   Wakeup wakeup_;
   std::map<std::string, Known> topics_;
   dds_entity_t participant_, participants_, publications_, subscriptions_;
@@ -521,4 +348,4 @@ std::unique_ptr<Middleware> create_cyclonedds(const Network& network) {
   return std::make_unique<CycloneMiddleware>(network);
 }
 
-}  // namespace citylearn::parts
+}  // namespace citylearn::internal

@@ -20,11 +20,12 @@
 #include <fastdds/dds/topic/TypeSupport.hpp>
 #include <sstream>
 
-#include "core/util/error.h"
-#include "core/dds/middleware_parts.h"
+#include "core/dds/middleware_internal.h"
 #include "core/dds/security.h"
+#include "core/dds/wakeup.h"
+#include "core/util/error.h"
 
-namespace citylearn::parts {
+namespace citylearn::internal {
 namespace {
 
 namespace dds = eprosima::fastdds::dds;
@@ -82,7 +83,7 @@ class RawType : public dds::TopicDataType {
 class LogForwarder : public dds::LogConsumer {
  public:
   void Consume(const dds::Log::Entry& entry) override {
-    if (const auto line = explain_security(entry.message)) return tell_security(*line);
+    if (const auto line = explain_security(entry.message)) return log_security_event(*line);
     if (entry.kind == dds::Log::Kind::Error)
       logger_->warn("fastdds: {} ({})", entry.message, entry.context.category);
     else
@@ -112,14 +113,14 @@ std::string text_of(const Guid& guid) {
 }
 
 /// What discovery tells, on Fast's threads.
-class Discovery : public dds::DomainParticipantListener {
+class DiscoveryListener : public dds::DomainParticipantListener {
  public:
-  explicit Discovery(Surroundings& surroundings) : surroundings_(surroundings) {}
+  explicit DiscoveryListener(DiscoveryMonitor& discovery) : discovery_(discovery) {}
 
   void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& info) override {
     const std::string key = text_of(info.info.m_guid.guidPrefix);
     if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT) {
-      Surroundings::Participant participant{
+      DiscoveryMonitor::Participant participant{
           info.info.m_participantName.to_string(), vendor_name(info.info.m_VendorId[0], info.info.m_VendorId[1]), {}};
       for (const auto* locators : {&info.info.metatraffic_locators, &info.info.default_locators})
         for (const rtps::Locator_t& each : locators->unicast) {
@@ -128,32 +129,32 @@ class Discovery : public dds::DomainParticipantListener {
           auto& known = participant.addresses;
           if (std::find(known.begin(), known.end(), address) == known.end()) known.push_back(address);
         }
-      surroundings_.participant_found(key, participant);
+      discovery_.participant_found(key, participant);
     } else if (info.status != rtps::ParticipantDiscoveryInfo::CHANGED_QOS_PARTICIPANT) {
-      surroundings_.participant_lost(key);
+      discovery_.participant_lost(key);
     }
   }
   void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) override {
     if (info.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER)
       found(info.info, true);
     else if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER)
-      surroundings_.endpoint_lost(text_of(info.info.guid()));
+      discovery_.endpoint_lost(text_of(info.info.guid()));
   }
   void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& info) override {
     if (info.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER)
       found(info.info, false);
     else if (info.status == rtps::ReaderDiscoveryInfo::REMOVED_READER)
-      surroundings_.endpoint_lost(text_of(info.info.guid()));
+      discovery_.endpoint_lost(text_of(info.info.guid()));
   }
 
  private:
   template <class Info>
   void found(const Info& info, bool writes) {
-    surroundings_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes,
-                                 info.topicName().to_string(), info.typeName().to_string());
+    discovery_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes,
+                              info.topicName().to_string(), info.typeName().to_string());
   }
 
-  Surroundings& surroundings_;
+  DiscoveryMonitor& discovery_;
 };
 
 class FastPublisher : public Publisher {
@@ -292,7 +293,7 @@ void join(const std::vector<Network::Peer>& servers, rtps::DiscoverySettings& di
 
 class FastMiddleware : public Middleware {
  public:
-  explicit FastMiddleware(const Network& network) : heartbeat_(network.at_home ? kHeartbeatAtHome : kHeartbeat) {
+  explicit FastMiddleware(const Network& network) : heartbeat_(network.loopback_only ? kHeartbeatAtHome : kHeartbeat) {
     forward_log_once();
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
@@ -324,7 +325,7 @@ class FastMiddleware : public Middleware {
         wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));
     else
       join(network.discovery_servers, wire.builtin.discovery_config);
-    expect_peers(network, surroundings_);
+    expect_peers(network, discovery_);
     wire.builtin.discovery_config.leaseDuration = Duration_t(10, 0u);
     // Two participants that start at once may miss each other's first announcement; then this is how long they wait.
     wire.builtin.discovery_config.leaseDuration_announcementperiod = Duration_t(1, 0u);
@@ -333,11 +334,11 @@ class FastMiddleware : public Middleware {
     if (!network.security.empty()) {
       for (const auto& [name, value] : fastdds_security(network.security))
         qos.properties().properties().emplace_back(name, value);
-      surroundings_.guard();
+      discovery_.require_identity();
     }
 
-    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(network.domain, qos, &discovery_,
-                                                                                     dds::StatusMask::none());
+    participant_ = dds::DomainParticipantFactory::get_instance()->create_participant(
+        network.domain, qos, &discovery_listener_, dds::StatusMask::none());
     if (!participant_)
       throw Error("fastdds cannot start a participant in domain " + std::to_string(network.domain) + " on " +
                   network.interfaces);
@@ -360,12 +361,12 @@ class FastMiddleware : public Middleware {
     return std::make_unique<FastSubscription>(subscriber_, own(topic), topic, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
-  Surroundings& surroundings() override { return surroundings_; }
+  DiscoveryMonitor& discovery() override { return discovery_; }
   std::string name() const override { return "fastdds"; }
 
  private:
   dds::Topic* own(const Topic& topic) {
-    surroundings_.own(topic.name, topic.type);
+    discovery_.register_local_topic(topic.name, topic.type);
     dds::Topic*& known = topics_[topic.name];  // Fast refuses a second topic of one name
     if (!known) {
       // One type may serve several topics; Fast keeps one description of it.
@@ -384,8 +385,8 @@ class FastMiddleware : public Middleware {
   }
 
   const std::uint32_t heartbeat_;
-  Surroundings surroundings_;
-  Discovery discovery_{surroundings_};
+  DiscoveryMonitor discovery_;
+  DiscoveryListener discovery_listener_{discovery_};
   Wakeup wakeup_;
   std::map<std::string, dds::Topic*> topics_;
   dds::DomainParticipant* participant_ = nullptr;
@@ -397,4 +398,4 @@ class FastMiddleware : public Middleware {
 
 std::unique_ptr<Middleware> create_fastdds(const Network& network) { return std::make_unique<FastMiddleware>(network); }
 
-}  // namespace citylearn::parts
+}  // namespace citylearn::internal

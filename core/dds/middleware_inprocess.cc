@@ -2,10 +2,11 @@
 #include <algorithm>
 #include <deque>
 
+#include "core/dds/middleware_internal.h"
+#include "core/dds/wakeup.h"
 #include "core/util/error.h"
-#include "core/dds/middleware_parts.h"
 
-namespace citylearn::parts {
+namespace citylearn::internal {
 namespace {
 
 using Sample = std::shared_ptr<const Bytes>;
@@ -133,15 +134,15 @@ class InprocessMiddleware : public Middleware {
       : bus_(Bus::of(domain)), participant_(std::move(participant)) {}
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    surroundings_.own(topic.name, topic.type);
+    discovery_.register_local_topic(topic.name, topic.type);
     return std::make_unique<InprocessPublisher>(bus_, topic, participant_);
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
-    surroundings_.own(topic.name, topic.type);
+    discovery_.register_local_topic(topic.name, topic.type);
     return std::make_unique<InprocessSubscription>(bus_, topic, participant_, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
-  Surroundings& surroundings() override {
+  DiscoveryMonitor& discovery() override {
     // No discovery here: look at what there is when something has come.
     if (const std::uint64_t now = bus_->endpoints; seen_ != now) {
       seen_ = now;
@@ -149,21 +150,21 @@ class InprocessMiddleware : public Middleware {
       for (const Endpoint* writer : bus_->writers) look(*writer, true);
       for (const Endpoint* reader : bus_->readers) look(*reader, false);
     }
-    return surroundings_;
+    return discovery_;
   }
   std::string name() const override { return "inprocess"; }
 
  private:
   void look(const Endpoint& endpoint, bool writes) {
-    surroundings_.participant_found(endpoint.participant, {endpoint.participant, "inprocess", {}});
-    surroundings_.endpoint_found(std::to_string(endpoint.id), endpoint.participant, writes, endpoint.topic.name,
-                                 endpoint.topic.type);
+    discovery_.participant_found(endpoint.participant, {endpoint.participant, "inprocess", {}});
+    discovery_.endpoint_found(std::to_string(endpoint.id), endpoint.participant, writes, endpoint.topic.name,
+                              endpoint.topic.type);
   }
 
   const std::shared_ptr<Bus> bus_;
   const std::string participant_;
   Wakeup wakeup_;
-  Surroundings surroundings_;
+  DiscoveryMonitor discovery_;
   std::uint64_t seen_ = 0;
 };
 
@@ -173,4 +174,4 @@ std::unique_ptr<Middleware> create_inprocess(std::uint32_t domain, const std::st
   return std::make_unique<InprocessMiddleware>(domain, participant);
 }
 
-}  // namespace citylearn::parts
+}  // namespace citylearn::internal

@@ -3,11 +3,11 @@
 #include <optional>
 #include <set>
 
+#include "core/dds/middleware_internal.h"
 #include "core/util/error.h"
-#include "core/dds/middleware_parts.h"
 #include "core/util/random.h"
 
-namespace citylearn::parts {
+namespace citylearn::internal {
 namespace {
 
 /// Shares of the samples written, 0..1.
@@ -117,7 +117,7 @@ class LossyMiddleware : public Middleware {
     for (LossyPublisher* publisher : *publishers_) publisher->flush();
     return inner_->wait(deadline);
   }
-  Surroundings& surroundings() override { return inner_->surroundings(); }
+  DiscoveryMonitor& discovery() override { return inner_->discovery(); }
   std::string name() const override { return "lossy:" + inner_->name(); }
 
  private:
@@ -135,4 +135,4 @@ std::unique_ptr<Middleware> create_lossy(const std::string& options, std::unique
   return std::make_unique<LossyMiddleware>(std::move(inner), parse(options));
 }
 
-}  // namespace citylearn::parts
+}  // namespace citylearn::internal

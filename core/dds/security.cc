@@ -23,7 +23,7 @@
 #include "core/util/error.h"
 #include "core/util/wall_clock.h"
 
-namespace citylearn::parts {
+namespace citylearn::internal {
 namespace {
 
 namespace fs = std::filesystem;
@@ -290,7 +290,7 @@ std::optional<std::string> explain_security(const std::string& message) {
   return std::nullopt;
 }
 
-void tell_security(const std::string& line) {
+void log_security_event(const std::string& line) {
   using Clock = std::chrono::steady_clock;
   // Never destroyed: Fast DDS's log thread calls this after the end of main too.
   static std::mutex& mutex = *new std::mutex;
@@ -342,4 +342,4 @@ Properties cyclonedds_security(const std::string& folder) {
   return properties;
 }
 
-}  // namespace citylearn::parts
+}  // namespace citylearn::internal

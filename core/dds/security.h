@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-namespace citylearn::parts {
+namespace citylearn::internal {
 
 /// Checks the folder as compose/keystore makes it: identity_ca.pem, permissions_ca.pem, governance.p7s,
 /// permissions.p7s, cert.pem and key.pem, and crl.pem where there is one. All must be there, valid now, signed by their
@@ -37,7 +37,7 @@ Properties cyclonedds_security(const std::string& folder);
 std::optional<std::string> explain_security(const std::string& message);
 
 /// Logs such a line as a warning; vendors repeat themselves every second, so the same one once in kQuiet. Any thread.
-void tell_security(const std::string& line);
+void log_security_event(const std::string& line);
 inline constexpr std::chrono::seconds kQuiet{60};
 
-}  // namespace citylearn::parts
+}  // namespace citylearn::internal

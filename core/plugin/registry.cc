@@ -24,7 +24,7 @@ Parameters::Parameters(const std::string& owner, const std::vector<ParameterSpec
                        const std::map<std::string, double>& values) {
   std::string known;
   for (const ParameterSpec& spec : specs) {
-    values_[spec.name] = spec.standard;
+    values_[spec.name] = spec.default_value;
     known += (known.empty() ? "" : ", ") + spec.name;
   }
   for (const auto& [name, value] : values) {

@@ -16,7 +16,7 @@ namespace citylearn {
 struct ParameterSpec {
   std::string name;     ///< as on the command line and in TOML: "learning-rate"
   std::string help;     ///< one line, with its unit
-  double standard = 0;  ///< default value
+  double default_value = 0;
   double minimum = 0;
   double maximum = 0;
   bool integer = false;

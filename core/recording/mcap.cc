@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/recording/mcap.h"
-
 #include <fcntl.h>
 #include <unistd.h>
 #include <zlib.h>
@@ -11,6 +9,7 @@
 #include <cstring>
 #include <limits>
 
+#include "core/recording/mcap_writer.h"
 #include "core/util/error.h"
 
 namespace citylearn {

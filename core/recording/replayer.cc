@@ -15,8 +15,8 @@ using std::chrono::nanoseconds;
 
 constexpr int kAtOnce = 256;  // messages of a turn
 
-// A writer keeps few messages for readers that are behind (core/dds/middleware.h). So it is given time: these many of them
-// within kPeriod, half of what it keeps.
+// A writer keeps few messages for readers that are behind (core/dds/middleware.h). So it is given time: these many of
+// them within kPeriod, half of what it keeps.
 constexpr milliseconds kPeriod{20};
 int most_in_period(Profile profile) {
   switch (profile) {

@@ -12,25 +12,11 @@
 #include <utility>
 #include <vector>
 
-#include "core/wire/messages.h"
-#include "core/dds/middleware.h"
 #include "core/recording/mcap.h"
+#include "core/recording/replay_options.h"
+#include "core/wire/messages.h"
 
 namespace citylearn {
-
-struct ReplayOptions {
-  std::vector<std::string> files;   ///< one after the other
-  double speed = 1;                 ///< times as fast as it was; 0: as fast as who listens can follow
-  std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: what those who watch hear
-  std::string run;                  ///< said in this run; empty: in the run that was recorded
-};
-
-/// Topics of ReplayOptions when none are named: what services say of themselves. Nothing that a service obeys is among
-/// them.
-std::vector<std::string> watched_topics();
-
-/// ReplayOptions::speed as people write it: a number above 0, or max. Throws Error when it is neither.
-double replay_speed(const std::string& text);
 
 /// Plays recordings into a middleware: the recorded bytes on their topics, each sender with writers of its own, in the
 /// order and at the distance in time in which they came. Does what a recorder of episodes and statistics expects of
@@ -101,7 +87,6 @@ class Replayer {
   std::map<std::string, const Topic*> topics_;  // to be played
   std::vector<Topic> all_;
   std::unique_ptr<Subscription> acknowledgements_, requests_, map_requests_;
-
   std::size_t files_opened_ = 0;
   std::unique_ptr<McapReader> reader_;
   std::optional<Next> next_;
@@ -111,8 +96,7 @@ class Replayer {
   std::uint64_t last_time_ = 0;             // likewise
   std::optional<Clock::time_point> begin_;  // when first_time_ is, or would have been
   std::optional<Clock::time_point> held_since_;
-  std::optional<Clock::time_point> begun_;  // the first message was to be played
-
+  std::optional<Clock::time_point> begun_;                                       // the first message was to be played
   std::map<std::tuple<std::string, std::string, std::uint64_t>, Voice> voices_;  // by topic and sender
   std::set<std::string> heard_;                                                  // topics that somebody listens to
   std::map<Key, Episodes> episodes_;

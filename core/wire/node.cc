@@ -13,7 +13,7 @@ namespace citylearn {
 namespace {
 
 constexpr std::chrono::seconds kHeartbeat{1};
-constexpr std::chrono::milliseconds kFarewell{500};  // for those who do not answer
+constexpr std::chrono::milliseconds kLastMessages{500};  // for readers that do not acknowledge
 
 MiddlewareOptions named(MiddlewareOptions options, const std::string& id) {
   if (options.participant.empty()) options.participant = id;
@@ -59,12 +59,12 @@ Node::Node(Options options) : options_(std::move(options)), incarnation_(new_inc
   status_.middleware(middleware_->name());
   status_.process(static_cast<std::uint32_t>(getpid()));
   status_.service_state(msg::STARTING);
-  announce<msg::ServiceStatus>();
+  create_writer<msg::ServiceStatus>();
 }
 
 Node::~Node() {
-  // Else one lost packet is enough for nobody to hear its last words.
-  const Clock::time_point deadline = Clock::now() + kFarewell;
+  // Otherwise one lost packet would be enough to lose the last messages.
+  const Clock::time_point deadline = Clock::now() + kLastMessages;
   for (const auto& [topic, channel] : channels_)
     if (channel.publisher) channel.publisher->wait_for_acknowledgments(deadline);
   channels_.clear();  // before the middleware they belong to
@@ -95,12 +95,14 @@ bool Node::accept(const msg::Header& header) {
     ++traffic.foreign;
     return false;
   }
-  return header.incarnation() != incarnation_ || header.sender() != options_.id;
+  const bool other = header.incarnation() != incarnation_ || header.sender() != options_.id;
+  if (other) ++traffic.received;
+  return other;
 }
 
 void Node::reject(const Error& error) {
   ++traffic.rejected;
-  // Once per type and field: a peer that sends nonsense sends a lot of it.
+  // Logged once per type and field: a peer that sends wrong messages sends many of them.
   const std::string line = error.what();
   if (rejected_.insert(line.substr(0, line.find(": "))).second)
     spdlog::warn("rejected a message: {} (more of the kind are counted, not logged)", line);
@@ -118,11 +120,15 @@ void Node::heartbeat() {
   publish(status_);
 }
 
+void Node::publish_heartbeat_if_due() {
+  if (Clock::now() >= next_heartbeat_) heartbeat();
+}
+
 bool Node::wait(Clock::time_point deadline) {
   while (true) {
-    beat();
+    publish_heartbeat_if_due();
     const bool ready = middleware_->wait(std::min(deadline, next_heartbeat_));
-    for (const std::string& line : middleware_->surroundings().faults()) {
+    for (const std::string& line : middleware_->discovery().faults()) {
       spdlog::error("{}", line);
       // A peer may still come; a foreign type on our topics will not go away by waiting.
       if (line.starts_with("topic ")) faults_.push_back(line);
@@ -140,15 +146,15 @@ void Node::report(msg::State state, const std::string& activity, float rate) {
   if (changed) heartbeat();
 }
 
-void Node::alarm(const std::string& what, const std::string& trouble) {
+void Node::alarm(const std::string& what, const std::string& problem) {
   const auto known = alarms_.find(what);
-  if (known == alarms_.end() ? trouble.empty() : known->second == trouble) return;
-  if (trouble.empty()) {
+  if (known == alarms_.end() ? problem.empty() : known->second == problem) return;
+  if (problem.empty()) {
     alarms_.erase(known);
-    spdlog::info("{}: is well again", what);
+    spdlog::info("{}: the problem is solved", what);
   } else {
-    alarms_[what] = trouble;
-    spdlog::error("{}: {}", what, trouble);
+    alarms_[what] = problem;
+    spdlog::error("{}: {}", what, problem);
   }
   std::string all;
   for (const auto& [name, text] : alarms_) all += (all.empty() ? "" : "; ") + name + ": " + text;

@@ -5,40 +5,26 @@
 #include <memory>
 #include <set>
 #include <string>
+#include <vector>
 
-#include "core/dds/middleware.h"
 #include "core/wire/messages.h"
+#include "core/wire/node_options.h"
 
 namespace citylearn {
-
-/// Counts of a node's traffic, as published in ServiceStatus.
-struct Traffic {
-  std::uint64_t received = 0;
-  std::uint64_t repeated = 0;
-  std::uint64_t resent = 0;
-  std::uint64_t rejected = 0;
-  std::uint64_t foreign = 0;
-};
 
 /// One service on the wire: its identity in a run, and typed writers and readers over one Middleware.
 /// Used by one thread at a time.
 class Node {
  public:
-  struct Options {
-    MiddlewareOptions middleware;
-    std::string service;          ///< kind: "env_service"
-    std::string id;               ///< unique within the run, at most 64 characters
-    std::string run = "default";  ///< messages of other runs are ignored, at most 64 characters; empty: hears all runs
-  };
+  using Options = NodeOptions;
   explicit Node(Options options);
   ~Node();
 
   template <class Message>
-  void publish(Message& message) {  // stamps message.header()
+  void publish(Message& message) {
     publish(message, options_.run);
   }
-
-  /// The same, said in another run: for a node that hears all of them.
+  /// Publishes in another run, for a node that hears all of them.
   template <class Message>
   void publish(Message& message, const std::string& run) {
     Channel& channel = publisher(topic_of<Message>());
@@ -46,45 +32,41 @@ class Node {
     encode(message, buffer_);
     channel.publisher->publish(buffer_);
   }
-
-  /// Publishes somebody else's message as it is, header and all.
+  /// Publishes another sender's message as it is, header and all.
   template <class Message>
   void forward(const Message& message) {
     encode(message, buffer_);
     publisher(topic_of<Message>()).publisher->publish(buffer_);
   }
 
-  /// Next message of this run, not sent by this very process; false when there is none (`message` then holds anything).
-  /// Undecodable ones are counted, logged once a kind, and skipped.
+  /// Takes the next message of this run that this process did not send; false when there is none. Skips messages that
+  /// cannot be decoded; they are counted, and logged once a kind.
   template <class Message>
   bool take(Message& message) {
     Channel& channel = subscription(topic_of<Message>());
     while (channel.subscription->take(buffer_)) {
       try {
         decode(std::span<const std::byte>(buffer_), message);
+        if (accept(message.header())) return true;
       } catch (const Error& error) {
         reject(error);
-        continue;
       }
-      if (!accept(message.header())) continue;
-      ++traffic.received;
-      return true;
     }
     return false;
   }
 
   /// Creates the writer or reader ahead of its first use, so that discovery begins now.
   template <class Message>
-  void announce() {
+  void create_writer() {
     publisher(topic_of<Message>());
   }
   template <class Message>
-  void listen() {
+  void create_reader() {
     subscription(topic_of<Message>());
   }
-  /// Ends what listen() or take() began; they may begin it again.
+  /// Deletes the reader; create_reader() or take() may create it again.
   template <class Message>
-  void ignore() {
+  void delete_reader() {
     if (const auto channel = channels_.find(&topic_of<Message>()); channel != channels_.end())
       channel->second.subscription.reset();
   }
@@ -93,31 +75,23 @@ class Node {
     return publisher(topic_of<Message>()).publisher->matched();
   }
 
-  /// Waits until something may be there to take (true) or the deadline has passed. Publishes the heartbeat when it is
-  /// due, and logs the middleware's faults.
+  /// Waits until there may be something to take (true) or the deadline has passed. Publishes due heartbeats and logs
+  /// the middleware's faults.
   bool wait(Clock::time_point deadline);
+  void publish_heartbeat_if_due();
+  Clock::time_point next_heartbeat() const { return next_heartbeat_; }
 
-  /// Publishes the heartbeat when it is due: for who waits elsewhere.
-  void beat() {
-    if (Clock::now() >= next_heartbeat_) heartbeat();
-  }
-  Clock::time_point next_beat() const { return next_heartbeat_; }
-
-  /// What the next heartbeats say. A changed state is sent at once.
+  /// Sets what the next heartbeats say. A changed state is published at once.
   void report(msg::State state, const std::string& activity, float rate = 0);
-
-  /// Says in every heartbeat, and once in the log, that `what` ("checkpoint") is in trouble until somebody mends it
-  /// ("the disk is full; the one before is kept"). Without a trouble: that it is no more.
-  void alarm(const std::string& what, const std::string& trouble);
-
+  /// Reports in every heartbeat, and once in the log, that `what` ("checkpoint") has a problem ("the disk is full; the
+  /// one before is kept"), until called with an empty `problem`.
+  void alarm(const std::string& what, const std::string& problem);
   const Options& options() const { return options_; }
-  /// The others in the domain.
-  Surroundings& surroundings() { return middleware_->surroundings(); }
+  DiscoveryMonitor& discovery() { return middleware_->discovery(); }
   std::uint64_t incarnation() const { return incarnation_; }
   std::string middleware_name() const { return middleware_->name(); }
   /// Faults of the middleware seen so far (type mismatches), a line each.
   const std::vector<std::string>& faults() const { return faults_; }
-
   Traffic traffic;
 
  private:
@@ -132,7 +106,6 @@ class Node {
   bool accept(const msg::Header& header);
   void reject(const Error& error);
   void heartbeat();
-
   Options options_;
   std::uint64_t incarnation_;
   std::unique_ptr<Middleware> middleware_;

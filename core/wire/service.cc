@@ -124,7 +124,7 @@ void add_node_options(CLI::App& app, Node::Options& options) {
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
                     std::map<std::string, double>& values) {
   for (const ParameterSpec& spec : specs) {
-    std::string help = spec.help + " [" + short_number(spec.standard) + "; " + short_number(spec.minimum) + ".." +
+    std::string help = spec.help + " [" + short_number(spec.default_value) + "; " + short_number(spec.minimum) + ".." +
                        short_number(spec.maximum) + "]";
     app.add_option_function<double>(
            "--" + prefix + "-" + spec.name, [&values, name = spec.name](double value) { values[name] = value; }, help)
@@ -140,7 +140,7 @@ std::string describe(const std::string& name, const std::string& help, const std
   for (const ParameterSpec& spec : specs) {
     const std::string option = "--" + prefix + "-" + spec.name;
     text += "      " + option + std::string(option.size() < 34 ? 34 - option.size() : 1, ' ') + spec.help + " [" +
-            short_number(spec.standard) + "; " + short_number(spec.minimum) + ".." + short_number(spec.maximum) + "]\n";
+            short_number(spec.default_value) + "; " + short_number(spec.minimum) + ".." + short_number(spec.maximum) + "]\n";
   }
   return text;
 }

@@ -84,8 +84,8 @@ Json numbers(const std::vector<Number>& values) {
 
 Live::Live(Node& node, Hub& hub, const Options& options)
     : node_(node), hub_(hub), options_(options), maps_(node), pictures_(node, options.pictures) {
-  node_.announce<msg::MapRequest>();
-  node_.announce<msg::ImageRequest>();
+  node_.create_writer<msg::MapRequest>();
+  node_.create_writer<msg::ImageRequest>();
 }
 
 // What comes.
@@ -228,7 +228,7 @@ void Live::look_who_watches() {
   // An env_service sends scenes only while somebody listens.
   if (scenes == hears_scenes_) return;
   hears_scenes_ = scenes;
-  scenes ? node_.listen<msg::Scene>() : node_.ignore<msg::Scene>();
+  scenes ? node_.create_reader<msg::Scene>() : node_.delete_reader<msg::Scene>();
   if (!scenes) scenes_.clear();
 }
 

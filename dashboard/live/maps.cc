@@ -45,7 +45,7 @@ Clock::time_point Maps::due() const {
 }
 
 void Maps::ask(std::uint64_t hash, Fetch& fetch, Clock::time_point now) {
-  if (!listens_) node_.listen<msg::MapChunk>();
+  if (!listens_) node_.create_reader<msg::MapChunk>();
   listens_ = true;
   fetch.timer.sent(now, 1);
   msg::MapRequest request;

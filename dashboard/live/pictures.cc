@@ -78,7 +78,7 @@ Clock::time_point Pictures::due() const {
 }
 
 void Pictures::ask(const PictureKey& key, Fetch& fetch, Clock::time_point now) {
-  if (!listens_) node_.listen<msg::ImageChunk>();
+  if (!listens_) node_.create_reader<msg::ImageChunk>();
   listens_ = true;
   fetch.timer.sent(now, msg::MAX_CHUNKS_ASKED);
   msg::ImageRequest request;

@@ -17,9 +17,9 @@ constexpr std::chrono::seconds kIdle{1};
 }  // namespace
 
 Recorder::Recorder(Node& node, Store& store, const Options& options) : node_(node), store_(store), options_(options) {
-  node_.announce<msg::EpisodeAcknowledgement>();
-  node_.announce<msg::TrainingStatRequest>();
-  node_.listen<msg::EpisodeStat>();
+  node_.create_writer<msg::EpisodeAcknowledgement>();
+  node_.create_writer<msg::TrainingStatRequest>();
+  node_.create_reader<msg::EpisodeStat>();
   due_ = next_try_ = Clock::now();
 }
 

@@ -161,13 +161,13 @@ class Actor {
 
 Actor::Actor(const ActorOptions& options)
     : options_(options), node_(named(options.node)), fleet_(node_), rejections_(node_) {
-  node_.announce<msg::ActorStatus>();
-  node_.announce<msg::Trajectory>();
-  node_.announce<msg::ParametersRequest>();
-  node_.listen<msg::LearnerInfo>();
-  node_.listen<msg::ActorStatus>();
-  node_.listen<msg::TrajectoryAcknowledgement>();
-  node_.listen<msg::PolicyParameters>();
+  node_.create_writer<msg::ActorStatus>();
+  node_.create_writer<msg::Trajectory>();
+  node_.create_writer<msg::ParametersRequest>();
+  node_.create_reader<msg::LearnerInfo>();
+  node_.create_reader<msg::ActorStatus>();
+  node_.create_reader<msg::TrajectoryAcknowledgement>();
+  node_.create_reader<msg::PolicyParameters>();
   fleet_.hear(/*observations=*/true, /*episodes=*/false);
   fleet_.decide = [this](Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
     return decide(seat, observation, choice);

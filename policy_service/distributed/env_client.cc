@@ -50,15 +50,15 @@ std::string nonsense(const Seat& seat, const msg::Observation& observation) {
 
 Fleet::Fleet(Node& node, const FleetOptions& options)
     : node_(node), options_(options), rejections_(node), features_(node) {
-  node_.announce<msg::TaskSettings>();
-  node_.announce<msg::Action>();
-  node_.announce<msg::TraversalRequest>();
-  node_.announce<msg::EpisodeAcknowledgement>();
-  node_.listen<msg::TraversalInfo>();
-  node_.listen<msg::Observation>();
-  node_.listen<msg::EpisodeStat>();
-  node_.listen<msg::TraversalChunk>();
-  node_.listen<msg::ServiceStatus>();
+  node_.create_writer<msg::TaskSettings>();
+  node_.create_writer<msg::Action>();
+  node_.create_writer<msg::TraversalRequest>();
+  node_.create_writer<msg::EpisodeAcknowledgement>();
+  node_.create_reader<msg::TraversalInfo>();
+  node_.create_reader<msg::Observation>();
+  node_.create_reader<msg::EpisodeStat>();
+  node_.create_reader<msg::TraversalChunk>();
+  node_.create_reader<msg::ServiceStatus>();
 }
 
 bool Fleet::alive(const Seat& seat) { return seat.presence.here(Clock::now()); }
@@ -304,8 +304,8 @@ void Fleet::let_go(Seat& seat) {
 void Fleet::hear(bool observations, bool episodes) {
   hears_observations_ = observations;
   hears_episodes_ = episodes;
-  observations ? node_.listen<msg::Observation>() : node_.ignore<msg::Observation>();
-  episodes ? node_.listen<msg::EpisodeStat>() : node_.ignore<msg::EpisodeStat>();
+  observations ? node_.create_reader<msg::Observation>() : node_.delete_reader<msg::Observation>();
+  episodes ? node_.create_reader<msg::EpisodeStat>() : node_.delete_reader<msg::EpisodeStat>();
 }
 
 void Fleet::send_due_settings() {

@@ -56,8 +56,8 @@ class Heart {
     std::unique_lock lock(mutex_);
     while (!stop_) {
       if (lent_) {
-        node_.beat();
-        wake_.wait_until(lock, node_.next_beat());
+        node_.publish_heartbeat_if_due();
+        wake_.wait_until(lock, node_.next_heartbeat());
       } else {
         wake_.wait(lock);
       }

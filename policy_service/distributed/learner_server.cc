@@ -35,12 +35,12 @@ LearnerLink::LearnerLink(Node& node, Trainer& trainer, const LearnerLinkOptions&
       // Room for the update that comes next, and for one more to be taken in meanwhile.
       queue_(shape_of(info_of(trainer), trainer.agent().network->state_size()), 2 * trainer.batch()),
       rejections_(node) {
-  node_.announce<msg::LearnerInfo>();
-  node_.announce<msg::PolicyParameters>();
-  node_.announce<msg::TrajectoryAcknowledgement>();
-  node_.listen<msg::ActorStatus>();
-  node_.listen<msg::Trajectory>();
-  node_.listen<msg::ParametersRequest>();
+  node_.create_writer<msg::LearnerInfo>();
+  node_.create_writer<msg::PolicyParameters>();
+  node_.create_writer<msg::TrajectoryAcknowledgement>();
+  node_.create_reader<msg::ActorStatus>();
+  node_.create_reader<msg::Trajectory>();
+  node_.create_reader<msg::ParametersRequest>();
   info_.training() = true;
   info_.traversal() = options_.traversal.c_str();
   info_.traversal_hash() = options_.traversal_hash;

@@ -33,7 +33,7 @@ class PlaceMemory : public LstmNetwork<S> {
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = Base::lstm_parameters();
     for (ParameterSpec& spec : specs)
-      if (spec.name == "hidden" || spec.name == "cells") spec.standard = 64;
+      if (spec.name == "hidden" || spec.name == "cells") spec.default_value = 64;
     return specs;
   }
 

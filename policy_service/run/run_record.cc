@@ -17,8 +17,8 @@ constexpr auto kInfoAgain = std::chrono::seconds(1);
 }  // namespace
 
 RunRecord::RunRecord(Node& node, const What& what) : node_(node), first_(what.updates + 1) {
-  node_.announce<msg::TrainingStat>();
-  node_.listen<msg::TrainingStatRequest>();
+  node_.create_writer<msg::TrainingStat>();
+  node_.create_reader<msg::TrainingStatRequest>();
   info_.agent() = what.agent.c_str();
   info_.learner() = what.learner.c_str();
   info_.seed() = what.seed;

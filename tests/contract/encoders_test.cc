@@ -128,7 +128,7 @@ TEST_P(EncoderContract, UnknownAndWrongParametersAreRefused) {
   EXPECT_THROW(make({{"no-such-parameter", 1}}), Error);
   for (const ParameterSpec& parameter : EncoderRegistry::instance().find("encoder", GetParam()).parameters) {
     EXPECT_THROW(make({{parameter.name, parameter.maximum + 1}}), Error) << parameter.name;
-    if (parameter.minimum == parameter.standard) continue;
+    if (parameter.minimum == parameter.default_value) continue;
     EXPECT_NE(make({{parameter.name, parameter.minimum}})->spec().name, make()->spec().name) << parameter.name;
   }
 }

@@ -99,7 +99,7 @@ TEST_P(LearnerContract, TellsWhatItIs) {
 TEST_P(LearnerContract, ParametersHaveDefaultsWithinTheirRanges) {
   for (const ParameterSpec& spec : entry().parameters) {
     EXPECT_FALSE(spec.help.empty()) << spec.name;
-    EXPECT_NO_THROW(make(1, {{spec.name, spec.standard}})) << spec.name;
+    EXPECT_NO_THROW(make(1, {{spec.name, spec.default_value}})) << spec.name;
     for (const double value : {spec.minimum - 1, spec.maximum * 1.1 + 1}) {
       try {
         make(1, {{spec.name, value}});

@@ -154,7 +154,7 @@ TEST_P(Vendor, TheOthersAreKnownByNameVendorAndAddress) {
     options.participant = "the other";
     const auto two = create_middleware(options);
     const auto met = [&](Middleware& here, const std::string& name, const std::string& vendor) {
-      for (const Surroundings::Participant& each : here.surroundings().participants())
+      for (const DiscoveryMonitor::Participant& each : here.discovery().participants())
         if (each.name == name && each.vendor == vendor && each.addresses == std::vector<std::string>{"127.0.0.1"})
           return true;
       return false;

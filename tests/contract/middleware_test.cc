@@ -272,7 +272,7 @@ TEST_P(AnyMiddleware, ADifferentTypeIsAFaultToldOnceOnEachSide) {
   std::vector<std::string> at_a, at_b;
   const auto look = [&] {
     for (const auto& [middleware, lines] : {std::pair{a.get(), &at_a}, {b.get(), &at_b}})
-      for (const std::string& line : middleware->surroundings().faults())
+      for (const std::string& line : middleware->discovery().faults())
         if (line.find(topic().name + ":") != std::string::npos) lines->push_back(line);
     return !at_a.empty() && !at_b.empty();
   };
@@ -320,8 +320,8 @@ TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
     return made;
   };
   Node one(options("one", "run")), two(options("two", "run")), foreign(options("foreign", "other"));
-  one.listen<msg::TaskSettings>();
-  two.listen<msg::TaskSettings>();
+  one.create_reader<msg::TaskSettings>();
+  two.create_reader<msg::TaskSettings>();
   msg::TaskSettings sent, received;
   sent.environment("two");
   std::set<std::string> seen;
@@ -354,7 +354,7 @@ TEST_P(AnyMiddleware, NodesRejectWhatIsNoMessage) {
   options.id = "reader";
   options.run = unique("reject");
   Node node(options);
-  node.listen<msg::Action>();
+  node.create_reader<msg::Action>();
   const auto publisher = a->create_publisher(topic_of<msg::Action>());
   msg::Action action;
   const Clock::time_point deadline = Clock::now() + testing::kPatience;
@@ -379,7 +379,7 @@ TEST_P(AnyMiddleware, NodesSendHeartbeatsAndChangesOfState) {
     return std::make_unique<Node>(options);
   };
   const auto sender = make_node("sender"), watcher = make_node("watcher");
-  watcher->listen<msg::ServiceStatus>();
+  watcher->create_reader<msg::ServiceStatus>();
   sender->report(msg::RUNNING, "counting", 5);
   msg::ServiceStatus status, taken;
   std::set<std::uint64_t> heartbeats;

@@ -24,9 +24,9 @@ class Recorder {
           options.run = run;
           return options;
         }()) {
-    node.announce<msg::EpisodeAcknowledgement>();
-    node.listen<msg::TraversalInfo>();
-    node.listen<msg::EpisodeStat>();
+    node.create_writer<msg::EpisodeAcknowledgement>();
+    node.create_reader<msg::TraversalInfo>();
+    node.create_reader<msg::EpisodeStat>();
   }
 
   EpisodeStore& store;

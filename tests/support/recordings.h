@@ -8,7 +8,7 @@
 
 #include "core/wire/messages.h"
 #include "core/recording/idl_text.h"
-#include "core/recording/mcap.h"
+#include "core/recording/mcap_writer.h"
 
 namespace citylearn::testing {
 

@@ -31,15 +31,15 @@ class ScriptedPolicy {
           options.run = run;
           return options;
         }()) {
-    node.announce<msg::TaskSettings>();
-    node.announce<msg::Action>();
-    node.announce<msg::TraversalRequest>();
-    node.announce<msg::EpisodeAcknowledgement>();
-    node.listen<msg::TraversalInfo>();
-    node.listen<msg::TraversalChunk>();
-    node.listen<msg::Observation>();
-    node.listen<msg::EpisodeStat>();
-    node.listen<msg::ServiceStatus>();
+    node.create_writer<msg::TaskSettings>();
+    node.create_writer<msg::Action>();
+    node.create_writer<msg::TraversalRequest>();
+    node.create_writer<msg::EpisodeAcknowledgement>();
+    node.create_reader<msg::TraversalInfo>();
+    node.create_reader<msg::TraversalChunk>();
+    node.create_reader<msg::Observation>();
+    node.create_reader<msg::EpisodeStat>();
+    node.create_reader<msg::ServiceStatus>();
   }
 
  private:

@@ -31,10 +31,10 @@ class Witness {
           options.run = "";
           return options;
         }()) {
-    node.listen<msg::ServiceStatus>();
-    node.listen<msg::TrainingStat>();
-    node.listen<msg::EpisodeStat>();
-    node.listen<msg::EpisodeAcknowledgement>();
+    node.create_reader<msg::ServiceStatus>();
+    node.create_reader<msg::TrainingStat>();
+    node.create_reader<msg::EpisodeStat>();
+    node.create_reader<msg::EpisodeAcknowledgement>();
   }
 
   Node node;

@@ -490,7 +490,7 @@ TEST_P(EnvProtocol, ScenesAreForWhoeverWatches) {
   with.policy() = "blind";
   policy_->command(with);
   ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 10; }));
-  policy_->node.listen<msg::Scene>();
+  policy_->node.create_reader<msg::Scene>();
   msg::Scene scene;
   const Clock::time_point since = Clock::now();
   int scenes = 0;
@@ -530,7 +530,7 @@ TEST_P(EnvProtocol, ScenesAreForWhoeverWatches) {
 TEST_P(EnvProtocol, TellsWhereItsFramesWereRecorded) {
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
   const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
-  policy_->node.listen<msg::MapChunk>();
+  policy_->node.create_reader<msg::MapChunk>();
   msg::MapRequest request;
   request.environment() = "env-summer";
   request.hash() = traversal.hash();

@@ -160,7 +160,7 @@ TEST_F(FleetTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   spy_options.service = spy_options.id = "spy";
   spy_options.run = run_;
   Node spy(spy_options);
-  spy.listen<msg::TraversalRequest>();
+  spy.create_reader<msg::TraversalRequest>();
   const auto requests = [&] {
     msg::TraversalRequest request;
     int count = 0;
@@ -282,7 +282,7 @@ TEST_F(FleetTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
   const Host host(traversal, 1, run_);
   Player player(run_);
   ASSERT_TRUE(player.seat("env-road"));
-  player.node.listen<msg::MapChunk>();
+  player.node.create_reader<msg::MapChunk>();
   msg::MapRequest request;
   request.environment() = "env-road";
   request.hash() = traversal.hash();

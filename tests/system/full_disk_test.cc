@@ -84,7 +84,7 @@ TEST(FullDisk, TrainingGoesOnWithAlarmsAndMakesUpForItWhenThereIsRoom) {
   EXPECT_NE(env->output().find("stops: " + std::to_string(entries(recorded)) + " episodes"), std::string::npos);
   expect_all_acknowledged(recorded, witness.acknowledged["dashboard"]);
   for (const std::string what : {"checkpoint", "episodes.csv"})
-    EXPECT_NE(policy->output().find(what + ": is well again"), std::string::npos) << what;
+    EXPECT_NE(policy->output().find(what + ": the problem is solved"), std::string::npos) << what;
 }
 
 }  // namespace

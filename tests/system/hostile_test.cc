@@ -132,10 +132,10 @@ TEST_P(Hostile, APolicyServiceBelievesEnvServicesAlone) {
   const auto env = trial_.env("summer");
   const auto policy =
       trial_.train(10'000'000, "out", {"--middleware", "lossy,drop=0.1,seed=2:" + std::string(GetParam())});
-  stranger_.node.announce<msg::Observation>();
-  stranger_.node.announce<msg::TraversalInfo>();
-  stranger_.node.announce<msg::EpisodeStat>();
-  stranger_.node.announce<msg::ServiceStatus>();
+  stranger_.node.create_writer<msg::Observation>();
+  stranger_.node.create_writer<msg::TraversalInfo>();
+  stranger_.node.create_writer<msg::EpisodeStat>();
+  stranger_.node.create_writer<msg::ServiceStatus>();
   ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << policy->output();
   ASSERT_TRUE(matched([&] { return stranger_.node.readers<msg::Observation>() >= 1; }));
   const auto observation = stranger_.hear<msg::Observation>();
@@ -213,11 +213,11 @@ TEST_P(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
 TEST_P(Hostile, AnEnvServiceObeysWhoIsInCharge) {
   const auto env = trial_.env("summer");
   const auto policy = trial_.train(10'000'000, "out");
-  stranger_.node.announce<msg::Action>();
-  stranger_.node.announce<msg::TaskSettings>();
-  stranger_.node.announce<msg::EpisodeAcknowledgement>();
-  stranger_.node.listen<msg::TaskSettings>();
-  stranger_.node.listen<msg::Observation>();
+  stranger_.node.create_writer<msg::Action>();
+  stranger_.node.create_writer<msg::TaskSettings>();
+  stranger_.node.create_writer<msg::EpisodeAcknowledgement>();
+  stranger_.node.create_reader<msg::TaskSettings>();
+  stranger_.node.create_reader<msg::Observation>();
   ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << policy->output();
   const auto settings = stranger_.hear<msg::TaskSettings>();
   const auto genuine = stranger_.hear<msg::Action>();
@@ -274,10 +274,10 @@ TEST_P(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   const auto env = trial_.env("summer");
   const auto learner = trial_.train(10'000'000, "out", {"--role", "learner"});
   const auto actor = trial_.policy({"--role", "actor", "--id", "actor"});
-  stranger_.node.announce<msg::Trajectory>();
-  stranger_.node.announce<msg::LearnerInfo>();
-  stranger_.node.announce<msg::PolicyParameters>();
-  stranger_.node.announce<msg::TrajectoryAcknowledgement>();
+  stranger_.node.create_writer<msg::Trajectory>();
+  stranger_.node.create_writer<msg::LearnerInfo>();
+  stranger_.node.create_writer<msg::PolicyParameters>();
+  stranger_.node.create_writer<msg::TrajectoryAcknowledgement>();
   ASSERT_TRUE(witness_.until([&] { return witness_.updates >= 3; }, kLong)) << learner->output() << actor->output();
   const auto trajectory = stranger_.hear<msg::Trajectory>();
   const auto info = stranger_.hear<msg::LearnerInfo>();

@@ -35,7 +35,7 @@ void say(const std::string& line) {
 int meet(const CommandLine& line) {
   const Clock::time_point begin = Clock::now();
   Node node(line.node);
-  node.listen<msg::ServiceStatus>();
+  node.create_reader<msg::ServiceStatus>();
   node.report(msg::RUNNING, "meets");
   std::set<std::string> heard, left;
   msg::ServiceStatus status;

@@ -79,8 +79,8 @@ class Learning {
 class Listener {
  public:
   Listener(const std::string& middleware, int domain) : node_(options(middleware, domain)) {
-    node_.listen<msg::ActorStatus>();
-    node_.listen<msg::ServiceStatus>();
+    node_.create_reader<msg::ActorStatus>();
+    node_.create_reader<msg::ServiceStatus>();
   }
   /// Until `condition` holds for a status of that actor.
   bool hears(const std::string& actor, const std::function<bool(const msg::ActorStatus&)>& condition,

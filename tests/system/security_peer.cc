@@ -9,7 +9,7 @@
 #include <cstdio>
 
 #include "core/util/error.h"
-#include "core/dds/middleware_parts.h"
+#include "core/dds/middleware_internal.h"
 
 namespace citylearn {
 namespace {
@@ -22,7 +22,7 @@ bool input_ended() {
 }
 
 int run(char** arguments) {
-  parts::Network network{};
+  internal::Network network{};
   const std::string vendor = arguments[1];
   network.domain = static_cast<std::uint32_t>(std::stoul(arguments[2]));
   network.security = arguments[3];
@@ -30,14 +30,14 @@ int run(char** arguments) {
   const std::string writes = arguments[5], reads = arguments[6];
   network.interfaces = "lo";
   network.addresses = {"127.0.0.1"};
-  network.at_home = true;
+  network.loopback_only = true;
   network.datagram = 65500;
   network.peers = {{"lo", "127.0.0.1", 0}};
   std::unique_ptr<Middleware> middleware;
   std::unique_ptr<Publisher> publisher;
   std::unique_ptr<Subscription> subscription;
   try {
-    middleware = vendor == "fastdds" ? parts::create_fastdds(network) : parts::create_cyclonedds(network);
+    middleware = vendor == "fastdds" ? internal::create_fastdds(network) : internal::create_cyclonedds(network);
     if (!reads.empty()) subscription = middleware->create_subscription({reads, "Text", Profile::kStream, kLargest});
     if (!writes.empty()) publisher = middleware->create_publisher({writes, "Text", Profile::kStream, kLargest});
   } catch (const Error& error) {
@@ -57,7 +57,7 @@ int run(char** arguments) {
     const Clock::time_point next = Clock::now() + std::chrono::milliseconds(20);
     while (middleware->wait(next))
       while (subscription && subscription->take(taken)) received = true;
-    for (const std::string& fault : middleware->surroundings().faults()) spdlog::error("{}", fault);
+    for (const std::string& fault : middleware->discovery().faults()) spdlog::error("{}", fault);
   }
   return received ? 3 : 0;
 }

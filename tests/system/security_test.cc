@@ -91,14 +91,14 @@ class Victim {
       while (middleware_->wait(next))
         while (subscription_->take(taken) && ++count_ > 0)
           heard_.insert(std::string(reinterpret_cast<const char*>(taken.data()) + 4, taken.size() - 4));
-      for (const std::string& fault : middleware_->surroundings().faults()) log.add(fault);
+      for (const std::string& fault : middleware_->discovery().faults()) log.add(fault);
     }
     return true;
   }
   /// Knows, by discovery, that this participant publishes actions.
   bool sees(const std::string& name) {
-    const auto endpoints = middleware_->surroundings().endpoints();
-    return std::any_of(endpoints.begin(), endpoints.end(), [&](const Surroundings::Endpoint& each) {
+    const auto endpoints = middleware_->discovery().endpoints();
+    return std::any_of(endpoints.begin(), endpoints.end(), [&](const DiscoveryMonitor::Endpoint& each) {
       return each.participant == name && each.writes && each.topic == kAction;
     });
   }

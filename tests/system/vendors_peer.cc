@@ -26,8 +26,8 @@ int run(char** arguments) {
   options.id = arguments[4];
   Node node(options);
   testing::for_each_message([&]<class Message>() {
-    node.listen<Message>();
-    node.announce<Message>();
+    node.create_reader<Message>();
+    node.create_writer<Message>();
   });
   const std::size_t expected = std::stoul(arguments[5]);
   std::optional<Clock::time_point> limit;  // set once the input has ended

@@ -74,8 +74,8 @@ TEST_P(Vendors, EveryMessageGoesThereAndBack) {
   Node node(options());
   Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain()), longest("run"), longest("peer"), "0"});
   for_each_message([&]<class Message>() {
-    node.listen<Message>();
-    node.announce<Message>();
+    node.create_reader<Message>();
+    node.create_writer<Message>();
   });
   for (Size size : {Size::kLeast, Size::kTypical, Size::kMost})
     for_each_message([&]<class Message>() { expect_echo(node, sample_of<Message>(size)); });
@@ -98,7 +98,7 @@ TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
   EXPECT_TRUE(testing::eventually(
       *middleware,
       [&] {
-        for (const std::string& line : middleware->surroundings().faults())
+        for (const std::string& line : middleware->discovery().faults())
           if (line.find(longest("peer")) != std::string::npos) faults.push_back(line);
         return faults.size() >= 2;
       },

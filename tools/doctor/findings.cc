@@ -52,7 +52,7 @@ std::string account_of(const std::string& peer, const std::string& address, int 
   const std::string ports = fmt::format("UDP ports {}..{}", findings.first_port, findings.last_port);
   // From the first of our interfaces that is no loopback.
   std::string from;
-  for (const parts::Interface& each : findings.interfaces)
+  for (const internal::Interface& each : findings.interfaces)
     if (from.empty() && findings.used.contains(each.address) && !each.address.starts_with("127.")) from = each.address;
   switch (probe(from, address, port, kProbePatience)) {
     case Answer::kNoHost:
@@ -80,7 +80,7 @@ void look_at_peers(const MiddlewareOptions& options, Findings& findings) {
     });
   };
   for (const auto& [list, standard] :
-       {std::pair{&options.peers, findings.first_port}, {&options.discovery_servers, parts::kDiscoveryServerPort}})
+       {std::pair{&options.peers, findings.first_port}, {&options.discovery_servers, internal::kDiscoveryServerPort}})
     for (const std::string& peer : *list) {
       const std::size_t colon = peer.rfind(':');
       const std::string address = address_of(peer.substr(0, colon));
@@ -137,26 +137,26 @@ void Heartbeats::take() {
 
 Findings examine(const MiddlewareOptions& options, const std::string& run, double seconds) {
   Findings findings;
-  findings.interfaces = parts::interfaces();
+  findings.interfaces = internal::interfaces();
   for (const std::string& wanted : options.interfaces)
-    for (const parts::Interface& each : findings.interfaces)
+    for (const internal::Interface& each : findings.interfaces)
       if (wanted == each.name || wanted == each.address) findings.used.insert(each.address);
   findings.domain = options.domain;
-  findings.first_port = parts::discovery_port(options.domain, 0);
-  findings.last_port = parts::discovery_port(options.domain, parts::kParticipants - 1) + 1;
+  findings.first_port = internal::discovery_port(options.domain, 0);
+  findings.last_port = internal::discovery_port(options.domain, internal::kParticipants - 1) + 1;
 
   std::unique_ptr<Middleware> middleware = create_middleware(as_doctor(options));
   findings.middleware = middleware->name();
-  for (const Topic& topic : all_topics()) middleware->surroundings().own(topic.name, topic.type);
+  for (const Topic& topic : all_topics()) middleware->discovery().register_local_topic(topic.name, topic.type);
   std::optional<Heartbeats> heard(std::in_place, *middleware);
   Heartbeats& heartbeats = *heard;
   for (const Clock::time_point deadline = in_seconds(seconds); Clock::now() < deadline && !stop_requested();) {
     middleware->wait(std::min(deadline, Clock::now() + std::chrono::milliseconds(100)));
-    middleware->surroundings();  // takes in what discovery tells
+    middleware->discovery();  // takes in what discovery tells
     heartbeats.take();
   }
 
-  findings.participants = middleware->surroundings().participants();
+  findings.participants = middleware->discovery().participants();
   findings.ports = ports_taken(findings.first_port, findings.last_port, getpid());
   for (const auto& [name, service] : heartbeats.services())
     if (run.empty() || name.first == run) findings.services.push_back(service);
@@ -169,18 +169,18 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
         "participants are heard, but no service{} (do they hear this host? their --peers must name it, and a "
         "firewall may let packets through one way only)",
         run.empty() ? "" : " of run '" + run + "'"));
-  for (const std::string& fault : middleware->surroundings().faults())
+  for (const std::string& fault : middleware->discovery().faults())
     if (!fault.starts_with("peer ")) findings.problems.push_back(fault);  // peers are looked at below, and closer
   for (const std::string& line : heartbeats.unreadable()) findings.problems.push_back(line);
   heard.reset();
   middleware.reset();  // what it asks at peers would use up their answers
   look_at_peers(options, findings);
   look_at_services(findings);
-  if (findings.ports.size() + 2 >= 2 * parts::kParticipants)
+  if (findings.ports.size() + 2 >= 2 * internal::kParticipants)
     findings.hints.push_back(
         fmt::format("domain {} has no more room on this host: {} participants (other runs may have "
                     "another --domain)",
-                    options.domain, parts::kParticipants));
+                    options.domain, internal::kParticipants));
   for (const Limit& limit : limits_too_small())
     findings.hints.push_back(fmt::format("{} is {}: {} (sudo sysctl -w {}={})", limit.name, limit.value, limit.why,
                                          limit.name, limit.wanted));
@@ -189,7 +189,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
 
 std::string as_text(const Findings& findings) {
   std::string text = "interfaces\n";
-  for (const parts::Interface& each : findings.interfaces)
+  for (const internal::Interface& each : findings.interfaces)
     text += fmt::format("  {:<15} {:<15} packets of {} bytes{}{}\n", each.name, each.address, each.packet,
                         each.up ? "" : ", down", findings.used.contains(each.address) ? "  <- used" : "");
   text +=
@@ -223,7 +223,7 @@ std::string as_json(const Findings& findings) {
                {"last_port", findings.last_port},   {"interfaces", Json::array()}, {"ports", Json::array()},
                {"participants", Json::array()},     {"services", Json::array()},   {"hints", findings.hints},
                {"problems", findings.problems}};
-  for (const parts::Interface& each : findings.interfaces)
+  for (const internal::Interface& each : findings.interfaces)
     json["interfaces"].push_back({{"name", each.name},
                                   {"address", each.address},
                                   {"packet", each.packet},

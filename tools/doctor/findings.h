@@ -9,7 +9,7 @@
 
 #include "core/wire/messages.h"
 #include "core/dds/middleware.h"
-#include "core/dds/middleware_parts.h"
+#include "core/dds/middleware_internal.h"
 #include "tools/doctor/host.h"
 
 namespace citylearn::doctor {
@@ -40,13 +40,13 @@ class Heartbeats {
 };
 
 struct Findings {
-  std::vector<parts::Interface> interfaces;
+  std::vector<internal::Interface> interfaces;
   std::set<std::string> used;  ///< addresses of the interfaces that --interface names
   std::string middleware;
   std::uint32_t domain = 0;
   int first_port = 0, last_port = 0;
   std::vector<Port> ports;
-  std::vector<Surroundings::Participant> participants;
+  std::vector<DiscoveryMonitor::Participant> participants;
   std::vector<Heartbeats::Service> services;
   std::vector<std::string> problems;  ///< a line each; none: all is well
   std::vector<std::string> hints;     ///< what may become a problem, and what to do

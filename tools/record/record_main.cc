@@ -51,7 +51,7 @@ int record(CommandLine& line) {
   while (!stop_requested()) {
     middleware->wait(Clock::now() + std::chrono::milliseconds(100));
     recording.turn();
-    for (const std::string& fault : middleware->surroundings().faults()) spdlog::error("{}", fault);
+    for (const std::string& fault : middleware->discovery().faults()) spdlog::error("{}", fault);
   }
   recording.close();
   for (const auto& [topic, count] : recording.counts()) {

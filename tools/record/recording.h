@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "core/dds/middleware.h"
-#include "core/recording/mcap.h"
+#include "core/recording/mcap_writer.h"
 #include "core/recording/wire_header.h"
 
 namespace citylearn {

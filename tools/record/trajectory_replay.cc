@@ -21,10 +21,10 @@ constexpr seconds kPatience{30};  // an update may be long
 
 TrajectoryReplay::TrajectoryReplay(Node& node, std::vector<std::string> files) : node_(node), files_(std::move(files)) {
   for (const std::string& file : files_) McapReader check(file);
-  node_.announce<msg::Trajectory>();
-  node_.announce<msg::ActorStatus>();
-  node_.listen<msg::LearnerInfo>();
-  node_.listen<msg::TrajectoryAcknowledgement>();
+  node_.create_writer<msg::Trajectory>();
+  node_.create_writer<msg::ActorStatus>();
+  node_.create_reader<msg::LearnerInfo>();
+  node_.create_reader<msg::TrajectoryAcknowledgement>();
   again_ = progress_ = next_status_ = due_ = Clock::now();
 }
 

@@ -25,7 +25,7 @@ using testing::Keystore;
 /// What --security says to a folder; empty when it accepts it.
 std::string complaint(const std::string& folder, const std::string& id = "env-1") {
   try {
-    const std::string path = parts::check_security(folder, id);
+    const std::string path = internal::check_security(folder, id);
     EXPECT_EQ(path, fs::canonical(folder).string());
   } catch (const Error& error) {
     return error.what();
@@ -222,8 +222,8 @@ TEST(Keystore, IsCleanShell) {
 }
 
 TEST(Security, LinesOfTheVendorsAreExplained) {
-  EXPECT_EQ(parts::explain_security("Cannot allocate"), std::nullopt);
-  const auto line = parts::explain_security("Begin handshake reply failed: Certificate\nnot valid: subject: /CN=x");
+  EXPECT_EQ(internal::explain_security("Cannot allocate"), std::nullopt);
+  const auto line = internal::explain_security("Begin handshake reply failed: Certificate\nnot valid: subject: /CN=x");
   ASSERT_TRUE(line.has_value());
   EXPECT_EQ(line->find('\n'), std::string::npos);
   EXPECT_EQ(line->rfind("security: kept somebody out", 0), 0u) << *line;

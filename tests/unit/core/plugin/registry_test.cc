@@ -9,9 +9,9 @@ namespace citylearn {
 namespace {
 
 const std::vector<ParameterSpec> kSpecs = {
-    {.name = "rate", .help = "step size", .standard = 0.5, .minimum = 0, .maximum = 1},
-    {.name = "layers", .help = "number of layers", .standard = 2, .minimum = 1, .maximum = 8, .integer = true},
-    {.name = "bias", .help = "0 or 1", .standard = 1, .minimum = 0, .maximum = 1, .integer = true},
+    {.name = "rate", .help = "step size", .default_value = 0.5, .minimum = 0, .maximum = 1},
+    {.name = "layers", .help = "number of layers", .default_value = 2, .minimum = 1, .maximum = 8, .integer = true},
+    {.name = "bias", .help = "0 or 1", .default_value = 1, .minimum = 0, .maximum = 1, .integer = true},
 };
 
 std::string error_of(const std::map<std::string, double>& values) {
@@ -64,7 +64,7 @@ struct Square : Shape {
 using Shapes = Registry<Shape, int>;
 const Shapes::Registration square({"square",
                                    "four sides",
-                                   {{.name = "side", .help = "metres", .standard = 2, .maximum = 9}},
+                                   {{.name = "side", .help = "metres", .default_value = 2, .maximum = 9}},
                                    [](const Parameters& p, int scale) {
                                      return std::make_unique<Square>(p["side"] * scale);
                                    }});

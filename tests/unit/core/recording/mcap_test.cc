@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // MCAP files: what is written is read, wherever the file ends and whatever is in it.
-#include "core/recording/mcap.h"
+#include "core/recording/mcap_writer.h"
 
 #include <gtest/gtest.h>
 #include <zlib.h>

@@ -197,7 +197,7 @@ TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
   Replayer replayer(*wire, {{folder / "a.mcap"}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer));
   Node node(Watcher::options(37));
-  node.listen<msg::MapChunk>();
+  node.create_reader<msg::MapChunk>();
   msg::MapChunk taken;
   while (node.take(taken)) continue;  // kept for late joiners
   msg::MapRequest request;

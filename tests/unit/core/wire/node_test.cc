@@ -50,12 +50,12 @@ class Hostile : public ::testing::Test {
   template <class Message>
   bool takes(const Bytes& bytes) {
     const Topic& topic = topic_of<Message>();
-    node_.listen<Message>();
+    node_.create_reader<Message>();
     enemy_->create_publisher(topic)->publish(bytes);
     Message message;
     const bool taken = node_.take(message);
     EXPECT_FALSE(node_.take(message)) << "there was one";
-    node_.ignore<Message>();
+    node_.delete_reader<Message>();
     return taken;
   }
 };
@@ -148,7 +148,7 @@ TEST_F(Hostile, TrainingStatsHaveNumbersThatAreNoneByRight) {
   auto sent = good<msg::TrainingStat>();
   sent.wall(-std::numeric_limits<double>::infinity());
   sent.lag(std::numeric_limits<float>::signaling_NaN());
-  node_.listen<msg::TrainingStat>();
+  node_.create_reader<msg::TrainingStat>();
   enemy_->create_publisher(topic_of<msg::TrainingStat>())->publish(encoded(sent));
   msg::TrainingStat received;
   ASSERT_TRUE(node_.take(received));

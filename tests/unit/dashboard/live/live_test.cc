@@ -286,10 +286,10 @@ class LiveTest : public ::testing::Test {
  protected:
   LiveTest() {
     spdlog::set_level(spdlog::level::off);
-    node.listen<msg::ServiceStatus>();
-    node.listen<msg::TraversalInfo>();
-    node.listen<msg::RunInfo>();
-    node.listen<msg::TrainingStat>();
+    node.create_reader<msg::ServiceStatus>();
+    node.create_reader<msg::TraversalInfo>();
+    node.create_reader<msg::RunInfo>();
+    node.create_reader<msg::TrainingStat>();
   }
   void spin() {
     node.wait(std::min(live.due(), Clock::now() + milliseconds(20)));

@@ -31,8 +31,8 @@ Node::Options node_options(std::uint32_t domain, const std::string& middleware, 
 class ScriptedEnvironment {
  public:
   explicit ScriptedEnvironment(const Node::Options& options) : node(options) {
-    node.announce<msg::EpisodeStat>();
-    node.listen<msg::EpisodeAcknowledgement>();
+    node.create_writer<msg::EpisodeStat>();
+    node.create_reader<msg::EpisodeAcknowledgement>();
   }
   void finish_episodes(std::uint64_t count) {
     for (std::uint64_t i = 0; i < count; ++i) {
@@ -71,9 +71,9 @@ class ScriptedEnvironment {
 class ScriptedLearner {
  public:
   explicit ScriptedLearner(const Node::Options& options) : node(options) {
-    node.announce<msg::TrainingStat>();
-    node.announce<msg::RunInfo>();
-    node.listen<msg::TrainingStatRequest>();
+    node.create_writer<msg::TrainingStat>();
+    node.create_writer<msg::RunInfo>();
+    node.create_reader<msg::TrainingStatRequest>();
   }
   void say(std::uint64_t updates) {
     msg::RunInfo info = run_info(updates);
@@ -107,10 +107,10 @@ class Desk {
  public:
   Desk(const Node::Options& options, const Store::Options& store_options, Recorder::Options recorder_options = {})
       : node(options), store(store_options), recorder(node, store, recorder_options) {
-    node.listen<msg::ServiceStatus>();
-    node.listen<msg::TraversalInfo>();
-    node.listen<msg::RunInfo>();
-    node.listen<msg::TrainingStat>();
+    node.create_reader<msg::ServiceStatus>();
+    node.create_reader<msg::TraversalInfo>();
+    node.create_reader<msg::RunInfo>();
+    node.create_reader<msg::TrainingStat>();
     recorder.told = [this](const Event& event) { events.push_back(event); };
   }
   void spin() {

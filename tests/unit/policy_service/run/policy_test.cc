@@ -164,9 +164,9 @@ class RunRecordTest : public ::testing::Test {
     return options;
   }
   RunRecordTest() {
-    watcher.listen<msg::RunInfo>();
-    watcher.listen<msg::TrainingStat>();
-    watcher.announce<msg::TrainingStatRequest>();
+    watcher.create_reader<msg::RunInfo>();
+    watcher.create_reader<msg::TrainingStat>();
+    watcher.create_writer<msg::TrainingStatRequest>();
   }
   /// Lets the record work until nothing more comes; all stats that came.
   std::vector<msg::TrainingStat> stats(RunRecord& record) {
@@ -259,7 +259,7 @@ TEST_F(RunRecordTest, GivesItsStatsAgainToWhoAsks) {
 }
 
 TEST_F(RunRecordTest, AHeartBeatsWhileTheNodesThreadComputes) {
-  watcher.listen<msg::ServiceStatus>();
+  watcher.create_reader<msg::ServiceStatus>();
   Heart heart(policy);
   msg::ServiceStatus status;
   int beats = 0;

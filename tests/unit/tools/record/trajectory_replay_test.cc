@@ -58,9 +58,9 @@ Node::Options options(std::uint32_t domain, const std::string& id, const std::st
 /// Takes trajectories in their order, `kRoom` at a time, and has version 7.
 struct ScriptedLearner {
   explicit ScriptedLearner(const Node::Options& options) : node(options) {
-    node.announce<msg::TrajectoryAcknowledgement>();
-    node.listen<msg::Trajectory>();
-    node.listen<msg::ActorStatus>();
+    node.create_writer<msg::TrajectoryAcknowledgement>();
+    node.create_reader<msg::Trajectory>();
+    node.create_reader<msg::ActorStatus>();
   }
   void say(std::uint32_t steps = kSteps, bool training = true) {
     msg::LearnerInfo info;

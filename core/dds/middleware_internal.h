@@ -1,17 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-// What the middlewares share among themselves. Private to core/middleware*.cc; the doctor reads its ports.
+// What the middlewares share among themselves. It is private to core/dds; the doctor reads its ports.
 
-#include <atomic>
-#include <condition_variable>
-#include <mutex>
 #include <string>
 #include <vector>
 
 #include "core/dds/middleware.h"
 
-namespace citylearn::parts {
+namespace citylearn::internal {
 
 /// Participants of one domain on one host: each takes a pair of ports, and each is asked for at start. Ports of the
 /// highest domain would allow 62; every further one costs all others a packet at each announcement.
@@ -57,7 +54,7 @@ struct Network {
   std::string participant;
   std::string interfaces;               ///< as given, for messages
   std::vector<std::string> addresses;   ///< IPv4 addresses of the interfaces, at least one
-  bool at_home;                         ///< loopback alone
+  bool loopback_only;                   ///< loopback alone
   int datagram;                         ///< bytes of UDP payload that cross the interfaces in one packet, at most 65500
   std::vector<Peer> peers;              ///< this host's own addresses come first
   std::vector<Peer> discovery_servers;  ///< each with a port
@@ -67,56 +64,15 @@ struct Network {
 /// First index whose two UDP ports are free on all addresses; Error when there is none.
 int free_index(const Network& network);
 
-/// Tells `surroundings` of the user's peers and discovery servers that someone should be heard there, this host's own
+/// Tells `discovery` of the user's peers and discovery servers that someone should be heard there, this host's own
 /// addresses excepted.
-void expect_peers(const Network& network, Surroundings& surroundings);
+void expect_peers(const Network& network, DiscoveryMonitor& discovery);
 
 /// "fastdds", "cyclonedds" or "vendor 01.03".
 std::string vendor_name(std::uint8_t major, std::uint8_t minor);
 
 /// Throws Error when the sample is larger than its topic allows.
 void check_size(const Topic& topic, std::size_t size);
-
-/// Wakes the one thread that waits in Middleware::wait when a vendor's thread has something.
-///
-/// Each subscription owns a Flag. A vendor's thread raises it when a sample comes; the subscription lowers it before it
-/// looks and finds nothing, so a sample that comes in between is not missed.
-class Wakeup {
- public:
-  class Flag {
-   public:
-    explicit Flag(Wakeup& wakeup) : wakeup_(wakeup) { wakeup_.flags_.push_back(this); }
-    ~Flag() { std::erase(wakeup_.flags_, this); }
-    Flag(const Flag&) = delete;
-    Flag& operator=(const Flag&) = delete;
-    void raise() {  // by any thread
-      raised_.store(true);
-      wakeup_.wake();
-    }
-    void raise_quietly() { raised_.store(true); }  // by the waiting thread itself
-    void lower() { raised_.store(false); }
-    bool raised() const { return raised_.load(); }
-
-   private:
-    Wakeup& wakeup_;
-    std::atomic<bool> raised_{false};
-  };
-
-  /// True once a flag is raised; false when the deadline has passed. Looks for a short while before it sleeps if that
-  /// would have been enough the last time: to be woken costs more than what an answer from the same machine takes.
-  bool wait(Clock::time_point deadline);
-
- private:
-  void wake();
-  bool any_raised() const;
-  bool look(Clock::time_point deadline) const;
-
-  bool look_first_ = true;
-  std::vector<Flag*> flags_;  // changed and read by the waiting thread alone
-  std::atomic<bool> asleep_{false};
-  std::mutex mutex_;
-  std::condition_variable condition_;
-};
 
 std::unique_ptr<Middleware> create_fastdds(const Network& network);
 std::unique_ptr<Middleware> create_cyclonedds(const Network& network);
@@ -126,4 +82,4 @@ std::unique_ptr<Middleware> create_lossy(const std::string& options, std::unique
 /// Throws Error when create_lossy would; so that a wrong option is told before a vendor starts.
 void check_lossy(const std::string& options);
 
-}  // namespace citylearn::parts
+}  // namespace citylearn::internal

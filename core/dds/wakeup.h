@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <atomic>
+#include <condition_variable>
+#include <mutex>
+#include <vector>
+
+#include "core/util/types.h"
+
+namespace citylearn::internal {
+
+/// Wakes the one thread that waits in Middleware::wait when a vendor's thread has something.
+///
+/// Each subscription owns a Flag. A vendor's thread raises it when a sample comes; the subscription lowers it before it
+/// looks and finds nothing, so a sample that comes in between is not missed.
+class Wakeup {
+ public:
+  class Flag {
+   public:
+    explicit Flag(Wakeup& wakeup) : wakeup_(wakeup) { wakeup_.flags_.push_back(this); }
+    ~Flag() { std::erase(wakeup_.flags_, this); }
+    Flag(const Flag&) = delete;
+    Flag& operator=(const Flag&) = delete;
+    void raise() {  // by any thread
+      raised_.store(true);
+      wakeup_.wake();
+    }
+    void raise_quietly() { raised_.store(true); }  // by the waiting thread itself
+    void lower() { raised_.store(false); }
+    bool raised() const { return raised_.load(); }
+
+   private:
+    Wakeup& wakeup_;
+    std::atomic<bool> raised_{false};
+  };
+
+  /// True once a flag is raised; false when the deadline has passed. Looks for a short while before it sleeps if that
+  /// would have been enough the last time: to be woken costs more than what an answer from the same machine takes.
+  bool wait(Clock::time_point deadline);
+
+ private:
+  void wake();
+  bool any_raised() const;
+  bool look(Clock::time_point deadline) const;
+
+  bool look_first_ = true;
+  std::vector<Flag*> flags_;  // changed and read by the waiting thread alone
+  std::atomic<bool> asleep_{false};
+  std::mutex mutex_;
+  std::condition_variable condition_;
+};
+
+}  // namespace citylearn::internal

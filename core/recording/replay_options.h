@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace citylearn {
+
+struct ReplayOptions {
+  std::vector<std::string> files;   ///< one after the other
+  double speed = 1;                 ///< times as fast as it was; 0: as fast as who listens can follow
+  std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: what those who watch hear
+  std::string run;                  ///< said in this run; empty: in the run that was recorded
+};
+
+/// Topics of ReplayOptions when none are named: what services say of themselves. Nothing that a service obeys is among
+/// them.
+std::vector<std::string> watched_topics();
+
+/// ReplayOptions::speed as people write it: a number above 0, or max. Throws Error when it is neither.
+double replay_speed(const std::string& text);
+
+}  // namespace citylearn

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "core/dds/middleware.h"
+
+namespace citylearn {
+
+/// What a service is on the wire.
+struct NodeOptions {
+  MiddlewareOptions middleware;
+  std::string service;          ///< kind: "env_service"
+  std::string id;               ///< unique within the run, at most 64 characters
+  std::string run = "default";  ///< messages of other runs are ignored, at most 64 characters; empty: hears all runs
+};
+
+/// Counts of a node's traffic, as published in ServiceStatus.
+struct Traffic {
+  std::uint64_t received = 0;
+  std::uint64_t repeated = 0;
+  std::uint64_t resent = 0;
+  std::uint64_t rejected = 0;
+  std::uint64_t foreign = 0;
+};
+
+}  // namespace citylearn
