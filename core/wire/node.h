@@ -80,7 +80,6 @@ class Node {
   bool wait(Clock::time_point deadline);
   void publish_heartbeat_if_due();
   Clock::time_point next_heartbeat() const { return next_heartbeat_; }
-
   /// Sets what the next heartbeats say. A changed state is published at once.
   void report(msg::State state, const std::string& activity, float rate = 0);
   /// Reports in every heartbeat, and once in the log, that `what` ("checkpoint") has a problem ("the disk is full; the
