@@ -11,11 +11,11 @@
 
 #include "core/wire/service.h"
 #include "dashboard/api/api.h"
+#include "dashboard/http/server.h"
 #include "dashboard/live/live.h"
 #include "dashboard/live/playback.h"
-#include "dashboard/store/recorder.h"
 #include "dashboard/live/runs_feed.h"
-#include "dashboard/http/server.h"
+#include "dashboard/store/recorder.h"
 
 namespace {
 
@@ -79,9 +79,9 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->group(records);
   line.node.service = "dashboard";
   line.node.id = "dashboard";
-  line.node.run = kAllRuns;
+  line.node.session = kAllRuns;
   add_node_options(app, line.node);
-  app.get_option("--run")->description("Run to show and record, or all of the domain's");
+  app.get_option("--session")->description("Session to show and record, or all of the domain's");
 }
 
 /// A thousand clients and the wire's own files are more than the usual 1,024.
@@ -118,7 +118,7 @@ void hand_on(Node& node, Message& message, Listeners&... listeners) {
 
 int serve(CommandLine& line) {
   line.server.allow_hosts.insert(line.allow_hosts.begin(), line.allow_hosts.end());
-  if (line.node.run == kAllRuns) line.node.run.clear();  // as the node says it
+  if (line.node.session == kAllRuns) line.node.session.clear();  // as the node says it
   allow_many_files();
   std::optional<TemporaryFolder> temporary;
   std::optional<Playback> playback;
@@ -136,8 +136,8 @@ int serve(CommandLine& line) {
   recorder.told = [&live](const Event& event) { live.show(event); };
   std::atomic<std::uint64_t> recorded{0};
   std::atomic<bool> failing{false};
-  Api api({node.middleware_name(), line.node.run.empty() ? kAllRuns : line.node.run, line.node.middleware.domain,
-           line.recognition, [&failing] { return !failing; }},
+  Api api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
+           line.node.middleware.domain, line.recognition, [&failing] { return !failing; }},
           *store, &live);
   Server server(line.server, hub,
                 {[&api](const Query& query) { return api.answer(query); }, [&] { return metrics(recorded, failing); }});

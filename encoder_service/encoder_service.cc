@@ -199,8 +199,9 @@ EncoderService::EncoderService(const EncoderServiceOptions& options) : options_(
 }
 
 void EncoderService::run(const std::function<bool()>& stop) {
-  spdlog::info("'{}' in run '{}': encoder {}, {}, over {}", node_.options().id, node_.options().run, options_.encoder,
-               options_.store.empty() ? "nothing is kept on disk" : "store " + options_.store, node_.middleware_name());
+  spdlog::info("'{}' in session '{}': encoder {}, {}, over {}", node_.options().id, node_.options().session,
+               options_.encoder, options_.store.empty() ? "nothing is kept on disk" : "store " + options_.store,
+               node_.middleware_name());
   while (!stop()) {
     take_all();
     now_ = Clock::now();
@@ -244,7 +245,7 @@ void EncoderService::on_info(const msg::TraversalInfo& info) {
         info.encoder_incarnation() < node_.incarnation())
       throw Error(fmt::format("'{}' already encodes with {}, this one would with {}", info.encoder_service().c_str(),
                               info.encoder().c_str(), recipe_of_features()),
-                  "run '" + node_.options().run + "'", "give both the same encoder, or choose another --run");
+                  "run '" + node_.options().session + "'", "give both the same encoder, or choose another --session");
     if (const auto found = environments_.find(id); found != environments_.end()) {
       Environment& environment = found->second;
       // Of two that serve the same one, the earlier goes on.

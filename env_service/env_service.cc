@@ -177,8 +177,8 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
 
 void EnvService::run(const std::function<bool()>& stop) {
   now_ = last_report_ = next_report_ = next_info_ = Clock::now();
-  spdlog::info("'{}' in run '{}': traversal {} of {}, {} frames {}, {} agents, hash {:016x}, over {}",
-               node_.options().id, node_.options().run, traversal_.name, traversal_.dataset, traversal_.frames,
+  spdlog::info("'{}' in session '{}': traversal {} of {}, {} frames {}, {} agents, hash {:016x}, over {}",
+               node_.options().id, node_.options().session, traversal_.name, traversal_.dataset, traversal_.frames,
                traversal_.images ? "of images" : "x " + std::to_string(traversal_.dimension) + " features",
                environment_.agents(), environment_.traversal_hash(), node_.middleware_name());
   while (!stop()) {
@@ -407,9 +407,9 @@ void EnvService::on_status(const msg::ServiceStatus& status) {
   if (status.header().sender() != node_.options().id || status.service_state() == msg::STOPPING) return;
   // The incarnation is the time of the start, so of two only one gives way.
   if (status.header().incarnation() < node_.incarnation())
-    throw Error("already runs in run '" + node_.options().run + "' on " + status.host().c_str() + " (process " +
+    throw Error("already runs in session '" + node_.options().session + "' on " + status.host().c_str() + " (process " +
                     std::to_string(status.process()) + ")",
-                "id '" + node_.options().id + "'", "choose another --id or --run");
+                "id '" + node_.options().id + "'", "choose another --id or --session");
 }
 
 void EnvService::send_info() {

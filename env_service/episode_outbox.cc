@@ -36,7 +36,7 @@ void EpisodeBook::begin(const msg::TaskSettings& settings, const std::string& tr
   under->traversal = traversal;
   under->policy = settings.policy().c_str();
   under->update = settings.update();
-  under->job = settings.job();
+  under->job = settings.run_id();
   under_ = under;
 }
 
@@ -67,7 +67,7 @@ void EpisodeBook::fill(std::uint64_t episode, msg::EpisodeStat& stat) const {
   stat.shuffled() = entry.under->shuffled;
   stat.policy() = entry.under->policy.c_str();
   stat.update() = entry.under->update;
-  stat.job() = entry.under->job;
+  stat.run_id() = entry.under->job;
   stat.path() = entry.path;
 }
 

@@ -61,8 +61,8 @@ class Bench {
  private:
   std::unique_ptr<Service> start(Arguments command, const std::string& log) {
     for (const std::string& word :
-         {std::string("--middleware"), middleware_, std::string("--domain"), std::string("151"), std::string("--run"),
-          "bench-" + std::to_string(getpid()) + "-" + std::to_string(runs_)})
+         {std::string("--middleware"), middleware_, std::string("--domain"), std::string("151"),
+          std::string("--session"), "bench-" + std::to_string(getpid()) + "-" + std::to_string(runs_)})
       command.push_back(word);
     return std::make_unique<Service>(command, folder_ / log);
   }

@@ -22,8 +22,8 @@ std::string run(Service& service, const std::string& what) {
 /// The "train" part of summary.json after training over DDS.
 Json train_over(const std::string& middleware, const std::string& steps, const std::string& agents) {
   const Folder folder;
-  const std::vector<std::string> wire = {"--middleware", middleware, "--domain",
-                                         "150",          "--run",    "bench-" + std::to_string(getpid())};
+  const std::vector<std::string> wire = {"--middleware", middleware,  "--domain",
+                                         "150",          "--session", "bench-" + std::to_string(getpid())};
   std::vector<std::string> env = {CITYLEARN_ENV_SERVICE, "--agents", agents, "--synthetic-images", "0"};
   std::vector<std::string> policy = {CITYLEARN_POLICY_SERVICE,
                                      "--agent",

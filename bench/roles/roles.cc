@@ -46,7 +46,7 @@ Figures train(const Options& options, int actors) {
   const Folder folder;
   std::vector<std::unique_ptr<Service>> services;
   const auto start = [&](Arguments command, const Arguments& more, const std::string& log) {
-    command.insert(command.end(), {"--middleware", options.middleware, "--domain", "151", "--run",
+    command.insert(command.end(), {"--middleware", options.middleware, "--domain", "151", "--session",
                                    "bench-" + std::to_string(getpid()) + "-" + std::to_string(actors)});
     command.insert(command.end(), more.begin(), more.end());
     services.push_back(std::make_unique<Service>(command, folder / log));

@@ -61,7 +61,7 @@ msg::Action make_action(const Settings& settings) {
 
 template <class Message>
 std::size_t size_of(Message message) {
-  message.header().run("bench");
+  message.header().session("bench");
   message.header().sender("asker");
   Bytes bytes;
   encode(message, bytes);
@@ -225,7 +225,7 @@ Node::Options node_options(const Settings& settings, const std::string& vendor, 
   options.middleware = middleware_options(settings, vendor, id);
   options.service = "bench";
   options.id = id;
-  options.run = "bench";
+  options.session = "bench";
   return options;
 }
 

@@ -307,7 +307,7 @@ double on_the_wire(double payload) {
 
 template <class Message>
 double size_of(Message& message) {
-  message.header().run("scale");
+  message.header().session("scale");
   message.header().sender("actor-0");
   Bytes bytes;
   encode(message, bytes);

@@ -102,7 +102,7 @@ class Scene {
     options.middleware = network("watcher");
     options.service = "watcher";
     options.id = "watcher";
-    options.run = run_;
+    options.session = run_;
     node_ = std::make_unique<Node>(options);
     node_->create_reader<msg::ServiceStatus>();
   }
@@ -182,7 +182,7 @@ class Scene {
   void start(const std::string& id, Arguments command) {
     std::string list;
     for (const std::string& peer : peers()) list += (list.empty() ? "" : ",") + peer;
-    command.insert(command.end(), {"--id", id, "--run", run_, "--middleware", middleware_, "--domain",
+    command.insert(command.end(), {"--id", id, "--session", run_, "--middleware", middleware_, "--domain",
                                    std::to_string(kDomain), "--interface", "eth0", "--peers", list});
     const int host = static_cast<int>(services_.size()) + 1;  // 0: the watcher
     services_[id] = std::make_unique<Service>(hosts_.on(host, command), folder_ / (id + ".log"));

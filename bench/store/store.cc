@@ -86,7 +86,7 @@ double catching_up(const std::string& folder, const std::string& middleware, std
     options.middleware.domain = 214;
     options.service = service;
     options.id = id;
-    options.run = "demo";
+    options.session = "demo";
     return options;
   };
   constexpr std::uint64_t kWindow = 256;

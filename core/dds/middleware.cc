@@ -135,7 +135,7 @@ int free_index(const Network& network) {
   }
   throw Error("all " + std::to_string(kParticipants) + " participants' ports of domain " +
                   std::to_string(network.domain) + " are taken on " + network.interfaces,
-              "domain", "a host has room for so many services in a domain; choose another one for other runs");
+              "domain", "a host has room for so many services in a domain; choose another one for other sessions");
 }
 
 void expect_peers(const Network& network, DiscoveryMonitor& discovery) {

@@ -120,7 +120,7 @@ void Replayer::on_request() {
   msg::TrainingStatRequest message;
   decode(std::span<const std::byte>(taken_), message);
   const Key sender{message.policy().c_str(), message.policy_incarnation()};
-  const auto played = stats_.find({sender.first, sender.second, message.job()});
+  const auto played = stats_.find({sender.first, sender.second, message.run_id()});
   if (played == stats_.end()) return;
   Voice& to = voice(topic_of<msg::TrainingStat>(), sender);
   auto stat = played->second.lower_bound(message.first());
@@ -218,7 +218,7 @@ bool Replayer::fetch() {
               .skipped["of protocol " + std::to_string(header->protocol) + ", not " + std::to_string(msg::PROTOCOL)];
         continue;
       }
-      if (options_.run.empty() || !with_run(message->data, options_.run, bytes_))
+      if (options_.run.empty() || !with_session(message->data, options_.run, bytes_))
         bytes_.assign(message->data.begin(), message->data.end());
       next_ = Next{topic->second, {header->sender, header->incarnation}, due_time(message->log_time)};
       return true;
@@ -289,7 +289,7 @@ void Replayer::play(Voice& voice) {
       episodes.waiting.emplace_back(episode_.episode(), bytes_);
     } else if (is(*voice.topic, topic_of<msg::TrainingStat>())) {
       decode(bytes, stat_);
-      stats_[{next_->sender.first, next_->sender.second, stat_.job()}][stat_.update()] = bytes_;
+      stats_[{next_->sender.first, next_->sender.second, stat_.run_id()}][stat_.update()] = bytes_;
     } else if (is(*voice.topic, topic_of<msg::MapChunk>())) {
       decode(bytes, map_);
       maps_[{next_->sender.first, map_.hash(), map_.first()}] = {&voice, bytes_};

@@ -65,7 +65,7 @@ std::optional<WireHeader> header_of(std::span<const std::byte> message) {
   Walk walk(message);
   WireHeader header;
   header.protocol = walk.number<std::uint32_t>();
-  header.run = walk.text();
+  header.session = walk.text();
   header.sender = walk.text();
   header.incarnation = walk.number<std::uint64_t>();
   header.message = walk.number<std::uint64_t>();
@@ -73,7 +73,7 @@ std::optional<WireHeader> header_of(std::span<const std::byte> message) {
   return header;
 }
 
-bool with_run(std::span<const std::byte> message, const std::string& run, Bytes& to) {
+bool with_session(std::span<const std::byte> message, const std::string& session, Bytes& to) {
   Walk walk(message);
   walk.number<std::uint32_t>();
   const std::size_t first = walk.at();
@@ -84,9 +84,9 @@ bool with_run(std::span<const std::byte> message, const std::string& run, Bytes&
   const std::size_t rest = walk.at();
   walk.number<std::uint64_t>();
   walk.number<std::uint64_t>();
-  if (!walk.good() || run.size() > kLongest) return false;
+  if (!walk.good() || session.size() > kLongest) return false;
   to.assign(message.begin(), message.begin() + static_cast<std::ptrdiff_t>(first));
-  append(to, run, walk.little());
+  append(to, session, walk.little());
   append(to, sender, walk.little());
   to.resize(kEncapsulation + (to.size() - kEncapsulation + 7) / 8 * 8);
   to.insert(to.end(), message.begin() + static_cast<std::ptrdiff_t>(rest), message.end());

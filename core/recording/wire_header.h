@@ -13,7 +13,7 @@ namespace citylearn {
 /// What every message begins with (idl/common.idl), read from its bytes without knowing its type.
 struct WireHeader {
   std::uint32_t protocol = 0;
-  std::string run, sender;
+  std::string session, sender;
   std::uint64_t incarnation = 0;
   std::uint64_t message = 0;
 };
@@ -21,8 +21,8 @@ struct WireHeader {
 /// Nothing when the bytes do not begin with a Header in XCDR1.
 std::optional<WireHeader> header_of(std::span<const std::byte> message);
 
-/// The same message of another run, into `to`; what follows the header is copied as it is. `run` has at most 64
+/// The same message of another session, into `to`; what follows the header is copied as it is. `session` has at most 64
 /// characters. False when header_of() finds nothing.
-bool with_run(std::span<const std::byte> message, const std::string& run, Bytes& to);
+bool with_session(std::span<const std::byte> message, const std::string& session, Bytes& to);
 
 }  // namespace citylearn

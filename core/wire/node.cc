@@ -51,7 +51,7 @@ std::uint64_t new_incarnation(const std::string& id) {
 
 Node::Node(Options options) : options_(std::move(options)), incarnation_(new_incarnation(options_.id)) {
   require_id(options_.id, "id");
-  if (!options_.run.empty()) require_id(options_.run, "run");
+  if (!options_.session.empty()) require_id(options_.session, "session");
   middleware_ = create_middleware(named(options_.middleware, options_.id));
   started_ = next_heartbeat_ = Clock::now();
   status_.service(options_.service);
@@ -82,16 +82,16 @@ Node::Channel& Node::subscription(const Topic& topic) {
   return channel;
 }
 
-void Node::stamp(msg::Header& header, const std::string& run, std::uint64_t number) const {
+void Node::stamp(msg::Header& header, const std::string& session, std::uint64_t number) const {
   header.protocol(msg::PROTOCOL);
-  header.run(run);
+  header.session(session);
   header.sender(options_.id);
   header.incarnation(incarnation_);
   header.message(number);
 }
 
 bool Node::accept(const msg::Header& header) {
-  if (!options_.run.empty() && header.run() != options_.run) {
+  if (!options_.session.empty() && header.session() != options_.session) {
     ++traffic.foreign;
     return false;
   }

@@ -12,7 +12,7 @@
 
 namespace citylearn {
 
-/// One service on the wire: its identity in a run, and typed writers and readers over one Middleware.
+/// One service on the wire: its identity in a session, and typed writers and readers over one Middleware.
 /// Used by one thread at a time.
 class Node {
  public:
@@ -22,13 +22,13 @@ class Node {
 
   template <class Message>
   void publish(Message& message) {
-    publish(message, options_.run);
+    publish(message, options_.session);
   }
-  /// Publishes in another run, for a node that hears all of them.
+  /// Publishes in another session, for a node that hears all of them.
   template <class Message>
-  void publish(Message& message, const std::string& run) {
+  void publish(Message& message, const std::string& session) {
     Channel& channel = publisher(topic_of<Message>());
-    stamp(message.header(), run, ++channel.written);
+    stamp(message.header(), session, ++channel.written);
     encode(message, buffer_);
     channel.publisher->publish(buffer_);
   }
@@ -39,8 +39,8 @@ class Node {
     publisher(topic_of<Message>()).publisher->publish(buffer_);
   }
 
-  /// Takes the next message of this run that this process did not send; false when there is none. Skips messages that
-  /// cannot be decoded; they are counted, and logged once a kind.
+  /// Takes the next message of this session that this process did not send; false when there is none. Skips messages
+  /// that cannot be decoded; they are counted, and logged once a kind.
   template <class Message>
   bool take(Message& message) {
     Channel& channel = subscription(topic_of<Message>());
@@ -101,7 +101,7 @@ class Node {
   };
   Channel& publisher(const Topic& topic);
   Channel& subscription(const Topic& topic);
-  void stamp(msg::Header& header, const std::string& run, std::uint64_t number) const;
+  void stamp(msg::Header& header, const std::string& session, std::uint64_t number) const;
   bool accept(const msg::Header& header);
   void reject(const Error& error);
   void heartbeat();

@@ -11,9 +11,10 @@ namespace citylearn {
 /// What a service is on the wire.
 struct NodeOptions {
   MiddlewareOptions middleware;
-  std::string service;          ///< kind: "env_service"
-  std::string id;               ///< unique within the run, at most 64 characters
-  std::string run = "default";  ///< messages of other runs are ignored, at most 64 characters; empty: hears all runs
+  std::string service;  ///< kind: "env_service"
+  std::string id;       ///< unique within the session, at most 64 characters
+  std::string session =
+      "default";  ///< messages of other sessions are ignored, at most 64 characters; empty: hears all sessions
 };
 
 /// Counts of a node's traffic, as published in ServiceStatus.

@@ -67,12 +67,13 @@ void add_node_options(CLI::App& app, Node::Options& options) {
         return text.empty() || text.size() > 64 ? std::string("must have 1 to 64 characters") : std::string();
       },
       "", "");
-  app.add_option("--run", options.run, "Run this service belongs to; services of other runs are ignored")
+  app.add_option("--session", options.session,
+                 "Session this service belongs to; services of other sessions are ignored")
       ->capture_default_str()
-      ->envname("CITYLEARN_RUN")
+      ->envname("CITYLEARN_SESSION")
       ->check(name_length)
       ->group(group);
-  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the run")
+  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the session")
                  ->check(name_length)
                  ->group(group);
   if (!options.id.empty()) id->capture_default_str();
@@ -113,7 +114,7 @@ void add_node_options(CLI::App& app, Node::Options& options) {
          "--log-format",
          [&options](const std::string& format) {
            if (format == "json")
-             spdlog::set_pattern(R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l","run":")" + options.run +
+             spdlog::set_pattern(R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l","session":")" + options.session +
                                  R"(","service":")" + options.service + R"(","text":"%v"})");
          },
          "text or json (one object a line)")
@@ -140,7 +141,8 @@ std::string describe(const std::string& name, const std::string& help, const std
   for (const ParameterSpec& spec : specs) {
     const std::string option = "--" + prefix + "-" + spec.name;
     text += "      " + option + std::string(option.size() < 34 ? 34 - option.size() : 1, ' ') + spec.help + " [" +
-            short_number(spec.default_value) + "; " + short_number(spec.minimum) + ".." + short_number(spec.maximum) + "]\n";
+            short_number(spec.default_value) + "; " + short_number(spec.minimum) + ".." + short_number(spec.maximum) +
+            "]\n";
   }
   return text;
 }

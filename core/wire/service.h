@@ -18,9 +18,9 @@ namespace citylearn {
 /// Version of the programs, with the git revision they were built from: "0.1.0 (abc1234)".
 std::string version();
 
-/// Options that every service has: --run, --id, --middleware, --domain, --interface, --peers, --discovery-server,
+/// Options that every service has: --session, --id, --middleware, --domain, --interface, --peers, --discovery-server,
 /// --security, --config, --log-level, --log-format. Precedence: command line, then --config FILE (TOML, the same names
-/// without dashes), then environment (CITYLEARN_RUN, CITYLEARN_MIDDLEWARE, CITYLEARN_DOMAIN, CITYLEARN_INTERFACE,
+/// without dashes), then environment (CITYLEARN_SESSION, CITYLEARN_MIDDLEWARE, CITYLEARN_DOMAIN, CITYLEARN_INTERFACE,
 /// CITYLEARN_PEERS, CITYLEARN_DISCOVERY_SERVER, CITYLEARN_SECURITY), then the default. `options.service` and
 /// `options.id` are the defaults to begin with.
 void add_node_options(CLI::App& app, Node::Options& options);

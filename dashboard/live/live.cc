@@ -66,7 +66,7 @@ Json json_of(const Event& event) {
 std::string hash_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
 
 std::string source_of(const msg::Header& header) {
-  return std::string(header.sender().c_str()) + "@" + header.run().c_str();
+  return std::string(header.sender().c_str()) + "@" + header.session().c_str();
 }
 
 const char* name_of(msg::Mode mode) {
@@ -101,7 +101,7 @@ void Live::hear(const msg::ServiceStatus& status) {
 }
 
 void Live::hear(const msg::TraversalInfo& info) {
-  const Environment environment(info.header().run().c_str(), info.header().sender().c_str());
+  const Environment environment(info.header().session().c_str(), info.header().sender().c_str());
   const std::lock_guard lock(mutex_);
   Hosted& hosted = hosted_[environment];
   // Of a process that is dead, kept by the middleware for late joiners.
@@ -124,11 +124,11 @@ void Live::hear(const msg::TraversalInfo& info) {
 
 void Live::hear(const msg::RunInfo& info) {
   if (runs_.size() >= kMostRuns) runs_.clear();  // each is told again within a second, where it goes on
-  runs_[{Sender(info.header()), info.job()}] = run_id(info);
+  runs_[{Sender(info.header()), info.run_id()}] = run_id(info);
 }
 
 void Live::hear(const msg::TrainingStat& stat) {
-  const auto run = runs_.find({Sender(stat.header()), stat.job()});
+  const auto run = runs_.find({Sender(stat.header()), stat.run_id()});
   if (run == runs_.end()) return;
   const std::string topic = "training:" + run->second;
   if (!watched_.contains(topic)) return;
@@ -264,7 +264,7 @@ void Live::show_pictures() {
     const auto found = scenes_.find(panel.source);
     if (found == scenes_.end() || panel.agent >= found->second.frame().size()) continue;
     const msg::Scene& scene = found->second;
-    const Environment environment(scene.header().run().c_str(), scene.header().sender().c_str());
+    const Environment environment(scene.header().session().c_str(), scene.header().sender().c_str());
     {
       const std::lock_guard lock(mutex_);
       const auto hosted = hosted_.find(environment);

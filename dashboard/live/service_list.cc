@@ -13,7 +13,7 @@ namespace {
 using Json = nlohmann::json;
 
 Event event_of(const msg::ServiceStatus& status, const char* kind, const std::string& text) {
-  return {now_seconds(), status.header().run().c_str(), status.header().sender().c_str(), kind, text};
+  return {now_seconds(), status.header().session().c_str(), status.header().sender().c_str(), kind, text};
 }
 
 std::string where(const msg::ServiceStatus& status) {
@@ -33,7 +33,7 @@ bool ServiceList::set(Service& service, const char* state) {
 }
 
 void ServiceList::hear(const msg::ServiceStatus& status, Clock::time_point now, std::vector<Event>& events) {
-  const std::pair key(std::string(status.header().run().c_str()), std::string(status.header().sender().c_str()));
+  const std::pair key(std::string(status.header().session().c_str()), std::string(status.header().sender().c_str()));
   const auto [entry, first] = services_.try_emplace(key);
   Service& service = entry->second;
   const std::uint64_t before = service.status.header().incarnation(), is = status.header().incarnation();

@@ -84,11 +84,11 @@ void Recorder::hear(const msg::RunInfo& info) {
   const Sender sender(info.header());
   attempt([&] {
     const bool changed = store_.heard(info);
-    const auto [known, fresh] = jobs_.try_emplace({sender, info.job()});
+    const auto [known, fresh] = jobs_.try_emplace({sender, info.run_id()});
     Asked& asked = known->second;
     if (changed || fresh) {
       asked = Asked();
-      asked.have = store_.updates(sender, info.job());
+      asked.have = store_.updates(sender, info.run_id());
       asked.complete = Clock::now();
     }
     asked.heard = Clock::now();
@@ -105,7 +105,7 @@ void Recorder::hear(const msg::RunInfo& info) {
 
 void Recorder::hear(const msg::TrainingStat& stat) {
   // Of a process that has not said what it does, they are asked for when it has.
-  const auto job = jobs_.find({Sender(stat.header()), stat.job()});
+  const auto job = jobs_.find({Sender(stat.header()), stat.run_id()});
   if (job == jobs_.end()) return;
   Asked& asked = job->second;
   asked.told = std::max(asked.told, stat.update());
@@ -134,7 +134,7 @@ void Recorder::commit() {
     if (!stats_.empty()) {
       store_.record(stats_);
       for (const msg::TrainingStat& stat : stats_)
-        if (const auto job = jobs_.find({Sender(stat.header()), stat.job()}); job != jobs_.end())
+        if (const auto job = jobs_.find({Sender(stat.header()), stat.run_id()}); job != jobs_.end())
           job->second.have.add(stat.update());
       stats_.clear();
     }
@@ -230,7 +230,7 @@ void Recorder::ask() {
     msg::TrainingStatRequest request;
     request.policy(sender.id);
     request.policy_incarnation(sender.incarnation);
-    request.job(job.second);
+    request.run_id(job.second);
     request.first(asked.first);
     request.last(asked.last);
     node_.publish(request, sender.run);

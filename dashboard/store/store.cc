@@ -100,8 +100,8 @@ struct Source {
 }  // namespace
 
 std::string run_id(const msg::RunInfo& info) {
-  return escaped(info.header().run().c_str()) + "/" + escaped(info.header().sender().c_str()) + "/" +
-         std::to_string(info.seed()) + "/" + std::to_string(info.job());
+  return escaped(info.header().session().c_str()) + "/" + escaped(info.header().sender().c_str()) + "/" +
+         std::to_string(info.seed()) + "/" + std::to_string(info.run_id());
 }
 
 std::string run_id(const std::string& run) { return escaped(run); }
@@ -318,7 +318,7 @@ std::size_t Store::record(std::span<const msg::EpisodeStat> episodes, std::vecto
     }
     if (!source.episodes.add(episode.episode())) continue;
     changed = true;
-    const Job* job = in.find(sender.run, episode.job());
+    const Job* job = in.find(sender.run, episode.run_id());
     std::int64_t run = job ? job->run : in.unclaimed(sender.run);
     if (run == 0) {
       std::int64_t& made = new_runs[sender.run];
@@ -332,7 +332,7 @@ std::size_t Store::record(std::span<const msg::EpisodeStat> episodes, std::vecto
     s.add_episode.bind(1, run)
         .bind(2, source.id)
         .bind(3, episode.episode())
-        .bind(4, episode.job())
+        .bind(4, episode.run_id())
         .bind(5, episode.agent())
         .bind(6, episode.evaluation())
         .bind(7, episode.task())
@@ -410,7 +410,7 @@ bool Store::heard(const msg::RunInfo& info) {
   Inside::Statements& s = *in.statements;
   const Sender sender(info.header());
   const double now = now_seconds();
-  Job* known = in.find(sender.run, info.job());
+  Job* known = in.find(sender.run, info.run_id());
   // Kept for late joiners by its predecessor, or overtaken on the way.
   if (known && std::pair(sender.incarnation, info.header().message()) <= std::pair(known->incarnation, known->message))
     return false;
@@ -438,7 +438,7 @@ bool Store::heard(const msg::RunInfo& info) {
     const std::string name = run_id(info);
     s.add_run.bind(1, name)
         .bind(2, sender.run)
-        .bind(3, info.job())
+        .bind(3, info.run_id())
         .bind(4, sender.id)
         .bind(5, info.seed())
         .bind(6, now);
@@ -457,12 +457,12 @@ bool Store::heard(const msg::RunInfo& info) {
   // It begins with what it has: what its predecessors did beyond that is another story.
   if (successor && known)
     s.drop_training_beyond.bind(1, key_of(job.run, job.updates)).bind(2, key_of(job.run, kMostUpdates)).run();
-  if (!known) in.claim(sender.run, info.job(), job);
+  if (!known) in.claim(sender.run, info.run_id(), job);
   all.commit();
   in.run_sources.clear();
   in.pulses[job.run] = {now, job.updates};
   in.unwritten.erase(job.run);
-  in.jobs[{sender.run, info.job()}] = std::move(job);
+  in.jobs[{sender.run, info.run_id()}] = std::move(job);
   return true;
 }
 
@@ -486,7 +486,7 @@ std::size_t Store::record(std::span<const msg::TrainingStat> stats) {
   Transaction all(in.database);
   for (const msg::TrainingStat& stat : stats) {
     if (stat.update() == 0 || stat.update() > kMostUpdates) continue;
-    Job* job = in.find(stat.header().run().c_str(), stat.job());
+    Job* job = in.find(stat.header().session().c_str(), stat.run_id());
     if (!job || job->incarnation != stat.header().incarnation()) continue;
     const std::int64_t key = key_of(job->run, stat.update());
     std::uint64_t& least = leasts.try_emplace(job, job->least).first->second;

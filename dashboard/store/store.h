@@ -27,7 +27,7 @@ struct Sender {
   std::string run, id;
   std::uint64_t incarnation = 0;
   explicit Sender(const msg::Header& header)
-      : run(header.run().c_str()), id(header.sender().c_str()), incarnation(header.incarnation()) {}
+      : run(header.session().c_str()), id(header.sender().c_str()), incarnation(header.incarnation()) {}
   Sender(std::string run_name, std::string service, std::uint64_t started)
       : run(std::move(run_name)), id(std::move(service)), incarnation(started) {}
   auto operator<=>(const Sender&) const = default;

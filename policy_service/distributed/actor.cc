@@ -308,8 +308,8 @@ void Actor::on_status(const msg::ActorStatus& status) {
   if (id == node_.options().id) {
     // The incarnation is the time of the start, so of two only one gives way.
     if (status.header().incarnation() < node_.incarnation())
-      throw Error("already runs in run '" + node_.options().run + "'", "id '" + id + "'",
-                  "choose another --id or --run");
+      throw Error("already runs in session '" + node_.options().session + "'", "id '" + id + "'",
+                  "choose another --id or --session");
     return;
   }
   Other& other = others_[id];
@@ -386,7 +386,7 @@ void Actor::enroll(Seat& seat) {
   settings.seed() = s.collector->environment_seed(served.slot);
   settings.policy() = s.info.agent();
   settings.update() = s.parameters->newest() ? s.parameters->newest()->version : s.info.version();
-  settings.job() = s.info.job();
+  settings.run_id() = s.info.run_id();
   fleet_.command(seat, settings);
   served.settings = seat.settings.settings();
   next_status_ = Clock::now();
@@ -621,7 +621,8 @@ void Actor::leave() {
 
 int Actor::execute() {
   const Farewell farewell(node_);
-  spdlog::info("actor '{}' in run '{}' over {}", node_.options().id, node_.options().run, node_.middleware_name());
+  spdlog::info("actor '{}' in session '{}' over {}", node_.options().id, node_.options().session,
+               node_.middleware_name());
   while (!stop_requested()) {
     spin();
     if (!session_ || session_->info.training() || session_->over) continue;

@@ -45,7 +45,7 @@ LearnerLink::LearnerLink(Node& node, Trainer& trainer, const LearnerLinkOptions&
   info_.traversal() = options_.traversal.c_str();
   info_.traversal_hash() = options_.traversal_hash;
   info_.window() = static_cast<std::uint32_t>(options_.window);
-  info_.job() = options_.job;
+  info_.run_id() = options_.job;
   send_parameters();
 }
 

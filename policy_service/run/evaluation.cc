@@ -22,7 +22,7 @@ void Evaluation::begin(Seat& seat) {
   settings.shuffle() = options_.shuffle;
   settings.policy() = options_.policy.c_str();
   settings.update() = options_.update;
-  settings.job() = options_.job;
+  settings.run_id() = options_.job;
   fleet_.command(seat, settings);
 }
 

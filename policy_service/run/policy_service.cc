@@ -15,23 +15,23 @@
 #include "core/util/files.h"
 #include "core/wire/service.h"
 #include "policy_service/distributed/actor.h"
-#include "policy_service/network/checkpoint.h"
-#include "policy_service/rollout/control.h"
-#include "policy_service/run/episode_log.h"
-#include "policy_service/run/evaluation.h"
-#include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/distributed/env_client.h"
+#include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/distributed/heartbeat_thread.h"
+#include "policy_service/distributed/learner_server.h"
 #include "policy_service/interchange/event_log.h"
 #include "policy_service/interchange/safetensors.h"
-#include "policy_service/distributed/learner_server.h"
-#include "policy_service/run/metrics_log.h"
+#include "policy_service/learning/trainer.h"
+#include "policy_service/network/checkpoint.h"
+#include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
+#include "policy_service/run/episode_log.h"
+#include "policy_service/run/evaluation.h"
+#include "policy_service/run/metrics_log.h"
 #include "policy_service/run/progress.h"
 #include "policy_service/run/report.h"
 #include "policy_service/run/run_record.h"
 #include "policy_service/run/score.h"
-#include "policy_service/learning/trainer.h"
 
 namespace citylearn {
 namespace {
@@ -152,7 +152,7 @@ Run::Run(const PolicyServiceOptions& options, Node& node, Fleet& fleet)
   episodes_ = std::make_unique<EpisodeLog>(log);
   fleet_.finished = [this](Seat& seat, const msg::EpisodeStat& episode) {
     to_acknowledge_.insert(&seat);
-    if (episode.job() != job_)
+    if (episode.run_id() != job_)
       episodes_->pass_over(episode);  // of a run before this one, kept for somebody else
     else if (episodes_->record(episode) && events_ && !episode.evaluation())
       events_->finished(episode);
@@ -225,7 +225,7 @@ void Run::await(const std::set<std::string>& traversals, int training_environmen
     if (encoding) since = Clock::now();
     if (options_.wait > 0 && seconds_since(since) > options_.wait)
       throw Error(fmt::format("no env_service on {} within {:.0f} s ({})", missing, options_.wait, found), "",
-                  fmt::format("same --run '{}', --domain {} and --interface there?", options_.node.run,
+                  fmt::format("same --session '{}', --domain {} and --interface there?", options_.node.session,
                               options_.node.middleware.domain));
     if (Clock::now() > next_word) {
       if (!encoding) spdlog::info("waiting for env_services on {} ({})", missing, found);
@@ -310,7 +310,7 @@ void Run::enroll(Seat& seat) {
   taking_part_.insert(&seat);
   msg::TaskSettings settings;
   trainer_->settings(slot, settings);
-  settings.job() = job_;
+  settings.run_id() = job_;
   fleet_.command(seat, settings);
 }
 

@@ -22,7 +22,7 @@ RunRecord::RunRecord(Node& node, const What& what) : node_(node), first_(what.up
   info_.agent() = what.agent.c_str();
   info_.learner() = what.learner.c_str();
   info_.seed() = what.seed;
-  info_.job() = what.job;
+  info_.run_id() = what.job;
   info_.updates() = what.updates;
   if (what.manifest.size() <= msg::MAX_CHUNK)
     info_.manifest().assign(what.manifest.begin(), what.manifest.end());
@@ -33,7 +33,7 @@ RunRecord::RunRecord(Node& node, const What& what) : node_(node), first_(what.up
 }
 
 void RunRecord::add(msg::TrainingStat& stat) {
-  stat.job() = info_.job();
+  stat.run_id() = info_.run_id();
   node_.publish(stat);
   info_.updates() = stat.update();
   stat_ = stat;
@@ -48,7 +48,7 @@ void RunRecord::add(msg::TrainingStat& stat) {
 void RunRecord::handle() {
   while (node_.take(request_)) {
     if (request_.policy() != node_.options().id || request_.policy_incarnation() != node_.incarnation() ||
-        request_.job() != info_.job())
+        request_.run_id() != info_.run_id())
       continue;
     const std::uint64_t kept = size_ > 0 ? stats_.size() / size_ : 0;
     const std::uint64_t first = std::max<std::uint64_t>(request_.first(), first_);

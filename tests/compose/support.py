@@ -153,7 +153,7 @@ class Topology(unittest.TestCase):
     """A run of the drawn city in a compose file's services: small, and long enough for somebody to be killed in it."""
 
     SETTINGS = {
-        "RUN": "trial", "FRAMES": "0:48", "PLACES": "48", "ENCODER_OPTIONS": "--dimension 24", "HEALTH_INTERVAL": "1s",
+        "SESSION": "trial", "FRAMES": "0:48", "PLACES": "48", "ENCODER_OPTIONS": "--dimension 24", "HEALTH_INTERVAL": "1s",
         # The learning rate falls with the steps done, here never: the recommended one is too high for that.
         "POLICY_OPTIONS": "--steps 100000000 --time-limit 10 --tasks 50 --checkpoint-every 20 --ppo-learning-rate 0.002",
     }

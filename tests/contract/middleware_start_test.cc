@@ -6,8 +6,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "core/util/error.h"
 #include "core/dds/middleware.h"
+#include "core/util/error.h"
 #include "core/wire/node.h"
 #include "tests/support/wait.h"
 
@@ -71,7 +71,7 @@ TEST(Start, NodesNeedAnIdAndARun) {
   EXPECT_THROW(Node{options}, Error);
   options.id = std::string(64, 'x');
   EXPECT_NO_THROW(Node{options});
-  options.run = std::string(65, 'x');
+  options.session = std::string(65, 'x');
   EXPECT_THROW(Node{options}, Error);
 }
 
@@ -129,7 +129,7 @@ TEST_P(Vendor, NoFreePortIsAnError) {
   EXPECT_EQ(
       line,
       "domain: all 48 participants' ports of domain 104 are taken on lo (a host has room for so many services in a "
-      "domain; choose another one for other runs)");
+      "domain; choose another one for other sessions)");
   for (int handle : sockets) close(handle);
   EXPECT_EQ(start_error(options), "");
 }

@@ -316,7 +316,7 @@ TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
     made.middleware.domain = kDomain;
     made.service = "test";
     made.id = id;
-    made.run = unique(run);
+    made.session = unique(run);
     return made;
   };
   Node one(options("one", "run")), two(options("two", "run")), foreign(options("foreign", "other"));
@@ -332,7 +332,7 @@ TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
     two.publish(sent);
     for (Node* node : {&one, &two, &foreign}) node->wait(Clock::now() + std::chrono::milliseconds(5));
     while (two.take(received)) {
-      EXPECT_EQ(received.header().run().to_string(), unique("run"));
+      EXPECT_EQ(received.header().session().to_string(), unique("run"));
       EXPECT_EQ(received.header().sender().to_string(), "one");
       EXPECT_EQ(received.header().incarnation(), one.incarnation());
       EXPECT_EQ(received.environment().to_string(), "two");
@@ -352,7 +352,7 @@ TEST_P(AnyMiddleware, NodesRejectWhatIsNoMessage) {
   options.middleware.domain = kDomain;
   options.service = "test";
   options.id = "reader";
-  options.run = unique("reject");
+  options.session = unique("reject");
   Node node(options);
   node.create_reader<msg::Action>();
   const auto publisher = a->create_publisher(topic_of<msg::Action>());
@@ -375,7 +375,7 @@ TEST_P(AnyMiddleware, NodesSendHeartbeatsAndChangesOfState) {
     options.middleware.domain = kDomain;
     options.service = "test";
     options.id = id;
-    options.run = unique("heartbeat");
+    options.session = unique("heartbeat");
     return std::make_unique<Node>(options);
   };
   const auto sender = make_node("sender"), watcher = make_node("watcher");

@@ -113,7 +113,7 @@ TEST(ForeignAlone, WrongInputIsOneClearLine) {
       {{"--speed", "9"}, "--speed"},
       {{"--domain", "300"}, "0..232"},
       {{"--tasks"}, "--tasks needs"},
-      {{"--domain", "199", "--run", "nobody", "--wait", "1"}, "no env_service"}};
+      {{"--domain", "199", "--session", "nobody", "--wait", "1"}, "no env_service"}};
   for (const auto& [arguments, wanted] : cases) {
     Arguments command = {FOREIGN_LEARNER};
     command.insert(command.end(), arguments.begin(), arguments.end());

@@ -217,7 +217,7 @@ int main(int count, char** arguments) {
   for (int i = 1; i < count; i += 2) {
     const char *option = arguments[i], *value = arguments[i + 1];
     if (i + 1 == count) fail("%s needs a value", option);
-    if (strcmp(option, "--run") == 0)
+    if (strcmp(option, "--session") == 0)
       run = value;
     else if (strcmp(option, "--train") == 0)
       train = value;
@@ -241,7 +241,7 @@ int main(int count, char** arguments) {
       wait = number(option, value, 1, 100000);
     else
       fail(
-          "unknown option %s (--domain --run --train --evaluate --first-frame --frames --max-steps --ticks --tasks "
+          "unknown option %s (--domain --session --train --evaluate --first-frame --frames --max-steps --ticks --tasks "
           "--seed --wait)",
           option);
   }

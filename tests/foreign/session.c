@@ -19,7 +19,7 @@ struct Session {
   dds_entity_t infos, observations, episodes;                   // readers
   dds_entity_t task_settings, actions, acknowledgements;        // writers
   uint64_t sent_settings, sent_actions, sent_acknowledgements;  // counts, for the headers
-  char run[65], id[65];
+  char name[65], id[65];
   uint64_t incarnation;
   uint32_t version;  // of the settings sent last
   Seat seats[kMostSeats];
@@ -69,10 +69,10 @@ static dds_entity_t endpoint(Session* session, const dds_topic_descriptor_t* typ
   return entity;
 }
 
-Session* session_open(uint32_t domain, const char* run, const char* id) {
+Session* session_open(uint32_t domain, const char* name, const char* id) {
   Session* session = calloc(1, sizeof *session);
   if (!session) fail("out of memory");
-  snprintf(session->run, sizeof session->run, "%s", run);
+  snprintf(session->name, sizeof session->name, "%s", name);
   snprintf(session->id, sizeof session->id, "%s", id);
   struct timespec now;
   clock_gettime(CLOCK_REALTIME, &now);
@@ -98,7 +98,7 @@ Session* session_open(uint32_t domain, const char* run, const char* id) {
 
 static void stamp(const Session* session, citylearn_msg_Header* header, uint64_t number) {
   header->protocol = citylearn_msg_PROTOCOL;
-  memcpy(header->run, session->run, sizeof header->run);
+  memcpy(header->session, session->name, sizeof header->session);
   memcpy(header->sender, session->id, sizeof header->sender);
   header->incarnation = session->incarnation;
   header->message = number;
@@ -108,8 +108,8 @@ static bool same(const citylearn_msg_SettingsId* a, const citylearn_msg_Settings
   return a->incarnation == b->incarnation && a->version == b->version;
 }
 
-static bool of_this_run(const Session* session, const citylearn_msg_Header* header) {
-  return header->protocol == citylearn_msg_PROTOCOL && strcmp(header->run, session->run) == 0;
+static bool of_this_session(const Session* session, const citylearn_msg_Header* header) {
+  return header->protocol == citylearn_msg_PROTOCOL && strcmp(header->session, session->name) == 0;
 }
 
 static Seat* seat_by_id(Session* session, const char* id) {
@@ -120,7 +120,7 @@ static Seat* seat_by_id(Session* session, const char* id) {
 
 // The seat that sent this; NULL when it is of another run, or of a process that is no more.
 static Seat* sender(Session* session, const citylearn_msg_Header* header) {
-  if (!of_this_run(session, header)) return NULL;
+  if (!of_this_session(session, header)) return NULL;
   Seat* seat = seat_by_id(session, header->sender);
   if (!seat || seat->incarnation != header->incarnation) return NULL;
   seat->silent_since = dds_time();
@@ -176,7 +176,7 @@ void session_close(Session* session) {
 
 static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
   // Without features an encoder_service is at work: the announcement comes again, complete.
-  if (!of_this_run(session, &info->header) || info->feature_dimension == 0) return;
+  if (!of_this_session(session, &info->header) || info->feature_dimension == 0) return;
   Seat* seat = seat_by_id(session, info->header.sender);
   if (!seat) {
     if (session->count == kMostSeats) fail("more than %d env_services", kMostSeats);
@@ -276,7 +276,7 @@ Seat* session_find(Session* session, const char* traversal, double seconds) {
     for (int i = 0; i < session->count; ++i)
       if (strcmp(session->seats[i].traversal, traversal) == 0) return &session->seats[i];
     if (dds_time() > deadline)
-      fail("no env_service with features on '%s' in run '%s': same --domain and --run there?", traversal, session->run);
+      fail("no env_service with features on '%s' in session '%s': same --domain and --session there?", traversal, session->name);
     session_spin(session);
   }
 }

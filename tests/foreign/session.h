@@ -46,7 +46,7 @@ struct Seat {
 typedef struct Session Session;
 
 // All functions end the program with a clear line when something cannot go on.
-Session* session_open(uint32_t domain, const char* run, const char* id);
+Session* session_open(uint32_t domain, const char* name, const char* id);
 void session_close(Session* session);
 // Waits until there is an env_service on this traversal, with features.
 Seat* session_find(Session* session, const char* traversal, double seconds);

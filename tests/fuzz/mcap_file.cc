@@ -25,10 +25,10 @@ bool mcap_file(Input input) {
       require(bytes <= input.size(), "messages are within the file");
       require(message->channel != nullptr, "a message has a channel");
       const auto header = header_of(message->data);
-      require(header.has_value() == with_run(message->data, "another", renamed), "what has a header has a run");
+      require(header.has_value() == with_session(message->data, "another", renamed), "what has a header has a run");
       if (!header) continue;
       const auto again = header_of(renamed);
-      require(again && again->run == "another" && again->sender == header->sender &&
+      require(again && again->session == "another" && again->sender == header->sender &&
                   again->incarnation == header->incarnation && again->message == header->message,
               "another run changes nothing else");
     }

@@ -3,8 +3,8 @@
 
 #include <cstdlib>
 
-#include "core/wire/messages.h"
 #include "core/recording/wire_header.h"
+#include "core/wire/messages.h"
 #include "tests/fuzz/messages.h"
 #include "tests/support/samples.h"
 
@@ -56,14 +56,15 @@ bool run(Input input) {
   require(testing::encoded(again) == bytes, "a second time round changes nothing");
 
   // What recorders do without knowing the type.
-  require(header && header->protocol == message.header().protocol() && header->run == message.header().run().c_str() &&
+  require(header && header->protocol == message.header().protocol() &&
+              header->session == message.header().session().c_str() &&
               header->sender == message.header().sender().c_str() &&
               header->incarnation == message.header().incarnation() && header->message == message.header().message(),
           "the header is found without the type");
   Bytes renamed;
-  require(with_run(input, "another", renamed) && decoded(renamed, again), "another run");
-  require(std::string_view(again.header().run().c_str()) == "another", "has its name");
-  again.header().run(header->run);
+  require(with_session(input, "another", renamed) && decoded(renamed, again), "another run");
+  require(std::string_view(again.header().session().c_str()) == "another", "has its name");
+  again.header().session(header->session);
   require(testing::encoded(again) == bytes, "and all else as before");
   return true;
 }

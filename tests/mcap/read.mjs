@@ -30,7 +30,7 @@ function check(message, channel, schema, expected) {
   assert.equal(message.logTime, BigInt(expected.time), where);
   assert.equal(Buffer.from(message.data).toString("hex"), expected.data, where);
   const decoded = decode(schema, message.data);
-  assert.equal(decoded.header.run, expected.run, where);
+  assert.equal(decoded.header.session, expected.run, where);
   assert.equal(decoded.header.sender, expected.sender, where);
   assert.equal(decoded.header.incarnation, BigInt(expected.incarnation), where);
   for (const [name, value] of Object.entries(expected.fields)) assert.equal(String(decoded[name]), value, `${where}: ${name}`);

@@ -56,7 +56,7 @@ int main(int argc, char** argv) try {
                           {"type", topic_of<Message>().type},
                           {"time", std::to_string(time)},
                           {"data", hex_of(encoded(message))},
-                          {"run", message.header().run().c_str()},
+                          {"run", message.header().session().c_str()},
                           {"sender", message.header().sender().c_str()},
                           {"incarnation", std::to_string(message.header().incarnation())},
                           {"fields", fields_of(message)}});

@@ -21,7 +21,7 @@ class Recorder {
           options.middleware = middleware;
           options.service = "recorder";
           options.id = id;
-          options.run = run;
+          options.session = run;
           return options;
         }()) {
     node.create_writer<msg::EpisodeAcknowledgement>();

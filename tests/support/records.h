@@ -16,7 +16,7 @@ inline constexpr std::uint64_t kJob = 1'700'000'000'000'000;
 inline void sign(msg::Header& header, const std::string& sender, std::uint64_t incarnation, std::uint64_t message = 1,
                  const std::string& run = "demo") {
   header.protocol(msg::PROTOCOL);
-  header.run(run);
+  header.session(run);
   header.sender(sender);
   header.incarnation(incarnation);
   header.message(message);
@@ -38,7 +38,7 @@ inline msg::EpisodeStat episode(std::uint64_t number, const std::string& environ
   e.completed(true);
   e.policy("place_filter");
   e.update(3);
-  e.job(job);
+  e.run_id(job);
   e.path({0b01'01'10'01, 0b01'01'01});
   return e;
 }
@@ -75,7 +75,7 @@ inline msg::RunInfo run_info(std::uint64_t updates = 0, std::uint64_t incarnatio
   info.agent("place_filter");
   info.learner("ppo");
   info.seed(seed);
-  info.job(job);
+  info.run_id(job);
   info.updates(updates);
   const std::string manifest = R"({"agent":"place_filter","frames":128})";
   info.manifest(std::vector<std::uint8_t>(manifest.begin(), manifest.end()));
@@ -86,7 +86,7 @@ inline msg::TrainingStat training_stat(std::uint64_t update, std::uint64_t incar
                                        std::uint64_t job = kJob) {
   msg::TrainingStat s;
   sign(s.header(), "policy", incarnation, update);
-  s.job(job);
+  s.run_id(job);
   s.update(update);
   s.steps(512 * update);
   s.episodes(10 * update);

@@ -28,7 +28,7 @@ class ScriptedPolicy {
           options.middleware = middleware;
           options.service = "policy_service";
           options.id = "policy";
-          options.run = run;
+          options.session = run;
           return options;
         }()) {
     node.create_writer<msg::TaskSettings>();

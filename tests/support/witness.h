@@ -28,7 +28,7 @@ class Witness {
           options.middleware.name = middleware;
           options.middleware.domain = static_cast<std::uint32_t>(domain);
           options.service = options.id = "witness";
-          options.run = "";
+          options.session = "";
           return options;
         }()) {
     node.create_reader<msg::ServiceStatus>();

@@ -109,7 +109,7 @@ TEST_F(EnvProcess, ReadsAConfigurationFileAndRefusesUnknownKeys) {
 class EnvSignals : public EnvProcess, public ::testing::WithParamInterface<std::string> {
  protected:
   Arguments wire() const {
-    return {"--middleware", GetParam(),           "--domain", std::to_string(domain()), "--run",
+    return {"--middleware", GetParam(),           "--domain", std::to_string(domain()), "--session",
             run_,           "--synthetic-frames", "100",      "--synthetic-images",     "0"};
   }
   int domain() const { return GetParam() == "fastdds" ? 47 : 46; }
@@ -186,7 +186,7 @@ TEST_P(EnvSignals, OfTwoWithOneIdTheLaterGivesWay) {
   ASSERT_TRUE(driver->until([&] { return driver->steps() > 10; }));
   const auto second = start(wire(), "second.log");
   EXPECT_EQ(second->wait(seconds(10)), 1);
-  EXPECT_NE(second->output().find("env_service: id 'env-summer': already runs in run '" + run_ + "'"),
+  EXPECT_NE(second->output().find("env_service: id 'env-summer': already runs in session '" + run_ + "'"),
             std::string::npos)
       << second->output();
   const std::uint64_t steps = driver->steps();

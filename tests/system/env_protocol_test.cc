@@ -39,7 +39,7 @@ class Host {
   Host(const Wire& wire, const std::string& run, const std::vector<std::string>& recorders = {}) {
     if (std::string(wire.middleware) != "inprocess") {
       std::vector<std::string> command{CITYLEARN_ENV_SERVICE,
-                                       "--run",
+                                       "--session",
                                        run,
                                        "--domain",
                                        std::to_string(wire.domain),
@@ -59,7 +59,7 @@ class Host {
     EnvServiceOptions options;
     options.agents = kAgents;
     options.recorders = recorders;
-    options.node.run = run;
+    options.node.session = run;
     options.node.middleware = middleware(wire, 1);
     thread_ = std::thread([this, options] { run_env_service(options, traversal_, [this] { return stop_.load(); }); });
   }
@@ -449,7 +449,7 @@ TEST_P(EnvProtocol, EveryRecorderGetsEveryEpisode) {
   msg::TaskSettings with = tasks(count);
   with.policy() = "blind";
   with.update() = 7;
-  with.job() = 8;
+  with.run_id() = 8;
   policy.command(with);
   ASSERT_TRUE(policy.until([&] { return policy.recorded == count; }));
   EpisodeStore store;
@@ -472,7 +472,7 @@ TEST_P(EnvProtocol, EveryRecorderGetsEveryEpisode) {
     if (number > count) break;
     EXPECT_EQ(std::string(stat.policy().c_str()), "blind");
     EXPECT_EQ(stat.update(), 7u);
-    EXPECT_EQ(stat.job(), 8u);
+    EXPECT_EQ(stat.run_id(), 8u);
     ASSERT_EQ(stat.path().size(), (stat.steps() + 3) / 4);
     std::int64_t place = stat.start();
     for (std::size_t i = 0; i < stat.steps(); ++i) {

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // A policy_service's Fleet and env_services in one process: observations by reference are those with features.
-#include "policy_service/distributed/env_client.h"
-
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
@@ -11,6 +9,7 @@
 
 #include "core/util/random.h"
 #include "env_service/env_service.h"
+#include "policy_service/distributed/env_client.h"
 #include "tests/support/env.h"
 #include "tests/support/samples.h"
 #include "tests/support/wait.h"
@@ -39,7 +38,7 @@ class Host {
   Host(const Traversal& traversal, int agents, const std::string& run, const std::string& middleware = "inprocess") {
     EnvServiceOptions options;
     options.agents = agents;
-    options.node.run = run;
+    options.node.session = run;
     options.node.middleware.name = middleware;
     thread_ = std::thread(
         [this, &traversal, options] { run_env_service(options, traversal, [this] { return stop_.load(); }); });
@@ -63,7 +62,7 @@ class Player {
           with.middleware.name = middleware;
           with.service = "policy_service";
           with.id = "policy";
-          with.run = run;
+          with.session = run;
           return with;
         }()),
         fleet(node, options) {
@@ -158,7 +157,7 @@ TEST_F(FleetTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   Node::Options spy_options;
   spy_options.middleware.name = "inprocess";
   spy_options.service = spy_options.id = "spy";
-  spy_options.run = run_;
+  spy_options.session = run_;
   Node spy(spy_options);
   spy.create_reader<msg::TraversalRequest>();
   const auto requests = [&] {
@@ -198,7 +197,7 @@ TEST_F(FleetTest, WhereFeaturesDoNotComeOtherSeatsGoOnAndItIsAnErrorInTheEnd) {
   miser_options.middleware.name = "inprocess";
   miser_options.service = "env_service";
   miser_options.id = "miser";
-  miser_options.run = run_;
+  miser_options.session = run_;
   Node miser(miser_options);
   msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
   info.traversal() = "hoard";
@@ -239,7 +238,7 @@ TEST_F(FleetTest, FeaturesOfWhoDoesNotHaveThemAreNotTaken) {
     Node::Options with;
     with.middleware.name = "inprocess";
     with.service = with.id = id;
-    with.run = run_;
+    with.session = run_;
     return std::make_unique<Node>(with);
   };
   const auto owner = raw("owner"), stranger = raw("stranger");

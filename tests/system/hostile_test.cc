@@ -155,7 +155,7 @@ TEST_P(Hostile, APolicyServiceBelievesEnvServicesAlone) {
   forged.header().incarnation() -= 2;
   expect_counted("a dead process's observation", "policy", repeated, [&] { stranger_.say(forged); });
   forged = observation;
-  forged.header().run() = "another";
+  forged.header().session() = "another";
   expect_counted("a foreign run", "policy", foreign, [&] { stranger_.say(forged); });
   expect_counted("an old observation", "policy", repeated, [&] { stranger_.say(observation); });
   auto other = info;
@@ -243,7 +243,7 @@ TEST_P(Hostile, AnEnvServiceObeysWhoIsInCharge) {
 
   expect_counted("an old action", id, repeated, [&] { stranger_.say(genuine); });
   auto foreign_action = genuine;
-  foreign_action.header().run() = "another";
+  foreign_action.header().session() = "another";
   expect_counted("a foreign run", id, foreign, [&] { stranger_.say(foreign_action); });
   auto other = settings;
   other.settings().version() = 0;
@@ -303,7 +303,7 @@ TEST_P(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   wrong.learner_incarnation() -= 1;
   expect_counted("for a dead learner", "policy", repeated, as_actor);
   auto foreign_one = trajectory;
-  foreign_one.header().run() = "another";
+  foreign_one.header().session() = "another";
   expect_counted("of a foreign run", "policy", foreign, [&] { stranger_.say(foreign_one); });
 
   auto noisy = info;

@@ -192,7 +192,7 @@ TEST_P(Vendor, TheDoctorTellsAMissingHostASilentOneAndOneWithoutServices) {
 
 TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {
   const Hosts hosts(2);
-  const auto service = peer(hosts, 1, other(), "meet", {"--peers", Hosts::address(0), "--run", "stroll"});
+  const auto service = peer(hosts, 1, other(), "meet", {"--peers", Hosts::address(0), "--session", "stroll"});
   const auto doctor = hosts.start(0,
                                   {CITYLEARN_DOCTOR, "--seconds", "3", "--json", "--middleware", one(), "--domain", "2",
                                    "--interface", Hosts::interface(), "--peers", Hosts::address(1)},

@@ -162,9 +162,9 @@ TEST_P(Vendors, ALaggingRecorderDisturbsNobodysRecords) {
   };
   for (const auto& [number, stat] : store["env-summer"]) {
     if (first.contains(number)) {
-      EXPECT_EQ(stat.job(), job("one")) << number;
+      EXPECT_EQ(stat.run_id(), job("one")) << number;
     } else if (second.contains(number)) {
-      EXPECT_EQ(stat.job(), job("two")) << number;
+      EXPECT_EQ(stat.run_id(), job("two")) << number;
     }
     EXPECT_EQ(std::string(stat.policy().c_str()), "place_filter");
   }
@@ -195,7 +195,7 @@ TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
 
 TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
   Trial run(GetParam(), domain(4));
-  const auto waiting = run.policy({"--run", "nobody"});
+  const auto waiting = run.policy({"--session", "nobody"});
   ASSERT_TRUE(waiting->says("waiting for env_services", seconds(20))) << waiting->output();
   waiting->send(SIGTERM);
   EXPECT_TRUE(waiting->wait(seconds(2)).has_value());

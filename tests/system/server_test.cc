@@ -703,8 +703,8 @@ TEST_F(ServerTest, WhatKeepsItFromListeningIsSaidInOneLine) {
 TEST(Dashboard, PrintsItsAddressServesAndEndsAtASignal) {
   const Folder folder;
   const auto command = [&](const std::string& port, const std::string& store) {
-    return std::vector<std::string>{CITYLEARN_DASHBOARD,     "--port", port,          "--domain",
-                                    std::to_string(kDomain), "--run",  "server-test", "--store",
+    return std::vector<std::string>{CITYLEARN_DASHBOARD,     "--port",    port,          "--domain",
+                                    std::to_string(kDomain), "--session", "server-test", "--store",
                                     folder / store};
   };
   Service dashboard(command("0", "new/first.sqlite"), folder / "log");
@@ -733,7 +733,7 @@ TEST(Dashboard, ShowsATrainingWhileItRunsAndKeepsEachOfItsEpisodes) {
   }
   const auto service = [&](std::vector<std::string> command, const std::string& log) {
     for (const std::string& word :
-         {std::string("--domain"), std::to_string(kDomain + 1), std::string("--run"), std::string("watched")})
+         {std::string("--domain"), std::to_string(kDomain + 1), std::string("--session"), std::string("watched")})
       command.push_back(word);
     return std::make_unique<Service>(command, folder / log);
   };

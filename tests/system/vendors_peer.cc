@@ -22,7 +22,7 @@ int run(char** arguments) {
   options.middleware.name = arguments[1];
   options.middleware.domain = static_cast<std::uint32_t>(std::stoul(arguments[2]));
   options.service = "vendors_peer";
-  options.run = arguments[3];
+  options.session = arguments[3];
   options.id = arguments[4];
   Node node(options);
   testing::for_each_message([&]<class Message>() {

@@ -34,7 +34,7 @@ class Vendors : public ::testing::TestWithParam<std::tuple<std::string, std::str
     options.middleware.domain = domain();
     options.service = "vendors_test";
     options.id = longest("test");
-    options.run = longest("run");
+    options.session = longest("run");
     return options;
   }
   std::uint32_t domain() {
@@ -62,7 +62,7 @@ void expect_echo(Node& node, const Message& sent) {
     node.wait(send_again);
     while (node.take(back)) {
       EXPECT_EQ(back.header().sender().to_string(), longest("peer"));
-      EXPECT_EQ(back.header().run().to_string(), longest("run"));
+      EXPECT_EQ(back.header().session().to_string(), longest("run"));
       back.header(sent.header());
       if (equal(back, sent)) return;
     }

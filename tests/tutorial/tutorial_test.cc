@@ -62,7 +62,7 @@ TEST_F(Tutorial, KeepsItsPromises) {
   // Our own warnings too: the page ends with the file in this repository.
   script += "export CXX='" CITYLEARN_CXX "' CXXFLAGS='" CITYLEARN_CXX_FLAGS "'\n";
   script += "export PATH=\"$(dirname '" CITYLEARN_CMAKE "'):$PATH\"\n";
-  script += "export CITYLEARN_RUN=tutorial CITYLEARN_DOMAIN=" + std::to_string(kDomain) + "\n";
+  script += "export CITYLEARN_SESSION=tutorial CITYLEARN_DOMAIN=" + std::to_string(kDomain) + "\n";
   int commands = 0, files = 0;
   for (const Block& block : blocks_) {
     if (block.language == "sh") {

@@ -94,8 +94,8 @@ void look_at_peers(const MiddlewareOptions& options, Findings& findings) {
 void look_at_services(Findings& findings) {
   for (const Heartbeats::Service& service : findings.services) {
     const msg::ServiceStatus& status = service.newest;
-    const std::string who =
-        fmt::format("service '{}' of run '{}'", status.header().sender().c_str(), status.header().run().c_str());
+    const std::string who = fmt::format("service '{}' of session '{}'", status.header().sender().c_str(),
+                                        status.header().session().c_str());
     if (status.service_state() == msg::FAILED)
       findings.problems.push_back(fmt::format("{}: FAILED: {}", who, status.activity().c_str()));
     if (*status.alarm().c_str()) findings.problems.push_back(fmt::format("{}: {}", who, status.alarm().c_str()));
@@ -121,7 +121,7 @@ void Heartbeats::take() {
       unreadable_.insert(error.what());
       continue;
     }
-    Service& service = services_[{status_.header().run().to_string(), status_.header().sender().to_string()}];
+    Service& service = services_[{status_.header().session().to_string(), status_.header().sender().to_string()}];
     const auto &known = service.newest.header(), &header = status_.header();
     if (service.heard > 0 && (header.incarnation() < known.incarnation() ||
                               (header.incarnation() == known.incarnation() && header.message() <= known.message())))
@@ -168,7 +168,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
     findings.problems.push_back(fmt::format(
         "participants are heard, but no service{} (do they hear this host? their --peers must name it, and a "
         "firewall may let packets through one way only)",
-        run.empty() ? "" : " of run '" + run + "'"));
+        run.empty() ? "" : " of session '" + run + "'"));
   for (const std::string& fault : middleware->discovery().faults())
     if (!fault.starts_with("peer ")) findings.problems.push_back(fault);  // peers are looked at below, and closer
   for (const std::string& line : heartbeats.unreadable()) findings.problems.push_back(line);
@@ -178,7 +178,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
   look_at_services(findings);
   if (findings.ports.size() + 2 >= 2 * internal::kParticipants)
     findings.hints.push_back(
-        fmt::format("domain {} has no more room on this host: {} participants (other runs may have "
+        fmt::format("domain {} has no more room on this host: {} participants (other sessions may have "
                     "another --domain)",
                     options.domain, internal::kParticipants));
   for (const Limit& limit : limits_too_small())
@@ -207,9 +207,9 @@ std::string as_text(const Findings& findings) {
   for (const Heartbeats::Service& service : findings.services) {
     const msg::ServiceStatus& status = service.newest;
     text += fmt::format("  {:<24} {:<16} run {}, host {}, process {}, {}: {}{}\n", status.header().sender().c_str(),
-                        status.service().c_str(), status.header().run().c_str(), status.host().c_str(),
+                        status.service().c_str(), status.header().session().c_str(), status.host().c_str(),
                         status.process(), shown(status.service_state()), status.activity().c_str(),
-                        status.foreign() ? fmt::format(" ({} messages of other runs)", status.foreign()) : "");
+                        status.foreign() ? fmt::format(" ({} messages of other sessions)", status.foreign()) : "");
   }
   for (const std::string& hint : findings.hints) text += "hint: " + hint + "\n";
   for (const std::string& problem : findings.problems) text += "PROBLEM: " + problem + "\n";
@@ -237,7 +237,7 @@ std::string as_json(const Findings& findings) {
     const msg::ServiceStatus& status = service.newest;
     json["services"].push_back({{"id", status.header().sender().c_str()},
                                 {"service", status.service().c_str()},
-                                {"run", status.header().run().c_str()},
+                                {"run", status.header().session().c_str()},
                                 {"host", status.host().c_str()},
                                 {"process", status.process()},
                                 {"middleware", status.middleware().c_str()},
@@ -257,7 +257,7 @@ std::string check_service(const MiddlewareOptions& options, const std::string& r
   const auto middleware = create_middleware(as_doctor(options));
   Heartbeats heartbeats(*middleware);
   const auto say = [&](const std::string& what) {
-    return fmt::format("service '{}'{}: {}", id, run.empty() ? "" : " of run '" + run + "'", what);
+    return fmt::format("service '{}'{}: {}", id, run.empty() ? "" : " of session '" + run + "'", what);
   };
   std::string trouble = fmt::format("no heartbeat within {} s", seconds);
   for (const Clock::time_point deadline = in_seconds(seconds); Clock::now() < deadline && !stop_requested();) {

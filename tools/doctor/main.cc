@@ -33,13 +33,13 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--json", line.json, "Findings as JSON")->group(group);
   spdlog::set_level(spdlog::level::off);  // the findings say it all; --log-level says otherwise
   line.node.service = line.node.id = "doctor";
-  line.node.run = kAllRuns;
+  line.node.session = kAllRuns;
   add_node_options(app, line.node);
-  app.get_option("--run")->description("Run to look at, or all of the domain's");
+  app.get_option("--session")->description("Session to look at, or all of the domain's");
 }
 
 int examine(const CommandLine& line) {
-  const std::string run = line.node.run == kAllRuns ? "" : line.node.run;
+  const std::string run = line.node.session == kAllRuns ? "" : line.node.session;
   if (!line.service.empty()) {
     const std::string trouble = doctor::check_service(line.node.middleware, run, line.service, line.seconds);
     if (!trouble.empty()) throw Error(trouble);

@@ -35,13 +35,13 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->check(CLI::Range(0.0, 1e6))
       ->group(group);
   line.node.service = line.node.id = "record";
-  line.node.run = kAllRuns;
+  line.node.session = kAllRuns;
   add_node_options(app, line.node);
-  app.get_option("--run")->description("Run to record, or all of the domain's");
+  app.get_option("--session")->description("Session to record, or all of the domain's");
 }
 
 int record(CommandLine& line) {
-  if (line.node.run != kAllRuns) line.recording.run = line.node.run;
+  if (line.node.session != kAllRuns) line.recording.run = line.node.session;
   line.recording.split = static_cast<std::uint64_t>(line.split * kMegabyte);
   line.recording.library = "citylearn " + version();
   line.node.middleware.participant = line.node.id;

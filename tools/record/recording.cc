@@ -5,9 +5,9 @@
 #include <chrono>
 #include <filesystem>
 
+#include "core/recording/idl_text.h"
 #include "core/util/error.h"
 #include "core/wire/messages.h"
-#include "core/recording/idl_text.h"
 
 namespace citylearn {
 namespace {
@@ -73,7 +73,7 @@ void Recording::write(Source& source) {
   // What has no header that can be read is kept: whoever looks into the file wants to know.
   const auto header = header_of(taken_);
   if (header) follow(source, *header);
-  if (header && !options_.run.empty() && header->run != options_.run) {
+  if (header && !options_.run.empty() && header->session != options_.run) {
     ++other_runs_;
     return;
   }

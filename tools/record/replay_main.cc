@@ -35,15 +35,15 @@ void add_options(CLI::App& app, CommandLine& line) {
                  "Of these topics alone: scene,action,... (those that say something and command nothing)")
       ->delimiter(',')
       ->group(group);
-  app.add_flag("--learner", line.learner, "Play the trajectories to the learner of --run instead")->group(group);
+  app.add_flag("--learner", line.learner, "Play the trajectories to the learner of --session instead")->group(group);
   line.node.service = line.node.id = "replay";
-  line.node.run = kAsRecorded;
+  line.node.session = kAsRecorded;
   add_node_options(app, line.node);
-  app.get_option("--run")->description("Run in which all that is said");
+  app.get_option("--session")->description("Session in which all that is said");
 }
 
 int replay(CommandLine& line) {
-  if (line.node.run != kAsRecorded) line.replay.run = line.node.run;
+  if (line.node.session != kAsRecorded) line.replay.run = line.node.session;
   line.replay.speed = replay_speed(line.speed);
   line.node.middleware.participant = line.node.id;
   const std::unique_ptr<Middleware> middleware = create_middleware(line.node.middleware);
@@ -62,7 +62,7 @@ int replay(CommandLine& line) {
 int replay_to_learner(CommandLine& line) {
   if (!line.replay.topics.empty() || line.speed != "1")
     throw Error("plays trajectories, as fast as they are learned from", "--learner", "leave out --topics and --speed");
-  if (line.node.run == kAsRecorded) line.node.run = "default";
+  if (line.node.session == kAsRecorded) line.node.session = "default";
   Node node(line.node);
   TrajectoryReplay replay(node, line.replay.files);
   while (!stop_requested() && replay.turn()) node.wait(replay.due());

@@ -106,7 +106,7 @@ TEST(EpisodeBook, TellsAllThatThereIsOfAnEpisode) {
   with.shuffle() = true;
   with.policy() = "blind";
   with.update() = 12;
-  with.job() = 99;
+  with.run_id() = 99;
   book.begin(with, "fall");
   book.add({2, 5, 1, 8, 9, 7, 0.5f, true, {1, 2, 3}});
   book.begin(testing::settings(msg::TRAIN, 10, 20), "fall");  // what comes later changes nothing
@@ -129,7 +129,7 @@ TEST(EpisodeBook, TellsAllThatThereIsOfAnEpisode) {
   EXPECT_TRUE(stat.shuffled());
   EXPECT_EQ(std::string(stat.policy().c_str()), "blind");
   EXPECT_EQ(stat.update(), 12u);
-  EXPECT_EQ(stat.job(), 99u);
+  EXPECT_EQ(stat.run_id(), 99u);
   EXPECT_EQ(stat.path(), (std::vector<std::uint8_t>{1, 2, 3}));
 }
 

@@ -56,7 +56,7 @@ std::vector<std::string> command_line(const std::string& program, const World& w
       command.insert(command.end(), {"--" + source.dataset + "-" + name, fmt::format("{}", value)});
   command.insert(command.end(),
                  {"--traversal", world.train(), "--frames", fmt::format("0:{}", world.recording(world.train()).frames),
-                  "--agents", std::to_string(kAgents), "--run", fmt::format("memory-{}", getpid())});
+                  "--agents", std::to_string(kAgents), "--session", fmt::format("memory-{}", getpid())});
   return command;
 }
 

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // MCAP files: what is written is read, wherever the file ends and whatever is in it.
-#include "core/recording/mcap_writer.h"
-
 #include <gtest/gtest.h>
 #include <zlib.h>
 
@@ -11,8 +9,9 @@
 #include <fstream>
 #include <set>
 
-#include "core/util/error.h"
+#include "core/recording/mcap_writer.h"
 #include "core/recording/wire_header.h"
+#include "core/util/error.h"
 #include "tests/support/recordings.h"
 #include "tests/support/samples.h"
 #include "tests/support/service.h"
@@ -246,15 +245,15 @@ TEST(WireHeader, IsReadFromEveryMessageAndItsRunChanged) {
       const auto header = header_of(bytes);
       ASSERT_TRUE(header) << topic_of<Message>().type;
       EXPECT_EQ(header->protocol, msg::PROTOCOL);
-      EXPECT_EQ(header->run, message.header().run().c_str());
+      EXPECT_EQ(header->session, message.header().session().c_str());
       EXPECT_EQ(header->sender, message.header().sender().c_str());
       EXPECT_EQ(header->incarnation, message.header().incarnation());
       EXPECT_EQ(header->message, message.header().message());
       for (std::size_t length = 1; length <= 64; length += size == Size::kTypical ? 1 : 21) {
         const std::string run(length, 'r');
         Bytes changed;
-        ASSERT_TRUE(with_run(bytes, run, changed));
-        message.header().run(run);
+        ASSERT_TRUE(with_session(bytes, run, changed));
+        message.header().session(run);
         ASSERT_EQ(changed, encoded(message)) << topic_of<Message>().type << ", " << length;
       }
     }
@@ -271,7 +270,7 @@ TEST(WireHeader, IsNotFoundInOtherBytes) {
   other[8] = std::byte{66};  // a name of more characters than there are
   Bytes to;
   EXPECT_FALSE(header_of(other));
-  EXPECT_FALSE(with_run(other, "run", to));
+  EXPECT_FALSE(with_session(other, "run", to));
 }
 
 TEST(IdlText, OfEveryTopicStandsAlone) {

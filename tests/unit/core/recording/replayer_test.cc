@@ -49,7 +49,7 @@ class Watcher {
     options.middleware.name = "inprocess";
     options.middleware.domain = domain;
     options.service = options.id = "dashboard";
-    options.run.clear();
+    options.session.clear();
     return options;
   }
   Store store;
@@ -270,7 +270,7 @@ TEST(Recording, KeepsTheBytesOfItsRunInParts) {
     const auto publisher = other->create_publisher(topic_of<Message>());
     for (int i = 0; i < 3; ++i) {
       Message message = sample_of<Message>(Size::kTypical);
-      message.header().run(i == 1 ? "another" : "demo");
+      message.header().session(i == 1 ? "another" : "demo");
       message.header().message(static_cast<std::uint64_t>(i));
       publisher->publish(encoded(message));
       if (i != 1) said[topic_of<Message>().name].push_back(encoded(message));

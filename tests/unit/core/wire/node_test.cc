@@ -23,7 +23,7 @@ Node::Options options(const std::string& id) {
   options.middleware.name = "inprocess";
   options.service = "test";
   options.id = id;
-  options.run = "ours";
+  options.session = "ours";
   return options;
 }
 
@@ -64,7 +64,7 @@ class Hostile : public ::testing::Test {
 template <class Message>
 Message good() {
   auto message = sample_of<Message>(Size::kTypical);
-  message.header().run("ours");
+  message.header().session("ours");
   return message;
 }
 
@@ -110,12 +110,12 @@ TEST_F(Hostile, UnknownEnumeratorsAreCounted) {
 TEST_F(Hostile, ForgedRunsAndOtherProtocolsAreCounted) {
   auto settings = good<msg::TaskSettings>();
   for (const std::string run : {"theirs", "our", "ours ", "OURS", ""}) {
-    settings.header().run(run);
+    settings.header().session(run);
     EXPECT_FALSE(takes<msg::TaskSettings>(encoded(settings))) << run;
   }
   EXPECT_EQ(node_.traffic.foreign, 5u);
   EXPECT_EQ(node_.traffic.rejected, 0u);
-  settings.header().run("ours");
+  settings.header().session("ours");
   settings.header().protocol(msg::PROTOCOL - 1);
   EXPECT_FALSE(takes<msg::TaskSettings>(encoded(settings)));
   EXPECT_EQ(node_.traffic.rejected, 1u);

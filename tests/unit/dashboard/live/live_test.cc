@@ -277,7 +277,7 @@ Node::Options node_options(const std::string& id, const std::string& run, const 
   options.middleware.name = "inprocess";
   options.middleware.domain = 3;
   options.id = id;
-  options.run = run;
+  options.session = run;
   options.service = service;
   return options;
 }
@@ -437,7 +437,7 @@ TEST_F(LiveTest, TrainingGoesToWhoWatchesThatRun) {
   Node policy(node_options("policy", run, "policy_service"));
   const auto tell = [&](std::uint64_t job, std::uint64_t update) {
     msg::TrainingStat one;
-    one.job() = job;
+    one.run_id() = job;
     one.update() = update;
     one.steps() = update * 512;
     one.reward() = std::numeric_limits<float>::quiet_NaN();
@@ -445,7 +445,7 @@ TEST_F(LiveTest, TrainingGoesToWhoWatchesThatRun) {
     policy.publish(one);
   };
   msg::RunInfo about;
-  about.job() = 77;
+  about.run_id() = 77;
   about.seed() = 3;
   policy.publish(about);
   const std::string topic = "training:" + run + "/policy/3/77";

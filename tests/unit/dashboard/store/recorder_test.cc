@@ -23,7 +23,7 @@ Node::Options node_options(std::uint32_t domain, const std::string& middleware, 
   options.middleware.domain = domain;
   options.service = service;
   options.id = id;
-  options.run = "demo";
+  options.session = "demo";
   return options;
 }
 
@@ -88,7 +88,7 @@ class ScriptedLearner {
     msg::TrainingStatRequest request;
     while (node.take(request)) {
       if (request.policy() != node.options().id || request.policy_incarnation() != node.incarnation() ||
-          request.job() != kJob)
+          request.run_id() != kJob)
         continue;
       ++requests;
       std::uint64_t most = msg::MAX_STATS_ASKED;
@@ -242,7 +242,7 @@ TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpac
   old.ended(true);
   dashboard->store.heard(old);
   std::vector<msg::EpisodeStat> past = episodes(1, 500, "env-past");
-  for (msg::EpisodeStat& one : past) one.job(kJob - 1);
+  for (msg::EpisodeStat& one : past) one.run_id(kJob - 1);
   dashboard->store.record(past);
   ASSERT_TRUE(until(
       [&] {

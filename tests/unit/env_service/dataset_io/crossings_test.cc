@@ -9,10 +9,10 @@
 #include <numbers>
 #include <numeric>
 
-#include "core/util/error.h"
-#include "core/wire/messages.h"
-#include "core/util/random.h"
 #include "core/task/route_map.h"
+#include "core/util/error.h"
+#include "core/util/random.h"
+#include "core/wire/messages.h"
 #include "env_service/env_service.h"
 #include "tests/support/env.h"
 
@@ -183,7 +183,7 @@ TEST(Crossings, AreNotOnTheWireYet) {
   Traversal traversal = testing::small_traversal(4);
   traversal.turns = {2, 1, 0, 3};
   EnvServiceOptions options;
-  options.node.run = "crossings-" + std::to_string(getpid());
+  options.node.session = "crossings-" + std::to_string(getpid());
   options.node.middleware.name = "inprocess";
   try {
     run_env_service(options, traversal, [] { return true; });

@@ -7,13 +7,13 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
 #include "core/util/random.h"
-#include "core/task/route_map.h"
+#include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/episode_log.h"
-#include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/run/metrics_log.h"
 #include "policy_service/run/policy_service.h"
 #include "policy_service/run/run_record.h"
@@ -160,7 +160,7 @@ class RunRecordTest : public ::testing::Test {
     Node::Options options;
     options.middleware.name = "inprocess";
     options.service = options.id = id;
-    options.run = "run-record-" + std::to_string(getpid());
+    options.session = "run-record-" + std::to_string(getpid());
     return options;
   }
   RunRecordTest() {
@@ -184,7 +184,7 @@ class RunRecordTest : public ::testing::Test {
     msg::TrainingStatRequest request;
     request.policy() = "policy";
     request.policy_incarnation() = policy.incarnation();
-    request.job() = job;
+    request.run_id() = job;
     request.first() = first;
     request.last() = last;
     watcher.publish(request);
@@ -200,7 +200,7 @@ TEST_F(RunRecordTest, TellsWhatTheRunIsAtItsStartAndItsEndAndInBetween) {
   EXPECT_EQ(std::string(info.agent().c_str()), "place_filter");
   EXPECT_EQ(std::string(info.learner().c_str()), "ppo");
   EXPECT_EQ(info.seed(), 3u);
-  EXPECT_EQ(info.job(), 5u);
+  EXPECT_EQ(info.run_id(), 5u);
   EXPECT_EQ(info.updates(), 20u);
   EXPECT_FALSE(info.ended());
   EXPECT_EQ(std::string(info.manifest().begin(), info.manifest().end()), "{\"a\": 1}");
@@ -230,7 +230,7 @@ TEST_F(RunRecordTest, GivesItsStatsAgainToWhoAsks) {
     record.add(one);
     const auto came = stats(record);
     ASSERT_EQ(came.size(), 1u);
-    EXPECT_EQ(came[0].job(), 5u);
+    EXPECT_EQ(came[0].run_id(), 5u);
   }
   ask(30, 35);
   auto came = stats(record);
@@ -239,7 +239,7 @@ TEST_F(RunRecordTest, GivesItsStatsAgainToWhoAsks) {
     EXPECT_EQ(came[i].update(), 30 + i);
     EXPECT_EQ(came[i].reward(), static_cast<float>(30 + i) / 2);
     EXPECT_EQ(came[i].wall(), static_cast<double>(30 + i) * 3);
-    EXPECT_EQ(came[i].job(), 5u);
+    EXPECT_EQ(came[i].run_id(), 5u);
     EXPECT_EQ(std::string(came[i].header().sender().c_str()), "policy");
   }
   ask(1, 22);
@@ -384,7 +384,7 @@ TEST(Evaluation, RefusesAnAgentThatKnowsAMap) {
   task.turns = {0, 7, 2, 3, 4, 5, 6, 1, 8};
   write_checkpoint(folder / "map.clk", some_checkpoint("place_filter", task));
   PolicyServiceOptions options;
-  options.node.run = "map-" + std::to_string(getpid());
+  options.node.session = "map-" + std::to_string(getpid());
   options.node.id = "policy";
   options.node.middleware.name = "inprocess";
   options.mode = "evaluate";

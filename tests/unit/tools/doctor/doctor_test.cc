@@ -28,7 +28,7 @@ class Doctor : public ::testing::Test {
     options.middleware = options_;
     options.service = "env_service";
     options.id = id;
-    options.run = "walk";
+    options.session = "walk";
     return options;
   }
   /// A heartbeat that its sender wrote so many seconds ago.
@@ -36,7 +36,7 @@ class Doctor : public ::testing::Test {
     const double now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
     msg::ServiceStatus status;
     status.header().protocol(msg::PROTOCOL);
-    status.header().run("walk");
+    status.header().session("walk");
     status.header().sender(id);
     status.header().incarnation(static_cast<std::uint64_t>((now - age - 10) * 1e6));
     status.header().message(1);
@@ -75,12 +75,12 @@ TEST_F(Doctor, AFreshHeartbeatIsHealth) {
 }
 
 TEST_F(Doctor, NoneOrAnOldOneOrAFailureIsNot) {
-  EXPECT_EQ(check_service(options_, "walk", "env", 0.2), "service 'env' of run 'walk': no heartbeat within 0.2 s");
+  EXPECT_EQ(check_service(options_, "walk", "env", 0.2), "service 'env' of session 'walk': no heartbeat within 0.2 s");
   publish(heartbeat("env", 60));
   EXPECT_EQ(check_service(options_, "", "env", 0.2), "service 'env': only an old heartbeat was heard: it hangs");
-  EXPECT_EQ(check_service(options_, "run", "env", 0.2), "service 'env' of run 'run': no heartbeat within 0.2 s");
+  EXPECT_EQ(check_service(options_, "run", "env", 0.2), "service 'env' of session 'run': no heartbeat within 0.2 s");
   publish(heartbeat("env", 0, msg::FAILED));
-  EXPECT_EQ(check_service(options_, "walk", "env", 0.2), "service 'env' of run 'walk': FAILED: did what it could");
+  EXPECT_EQ(check_service(options_, "walk", "env", 0.2), "service 'env' of session 'walk': FAILED: did what it could");
 }
 
 TEST_F(Doctor, ASecondHeartbeatTellsThatAnotherClockIsBehind) {
@@ -128,8 +128,8 @@ TEST_F(Doctor, AlarmsFailuresTypesAndProtocolsAreProblems) {
   }());
   const auto stranger = writer->create_publisher(wrong);
   const Findings findings = examine(options_, "", 0.3);
-  EXPECT_EQ(problem_with("alarmed", findings), "service 'alarmed' of run 'walk': checkpoint: the disk is full");
-  EXPECT_EQ(problem_with("'failed'", findings), "service 'failed' of run 'walk': FAILED: did what it could");
+  EXPECT_EQ(problem_with("alarmed", findings), "service 'alarmed' of session 'walk': checkpoint: the disk is full");
+  EXPECT_EQ(problem_with("'failed'", findings), "service 'failed' of session 'walk': FAILED: did what it could");
   EXPECT_NE(problem_with("the sender speaks protocol 4", findings), "");
   EXPECT_EQ(problem_with("topic", findings),
             "topic citylearn/action: 'stranger' publishes type citylearn::msg::Reaction, expected "
@@ -173,9 +173,9 @@ TEST(DoctorProgram, FindsAServiceOfTheOtherVendor) {
   options.middleware.name = "cyclonedds";
   options.service = "env_service";
   options.id = "env";
-  options.run = "walk";
+  options.session = "walk";
   Node node(options);
-  testing::Service doctor({CITYLEARN_DOCTOR, "--service", "env", "--run", "walk", "--seconds", "20", "--domain",
+  testing::Service doctor({CITYLEARN_DOCTOR, "--service", "env", "--session", "walk", "--seconds", "20", "--domain",
                            std::to_string(kDomain), "--middleware", "fastdds"},
                           folder / "log");
   std::optional<int> status;
