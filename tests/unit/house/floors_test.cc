@@ -14,23 +14,64 @@ namespace fs = std::filesystem;
 
 const std::vector<std::string> kServices = {"env_service", "encoder_service", "policy_service", "dashboard"};
 
+const std::vector<std::string> kProduct = {"core",           "env_service", "encoder_service",
+                                           "policy_service", "dashboard",   "tools"};
+
+/// The sub-folders of each part, from the lowest floor to the highest. A file includes its own folder and lower ones.
+const std::vector<std::vector<std::string>> kOrders = {
+    {"core/util", "core/task", "core/dds", "core/plugin", "core/wire", "core/recording"},
+    {"env_service/dataset_io", "env_service/drawn_city", "env_service/datasets", "env_service"},
+    {"encoder_service/encoding", "encoder_service/onnx", "encoder_service/encoders", "encoder_service/recognition",
+     "encoder_service"},
+    {"policy_service/network", "policy_service/rollout", "policy_service/learning",
+     "policy_service/learning/optimization", "policy_service/learning/learners", "policy_service/interchange",
+     "policy_service/interchange/exporters", "policy_service/distributed", "policy_service/run", "policy_service"},
+    {"dashboard/store", "dashboard/http", "dashboard/live", "dashboard/api", "dashboard"},
+};
+
+constexpr int kMostLines = 500, kMostHeaderLines = 120;
+
+/// Files that are still longer, and their lengths, which may only fall. A file that fits is taken out.
+const std::map<std::string, int> kTooLong = {
+    {"dashboard/api/api.cc", 718},
+    {"dashboard/http/request_handler.cc", 549},
+    {"dashboard/store/store.cc", 621},
+    {"dashboard/store/store_reader.h", 136},
+    {"encoder_service/encoder_service.cc", 730},
+    {"env_service/drawn_city/parts.h", 189},
+    {"env_service/env_service.cc", 570},
+    {"policy_service/distributed/actor.cc", 650},
+    {"policy_service/distributed/env_client.h", 153},
+    {"policy_service/learning/optimization/replay.h", 177},
+    {"policy_service/network/agent_network.h", 148},
+    {"policy_service/run/policy_service.cc", 766},
+};
+
 struct Include {
   std::string file, line, target;
 };
 
+const fs::path kRoot = CITYLEARN_SOURCE_DIR;
+
+std::vector<std::string> sources_below(const std::string& folder) {
+  std::vector<std::string> found;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(kRoot / folder)) {
+    const std::string extension = entry.path().extension(), path = fs::relative(entry.path(), kRoot);
+    if (path.find("/node_modules/") != path.npos) continue;
+    if (extension == ".h" || extension == ".cc" || extension == ".c" || extension == ".inl") found.push_back(path);
+  }
+  return found;
+}
+
 std::vector<Include> includes_below(const std::string& folder) {
   std::vector<Include> found;
-  const fs::path root = fs::path(CITYLEARN_SOURCE_DIR);
-  if (!fs::exists(root / folder)) return found;
   const std::regex pattern(R"(^\s*#\s*include\s*[<"]([^>"]+)[>"])");
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(root / folder)) {
-    const std::string extension = entry.path().extension();
-    if (extension != ".h" && extension != ".cc" && extension != ".c" && extension != ".inl") continue;
-    std::ifstream in(entry.path());
+  for (const std::string& path : sources_below(folder)) {
+    std::ifstream in(kRoot / path);
     std::string line;
     std::smatch match;
     while (std::getline(in, line))
-      if (std::regex_search(line, match, pattern)) found.push_back({fs::relative(entry.path(), root), line, match[1]});
+      if (std::regex_search(line, match, pattern)) found.push_back({path, line, match[1]});
   }
   return found;
 }
@@ -52,17 +93,43 @@ TEST(Floors, CoreKnowsNoService) {
       EXPECT_FALSE(begins(include.target, service + "/")) << include.file << ": " << include.line;
 }
 
-TEST(Floors, VendorHeadersStayInTheirOwnMiddlewareFile) {
-  for (const std::string folder : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools"})
+TEST(Floors, SubFoldersIncludeOnlyLowerOnes) {
+  for (const std::vector<std::string>& order : kOrders) {
+    const auto floor_of = [&](const std::string& path) {
+      return std::find(order.begin(), order.end(), fs::path(path).parent_path().string());
+    };
+    const std::string part = order.front().substr(0, order.front().find('/'));
+    for (const std::string& path : sources_below(part))
+      EXPECT_TRUE(floor_of(path) != order.end() || begins(path, "dashboard/web/")) << path << ": of an unknown folder";
+    for (const Include& include : includes_below(part))
+      if (begins(include.target, part + "/")) {
+        EXPECT_LE(floor_of(include.target), floor_of(include.file)) << include.file << ": " << include.line;
+      }
+  }
+}
+
+TEST(Floors, FilesStayShort) {
+  for (const std::string& folder : kProduct)
+    for (const std::string& path : sources_below(folder)) {
+      std::ifstream in(kRoot / path);
+      const auto lines = std::count(std::istreambuf_iterator<char>(in), {}, '\n');
+      const auto longer = kTooLong.find(path);
+      const int limit = path.ends_with(".h") ? kMostHeaderLines : kMostLines;
+      EXPECT_LE(lines, longer == kTooLong.end() ? limit : longer->second) << path;
+    }
+}
+
+TEST(Floors, VendorHeadersStayInTheirOwnMiddlewareFiles) {
+  for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder)) {
       if (begins(include.target, "fastdds/") || begins(include.target, "fastrtps/")) {
         EXPECT_EQ(include.file, "core/dds/middleware_fastdds.cc") << include.line;
       }
       if (begins(include.target, "dds/") || begins(include.target, "ddsi/")) {
-        EXPECT_TRUE(begins(include.file, "core/middleware_cyclonedds")) << include.file << ": " << include.line;
+        EXPECT_TRUE(begins(include.file, "core/dds/middleware_cyclonedds")) << include.file << ": " << include.line;
       }
       if (begins(include.target, "fastcdr/")) {
-        EXPECT_EQ(include.file, "core/wire/messages.cc") << include.line;
+        EXPECT_TRUE(begins(include.file, "core/wire/")) << include.file << ": " << include.line;
       }
     }
 }
@@ -74,7 +141,7 @@ TEST(Floors, NumbersInEigenPicturesInDatasetsAndEncoders) {
 }
 
 TEST(Floors, SqliteStaysInItsOneFile) {
-  for (const std::string folder : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools"})
+  for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder))
       if (begins(include.target, "sqlite3")) {
         EXPECT_EQ(include.file, "dashboard/store/sqlite.cc") << include.line;
@@ -82,7 +149,7 @@ TEST(Floors, SqliteStaysInItsOneFile) {
 }
 
 TEST(Floors, ProtobufStaysInTheWriterOfModels) {
-  for (const std::string folder : {"core", "env_service", "encoder_service", "policy_service", "dashboard", "tools"})
+  for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder))
       if (begins(include.target, "google/") || begins(include.target, "onnx/")) {
         EXPECT_EQ(include.file, "policy_service/interchange/onnx_graph.cc") << include.line;
