@@ -20,6 +20,7 @@ class Presence {
   /// Counts it as gone from now on.
   void forget() { last_ = {}; }
   bool here(Clock::time_point now) const { return last_ != Clock::time_point{} && now - last_ < kSilence; }
+  Clock::time_point last_heard() const { return last_; }
   /// Returns when it will count as gone unless it is heard again.
   Clock::time_point gone_at() const { return last_ + kSilence; }
   auto operator<=>(const Presence&) const = default;

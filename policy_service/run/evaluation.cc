@@ -52,7 +52,7 @@ double Evaluation::share() const {
 
 void Evaluation::check_alive() const {
   for (const auto& [seat, part] : parts_)
-    if (Clock::now() - seat->heard > options_.patience)
+    if (Clock::now() - seat->presence.last_heard() > options_.patience)
       throw Error("went silent during the evaluation on '" + seat->traversal() + "'", "env_service '" + seat->id + "'",
                   "start it again, then evaluate the checkpoint with --mode evaluate");
 }

@@ -72,7 +72,7 @@ class Filler {
 
 /// Makes octets actions, or ends of episodes; `instead` replaces what is neither.
 inline void make_actions(std::vector<std::uint8_t>& octets, std::uint8_t instead = kStay) {
-  for (std::uint8_t& octet : octets) octet = octet % 4 == 3 ? instead : octet % 4;
+  for (std::uint8_t& octet : octets) octet = static_cast<std::uint8_t>(octet % 4 == 3 ? instead : octet % 4);
 }
 
 // What makes the fields of a message agree with each other, where they must.
