@@ -1,0 +1,78 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""idl/generate.py: what it writes of a small IDL file, and how it names the mistakes in one."""
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+PROGRAM = pathlib.Path(__file__).parents[3] / "idl" / "generate.py"
+GOOD = """module citylearn { module msg {
+  const unsigned long MOST = 4;                 // entries
+  enum Mode {
+    IDLE,                                       // waits
+    TRAIN
+  };
+  @final struct Header {
+    unsigned long protocol;                     //@protocol of the sender
+  };
+  //@topic(state)
+  @final struct BigThing {
+    Header header;
+    Mode task_mode;
+    string<64> name;
+    sequence<float, MOST> number;               //@finite metres
+    sequence<octet, MOST> flags;                //@length(number) one for each number
+    double uptime;
+  };
+};
+};
+"""
+
+
+class Generate(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+
+    def run_on(self, text):
+        path = pathlib.Path(self.folder.name) / "thing.idl"
+        path.write_text(text)
+        return subprocess.run([sys.executable, PROGRAM, self.folder.name, path], capture_output=True, text=True)
+
+    def test_it_writes_fields_bounds_checks_and_topics(self):
+        self.assertEqual(self.run_on(GOOD).returncode, 0)
+        fields = (pathlib.Path(self.folder.name) / "core/wire/message_fields.h").read_text()
+        for line in ('visitor.protocol("protocol", m.protocol());', 'visitor.nested("header", m.header());',
+                     'visitor.enumerator("task_mode", m.task_mode(), TRAIN);', 'visitor("name", m.name());',
+                     'visitor("number", m.number(), MOST);', 'check.finite("number", m.number());',
+                     'check.length("flags", m.flags().size(), "number", m.number().size(), 0);',
+                     'X(BigThing, "citylearn/big_thing", kState)', '#include "idl/thing.h"'):
+            self.assertIn(line, fields)
+        forward = (pathlib.Path(self.folder.name) / "idl/forward.h").read_text()
+        self.assertIn("class BigThing;", forward)
+        self.assertIn("enum Mode : std::uint32_t;", forward)
+
+    def test_a_mistake_is_named_with_its_file_and_line(self):
+        for before, after, line, error in (
+                ("double uptime;", "double uptime, other;", 17, "is neither a number"),
+                ("double uptime;", "float name;", 17, "not a new field"),
+                ("double uptime;", "Other uptime;", 17, "'Other' is neither"),
+                ("sequence<octet, MOST>", "sequence<octet>", 16, "is neither"),
+                ("sequence<octet, MOST>", "sequence<octet, LEAST>", 16, "unknown bound 'LEAST'"),
+                ("length(number)", "length(numbers)", 18, "no sequence 'numbers'"),
+                ("length(number)", "length", 16, "does not fit"),
+                ("string<64> name;", "string<64> name; //@finite", 14, "does not fit"),
+                ("//@finite", "//@finit", 15, "unknown annotation"),
+                ("topic(state)", "topic(fast)", 10, "one of stream, state, command, durable"),
+                ("    Header header;\n", "", 17, "first field must be a Header"),
+                ("@final struct Big", "struct Big", 11, "must be @final")):
+            answer = self.run_on(GOOD.replace(before, after))
+            self.assertEqual(answer.returncode, 1, after)
+            self.assertIn(f"thing.idl:{line}: ", answer.stderr)
+            self.assertIn(error, answer.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
