@@ -10,8 +10,8 @@
 
 namespace citylearn {
 
-/// Who else is in a DDS domain, as discovery tells a middleware, and what is wrong with it. Vendors' threads tell, the
-/// service asks: all methods may be called from any thread.
+/// Keeps the participants and endpoints that a middleware has discovered in its DDS domain, and reports what is wrong
+/// with them. All methods may be called from any thread.
 class DiscoveryMonitor {
  public:
   struct Participant {
@@ -29,27 +29,27 @@ class DiscoveryMonitor {
   std::vector<Participant> participants();
   std::vector<Endpoint> endpoints();
 
-  /// What went wrong since the last call, a line each: "topic X: Y publishes type A, expected B", or a peer at whose
-  /// address nobody has been heard for kPatience.
+  /// Returns what went wrong since the last call, a line each: "topic X: Y publishes type A, expected B", or a peer at
+  /// whose address no participant was discovered for kPatience.
   std::vector<std::string> faults();
   static constexpr std::chrono::seconds kPatience{4};
 
-  /// With DDS Security: whoever is there, and of whom nothing else is heard for so long, has shown no identity that is
-  /// trusted here. faults() tells of each once.
+  /// With DDS Security, a participant without a known endpoint for so long has shown no trusted identity. faults()
+  /// reports each once.
   static constexpr std::chrono::seconds kIdentified{5};
 
-  // Told by the middleware. Keys identify participants and endpoints for good (a GUID in any form).
+  // The middleware calls these. Keys identify participants and endpoints for good (a GUID in any form).
 
   void participant_found(const std::string& key, const Participant& participant);
   void participant_lost(const std::string& key);
   void endpoint_found(const std::string& key, const std::string& participant, bool writes, const std::string& topic,
                       const std::string& type);
   void endpoint_lost(const std::string& key);
-  /// A topic of our own. Throws Error when we have it with another type already.
+  /// Registers a topic of this process. Throws Error when it was registered with another type.
   void register_local_topic(const std::string& topic, const std::string& type);
-  /// Strangers are to be told from here on: a participant whose endpoints are unknown is one (security encrypts them).
+  /// From here on reports participants whose endpoints stay unknown (security encrypts them) as untrusted.
   void require_identity();
-  /// Somebody should be heard at this IPv4 address; `peer` is what the user wrote.
+  /// Reports a fault when no participant is discovered at this IPv4 address; `peer` is what the user wrote.
   void expect_peer(const std::string& peer, const std::string& address);
 
  private:

@@ -23,7 +23,7 @@ enum class Profile {
   kDurable,  ///< chunks and records: 256
 };
 
-/// Everything a vendor needs to know of a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the
+/// Everything a vendor needs to know about a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the
 /// middleware moves bytes, core/wire/messages.h gives them types.
 struct Topic {
   std::string name;  ///< "citylearn/observation"
@@ -36,13 +36,13 @@ struct Topic {
 class Publisher {
  public:
   virtual ~Publisher() = default;
-  /// Copies the sample and returns; delivery goes on behind. Throws Error when the sample is larger than
+  /// Copies the sample and returns before it is delivered. Throws Error when the sample is larger than
   /// Topic::largest.
   virtual void publish(std::span<const std::byte> sample) = 0;
-  /// Subscriptions that match now.
+  /// Returns the number of subscriptions that match now.
   virtual int matched() const = 0;
-  /// Waits until they have all that was published, at most until the deadline: where a publisher that is gone sends
-  /// nothing again. The others see to it by themselves.
+  /// Waits until they have all that was published, at most until the deadline. For vendors whose publishers resend
+  /// nothing once destroyed; others need not override it.
   virtual void wait_for_acknowledgments(Clock::time_point) {}
 };
 
@@ -52,7 +52,7 @@ class Subscription {
   virtual ~Subscription() = default;
   /// Takes the next sample into `sample` (its capacity is used again); false when there is none.
   virtual bool take(Bytes& sample) = 0;
-  /// Publishers that match now.
+  /// Returns the number of publishers that match now.
   virtual int matched() const = 0;
 };
 
@@ -64,7 +64,7 @@ class Middleware {
   virtual std::unique_ptr<Subscription> create_subscription(const Topic& topic) = 0;
   /// Waits until a subscription may have a sample (true) or the deadline has passed (false). May return true early.
   virtual bool wait(Clock::time_point deadline) = 0;
-  /// The others, as discovered up to now.
+  /// Returns the participants and endpoints discovered up to now.
   virtual DiscoveryMonitor& discovery() = 0;
   /// "fastdds", "cyclonedds", "inprocess"; decorators put their own name in front: "lossy:fastdds".
   virtual std::string name() const = 0;

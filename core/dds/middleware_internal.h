@@ -14,7 +14,7 @@ namespace citylearn::internal {
 /// highest domain would allow 62; every further one costs all others a packet at each announcement.
 inline constexpr int kParticipants = 48;
 
-/// Longest that a publisher waits for room; with KEEP_LAST there always is some.
+/// The longest that a publisher waits for room; with KEEP_LAST there always is some.
 inline constexpr std::chrono::milliseconds kBlocking{100};
 
 /// Samples kept. A reader is deeper than a writer: topics are keyless, so the samples of all writers share its history,
@@ -25,13 +25,13 @@ struct Depth {
 };
 Depth depth_of(Profile profile);
 
-/// First UDP port of the participant with this index (its discovery port; data arrives at the next one).
+/// Returns the first UDP port of the participant with this index (its discovery port; data arrives at the next one).
 /// RTPS 2.2, 9.6.1.
 inline int discovery_port(std::uint32_t domain, int index) {
   return 7400 + 250 * static_cast<int>(domain) + 10 + 2 * index;
 }
 
-/// Where Fast DDS's discovery server listens unless told otherwise.
+/// The port of Fast DDS's discovery server by default.
 inline constexpr int kDiscoveryServerPort = 11811;
 
 /// A network interface of this host that has an IPv4 address.
@@ -40,7 +40,7 @@ struct Interface {
   int packet = 0;  ///< bytes it sends in one packet
   bool up = false;
 };
-/// One for each address. Throws Error when the system does not tell.
+/// Returns one for each address. Throws Error when the system call fails.
 std::vector<Interface> interfaces();
 
 /// MiddlewareOptions with the network resolved and checked.
@@ -61,14 +61,14 @@ struct Network {
   std::string security;                 ///< folder with keys; empty: none
 };
 
-/// First index whose two UDP ports are free on all addresses; Error when there is none.
+/// Returns the first index whose two UDP ports are free on all addresses. Throws Error when there is none.
 int free_index(const Network& network);
 
 /// Tells `discovery` of the user's peers and discovery servers that someone should be heard there, this host's own
 /// addresses excepted.
 void expect_peers(const Network& network, DiscoveryMonitor& discovery);
 
-/// "fastdds", "cyclonedds" or "vendor 01.03".
+/// Returns "fastdds", "cyclonedds" or "vendor 01.03".
 std::string vendor_name(std::uint8_t major, std::uint8_t minor);
 
 /// Throws Error when the sample is larger than its topic allows.
@@ -79,7 +79,7 @@ std::unique_ptr<Middleware> create_cyclonedds(const Network& network);
 std::unique_ptr<Middleware> create_inprocess(std::uint32_t domain, const std::string& participant);
 /// `options` is what stands between "lossy" and ":", for example ",drop=0.2".
 std::unique_ptr<Middleware> create_lossy(const std::string& options, std::unique_ptr<Middleware> inner);
-/// Throws Error when create_lossy would; so that a wrong option is told before a vendor starts.
+/// Throws Error when create_lossy would; so that a wrong option is reported before a vendor starts.
 void check_lossy(const std::string& options);
 
 }  // namespace citylearn::internal

@@ -20,23 +20,23 @@ namespace citylearn::internal {
 /// path.
 std::string check_security(const std::string& folder, const std::string& participant);
 
-/// Domains that governance and permissions can name (DDS Security 1.1, 9.4.1.2).
+/// The highest domain that governance and permissions can name (DDS Security 1.1, 9.4.1.2).
 inline constexpr std::uint32_t kMostSecureDomain = 230;
 
 /// Properties of a participant, names and values.
 using Properties = std::vector<std::pair<std::string, std::string>>;
 
-/// What Fast DDS must be told, of a folder that has been checked.
+/// Returns Fast DDS's settings for a folder that has been checked.
 Properties fastdds_security(const std::string& folder);
 
-/// The same for Cyclone DDS. Throws Error when its security plug-ins are not installed.
+/// Returns Cyclone DDS's settings. Throws Error when its security plug-ins are not installed.
 Properties cyclonedds_security(const std::string& folder);
 
-/// What a vendor's own message about security means, in a line for a person: who was refused, and why. Nothing when the
-/// message is of something else.
+/// Explains a vendor's own message about security in a line for a person: who was refused, and why. Returns nothing
+/// when the message is about something else.
 std::optional<std::string> explain_security(const std::string& message);
 
-/// Logs such a line as a warning; vendors repeat themselves every second, so the same one once in kQuiet. Any thread.
+/// Logs such a line as a warning, at most once in kQuiet: vendors repeat them every second. Called by any thread.
 void log_security_event(const std::string& line);
 inline constexpr std::chrono::seconds kQuiet{60};
 

@@ -35,8 +35,8 @@ class Wakeup {
     std::atomic<bool> raised_{false};
   };
 
-  /// True once a flag is raised; false when the deadline has passed. Looks for a short while before it sleeps if that
-  /// would have been enough the last time: to be woken costs more than what an answer from the same machine takes.
+  /// Waits until a flag is raised (true) or the deadline has passed (false). Spins for a short while before it sleeps
+  /// if that would have been enough the last time: waking up takes longer than an answer from the same machine.
   bool wait(Clock::time_point deadline);
 
  private:

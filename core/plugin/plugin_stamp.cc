@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Compiled into every plug-in (cmake/Plugins.cmake): says what it was built against, for core/plugin/plugins.cc to read.
+// Compiled into every plug-in (cmake/Plugins.cmake): says what it was built against, for core/plugin/plugins.cc to
+// read.
 #include "core/plugin/plugin_stamp.h"
 
 extern "C" {

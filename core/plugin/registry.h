@@ -14,8 +14,8 @@ namespace citylearn {
 
 /// One parameter of a plug-in: a number with default and range. Booleans are 0 or 1; whole numbers say `integer`.
 struct ParameterSpec {
-  std::string name;     ///< as on the command line and in TOML: "learning-rate"
-  std::string help;     ///< one line, with its unit
+  std::string name;  ///< as on the command line and in TOML: "learning-rate"
+  std::string help;  ///< one line, with its unit
   double default_value = 0;
   double minimum = 0;
   double maximum = 0;
@@ -40,10 +40,10 @@ class Parameters {
   std::map<std::string, double> values_;
 };
 
-/// What was registered so far, whatever its kind.
+/// What was registered so far, of all kinds.
 struct Registrations {
   int count = 0;
-  std::vector<std::string> taken;  ///< names that existed already in their registry, and were left out
+  std::vector<std::string> taken;  ///< names that their registry had already, left out
 };
 Registrations& registrations();
 
@@ -70,14 +70,14 @@ class Registry {
     static Registry registry;
     return registry;
   }
-  /// Sorted by name.
+  /// Returns all entries, sorted by name.
   std::vector<const Entry*> entries() const {
     std::vector<const Entry*> sorted;
     for (const Entry& entry : entries_) sorted.push_back(&entry);
     std::sort(sorted.begin(), sorted.end(), [](auto* a, auto* b) { return a->name < b->name; });
     return sorted;
   }
-  /// `kind` is for the message: "network".
+  /// Throws Error that lists the known names when there is none. `kind` is for that message: "network".
   const Entry& find(const std::string& kind, const std::string& name) const {
     std::string known;
     for (const Entry* entry : entries()) {
@@ -88,7 +88,7 @@ class Registry {
   }
 
  private:
-  /// Runs before main, or while a plug-in is loaded: where nothing may be thrown.
+  /// Must not throw: it runs before main, or while a plug-in is loaded.
   void add(Entry entry) {
     ++registrations().count;
     if (std::any_of(entries_.begin(), entries_.end(), [&](const Entry& known) { return known.name == entry.name; }))

@@ -10,7 +10,7 @@ struct ReplayOptions {
   std::vector<std::string> files;   ///< one after the other
   double speed = 1;                 ///< times as fast as it was; 0: as fast as who listens can follow
   std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: what those who watch hear
-  std::string run;                  ///< said in this run; empty: in the run that was recorded
+  std::string session;              ///< played in this session; empty: in the one recorded
 };
 
 /// Topics of ReplayOptions when none are named: what services say of themselves. Nothing that a service obeys is among

@@ -218,7 +218,7 @@ bool Replayer::fetch() {
               .skipped["of protocol " + std::to_string(header->protocol) + ", not " + std::to_string(msg::PROTOCOL)];
         continue;
       }
-      if (options_.run.empty() || !with_session(message->data, options_.run, bytes_))
+      if (options_.session.empty() || !with_session(message->data, options_.session, bytes_))
         bytes_.assign(message->data.begin(), message->data.end());
       next_ = Next{topic->second, {header->sender, header->incarnation}, due_time(message->log_time)};
       return true;

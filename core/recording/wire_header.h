@@ -10,7 +10,7 @@
 
 namespace citylearn {
 
-/// What every message begins with (idl/common.idl), read from its bytes without knowing its type.
+/// The Header of a message (idl/common.idl), read from its bytes without knowing its type.
 struct WireHeader {
   std::uint32_t protocol = 0;
   std::string session, sender;
@@ -18,11 +18,11 @@ struct WireHeader {
   std::uint64_t message = 0;
 };
 
-/// Nothing when the bytes do not begin with a Header in XCDR1.
+/// Returns nothing when the bytes do not begin with a Header in XCDR1.
 std::optional<WireHeader> header_of(std::span<const std::byte> message);
 
-/// The same message of another session, into `to`; what follows the header is copied as it is. `session` has at most 64
-/// characters. False when header_of() finds nothing.
+/// Writes the same message of another session into `to`; what follows the header is copied as it is. `session` has at
+/// most 64 characters. Returns false when header_of() finds nothing.
 bool with_session(std::span<const std::byte> message, const std::string& session, Bytes& to);
 
 }  // namespace citylearn

@@ -3,8 +3,8 @@
 
 #include <string>
 
-#include "core/util/error.h"
 #include "core/task/action.h"
+#include "core/util/error.h"
 
 namespace citylearn {
 

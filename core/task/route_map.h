@@ -13,15 +13,15 @@ namespace citylearn {
 /// Throws Error unless `turns` is empty or a permutation of 0 .. places - 1.
 void check_turns(const std::vector<int>& turns, int places);
 
-/// Turns of the stretch first .. first + frames - 1 as a route of its own, places counted from its beginning. Where a
-/// turn leads out of it, the turns from there on are followed until they come back; so it is a permutation again.
-/// Empty when the stretch does not cross itself.
+/// Returns the turns of the stretch first .. first + frames - 1 as a route of its own, places counted from its start.
+/// Where a turn leads out of it, the turns from there on are followed until they come back; so it is a permutation
+/// again. Empty when the stretch does not cross itself.
 std::vector<int> turns_within(const std::vector<int>& turns, int first, int frames);
 
-/// The place where `action`, which is allowed there, leads.
+/// Returns the place to which `action` leads, which must be allowed there.
 int place_after(int place, std::uint8_t action, const std::vector<int>& turns);
 
-/// The fewest steps from each of `places` places to `goal`; each next, previous or turn is one.
+/// Returns the fewest steps from each of `places` places to `goal`; each next, previous or turn is one.
 void distances_to(int goal, int places, const std::vector<int>& turns, std::vector<int>& distances);
 
 }  // namespace citylearn

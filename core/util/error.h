@@ -16,7 +16,7 @@ class Error : public std::runtime_error {
             one_line((where.empty() ? "" : where + ": ") + what + (remedy.empty() ? "" : " (" + remedy + ")"))) {}
 
  private:
-  /// Names and texts out of files and libraries hold anything.
+  /// Replaces control characters: names and texts from files and libraries may hold any.
   static std::string one_line(std::string text) {
     for (char& c : text)
       if (c == '\n' || c == '\r' || c == '\t')

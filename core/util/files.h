@@ -12,7 +12,7 @@ namespace citylearn {
 /// temporary gone.
 void write_file(const std::string& path, std::string_view contents);
 
-/// The whole file. Throws Error naming it when it cannot be read.
+/// Returns the whole file. Throws Error naming it when it cannot be read.
 std::string read_file(const std::string& path);
 
 }  // namespace citylearn

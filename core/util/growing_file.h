@@ -8,21 +8,20 @@
 
 namespace citylearn {
 
-/// A file that grows by whole records, whatever the disk does: what finds no room waits in memory and goes out when
-/// there is some again, and the file never ends in a part of a record. Used by one thread.
+/// A file that grows by whole records. Records for which the disk has no room wait in memory until it has, and the file
+/// never ends with part of a record. Used by one thread.
 class GrowingFile {
  public:
-  /// Goes on behind what the file holds, or, when not `keep`, begins it anew. Throws Error naming the file when it
-  /// cannot be opened.
+  /// Appends to the file, or empties it first unless `keep`. Throws Error naming the file when it cannot be opened.
   explicit GrowingFile(const std::string& path, bool keep = true);
-  ~GrowingFile();  ///< tries a last time
+  ~GrowingFile();  ///< flushes once more
   GrowingFile(const GrowingFile&) = delete;
   GrowingFile& operator=(const GrowingFile&) = delete;
 
   void add(std::string_view record);
-  /// Hands what waits to the operating system. False when not all of it could be: problem() then says why.
+  /// Hands waiting records to the operating system. Returns false when some still wait; problem() then says why.
   bool flush();
-  /// Of the last flush(); empty when it went well.
+  /// Returns why the last flush() failed; empty when it did not.
   const std::string& problem() const { return problem_; }
   std::size_t waiting() const { return waiting_.size(); }  ///< bytes
   std::size_t size() const { return size_; }               ///< bytes of the file

@@ -33,14 +33,14 @@ class Random {
     z = (z ^ (z >> 27)) * 0x94D049BB133111EBull;
     return z ^ (z >> 31);
   }
-  /// Uniform in [0, 1).
+  /// Returns a number uniform in [0, 1).
   double uniform() { return static_cast<double>(next() >> 11) * 0x1.0p-53; }
-  /// Uniform in 0..bound-1; bound >= 1. The bias of at most bound / 2^64 does not matter here.
+  /// Returns a number uniform in 0..bound-1; bound >= 1. The bias of at most bound / 2^64 does not matter here.
   std::uint64_t below(std::uint64_t bound) {
     __extension__ using Wide = unsigned __int128;
     return static_cast<std::uint64_t>((static_cast<Wide>(next()) * bound) >> 64);
   }
-  /// Standard normal (Box-Muller; the second value is thrown away so that the state stays one number).
+  /// Returns a standard normal number (Box-Muller; the second value is thrown away so that the state stays one number).
   double normal() {
     const double radius = std::sqrt(-2.0 * std::log(1.0 - uniform()));
     return radius * std::cos(2.0 * std::numbers::pi * uniform());

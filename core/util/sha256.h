@@ -6,7 +6,7 @@
 
 namespace citylearn {
 
-/// SHA-256 in hexadecimal, 64 characters.
+/// Returns the SHA-256 in hexadecimal, 64 characters.
 std::string sha256(std::string_view bytes);
 
 }  // namespace citylearn

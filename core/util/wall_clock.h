@@ -8,13 +8,13 @@
 
 namespace citylearn {
 
-/// What incarnations, jobs and charges are: larger for whoever came later.
+/// Returns the time. Incarnations, run ids and leases are such times: later ones are larger.
 inline std::uint64_t microseconds_since_epoch() {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
 }
 
-/// "2026-11-22 04:35:21 UTC".
+/// Returns "2026-11-22 04:35:21 UTC".
 inline std::string date_of(std::time_t time) {
   std::tm parts{};
   gmtime_r(&time, &parts);

@@ -21,21 +21,22 @@
 
 namespace citylearn {
 
-/// Topic of a message type. Defined for every message of idl/ (messages.cc); another type does not link.
+/// Returns the topic of a message type. Defined for every message of idl/ (messages.cc); other types do not link.
 template <class Message>
 const Topic& topic_of();
 
-/// CDR bytes of a message, into `bytes` (its capacity is used again). Throws Error when a sequence is over its bound.
+/// Writes the CDR bytes of a message into `bytes` (its capacity is used again). Throws Error when a sequence is over
+/// its bound.
 template <class Message>
 void encode(const Message& message, Bytes& bytes);
 
-/// Message from CDR bytes. Throws Error that names the type and the field when the bytes are cut short, another
+/// Reads a message from CDR bytes. Throws Error that names the type and the field when the bytes are cut short, another
 /// protocol, over a bound, an unknown enumerator, or sequences that should be of one length are not. Never allocates
 /// for more elements than the bytes can hold.
 template <class Message>
 void decode(std::span<const std::byte> bytes, Message& message);
 
-/// Names of every topic of the project, for tools and tests.
+/// Returns every topic of the project, for tools and tests.
 std::vector<Topic> all_topics();
 
 }  // namespace citylearn

@@ -15,7 +15,7 @@ class App;
 
 namespace citylearn {
 
-/// Version of the programs, with the git revision they were built from: "0.1.0 (abc1234)".
+/// Returns the version of the programs, with the git revision they were built from: "0.1.0 (abc1234)".
 std::string version();
 
 /// Options that every service has: --session, --id, --middleware, --domain, --interface, --peers, --discovery-server,
@@ -25,21 +25,22 @@ std::string version();
 /// `options.id` are the defaults to begin with.
 void add_node_options(CLI::App& app, Node::Options& options);
 
-/// One option `--PREFIX-NAME` for each parameter of a plug-in; those given end up in `values` (name without prefix).
+/// Adds one option `--PREFIX-NAME` for each parameter of a plug-in; those given end up in `values` (name without
+/// prefix).
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
                     std::map<std::string, double>& values);
 
-/// Text of `--list`: each plug-in with its help and parameters (default, range).
+/// Returns the text of `--list`: each plug-in with its help and parameters (default, range).
 std::string describe(const std::string& name, const std::string& help, const std::vector<ParameterSpec>& specs,
                      const std::string& prefix);
 
-/// What every `main` is: builds the command line with `setup`, parses it, runs `body` and returns its exit status.
+/// The body of every `main`: builds the command line with `setup`, parses it, runs `body` and returns its exit status.
 /// SIGTERM and SIGINT set stop_requested(). A wrong command line or an Error becomes one line on standard error and
 /// status 2 or 1. `summary` is the first line of --help.
 int service_main(int argc, char** argv, const std::string& summary, const std::function<void(CLI::App&)>& setup,
                  const std::function<int()>& body);
 
-/// SIGTERM or SIGINT has arrived: leave within 2 seconds.
+/// Returns whether SIGTERM or SIGINT has arrived: the program must leave within 2 seconds.
 bool stop_requested();
 
 }  // namespace citylearn

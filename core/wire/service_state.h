@@ -5,7 +5,7 @@
 
 namespace citylearn {
 
-/// "running"; of a state that is not known too.
+/// Returns "running" and so on; "running" for an unknown state too.
 inline const char* name_of(msg::State state) {
   switch (state) {
     case msg::STARTING:

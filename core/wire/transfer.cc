@@ -59,7 +59,7 @@ Transfer::Transfer(const What& what)
 }
 
 bool Transfer::wants(const msg::TraversalChunk& chunk) const {
-  // The index of a chunk before the run becomes a large number.
+  // The index of a chunk before the first one wanted becomes a large number.
   return chunk.hash() == what_.hash && chunk.feature_dimension() == what_.dimension &&
          chunks_.wants(chunk.chunk() - first_chunk_);
 }

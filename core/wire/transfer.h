@@ -22,9 +22,9 @@ class ChunkLayout {
 
   /// At most 22,369,707, so 32 bits number them; bytes are counted in 64.
   std::uint32_t chunks() const { return chunk_of(frames_ * width_ - 1) + 1; }
-  /// Bytes of a chunk; 0 beyond the last.
+  /// Returns the bytes of a chunk; 0 beyond the last.
   std::size_t bytes(std::uint32_t chunk) const;
-  /// Chunks in which a frame's record begins and ends.
+  /// Return the chunks in which a frame's record begins and ends.
   std::uint32_t first_chunk(std::uint32_t frame) const { return chunk_of(frame * width_); }
   std::uint32_t last_chunk(std::uint32_t frame) const { return chunk_of((frame + 1) * width_ - 1); }
 
@@ -53,8 +53,8 @@ class ChunkLayout {
   std::uint64_t frames_, width_;
 };
 
-/// Positions and features of a run of frames on their way over the wire: says what to ask for, and takes chunks in
-/// whatever order, and as often, as they come. Publishes nothing itself.
+/// Fetches the positions and features of consecutive frames: says what to ask for, and takes chunks in any order and as
+/// often as they come. Publishes nothing itself.
 class Transfer {
  public:
   struct What {
@@ -62,27 +62,26 @@ class Transfer {
     std::uint32_t frames = 0;
     std::uint32_t dimension =
         0;                    ///< D. With ANY_DIMENSION it asks for chunk 0 and takes none: whoever sees one knows D
-    std::uint32_t first = 0;  ///< the run: first .. first + count - 1, on the traversal
+    std::uint32_t first = 0;  ///< frames first .. first + count - 1 of the traversal
     std::uint32_t count = 0;  ///< 0: up to the last frame
   };
   using Taken = citylearn::Taken;
 
   explicit Transfer(const What& what);
 
-  /// kNotWanted: of another traversal or dimension, of frames beside the run, or here already. kDamaged: of another
+  /// kNotWanted: of another traversal or dimension, of other frames, or taken already. kDamaged: of another
   /// number of frames or bytes than it should be, or with numbers that are not finite (a position may be NaN); nothing
   /// of it is used.
   Taken take(const msg::TraversalChunk& chunk);
-  /// It has the hash, dimension and frames of what is still missing.
+  /// Returns whether the chunk belongs to what is still missing.
   bool wants(const msg::TraversalChunk& chunk) const;
   bool complete() const { return chunks_.complete(); }
   std::uint32_t missing() const { return chunks_.missing(); }
   const What& what() const { return what_; }
 
-  /// When a request should go out: at once in the beginning and when all that was asked for has come, else after a
-  /// while.
+  /// Returns when a request should go out (RequestTimer).
   Clock::time_point due() const { return timer_.due(); }
-  /// When it is due: fills all of a request but its header and environment, and returns true.
+  /// Fills all of a request but its header and environment, and returns true, when one is due.
   bool ask(Clock::time_point now, msg::TraversalRequest& request);
 
   std::vector<float> positions;  ///< count, metres; NaN where unknown

@@ -41,7 +41,7 @@ void add_options(CLI::App& app, CommandLine& line) {
 }
 
 int record(CommandLine& line) {
-  if (line.node.session != kAllRuns) line.recording.run = line.node.session;
+  if (line.node.session != kAllRuns) line.recording.session = line.node.session;
   line.recording.split = static_cast<std::uint64_t>(line.split * kMegabyte);
   line.recording.library = "citylearn " + version();
   line.node.middleware.participant = line.node.id;

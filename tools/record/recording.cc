@@ -53,7 +53,7 @@ void Recording::begin_file() {
     path.replace_filename(path.stem().string() + "-" + std::to_string(files_.size() + 1) + path.extension().string());
   McapWriter::Options options;
   options.library = options_.library;
-  options.about = {{"run", options_.run}, {"part", std::to_string(files_.size() + 1)}};
+  options.about = {{"run", options_.session}, {"part", std::to_string(files_.size() + 1)}};
   writer_ = std::make_unique<McapWriter>(path, options);
   files_.push_back(path);
   for (Source& source : sources_) source.channel = 0;
@@ -73,8 +73,8 @@ void Recording::write(Source& source) {
   // What has no header that can be read is kept: whoever looks into the file wants to know.
   const auto header = header_of(taken_);
   if (header) follow(source, *header);
-  if (header && !options_.run.empty() && header->session != options_.run) {
-    ++other_runs_;
+  if (header && !options_.session.empty() && header->session != options_.session) {
+    ++other_sessions_;
     return;
   }
   if (options_.split > 0 && writer_->bytes() >= options_.split) {

@@ -17,7 +17,7 @@ namespace citylearn {
 
 struct RecordingOptions {
   std::string output;               ///< FILE.mcap; the next parts are FILE-2.mcap, FILE-3.mcap ...
-  std::string run;                  ///< others are left out; empty: all
+  std::string session;              ///< others are left out; empty: all
   std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: all
   std::uint64_t split = 0;          ///< bytes of a file at which the next part begins; 0: never
   std::string library;              ///< of the files' headers
@@ -43,7 +43,7 @@ class Recording {
   };
   const std::map<std::string, Count>& counts() const { return counts_; }  ///< by topic
   const std::vector<std::string>& files() const { return files_; }
-  std::uint64_t other_runs() const { return other_runs_; }  ///< messages left out
+  std::uint64_t other_sessions() const { return other_sessions_; }  ///< messages left out
 
  private:
   struct Source {
@@ -61,7 +61,7 @@ class Recording {
   std::vector<std::string> files_;
   std::map<std::string, Count> counts_;
   std::map<std::tuple<std::string, std::string, std::uint64_t>, std::uint64_t> newest_;  // by topic and sender
-  std::uint64_t other_runs_ = 0;
+  std::uint64_t other_sessions_ = 0;
   Bytes taken_;
 };
 

@@ -43,7 +43,7 @@ void add_options(CLI::App& app, CommandLine& line) {
 }
 
 int replay(CommandLine& line) {
-  if (line.node.session != kAsRecorded) line.replay.run = line.node.session;
+  if (line.node.session != kAsRecorded) line.replay.session = line.node.session;
   line.replay.speed = replay_speed(line.speed);
   line.node.middleware.participant = line.node.id;
   const std::unique_ptr<Middleware> middleware = create_middleware(line.node.middleware);

@@ -282,7 +282,7 @@ TEST(Recording, KeepsTheBytesOfItsRunInParts) {
   said[topic_of<msg::Scene>().name].emplace_back(3);
   recording.close();
 
-  EXPECT_EQ(recording.other_runs(), all_topics().size());
+  EXPECT_EQ(recording.other_sessions(), all_topics().size());
   ASSERT_GT(recording.files().size(), 1u);
   EXPECT_EQ(recording.files()[1], folder / "a-2.mcap");
   std::map<std::string, std::vector<Bytes>> read;
