@@ -358,7 +358,7 @@ void EncoderService::on_status(const msg::ServiceStatus& status) {
   if (status.service_state() == msg::STOPPING)
     peers_.erase(status.header().incarnation());
   else
-    peers_[status.header().incarnation()] = {now_, true};
+    peers_[status.header().incarnation()] = {Presence(now_), true};
 }
 
 // ------------------------------------------------------------------------------------------------ what is done
