@@ -258,16 +258,26 @@ std::string topic_named(const std::string& message) {
   return "";
 }
 
-/// What these sources announce and listen to: each service says so where it begins (Node::announce, Node::listen), but
-/// for the types in `taken`, which are taken without.
-Rights done(const std::vector<std::string>& files, const std::vector<std::string>& taken = {}) {
+/// Text of a source, or of all sources below a folder.
+std::string text_of(const std::string& path) {
+  const fs::path source = fs::path(CITYLEARN_SOURCE_DIR) / path;
+  if (!fs::is_directory(source)) return contents(source);
+  std::string text;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(source))
+    if (entry.path().extension() == ".cc") text += contents(entry.path());
+  return text;
+}
+
+/// Returns the topics for which these sources create writers and readers: each service creates them where it begins
+/// (Node::create_writer, Node::create_reader), but for the types in `taken`, which are taken without.
+Rights done(const std::vector<std::string>& sources, const std::vector<std::string>& taken = {}) {
   Rights rights;
-  const std::regex pattern(R"((announce|listen)<msg::(\w+)>)");
-  for (const std::string& file : files) {
-    const std::string text = contents(CITYLEARN_SOURCE_DIR "/" + file);
-    EXPECT_FALSE(text.empty()) << file;
+  const std::regex pattern(R"((create_writer|create_reader)<msg::(\w+)>)");
+  for (const std::string& source : sources) {
+    const std::string text = text_of(source);
+    EXPECT_FALSE(text.empty()) << source;
     for (std::sregex_iterator at(text.begin(), text.end(), pattern), end; at != end; ++at)
-      ((*at)[1] == "listen" ? rights.reads : rights.publishes).insert(topic_named((*at)[2]));
+      ((*at)[1] == "create_reader" ? rights.reads : rights.publishes).insert(topic_named((*at)[2]));
   }
   for (const std::string& message : taken) rights.reads.insert(topic_named(message));
   rights.publishes.insert(topic_named("ServiceStatus"));  // Node itself
@@ -282,17 +292,18 @@ void expect_rights(const std::string& kind, const Rights& expected) {
 }
 
 TEST(Permissions, AreWhatTheServicesDo) {
-  const std::vector<std::string> policy = {"policy_service/distributed/env_client.cc", "policy_service/run/run_record.cc"};
-  expect_rights("env_service", done({"env_service/env_service.cc"}));
-  expect_rights("encoder_service", done({"encoder_service/encoder_service.cc"}));
+  const std::vector<std::string> policy = {"policy_service/distributed/env_client.cc",
+                                           "policy_service/run/run_record.cc"};
+  expect_rights("env_service", done({"env_service"}));
+  expect_rights("encoder_service", done({"encoder_service"}));
   Rights both = done(policy), learner = done({policy[0], policy[1], "policy_service/distributed/learner_server.cc"});
   for (Rights* rights : {&both, &learner}) rights->publishes.insert(topic_named("RunInfo"));  // RunRecord::publish
   expect_rights("policy_service", both);
   expect_rights("learner", learner);
   expect_rights("actor", done({policy[0], "policy_service/distributed/actor.cc"}));
-  expect_rights("dashboard",
-                done({"dashboard/store/recorder.cc", "dashboard/live/live.cc", "dashboard/live/maps.cc", "dashboard/live/pictures.cc"},
-                     {"ServiceStatus", "TraversalInfo", "RunInfo", "TrainingStat"}));  // main's hand_on
+  expect_rights("dashboard", done({"dashboard/store/recorder.cc", "dashboard/live/live.cc", "dashboard/live/maps.cc",
+                                   "dashboard/live/pictures.cc"},
+                                  {"ServiceStatus", "TraversalInfo", "RunInfo", "TrainingStat"}));  // main's hand_on
 }
 
 TEST(Permissions, NameTopicsThatThereAre) {
