@@ -32,6 +32,13 @@ class Line:
     dashed: bool = False  # a yardstick rather than a measurement
     dots: bool = False  # points without a line between them
 
+    def add(self, x: float, y: float, *band: float) -> None:
+        """Adds a point, with the low and the high end of its band if there is one."""
+        self.x.append(x)
+        self.y.append(y)
+        for values, value in zip((self.low, self.high), band):
+            values.append(value)
+
 
 @dataclass
 class Chart:
@@ -104,8 +111,8 @@ def draw_chart(chart: Chart) -> Figure:
         if band:
             axes.fill_between(*zip(*band), color=colour, alpha=0.18, linewidth=0)
         single = line.dots or len(points) == 1
-        axes.plot(x, y, color=colour, label=line.label, linestyle="none" if single else DASHES[1] if line.dashed else dashes,
-                  marker="o" if single else None, clip_on=False)
+        style = "none" if single else DASHES[1] if line.dashed else dashes
+        axes.plot(x, y, color=colour, label=line.label, linestyle=style, marker="o" if single else None, clip_on=False)
     axes.set_xlabel(chart.x_label)
     axes.set_ylabel(chart.y_label)
     if chart.x_logarithmic:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the figures and the page of ./run paper in the folder where citylearn_paper left results.json and report.json."""
+"""Makes the figures and the page of ./run paper from the results.json and report.json in a folder."""
 
 import sys
 from pathlib import Path

@@ -10,8 +10,8 @@ from inputs import number, numbers
 
 LAST_EPISODES = 500  # whose mean is an agent's figure at the end of training
 POINTS = 200  # of a drawn curve
-MEAN_OF_SEEDS = ("mean of the seeds with its 95 % interval (a seed with fewer episodes than the others counts on with its "
-                 "last value)")
+MEAN_OF_SEEDS = ("mean of the seeds with its 95 % interval (a seed with fewer episodes than the others counts on with "
+                 "its last value)")
 
 
 def final_value(training: Any, figure: str) -> float:
@@ -61,5 +61,6 @@ def mean_curve(label: str, trainings: list[Any], figure: str, smoothing: float) 
     last = max(number(training["episodes"]) for training in trainings)
     x = [last * i / POINTS for i in range(1, POINTS + 1)]
     curves = [training["curve"] for training in trainings]
-    seeds = [interpolated(numbers(curve["episodes"]), smoothed(numbers(curve[figure]), smoothing), x) for curve in curves]
+    seeds = [interpolated(numbers(curve["episodes"]), smoothed(numbers(curve[figure]), smoothing), x)
+             for curve in curves]
     return line_of_means(label, x, seeds, BOUNDS.get(figure, COUNTS))

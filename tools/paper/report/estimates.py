@@ -68,8 +68,8 @@ def share_of(successes: float, trials: int) -> Estimate:
 
 
 def smoothed(values: list[float], weight: float) -> list[float]:
-    """Smooths exponentially, as TensorBoard does, without a pull to zero at the beginning: `weight` is that of the past.
-    Values that are not finite change nothing."""
+    """Smooths exponentially, as TensorBoard does, without a pull to zero at the beginning. `weight` is that of the
+    past. Values that are not finite change nothing."""
     result, total, count = [], 0.0, 0.0
     for value in values:
         if math.isfinite(value):

@@ -83,8 +83,8 @@ class Inputs:
         self.sections: list[Fields] = report["sections"]
         measurements = report["measurements"]
         if len(measurements) != len(results):
-            raise InputError(f"{folder}/report.json: field 'measurements' has {len(measurements)} entries, but results.json "
-                             f"has {len(results)} (both must come from the same run of ./run paper)")
+            raise InputError(f"{folder}/report.json: field 'measurements' has {len(measurements)} entries, but "
+                             f"results.json has {len(results)} (both must come from the same run of ./run paper)")
         self._outcomes = [merged(result["outcome"], measured) for result, measured in zip(results, measurements)]
 
     def outcome(self, unit: int) -> Any:

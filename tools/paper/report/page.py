@@ -93,7 +93,8 @@ class Page:
             self._note(name)
         manifest = read_json(self._folder / "manifest.json")
         manifest["files"] = self._files
-        self._replace("manifest.json", (json.dumps(manifest, indent=2, sort_keys=True, ensure_ascii=False) + "\n").encode())
+        text = json.dumps(manifest, indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+        self._replace("manifest.json", text.encode())
 
     def _add(self, kind: str, **content: Any) -> None:
         self._sections[-1].blocks.append({"kind": kind, **content})

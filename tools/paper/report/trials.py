@@ -10,8 +10,8 @@ from inputs import number
 from page import Page
 
 # For captions of tables.
-MEANS = ("means over the same tasks for all policies (agents: over seeds, with the 95 % interval of the mean; one seed or a "
-         "control: of the share, Wilson)")
+MEANS = ("means over the same tasks for all policies (agents: over seeds, with the 95 % interval of the mean; one seed "
+         "or a control: of the share, Wilson)")
 
 Rows = list[Any]  # of one seed: {"traversal", "shuffled" where it may be so, tasks, completed, spl, ...}
 

@@ -26,7 +26,8 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
     rows = [row_of(training, traversal, walks[training["agent"], traversal], page) for training in data["trainings"]
             for traversal in traversals if (training["agent"], traversal) in walks]
     page.table("figure-10", "One task and one seed each: an illustration, not a measurement (Fig. 8 and 9 have those).",
-               ["agent", "representation", "seed", "traversal", "start", "goal", "end", "steps", "shortest", "reached"], rows)
+               ["agent", "representation", "seed", "traversal", "start", "goal", "end", "steps", "shortest", "reached"],
+               rows)
 
 
 def trials_of(training: Any) -> list[Any]:
@@ -38,11 +39,12 @@ def introduce(inputs: Inputs, data: Any, recordings: Recordings, page: Page) -> 
     pictures = ("Each strip begins at the start and ends where the episode ends, at the goal or after "
                 f"{data['trainings'][0]['frames']} steps; below each picture are the place and the step."
                 if data["pictures"] else "Pictures are left out, as asked for (--no-strips).")
-    choice = "." if hard == "night" else " and is the one that the agent on features does worst on (there is no 'night')."
+    choice = ("." if hard == "night" else
+              " and is the one that the agent on features does worst on (there is no 'night').")
     page.text(
-        "Where agents go on one task, the same for all: of the first 20 tasks of the trials after training, the one with the "
-        f"longest way. {pictures} '{recordings.train}' is learned from, '{hard}' was never seen{choice} The recordings are "
-        f"{'drawn' if recordings.drawn else 'real'}."
+        "Where agents go on one task, the same for all: of the first 20 tasks of the trials after training, the one "
+        f"with the longest way. {pictures} '{recordings.train}' is learned from, '{hard}' was never seen{choice} The "
+        f"recordings are {'drawn' if recordings.drawn else 'real'}."
         + (" The given data have no pictures, so the agents of this section were trained in a drawn city."
            if data["substitute"] else ""))
 
@@ -61,7 +63,8 @@ def draw(inputs: Inputs, recordings: Recordings, traversal: str, walks: dict[str
     y_limits = limits_around([goal, *(y for line in lines for y in line.y)])
     lines.append(Line("goal", [0, x_limits[1]], [goal, goal], dashed=True))
     lines.append(Line("shortest path", [0, abs(goal - start)], [start, goal], dashed=True))
-    chart = Chart(f"{traversal}{recordings.role(traversal)}", "step", "place", lines, x_limits, y_limits, width=560, height=300)
+    chart = Chart(f"{traversal}{recordings.role(traversal)}", "step", "place", lines, x_limits, y_limits, width=560,
+                  height=300)
     task = f"From place {start} to place {goal} on '{traversal}'"
     if strips:
         page.picture(name, sheet_of(inputs.folder, strips, walks), f"{task}.")
@@ -82,7 +85,8 @@ def sheet_of(folder: Path, strips: list[Any], walks: dict[str, Any]) -> Figure:
     for strip, picture in zip(strips, pictures):
         walk = walks[strip["agent"]]
         end = "goal reached" if walk["completed"] else "goal not reached"
-        axes.text(0, top + TITLE_HEIGHT - 8, f"{strip['agent']} on '{strip['traversal']}': {len(walk['frames']) - 1} steps, {end}")
+        title = f"{strip['agent']} on '{strip['traversal']}': {len(walk['frames']) - 1} steps, {end}"
+        axes.text(0, top + TITLE_HEIGHT - 8, title)
         top += TITLE_HEIGHT
         axes.imshow(picture, extent=(0, picture.shape[1], top + picture.shape[0], top), interpolation="none")
         top += picture.shape[0] + LABEL_HEIGHT

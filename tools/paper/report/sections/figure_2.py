@@ -35,11 +35,11 @@ class Cost:
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:
     page.text(
-        "How long an agent trains until its last 100 episodes have SPL 0.95, the threshold of this figure, and the reward "
-        "that it has at the end. Seconds are wall time on the machine that made this report, with everything in one "
-        f"process. The paper trained for {published.FEATURE_MINUTES} minutes on 64 features and for 29 h 48 min on raw "
-        "images, until its curves were flat: that is another threshold and another machine. Agents trained on more than 64 "
-        "features are not tried on other traversals.")
+        "How long an agent trains until its last 100 episodes have SPL 0.95, the threshold of this figure, and the "
+        "reward that it has at the end. Seconds are wall time on the machine that made this report, with everything in "
+        f"one process. The paper trained for {published.FEATURE_MINUTES} minutes on 64 features and for 29 h 48 min on "
+        "raw images, until its curves were flat: that is another threshold and another machine. Agents trained on more "
+        "than 64 features are not tried on other traversals.")
     costs = [Cost(agent, inputs.outcomes(agent["units"])) for agent in data["agents"]]
     costs = [cost for cost in costs if cost.trainings]
     rows = [row_of(cost, page) for cost in costs]
@@ -60,8 +60,9 @@ def row_of(cost: Cost, page: Page) -> list[str]:
     rewards = [final_value(training, "reward") for training in trainings]
     rates = [1 / seconds for seconds in cost.seconds_per_step()]
     return [agent["label"], agent["representation"], str(len(trainings)), text_of(there, 1),
-            text_of(reached(trainings), 0), f"{there.n} of {len(trainings)}", text_of(mean_field(trainings, "seconds"), 1),
-            text_of(mean_of(rates, COUNTS), 0), published.training_time(agent["agent"], agent["features"]),
+            text_of(reached(trainings), 0), f"{there.n} of {len(trainings)}",
+            text_of(mean_field(trainings, "seconds"), 1), text_of(mean_of(rates, COUNTS), 0),
+            published.training_time(agent["agent"], agent["features"]),
             text_of(mean_of(rewards, REWARDS), 3), fixed(known.reward, 2) if known else "-",
             text_of(final_values(trainings, "length"), 1), known.steps if known else "-"]
 
@@ -77,8 +78,9 @@ def draw(costs: list[Cost], page: Page) -> None:
         curve = cost.trainings[0]["curve"]
         curves.lines.append(Line(cost.label, numbers(curve["seconds"]), smoothed(numbers(curve["reward"]), 0.9)))
     dots.y_limits = limits_around([y for line in dots.lines for x, y in zip(line.x, line.y) if math.isfinite(x)])
-    page.chart("figure-2", dots, "Each dot is a seed: time to SPL 0.95, and mean reward of the last 500 episodes. Seeds "
-               "that never got there have no dot.")
+    page.chart("figure-2", dots,
+               "Each dot is a seed: time to SPL 0.95, and mean reward of the last 500 episodes. Seeds that never got "
+               "there have no dot.")
     page.chart("figure-2-curves", curves,
                "Reward during training, over seconds of training (smoothed, first seed of each agent).")
 
@@ -89,8 +91,9 @@ def compare(features: Cost, raw: Cost, page: Page) -> None:
     threshold = mean_of(raw.seconds_to_threshold()).mean / mean_of(features.seconds_to_threshold()).mean
     effort = (f"reaching SPL 0.95 {fixed(threshold, 1)} times" if math.isfinite(threshold)
               else "the time to SPL 0.95 cannot be compared, because one of them never got there")
-    page.text(f"Raw images compared with features: a training step costs {fixed(step, 1)} times as much, {effort} (seeds: "
-              f"{len(raw.trainings)} and {len(features.trainings)}; the paper, whole training: {fixed(paper, 0)} times).")
+    page.text(f"Raw images compared with features: a training step costs {fixed(step, 1)} times as much, {effort} "
+              f"(seeds: {len(raw.trainings)} and {len(features.trainings)}; the paper, whole training: "
+              f"{fixed(paper, 0)} times).")
     if step > paper or threshold > paper:
         page.remark("Raw images cost more here, compared with features, than in the paper.")
     minutes = mean_field(features.trainings, "seconds").mean / 60

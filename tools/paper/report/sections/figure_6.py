@@ -13,13 +13,14 @@ from published import RECOGNITION_SHARES
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:
     recordings = inputs.recordings
-    found = {(case["representation"], case["method"], case["query"]): inputs.outcome(case["unit"]) for case in data["cases"]}
+    found = {(case["representation"], case["method"], case["query"]): inputs.outcome(case["unit"])
+             for case in data["cases"]}
     page.text(
-        "Area under precision over recall (AUC) of single frames: which frame of "
-        f"'{recordings.train}' shows the same place as a frame of another traversal, right within {data['tolerance']} "
-        f"frames, of {recordings.frames} frames. 'mlp' is the paper's classifier, one multi-layer perceptron trained on the "
-        "reference; 'nearest' is the nearest frame by cosine. In the paper the AUC falls with the dimension, halves from "
-        "summer to winter and falls below a quarter from day to night.")
+        f"Area under precision over recall (AUC) of single frames: which frame of '{recordings.train}' shows the same "
+        f"place as a frame of another traversal, right within {data['tolerance']} frames, of {recordings.frames} "
+        "frames. 'mlp' is the paper's classifier, one multi-layer perceptron trained on the reference; 'nearest' is "
+        "the nearest frame by cosine. In the paper the AUC falls with the dimension, halves from summer to winter and "
+        "falls below a quarter from day to night.")
     rows = []
     for method in data["methods"]:
         chart = BarChart(f"Area under the precision-recall curve, {method}", "AUC", data["representations"])
@@ -57,12 +58,12 @@ def compare_conditions(conditions: dict[str, str], aucs: dict[str, dict[str, flo
             paper, text = RECOGNITION_SHARES.get(conditions[query], (math.nan, "-"))
             rows.append([representation, query, fixed(auc, 3), fixed(share, 2), text])
             if share < paper:
-                page.remark(f"Worse than the paper: by {representation}, '{query}' keeps {fixed(share, 2)} of the AUC of the "
-                            f"condition that is recognised best, in the paper {text}.")
+                page.remark(f"Worse than the paper: by {representation}, '{query}' keeps {fixed(share, 2)} of the AUC "
+                            f"of the condition that is recognised best, in the paper {text}.")
     page.table("figure-6-falls",
-               "How the AUC of the paper's classifier falls: of each condition, as a share of the best other condition's, "
-               "for each representation (none if there is one condition only). The paper: half from summer to winter, "
-               "below a quarter from day to night.",
+               "How the AUC of the paper's classifier falls: of each condition, as a share of the best other "
+               "condition's, for each representation (none if there is one condition only). The paper: half from "
+               "summer to winter, below a quarter from day to night.",
                ["representation", "query", "AUC", "share of the best", "paper"], rows)
 
 

@@ -18,15 +18,15 @@ COLUMNS = ["agent", "representation", "seeds", "episodes", "reward", "paper: rew
 def render(inputs: Inputs, data: Any, page: Page) -> None:
     page.text(
         f"Episodes of training: the mean of those that ended in each update, smoothed by {fixed(SMOOTHING, 1)}, "
-        f"{MEAN_OF_SEEDS}. The paper: 16 agents, five seeds; reward 0.99 (baseline), 0.92 (NetVLAD-64), 0.80 (ResNet-64); "
-        "just under and just over 50 steps an episode, about 75 on 512 features and more.")
+        f"{MEAN_OF_SEEDS}. The paper: 16 agents, five seeds; reward 0.99 (baseline), 0.92 (NetVLAD-64), 0.80 "
+        "(ResNet-64); just under and just over 50 steps an episode, about 75 on 512 features and more.")
     agents = [(agent, inputs.outcomes(agent["units"])) for agent in data["agents"]]
     agents = [(agent, trainings) for agent, trainings in agents if trainings]
     draw(agents, "reward", "reward an episode", page)
     draw(agents, "length", "steps an episode", page)
     page.table("figure-7",
-               "At the end of training, mean over the last 500 episodes (95 % interval over seeds). An agent that never looks "
-               "has reward 0.92 and SPL 0.85 on this task.", COLUMNS,
+               "At the end of training, mean over the last 500 episodes (95 % interval over seeds). An agent that "
+               "never looks has reward 0.92 and SPL 0.85 on this task.", COLUMNS,
                [row_of(agent, trainings, page) for agent, trainings in agents])
 
 
@@ -45,8 +45,8 @@ def row_of(agent: Any, trainings: list[Any], page: Page) -> list[str]:
         page.remark(f"Worse than the paper: {label} ends with reward {text_of(reward, 3)} (n = {reward.n} seeds), the "
                     f"paper's with {fixed(known.reward, 2)}.")
     if known and steps.mean > known.most_steps:
-        page.remark(f"Worse than the paper: {label} takes {text_of(steps, 1)} steps an episode (n = {steps.n} seeds), the "
-                    f"paper's {known.steps}.")
+        page.remark(f"Worse than the paper: {label} takes {text_of(steps, 1)} steps an episode (n = {steps.n} seeds), "
+                    f"the paper's {known.steps}.")
     some = f" in {there.n} of {len(trainings)}" if there.n < len(trainings) else ""
     return [label, agent["representation"], str(len(trainings)), text_of(mean_field(trainings, "episodes"), 0),
             text_of(reward, 3), fixed(known.reward, 2) if known else "-", text_of(final_values(trainings, "spl"), 3),

@@ -12,15 +12,16 @@ from page import Page
 from published import RELEASED
 from trials import MEANS, rows_of, trials_on
 
-COLUMNS = ["policy", "traversal", "seeds x tasks", "completed", "failed", "SPL", "excess", "steps", "reward", "shuffled"]
+COLUMNS = ["policy", "traversal", "seeds x tasks", "completed", "failed", "SPL", "excess", "steps", "reward",
+           "shuffled"]
 
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:
     page.text(
-        "After every 100 episodes of training the agent, as it is then, is tried on tasks on the traversal it learns from "
-        "(Fig. 8) and on those it never saw (Fig. 9): a random start, a random goal, at most as many steps as places. The "
-        "paper gives the share of completed tasks. Completion alone cannot tell a navigator from an agent that sweeps the "
-        "route without looking, so success weighted by path length (SPL) is shown beside it.")
+        "After every 100 episodes of training the agent, as it is then, is tried on tasks on the traversal it learns "
+        "from (Fig. 8) and on those it never saw (Fig. 9): a random start, a random goal, at most as many steps as "
+        "places. The paper gives the share of completed tasks. Completion alone cannot tell a navigator from an agent "
+        "that sweeps the route without looking, so success weighted by path length (SPL) is shown beside it.")
     agents = [(agent, inputs.outcomes(agent["units"])) for agent in data["agents"]]
     controls = [(control["label"], inputs.outcome(control["unit"])) for control in data["controls"]]
     for traversal in inputs.recordings.names:
@@ -31,8 +32,8 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
         rows += [row_of(agent["label"], rows_of(trainings), traversal, "shuffled") for agent, trainings in agents]
         rows += [row_of(label, [outcome], traversal) for label, outcome in controls]
     page.table("figure-8-9",
-               f"After training: {MEANS}. Excess: steps / shortest path of completed tasks. Shuffled: completed when the "
-               "frames are shown in a random order; an agent that looks must fail then.",
+               f"After training: {MEANS}. Excess: steps / shortest path of completed tasks. Shuffled: completed when "
+               "the frames are shown in a random order; an agent that looks must fail then.",
                COLUMNS, [row for row in rows if row])
     remark_lower_than_controls(agents, controls, page)
     compare_released(inputs, agents, page)
@@ -107,10 +108,11 @@ def compare_released(inputs: Inputs, agents: list[Any], page: Page) -> None:
             # Of traversals never seen, only the same condition can be worse or better.
             alike = released.learned or recordings.conditions[traversal] == released.condition
             if alike and trials.completed.mean < released.completed - 0.0005:  # more than the rounding of both
-                page.remark(f"{label} completes {percent(trials.completed)} of the tasks on {traversal} (n = {trials.seeds} "
-                            f"seeds), fewer than the {released.label} on Nordland {released.condition}, "
+                page.remark(f"{label} completes {percent(trials.completed)} of the tasks on {traversal} (n = "
+                            f"{trials.seeds} seeds), fewer than the {released.label} on Nordland {released.condition}, "
                             f"{fixed(100 * released.completed, 1)} %.")
     page.table("figure-8-9-released",
-               "The agents that the paper's authors released, measured by us (NetVLAD features of the first 128 frames of "
-               "Nordland, 2,000 to 4,000 tasks), and ours: the same task, on other recordings unless this report is on those.",
+               "The agents that the paper's authors released, measured by us (NetVLAD features of the first 128 frames "
+               "of Nordland, 2,000 to 4,000 tasks), and ours: the same task, on other recordings unless this report is "
+               "on those.",
                ["policy", "traversal", "completed", "steps", "reward"], rows)

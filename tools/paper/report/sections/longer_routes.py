@@ -17,9 +17,10 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
     page.text(
         f"The paper's routes have 128 places; here they have {lengths} of the "
         f"{'drawn' if inputs.recordings.drawn else 'real'} recordings, with as many steps as places for each task. "
-        "place_filter learns by relabelling (the learner 'relabel'); features learns by PPO, as recommended for 128 places, "
-        f"on at most {data['most_for_features']} {limit}. Beside them are policies that need no learning: 'blind' sweeps "
-        "without looking, 'shortest_path' knows its place, 'sequence_filter' is Bayes' rule written by hand.")
+        "place_filter learns by relabelling (the learner 'relabel'); features learns by PPO, as recommended for 128 "
+        f"places, on at most {data['most_for_features']} {limit}. Beside them are policies that need no learning: "
+        "'blind' sweeps without looking, 'shortest_path' knows its place, 'sequence_filter' is Bayes' rule written by "
+        "hand.")
     for traversal in inputs.recordings.names:
         draw(inputs, data, traversal, page)
     tables(inputs, data, page)
@@ -40,14 +41,12 @@ def draw(inputs: Inputs, data: Any, traversal: str, page: Page) -> None:
         for agent in route["agents"]:
             spl = trials_on(rows_of(inputs.outcomes(agent["units"])), traversal).spl
             line = agents.setdefault(agent["label"], Line(agent["label"]))
-            for values, value in ((line.x, route["frames"]), (line.y, spl.mean), (line.low, spl.low), (line.high, spl.high)):
-                values.append(value)
+            line.add(route["frames"], spl.mean, spl.low, spl.high)
         for control in route["controls"]:
             line = controls.setdefault(control["label"], Line(control["label"], dashed=True))
-            line.x.append(route["frames"])
-            line.y.append(trials_on([inputs.outcome(control["unit"])], traversal).spl.mean)
-    chart = Chart(f"{traversal}{inputs.recordings.role(traversal)}: SPL by length of the route", "places on the route", "SPL",
-                  [*agents.values(), *controls.values()], y_limits=(0, 1), x_logarithmic=True, height=260,
+            line.add(route["frames"], trials_on([inputs.outcome(control["unit"])], traversal).spl.mean)
+    chart = Chart(f"{traversal}{inputs.recordings.role(traversal)}: SPL by length of the route", "places on the route",
+                  "SPL", [*agents.values(), *controls.values()], y_limits=(0, 1), x_logarithmic=True, height=260,
                   x_limits=(data["routes"][0]["frames"] * 0.9, data["routes"][-1]["frames"] * 1.1))
     page.chart(f"longer-routes-{traversal}", chart,
                f"{chart.title}, mean of the seeds with its 95 % interval; dashed: policies that learn nothing.")
@@ -68,7 +67,8 @@ def tables(inputs: Inputs, data: Any, page: Page) -> None:
             there = reached(trainings)
             training_rows.append([places, agent["label"], agent["learner"], str(len(trainings)), text_of(there, 0),
                                   f"{there.n} of {len(trainings)}", text_of(mean_field(trainings, "episodes"), 0),
-                                  text_of(mean_field(trainings, "steps"), 0), text_of(mean_field(trainings, "seconds"), 1)])
+                                  text_of(mean_field(trainings, "steps"), 0),
+                                  text_of(mean_field(trainings, "seconds"), 1)])
         for control in route["controls"]:
             for traversal in inputs.recordings.names:
                 trials = trials_on([inputs.outcome(control["unit"])], traversal)
@@ -78,7 +78,7 @@ def tables(inputs: Inputs, data: Any, page: Page) -> None:
                f"After training: {MEANS}. Shuffled: completed when the frames are shown in a random order.",
                ["places", "policy", "traversal", "seeds x tasks", "completed", "SPL", "excess", "shuffled"], rows)
     page.table("longer-routes-training",
-               f"Training on '{inputs.recordings.train}' (95 % interval over seeds): episodes until the last 100 of them have "
-               "SPL 0.95, and how much was learned from in total.",
-               ["places", "agent", "learner", "seeds", "episodes to SPL 0.95", "seeds that reached it", "episodes", "steps",
-                "seconds"], training_rows)
+               f"Training on '{inputs.recordings.train}' (95 % interval over seeds): episodes until the last 100 of "
+               "them have SPL 0.95, and how much was learned from in total.",
+               ["places", "agent", "learner", "seeds", "episodes to SPL 0.95", "seeds that reached it", "episodes",
+                "steps", "seconds"], training_rows)

@@ -47,23 +47,24 @@ def junctions_text(layout: Any) -> str:
 def introduce(data: Any, recordings: Recordings, page: Page) -> None:
     layout = data["layout"]
     page.text(
-        "The paper's future work: a route that crosses itself, as a map on which agents choose among neighbours. Where two "
-        "stretches pass the same spot, the nearest two of their places are joined: there the action 'stay' turns into the "
-        "other road; everywhere else actions are as they were. The shortest path may then lead over junctions. The paper has "
-        "no figures for this. place_filter and the policies that learn nothing know the map; features has to find out where "
-        "it can turn, and the auxiliary losses that help it to localise know only the position along the route.")
+        "The paper's future work: a route that crosses itself, as a map on which agents choose among neighbours. Where "
+        "two stretches pass the same spot, the nearest two of their places are joined: there the action 'stay' turns "
+        "into the other road; everywhere else actions are as they were. The shortest path may then lead over "
+        "junctions. The paper has no figures for this. place_filter and the policies that learn nothing know the map; "
+        "features has to find out where it can turn, and the auxiliary losses that help it to localise know only the "
+        "position along the route.")
     places, junctions = f"{layout['frames']} places", junctions_text(layout)
     if data["drawn"]:
         page.text(
-            f"There are no recordings here whose GPS shows that they cross themselves. These are {places} of the drawn city, "
-            "whose straight street the program lays on a map by a rule, x = sin 3t, y = sin 2t, with 10 m from place to place: "
-            f"{junctions}. What an agent sees does not show the crossing roads: it cannot see that it stands at a junction, it "
-            "has to know the place.")
+            f"There are no recordings here whose GPS shows that they cross themselves. These are {places} of the drawn "
+            "city, whose straight street the program lays on a map by a rule, x = sin 3t, y = sin 2t, with 10 m from "
+            f"place to place: {junctions}. What an agent sees does not show the crossing roads: it cannot see that it "
+            "stands at a junction, it has to know the place.")
     else:
         page.text(
             f"The map is that of the given recordings, by their latitude and longitude. Of their frames {places} from "
-            f"{layout['first']} on, which cross themselves most often: {junctions} of places within 1.5 mean steps of each "
-            f"other. The recordings are {'drawn by the program' if recordings.drawn else 'real'}.")
+            f"{layout['first']} on, which cross themselves most often: {junctions} of places within 1.5 mean steps of "
+            f"each other. The recordings are {'drawn by the program' if recordings.drawn else 'real'}.")
 
 
 def draw_map(layout: Any, recordings: Recordings, policies: list[Policy], page: Page) -> None:
@@ -72,8 +73,9 @@ def draw_map(layout: Any, recordings: Recordings, policies: list[Policy], page: 
     def on_map(label: str, places: list[int], **style: bool) -> Line:
         return Line(label, [east[place] for place in places], [north[place] for place in places], **style)
 
+    joined = [place for places in layout["junctions"] for place in places]
     lines = [on_map("the route, place after place", list(range(layout["frames"]))),
-             on_map(f"its {junctions_text(layout)}", [place for places in layout["junctions"] for place in places], dots=True)]
+             on_map(f"its {junctions_text(layout)}", joined, dots=True)]
     ends: list[Line] = []
     for policy in reversed(policies):  # the shorter way is drawn over the longer one
         if policy.data["policy"] == "place_filter" and policy.outcomes:
@@ -86,8 +88,8 @@ def draw_map(layout: Any, recordings: Recordings, policies: list[Policy], page: 
     chart = Chart("The map and one walk on it", "metres east", "metres north", lines + ends, x_limits, y_limits,
                   width=scale * (x_limits[1] - x_limits[0]), height=scale * (y_limits[1] - y_limits[0]))
     page.chart("map", chart,
-               f"The route of '{recordings.train}' on the map. Of all tasks, the one for which junctions save most: the way of "
-               "place_filter, first seed, with and without junctions.")
+               f"The route of '{recordings.train}' on the map. Of all tasks, the one for which junctions save most: "
+               "the way of place_filter, first seed, with and without junctions.")
 
 
 def draw_training(recordings: Recordings, policies: list[Policy], page: Page) -> None:
@@ -98,8 +100,8 @@ def draw_training(recordings: Recordings, policies: list[Policy], page: Page) ->
         chart = Chart("Training on the map", "episodes", "SPL", lines, y_limits=(0, 1), width=560,
                       x_limits=limits_around([line.x[-1] for line in lines], from_zero=True))
         page.chart("map-training", chart,
-                   f"SPL during training on '{recordings.train}', measured by the shortest path with junctions, smoothed by "
-                   f"{fixed(SMOOTHING, 1)}, {MEAN_OF_SEEDS}.")
+                   f"SPL during training on '{recordings.train}', measured by the shortest path with junctions, "
+                   f"smoothed by {fixed(SMOOTHING, 1)}, {MEAN_OF_SEEDS}.")
 
 
 def table(inputs: Inputs, data: Any, recordings: Recordings, policies: list[Policy], page: Page) -> None:
@@ -114,11 +116,13 @@ def table(inputs: Inputs, data: Any, recordings: Recordings, policies: list[Poli
                              f"{len(policy.outcomes)} x {inputs.tasks}", percent(completed), text_of(spl, 3),
                              text_of(steps, 1), fixed(shortest.mean, 1)])
     page.table("map",
-               f"The same {inputs.tasks} tasks for all policies, at most {data['layout']['frames']} steps each, after learning "
-               f"on '{recordings.train}' with ppo. 95 % intervals: over seeds; of one seed and of policies that learn nothing, "
-               "over tasks (completed: Wilson). SPL is measured by the shortest path with junctions for all; 'shortest' is the "
-               "one that the policy could take; 'trained': environment steps of each training.",
-               ["policy", "junctions", "traversal", "trained", "seeds x tasks", "completed", "SPL", "steps", "shortest"], rows)
+               f"The same {inputs.tasks} tasks for all policies, at most {data['layout']['frames']} steps each, after "
+               f"learning on '{recordings.train}' with ppo. 95 % intervals: over seeds; of one seed and of policies "
+               "that learn nothing, over tasks (completed: Wilson). SPL is measured by the shortest path with "
+               "junctions for all; 'shortest' is the one that the policy could take; 'trained': environment steps of "
+               "each training.",
+               ["policy", "junctions", "traversal", "trained", "seeds x tasks", "completed", "SPL", "steps",
+                "shortest"], rows)
 
 
 def remarks(data: Any, policies: list[Policy], page: Page) -> None:
@@ -136,5 +140,5 @@ def remarks(data: Any, policies: list[Policy], page: Page) -> None:
                     ("spl", "SPL", blind, "the sweep that never looks")):
                 own, yardstick = policy.figure(traversal, name).mean, known[other].figure(traversal, name).mean
                 if own < yardstick and fixed(own, 3) != fixed(yardstick, 3):
-                    page.remark(f"On '{traversal}' {policy.data['label']} with junctions has {what} {fixed(own, 3)}, less than "
-                                f"{whom}: {fixed(yardstick, 3)}.")
+                    page.remark(f"On '{traversal}' {policy.data['label']} with junctions has {what} {fixed(own, 3)}, "
+                                f"less than {whom}: {fixed(yardstick, 3)}.")

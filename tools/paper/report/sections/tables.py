@@ -12,8 +12,8 @@ from published import GIGABYTES, STREETLEARN_GIGABYTES
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:
     recordings = inputs.recordings
-    page.text("The recordings of this report are drawn by the program: a street with buildings, trees and traffic, driven "
-              "again under other light, weather and seasons. None of it is a real recording."
+    page.text("The recordings of this report are drawn by the program: a street with buildings, trees and traffic, "
+              "driven again under other light, weather and seasons. None of it is a real recording."
               if recordings.drawn else
               "The recordings of this report are those given by --data; this is what the reader found in them:")
     page.table("table-1", f"Table I: traversals as they are used here, aligned to '{recordings.train}'.",
@@ -24,8 +24,9 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
     memory = inputs.outcome(data["memory"])
     memory_rows = describe_memory(inputs, data, memory, page) if memory else []
     page.table("table-2",
-               "Table II: this environment beside CityLearn (Chancan & Milford 2020) and StreetLearn (Mirowski et al. 2018). "
-               "Their memory as the CityLearn paper gives it; ours measured on these recordings. Empty: not known to us.",
+               "Table II: this environment beside CityLearn (Chancan & Milford 2020) and StreetLearn (Mirowski et al. "
+               "2018). Their memory as the CityLearn paper gives it; ours measured on these recordings. Empty: not "
+               "known to us.",
                ["", "CityLearn-DDS", "CityLearn", "StreetLearn"], feature_rows(inputs, data) + memory_rows)
 
 
@@ -35,7 +36,8 @@ def feature_rows(inputs: Inputs, data: Any) -> list[list[str]]:
     step = (f"{fixed(smallest, 2)} ({fixed(number(first['step']), 1)})" if math.isfinite(smallest)
             else "no positions in the recording")
     return [
-        ["real recordings", "yes (here: drawn ones)" if inputs.recordings.drawn else "yes", "yes", "yes (street panoramas)"],
+        ["real recordings", "yes (here: drawn ones)" if inputs.recordings.drawn else "yes", "yes",
+         "yes (street panoramas)"],
         ["several conditions of one route", f"yes (here {len(data['traversals'])})", "yes", "no"],
         ["place recognition as the agent's eye", f"yes ({', '.join(data['encoders'])})", "yes (NetVLAD, ResNet)", "no"],
         ["actions", "stay, next, previous", "stay, next, previous", "forward, turn left or right"],
@@ -50,9 +52,9 @@ def describe_memory(inputs: Inputs, data: Any, memory: Any, page: Page) -> list[
     measured = ("env_service, one measured, with its libraries and the recording, before a policy drives it"
                 if math.isfinite(process) else "not measured, because env_service is not built beside this program")
     page.text(
-        f"Memory: resident, of {memory['agents']} agents on '{inputs.recordings.train}' ({data['traversals'][0]['frames']} "
-        "frames). One more environment in a process that already has the recording: mean of "
-        f"{memory['environments']}, each with its observation. A process of its own: {measured}. "
+        f"Memory: resident, of {memory['agents']} agents on '{inputs.recordings.train}' "
+        f"({data['traversals'][0]['frames']} frames). One more environment in a process that already has the "
+        f"recording: mean of {memory['environments']}, each with its observation. A process of its own: {measured}. "
         f"Command: {inputs.command} --only tables")
     if process > GIGABYTES * 1e9:
         page.remark("An env_service takes more memory than the paper's environment.")

@@ -46,9 +46,10 @@ class TheReport(TemporaryFolder):
             self.assertIn("<td>", part, section["name"])
             self.assertEqual("<img " in part, section["name"] != "tables")
         self.assertIn("features &lt;ours&gt;", html)
-        for remark in ("1 of 2 seeds did not reach SPL 0.95", "Worse than the paper: features", "Lower SPL than blind, which never",
-                       "did not reach the goal on", "lost on the second route", "no better than a policy that never looks",
-                       "1 of 3 trainings failed", "less than the sequence filter", "the one for which junctions save most"):
+        for remark in ("1 of 2 seeds did not reach SPL 0.95", "Worse than the paper: features",
+                       "Lower SPL than blind, which never", "did not reach the goal on", "lost on the second route",
+                       "no better than a policy that never looks", "1 of 3 trainings failed",
+                       "less than the sequence filter", "the one for which junctions save most"):
             self.assertIn(remark, html)
         files = json.loads((self.folder / "manifest.json").read_text())["files"]
         self.assertEqual(html.count('src="data:image/svg+xml'), len([name for name in files if name.endswith(".svg")]))
@@ -80,9 +81,11 @@ class TheReport(TemporaryFolder):
             self.assertEqual(errors.count("\n"), 1, errors)
             return errors
 
-        self.assertIn("report.json: field 'measurements' is missing", damaged("report", lambda c: c.pop("measurements")))
+        self.assertIn("report.json: field 'measurements' is missing",
+                      damaged("report", lambda c: c.pop("measurements")))
         self.assertIn("same run", damaged("results", list.pop))
-        self.assertIn("results.json: field 'curve' is missing", damaged("results", lambda c: c[0]["outcome"].pop("curve")))
+        self.assertIn("results.json: field 'curve' is missing",
+                      damaged("results", lambda c: c[0]["outcome"].pop("curve")))
         self.assertIn("'much' is not a number", damaged("results", lambda c: c[0]["outcome"].update(seconds="much")))
         self.assertIn("unknown section 'moon'", damaged("report", lambda c: c["sections"][0].update(name="moon")))
         (self.folder / "results.json").write_text("[half")
@@ -126,7 +129,8 @@ class ThePage(TemporaryFolder):
         curve = {"encoder": "hog", "dimension": 64, "centring": "own", "method": "csls+sequence", "query": "./night",
                  "auc": 0.5, "recall": [0.5, 1], "precision": [1, 0.5]}
         (self.folder / "results.json").write_text('{"reference": "day"}')
-        (self.folder / "curves.json").write_text(json.dumps({"curves": [curve, {**curve, "recall": [], "precision": []}]}))
+        empty = {**curve, "recall": [], "precision": []}
+        (self.folder / "curves.json").write_text(json.dumps({"curves": [curve, empty]}))
         precision_recall.draw(self.folder)
         svg = (self.folder / "pr---night-csls-sequence.svg").read_text()
         self.assertIn("day as reference, ./night as query, csls+sequence", svg)

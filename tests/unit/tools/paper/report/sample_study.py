@@ -11,7 +11,8 @@ TRAVERSALS = ["summer", "night"]
 
 def trial(traversal: str, shuffled: bool = False, spl: float = 0.9) -> dict:
     return {"traversal": traversal, "shuffled": shuffled, "tasks": 100, "completed": 0.95, "spl": spl, "excess": 1.2,
-            "steps": 40.0, "reward": 0.8, "walk": {"goal": 5, "completed": traversal == "summer", "frames": [2, 3, 4, 5]}}
+            "steps": 40.0, "reward": 0.8,
+            "walk": {"goal": 5, "completed": traversal == "summer", "frames": [2, 3, 4, 5]}}
 
 
 def training(seed: int) -> dict:
@@ -42,8 +43,8 @@ class Study:
                  "units": self.trainings()} for agent in ("baseline", "features", "raw_images", "place_filter")]
 
     def controls(self, *names: str) -> list[dict]:
-        return [{"label": name, "unit": self.unit([trial(traversal, spl=0.95) for traversal in [*TRAVERSALS, "0 m", "1 m"]])}
-                for name in names]
+        rows = [trial(traversal, spl=0.95) for traversal in [*TRAVERSALS, "0 m", "1 m"]]
+        return [{"label": name, "unit": self.unit(rows)} for name in names]
 
     def cases(self, queries: list[str]) -> list[dict]:
         outcome = {"queries": 50, "auc": 0.6, "auc_low": 0.5, "auc_high": 0.7, "recall": 0.8}
@@ -76,13 +77,16 @@ def sample() -> Study:
     study.section("figure-6", tolerance=2, representations=["hog-64", "hog-512"], methods=["mlp", "nearest"],
                   queries=["night"], cases=study.cases(["night"]))
     study.section("figure-7", agents=study.agents())
-    study.section("figure-8-9", agents=study.agents(), controls=study.controls("blind", "shortest_path", "sequence_filter"))
+    study.section("figure-8-9", agents=study.agents(),
+                  controls=study.controls("blind", "shortest_path", "sequence_filter"))
     walkers = ("features", "raw_images")
-    study.section("figure-10", recordings=recordings(TRAVERSALS), substitute=False, pictures=True, traversals=TRAVERSALS,
+    study.section("figure-10", recordings=recordings(TRAVERSALS), substitute=False, pictures=True,
+                  traversals=TRAVERSALS,
                   trainings=[{"agent": agent, "representation": "hog-64", "seed": 1, "frames": 128,
                               "unit": study.unit(training(1))} for agent in walkers],
                   strips=[{"traversal": traversal, "agent": agent, "file": f"walk-{traversal}-{agent}.png",
-                           "frames": [2, 3, 4, 5], "steps": [0, 1, 2, None]} for traversal in TRAVERSALS for agent in walkers])
+                           "frames": [2, 3, 4, 5], "steps": [0, 1, 2, None]}
+                          for traversal in TRAVERSALS for agent in walkers])
     study.section("tables", encoders=["hog", "vlad"],
                   memory=study.unit({"environments": 512, "agents": 16, "bytes": {"environment": 7e3, "process": 8e7}}),
                   traversals=[{"name": name, "condition": name, "frames": 160, "metres": 1590.0, "step": 10.0,
@@ -92,23 +96,27 @@ def sample() -> Study:
                            "agents": [{"label": "place_filter", "learner": "relabel", "units": study.trainings()}]}
                           for frames in (128, 160)])
     study.section("transfer", frames=80, controls=study.controls("blind", "sequence_filter"),
-                  agents=[{"agent": "features", "label": "features", "unchanged": [study.unit([trial("summer", spl=0.3)])],
+                  agents=[{"agent": "features", "label": "features",
+                           "unchanged": [study.unit([trial("summer", spl=0.3)])],
                            "variants": [{"label": "all", "pretrained": True, "units": study.trainings()},
                                         {"label": "anew", "pretrained": False, "units": study.trainings()}]}])
-    study.section("viewpoint", recordings=recordings(["summer", "0 m", "1 m"]), substitute=False, representation="hog-64",
-                  frames=128, tolerance=2, shifts=[{"at": 0, "name": "0 m"}, {"at": 1, "name": "1 m"}],
+    study.section("viewpoint", recordings=recordings(["summer", "0 m", "1 m"]), substitute=False,
+                  representation="hog-64", frames=128, tolerance=2,
+                  shifts=[{"at": 0, "name": "0 m"}, {"at": 1, "name": "1 m"}],
                   methods=["mlp", "nearest"], cases=study.cases(["0 m", "1 m"]),
                   agents=[{"label": "features", "units": [study.unit([trial("0 m"), trial("1 m")]), study.unit(None)]}],
                   controls=study.controls("blind", "sequence_filter"))
 
     def on_map(policy: str) -> dict:
         estimate = {"mean": 0.4 if policy == "place_filter" else 0.5, "low": 0.3, "high": 0.6, "n": 100}
-        rows = [{"traversal": name, **dict.fromkeys(("completed", "spl", "steps", "shortest"), estimate)} for name in TRAVERSALS]
+        rows = [{"traversal": name, **dict.fromkeys(("completed", "spl", "steps", "shortest"), estimate)}
+                for name in TRAVERSALS]
         return {**training(1), "trials": rows, "walk": {"start": 0, "goal": 3, "places": [0, 1, 2, 3]}}
 
     study.section("map", recordings=recordings(TRAVERSALS), drawn=True, traversals=TRAVERSALS,
-                  layout={"first": 0, "frames": 4, "east": [0, 10, 10, None], "north": [0, 0, 10, None], "junctions": [[0, 2]]},
-                  policies=[{"policy": policy, "label": policy, "learns": policy == "place_filter", "junctions": junctions,
-                             "steps": 5, "units": [study.unit(on_map(policy))]}
+                  layout={"first": 0, "frames": 4, "east": [0, 10, 10, None], "north": [0, 0, 10, None],
+                          "junctions": [[0, 2]]},
+                  policies=[{"policy": policy, "label": policy, "learns": policy == "place_filter",
+                             "junctions": junctions, "steps": 5, "units": [study.unit(on_map(policy))]}
                             for policy in ("place_filter", "sequence_filter", "blind") for junctions in (True, False)])
     return study
