@@ -3,7 +3,7 @@
 set(CITYLEARN_PLUGINS "" CACHE STRING "Plug-ins of your own: NAME.cc, or a folder whose CMakeLists.txt calls citylearn_plugin; a;b;c")
 
 # One hash of all headers that a plug-in and a program must agree on; only a changed hash compiles anything anew.
-file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/core/*.h ${CMAKE_SOURCE_DIR}/policy_service/network/*.h
+file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/core/*.h ${CMAKE_SOURCE_DIR}/core/*.inc ${CMAKE_SOURCE_DIR}/policy_service/network/*.h
   ${CMAKE_SOURCE_DIR}/policy_service/rollout/*.h ${CMAKE_SOURCE_DIR}/policy_service/learning/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
 list(JOIN headers "," inputs)
 set(interface ${CMAKE_BINARY_DIR}/generated/core/plugin/plugin_interface.h)

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <utility>
 
+#include "core/task/path.h"
 #include "core/task/route_map.h"
 
 namespace citylearn {
@@ -13,14 +14,6 @@ namespace {
 
 // Steps and tasks are counted in int.
 constexpr std::uint32_t kMaxCount = 1u << 30;
-
-/// Notes the action of an episode's `steps`-th step, as long as the path fits an EpisodeStat.
-void append(std::vector<std::uint8_t>& path, int steps, std::uint8_t action) {
-  const auto at = static_cast<std::size_t>(steps - 1);
-  if (at / 4 >= msg::MAX_PATH) return;
-  if (at % 4 == 0) path.push_back(0);
-  path.back() = static_cast<std::uint8_t>(path.back() | action << 2 * (at % 4));
-}
 
 }  // namespace
 
@@ -87,7 +80,7 @@ void Environment::begin_training_episode(Agent& agent) {
   agent.goal = static_cast<int>(agent.random.below(frames - 1));
   if (agent.goal >= agent.frame) ++agent.goal;
   if (!turns_.empty()) distances_to(agent.goal, frames, turns_, agent.distances);
-  agent.nearest = distance(agent, agent.start);
+  agent.rule = {distance(agent, agent.start), static_cast<int>(settings_.max_steps())};
   agent.steps = 0;
   agent.episode_reward = 0;
   agent.path.clear();
@@ -139,7 +132,6 @@ void Environment::step(std::span<const std::uint8_t> actions) {
   ++step_;
   finished_.clear();
   const int first = static_cast<int>(settings_.first_frame());
-  const int max_steps = static_cast<int>(settings_.max_steps());
   for (int index = 0; index < agents(); ++index) {
     Agent& agent = agents_[index];
     if (agent.flags & msg::FLAG_IDLE) {
@@ -147,19 +139,16 @@ void Environment::step(std::span<const std::uint8_t> actions) {
       agent.reward = 0;
       continue;
     }
-    const int before = distance(agent, agent.frame);
     agent.frame = place_after(agent.frame, actions[index], turns_);
     ++agent.steps;
-    append(agent.path, agent.steps, actions[index]);
+    const bool fits = path_octets(agent.steps) <= msg::MAX_PATH;  // an EpisodeStat
+    if (fits) append_action(agent.path, agent.steps - 1, actions[index]);
     agent.previous_action = actions[index];
     agent.flags = 0;
-    const bool free = distance(agent, agent.frame) < before && before <= agent.nearest;
-    if (free) --agent.nearest;
-    const bool reached = agent.frame == agent.goal;
-    agent.reward = reached ? 1.0f : (free ? 0.0f : -1.0f / static_cast<float>(max_steps));
+    agent.reward = agent.rule.step(distance(agent, agent.frame));
+    const bool reached = agent.rule.reached();
     agent.episode_reward += agent.reward;
-    if (!reached && agent.steps < max_steps) continue;
-    const bool fits = static_cast<std::size_t>(agent.steps) <= 4 * std::size_t{msg::MAX_PATH};
+    if (!reached && !agent.rule.out_of_steps()) continue;
     finished_.push_back({index, agent.task, first + agent.start, first + agent.goal, agent.steps,
                          distance(agent, agent.start), agent.episode_reward, reached,
                          fits ? agent.path : std::vector<std::uint8_t>()});

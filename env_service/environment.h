@@ -5,8 +5,9 @@
 #include <span>
 #include <vector>
 
-#include "core/wire/messages.h"
+#include "core/task/reward.h"
 #include "core/util/random.h"
+#include "core/wire/messages.h"
 #include "env_service/dataset_io/traversal.h"
 
 namespace citylearn {
@@ -70,7 +71,8 @@ class Environment {
  private:
   struct Agent {
     Random random = Random(0);
-    int task = 0, start = 0, frame = 0, goal = 0, steps = 0, nearest = 0;
+    int task = 0, start = 0, frame = 0, goal = 0, steps = 0;
+    EpisodeReward rule = {0, 1};
     float episode_reward = 0, reward = 0;
     std::uint8_t previous_action = kNoAction, flags = 0;
     std::vector<int> distances;      ///< to the goal from each place of the route; empty on a line

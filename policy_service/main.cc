@@ -4,14 +4,15 @@
 
 #include "core/plugin/plugins.h"
 #include "core/wire/service.h"
-#include "policy_service/network/agent_network.h"
-#include "policy_service/rollout/control.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/interchange/onnx_graph.h"
 #include "policy_service/learning/learner.h"
+#include "policy_service/learning/trainer.h"
+#include "policy_service/network/agent_network.h"
+#include "policy_service/rollout/control.h"
+#include "policy_service/run/comparison.h"
 #include "policy_service/run/policy_service.h"
 #include "policy_service/run/sweep.h"
-#include "policy_service/learning/trainer.h"
 
 namespace {
 
@@ -34,7 +35,7 @@ void print_list() {
   for (const auto& [name, help] : list_middlewares()) std::cout << describe(name, help, {}, "");
 }
 
-/// `least` is 0 or 1. CLI11's own checks of this kind tell a range that ends with 309 digits.
+/// Returns a check for `least` or more, 0 or 1. CLI11's own one names a range that ends with 309 digits.
 CLI::Validator at_least(int least) {
   const std::string wanted = "must be " + std::to_string(least) + " or more";
   return {[=](const std::string& text) {
@@ -51,7 +52,7 @@ int main(int argc, char** argv) {
   options.node.service = "policy_service";
   const std::string id = "policy";
   options.node.id = id;
-  std::map<std::string, std::map<std::string, double>> plugins;  // parameters given, by plug-in
+  std::map<std::string, std::map<std::string, double>> plugins;  // given parameters, by plug-in
   bool list = false, agents = false;
   std::vector<std::uint64_t> seeds;  // of a sweep
   std::vector<std::string> runs;     // of a table
@@ -59,7 +60,7 @@ int main(int argc, char** argv) {
   const auto setup = [&](CLI::App& app) {
     add_plugin_option(app, argc, argv);
     app.add_flag("--list", list, "Print networks, learners, controls and middlewares with their parameters, and exit");
-    app.add_flag("--recommended-agents", agents, "Print how many agents --agent trains best with, and exit");
+    app.add_flag("--recommended-agents", agents, "Print the number of agents that --agent trains best with, and exit");
     app.add_option("--mode", options.mode,
                    "train (and evaluate at the end); evaluate; export --checkpoint to --output FILE.onnx (opset " +
                        std::to_string(OnnxGraph::kOpset) +
@@ -67,10 +68,10 @@ int main(int argc, char** argv) {
         ->capture_default_str()
         ->check(CLI::IsMember({"train", "evaluate", "export", "table"}));
     app.add_option("runs", runs, "With --mode table: folders with summary.json or sweep.json");
-    app.add_option(
-           "--role", options.role,
-           "both; or learner, which learns from what actors send, and actor, which acts for the run's learner and "
-           "needs no other options of training")
+    app.add_option("--role", options.role,
+                   "both: act and learn; learner: learn from what actors send; actor: act for the run's learner, which "
+                   "sets all "
+                   "other training options")
         ->capture_default_str()
         ->check(CLI::IsMember({"both", "actor", "learner"}));
     app.add_option("--agent", options.agent, "Network to train; with --mode evaluate and no --checkpoint, a control")
@@ -78,15 +79,16 @@ int main(int argc, char** argv) {
     app.add_option("--learner", options.learner, "Learner")->capture_default_str();
     app.add_option("--checkpoint", options.checkpoint, "File to act from (--mode evaluate) or to export");
     app.add_option("--parameters", options.parameters,
-                   "Safetensors file whose parameters go before those of --checkpoint");
-    app.add_flag("--resume", options.resume, "Go on with the newest checkpoint in --output; begin where there is none");
+                   "Safetensors file whose parameters replace those of --checkpoint");
+    app.add_flag("--resume", options.resume,
+                 "Continue from the newest checkpoint in --output; start anew where there is none");
     app.add_option("--initial", options.initial,
-                   "Checkpoint whose agent's parameters training begins with, of whatever route (--mode train)")
+                   "Checkpoint whose agent's parameters training starts from, of any route (--mode train)")
         ->type_name("FILE");
     app.add_option("--freeze", options.frozen,
-                   "Tensors that training leaves as they are, A,B,...: lstm.input; or beginnings of names: lstm,heads")
+                   "Tensors that are not trained, A,B,...: lstm.input; or prefixes of names: lstm,heads")
         ->delimiter(',');
-    auto* seed = app.add_option("--seed", options.seed, "Everything random follows from it")->capture_default_str();
+    auto* seed = app.add_option("--seed", options.seed, "Seed of all random numbers")->capture_default_str();
     app.add_option_function<std::string>(
            "--seeds",
            [&seeds](const std::string& text) {
@@ -100,11 +102,12 @@ int main(int argc, char** argv) {
         ->excludes(seed);
     app.add_option("--output", options.output,
                    "Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/ and tensorboard/; "
-                   "none: nothing is written. With --mode export the file to write");
+                   "empty: nothing is written. With --mode export the file to write");
 
     const std::string task = "Task";
     app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str()->group(task);
-    app.add_option("--evaluate", options.evaluate, "Traversals to evaluate on, A,B,...; all that are there unless told")
+    app.add_option("--evaluate", options.evaluate,
+                   "Traversals to evaluate on, A,B,...; all that are found unless given")
         ->delimiter(',')
         ->group(task);
     app.add_option("--first-frame", options.first_frame, "The route begins at this frame of the traversal")
@@ -121,14 +124,15 @@ int main(int argc, char** argv) {
         ->group(task);
     app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8 ... 128 frames")
         ->group(task);
-    app.add_option("--environments", options.environments, "env_services on the training traversal to begin with")
+    app.add_option("--environments", options.environments, "env_services on the training traversal to start with")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000))
         ->group(task);
-    app.add_flag("--lockstep", options.lockstep, "Wait for a lost training env_service instead of going on without it")
+    app.add_flag("--lockstep", options.lockstep,
+                 "Wait for a lost training env_service instead of continuing without it")
         ->group(task);
     app.add_option(
-           "--observations", options.fleet.observing,
+           "--observations", options.client.observing,
            "whole: with features; by_reference: frames by name, their features are fetched once before; as_fits: "
            "whole where they fit one datagram")
         ->default_str("as_fits")
@@ -137,31 +141,29 @@ int main(int argc, char** argv) {
                                                                              {"by_reference", Observing::kByReference}},
                                             CLI::ignore_case))
         ->group(task);
-    app.add_option("--wait", options.wait, "Seconds until missing env_services are an error; 0 = wait for ever")
+    app.add_option("--wait", options.wait, "Seconds to wait for env_services before failing; 0 = forever")
         ->capture_default_str()
         ->check(at_least(0))
         ->group(task);
 
     const std::string roles = "Roles";
     app.add_option("--window", options.window,
-                   "Learner: segments of one env_service that an actor may have unacknowledged; beyond, it waits")
+                   "Learner: unacknowledged segments of one env_service after which an actor waits")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000))
         ->group(roles);
-    app.add_option("--max-lag", options.most_lag,
-                   "Learner: trajectories of parameters older than so many updates are dropped; 0 = none is too old")
+    app.add_option("--max-lag", options.max_lag,
+                   "Learner: drop trajectories of parameters older than so many updates; 0 = none")
         ->capture_default_str()
         ->group(roles);
-    app.add_flag("--stay", options.stay, "Actor: wait for the next learner when one has done, instead of leaving")
-        ->group(roles);
+    app.add_flag("--stay", options.stay, "Actor: after a learner finishes, wait for the next")->group(roles);
 
     const std::string length = "Length";
     app.add_option("--steps", options.steps, "Environment steps to learn from; 0 = as recommended for the agent")
         ->capture_default_str()
         ->group(length);
     app.add_option("--time-limit", options.time_limit,
-                   "End training after so many seconds; what falls in its course, as the learning rate, has fallen by "
-                   "then; 0 = never")
+                   "End training after so many seconds; schedules such as the learning rate finish by then; 0 = never")
         ->capture_default_str()
         ->check(at_least(0))
         ->group(length);

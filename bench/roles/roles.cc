@@ -67,7 +67,7 @@ Figures train(const Options& options, int actors) {
     throw citylearn::Error("the run did not end well:\n" + services.back()->output());
   const auto summary = nlohmann::json::parse(contents(folder / "out/summary.json"))["train"];
   return {rate_of(folder / "out/metrics.csv"), summary["update_s"].get<double>() / summary["wall_s"].get<double>(),
-          summary["lag"], summary["actors_waited_s"]};
+          summary["policy_lag"], summary["actors_waited_s"]};
 }
 
 }  // namespace

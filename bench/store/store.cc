@@ -173,7 +173,7 @@ void opening(const std::string& folder) {
   };
   print("every row, one column (reference)", plain);
   const std::map<std::string, std::string> chart = {
-      {"columns", "reward,spl,policy_loss,entropy,divergence"}, {"x", "steps"}, {"points", "2000"}};
+      {"columns", "reward,spl,policy_loss,entropy,approx_kl"}, {"x", "steps"}, {"points", "2000"}};
   print("training, 5 columns over steps, 2,000 points", median_seconds([&] { ask({"training"}, chart); }));
   print("the run itself", median_seconds([&] { ask({}, {}); }));
   print("newest 100 episodes", median_seconds([&] { ask({"episodes"}, {}); }));

@@ -15,6 +15,7 @@
 
 #include "core/plugin/plugins.h"
 #include "env_service/dataset_io/dataset.h"
+#include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/worker.h"
 #include "tools/inprocess/pictures.h"
@@ -120,7 +121,7 @@ void train(const Options& options) {
           "KL %.4f clipped %.3f place %.3f way %.3f gradient %.3f | %.0f steps/s\n",
           wall, static_cast<unsigned long long>(progress.steps), static_cast<unsigned long long>(progress.episodes),
           progress.lesson, progress.reward, progress.spl, figures.policy_loss, figures.value_loss, figures.entropy,
-          figures.divergence, figures.clipped, figures.localisation_loss, figures.orientation_loss,
+          figures.approx_kl, figures.clip_fraction, figures.localisation_loss, figures.orientation_loss,
           figures.gradient_norm, static_cast<double>(progress.steps) / wall);
       std::fflush(stdout);
     }

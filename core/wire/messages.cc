@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/task/path.h"
 #include "core/wire/blob.h"
 #include "core/wire/message_fields.h"
 #include "core/wire/transfer.h"
@@ -186,7 +187,7 @@ void check(const Observation& m, const std::string& type) {
 }
 
 void check(const EpisodeStat& m, const std::string& type) {
-  const std::size_t octets = (std::size_t{m.steps()} + 3) / 4;
+  const std::size_t octets = path_octets(m.steps());
   if (!m.path().empty() && m.path().size() != octets) refuse(type, "path", counts(m.path().size(), octets));
 }
 

@@ -9,6 +9,7 @@
 #include <exception>
 #include <initializer_list>
 
+#include "core/task/path.h"
 #include "core/wire/service.h"
 
 namespace citylearn {
@@ -240,12 +241,12 @@ Answer file_answer(const std::string& run, const std::string& what, bool csv) {
 
 /// Frames stood at, the start's first: the actions of EpisodeStat.path one after the other.
 Json positions_of(const StoreReader::Replay& replay) {
-  if (!replay.path || replay.path->size() < (replay.row.steps + 3) / 4) return nullptr;
+  if (!replay.path || replay.path->size() < path_octets(replay.row.steps)) return nullptr;
   Json positions = Json::array();
   auto frame = static_cast<std::int64_t>(replay.row.start);
   positions.push_back(frame);
   for (std::uint64_t step = 0; step < replay.row.steps; ++step) {
-    const int action = (*replay.path)[step / 4] >> (step % 4 * 2) & 3;
+    const int action = action_at(*replay.path, step);
     frame += action == kNext ? 1 : action == kPrevious ? -1 : 0;
     positions.push_back(frame);
   }

@@ -6,6 +6,8 @@
 #include <cstdlib>
 #include <limits>
 
+#include "core/task/reward.h"
+#include "core/task/spl.h"
 #include "core/util/random.h"
 
 namespace citylearn {
@@ -27,9 +29,9 @@ ControlFigures over_all_tasks(int frames, int max_steps, Detour detour) {
       // Only steps that bring the agent nearer than ever before are free: a detour costs there and back.
       const bool reached = steps <= limit;
       sum.completed += reached;
-      sum.spl += reached ? shortest / steps : 0;
+      sum.spl += spl_of(reached, shortest, steps);
       sum.steps += std::min(steps, limit);
-      sum.reward += (reached ? 1.0 : 0.0) - std::min(2 * away, limit) / limit;
+      sum.reward += EpisodeReward::total(reached, std::min(2 * away, limit), limit);
     }
   const double tasks = static_cast<double>(frames) * (frames - 1);
   return {sum.spl / tasks, sum.reward / tasks, sum.steps / tasks, sum.completed / tasks};
@@ -49,7 +51,7 @@ EvaluationFigures evaluate(std::span<const StoreReader::TaskRow> tasks) {
     figures.spl += task.spl / count;
     if (!task.completed) continue;
     ++completed;
-    figures.excess += task.shortest > 0 ? static_cast<double>(task.steps) / static_cast<double>(task.shortest) : 1;
+    figures.excess += excess_of(static_cast<double>(task.shortest), static_cast<double>(task.steps));
   }
   figures.completed = completed / count;
   figures.failed = (count - completed) / count;

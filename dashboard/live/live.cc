@@ -11,6 +11,8 @@
 #include <cmath>
 #include <cstring>
 
+#include "core/task/training_figures.h"
+
 namespace citylearn {
 namespace {
 
@@ -22,29 +24,6 @@ static_assert(std::endian::native == std::endian::little, "payloads are copied a
 constexpr milliseconds kLook{100};      // who watches what; and rows of training
 constexpr milliseconds kServices{250};  // at most four times a second
 constexpr std::size_t kMostAsked = 64, kMostHosted = 4096, kMostRuns = 4096, kMostScenes = 256;
-
-constexpr const char* kColumns[] = {
-    "update",      "steps",      "episodes", "lesson",     "wall",    "steps_per_second", "reward",        "spl",
-    "policy_loss", "value_loss", "entropy",  "divergence", "clipped", "gradient_norm",    "learning_rate", "lag"};
-
-std::array<double, std::size(kColumns)> row_of(const msg::TrainingStat& s) {
-  return {static_cast<double>(s.update()),
-          static_cast<double>(s.steps()),
-          static_cast<double>(s.episodes()),
-          static_cast<double>(s.lesson()),
-          s.wall(),
-          s.steps_per_second(),
-          s.reward(),
-          s.spl(),
-          s.policy_loss(),
-          s.value_loss(),
-          s.entropy(),
-          s.divergence(),
-          s.clipped(),
-          s.gradient_norm(),
-          s.learning_rate(),
-          s.lag()};
-}
 
 template <class T>
 std::vector<std::byte> bytes_of(const std::vector<T>& values) {
@@ -133,8 +112,7 @@ void Live::hear(const msg::TrainingStat& stat) {
   const std::string topic = "training:" + run->second;
   if (!watched_.contains(topic)) return;
   Rows& rows = rows_[topic];
-  const auto row = row_of(stat);
-  rows.values.insert(rows.values.end(), row.begin(), row.end());
+  for (const TrainingFigure& figure : training_figures()) rows.values.push_back(figure.value(stat));
   ++rows.count;
   due_ = std::min(due_, next_rows_);
 }
@@ -296,7 +274,9 @@ void Live::show_rows() {
   next_rows_ = Clock::now() + kLook;
   for (auto& [topic, rows] : rows_) {
     if (rows.count == 0) continue;
-    hub_.publish(topic, {{"columns", kColumns}, {"rows", rows.count}}, bytes_of(rows.values), Hub::Merge::kAppend);
+    Json columns;
+    for (const TrainingFigure& figure : training_figures()) columns.push_back(figure.name);
+    hub_.publish(topic, {{"columns", columns}, {"rows", rows.count}}, bytes_of(rows.values), Hub::Merge::kAppend);
     rows = {};
   }
 }

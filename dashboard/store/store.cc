@@ -11,6 +11,7 @@
 #include <cstring>
 #include <set>
 
+#include "core/task/spl.h"
 #include "dashboard/store/schema.h"
 #include "dashboard/store/sqlite.h"
 
@@ -64,13 +65,6 @@ Database& prepared(Database& database, std::uint64_t most_bytes) {
     database.number("PRAGMA max_page_count = " + std::to_string(std::max<std::uint64_t>(1, most_bytes / page)));
   }
   return database;
-}
-
-/// SPL of one episode (score.h of policy_service says the same): Anderson et al. 2018.
-double spl_of(const msg::EpisodeStat& episode) {
-  if (!episode.completed()) return 0;
-  const double longer = std::max(episode.shortest(), episode.steps());
-  return longer > 0 ? episode.shortest() / longer : 1;
 }
 
 std::string escaped(const std::string& name) {
@@ -346,7 +340,7 @@ std::size_t Store::record(std::span<const msg::EpisodeStat> episodes, std::vecto
         .bind(15, episode.shortest())
         .bind(16, episode.reward())
         .bind(17, episode.completed())
-        .bind(18, spl_of(episode))
+        .bind(18, spl_of(episode.completed(), episode.shortest(), episode.steps()))
         .bind(19, now);
     if (episode.steps() == 0) {
       s.add_episode.bind(20, std::string_view());  // nothing done is not nothing known
@@ -507,11 +501,11 @@ std::size_t Store::record(std::span<const msg::TrainingStat> stats) {
         .bind(10, stat.policy_loss())
         .bind(11, stat.value_loss())
         .bind(12, stat.entropy())
-        .bind(13, stat.divergence())
-        .bind(14, stat.clipped())
+        .bind(13, stat.approx_kl())
+        .bind(14, stat.clip_fraction())
         .bind(15, stat.gradient_norm())
         .bind(16, stat.learning_rate())
-        .bind(17, stat.lag())
+        .bind(17, stat.policy_lag())
         .run();
     ++taken;
   }

@@ -90,11 +90,11 @@ const std::vector<TrainingColumn>& training_columns() {
                                                       {"policy_loss", "policy_loss", false},
                                                       {"value_loss", "value_loss", false},
                                                       {"entropy", "entropy", false},
-                                                      {"divergence", "divergence", false},
-                                                      {"clipped", "clipped", false},
+                                                      {"approx_kl", "divergence", false},
+                                                      {"clip_fraction", "clipped", false},
                                                       {"gradient_norm", "gradient_norm", false},
                                                       {"learning_rate", "learning_rate", false},
-                                                      {"lag", "lag", false}};
+                                                      {"policy_lag", "lag", false}};
   return columns;
 }
 

@@ -15,7 +15,8 @@ add_custom_command(
   COMMAND ${CMAKE_COMMAND} -DNPM=${NPM} -DWEB=${web} -DPAGE=${CITYLEARN_PAGE}
           -DSTAMP=${CMAKE_BINARY_DIR}/dashboard/page.stamp -P ${web}/build_page.cmake
   DEPENDS ${page_sources} ${web}/index.html ${web}/package.json ${web}/package-lock.json ${web}/vite.config.ts
-          ${web}/tsconfig.json ${web}/build_page.cmake
+          ${web}/tsconfig.json ${CMAKE_SOURCE_DIR}/core/task/training_figures.inc
+          ${web}/build_page.cmake
   COMMENT "Building the dashboard's page"
   VERBATIM)
 add_custom_target(page ALL DEPENDS ${CMAKE_BINARY_DIR}/dashboard/page.stamp)

@@ -32,5 +32,8 @@ export default defineConfig({
     assetsInlineLimit: 0,
     modulePreload: { polyfill: false },
   },
-  server: { proxy: { '^/(api|healthz|login)': { target: 'http://127.0.0.1:8080', ws: true } } },
+  server: {
+    fs: { allow: ['.', '../../core/task'] }, // training_figures.inc
+    proxy: { '^/(api|healthz|login)': { target: 'http://127.0.0.1:8080', ws: true } },
+  },
 });

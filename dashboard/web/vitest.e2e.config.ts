@@ -3,6 +3,7 @@ import { defineConfig } from 'vitest/config';
 
 // One browser, one page at a time: a chromium takes more than a core while it draws.
 export default defineConfig({
+  server: { fs: { allow: ['.', '../../core/task'] } }, // training_figures.inc
   test: {
     include: ['tests/e2e/**/*.test.ts'],
     globalSetup: 'tests/e2e/browser.ts',

@@ -7,11 +7,12 @@ namespace citylearn {
 
 struct ActorOptions {
   Node::Options node;
-  bool stay = false;  ///< wait for the next learner when one has done, instead of leaving
+  bool stay = false;  ///< waits for the next learner when one has ended, instead of leaving
 };
 
-/// Serves env_services of the traversal that the run's learner learns from and sends it what their agents see and do
-/// (docs/decisions/0008-roles.md). All else it hears from the learner. Returns the exit status. Throws Error.
+/// Acts on env_services of the traversal that the run's learner learns from, and sends the learner what their agents
+/// see and do (docs/decisions/0008-roles.md). The learner announces everything else. Returns the exit status. Throws
+/// Error.
 int run_actor(const ActorOptions& options);
 
 }  // namespace citylearn

@@ -25,7 +25,7 @@ std::shared_ptr<RouteFeatures> FeatureCache::want(const msg::TraversalInfo& info
     const Transfer::What what{info.hash(), info.frames(), info.feature_dimension(), first, count};
     routes_.push_back(std::make_shared<RouteFeatures>(what));
     routes_.back()->encoder = encoder;
-    routes_.back()->moved = Clock::now();
+    routes_.back()->progress = Clock::now();
   } else {
     std::rotate(found, found + 1, routes_.end());
   }
@@ -34,7 +34,7 @@ std::shared_ptr<RouteFeatures> FeatureCache::want(const msg::TraversalInfo& info
   return wanted;
 }
 
-/// Lets go what nobody holds: at once where it is not complete, else the oldest beyond what is kept.
+/// Drops what is not in use: at once where it is not complete, else the oldest ones beyond what is kept.
 void FeatureCache::forget() {
   std::size_t kept = 0;
   for (auto route = routes_.rbegin(); route != routes_.rend(); ++route) {
@@ -54,15 +54,15 @@ void FeatureCache::ask(RouteFeatures& route, const std::string& environment) {
   node_.publish(request_);
 }
 
-bool FeatureCache::take(const msg::TraversalChunk& chunk, bool believed) {
+bool FeatureCache::take(const msg::TraversalChunk& chunk, bool trusted) {
   bool right = true;
   for (const auto& route : routes_) {
-    if (!believed) {
+    if (!trusted) {
       right = right && !route->transfer.wants(chunk);
       continue;
     }
     const Transfer::Taken taken = route->transfer.take(chunk);
-    if (taken == Transfer::Taken::kYes) route->moved = Clock::now();
+    if (taken == Transfer::Taken::kYes) route->progress = Clock::now();
     if (taken == Transfer::Taken::kDamaged) right = false;
   }
   return right;

@@ -7,19 +7,19 @@
 
 namespace citylearn {
 
-/// Says at the end of its life that this service stops, or that it failed, so that whoever watches need not miss it.
-class Farewell {
+/// Reports at the end of its life that this service stops, or that it failed, so that watchers need not time out.
+class FinalStatusGuard {
  public:
-  explicit Farewell(Node& node) : node_(node), unwinding_(std::uncaught_exceptions()) {}
-  ~Farewell() {
+  explicit FinalStatusGuard(Node& node) : node_(node), unwinding_(std::uncaught_exceptions()) {}
+  ~FinalStatusGuard() {
     const bool failed = std::uncaught_exceptions() > unwinding_;
     try {
       node_.report(failed ? msg::FAILED : msg::STOPPING, failed ? "failed: its log says why" : "stopping");
-    } catch (const Error&) {  // then it is missed
+    } catch (const Error&) {  // watchers then time out
     }
   }
-  Farewell(const Farewell&) = delete;
-  Farewell& operator=(const Farewell&) = delete;
+  FinalStatusGuard(const FinalStatusGuard&) = delete;
+  FinalStatusGuard& operator=(const FinalStatusGuard&) = delete;
 
  private:
   Node& node_;

@@ -9,12 +9,12 @@
 
 namespace citylearn {
 
-/// Beats for a node while its thread computes for long, so that whoever watches does not take it for lost. Used by the
-/// node's thread.
-class Heart {
+/// Publishes a node's heartbeat while the node's thread computes for long, so that watchers do not take it for lost.
+/// Used by the node's thread.
+class HeartbeatThread {
  public:
-  explicit Heart(Node& node) : node_(node), thread_([this] { beat(); }) {}
-  ~Heart() {
+  explicit HeartbeatThread(Node& node) : node_(node), thread_([this] { loop(); }) {}
+  ~HeartbeatThread() {
     {
       const std::lock_guard lock(mutex_);
       stop_ = true;
@@ -22,37 +22,37 @@ class Heart {
     wake_.notify_one();
     thread_.join();
   }
-  Heart(const Heart&) = delete;
-  Heart& operator=(const Heart&) = delete;
+  HeartbeatThread(const HeartbeatThread&) = delete;
+  HeartbeatThread& operator=(const HeartbeatThread&) = delete;
 
-  /// `work()`, which must leave the node alone.
+  /// Returns work(), which must not use the node.
   template <class Work>
-  auto beside(Work work) {
+  auto run(Work work) {
     const Lent lent(*this);
     return work();
   }
 
  private:
-  /// The node, lent to the thread.
+  /// Lends the node to the heartbeat thread.
   class Lent {
    public:
-    explicit Lent(Heart& heart) : heart_(heart) {
+    explicit Lent(HeartbeatThread& heart) : heartbeat_(heart) {
       {
-        const std::lock_guard lock(heart_.mutex_);
-        heart_.lent_ = true;
+        const std::lock_guard lock(heartbeat_.mutex_);
+        heartbeat_.lent_ = true;
       }
-      heart_.wake_.notify_one();
+      heartbeat_.wake_.notify_one();
     }
     ~Lent() {
-      const std::lock_guard lock(heart_.mutex_);  // not in the middle of a beat
-      heart_.lent_ = false;
+      const std::lock_guard lock(heartbeat_.mutex_);  // waits for a heartbeat in progress
+      heartbeat_.lent_ = false;
     }
 
    private:
-    Heart& heart_;
+    HeartbeatThread& heartbeat_;
   };
 
-  void beat() {
+  void loop() {
     std::unique_lock lock(mutex_);
     while (!stop_) {
       if (lent_) {

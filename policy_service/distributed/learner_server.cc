@@ -8,9 +8,9 @@
 namespace citylearn {
 namespace {
 
-constexpr auto kInfoAgain = std::chrono::seconds(1);
-constexpr auto kAskedLately = std::chrono::seconds(1);
-constexpr std::size_t kMostHeld = 4;
+constexpr auto kInfoInterval = std::chrono::seconds(1);
+constexpr auto kRecentlyAsked = std::chrono::seconds(1);
+constexpr std::size_t kMostVersions = 4;
 
 TrajectoryShape shape_of(const msg::LearnerInfo& info, int state_size) {
   const TrajectoryShape shape{static_cast<int>(info.steps()), static_cast<int>(info.feature_dimension()), state_size,
@@ -27,12 +27,12 @@ msg::LearnerInfo info_of(const Trainer& trainer) {
 
 }  // namespace
 
-LearnerLink::LearnerLink(Node& node, Trainer& trainer, const LearnerLinkOptions& options)
+LearnerServer::LearnerServer(Node& node, Trainer& trainer, const LearnerServerOptions& options)
     : node_(node),
-      heart_(node),
+      heartbeat_(node),
       trainer_(trainer),
       options_(options),
-      // Room for the update that comes next, and for one more to be taken in meanwhile.
+      // There is room for the next update, and for one more to be taken in meanwhile.
       queue_(shape_of(info_of(trainer), trainer.agent().network->state_size()), 2 * trainer.batch()),
       rejections_(node) {
   node_.create_writer<msg::LearnerInfo>();
@@ -45,27 +45,27 @@ LearnerLink::LearnerLink(Node& node, Trainer& trainer, const LearnerLinkOptions&
   info_.traversal() = options_.traversal.c_str();
   info_.traversal_hash() = options_.traversal_hash;
   info_.window() = static_cast<std::uint32_t>(options_.window);
-  info_.run_id() = options_.job;
+  info_.run_id() = options_.run_id;
   send_parameters();
 }
 
-int LearnerLink::actors() const {
+int LearnerServer::actors() const {
   return static_cast<int>(
-      std::count_if(actors_.begin(), actors_.end(), [](const auto& entry) { return entry.second.here; }));
+      std::count_if(actors_.begin(), actors_.end(), [](const auto& entry) { return entry.second.present; }));
 }
 
-bool LearnerLink::released() const {
+bool LearnerServer::released() const {
   return std::none_of(actors_.begin(), actors_.end(),
-                      [](const auto& entry) { return entry.second.here && entry.second.serves; });
+                      [](const auto& entry) { return entry.second.present && entry.second.serves; });
 }
 
-double LearnerLink::waited() const {
+double LearnerServer::waited() const {
   double seconds = 0;
   for (const auto& [id, actor] : actors_) seconds += actor.waited + actor.waited_before;
   return seconds;
 }
 
-void LearnerLink::handle() {
+void LearnerServer::handle() {
   while (node_.take(status_)) on_status(status_);
   while (node_.take(trajectory_)) on_trajectory(trajectory_);
   while (node_.take(request_)) on_request(request_);
@@ -75,37 +75,37 @@ void LearnerLink::handle() {
   if (Clock::now() >= next_info_) send_info();
 }
 
-void LearnerLink::count_actors() {
+void LearnerServer::count_actors() {
   for (auto& [id, actor] : actors_) {
-    if (!actor.here || actor.presence.here(Clock::now())) continue;
+    if (!actor.present || actor.presence.here(Clock::now())) continue;
     spdlog::warn("actor '{}' went silent", id);
-    actor.here = false;
+    actor.present = false;
   }
-  // Who serves nothing needs no room.
+  // An actor without env_services needs no room.
   queue_.share_among(static_cast<int>(std::count_if(
-      actors_.begin(), actors_.end(), [](const auto& entry) { return entry.second.here && entry.second.serves; })));
+      actors_.begin(), actors_.end(), [](const auto& entry) { return entry.second.present && entry.second.serves; })));
 }
 
-void LearnerLink::on_status(const msg::ActorStatus& status) {
+void LearnerServer::on_status(const msg::ActorStatus& status) {
   const std::string id = status.header().sender().c_str();
   Actor& actor = actors_[id];
-  if (status.header().incarnation() < actor.incarnation) {  // of a process that is dead
+  if (status.header().incarnation() < actor.incarnation) {  // of a process that has ended
     ++node_.traffic.repeated;
     return;
   }
   if (status.header().incarnation() > actor.incarnation) actor.waited_before += std::exchange(actor.waited, 0);
-  if (!actor.here || actor.incarnation != status.header().incarnation())
+  if (!actor.present || actor.incarnation != status.header().incarnation())
     spdlog::info("actor '{}' {}", id, actor.incarnation == 0 ? "joins" : "is back");
   actor.incarnation = status.header().incarnation();
-  actor.here = true;
+  actor.present = true;
   actor.presence.heard(Clock::now());
   actor.serves = status.environments().size() > 0;
   if (status.learner_incarnation() == node_.incarnation()) actor.waited = status.waited();
-  queue_.meet(id, actor.incarnation);
+  queue_.register_actor(id, actor.incarnation);
   to_acknowledge_.insert(id);
 }
 
-void LearnerLink::on_trajectory(msg::Trajectory& trajectory) {
+void LearnerServer::on_trajectory(msg::Trajectory& trajectory) {
   const std::string id = trajectory.header().sender().c_str();
   if (trajectory.learner() != node_.options().id || trajectory.learner_incarnation() != node_.incarnation()) {
     ++node_.traffic.repeated;
@@ -121,7 +121,7 @@ void LearnerLink::on_trajectory(msg::Trajectory& trajectory) {
   }
 }
 
-void LearnerLink::acknowledge(const std::string& actor) {
+void LearnerServer::acknowledge(const std::string& actor) {
   const auto found = actors_.find(actor);
   if (found == actors_.end()) return;  // its status will come
   const TrajectoryQueue::Window window = queue_.window(actor);
@@ -132,44 +132,45 @@ void LearnerLink::acknowledge(const std::string& actor) {
   node_.publish(acknowledgement_);
 }
 
-bool LearnerLink::ready() {
+bool LearnerServer::ready() {
   return queue_.ready(trainer_.batch(), version(), static_cast<std::uint32_t>(trainer_.progress().lesson),
-                      options_.most_lag);
+                      options_.max_lag);
 }
 
-UpdateFigures LearnerLink::learn() {
+UpdateFigures LearnerServer::learn() {
   trainer_.describe(info_);
-  lag_ = queue_.assemble(trainer_.batch(), version(), static_cast<int>(info_.lesson_frames()), rollout_);
+  policy_lag_ = queue_.assemble(trainer_.batch(), version(), static_cast<int>(info_.lesson_frames()), rollout_);
   Rollout* const rollout = &rollout_;
-  const UpdateFigures figures = heart_.beside([&] { return trainer_.learn({&rollout, 1}, queue_.finished()); });
+  const UpdateFigures figures = heartbeat_.run([&] { return trainer_.learn({&rollout, 1}, queue_.finished()); });
   send_parameters();
   for (const auto& [id, actor] : actors_)
-    if (actor.here) acknowledge(id);  // there is room again
+    if (actor.present) acknowledge(id);  // there is room again
   return figures;
 }
 
-void LearnerLink::end() {
+void LearnerServer::end() {
   info_.training() = false;
   send_info();
 }
 
-void LearnerLink::send_info() {
+void LearnerServer::send_info() {
   trainer_.describe(info_);
-  const ParameterChunks& newest = held_.rbegin()->second.chunks;
+  const ParameterChunks& newest = versions_.rbegin()->second.chunks;
   info_.version() = newest.version();
   info_.total_bytes() = newest.total_bytes();
   info_.hash() = newest.hash();
   info_.chunks() = newest.chunks();
   node_.publish(info_);
-  next_info_ = Clock::now() + kInfoAgain;
+  next_info_ = Clock::now() + kInfoInterval;
 }
 
-/// The newest, whole, to all who are there. Whoever misses some or comes late asks.
-void LearnerLink::send_parameters() {
+/// Sends the newest parameters to all actors. Those that miss some, or come late, ask.
+void LearnerServer::send_parameters() {
   const Clock::time_point now = Clock::now();
-  std::erase_if(held_, [&](const auto& entry) { return now - entry.second.asked > kAskedLately; });
-  while (held_.size() >= kMostHeld) held_.erase(std::prev(held_.end()));
-  const auto& newest = held_.try_emplace(version(), Held{{version(), trainer_.network_parameters()}, {}}).first->second;
+  std::erase_if(versions_, [&](const auto& entry) { return now - entry.second.asked > kRecentlyAsked; });
+  while (versions_.size() >= kMostVersions) versions_.erase(std::prev(versions_.end()));
+  const auto& newest =
+      versions_.try_emplace(version(), Version{{version(), trainer_.network_parameters()}, {}}).first->second;
   send_info();
   if (actors() == 0) return;
   parameters_.agent() = info_.agent();
@@ -179,10 +180,10 @@ void LearnerLink::send_parameters() {
   }
 }
 
-void LearnerLink::on_request(const msg::ParametersRequest& request) {
+void LearnerServer::on_request(const msg::ParametersRequest& request) {
   if (request.learner() != node_.options().id) return;
-  const auto found = held_.find(request.version());
-  if (found == held_.end()) {
+  const auto found = versions_.find(request.version());
+  if (found == versions_.end()) {
     ++node_.traffic.repeated;
     return;
   }

@@ -16,33 +16,33 @@
 
 namespace citylearn {
 
-struct LearnerLinkOptions {
-  std::string traversal;             ///< learned from
+struct LearnerServerOptions {
+  std::string traversal;             ///< that is learned from
   std::uint64_t traversal_hash = 0;  ///< of the env_services that actors may serve
   int window = 2;                    ///< segments of one env_service that may be unacknowledged
-  std::uint64_t most_lag = 0;        ///< updates; older trajectories are dropped; 0 = none is too old
-  std::uint64_t job = 0;             ///< that the actors' work is part of
+  std::uint64_t max_lag = 0;         ///< updates; older trajectories are dropped; 0 = none is too old
+  std::uint64_t run_id = 0;          ///< that the actors' work is part of
 };
 
-/// A learner as its actors see it: tells them what to do, takes in their trajectories, gives them parameters
+/// Serves the actors of a learner: tells them what to do, takes in their trajectories and sends them parameters
 /// (docs/decisions/0008-roles.md). Used by one thread.
-class LearnerLink {
+class LearnerServer {
  public:
   /// Throws Error when the trainer's trajectories do not fit into messages.
-  LearnerLink(Node& node, Trainer& trainer, const LearnerLinkOptions& options);
+  LearnerServer(Node& node, Trainer& trainer, const LearnerServerOptions& options);
 
-  /// Handles everything that has come and sends what is due. Call it whenever Node::wait() returns.
+  /// Handles all messages that have arrived and sends what is due. Call it whenever Node::wait() returns.
   void handle();
-  /// There is enough for an update.
+  /// Returns whether there are enough trajectories for an update.
   bool ready();
-  /// Learns from the oldest trajectories and tells the actors; requires ready().
+  /// Learns from the oldest trajectories and sends the actors the new parameters. Requires ready().
   UpdateFigures learn();
-  /// Training is over: actors let go of their env_services.
+  /// Tells the actors that training is over, so that they release their env_services.
   void end();
 
-  int actors() const;                                         ///< heard of lately
-  bool released() const;                                      ///< none of them serves an env_service any more
-  double lag() const { return lag_; }                         ///< of the last update, mean over its trajectories
+  int actors() const;                                         ///< number of actors heard lately
+  bool released() const;                                      ///< whether none of them serves an env_service any more
+  double policy_lag() const { return policy_lag_; }           ///< of the last update, mean over its trajectories
   std::uint64_t dropped() const { return queue_.dropped(); }  ///< trajectories that were too old
   double waited() const;  ///< seconds in which actors waited for room here, all together
 
@@ -50,10 +50,10 @@ class LearnerLink {
   struct Actor {
     std::uint64_t incarnation = 0;
     Presence presence;
-    bool serves = false, here = false;
+    bool serves = false, present = false;
     double waited = 0, waited_before = 0;  ///< by this incarnation, and by earlier ones
   };
-  struct Held {
+  struct Version {
     ParameterChunks chunks;
     Clock::time_point asked;
   };
@@ -68,18 +68,18 @@ class LearnerLink {
   std::uint64_t version() const { return trainer_.progress().updates; }
 
   Node& node_;
-  Heart heart_;
+  HeartbeatThread heartbeat_;
   Trainer& trainer_;
-  LearnerLinkOptions options_;
+  LearnerServerOptions options_;
   TrajectoryQueue queue_;
   Rollout rollout_;
-  double lag_ = 0;
+  double policy_lag_ = 0;
   msg::LearnerInfo info_;
   Clock::time_point next_info_{};
   std::map<std::string, Actor> actors_;
   Rejections rejections_;
   std::set<std::string> to_acknowledge_;
-  std::map<std::uint64_t, Held> held_;  ///< parameters by version: the newest, and what is being asked for
+  std::map<std::uint64_t, Version> versions_;  ///< parameters: the newest, and those being asked for
   msg::ActorStatus status_;
   msg::Trajectory trajectory_;
   msg::TrajectoryAcknowledgement acknowledgement_;

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/task/spl.h"
+
 namespace citylearn {
 
 void TrajectoryShape::require_fits() const {
@@ -66,7 +68,7 @@ void pack(const Rollout& rollout, int agent, msg::Trajectory& trajectory) {
 TrajectoryQueue::TrajectoryQueue(const TrajectoryShape& shape, int capacity)
     : shape_(shape), capacity_(static_cast<std::size_t>(capacity)) {}
 
-void TrajectoryQueue::meet(const std::string& actor, std::uint64_t incarnation) {
+void TrajectoryQueue::register_actor(const std::string& actor, std::uint64_t incarnation) {
   Actor& known = known_[actor];
   if (incarnation <= known.incarnation) return;
   known = Actor();
@@ -74,7 +76,7 @@ void TrajectoryQueue::meet(const std::string& actor, std::uint64_t incarnation) 
   std::erase_if(episodes_, [&](const auto& entry) { return std::get<0>(entry.first) == actor; });
 }
 
-/// Trajectories that may come of this actor beside those it has taken.
+/// Returns how many more trajectories this actor may send.
 std::size_t TrajectoryQueue::room(const Actor& actor) const {
   const std::size_t share = std::max<std::size_t>(1, capacity_ / static_cast<std::size_t>(std::max(1, actors_)));
   return share > actor.queued ? share - actor.queued : 0;
@@ -122,7 +124,7 @@ void TrajectoryQueue::check(const msg::Trajectory& trajectory, std::uint64_t ver
 
 TrajectoryQueue::Taken TrajectoryQueue::take(msg::Trajectory& trajectory, std::uint64_t version) {
   const std::string actor = trajectory.header().sender().c_str();
-  meet(actor, trajectory.header().incarnation());
+  register_actor(actor, trajectory.header().incarnation());
   Actor& known = known_[actor];
   const std::uint64_t number = trajectory.number();
   if (trajectory.header().incarnation() < known.incarnation || number <= known.number || known.early.contains(number))
@@ -140,7 +142,7 @@ TrajectoryQueue::Taken TrajectoryQueue::take(msg::Trajectory& trajectory, std::u
   return Taken::kTaken;
 }
 
-/// Sums up the agent's episodes, which go on from one trajectory to the next.
+/// Sums up the agent's episodes, which continue from one trajectory to the next.
 void TrajectoryQueue::follow(const std::string& actor, const msg::Trajectory& trajectory) {
   Episode& episode = episodes_[{actor, trajectory.environment().c_str(), trajectory.agent()}];
   if (episode.settings != trajectory.settings() || episode.next_step != trajectory.step()) episode.known = false;
@@ -157,22 +159,21 @@ void TrajectoryQueue::follow(const std::string& actor, const msg::Trajectory& tr
     ++episode.steps;
     episode.reward += trajectory.reward()[t];
     if (trajectory.ended()[t] == Rollout::kGoesOn || !std::exchange(episode.known, false)) continue;
-    const double shortest = std::abs(episode.goal - episode.start);
     const bool arrived = trajectory.ended()[t] == Rollout::kTerminated;
     finished_.push_back({static_cast<int>(t) + 1, static_cast<int>(trajectory.agent()), episode.reward,
-                         arrived ? shortest / std::max<double>(shortest, episode.steps) : 0});
+                         spl_of(arrived, std::abs(episode.goal - episode.start), episode.steps)});
   }
 }
 
-/// Its actor has room again.
+/// Gives an entry's actor its room back.
 void TrajectoryQueue::leave(const Entry& entry) {
   if (Actor& actor = known_[entry.actor]; actor.incarnation == entry.incarnation) --actor.queued;
 }
 
-bool TrajectoryQueue::ready(int count, std::uint64_t version, std::uint32_t lesson, std::uint64_t most_lag) {
+bool TrajectoryQueue::ready(int count, std::uint64_t version, std::uint32_t lesson, std::uint64_t max_lag) {
   dropped_ += std::erase_if(queue_, [&](const Entry& entry) {
     const msg::Trajectory& trajectory = entry.trajectory;
-    if (trajectory.lesson() == lesson && (most_lag == 0 || trajectory.version() + most_lag >= version)) return false;
+    if (trajectory.lesson() == lesson && (max_lag == 0 || trajectory.version() + max_lag >= version)) return false;
     leave(entry);
     return true;
   });

@@ -26,18 +26,19 @@ struct TrajectoryShape {
   void require_fits() const;
 };
 
-/// Copies what `agent` saw and did in a rollout of one sequence (T = L): all fields from `state` on, and the dimension.
+/// Copies what `agent` saw and did in a rollout of one sequence (T = L) into all fields from `state` on, and the
+/// dimension.
 void pack(const Rollout& rollout, int agent, msg::Trajectory& trajectory);
 
-/// The learner's end of the actors' trajectories: each exactly once, in the order of its actor, at most `capacity` at a
-/// time. Sees messages, never the wire. Used by one thread.
+/// Queues the actors' trajectories for a learner: each exactly once, in the order of its actor, at most `capacity` at a
+/// time. It handles messages, but never the wire. Used by one thread.
 class TrajectoryQueue {
  public:
   TrajectoryQueue(const TrajectoryShape& shape, int capacity);
 
-  /// An actor is there. A newer incarnation counts from 1 again; an older one is not listened to.
-  void meet(const std::string& actor, std::uint64_t incarnation);
-  /// Among how many actors the room is divided.
+  /// Notes that an actor is present. A newer incarnation counts from 1 again; an older one is ignored.
+  void register_actor(const std::string& actor, std::uint64_t incarnation);
+  /// Divides the room among so many actors.
   void share_among(int actors) { actors_ = actors; }
 
   enum class Taken { kTaken, kRepeated, kNoRoom };
@@ -50,13 +51,13 @@ class TrajectoryQueue {
   };
   Window window(const std::string& actor) const;
 
-  /// Drops what is of another lesson, or of parameters more than `most_lag` updates old (0: none is too old); true when
-  /// `count` are left.
-  bool ready(int count, std::uint64_t version, std::uint32_t lesson, std::uint64_t most_lag);
-  /// The `count` oldest, as a rollout of one sequence; `places` are in use in the present lesson. Returns their mean
-  /// lag.
+  /// Drops trajectories of another lesson, or of parameters more than `max_lag` updates old (0 = none is too old).
+  /// Returns whether `count` are left.
+  bool ready(int count, std::uint64_t version, std::uint32_t lesson, std::uint64_t max_lag);
+  /// Moves the `count` oldest into a rollout of one sequence; `places` are in use in the present lesson. Returns their
+  /// mean lag.
   double assemble(int count, std::uint64_t version, int places, Rollout& rollout);
-  /// Episodes that ended in what was taken since the last call.
+  /// Returns the episodes that ended in the trajectories taken since the last call.
   std::vector<FinishedEpisode> finished();
 
   std::size_t size() const { return queue_.size(); }
@@ -64,7 +65,7 @@ class TrajectoryQueue {
 
  private:
   struct Actor {
-    std::uint64_t incarnation = 0, number = 0;       ///< all up to it are taken
+    std::uint64_t incarnation = 0, number = 0;       ///< all up to `number` are taken
     std::size_t queued = 0;                          ///< of this incarnation
     std::map<std::uint64_t, msg::Trajectory> early;  ///< after a gap
   };

@@ -4,14 +4,14 @@
 #include <string>
 
 #include "core/plugin/registry.h"
-#include "policy_service/network/checkpoint.h"
 #include "policy_service/interchange/onnx_graph.h"
+#include "policy_service/network/trained_agent.h"
 
 namespace citylearn {
 
 /// One step of an agent as an ONNX model: what it observes and its recurrent state in; logits, value and the next state
-/// out. An input exists in the model once its exporter has asked for it, so that agents which don't look at features
-/// (the baseline) don't have any.
+/// out. An input exists in the model once its exporter has asked for it, so that agents that ignore features (the
+/// baseline) have none.
 class AgentGraph : public OnnxGraph {
  public:
   /// `agent` must outlive it.

@@ -15,6 +15,7 @@
 #include <string_view>
 #include <vector>
 
+#include "core/task/training_figures.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
 
@@ -211,24 +212,12 @@ void EventLog::write(const msg::TrainingStat& s) {
   const float length =
       episodes_ > 0 ? static_cast<float>(episode_steps_) / static_cast<float>(episodes_) : std::nanf("");
   episodes_ = episode_steps_ = 0;
-  const std::pair<const char*, float> points[] = {
-      {"Environment/Cumulative Reward", s.reward()},
-      {"Environment/Episode Length", length},
-      {"Environment/Lesson", static_cast<float>(s.lesson())},
-      {"Environment/Episodes", static_cast<float>(s.episodes())},
-      {"Environment/SPL", s.spl()},
-      {"Losses/Policy Loss", s.policy_loss()},
-      {"Losses/Value Loss", s.value_loss()},
-      {"Policy/Entropy", s.entropy()},
-      {"Policy/Learning Rate", s.learning_rate()},
-      {"Policy/Divergence", s.divergence()},
-      {"Policy/Clipped", s.clipped()},
-      {"Policy/Gradient Norm", s.gradient_norm()},
-      {"Performance/Steps per Second", s.steps_per_second()},
-  };
   Message summary;
-  for (const auto& [tag, value] : points)
-    if (!std::isnan(value)) summary.text(kValue, Message().text(kTag, tag).real(kSimpleValue, value).bytes());
+  const auto add = [&summary](const char* tag, float value) {
+    if (*tag && !std::isnan(value)) summary.text(kValue, Message().text(kTag, tag).real(kSimpleValue, value).bytes());
+  };
+  for (const TrainingFigure& figure : training_figures()) add(figure.tag, static_cast<float>(figure.value(s)));
+  add("Environment/Episode Length", length);
   record(Message().real(kWallTime, now()).number(kStep, s.steps()).text(kSummary, summary.bytes()).bytes());
   file_->flush();
 }

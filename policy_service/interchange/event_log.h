@@ -13,21 +13,22 @@ namespace citylearn {
 /// CRC-32C (Castagnoli, as in RFC 3720).
 std::uint32_t crc32c(const void* bytes, std::size_t count);
 
-/// One point an update in a TensorBoard event file, for each figure of TrainingStat under the tag that users of
-/// ML-Agents know. A point's step counts environment steps. Figures that are not there yet (NaN) have no point.
+/// Writes one point an update and figure into a TensorBoard event file, under the tags of
+/// core/task/training_figures.inc, which ML-Agents uses too. A point's step counts environment steps. Undefined figures
+/// (NaN) are omitted.
 ///
 /// The file is TFRecords (length, masked CRC-32C of the length, payload, masked CRC-32C of the payload), the payload an
 /// Event of tensorflow/core/util/event.proto.
 class EventLog {
  public:
-  /// Begins a new file in `folder` (making it). With `after_steps` > 0 a run goes on: older event files there lose the
-  /// points past it, which a killed process wrote and which will come again. With 0 older event files go. Throws Error
-  /// naming the file that cannot be written.
+  /// Begins a new file in `folder` (making it). With `after_steps` > 0 a run continues: older event files lose the
+  /// points past it, which a killed process wrote and which will be computed again. With 0 older event files are
+  /// removed. Throws Error naming the file that cannot be written.
   EventLog(const std::string& folder, std::uint64_t after_steps);
 
-  /// A finished training episode, for the mean length of those since the last write.
+  /// Counts a finished training episode, for the mean length of those since the last write.
   void finished(const msg::EpisodeStat& episode);
-  /// What cannot be written (disk full) waits; problem() then says so until flush() went well.
+  /// Writes a point. While the disk is full points wait, and problem() says so until flush() succeeds.
   void write(const msg::TrainingStat& stat);
   void flush() { file_->flush(); }
   const std::string& problem() const { return file_->problem(); }

@@ -3,13 +3,13 @@
 
 #include <string>
 
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/trained_agent.h"
 
 namespace citylearn {
 
 struct ExportOptions {
   std::string checkpoint;  ///< file of the agent
-  std::string parameters;  ///< safetensors file whose parameters go before the checkpoint's; none when empty
+  std::string parameters;  ///< safetensors file whose parameters replace the checkpoint's; none when empty
   std::string output;      ///< file to write: NAME.onnx or NAME.safetensors
 };
 
@@ -17,7 +17,7 @@ struct ExportOptions {
 /// give the same bytes. Throws Error naming the option or file.
 void export_agent(const ExportOptions& options);
 
-/// The agent as a file's bytes. `metadata` goes along.
+/// Returns the agent as an ONNX file's bytes, with `metadata`.
 std::string onnx_bytes(const TrainedAgent& agent, const Parameters& parameters,
                        const std::map<std::string, std::string>& metadata);
 

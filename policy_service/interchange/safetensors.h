@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/trained_agent.h"
 
 namespace citylearn {
 

@@ -17,21 +17,17 @@ struct LearnerTask {
   std::string agent;                   ///< the network's name,
   Parameters parameters;               ///< its own,
   const NetworkTask& task;             ///< and what it was built for; outlives the learner
-  std::uint64_t seed = 1;              ///< of the parameters' start and of the learner's own draws
+  std::uint64_t seed = 1;              ///< of the initial parameters and of the learner's own random numbers
   std::uint64_t total_steps = 0;       ///< environment steps of the whole run at most, for schedules
 };
 
-/// Figures of one update: means over its samples and epochs.
+/// Figures of one update: means over its samples and epochs. The LEARNED ones of core/task/training_figures.inc, and
+/// the auxiliary losses.
 struct UpdateFigures {
-  double policy_loss = 0;
-  double value_loss = 0;
-  double entropy = 0;            ///< nats
-  double divergence = 0;         ///< approximate KL(old || new), nats
-  double clipped = 0;            ///< share of samples outside the clip range, 0..1
-  double localisation_loss = 0;  ///< squared error of telling one's place; 0 where it is not asked for
-  double orientation_loss = 0;   ///< squared error of telling the way to the goal, likewise
-  double gradient_norm = 0;      ///< before clipping
-  double learning_rate = 0;
+#define LEARNED(name, ...) double name = 0;
+#include "core/task/training_figures.inc"
+  double localisation_loss = 0;  ///< squared error of the estimated place; 0 where it is not asked for
+  double orientation_loss = 0;   ///< squared error of the estimated way to the goal, likewise
 };
 
 /// A learner's whole state, for checkpoints.
@@ -40,22 +36,22 @@ struct LearnerState {
   std::map<std::string, Vector<float>> tensors;  ///< "parameters" among them
 };
 
-/// Improves the parameters of a network from what its agents saw and did. Sees tensors, never topics or images. Used by
-/// one thread; may use threads of its own, but the same rollouts give the same bits.
+/// Improves the parameters of a network from what its agents saw and did. It sees tensors, never topics or images. Used
+/// by one thread; it may use threads of its own, but the same rollouts give the same bits.
 class Learner {
  public:
   virtual ~Learner() = default;
-  /// Before an update of a run that may end before its total_steps, by the clock: so much of it (0..1, never falling)
-  /// is over, if not more by the steps. Schedules go by it; a learner without any need not listen.
-  virtual void come_to(double /*share*/) {}
-  /// One update from the rollouts that the current parameters collected. Fills their advantages.
+  /// Tells schedules, before an update, what fraction of the run has passed by the clock (0..1, never falling); by the
+  /// steps it may be more. A learner without schedules ignores it.
+  virtual void set_progress(double /*fraction*/) {}
+  /// Makes one update from rollouts and fills in their advantages.
   virtual UpdateFigures update(std::span<Rollout* const> rollouts) = 0;
   virtual const Vector<float>& parameters() const = 0;
   virtual void save(LearnerState& state) const = 0;
   /// Throws Error when `state` is of another network or learner; the learner is then as before.
   virtual void load(const LearnerState& state) = 0;
-  /// From now on these parts of the parameters stay as they are, bit for bit, and the others learn as if there were
-  /// none. Called before the first update. False: this learner cannot do that, and nothing has changed.
+  /// Keeps these parts of the parameters as they are, bit for bit; the others learn as if these did not exist. Called
+  /// before the first update. Returns false, with nothing changed, when this learner cannot do that.
   virtual bool freeze(std::span<const Tensor> /*tensors*/) { return false; }
 };
 

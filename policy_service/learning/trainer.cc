@@ -7,17 +7,12 @@
 #include <limits>
 
 #include "core/task/route_map.h"
-#include "policy_service/rollout/collector.h"
+#include "policy_service/learning/trainer_state.h"
 
 namespace citylearn {
 namespace {
 
-constexpr int kRecent = 100;  // episodes in the running means
 constexpr double kNavigates = 0.95;
-
-struct Lesson {
-  int frames, max_steps;
-};
 
 /// The authors' lessons on a route of N frames: N = 4 .. 128, then the tighter step limit.
 std::vector<Lesson> curriculum_of(int frames, int max_steps) {
@@ -32,94 +27,8 @@ constexpr std::uint64_t kLessonEpisodes = 100;
 
 }  // namespace
 
-struct Trainer::Parts {
-  TrainerOptions options;
-  NetworkTask task;
-  Parameters network_parameters, learner_parameters, trainer_parameters;
-  std::unique_ptr<const AgentNetwork<float>> network;
-  std::shared_ptr<const AgentNetwork<float>> shared_network;  // of agent()
-  std::unique_ptr<Learner> learner;
-  int segment = 0, sequence = 0;
-  std::uint64_t total_steps = 0;
-  std::vector<std::string> frozen;  // names of tensors, in their order
-  std::vector<Lesson> lessons;
-
-  std::unique_ptr<Collector> collector;
-  std::uint64_t cut = 0;
-  TrainingProgress progress;
-  std::uint64_t lesson_episodes = 0;          // finished in the present lesson
-  std::vector<std::array<double, 2>> recent;  // reward and SPL of the last episodes, a ring
-  std::size_t recent_next = 0;
-
-  const Lesson& lesson() const { return lessons[static_cast<std::size_t>(progress.lesson)]; }
-  void begin_cut() {
-    ++cut;
-    collector->begin_cut(cut, lesson().frames);
-  }
-
-  void count_episodes(std::span<const FinishedEpisode> finished);
-  void take_over(const TrainedAgent& agent);
-  void freeze();
-  nlohmann::json identity() const;
-};
-
-// Construction.
-
-std::vector<ParameterSpec> Trainer::parameter_specs() {
-  return {{"segment", "steps of each agent between updates", 64, 1, 65536, true},
-          {"sequence", "steps that gradients go back; divides the segment", 64, 1, 65536, true},
-          {"steps", "environment steps of the whole run", 40000, 1, 1e12, true},
-          {"agents", "agents to train with; fewer or more will do", 16, 1, msg::MAX_AGENTS, true},
-          {"noise-frame", "length of the noise on features, new at each look, in lengths of these", 1, 0, 100},
-          {"noise-place", "length of each place's noise, likewise; it stays for an episode", 0, 0, 100},
-          {"noise-episode", "length of the shift of all features of an episode, likewise", 3, 0, 100}};
-}
-
-namespace {
-
-struct Choices {
-  const NetworkRegistry<float>::Entry* network;
-  const LearnerRegistry::Entry* learner;
-  Parameters network_parameters, learner_parameters, trainer_parameters;
-};
-
-/// A network's recommendations for use with this learner: "relabel.epochs" is for the learner relabel alone, and stands
-/// over "epochs", which is for all.
-std::map<std::string, double> recommended_for(const std::string& learner, const std::map<std::string, double>& all) {
-  std::map<std::string, double> chosen;
-  for (const auto& [name, value] : all)
-    if (name.find('.') == name.npos) chosen[name] = value;
-  for (const auto& [name, value] : all)
-    if (name.starts_with(learner + ".")) chosen[name.substr(learner.size() + 1)] = value;
-  return chosen;
-}
-
-/// Parameters given, over what the network recommends, over defaults.
-Choices choose(const TrainerOptions& options) {
-  Choices chosen;
-  chosen.network = &NetworkRegistry<float>::instance().find("network", options.agent);
-  chosen.learner = &LearnerRegistry::instance().find("learner", options.learner);
-  const std::vector<ParameterSpec> specs = Trainer::parameter_specs();
-  std::map<std::string, double> for_learner, for_trainer;
-  for (const auto& [name, value] : recommended_for(options.learner, chosen.network->recommended)) {
-    const auto is_name = [&name = name](const ParameterSpec& spec) { return spec.name == name; };
-    if (std::any_of(specs.begin(), specs.end(), is_name))
-      for_trainer[name] = value;
-    else if (std::any_of(chosen.learner->parameters.begin(), chosen.learner->parameters.end(), is_name))
-      for_learner[name] = value;  // another learner may not know it
-  }
-  for (const auto& [name, value] : options.learner_parameters) for_learner[name] = value;
-  for (const auto& [name, value] : options.trainer_parameters) for_trainer[name] = value;
-  chosen.network_parameters = {"network " + options.agent, chosen.network->parameters, options.network_parameters};
-  chosen.learner_parameters = {"learner " + options.learner, chosen.learner->parameters, for_learner};
-  chosen.trainer_parameters = {"trainer", specs, for_trainer};
-  return chosen;
-}
-
-}  // namespace
-
-Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts_(std::make_unique<Parts>()) {
-  Parts& p = *parts_;
+Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : impl_(std::make_unique<Impl>()) {
+  Impl& p = *impl_;
   p.options = options;
   p.task = task;
   if (task.frames < 2) throw Error("must be at least 2", "frames");
@@ -128,30 +37,28 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : parts
     throw Error("has lessons on the beginning of the route, and this route crosses itself", "curriculum",
                 "train without it");
   if (p.options.max_steps == 0) p.options.max_steps = task.frames;
-  Choices chosen = choose(options);
-  p.network_parameters = std::move(chosen.network_parameters);
-  p.learner_parameters = std::move(chosen.learner_parameters);
-  p.trainer_parameters = std::move(chosen.trainer_parameters);
-  p.segment = p.trainer_parameters.integer("segment");
-  p.sequence = p.trainer_parameters.integer("sequence");
+  p.parameters = TrainerParameters(options);
+  p.segment = p.parameters.trainer.integer("segment");
+  p.sequence = p.parameters.trainer.integer("sequence");
   if (p.segment % p.sequence != 0)
     throw Error("is " + std::to_string(p.segment) + ", must be a multiple of sequence, " + std::to_string(p.sequence),
                 "trainer.segment");
-  p.total_steps = static_cast<std::uint64_t>(p.trainer_parameters["steps"]);
+  p.total_steps = static_cast<std::uint64_t>(p.parameters.trainer["steps"]);
   p.lessons = {{task.frames, p.options.max_steps}};
   if (options.curriculum) p.lessons = curriculum_of(task.frames, p.options.max_steps);
-  p.network = chosen.network->create(p.network_parameters, p.task);
-  p.shared_network = chosen.network->create(p.network_parameters, p.task);
-  p.learner = chosen.learner->create(p.learner_parameters, LearnerTask{*p.network, options.agent, p.network_parameters,
-                                                                       p.task, options.seed, p.total_steps});
-  if (options.initial) p.take_over(*options.initial);
+  p.network = p.parameters.network_entry->create(p.parameters.network, p.task);
+  p.shared_network = p.parameters.network_entry->create(p.parameters.network, p.task);
+  p.learner = p.parameters.learner_entry->create(
+      p.parameters.learner,
+      LearnerTask{*p.network, options.agent, p.parameters.network, p.task, options.seed, p.total_steps});
+  if (options.initial) p.start_from(*options.initial);
   p.options.initial.reset();
   if (!options.frozen.empty()) p.freeze();
   p.collector = std::make_unique<Collector>(
-      CollectorOptions{options.seed, options.first_frame, p.segment, p.sequence, p.trainer_parameters["noise-frame"],
-                       p.trainer_parameters["noise-place"], p.trainer_parameters["noise-episode"]},
+      CollectorOptions{options.seed, options.first_frame, p.segment, p.sequence, p.parameters.trainer["noise-frame"],
+                       p.parameters.trainer["noise-place"], p.parameters.trainer["noise-episode"]},
       p.task, *p.network);
-  p.collector->begin_cut(p.cut, p.lesson().frames);
+  p.collector->reset_all(p.generation, p.lesson().frames);
   p.progress.reward = p.progress.spl = std::numeric_limits<double>::quiet_NaN();
 }
 
@@ -169,8 +76,8 @@ std::string names(const std::vector<Tensor>& tensors) {
 
 }  // namespace
 
-/// The learner begins as if it had come to the agent's parameters, and knows nothing else of how.
-void Trainer::Parts::take_over(const TrainedAgent& agent) {
+/// Gives the learner the agent's parameters, as if it had just reached them.
+void Trainer::Impl::start_from(const TrainedAgent& agent) {
   const std::string where = "initial agent";
   if (agent.name != options.agent)
     throw Error("is a '" + agent.name + "', the one to train a '" + options.agent + "'", where);
@@ -188,11 +95,11 @@ void Trainer::Parts::take_over(const TrainedAgent& agent) {
   state.tensors["parameters"] = agent.parameters;
   learner->load(state);
   if (learner->parameters() != agent.parameters)
-    throw Error("learner '" + options.learner + "' cannot begin with given parameters", where,
+    throw Error("learner '" + options.learner + "' cannot start from given parameters", where,
                 "choose another learner");
 }
 
-void Trainer::Parts::freeze() {
+void Trainer::Impl::freeze() {
   const std::vector<Tensor>& all = network->tensors();
   std::vector<Tensor> chosen;
   for (const Tensor& tensor : all)
@@ -212,16 +119,16 @@ void Trainer::Parts::freeze() {
   for (const Tensor& tensor : chosen) frozen.push_back(tensor.name);
 }
 
-const std::vector<std::string>& Trainer::frozen() const { return parts_->frozen; }
+const std::vector<std::string>& Trainer::frozen() const { return impl_->frozen; }
 
 // Environments.
 
-void Trainer::add(int environment, int agents) { parts_->collector->add(environment, agents); }
+void Trainer::add(int environment, int agents) { impl_->collector->add(environment, agents); }
 
-void Trainer::remove(int environment) { parts_->collector->remove(environment); }
+void Trainer::remove(int environment) { impl_->collector->remove(environment); }
 
 void Trainer::settings(int environment, msg::TaskSettings& settings) const {
-  const Parts& p = *parts_;
+  const Impl& p = *impl_;
   settings.task_mode() = msg::TRAIN;
   settings.lesson() = static_cast<std::uint32_t>(p.progress.lesson);
   settings.first_frame() = static_cast<std::uint32_t>(p.options.first_frame);
@@ -234,26 +141,26 @@ void Trainer::settings(int environment, msg::TaskSettings& settings) const {
   settings.update() = p.progress.updates;
 }
 
-bool Trainer::full(int environment) const { return parts_->collector->full(environment); }
+bool Trainer::full(int environment) const { return impl_->collector->full(environment); }
 
-bool Trainer::ready() const { return parts_->collector->ready(); }
+bool Trainer::ready() const { return impl_->collector->ready(); }
 
 // Acting.
 
 bool Trainer::act(int environment, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-  return parts_->collector->act(environment, observation, parts_->learner->parameters(), choice);
+  return impl_->collector->act(environment, observation, impl_->learner->parameters(), choice);
 }
 
 void Trainer::resume(int environment, std::vector<std::uint8_t>& choice) {
-  parts_->collector->resume(environment, parts_->learner->parameters(), choice);
+  impl_->collector->resume(environment, impl_->learner->parameters(), choice);
 }
 
 // Learning.
 
-void Trainer::come_to(double share) { parts_->learner->come_to(share); }
+void Trainer::set_progress(double fraction) { impl_->learner->set_progress(fraction); }
 
 UpdateFigures Trainer::update() {
-  Collector& collector = *parts_->collector;
+  Collector& collector = *impl_->collector;
   if (!ready()) throw Error("not every environment's segment is full", "trainer");
   std::vector<Rollout*> rollouts;
   std::vector<std::pair<std::array<int, 3>, FinishedEpisode>> ends;
@@ -269,7 +176,7 @@ UpdateFigures Trainer::update() {
 }
 
 UpdateFigures Trainer::learn(std::span<Rollout* const> rollouts, std::span<const FinishedEpisode> finished) {
-  Parts& p = *parts_;
+  Impl& p = *impl_;
   for (Rollout* rollout : rollouts) {
     rollout->max_steps = p.lesson().max_steps;
     p.progress.steps += rollout->action.size();
@@ -281,7 +188,7 @@ UpdateFigures Trainer::learn(std::span<Rollout* const> rollouts, std::span<const
   return figures;
 }
 
-void Trainer::Parts::count_episodes(std::span<const FinishedEpisode> finished) {
+void Trainer::Impl::count_episodes(std::span<const FinishedEpisode> finished) {
   double rewards = 0;
   for (const FinishedEpisode& episode : finished) {
     ++progress.episodes;
@@ -307,157 +214,26 @@ void Trainer::Parts::count_episodes(std::span<const FinishedEpisode> finished) {
     return;
   ++progress.lesson;
   lesson_episodes = 0;
-  begin_cut();
+  begin_generation();
 }
 
-// Checkpoints.
+std::uint64_t Trainer::generation() const { return impl_->generation; }
+const TrainingProgress& Trainer::progress() const { return impl_->progress; }
+std::uint64_t Trainer::total_steps() const { return impl_->total_steps; }
+bool Trainer::done() const { return impl_->progress.steps >= impl_->total_steps; }
 
-std::uint64_t Trainer::cut() const { return parts_->cut; }
-const TrainingProgress& Trainer::progress() const { return parts_->progress; }
-std::uint64_t Trainer::total_steps() const { return parts_->total_steps; }
-bool Trainer::done() const { return parts_->progress.steps >= parts_->total_steps; }
-
-/// What must be the same in a trainer that goes on.
-nlohmann::json Trainer::Parts::identity() const {
-  nlohmann::json identity = {{"agent", options.agent},
-                             {"learner", options.learner},
-                             {"network", network_parameters.values()},
-                             {"learner_parameters", learner_parameters.values()},
-                             {"trainer", trainer_parameters.values()},
-                             {"seed", options.seed},
-                             {"curriculum", options.curriculum},
-                             {"task",
-                              {{"features", task.features},
-                               {"frames", task.frames},
-                               {"first_frame", options.first_frame},
-                               {"max_steps", options.max_steps}}}};
-  if (!frozen.empty()) identity["frozen"] = frozen;
-  return identity;
-}
-
-Checkpoint Trainer::checkpoint(const std::string& manifest) {
-  Parts& p = *parts_;
-  p.begin_cut();
-  Checkpoint checkpoint;
-  checkpoint.header = p.identity();
-  LearnerState state;
-  p.learner->save(state);
-  for (auto& [name, tensor] : state.tensors) checkpoint.tensors["learner." + name] = std::move(tensor);
-  checkpoint.tensors["reference"] = p.task.reference;
-  if (!p.task.turns.empty()) checkpoint.header["turns"] = p.task.turns;
-  nlohmann::json layout = nlohmann::json::array();
-  for (const Tensor& tensor : p.network->tensors())
-    layout.push_back({{"name", tensor.name}, {"rows", tensor.rows}, {"cols", tensor.cols}, {"offset", tensor.offset}});
-  checkpoint.header["layout"] = layout;
-  const auto optional = [](const std::optional<std::uint64_t>& value) {
-    return value ? nlohmann::json(*value) : nlohmann::json();
-  };
-  checkpoint.header["progress"] = {{"updates", p.progress.updates},
-                                   {"steps", p.progress.steps},
-                                   {"episodes", p.progress.episodes},
-                                   {"lesson", p.progress.lesson},
-                                   {"lesson_episodes", p.lesson_episodes},
-                                   {"smoothed_reward", p.progress.smoothed_reward},
-                                   {"reward", p.progress.reward},
-                                   {"spl", p.progress.spl},
-                                   {"episodes_to_spl95", optional(p.progress.episodes_to_spl95)},
-                                   {"steps_to_spl95", optional(p.progress.steps_to_spl95)},
-                                   {"recent", p.recent},
-                                   {"recent_next", p.recent_next},
-                                   {"cut", p.cut}};
-  checkpoint.header["counters"] = state.counters;
-  if (!manifest.empty()) checkpoint.header["manifest"] = nlohmann::json::parse(manifest);
-  return checkpoint;
-}
-
-void Trainer::load(const Checkpoint& checkpoint) {
-  Parts& p = *parts_;
-  const nlohmann::json identity = p.identity();
-  // Also a checkpoint that has them goes on with them alone.
-  if (identity.contains("frozen") != checkpoint.header.contains("frozen")) {
-    const auto list = [](const nlohmann::json& header) {
-      return header.value("frozen", nlohmann::json::array()).dump();
-    };
-    throw Error("frozen was " + list(checkpoint.header) + ", now it is " + list(identity), "checkpoint",
-                "go on with the same options, or start a new run");
-  }
-  for (const auto& [key, wanted] : identity.items()) {
-    const auto found = checkpoint.header.find(key);
-    if (found == checkpoint.header.end()) throw Error("has no '" + key + "'", "checkpoint");
-    if (*found == wanted) continue;
-    std::string what = key, was = found->dump(), now = wanted.dump();
-    if (wanted.is_object() && found->is_object())  // name the one that differs
-      for (const auto& [inner, value] : wanted.items())
-        if (!found->contains(inner) || found->at(inner) != value) {
-          what = key + "." + inner;
-          was = found->contains(inner) ? found->at(inner).dump() : "missing";
-          now = value.dump();
-          break;
-        }
-    throw Error(what + " was " + was + ", now it is " + now, "checkpoint",
-                "go on with the same options, or start a new run");
-  }
-  const auto reference = checkpoint.tensors.find("reference");
-  if (reference == checkpoint.tensors.end() || reference->second != p.task.reference)
-    throw Error("the training route's features are others than those it was made with", "checkpoint",
-                "go on with the same data, or start a new run");
-  if (checkpoint.header.value("turns", nlohmann::json::array()) != nlohmann::json(p.task.turns))
-    throw Error("the training route crosses itself elsewhere than the one it was made with", "checkpoint",
-                "go on with the same data, or start a new run");
-  try {
-    const nlohmann::json& saved = checkpoint.header.at("progress");
-    TrainingProgress progress;
-    const auto number = [&](const char* name) {
-      return saved.at(name).is_null() ? std::numeric_limits<double>::quiet_NaN() : saved.at(name).get<double>();
-    };
-    const auto optional = [&](const char* name) -> std::optional<std::uint64_t> {
-      if (saved.at(name).is_null()) return std::nullopt;
-      return saved.at(name).get<std::uint64_t>();
-    };
-    progress.updates = saved.at("updates").get<std::uint64_t>();
-    progress.steps = saved.at("steps").get<std::uint64_t>();
-    progress.episodes = saved.at("episodes").get<std::uint64_t>();
-    progress.lesson = saved.at("lesson").get<int>();
-    progress.smoothed_reward = number("smoothed_reward");
-    progress.reward = number("reward");
-    progress.spl = number("spl");
-    progress.episodes_to_spl95 = optional("episodes_to_spl95");
-    progress.steps_to_spl95 = optional("steps_to_spl95");
-    const auto lesson_episodes = saved.at("lesson_episodes").get<std::uint64_t>();
-    auto recent = saved.at("recent").get<std::vector<std::array<double, 2>>>();
-    const auto recent_next = saved.at("recent_next").get<std::size_t>();
-    const auto cut = saved.at("cut").get<std::uint64_t>();
-    if (progress.lesson < 0 || progress.lesson >= static_cast<int>(p.lessons.size()) || recent.size() > kRecent ||
-        recent_next >= kRecent)
-      throw Error("its progress makes no sense", "checkpoint");
-    LearnerState state;
-    state.counters = checkpoint.header.at("counters").get<std::map<std::string, std::uint64_t>>();
-    for (const auto& [name, tensor] : checkpoint.tensors)
-      if (name.starts_with("learner.")) state.tensors[name.substr(8)] = tensor.reshaped();
-    p.learner->load(state);
-    p.progress = progress;
-    p.lesson_episodes = lesson_episodes;
-    p.recent = std::move(recent);
-    p.recent_next = recent_next;
-    p.cut = cut;
-  } catch (const nlohmann::json::exception& problem) {
-    throw Error("the header lacks something: " + std::string(problem.what()), "checkpoint");
-  }
-  p.collector->begin_cut(p.cut, p.lesson().frames);
-}
-
-const Vector<float>& Trainer::network_parameters() const { return parts_->learner->parameters(); }
+const Vector<float>& Trainer::network_parameters() const { return impl_->learner->parameters(); }
 
 int Trainer::batch() const {
-  const Parts& p = *parts_;
-  return p.trainer_parameters.integer("agents") * (p.segment / p.sequence);
+  const Impl& p = *impl_;
+  return p.parameters.trainer.integer("agents") * (p.segment / p.sequence);
 }
 
 void Trainer::describe(msg::LearnerInfo& info) const {
-  const Parts& p = *parts_;
+  const Impl& p = *impl_;
   info.agent() = p.options.agent.c_str();
   std::string text;
-  for (const auto& [name, value] : p.network_parameters.values())
+  for (const auto& [name, value] : p.parameters.network.values())
     text += (text.empty() ? "" : " ") + name + "=" + nlohmann::json(value).dump();
   info.network() = text.c_str();
   info.seed() = p.options.seed;
@@ -468,33 +244,17 @@ void Trainer::describe(msg::LearnerInfo& info) const {
   info.lesson_frames() = static_cast<std::uint32_t>(p.lesson().frames);
   info.max_steps() = static_cast<std::uint32_t>(p.lesson().max_steps);
   info.steps() = static_cast<std::uint32_t>(p.sequence);
-  info.noise_frame() = p.trainer_parameters["noise-frame"];
-  info.noise_place() = p.trainer_parameters["noise-place"];
-  info.noise_episode() = p.trainer_parameters["noise-episode"];
+  info.noise_frame() = p.parameters.trainer["noise-frame"];
+  info.noise_place() = p.parameters.trainer["noise-place"];
+  info.noise_episode() = p.parameters.trainer["noise-episode"];
 }
 
 TrainedAgent Trainer::agent() const {
-  const Parts& p = *parts_;
+  const Impl& p = *impl_;
   return {p.options.agent,   p.task, p.options.first_frame, p.shared_network, p.learner->parameters(),
           p.progress.updates};
 }
 
-std::map<std::string, std::map<std::string, double>> Trainer::parameters() const {
-  const Parts& p = *parts_;
-  return {{"network", p.network_parameters.values()},
-          {"learner", p.learner_parameters.values()},
-          {"trainer", p.trainer_parameters.values()}};
-}
-
-std::map<std::string, std::map<std::string, double>> Trainer::recommended_parameters(const std::string& agent,
-                                                                                     const std::string& learner) {
-  TrainerOptions options;
-  options.agent = agent;
-  options.learner = learner;
-  const Choices chosen = choose(options);
-  return {{"network", chosen.network_parameters.values()},
-          {"learner", chosen.learner_parameters.values()},
-          {"trainer", chosen.trainer_parameters.values()}};
-}
+std::map<std::string, std::map<std::string, double>> Trainer::parameters() const { return impl_->parameters.values(); }
 
 }  // namespace citylearn

@@ -35,7 +35,7 @@ class Baseline : public LstmNetwork<S> {
 const NetworkRegistration<Baseline> registration{
     "baseline",
     "the paper's baseline: sees its position and the goal -> linear 512 -> LSTM 256",
-    Baseline<float>::parameters(),
+    Baseline<NetworkScalar>::parameters(),
     {{"agents", 16},
      {"segment", 64},
      {"sequence", 64},

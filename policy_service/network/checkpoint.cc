@@ -11,9 +11,9 @@
 #include <string_view>
 #include <vector>
 
+#include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
-#include "core/task/route_map.h"
 
 namespace citylearn {
 namespace {
@@ -107,6 +107,7 @@ void write_checkpoint(const std::string& path, const Checkpoint& checkpoint) {
 }
 
 Checkpoint read_checkpoint(const std::string& path) {
+  if (std::filesystem::is_directory(path)) throw Error("is a folder", path, "name a .clk file");
   const std::string bytes = read_file(path);
   Reader reader(bytes, path);
   if (!bytes.starts_with(kMagic)) {

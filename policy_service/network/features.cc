@@ -42,7 +42,7 @@ class Features : public LstmNetwork<S> {
 
 const NetworkRegistration<Features> registration{"features",
                                                  "the paper's agent: frame features and goal -> linear 512 -> LSTM 256",
-                                                 Features<float>::parameters(),
+                                                 Features<NetworkScalar>::parameters(),
                                                  {{"agents", 32},
                                                   {"segment", 64},
                                                   {"sequence", 32},

@@ -20,7 +20,6 @@ void orthogonal(Random& random, double gain, Eigen::Map<Matrix<S>> weights) {
     weights = (gain * q.transpose()).template cast<S>();
 }
 
-template void orthogonal(Random&, double, Eigen::Map<Matrix<float>>);
-template void orthogonal(Random&, double, Eigen::Map<Matrix<double>>);
+template void orthogonal(Random&, double, Eigen::Map<Matrix<NetworkScalar>>);
 
 }  // namespace citylearn

@@ -20,8 +20,8 @@ LstmNetwork<S>::LstmNetwork(const Parameters& parameters, int sensors)
   gate_bias_ = layout_.add("lstm.bias", 4 * cells_, 1);
   head_weights_ = layout_.add("heads.weight", kActions + 1, cells_);
   head_bias_ = layout_.add("heads.bias", kActions + 1, 1);
-  whereabouts_weights_ = layout_.add("whereabouts.weight", 2, cells_);
-  whereabouts_bias_ = layout_.add("whereabouts.bias", 2, 1);
+  auxiliary_weights_ = layout_.add("auxiliary.weight", 2, cells_);
+  auxiliary_bias_ = layout_.add("auxiliary.bias", 2, 1);
 }
 
 template <class S>
@@ -32,7 +32,7 @@ void LstmNetwork<S>::initialise(Random& random, Vector<S>& parameters) const {
   orthogonal<S>(random, 1, layout_.view(parameters, recurrent_weights_));
   orthogonal<S>(random, 1, layout_.view(parameters, head_weights_));
   layout_.view(parameters, head_weights_).topRows(kActions) *= S(0.01);
-  orthogonal<S>(random, 1, layout_.view(parameters, whereabouts_weights_));
+  orthogonal<S>(random, 1, layout_.view(parameters, auxiliary_weights_));
   layout_.view(parameters, gate_bias_).middleRows(cells_, cells_).setOnes();  // remember at first
 }
 
@@ -93,8 +93,8 @@ void LstmNetwork<S>::forward(const Vector<S>& parameters, const NetworkInputs<S>
   work.heads.values = work.both.bottomRows(1);
   mask_logits(inputs.allowed, work.heads.logits);
   if (work.localise) {
-    work.heads.whereabouts.noalias() = layout_.view(parameters, whereabouts_weights_) * work.h;
-    work.heads.whereabouts.colwise() += layout_.view(parameters, whereabouts_bias_).col(0);
+    work.heads.auxiliary.noalias() = layout_.view(parameters, auxiliary_weights_) * work.h;
+    work.heads.auxiliary.colwise() += layout_.view(parameters, auxiliary_bias_).col(0);
   }
 }
 
@@ -108,10 +108,10 @@ void LstmNetwork<S>::backward(const Vector<S>& parameters, const NetworkInputs<S
   layout_.view(gradient, head_weights_).noalias() += work.both * work.h.transpose();
   layout_.view(gradient, head_bias_) += work.both.rowwise().sum();
   work.h_gradient.noalias() = layout_.view(parameters, head_weights_).transpose() * work.both;
-  if (derivative.whereabouts.size() > 0) {
-    layout_.view(gradient, whereabouts_weights_).noalias() += derivative.whereabouts * work.h.transpose();
-    layout_.view(gradient, whereabouts_bias_) += derivative.whereabouts.rowwise().sum();
-    work.h_gradient.noalias() += layout_.view(parameters, whereabouts_weights_).transpose() * derivative.whereabouts;
+  if (derivative.auxiliary.size() > 0) {
+    layout_.view(gradient, auxiliary_weights_).noalias() += derivative.auxiliary * work.h.transpose();
+    layout_.view(gradient, auxiliary_bias_) += derivative.auxiliary.rowwise().sum();
+    work.h_gradient.noalias() += layout_.view(parameters, auxiliary_weights_).transpose() * derivative.auxiliary;
   }
 
   // A narrow product with a transposed matrix runs at half the speed of one with the matrix itself.
@@ -184,7 +184,7 @@ void LstmNetwork<S>::resize(Work& work, std::ptrdiff_t agents, std::ptrdiff_t co
     part->resize(cells_, columns);
   work.both.resize(kActions + 1, columns);
   work.state.resize(2 * cells_, agents);
-  if (work.localise) work.heads.whereabouts.resize(2, columns);
+  if (work.localise) work.heads.auxiliary.resize(2, columns);
 }
 
 template <class S>
@@ -200,7 +200,6 @@ void LstmNetwork<S>::append_actions(const NetworkInputs<S>& inputs, Matrix<S>& l
   }
 }
 
-template class LstmNetwork<float>;
-template class LstmNetwork<double>;
+template class LstmNetwork<NetworkScalar>;
 
 }  // namespace citylearn

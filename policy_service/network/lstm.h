@@ -9,11 +9,10 @@
 namespace citylearn {
 
 /// The recurrent agent of the paper (Fig. 4): sensors -> linear `hidden` -> concatenated with the previous action,
-/// one-hot
-/// -> LSTM `cells` -> policy (3) and value (1). A subclass says what the sensors are.
+/// one-hot -> LSTM `cells` -> policy (3) and value (1). A subclass defines the sensors.
 ///
-/// A training loss may ask for one more head, the agent's whereabouts (2); a deployed agent never computes it.
-/// With `mask-input` the actions not allowed stand beside the previous action.
+/// A training loss may ask for one more head, the auxiliary targets (2); a deployed agent never computes it. With
+/// `mask-input` the forbidden actions are concatenated too.
 template <class S>
 class LstmNetwork : public AgentNetwork<S> {
  public:
@@ -72,8 +71,8 @@ class LstmNetwork : public AgentNetwork<S> {
 
   int sensors_, hidden_, cells_, extra_;
   bool rectified_;
-  std::size_t input_weights_, recurrent_weights_, gate_bias_, head_weights_, head_bias_, whereabouts_weights_,
-      whereabouts_bias_;
+  std::size_t input_weights_, recurrent_weights_, gate_bias_, head_weights_, head_bias_, auxiliary_weights_,
+      auxiliary_bias_;
 };
 
 }  // namespace citylearn

@@ -294,7 +294,7 @@ class PlaceFilter : public AgentNetwork<S> {
 const NetworkRegistration<PlaceFilter> registration{
     "place_filter",
     "a differentiable Bayes filter over the training route's places with a decision head",
-    PlaceFilter<float>::parameters(),
+    PlaceFilter<NetworkScalar>::parameters(),
     {{"agents", 8},
      {"segment", 64},
      {"sequence", 64},

@@ -27,7 +27,7 @@ class PlaceMemory : public LstmNetwork<S> {
     sharpness_ = this->layout_.add("attention.sharpness", 1, 1);
     way_.resize(2 * places_);
     for (int difference = -places_; difference < places_; ++difference)
-      way_(places_ + difference) = whereabouts<S>(0, difference, places_)[1];
+      way_(places_ + difference) = auxiliary_targets<S>(0, difference, places_)[1];
   }
 
   static std::vector<ParameterSpec> parameters() {
@@ -122,7 +122,7 @@ class PlaceMemory : public LstmNetwork<S> {
 const NetworkRegistration<PlaceMemory> registration{
     "place_memory",
     "attention over the training route's places in front of an LSTM; place_filter learns faster and generalises better",
-    PlaceMemory<float>::parameters(),
+    PlaceMemory<NetworkScalar>::parameters(),
     {{"agents", 16},
      {"segment", 64},
      {"sequence", 64},

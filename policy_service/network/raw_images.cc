@@ -211,7 +211,7 @@ const NetworkRegistration<RawImages> registration{"raw_images",
                                                   "the paper's agent that learns to see: 84 x 84 pixels in colour -> "
                                                   "two convolutions, with the goal -> linear 512 -> "
                                                   "LSTM 256",
-                                                  RawImages<float>::parameters(),
+                                                  RawImages<NetworkScalar>::parameters(),
                                                   {{"agents", 32},
                                                    {"segment", 64},
                                                    {"sequence", 64},

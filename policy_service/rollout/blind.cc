@@ -4,8 +4,8 @@
 namespace citylearn {
 namespace {
 
-/// Never looks: sets out for the end that is nearer to the goal's number and turns round where the mask shows the end.
-/// On 128 frames it completes every task with SPL .85, so an agent has to do clearly better to count as navigating.
+/// Ignores what it sees: walks to the end that is nearer to the goal's number and turns round where the mask shows the
+/// end. On 128 frames it completes every task with SPL .85, so an agent must do clearly better to count as navigating.
 class Blind : public Policy {
  public:
   explicit Blind(const ControlTask& task) : task_(task) {}
@@ -29,7 +29,7 @@ class Blind : public Policy {
 
 const ControlRegistry::Registration registration({
     "blind",
-    "never looks: walks towards the goal's half, turns round at the end",
+    "ignores the images: walks towards the goal's half, turns round at the end",
     {},
     [](const Parameters&, const ControlTask& task) { return std::make_unique<Blind>(task); },
 });

@@ -7,22 +7,23 @@
 #include <map>
 
 #include "core/task/route_map.h"
+#include "core/task/spl.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/worker.h"
 
 namespace citylearn {
 namespace {
 
-/// What a random stream is for. Further numbers of its name: environment, cut, and those given here.
+/// What a random stream is for. Its name goes on with environment and generation, then with the numbers given here.
 enum Purpose : std::uint64_t {
-  kEnvironment = 101,        // starts and goals
-  kAction = 102,             // step
-  kEpisodeAppearance = 103,  // agent, episode of the agent
-  kFrameAppearance = 104,    // step, agent
-  kPlaceAppearance = 105,    // agent, episode of the agent, frame
+  kEnvironment = 101,   // starts and goals
+  kAction = 102,        // step
+  kEpisodeNoise = 103,  // agent, episode of the agent
+  kFrameNoise = 104,    // step, agent
+  kPlaceNoise = 105,    // agent, episode of the agent, frame
 };
 
-/// Fills `out` with numbers of mean 0 and deviation 1, nearly normal: sums of four uniform ones, a draw of 64 bits
+/// Fills `out` with nearly normal numbers of mean 0 and deviation 1, sums of four uniform ones: one draw of 64 bits
 /// each.
 void fill_noise(Random& random, Eigen::Ref<Vector<float>> out) {
   constexpr float kScale = 1.7320508f / 65536.0f;  // a uniform number of 16 bits has deviation 65536 / sqrt(12)
@@ -35,34 +36,34 @@ void fill_noise(Random& random, Eigen::Ref<Vector<float>> out) {
 
 }  // namespace
 
-struct Collector::Parts {
+struct Collector::Impl {
   struct Agent {
     int start = 0, goal = 0, shortest = 0, steps = 0;
     double reward = 0;
-    std::uint64_t episode = 0;  // of this agent in this cut
-    float strength = 0;         // of the episode's appearance
+    std::uint64_t episode = 0;  // of this agent in this generation
+    float strength = 0;         // of the episode's noise
   };
   struct Half {  // of an environment's agents
     NetworkInputs<float> inputs;
     Matrix<float> state;
     std::unique_ptr<Workspace<float>> workspace;
   };
-  struct Seat {
+  struct EnvState {
     int id = 0, agents = 0, tick = 0;
     std::uint64_t step = 0;  // of the next observation
     bool full = false;
-    std::uint64_t generation = 0;  // of the parameters, for Workspace::fixed: a segment is acted by one
+    std::uint64_t parameter_generation = 0;  // of the parameters, for Workspace::fixed: a segment is acted by one
     Rollout rollout;
-    NetworkInputs<float> seen;  // the last observation, in the episode's appearance
-    Matrix<float> state;        // before it
-    Matrix<float> appearance;   // D x agents, of the episode
+    NetworkInputs<float> seen;    // the last observation, with the noise of its episode
+    Matrix<float> state;          // before it
+    Matrix<float> episode_noise;  // D x agents, of the episode
     std::vector<Agent> agent;
     std::vector<FinishedEpisode> finished;
     std::array<Half, 2> halves;
     Half single;  // for values of truncated episodes
   };
 
-  Parts(const CollectorOptions& how, const NetworkTask& what, const AgentNetwork<float>& who)
+  Impl(const CollectorOptions& how, const NetworkTask& what, const AgentNetwork<float>& who)
       : options(how), task(what), network(who), frames(what.frames) {
     const double components = std::sqrt(std::max(1, task.features));
     noise_frame = static_cast<float>(options.noise_frame / components);
@@ -74,109 +75,110 @@ struct Collector::Parts {
   const NetworkTask& task;
   const AgentNetwork<float>& network;
   float noise_frame, noise_place, noise_episode;  // deviation of a component
-  std::map<int, Seat> seats;
-  std::uint64_t cut = 0;
+  std::map<int, EnvState> envs;
+  std::uint64_t generation = 0;
   int frames;           // places in use
   Vector<float> noise;  // of one frame
   std::vector<int> distances;
   Worker worker;
 
-  bool disguises() const { return noise_frame > 0 || noise_place > 0 || noise_episode > 0; }
-  Seat& seat(int environment) {
-    const auto found = seats.find(environment);
-    if (found == seats.end()) throw Error("environment " + std::to_string(environment) + " was never added", "trainer");
+  bool augments() const { return noise_frame > 0 || noise_place > 0 || noise_episode > 0; }
+  EnvState& env(int environment) {
+    const auto found = envs.find(environment);
+    if (found == envs.end()) throw Error("environment " + std::to_string(environment) + " was never added", "trainer");
     return found->second;
   }
 
-  void begin(Seat& seat) {
-    seat.step = 0;
-    seat.agent.assign(static_cast<std::size_t>(seat.agents), Agent{});
-    seat.state.setZero(network.state_size(), seat.agents);
-    seat.appearance.setZero(task.features, seat.agents);
-    begin_segment(seat);
+  void begin(EnvState& env) {
+    env.step = 0;
+    env.agent.assign(static_cast<std::size_t>(env.agents), Agent{});
+    env.state.setZero(network.state_size(), env.agents);
+    env.episode_noise.setZero(task.features, env.agents);
+    begin_segment(env);
   }
-  void begin_segment(Seat& seat) {
-    ++seat.generation;
-    seat.full = false;
-    seat.tick = 0;
-    seat.finished.clear();
-    for (NetworkInputs<float>* inputs : {&seat.rollout.inputs, &seat.rollout.next}) {
+  void begin_segment(EnvState& env) {
+    ++env.parameter_generation;
+    env.full = false;
+    env.tick = 0;
+    env.finished.clear();
+    for (NetworkInputs<float>* inputs : {&env.rollout.inputs, &env.rollout.next}) {
       inputs->resize(task.features, inputs->steps, inputs->agents);
       inputs->frames = frames;
     }
   }
 
-  void check(const Seat& seat, const msg::Observation& observation) const;
-  void end_action(Seat& seat, const msg::Observation& observation, const Vector<float>& parameters);
-  float final_value(Seat& seat, const Vector<float>& parameters, std::ptrdiff_t agent, std::uint8_t action,
+  void check(const EnvState& env, const msg::Observation& observation) const;
+  void end_action(EnvState& env, const msg::Observation& observation, const Vector<float>& parameters);
+  float final_value(EnvState& env, const Vector<float>& parameters, std::ptrdiff_t agent, std::uint8_t action,
                     int position, std::uint32_t frame, std::uint8_t allowed,
                     const Eigen::Ref<const Vector<float>>& features);
-  void begin_episode(Seat& seat, std::size_t agent);
-  void disguise(const Seat& seat, std::ptrdiff_t agent, std::uint32_t frame, Eigen::Ref<Vector<float>> features);
-  void evaluate(Seat& seat, const Vector<float>& parameters);
-  void decide(Seat& seat, std::vector<std::uint8_t>& choice);
+  void begin_episode(EnvState& env, std::size_t agent);
+  void augment_features(const EnvState& env, std::ptrdiff_t agent, std::uint32_t frame,
+                        Eigen::Ref<Vector<float>> features);
+  void evaluate(EnvState& env, const Vector<float>& parameters);
+  void decide(EnvState& env, std::vector<std::uint8_t>& choice);
 };
 
 Collector::Collector(const CollectorOptions& options, const NetworkTask& task, const AgentNetwork<float>& network)
-    : parts_(std::make_unique<Parts>(options, task, network)) {}
+    : impl_(std::make_unique<Impl>(options, task, network)) {}
 
 Collector::~Collector() = default;
 
 // Environments.
 
-void Collector::begin_cut(std::uint64_t cut, int frames) {
-  Parts& p = *parts_;
-  p.cut = cut;
+void Collector::reset_all(std::uint64_t generation, int frames) {
+  Impl& p = *impl_;
+  p.generation = generation;
   p.frames = frames;
-  for (auto& [id, seat] : p.seats) p.begin(seat);
+  for (auto& [id, env] : p.envs) p.begin(env);
 }
 
 void Collector::add(int environment, int agents) {
-  Parts& p = *parts_;
+  Impl& p = *impl_;
   if (agents < 1) throw Error("must be at least 1", "agents of environment " + std::to_string(environment));
-  Parts::Seat& seat = p.seats[environment];
-  seat.id = environment;
-  seat.agents = agents;
-  seat.rollout.resize(p.task.features, p.network.state_size(), p.options.segment, agents, p.options.sequence);
+  Impl::EnvState& env = p.envs[environment];
+  env.id = environment;
+  env.agents = agents;
+  env.rollout.resize(p.task.features, p.network.state_size(), p.options.segment, agents, p.options.sequence);
   const int middle = (agents + 1) / 2;
   for (int which = 0; which < 2; ++which) {
-    Parts::Half& half = seat.halves[static_cast<std::size_t>(which)];
+    Impl::Half& half = env.halves[static_cast<std::size_t>(which)];
     const int count = which == 0 ? middle : agents - middle;
     half.inputs.agents = count;
     half.state.resize(p.network.state_size(), count);
     half.workspace = p.network.make_workspace();
   }
-  seat.single.workspace = p.network.make_workspace();
-  p.begin(seat);
+  env.single.workspace = p.network.make_workspace();
+  p.begin(env);
 }
 
-void Collector::remove(int environment) { parts_->seats.erase(environment); }
+void Collector::remove(int environment) { impl_->envs.erase(environment); }
 
 std::uint64_t Collector::environment_seed(int environment) const {
-  return mix_seeds({parts_->options.seed, kEnvironment, static_cast<std::uint64_t>(environment), parts_->cut});
+  return mix_seeds({impl_->options.seed, kEnvironment, static_cast<std::uint64_t>(environment), impl_->generation});
 }
 
 bool Collector::full(int environment) const {
-  const auto found = parts_->seats.find(environment);
-  return found != parts_->seats.end() && found->second.full;
+  const auto found = impl_->envs.find(environment);
+  return found != impl_->envs.end() && found->second.full;
 }
 
 bool Collector::ready() const {
-  const auto& seats = parts_->seats;
-  return !seats.empty() && std::all_of(seats.begin(), seats.end(), [](const auto& entry) { return entry.second.full; });
+  const auto& envs = impl_->envs;
+  return !envs.empty() && std::all_of(envs.begin(), envs.end(), [](const auto& entry) { return entry.second.full; });
 }
 
-Rollout& Collector::rollout(int environment) { return parts_->seat(environment).rollout; }
+Rollout& Collector::rollout(int environment) { return impl_->env(environment).rollout; }
 
 const std::vector<FinishedEpisode>& Collector::finished(int environment) const {
-  return parts_->seat(environment).finished;
+  return impl_->env(environment).finished;
 }
 
-void Collector::begin_segment(int environment) { parts_->begin_segment(parts_->seat(environment)); }
+void Collector::begin_segment(int environment) { impl_->begin_segment(impl_->env(environment)); }
 
 std::vector<int> Collector::environments() const {
   std::vector<int> found;
-  for (const auto& [id, seat] : parts_->seats) found.push_back(id);
+  for (const auto& [id, env] : impl_->envs) found.push_back(id);
   return found;
 }
 
@@ -184,62 +186,62 @@ std::vector<int> Collector::environments() const {
 
 bool Collector::act(int environment, const msg::Observation& observation, const Vector<float>& parameters,
                     std::vector<std::uint8_t>& choice) {
-  Parts& p = *parts_;
-  Parts::Seat& seat = p.seat(environment);
-  if (seat.full) throw Error("its segment is full", "environment " + std::to_string(environment));
-  p.check(seat, observation);
-  const auto agents = static_cast<std::size_t>(seat.agents);
-  read_observation(observation, p.task.features, p.options.first_frame, p.frames, p.disguises(), seat.seen);
-  if (seat.step > 0) p.end_action(seat, observation, parameters);  // only now: what does not fit has changed nothing
+  Impl& p = *impl_;
+  Impl::EnvState& env = p.env(environment);
+  if (env.full) throw Error("its segment is full", "environment " + std::to_string(environment));
+  p.check(env, observation);
+  const auto agents = static_cast<std::size_t>(env.agents);
+  read_observation(observation, p.task.features, p.options.first_frame, p.frames, p.augments(), env.seen);
+  if (env.step > 0) p.end_action(env, observation, parameters);  // an observation that does not fit changes nothing
   for (std::size_t agent = 0; agent < agents; ++agent) {
-    if (seat.seen.first[agent]) p.begin_episode(seat, agent);
+    if (env.seen.first[agent]) p.begin_episode(env, agent);
     const auto column = static_cast<std::ptrdiff_t>(agent);
-    p.disguise(seat, column, observation.frame()[agent], seat.seen.features_of(column));
+    p.augment_features(env, column, observation.frame()[agent], env.seen.features_of(column));
   }
-  ++seat.step;
-  p.evaluate(seat, parameters);
-  if (seat.tick < p.options.segment) {
-    p.decide(seat, choice);
+  ++env.step;
+  p.evaluate(env, parameters);
+  if (env.tick < p.options.segment) {
+    p.decide(env, choice);
     return true;
   }
-  for (std::ptrdiff_t agent = 0; agent < seat.agents; ++agent) seat.rollout.next.copy_column(seat.seen, agent, agent);
+  for (std::ptrdiff_t agent = 0; agent < env.agents; ++agent) env.rollout.next.copy_column(env.seen, agent, agent);
   for (int which = 0, agent = 0; which < 2; ++which) {
-    const auto& values = seat.halves[static_cast<std::size_t>(which)].workspace->heads.values;
+    const auto& values = env.halves[static_cast<std::size_t>(which)].workspace->heads.values;
     for (std::ptrdiff_t column = 0; column < values.cols(); ++column)
-      seat.rollout.last_value[static_cast<std::size_t>(agent++)] = values(0, column);
+      env.rollout.last_value[static_cast<std::size_t>(agent++)] = values(0, column);
   }
-  seat.full = true;
+  env.full = true;
   return false;
 }
 
 void Collector::resume(int environment, const Vector<float>& parameters, std::vector<std::uint8_t>& choice) {
-  Parts& p = *parts_;
-  Parts::Seat& seat = p.seat(environment);
-  if (seat.full || seat.step == 0 || seat.tick != 0)
+  Impl& p = *impl_;
+  Impl::EnvState& env = p.env(environment);
+  if (env.full || env.step == 0 || env.tick != 0)
     throw Error("no observation waits for an action", "environment " + std::to_string(environment));
-  p.evaluate(seat, parameters);
-  p.decide(seat, choice);
+  p.evaluate(env, parameters);
+  p.decide(env, choice);
 }
 
-void Collector::Parts::check(const Seat& seat, const msg::Observation& observation) const {
-  const std::string where = "environment " + std::to_string(seat.id);
-  if (observation.frame().size() != static_cast<std::size_t>(seat.agents) ||
-      observation.reward().size() != static_cast<std::size_t>(seat.agents))
+void Collector::Impl::check(const EnvState& env, const msg::Observation& observation) const {
+  const std::string where = "environment " + std::to_string(env.id);
+  if (observation.frame().size() != static_cast<std::size_t>(env.agents) ||
+      observation.reward().size() != static_cast<std::size_t>(env.agents))
     throw Error(
-        "has " + std::to_string(observation.frame().size()) + " agents, " + std::to_string(seat.agents) + " were added",
+        "has " + std::to_string(observation.frame().size()) + " agents, " + std::to_string(env.agents) + " were added",
         where);
-  if (observation.step() != seat.step)
-    throw Error("sent step " + std::to_string(observation.step()) + " in the place of " + std::to_string(seat.step),
+  if (observation.step() != env.step)
+    throw Error("sent step " + std::to_string(observation.step()) + " in the place of " + std::to_string(env.step),
                 where);
 }
 
-/// Reward and end of the action before this observation.
-void Collector::Parts::end_action(Seat& seat, const msg::Observation& observation, const Vector<float>& parameters) {
-  const std::size_t agents = static_cast<std::size_t>(seat.agents);
-  const std::size_t row = static_cast<std::size_t>(seat.tick - 1) * agents;
-  Rollout& rollout = seat.rollout;
+/// Records reward and end of the action before this observation.
+void Collector::Impl::end_action(EnvState& env, const msg::Observation& observation, const Vector<float>& parameters) {
+  const std::size_t agents = static_cast<std::size_t>(env.agents);
+  const std::size_t row = static_cast<std::size_t>(env.tick - 1) * agents;
+  Rollout& rollout = env.rollout;
   for (std::size_t index = 0; index < agents; ++index) {
-    Agent& agent = seat.agent[index];
+    Agent& agent = env.agent[index];
     const std::uint8_t flags = observation.flags()[index];
     const float reward = observation.reward()[index];
     rollout.reward[row + index] = reward;
@@ -248,44 +250,44 @@ void Collector::Parts::end_action(Seat& seat, const msg::Observation& observatio
     const bool terminated = flags & msg::FLAG_TERMINATED, truncated = flags & msg::FLAG_TRUNCATED;
     rollout.ended[row + index] = terminated ? Rollout::kTerminated : truncated ? Rollout::kTruncated : Rollout::kGoesOn;
     if (truncated) {
-      // The agent stands where the episode was cut, so that the new observation shows what would have been seen next.
+      // The agent stands where the episode was truncated, so that the new observation shows what would have been seen
+      // next.
       const Eigen::Map<const Vector<float>> features(
           observation.features().data() + static_cast<std::ptrdiff_t>(index) * task.features, task.features);
       rollout.final_value[row + index] =
-          final_value(seat, parameters, static_cast<std::ptrdiff_t>(index), rollout.action[row + index],
+          final_value(env, parameters, static_cast<std::ptrdiff_t>(index), rollout.action[row + index],
                       static_cast<int>(observation.position()[index]) - options.first_frame, observation.frame()[index],
                       observation.allowed()[index], features);
     }
     if (!terminated && !truncated) continue;
-    const double shortest = agent.shortest;
-    const double spl = terminated ? shortest / std::max<double>(shortest, agent.steps) : 0;
-    seat.finished.push_back({seat.tick, static_cast<int>(index), agent.reward, spl});
+    env.finished.push_back(
+        {env.tick, static_cast<int>(index), agent.reward, spl_of(terminated, agent.shortest, agent.steps)});
   }
 }
 
-float Collector::Parts::final_value(Seat& seat, const Vector<float>& parameters, std::ptrdiff_t agent,
-                                    std::uint8_t action, int position, std::uint32_t frame, std::uint8_t allowed,
-                                    const Eigen::Ref<const Vector<float>>& features) {
-  NetworkInputs<float>& inputs = seat.single.inputs;
+float Collector::Impl::final_value(EnvState& env, const Vector<float>& parameters, std::ptrdiff_t agent,
+                                   std::uint8_t action, int position, std::uint32_t frame, std::uint8_t allowed,
+                                   const Eigen::Ref<const Vector<float>>& features) {
+  NetworkInputs<float>& inputs = env.single.inputs;
   inputs.resize(task.features, 1, 1);
   inputs.frames = frames;
   inputs.see(0, -1, features);
   inputs.position[0] = position;
   inputs.allowed[0] = allowed;
-  inputs.goal[0] = seat.agent[static_cast<std::size_t>(agent)].goal;
+  inputs.goal[0] = env.agent[static_cast<std::size_t>(agent)].goal;
   inputs.previous_action[0] = action;
   inputs.first[0] = 0;
-  disguise(seat, agent, frame, inputs.features_of(0));
-  seat.single.state = seat.state.col(agent);
-  seat.single.workspace->fixed = seat.generation;
-  network.forward(parameters, inputs, seat.single.state, *seat.single.workspace);
-  return seat.single.workspace->heads.values(0, 0);
+  augment_features(env, agent, frame, inputs.features_of(0));
+  env.single.state = env.state.col(agent);
+  env.single.workspace->fixed = env.parameter_generation;
+  network.forward(parameters, inputs, env.single.state, *env.single.workspace);
+  return env.single.workspace->heads.values(0, 0);
 }
 
-void Collector::Parts::begin_episode(Seat& seat, std::size_t index) {
-  Agent& agent = seat.agent[index];
-  agent.start = seat.seen.position[index];
-  agent.goal = seat.seen.goal[index];
+void Collector::Impl::begin_episode(EnvState& env, std::size_t index) {
+  Agent& agent = env.agent[index];
+  agent.start = env.seen.position[index];
+  agent.goal = env.seen.goal[index];
   if (task.turns.empty()) {
     agent.shortest = std::abs(agent.goal - agent.start);
   } else {
@@ -295,19 +297,19 @@ void Collector::Parts::begin_episode(Seat& seat, std::size_t index) {
   agent.steps = 0;
   agent.reward = 0;
   ++agent.episode;
-  if (!disguises()) return;
-  Random random{options.seed, kEpisodeAppearance, static_cast<std::uint64_t>(seat.id), cut, index, agent.episode};
+  if (!augments()) return;
+  Random random{options.seed, kEpisodeNoise, static_cast<std::uint64_t>(env.id), generation, index, agent.episode};
   agent.strength = static_cast<float>(random.uniform());
-  fill_noise(random, seat.appearance.col(static_cast<std::ptrdiff_t>(index)));
+  fill_noise(random, env.episode_noise.col(static_cast<std::ptrdiff_t>(index)));
 }
 
-/// x' = x + u (f n + p q + e m), brought back to the length of x. n is new at each look; q is the frame's and m the
-/// episode's, so that a place looks the same however often an episode comes by; u, its strength, is the episode's too.
-void Collector::Parts::disguise(const Seat& seat, std::ptrdiff_t index, std::uint32_t frame,
-                                Eigen::Ref<Vector<float>> features) {
-  if (!disguises()) return;
-  const auto id = static_cast<std::uint64_t>(seat.id), number = static_cast<std::uint64_t>(index);
-  const Agent& agent = seat.agent[number];
+/// x' = x + u (f n + p q + e m), scaled back to the length of x. n is drawn at each step; q belongs to the frame and m
+/// to the episode, so that a place looks the same all along an episode; u, the strength, belongs to the episode too.
+void Collector::Impl::augment_features(const EnvState& env, std::ptrdiff_t index, std::uint32_t frame,
+                                       Eigen::Ref<Vector<float>> features) {
+  if (!augments()) return;
+  const auto id = static_cast<std::uint64_t>(env.id), number = static_cast<std::uint64_t>(index);
+  const Agent& agent = env.agent[number];
   const float length = features.norm(), strength = agent.strength * length;
   noise.resize(features.size());
   const auto add = [&](float part, Random random) {
@@ -315,50 +317,50 @@ void Collector::Parts::disguise(const Seat& seat, std::ptrdiff_t index, std::uin
     fill_noise(random, noise);
     features += strength * part * noise;
   };
-  add(noise_frame, {options.seed, kFrameAppearance, id, cut, seat.step, number});
-  add(noise_place, {options.seed, kPlaceAppearance, id, cut, number, agent.episode, frame});
-  features += strength * noise_episode * seat.appearance.col(index);
+  add(noise_frame, {options.seed, kFrameNoise, id, generation, env.step, number});
+  add(noise_place, {options.seed, kPlaceNoise, id, generation, number, agent.episode, frame});
+  features += strength * noise_episode * env.episode_noise.col(index);
   const float changed = features.norm();
   if (changed > 0) features *= length / changed;
 }
 
-/// Runs the network on what the seat has seen; half of the agents on each thread.
-void Collector::Parts::evaluate(Seat& seat, const Vector<float>& parameters) {
+/// Runs the network on the last observation, half of the agents on each thread.
+void Collector::Impl::evaluate(EnvState& env, const Vector<float>& parameters) {
   const auto run = [&](int which) {
-    Half& half = seat.halves[static_cast<std::size_t>(which)];
-    const std::ptrdiff_t count = half.inputs.agents, begin = which == 0 ? 0 : seat.agents - count;
+    Half& half = env.halves[static_cast<std::size_t>(which)];
+    const std::ptrdiff_t count = half.inputs.agents, begin = which == 0 ? 0 : env.agents - count;
     if (count == 0) return;
     half.inputs.resize(task.features, 1, static_cast<int>(count));
     half.inputs.frames = frames;
-    for (std::ptrdiff_t agent = 0; agent < count; ++agent) half.inputs.copy_column(seat.seen, begin + agent, agent);
-    half.state = seat.state.middleCols(begin, count);
-    half.workspace->fixed = seat.generation;
+    for (std::ptrdiff_t agent = 0; agent < count; ++agent) half.inputs.copy_column(env.seen, begin + agent, agent);
+    half.state = env.state.middleCols(begin, count);
+    half.workspace->fixed = env.parameter_generation;
     network.forward(parameters, half.inputs, half.state, *half.workspace);
   };
   worker.both(run);
 }
 
-/// Draws actions and notes them, with all that the learner will want to know.
-void Collector::Parts::decide(Seat& seat, std::vector<std::uint8_t>& choice) {
-  Rollout& rollout = seat.rollout;
-  const std::ptrdiff_t agents = seat.agents, row = seat.tick * agents;
-  if (seat.tick % options.sequence == 0)
-    rollout.states.middleCols(seat.tick / options.sequence * agents, agents) = seat.state;
-  Random random{options.seed, kAction, static_cast<std::uint64_t>(seat.id), cut, seat.step};
+/// Draws actions and records them, with all that the learner needs.
+void Collector::Impl::decide(EnvState& env, std::vector<std::uint8_t>& choice) {
+  Rollout& rollout = env.rollout;
+  const std::ptrdiff_t agents = env.agents, row = env.tick * agents;
+  if (env.tick % options.sequence == 0)
+    rollout.states.middleCols(env.tick / options.sequence * agents, agents) = env.state;
+  Random random{options.seed, kAction, static_cast<std::uint64_t>(env.id), generation, env.step};
   choice.resize(static_cast<std::size_t>(agents));
   std::ptrdiff_t agent = 0;
-  for (const Half& half : seat.halves) {
+  for (const Half& half : env.halves) {
     for (std::ptrdiff_t column = 0; column < half.inputs.agents; ++column, ++agent) {
       const auto index = static_cast<std::size_t>(row + agent);
-      rollout.inputs.copy_column(seat.seen, agent, row + agent);
+      rollout.inputs.copy_column(env.seen, agent, row + agent);
       const std::uint8_t action =
           sample_action(half.workspace->heads.logits.col(column), random, rollout.log_probability[index]);
       rollout.action[index] = choice[static_cast<std::size_t>(agent)] = action;
       rollout.value[index] = half.workspace->heads.values(0, column);
-      seat.state.col(agent) = half.workspace->state.col(column);
+      env.state.col(agent) = half.workspace->state.col(column);
     }
   }
-  ++seat.tick;
+  ++env.tick;
 }
 
 }  // namespace citylearn

@@ -9,7 +9,7 @@
 
 namespace citylearn {
 
-/// The route a control walks on. Places are counted from the route's first frame.
+/// The route of a control policy. Places are counted from the route's first frame.
 struct ControlTask {
   int first_frame = 0;           ///< of the route, index on the traversal
   int frames = 0;                ///< N, places on the route
@@ -18,10 +18,10 @@ struct ControlTask {
   std::vector<int> turns = {};   ///< N, where `stay` leads (core/task/route_map.h); empty: the route is a line
 };
 
-/// Policies that learn nothing: the yardsticks beside every figure of a learned agent.
+/// Policies that learn nothing: the references for every result of a learned agent.
 using ControlRegistry = Registry<Policy, const ControlTask&>;
 
-/// `action` if allowed, else the opposite direction (one of the two is, on a route of at least 2 frames).
+/// Returns `action` if it is allowed, else the opposite direction (on a route of 2 or more frames one of them is).
 inline std::uint8_t allowed_or_turn(std::uint8_t action, std::uint8_t allowed) {
   if (allowed >> action & 1) return action;
   return action == kNext ? kPrevious : kNext;

@@ -8,26 +8,26 @@
 
 #include "core/util/random.h"
 #include "policy_service/network/agent_network.h"
-#include "policy_service/network/checkpoint.h"
+#include "policy_service/network/trained_agent.h"
 #include "policy_service/rollout/policy.h"
 
 namespace citylearn {
 
-/// Draws an allowed action from masked logits; `log_probability` gets its logarithm. Uses one number of `random`.
+/// Draws an allowed action from masked logits, with one number of `random`; `log_probability` gets its logarithm.
 std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Random& random, float& log_probability);
 
 /// Fills `inputs` (one step, the agents of `who`; empty: all) from an observation of a route of `frames` places from
-/// `first_frame` on. With `own` every agent gets features of its own, to be changed by the caller; else agents shown
-/// one frame share them. Throws Error naming the field when the observation has another number of features or agents,
-/// or a frame beside the route.
+/// `first_frame` on. With `own` every agent gets features of its own, for the caller to change; else agents that are
+/// shown the same frame share them. Throws Error naming the field when the observation has another number of features
+/// or agents, or a frame off the route.
 void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
                       NetworkInputs<float>& inputs, std::span<const std::size_t> who = {});
 
-/// Acts from fixed parameters, the recurrent state kept along each episode. Idle agents cost nothing.
+/// Acts from fixed parameters and keeps the recurrent state along each episode. Idle agents cost nothing.
 class NetworkPolicy : public Policy {
  public:
   struct Options {
-    std::uint64_t seed = 1;  ///< of the actions drawn
+    std::uint64_t seed = 1;  ///< of the drawn actions
     bool greedy = false;     ///< take the likeliest action instead of drawing one
   };
   NetworkPolicy(TrainedAgent agent, const Options& options);

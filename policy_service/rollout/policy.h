@@ -8,12 +8,12 @@
 
 namespace citylearn {
 
-/// Decides for all agents of one env_service, tick after tick. The learned agents and the controls alike.
+/// Chooses the actions of all agents of one env_service, tick after tick: a learned agent or a control.
 class Policy {
  public:
   virtual ~Policy() = default;
-  /// Actions for one observation; called once for each step, in order. `choice` gets one allowed action per agent.
-  /// An agent whose FLAG_FIRST is set begins a new episode: memory of the last one is wiped.
+  /// Chooses one allowed action per agent. Called once for each step, in order. An agent whose FLAG_FIRST is set begins
+  /// a new episode, and its memory of the last one is wiped.
   virtual void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) = 0;
 };
 

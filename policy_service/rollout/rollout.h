@@ -8,13 +8,13 @@
 
 namespace citylearn {
 
-/// What A agents saw and did over T steps, tensors only. Column t * A + a is agent a at step t. A sequence is
+/// What A agents saw and did over T steps, as tensors. Column t * A + a is agent a at step t. A sequence is
 /// `sequence` (L) successive steps of one agent; T is a multiple of L, and sequence s of agent a has index s * A + a.
 struct Rollout {
   enum Ended : std::uint8_t { kGoesOn = 0, kTerminated = 1, kTruncated = 2 };
 
   int sequence = 0;                    ///< L
-  int max_steps = 0;                   ///< after which an episode is cut
+  int max_steps = 0;                   ///< step limit of an episode
   NetworkInputs<float> inputs;         ///< T, A and what was seen
   NetworkInputs<float> next;           ///< one step: what was seen after the last action
   Matrix<float> states;                ///< state_size x sequences: the recurrent state before each sequence
@@ -23,15 +23,15 @@ struct Rollout {
   std::vector<float> value;            ///< TA, of the observation, as estimated then
   std::vector<float> reward;           ///< TA, of the action
   std::vector<std::uint8_t> ended;     ///< TA, Ended by the action
-  std::vector<float> final_value;      ///< TA, where truncated: value of what the episode would have gone on with
-  std::vector<float> last_value;       ///< A, value of the observation after the last action, where the episode goes on
+  std::vector<float> final_value;      ///< TA, where truncated: value of the observation that would have followed
+  std::vector<float> last_value;       ///< A, value of the observation after the last action, where the episode continues
   std::vector<float> advantage, target;  ///< TA, see estimate_advantages
 
   void resize(int feature_dimension, int state_size, int steps, int agents, int sequence_length);
   int sequences() const { return inputs.steps / sequence * inputs.agents; }
 
-  /// Generalised advantage estimates (Schulman et al., 2016) and the values' targets, advantage + value. A truncated
-  /// episode counts as going on with `final_value`.
+  /// Fills in generalised advantage estimates (Schulman et al., 2016) and the values' targets, advantage + value. A
+  /// truncated episode continues with `final_value`.
   void estimate_advantages(double gamma, double lambda);
 };
 

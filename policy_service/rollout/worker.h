@@ -8,7 +8,7 @@
 
 namespace citylearn {
 
-/// A thread that waits for work: with the caller's own, two halves of something are done at once. Used by one thread.
+/// Does two halves of some work at once, on the caller's thread and on its own. Used by one thread.
 class Worker {
  public:
   Worker() : thread_([this] { loop(); }) {}

@@ -15,12 +15,12 @@ constexpr const char* kHeader =
 
 }  // namespace
 
-void EpisodeLog::Progress::add(std::uint64_t episode) {
+void EpisodeLog::Received::add(std::uint64_t episode) {
   beyond[episode] = true;
   skip_to(contiguous);
 }
 
-void EpisodeLog::Progress::skip_to(std::uint64_t episode) {
+void EpisodeLog::Received::skip_to(std::uint64_t episode) {
   contiguous = std::max(contiguous, episode);
   beyond.erase(beyond.begin(), beyond.upper_bound(contiguous));
   while (!beyond.empty() && beyond.begin()->first == contiguous + 1) {
@@ -49,7 +49,7 @@ void EpisodeLog::load() {
       std::uint64_t incarnation, episode;
       if (std::sscanf(line.c_str(), "%64[^,],%" SCNu64 ",%" SCNu64, environment, &incarnation, &episode) != 3)
         throw Error("is not an episode log: " + line.substr(0, 40), path_, "choose another --output");
-      progress_[{environment, incarnation}].add(episode);
+      received_[{environment, incarnation}].add(episode);
       ++total_;
     }
     first = false;
@@ -59,19 +59,19 @@ void EpisodeLog::load() {
   if (whole != std::filesystem::file_size(path_)) std::filesystem::resize_file(path_, whole);
 }
 
-EpisodeLog::Progress& EpisodeLog::progress_of(const msg::EpisodeStat& episode) {
-  Progress& progress = progress_[{episode.header().sender().c_str(), episode.header().incarnation()}];
-  progress.skip_to(episode.acknowledged());
-  return progress;
+EpisodeLog::Received& EpisodeLog::received_from(const msg::EpisodeStat& episode) {
+  Received& received = received_[{episode.header().sender().c_str(), episode.header().incarnation()}];
+  received.skip_to(episode.acknowledged());
+  return received;
 }
 
-void EpisodeLog::pass_over(const msg::EpisodeStat& episode) { progress_of(episode).add(episode.episode()); }
+void EpisodeLog::skip(const msg::EpisodeStat& episode) { received_from(episode).add(episode.episode()); }
 
 bool EpisodeLog::record(const msg::EpisodeStat& episode) {
   if (file_ && file_->waiting() > kMostWaiting) return false;
-  Progress& progress = progress_of(episode);
-  if (episode.episode() <= progress.contiguous || progress.beyond.contains(episode.episode())) return false;
-  progress.add(episode.episode());
+  Received& received = received_from(episode);
+  if (episode.episode() <= received.contiguous || received.beyond.contains(episode.episode())) return false;
+  received.add(episode.episode());
   ++total_;
   if (file_)
     file_->add(fmt::format("{},{},{},{},{},{},{},{},{},{},{},{:.6f},{}\n", episode.header().sender().c_str(),
@@ -84,8 +84,8 @@ bool EpisodeLog::record(const msg::EpisodeStat& episode) {
 
 std::uint64_t EpisodeLog::recorded(const std::string& environment, std::uint64_t incarnation) {
   const bool handed_on = !file_ || file_->flush();
-  const auto found = progress_.find({environment, incarnation});
-  if (found == progress_.end()) return 0;
+  const auto found = received_.find({environment, incarnation});
+  if (found == received_.end()) return 0;
   if (handed_on) found->second.handed_on = found->second.contiguous;
   return found->second.handed_on;
 }

@@ -3,14 +3,15 @@
 
 namespace citylearn {
 
-Evaluation::Evaluation(Fleet& fleet, std::vector<Seat*> seats, const EvaluationOptions& options, MakePolicy make_policy)
-    : fleet_(fleet), options_(options), make_policy_(std::move(make_policy)) {
-  for (Seat* seat : seats) parts_[seat];
+Evaluation::Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, const EvaluationOptions& options,
+                       MakePolicy make_policy)
+    : client_(client), options_(options), make_policy_(std::move(make_policy)) {
+  for (EnvHandle* env : envs) parts_[env];
 }
 
-void Evaluation::begin(Seat& seat) {
-  Part& part = parts_.at(&seat);
-  part.policy = make_policy_(seat);
+void Evaluation::begin(EnvHandle& env) {
+  Part& part = parts_.at(&env);
+  part.policy = make_policy_(env);
   part.episodes.clear();
   msg::TaskSettings settings;
   settings.task_mode() = msg::EVALUATE;
@@ -22,49 +23,72 @@ void Evaluation::begin(Seat& seat) {
   settings.shuffle() = options_.shuffle;
   settings.policy() = options_.policy.c_str();
   settings.update() = options_.update;
-  settings.run_id() = options_.job;
-  fleet_.command(seat, settings);
+  settings.run_id() = options_.run_id;
+  client_.command(env, settings);
 }
 
-bool Evaluation::decide(Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-  parts_.at(&seat).policy->act(observation, choice);
+bool Evaluation::decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+  parts_.at(&env).policy->act(observation, choice);
   steps_ += choice.size();
   return true;
 }
 
-void Evaluation::add(const Seat& seat, const msg::EpisodeStat& episode) {
-  const auto part = parts_.find(&seat);
-  if (part == parts_.end() || episode.settings() != seat.settings.settings()) return;
+void Evaluation::add(const EnvHandle& env, const msg::EpisodeStat& episode) {
+  const auto part = parts_.find(&env);
+  if (part == parts_.end() || episode.settings() != env.settings.settings()) return;
   part->second.episodes.emplace(episode.task(), episode);
 }
 
 bool Evaluation::done() const {
-  for (const auto& [seat, part] : parts_)
+  for (const auto& [env, part] : parts_)
     if (static_cast<int>(part.episodes.size()) < options_.tasks) return false;
   return true;
 }
 
-double Evaluation::share() const {
+double Evaluation::fraction() const {
   double finished = 0;
-  for (const auto& [seat, part] : parts_) finished += static_cast<double>(part.episodes.size());
+  for (const auto& [env, part] : parts_) finished += static_cast<double>(part.episodes.size());
   return parts_.empty() ? 1 : finished / (static_cast<double>(parts_.size()) * options_.tasks);
 }
 
 void Evaluation::check_alive() const {
-  for (const auto& [seat, part] : parts_)
-    if (Clock::now() - seat->presence.last_heard() > options_.patience)
-      throw Error("went silent during the evaluation on '" + seat->traversal() + "'", "env_service '" + seat->id + "'",
+  for (const auto& [env, part] : parts_)
+    if (Clock::now() - env->presence.last_heard() > options_.patience)
+      throw Error("went silent during the evaluation on '" + env->traversal() + "'", "env_service '" + env->id + "'",
                   "start it again, then evaluate the checkpoint with --mode evaluate");
 }
 
 std::map<std::string, Score> Evaluation::scores() const {
   std::map<std::string, Score> result;
-  for (const auto& [seat, part] : parts_) {
+  for (const auto& [env, part] : parts_) {
     std::vector<msg::EpisodeStat> episodes;
     for (const auto& [task, episode] : part.episodes) episodes.push_back(episode);
-    result[seat->traversal()] = score(episodes);
+    result[env->traversal()] = score(episodes);
   }
   return result;
+}
+
+EvaluationHandlers::EvaluationHandlers(EnvClient& client, Evaluation& evaluation)
+    : client_(client), decide_(client.decide), finished_(client.finished), joined_(client.joined) {
+  client.finished = [this, &evaluation](EnvHandle& env, const msg::EpisodeStat& episode) {
+    finished_(env, episode);
+    evaluation.add(env, episode);
+  };
+  client.decide = [this, &evaluation](EnvHandle& env, const msg::Observation& observation,
+                                      std::vector<std::uint8_t>& choice) {
+    if (evaluation.includes(env)) return evaluation.decide(env, observation, choice);
+    return decide_ && decide_(env, observation, choice);
+  };
+  client.joined = [this, &evaluation](EnvHandle& env) {
+    if (evaluation.includes(env)) evaluation.begin(env);
+    if (joined_) joined_(env);
+  };
+}
+
+EvaluationHandlers::~EvaluationHandlers() {
+  client_.decide = decide_;
+  client_.finished = finished_;
+  client_.joined = joined_;
 }
 
 }  // namespace citylearn

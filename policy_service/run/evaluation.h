@@ -21,35 +21,35 @@ struct EvaluationOptions {
   int tasks = 2000;
   std::uint64_t seed = 1;
   bool shuffle = false;               ///< show the frames in a random order
-  std::string policy;                 ///< who acts, for records
-  std::uint64_t update = 0;           ///< of the learner, whose parameters act; 0 = none
-  std::uint64_t job = 0;              ///< that this is part of
-  std::chrono::seconds patience{30};  ///< how long a vanished env_service is waited for
+  std::string policy;                 ///< name of the acting policy, for records
+  std::uint64_t update = 0;           ///< of the learner that made the acting parameters; 0 = none
+  std::uint64_t run_id = 0;           ///< that this is part of
+  std::chrono::seconds patience{30};  ///< how long an env_service may stay silent
 };
 
-/// Walks all tasks of `options` on each seat at once. Holds the fleet's handlers while it runs.
+/// Performs all tasks of `options` on several env_services at once. Used by one thread.
 class Evaluation {
  public:
-  using MakePolicy = std::function<std::unique_ptr<Policy>(const Seat&)>;
+  using MakePolicy = std::function<std::unique_ptr<Policy>(const EnvHandle&)>;
 
-  /// `seats` and `fleet` must outlive it. An EpisodeStat of this evaluation must reach add().
-  Evaluation(Fleet& fleet, std::vector<Seat*> seats, const EvaluationOptions& options, MakePolicy make_policy);
+  /// `envs` and `client` must outlive it.
+  Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, const EvaluationOptions& options, MakePolicy make_policy);
 
   /// Sends the settings; call once. An env_service that restarts begins again from its first task: call again for it.
-  void begin(Seat& seat);
-  /// For Fleet::decide.
-  bool decide(Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
+  void begin(EnvHandle& env);
+  /// Chooses actions, as EnvClient::Decide.
+  bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
   /// Takes in a finished episode; repetitions and those of other settings are ignored.
-  void add(const Seat& seat, const msg::EpisodeStat& episode);
+  void add(const EnvHandle& env, const msg::EpisodeStat& episode);
 
   bool done() const;
-  /// Share of tasks finished, 0..1.
-  double share() const;
+  /// Returns the fraction of tasks finished, 0..1.
+  double fraction() const;
   std::uint64_t steps() const { return steps_; }
   /// Throws Error when an env_service has been silent for longer than the patience.
   void check_alive() const;
-  bool takes_part(const Seat& seat) const { return parts_.contains(&seat); }
-  /// By traversal, in the order of the tasks.
+  bool includes(const EnvHandle& env) const { return parts_.contains(&env); }
+  /// Returns the scores by traversal, in the order of the tasks.
   std::map<std::string, Score> scores() const;
 
  private:
@@ -57,11 +57,26 @@ class Evaluation {
     std::unique_ptr<Policy> policy;
     std::map<std::uint32_t, msg::EpisodeStat> episodes;  ///< by task
   };
-  Fleet& fleet_;
+  EnvClient& client_;
   EvaluationOptions options_;
   MakePolicy make_policy_;
-  std::map<const Seat*, Part> parts_;
+  std::map<const EnvHandle*, Part> parts_;
   std::uint64_t steps_ = 0;
+};
+
+/// Lets an evaluation handle the messages of its env_services while it lives; other ones go where they went before.
+class EvaluationHandlers {
+ public:
+  EvaluationHandlers(EnvClient& client, Evaluation& evaluation);
+  ~EvaluationHandlers();
+  EvaluationHandlers(const EvaluationHandlers&) = delete;
+  EvaluationHandlers& operator=(const EvaluationHandlers&) = delete;
+
+ private:
+  EnvClient& client_;
+  const EnvClient::Decide decide_;
+  const EnvClient::Finished finished_;
+  const EnvClient::Joined joined_;
 };
 
 }  // namespace citylearn

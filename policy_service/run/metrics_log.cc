@@ -5,19 +5,14 @@
 
 #include <fstream>
 
+#include "core/task/training_figures.h"
 #include "core/util/files.h"
 
 namespace citylearn {
-namespace {
-
-constexpr const char* kHeader =
-    "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,policy_loss,value_loss,entropy,divergence,clipped,"
-    "gradient_norm,learning_rate,lag";
-
-}  // namespace
-
 MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) {
-  std::string kept = std::string(kHeader) + "\n";
+  std::string kept;
+  for (const TrainingFigure& figure : training_figures()) kept += (kept.empty() ? "" : ",") + std::string(figure.name);
+  kept += "\n";
   if (after_update > 0) {
     std::ifstream in(path);
     std::string line;
@@ -43,11 +38,15 @@ double MetricsLog::wall_at(std::uint64_t episodes) const {
   return 0;
 }
 
-void MetricsLog::write(const msg::TrainingStat& s) {
-  file_->add(fmt::format(
-      "{},{},{},{},{:.3f},{:.0f},{:.5f},{:.5f},{:.6g},{:.6g},{:.5f},{:.6g},{:.5f},{:.5g},{:.6g},{:.3f}\n", s.update(),
-      s.steps(), s.episodes(), s.lesson(), s.wall(), s.steps_per_second(), s.reward(), s.spl(), s.policy_loss(),
-      s.value_loss(), s.entropy(), s.divergence(), s.clipped(), s.gradient_norm(), s.learning_rate(), s.lag()));
+void MetricsLog::write(const msg::TrainingStat& stat) {
+  std::string row;
+  for (const TrainingFigure& figure : training_figures()) {
+    if (!row.empty()) row += ',';
+    const double value = figure.value(stat);
+    row += figure.type == TrainingFigure::kCount ? std::to_string(static_cast<std::uint64_t>(value))
+                                                 : fmt::format(fmt::runtime(figure.format), value);
+  }
+  file_->add(row + "\n");
   file_->flush();
 }
 

@@ -12,20 +12,20 @@
 
 namespace citylearn {
 
-/// One row an update in `metrics.csv`: the figures of TrainingStat under its field names.
+/// Writes one row an update into `metrics.csv`: the figures of core/task/training_figures.inc.
 class MetricsLog {
  public:
-  /// Starts the file anew, or, when `after_update` > 0, keeps its rows up to that update (what a killed process wrote
-  /// past its last checkpoint is computed again). Throws Error naming the file when it cannot be written.
+  /// Starts the file anew or, when `after_update` > 0, keeps its rows up to that update (rows past the last checkpoint
+  /// will be computed again). Throws Error naming the file when it cannot be written.
   MetricsLog(const std::string& path, std::uint64_t after_update);
 
-  /// A row that cannot be written (disk full) waits; problem() then says so until flush() went well.
+  /// Writes a row. While the disk is full rows wait, and problem() says so until flush() succeeds.
   void write(const msg::TrainingStat& stat);
   void flush() { file_->flush(); }
   const std::string& problem() const { return file_->problem(); }
-  /// Seconds of training in the last row kept; 0 for a new file.
+  /// Returns the seconds of training in the last row kept; 0 for a new file.
   double wall() const { return wall_; }
-  /// Seconds of training in the first row kept that has at least so many episodes; 0 when there is none.
+  /// Returns the seconds of training in the first row kept with at least so many episodes; 0 when there is none.
   double wall_at(std::uint64_t episodes) const;
 
  private:

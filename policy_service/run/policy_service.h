@@ -11,8 +11,6 @@
 
 namespace citylearn {
 
-class Fleet;
-
 struct PolicyServiceOptions {
   Node::Options node;
 
@@ -24,25 +22,25 @@ struct PolicyServiceOptions {
   std::string checkpoint;     ///< mode "evaluate": the file to act from
   std::string parameters;     ///< with `checkpoint`: safetensors file whose parameters go before its own
   std::string role = "both";  ///< "both", "actor" or "learner" (docs/decisions/0008-roles.md)
-  bool resume = false;        ///< go on with the newest checkpoint of `output`, or start where there is none
+  bool resume = false;        ///< continue from the newest checkpoint of `output`; start anew where there is none
   std::uint64_t seed = 1;
 
   // What training begins with.
-  std::string initial;              ///< a checkpoint whose agent's parameters it takes over; empty: random ones
-  std::vector<std::string> frozen;  ///< tensors, or beginnings of their names, that it leaves as they are
+  std::string initial;              ///< a checkpoint whose agent gives the parameters; empty: random ones
+  std::vector<std::string> frozen;  ///< tensors, or prefixes of their names, that are not trained
 
   // Where.
   std::string train = "summer";       ///< traversal learned from
-  std::vector<std::string> evaluate;  ///< traversals evaluated on; empty: all that are there
+  std::vector<std::string> evaluate;  ///< traversals evaluated on; empty: all that are found
   int environments = 1;               ///< env_services on `train` to begin with
-  bool lockstep = false;              ///< wait for lost ones instead of going on without them
-  FleetOptions fleet;
+  bool lockstep = false;              ///< wait for lost ones instead of continuing without them
+  EnvClientOptions client;
   double wait = 0;  ///< seconds until missing env_services are an error; 0 = for ever
 
   // Roles.
-  int window = 2;              ///< learner: segments of one env_service that an actor may have unacknowledged
-  std::uint64_t most_lag = 0;  ///< learner: trajectories of parameters older than so many updates are dropped; 0 = none
-  bool stay = false;           ///< actor: wait for the next learner when one has done
+  int window = 2;             ///< learner: segments of one env_service that an actor may have unacknowledged
+  std::uint64_t max_lag = 0;  ///< learner: trajectories of parameters older than so many updates are dropped; 0 = none
+  bool stay = false;          ///< actor: wait for the next learner when one has ended
 
   // The task.
   int first_frame = 0;
@@ -65,12 +63,12 @@ struct PolicyServiceOptions {
   std::string output;
 };
 
-/// Trains and evaluates agents on the env_services of its run, over the wire. Returns the exit status. Throws Error.
+/// Trains and evaluates agents on the env_services of its run. Returns the exit status. Throws Error.
 int run_policy_service(const PolicyServiceOptions& options);
-/// One run on a node that goes on to the next: the env_services wait in between. `options` as checked_options() made
-/// them.
-int run_policy_service(const PolicyServiceOptions& options, Node& node, Fleet& fleet);
-/// With what follows from others filled in (step limit, all controls). Throws Error naming what does not fit.
+/// Performs one of several runs on the same node; the env_services wait in between. `options` must have passed
+/// checked_options().
+int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClient& client);
+/// Fills in options that follow from others (step limit, all controls). Throws Error naming what does not fit.
 PolicyServiceOptions checked_options(PolicyServiceOptions options);
 
 }  // namespace citylearn

@@ -42,7 +42,7 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
         {"spl", training->spl},
         {"episodes_to_spl95", or_null(training->episodes_to_spl95)},
         {"wall_s_to_spl95", or_null(training->wall_to_spl95)},
-        {"lag", training->lag},
+        {"policy_lag", training->policy_lag},
         {"dropped", training->dropped},
         {"actors_waited_s", training->waited}};
   summary["evaluate"] = Json::object();
@@ -97,7 +97,7 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"curriculum", options.curriculum},
       {"environments", options.environments},
       {"window", options.window},
-      {"max_lag", options.most_lag},
+      {"max_lag", options.max_lag},
       {"lockstep", options.lockstep},
       {"steps", options.steps},
       {"time_limit", options.time_limit},

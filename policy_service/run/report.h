@@ -17,21 +17,21 @@ struct TrainingReport {
   std::uint64_t episodes = 0;
   std::uint64_t steps = 0;
   double wall = 0;                   ///< seconds
-  double inference = 0, update = 0;  ///< seconds of this process's training; the rest waits for environments
+  double inference = 0, update = 0;  ///< seconds of this process's training; the rest is waiting for environments
   double reward = 0, spl = 0;        ///< means over the last 100 training episodes
   std::optional<std::uint64_t> episodes_to_spl95;  ///< when the mean SPL of the last 100 training episodes reached 0.95
   std::optional<double> wall_to_spl95;
   std::uint64_t updates = 0;  ///< of this process
-  double lag = 0;             ///< updates between acting and learning, mean over those; 0 in role both
+  double policy_lag = 0;      ///< updates between acting and learning, mean over those; 0 in role both
   std::uint64_t dropped = 0;  ///< trajectories that were too old
-  double waited = 0;          ///< seconds in which actors waited for the learner, all together
+  double waited = 0;          ///< seconds in which actors waited for the learner, in all
 };
 
-/// Text of summary.json. `rows` of the agent go under "evaluate", all others under "controls".
+/// Returns the text of summary.json. Rows of the agent go under "evaluate", all others under "controls".
 std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training,
                          const std::vector<ScoreRow>& rows);
 
-/// Text of manifest.json: what one needs to know to run this again. `agent` holds the effective parameters of network,
+/// Returns the text of manifest.json: everything needed to repeat the run. `agent` holds the effective parameters of network,
 /// learner and trainer; `traversals` what the env_services announced, by name; `job` the run's, as in RunInfo.
 std::string manifest_json(const PolicyServiceOptions& options,
                           const std::map<std::string, std::map<std::string, double>>& agent,

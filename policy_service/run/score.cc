@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "core/task/spl.h"
+
 namespace citylearn {
 
 Score score(const std::vector<msg::EpisodeStat>& episodes) {
@@ -18,8 +20,8 @@ Score score(const std::vector<msg::EpisodeStat>& episodes) {
     result.reward += episode.reward();
     if (!episode.completed()) continue;
     ++completed;
-    result.excess += static_cast<double>(episode.steps()) / episode.shortest();
-    result.spl += static_cast<double>(episode.shortest()) / std::max(episode.shortest(), episode.steps());
+    result.excess += excess_of(episode.shortest(), episode.steps());
+    result.spl += spl_of(true, episode.shortest(), episode.steps());
   }
   const double tasks = result.tasks;
   result.completed = completed / tasks;

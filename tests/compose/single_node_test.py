@@ -16,7 +16,7 @@ class SingleNode(support.Topology):
             up.kill("env-train")
             up.kill("policy")
             self.expect_good_run(up)
-            self.assertIn("going on after update", up.log("policy"))
+            self.assertIn("resuming after update", up.log("policy"))
 
 
 if __name__ == "__main__":

@@ -95,7 +95,7 @@ class Slurm(unittest.TestCase):
         self.start(POLICY_OPTIONS="--steps 100000000 --time-limit 4 --tasks 50 --wait 100", DOMAIN="20")
         said, logs = self.finish()
         self.assertEqual(self.job.returncode, 0, said + logs)
-        self.assertIn("going on after update", self.log("policy"))
+        self.assertIn("resuming after update", self.log("policy"))
 
     def test_a_wrong_option_is_not_tried_again(self):
         self.start(POLICY_OPTIONS="--no-such-option", DOMAIN="20")

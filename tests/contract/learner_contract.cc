@@ -11,7 +11,7 @@
 
 #include "core/util/error.h"
 #include "policy_service/learning/learner.h"
-#include "tests/contract/learner_walk.h"
+#include "tests/contract/random_rollout.h"
 
 namespace citylearn::testing {
 namespace {
@@ -63,17 +63,18 @@ class LearnerContract : public ::testing::TestWithParam<std::string> {
   void learn(Learner& learner, std::uint64_t first, std::uint64_t updates, float log_probability = -1) const {
     for (std::uint64_t i = first; i < first + updates; ++i) {
       const int cells = static_cast<int>(network_->state_size());
-      Rollout one = walk(task_, cells, {2 * i, 4, 16, 8, log_probability});
-      Rollout other = walk(task_, cells, {2 * i + 1, 1, 16, 8, log_probability});
+      Rollout one = random_rollout(task_, cells, {2 * i, 4, 16, 8, log_probability});
+      Rollout other = random_rollout(task_, cells, {2 * i + 1, 1, 16, 8, log_probability});
       update(learner, {&one, &other});
     }
   }
   static void update(Learner& learner, std::vector<Rollout*> rollouts) {
     const UpdateFigures figures = learner.update(rollouts);
     EXPECT_TRUE(learner.parameters().allFinite());
-    for (const double figure :
-         {figures.policy_loss, figures.value_loss, figures.entropy, figures.divergence, figures.clipped,
-          figures.localisation_loss, figures.orientation_loss, figures.gradient_norm, figures.learning_rate})
+    for (const double figure : {
+#define LEARNED(name, ...) figures.name,
+#include "core/task/training_figures.inc"
+             figures.localisation_loss, figures.orientation_loss})
       EXPECT_TRUE(std::isfinite(figure));
   }
   static LearnerState saved(const Learner& learner) {
@@ -125,13 +126,13 @@ TEST_P(LearnerContract, SameSeedSameBitsOtherSeedOthers) {
 TEST_P(LearnerContract, ComesToTheEndOfItsTimeUnharmed) {
   const auto untold = make(1), told = make(1);
   for (std::uint64_t i = 0; i < 3; ++i) {
-    told->come_to(0);
+    told->set_progress(0);
     learn(*told, i, 1);
   }
   learn(*untold, 0, 3);
   EXPECT_EQ(told->parameters(), untold->parameters()) << "at the beginning there is nothing to do";
   for (const double share : {0.5, 0.999, 1.0}) {
-    told->come_to(share);
+    told->set_progress(share);
     learn(*told, 3, 1);
   }
 }
@@ -215,15 +216,16 @@ TEST_P(LearnerContract, TakesRolloutsOfAnyNumberOfAgents) {
   const auto learner = make(1);
   const int cells = static_cast<int>(network_->state_size());
   for (std::uint64_t i = 0; i < 3; ++i) {
-    Rollout alone = walk(task_, cells, {i, 1, 12, 12});
+    Rollout alone = random_rollout(task_, cells, {i, 1, 12, 12});
     update(*learner, {&alone});
   }
-  Rollout one = walk(task_, cells, {1, 1}), five = walk(task_, cells, {2, 5}), two = walk(task_, cells, {3, 2});
+  Rollout one = random_rollout(task_, cells, {1, 1}), five = random_rollout(task_, cells, {2, 5}),
+          two = random_rollout(task_, cells, {3, 2});
   const Vector<float> before = learner->parameters();
   update(*learner, {&one, &five, &two});
   EXPECT_NE(before, learner->parameters());
   const auto short_sequences = make(1);
-  Rollout many = walk(task_, cells, {5, 2, 24, 3});
+  Rollout many = random_rollout(task_, cells, {5, 2, 24, 3});
   update(*short_sequences, {&many});
 }
 

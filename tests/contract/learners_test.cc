@@ -11,7 +11,8 @@
 #include <limits>
 
 #include "policy_service/learning/trainer.h"
-#include "tests/contract/learner_walk.h"
+#include "policy_service/network/checkpoint.h"
+#include "tests/contract/random_rollout.h"
 #include "tests/support/small_city.h"
 
 namespace {
@@ -114,13 +115,13 @@ TEST_P(Learners, FallWithTheClockWhereThatIsFaster) {
   for (const auto& [name, value] : known({{"learning-rate", 0.001}, {"learning-rate-end", 0}}))
     options.learner_parameters[name] = value;
   Loop loop(city, options), untold(city, options);
-  loop.trainer.come_to(0);
+  loop.trainer.set_progress(0);
   EXPECT_DOUBLE_EQ(loop.update().learning_rate, 0.001);
   untold.update();
   EXPECT_EQ(loop.trainer.agent().parameters, untold.trainer.agent().parameters);
-  loop.trainer.come_to(0.75);
+  loop.trainer.set_progress(0.75);
   EXPECT_NEAR(loop.update().learning_rate, 0.00025, 1e-12);
-  loop.trainer.come_to(1.1);
+  loop.trainer.set_progress(1.1);
   const Vector<float> before = loop.trainer.agent().parameters;
   EXPECT_EQ(loop.update().learning_rate, 0);
   EXPECT_EQ(loop.trainer.agent().parameters, before);
@@ -139,7 +140,7 @@ TEST_P(Learners, AllocateNothingOnceWarm) {
       entry().create(Parameters(entry().name, entry().parameters, known({{"minibatch", 3}, {"replay", 100}})),
                      LearnerTask{*network, "features", network_parameters, task, 1, 100000});
   for (std::uint64_t i = 0; i < 20; ++i) {
-    Rollout rollout = testing::walk(task, network->state_size(), {i});
+    Rollout rollout = testing::random_rollout(task, network->state_size(), {i});
     Rollout* const one[] = {&rollout};
     const std::size_t before = allocations;
     learner->update(one);

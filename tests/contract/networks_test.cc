@@ -36,7 +36,7 @@ class Networks : public testing::TestWithParam<const Entry*> {
     workspace->localise = true;
     network->forward(parameters, inputs, state, *workspace);
     Heads<double> derivative = workspace->heads;
-    for (Matrix<double>* part : {&derivative.logits, &derivative.values, &derivative.whereabouts})
+    for (Matrix<double>* part : {&derivative.logits, &derivative.values, &derivative.auxiliary})
       for (std::ptrdiff_t i = 0; i < part->size(); ++i) part->data()[i] = 1 + static_cast<double>(i % 7);
     Vector<double> result = Vector<double>::Zero(parameters.size());
     network->backward(parameters, inputs, *workspace, derivative, result);

@@ -54,8 +54,8 @@ class Loop {
 
   /// Collects one segment and learns from it. `backwards`: the last environment's observations come first.
   UpdateFigures update(bool backwards = false) {
-    const bool anew = trainer.cut() != cut_ || !begun_;
-    cut_ = trainer.cut();
+    const bool anew = trainer.generation() != generation_ || !begun_;
+    generation_ = trainer.generation();
     begun_ = true;
     if (backwards)
       for (auto entry = environments_.rbegin(); entry != environments_.rend(); ++entry)
@@ -87,7 +87,7 @@ class Loop {
   }
 
   std::map<int, Environment> environments_;
-  std::uint64_t cut_ = 0;
+  std::uint64_t generation_ = 0;
   bool begun_ = false;
 };
 

@@ -314,7 +314,7 @@ TEST_P(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   expect_counted("a learner in another's name", "actor", rejected, [&] { stranger_.say(usurper); });
   auto forged = parameters;
   forged.header().sender() = "usurper";
-  expect_counted("parameters of who is not the learner", "actor", rejected, [&] { stranger_.say(forged); });
+  expect_counted("parameters from another service than the learner", "actor", rejected, [&] { stranger_.say(forged); });
   forged = parameters;
   --forged.header().incarnation();
   expect_counted("parameters of a dead learner", "actor", repeated, [&] { stranger_.say(forged); });
@@ -330,8 +330,8 @@ TEST_P(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   expect_counted("an acknowledgement of another", "actor", rejected, [&] { stranger_.say(taken); });
   expect_training_goes_on();
   for (const std::string kind :
-       {"a learner with a noise", "an announcement of who is not the learner", "parameters of who is not the learner",
-        "parameters that are damaged", "an acknowledgement of trajectories that were never sent"})
+       {"a learner with an invalid noise", "an announcement from another service than the learner", "parameters from another service than the learner",
+        "damaged parameters", "an acknowledgement of trajectories that were never sent"})
     EXPECT_NE(actor->output().find(kind), std::string::npos) << kind << "\n" << actor->output();
 }
 

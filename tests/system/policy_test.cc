@@ -106,7 +106,7 @@ TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
   ASSERT_EQ(killed->wait(seconds(5)), 128 + SIGKILL) << "it had ended before";
   ASSERT_NE(run.checkpoint("killed").first, run.checkpoint("straight").first) << "it had finished training before";
   const auto resumed = run.train(kUpdates, "killed", {"--resume"});
-  ASSERT_TRUE(resumed->says("going on after update", seconds(10))) << "goes on within 10 s\n" << resumed->output();
+  ASSERT_TRUE(resumed->says("resuming after update", seconds(10))) << "goes on within 10 s\n" << resumed->output();
   ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
   const auto expected = run.checkpoint("straight"), found = run.checkpoint("killed");
   EXPECT_EQ(found.first, expected.first);
@@ -264,7 +264,7 @@ TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
   std::istringstream metrics(contents(run.folder() / "out/metrics.csv"));
   std::string line, header;
   std::getline(metrics, header);
-  ASSERT_TRUE(header.ends_with(",learning_rate,lag")) << header;
+  ASSERT_TRUE(header.ends_with(",learning_rate,policy_lag")) << header;
   std::vector<double> rates;
   while (std::getline(metrics, line)) rates.push_back(std::stod(line.substr(line.rfind(',', line.rfind(',') - 1) + 1)));
   ASSERT_GT(rates.size(), 2u);
@@ -302,7 +302,7 @@ TEST(CommandLine, WrongInputIsOneClearLine) {
   std::filesystem::create_directories(run.folder() / "used" + "/checkpoints");
   std::ofstream(run.folder() / "used" + "/checkpoints/checkpoint-7.clk") << "of yesterday";
   const WrongInputs cases = {
-      {"output of an earlier run", {{"--output", run.folder() / "used"}, "checkpoint-7.clk: is of an earlier run"}},
+      {"output of an earlier run", {{"--output", run.folder() / "used"}, "checkpoint-7.clk: belongs to an earlier run"}},
       {"unknown middleware", {{"--middleware", "zeromq"}, "cyclonedds"}},
       {"negative time limit", {{"--time-limit", "-1"}, "--time-limit: '-1' must be 0 or more (try --help)"}},
       {"never a checkpoint", {{"--checkpoint-every", "0"}, "--checkpoint-every: '0' must be 1 or more (try --help)"}},

@@ -132,12 +132,12 @@ TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
   const auto learner = run.learner(300, {"--environments", "2"});
   ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << a->output();
   for (const auto* actor : {a.get(), b.get()})
-    EXPECT_NE(actor->output().find("serves env_service"), std::string::npos) << a->output() << b->output();
+    EXPECT_NE(actor->output().find("serving env_service"), std::string::npos) << a->output() << b->output();
   EXPECT_EQ(a->wait(seconds(10)), 0) << a->output();
   EXPECT_EQ(b->wait(seconds(10)), 0) << b->output();
   const Json summary = Json::parse(contents(run.trial.folder() / "out/summary.json"));
   EXPECT_EQ(summary["train"]["steps"], 300 * 512);
-  EXPECT_GE(summary["train"]["lag"].get<double>(), 0);
+  EXPECT_GE(summary["train"]["policy_lag"].get<double>(), 0);
   EXPECT_GT(summary["train"]["episodes"].get<int>(), 100);
   EXPECT_GE(summary["evaluate"]["summer"]["spl"].get<double>(), 0.95) << summary.dump(1);
   run.expect_whole_records();
@@ -190,7 +190,7 @@ TEST_P(Vendors, AKilledLearnerGoesOnWithTheSameActors) {
   learner = run.learner(300, {"--resume"});
   ASSERT_TRUE(actor->says("is back", kLong)) << actor->output();
   EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
-  EXPECT_NE(learner->output().find("going on after update"), std::string::npos);
+  EXPECT_NE(learner->output().find("resuming after update"), std::string::npos);
   EXPECT_EQ(actor->wait(seconds(10)), 0) << actor->output();
   run.expect_whole_records();
 }
@@ -279,7 +279,7 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
   };
   afresh();
   EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
-  ASSERT_TRUE(actor->says("has done", seconds(10))) << actor->output();
+  ASSERT_TRUE(actor->says("has ended", seconds(10))) << actor->output();
   afresh();
   EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
   EXPECT_FALSE(actor->wait(milliseconds(1)).has_value()) << "it stays";

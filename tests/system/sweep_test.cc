@@ -81,7 +81,7 @@ TEST(Sweep, GoesOnWithTheSeedThatWasInterrupted) {
   const auto resumed = run.train(kUpdates, "sweep", {"--seeds", "1..3", "--resume"});
   ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
   EXPECT_NE(resumed->output().find("seed 1 is complete"), std::string::npos) << resumed->output();
-  EXPECT_NE(resumed->output().find("going on after update"), std::string::npos) << resumed->output();
+  EXPECT_NE(resumed->output().find("resuming after update"), std::string::npos) << resumed->output();
   EXPECT_EQ(contents(run.folder() / "sweep/seed-1/summary.json"), first);
   EXPECT_TRUE(run.checkpoint("sweep/seed-2") == run.checkpoint("straight")) << "the final checkpoints differ";
   EXPECT_EQ(json_of(run.folder() / "sweep/sweep.json")["seeds"], (std::vector<int>{1, 2, 3}));

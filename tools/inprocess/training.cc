@@ -43,8 +43,8 @@ void InprocessTraining::step(Environment& environment) {
 }
 
 UpdateFigures InprocessTraining::update() {
-  const bool anew = trainer_.cut() != cut_;
-  cut_ = trainer_.cut();
+  const bool anew = trainer_.generation() != generation_;
+  generation_ = trainer_.generation();
   finished_.clear();
   for (std::size_t i = 0; i < environments_.size(); ++i) {
     Environment& environment = environments_[i];

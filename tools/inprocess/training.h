@@ -7,9 +7,9 @@
 #include <vector>
 
 #include "env_service/environment.h"
+#include "policy_service/learning/trainer.h"
 #include "policy_service/rollout/policy.h"
 #include "policy_service/run/score.h"
-#include "policy_service/learning/trainer.h"
 
 namespace citylearn {
 
@@ -38,7 +38,7 @@ class InprocessTraining {
   Trainer trainer_;
   std::vector<Environment> environments_;
   std::vector<Environment::Episode> finished_;
-  std::uint64_t cut_ = ~std::uint64_t{0};
+  std::uint64_t generation_ = ~std::uint64_t{0};
   double acting_ = 0, learning_ = 0;
   msg::Observation observation_;
   msg::TaskSettings settings_;

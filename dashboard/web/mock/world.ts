@@ -179,11 +179,11 @@ export class RunData {
       policy_loss: -0.002 * (1 - share) + 0.001 * random.normal(),
       value_loss: 0.03 * (1.1 - share) * (1 + 0.2 * random.normal()),
       entropy: 1.0986 - 0.78 * share + 0.02 * random.normal(),
-      divergence: Math.abs(0.004 * (1.2 - share) * (1 + 0.4 * random.normal())),
-      clipped: Math.abs(0.06 * (1.1 - share) * (1 + 0.4 * random.normal())),
+      approx_kl: Math.abs(0.004 * (1.2 - share) * (1 + 0.4 * random.normal())),
+      clip_fraction: Math.abs(0.06 * (1.1 - share) * (1 + 0.4 * random.normal())),
       gradient_norm: 4 + 20 * (1.05 - share) + random.normal(),
       learning_rate: 0.003 * Math.max(0.02, 1 - n / (plan.state === 'running' ? 4000 : plan.updates)),
-      lag: plan.learner === 'vtrace' ? 1.4 + 0.3 * random.normal() : 0,
+      policy_lag: plan.learner === 'vtrace' ? 1.4 + 0.3 * random.normal() : 0,
     };
     for (const [name, value] of Object.entries(row)) (this.rows.columns[name] ??= []).push(value);
     this.rows.length = n;

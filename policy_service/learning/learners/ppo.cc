@@ -23,67 +23,67 @@ class Ppo : public Learner {
         gamma_(parameters["gamma"]),
         lambda_(parameters["lambda"]),
         normalise_(parameters.flag("normalise-advantages")),
-        descent_("ppo", parameters, task) {
+        gradient_step_("ppo", parameters, task) {
     weights_.clip = parameters["clip"];
     weights_.value_clip = parameters["value-clip"];
   }
 
   static std::vector<ParameterSpec> parameter_specs() {
-    std::vector<ParameterSpec> specs = Descent::parameter_specs();
+    std::vector<ParameterSpec> specs = GradientStep::parameter_specs();
     specs.insert(specs.end(),
-                 {{"epochs", "times an update goes through its samples", 3, 1, 100, true},
+                 {{"epochs", "passes of an update over its samples", 3, 1, 100, true},
                   {"minibatch", "sequences in a minibatch", 4, 1, 65536, true},
-                  {"gamma", "discount a step", 0.99, 0, 1},
+                  {"gamma", "discount per step", 0.99, 0, 1},
                   {"lambda", "of generalised advantage estimation", 0.95, 0, 1},
-                  {"clip", "of the ratio of probabilities", 0.2, 0.01, 10},
-                  {"value-clip", "of a value's change; 0 = not clipped", 0.2, 0, 1000},
+                  {"clip", "clip range of the probability ratio", 0.2, 0.01, 10},
+                  {"value-clip", "value-loss clip range; 0 disables", 0.2, 0, 1000},
                   {"normalise-advantages", "1: an update's advantages get mean 0 and deviation 1", 1, 0, 1, true}});
     return specs;
   }
 
-  void come_to(double share) override { descent_.come_to(share); }
+  void set_progress(double fraction) override { gradient_step_.set_progress(fraction); }
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     list_sequences(rollouts, sequences_);
     estimate_advantages(rollouts, gamma_, lambda_, normalise_);
-    static_cast<LossWeights&>(weights_) = descent_.weights();
+    static_cast<LossWeights&>(weights_) = gradient_step_.weights();
     const std::size_t batches = std::max<std::size_t>(1, sequences_.size() / static_cast<std::size_t>(minibatch_));
-    Random random{descent_.seed(), kShuffle, descent_.updates()};
+    Random random{gradient_step_.seed(), kShuffle, gradient_step_.updates()};
     for (int epoch = 0; epoch < epochs_; ++epoch) {
       shuffle(random, sequences_);
       for (std::size_t batch = 0; batch < batches; ++batch) learn(rollouts, part_of(sequences_, batch, batches));
     }
     std::size_t steps = 0;
     for (const Rollout* rollout : rollouts) steps += rollout->action.size();
-    return descent_.end_update(steps, static_cast<double>(steps) * epochs_);
+    return gradient_step_.end_update(steps, static_cast<double>(steps) * epochs_);
   }
 
-  const Vector<float>& parameters() const override { return descent_.parameters(); }
-  void save(LearnerState& state) const override { descent_.save(state); }
+  const Vector<float>& parameters() const override { return gradient_step_.parameters(); }
+  void save(LearnerState& state) const override { gradient_step_.save(state); }
   void load(const LearnerState& state) override {
-    descent_.check(state);
-    descent_.load(state);
+    gradient_step_.check(state);
+    gradient_step_.load(state);
   }
   bool freeze(std::span<const Tensor> tensors) override {
-    descent_.freeze(tensors);
+    gradient_step_.freeze(tensors);
     return true;
   }
 
  private:
   void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {
     const float share = 1.0f / static_cast<float>(chosen.size() * static_cast<std::size_t>(rollouts[0]->sequence));
-    descent_.begin_step();
-    descent_.both([&](int which, Descent::Half& half) {
+    gradient_step_.begin_step();
+    gradient_step_.both([&](int which, GradientStep::Half& half) {
       PpoSamples<float>& samples = samples_[static_cast<std::size_t>(which)];
       if (!gather(rollouts, half_of(chosen, which), half, samples)) return;
       const Heads<float>& heads = half.forward();
       half.sums = ppo_loss(weights_, samples, half.inputs, frames_, heads, share, half.derivative);
       half.backward();
     });
-    descent_.end_step();
+    gradient_step_.end_step();
   }
 
   /// False when nothing is chosen.
-  static bool gather(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen, Descent::Half& half,
+  static bool gather(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen, GradientStep::Half& half,
                      PpoSamples<float>& samples) {
     if (chosen.empty()) return false;
     const Rollout& model = *rollouts[0];
@@ -116,7 +116,7 @@ class Ppo : public Learner {
   PpoWeights weights_;
   std::vector<Sequence> sequences_;
   std::array<PpoSamples<float>, 2> samples_;
-  Descent descent_;
+  GradientStep gradient_step_;
 };
 
 const LearnerRegistry::Registration registration{

@@ -24,29 +24,29 @@ class Relabel : public Learner {
         replay_(static_cast<std::size_t>(parameters["replay"])),
         vtrace_(kName, parameters, task) {
     if (!task.task.turns.empty())
-      throw Error("knows the rewards of other goals on a line alone, and this route crosses itself", "learner relabel",
+      throw Error("knows the rewards of other goals only on a line, and this route crosses itself", "learner relabel",
                   "use the learner ppo or vtrace");
   }
 
   static std::vector<ParameterSpec> parameter_specs() {
-    std::vector<ParameterSpec> specs = VtraceDescent::parameter_specs();
+    std::vector<ParameterSpec> specs = VtraceGradientStep::parameter_specs();
     specs.insert(specs.end(),
-                 {{"epochs", "samples learned from, for each new one", 8, 0.01, 1000},
+                 {{"epochs", "samples learned from per new sample", 8, 0.01, 1000},
                   {"minibatch", "sequences in a minibatch", 8, 1, 65536, true},
-                  {"relabelled", "share of these that come from the replay, with other goals", 0.75, 0, 1},
-                  {"visited", "share of other goals that the walk comes by; else any place", 0.5, 0, 1},
-                  {"replay", "steps kept; takes 4 bytes for each of their features", 16384, 1, 1e8, true}});
+                  {"relabelled", "fraction of these from the replay, with other goals", 0.75, 0, 1},
+                  {"visited", "fraction of other goals that the trajectory passes; else any place", 0.5, 0, 1},
+                  {"replay", "steps kept, at 4 bytes for each feature", 16384, 1, 1e8, true}});
     return specs;
   }
 
-  void come_to(double share) override { vtrace_.descent().come_to(share); }
+  void set_progress(double fraction) override { vtrace_.gradient_step().set_progress(fraction); }
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     if (rollouts[0]->max_steps < 1)
-      throw Error("must be at least 1", "max_steps of a rollout", "whoever collects it knows how long episodes may be");
+      throw Error("must be at least 1", "max_steps of a rollout", "its collector knows the step limit");
     replay_.add(rollouts);
     list_sequences(rollouts, sequences_);
-    Random shuffling{vtrace_.descent().seed(), kShuffle, vtrace_.descent().updates()};
-    Random choosing{vtrace_.descent().seed(), kRelabel, vtrace_.descent().updates()};
+    Random shuffling{vtrace_.gradient_step().seed(), kShuffle, vtrace_.gradient_step().updates()};
+    Random choosing{vtrace_.gradient_step().seed(), kRelabel, vtrace_.gradient_step().updates()};
     const auto batches = static_cast<std::size_t>(
         std::max(1.0, std::round(epochs_ * static_cast<double>(sequences_.size()) / static_cast<double>(minibatch_))));
     std::size_t next = sequences_.size();
@@ -70,19 +70,19 @@ class Relabel : public Learner {
     return vtrace_.end_update(rollouts);
   }
 
-  const Vector<float>& parameters() const override { return vtrace_.descent().parameters(); }
+  const Vector<float>& parameters() const override { return vtrace_.gradient_step().parameters(); }
   void save(LearnerState& state) const override {
-    vtrace_.descent().save(state);
+    vtrace_.gradient_step().save(state);
     replay_.save(state);
   }
   void load(const LearnerState& state) override {
-    vtrace_.descent().check(state);
+    vtrace_.gradient_step().check(state);
     replay_.check(state, std::string("learner ") + kName, features_, places_);
-    vtrace_.descent().load(state);
+    vtrace_.gradient_step().load(state);
     replay_.load(state, features_);
   }
   bool freeze(std::span<const Tensor> tensors) override {
-    vtrace_.descent().freeze(tensors);
+    vtrace_.gradient_step().freeze(tensors);
     return true;
   }
 
@@ -98,17 +98,17 @@ class Relabel : public Learner {
 
   void learn(std::span<Rollout* const> rollouts) {
     const double samples = static_cast<double>(chosen_.size()) * rollouts[0]->sequence;
-    vtrace_.learn(samples, [&](int which, Descent::Half& half, Walk<float>& walk) {
+    vtrace_.learn(samples, [&](int which, GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
       const std::span<const Choice> mine = half_of(std::span<const Choice>(chosen_), which);
       if (mine.empty()) return false;
-      make_room(*rollouts[0], static_cast<int>(mine.size()), half, walk);
+      make_room(*rollouts[0], static_cast<int>(mine.size()), half, trajectories);
       int b = 0;
       for (const Choice& choice : mine) {
         Random random{choice.seed};
         if (choice.relabelled)
-          relabel(replay_, choice.slot, visited_, random, b, half, walk);
+          relabel(replay_, choice.slot, visited_, random, b, half, trajectories);
         else
-          gather_sequence(Track(rollouts, choice.sequence), b, half, walk);
+          gather_sequence(Track(rollouts, choice.sequence), b, half, trajectories);
         ++b;
       }
       return true;
@@ -122,12 +122,12 @@ class Relabel : public Learner {
   Replay replay_;
   std::vector<Sequence> sequences_;
   std::vector<Choice> chosen_;
-  VtraceDescent vtrace_;
+  VtraceGradientStep vtrace_;
 };
 
 const LearnerRegistry::Registration registration{
-    {"relabel", "hindsight: every walk is one to every goal, corrected by V-trace", Relabel::parameter_specs(),
-     [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
+    {"relabel", "hindsight: replays stored episodes with substituted goals, corrected by V-trace",
+     Relabel::parameter_specs(), [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
        return std::make_unique<Relabel>(parameters, task);
      }}};
 

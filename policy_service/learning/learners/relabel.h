@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include "core/task/reward.h"
 #include "core/util/random.h"
 #include "policy_service/learning/optimization/gradient_step.h"
-#include "policy_service/learning/optimization/goal_reward.h"
 #include "policy_service/learning/optimization/replay.h"
 #include "policy_service/learning/optimization/vtrace_loss.h"
 
@@ -24,25 +24,25 @@ inline int choose_goal(const Replay& replay, std::size_t slot, int begin, double
   return goal + (goal >= here ? 1 : 0);
 }
 
-/// Lives a stored sequence again with other goals, as agent b of half of a minibatch (L + 1 steps). What was seen and
-/// done stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
+/// Replays a stored sequence with other goals, as agent b of half of a minibatch (L + 1 steps). What was seen and done
+/// stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
 /// goal is reached, the steps allowed are used up, or the real episode ended, as the frames' disguise changes there. In
 /// the latter two cases the walk stops for one column to value what the episode would have gone on with.
-inline void relabel(const Replay& replay, std::size_t slot, double visited, Random& random, int b, Descent::Half& half,
-                    Walk<float>& walk) {
+inline void relabel(const Replay& replay, std::size_t slot, double visited, Random& random, int b,
+                    GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
   const int length = replay.sequence();
   const std::ptrdiff_t batch = half.inputs.agents;
   half.state.col(b).setZero();
   int t = 0, goal = 0;
   bool begins = true, breaks_off = false;
-  GoalReward reward(0, 0, 1);
+  EpisodeReward reward(0, 1);
   for (int row = 0; row <= length; ++row) {
     const std::size_t from = replay.at(slot, t);
     const auto column = static_cast<std::ptrdiff_t>(row) * batch + b;
     const auto to = static_cast<std::size_t>(column);
     if (begins) {
       goal = choose_goal(replay, slot, t, visited, random);
-      reward = GoalReward(replay.position(from), goal, replay.max_steps());
+      reward = {std::abs(goal - replay.position(from)), replay.max_steps()};
     }
     half.inputs.see(column, replay.shown(from), replay.seen(from));
     half.inputs.position[to] = replay.position(from);
@@ -50,7 +50,7 @@ inline void relabel(const Replay& replay, std::size_t slot, double visited, Rand
     half.inputs.goal[to] = goal;
     half.inputs.first[to] = begins;
     half.inputs.previous_action[to] = begins ? static_cast<std::uint8_t>(kNoAction) : replay.action(from - 1);
-    walk.action[to] = kNoAction;
+    trajectories.action[to] = kNoAction;
     if (breaks_off) {  // the same is seen again, as a new episode's first
       breaks_off = false;
       begins = true;
@@ -58,12 +58,12 @@ inline void relabel(const Replay& replay, std::size_t slot, double visited, Rand
     }
     begins = false;
     if (row == length) break;
-    walk.action[to] = replay.action(from);
-    walk.log_probability[to] = replay.log_probability(from);
-    walk.final_value[to] = 0;
+    trajectories.action[to] = replay.action(from);
+    trajectories.log_probability[to] = replay.log_probability(from);
+    trajectories.final_value[to] = 0;
     ++t;
-    walk.reward[to] = reward.step(replay.position(from + 1));
-    walk.ended[to] = reward.reached() ? Rollout::kTerminated : Rollout::kGoesOn;
+    trajectories.reward[to] = reward.step(std::abs(goal - replay.position(from + 1)));
+    trajectories.ended[to] = reward.reached() ? Rollout::kTerminated : Rollout::kGoesOn;
     begins = reward.reached();
     breaks_off = !begins && (replay.ended(from) != Rollout::kGoesOn || reward.out_of_steps());
   }

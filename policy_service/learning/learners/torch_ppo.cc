@@ -46,17 +46,17 @@ void set_threads(int threads) {
 /// Whole sequences side by side. Row t * B + b is sequence b at its step t: the transpose of this project's matrices,
 /// which lie column by column, so that the memory is the same.
 struct Batch {
-  torch::Tensor sensed;       // TB x sensors
-  torch::Tensor actions;      // TB x 3 or 6: the previous one, then those not allowed
-  torch::Tensor h, c;         // B x cells, before the first step
-  torch::Tensor keep;         // T x B x 1: 0 = an episode begins, and the state is wiped
-  torch::Tensor masked;       // TB x 3: what is added to logits
-  torch::Tensor chosen;       // TB x 3: one-hot
-  torch::Tensor samples;      // TB x 4: log-probability, advantage, value, target
-  torch::Tensor whereabouts;  // TB x 2: the truth
-  std::vector<bool> wiped;    // T: some state is wiped there
+  torch::Tensor sensed;     // TB x sensors
+  torch::Tensor actions;    // TB x 3 or 6: the previous one, then those not allowed
+  torch::Tensor h, c;       // B x cells, before the first step
+  torch::Tensor keep;       // T x B x 1: 0 = an episode begins, and the state is wiped
+  torch::Tensor masked;     // TB x 3: what is added to logits
+  torch::Tensor chosen;     // TB x 3: one-hot
+  torch::Tensor samples;    // TB x 4: log-probability, advantage, value, target
+  torch::Tensor auxiliary;  // TB x 2: the truth
+  std::vector<bool> wiped;  // T: some state is wiped there
   std::array<torch::Tensor*, 9> all() {
-    return {&sensed, &actions, &h, &c, &keep, &masked, &chosen, &samples, &whereabouts};
+    return {&sensed, &actions, &h, &c, &keep, &masked, &chosen, &samples, &auxiliary};
   }
 };
 
@@ -87,8 +87,8 @@ class LstmInTorch {
     lstm_bias_ = tensor("lstm.bias", 4 * cells_, 1);
     heads_weight_ = tensor("heads.weight", kActions + 1, cells_);
     heads_bias_ = tensor("heads.bias", kActions + 1, 1);
-    whereabouts_weight_ = tensor("whereabouts.weight", 2, cells_);
-    whereabouts_bias_ = tensor("whereabouts.bias", 2, 1);
+    auxiliary_weight_ = tensor("auxiliary.weight", 2, cells_);
+    auxiliary_bias_ = tensor("auxiliary.bias", 2, 1);
   }
 
   int sensors() const { return sensors_; }
@@ -110,7 +110,7 @@ class LstmInTorch {
   }
 
   struct Heads {
-    torch::Tensor logits, values, whereabouts;  // TB x 3, TB, TB x 2 (undefined unless asked for)
+    torch::Tensor logits, values, auxiliary;  // TB x 3, TB, TB x 2 (undefined unless asked for)
   };
   Heads forward(const Batch& batch, bool localise) const {
     auto embedded = torch::addmm(sensors_bias_, batch.sensed, sensors_weight_);
@@ -136,7 +136,7 @@ class LstmInTorch {
     const auto seen = torch::cat(all, 0);
     const auto both = torch::addmm(heads_bias_, seen, heads_weight_).split_with_sizes({kActions, 1}, 1);
     return {both[0] + batch.masked, both[1].squeeze(1),
-            localise ? torch::addmm(whereabouts_bias_, seen, whereabouts_weight_) : torch::Tensor()};
+            localise ? torch::addmm(auxiliary_bias_, seen, auxiliary_weight_) : torch::Tensor()};
   }
 
   torch::Tensor flat, gradient;  ///< all parameters in the network's order, and the loss's derivatives by them
@@ -162,7 +162,7 @@ class LstmInTorch {
   float frames_, scale_, goal_scale_;
   int sensors_, cells_, extra_;
   torch::Tensor sensors_weight_, sensors_bias_, lstm_input_, lstm_recurrent_, lstm_bias_, heads_weight_, heads_bias_,
-      whereabouts_weight_, whereabouts_bias_;
+      auxiliary_weight_, auxiliary_bias_;
 };
 
 /// Recurrent PPO as learners/ppo.cc has it, draw for draw: from the same rollouts both do the same but for rounding.
@@ -194,7 +194,7 @@ class TorchPpo : public Learner {
     return specs;
   }
 
-  void come_to(double share) override { over_ = std::min(1.0, share); }
+  void set_progress(double fraction) override { elapsed_ = std::min(1.0, fraction); }
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     return in_torch([&] { return learn(rollouts); });
   }
@@ -243,7 +243,7 @@ class TorchPpo : public Learner {
     list_sequences(rollouts, sequences_);
     estimate_advantages(rollouts, parameter_["gamma"], parameter_["lambda"], parameter_.flag("normalise-advantages"));
     const double progress =
-        std::max(over_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);
+        std::max(elapsed_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);
     UpdateFigures figures;
     figures.learning_rate = parameter_["learning-rate"] * (1 - (1 - parameter_["learning-rate-end"]) * progress);
     const double until = parameter_["entropy-until"];
@@ -270,8 +270,8 @@ class TorchPpo : public Learner {
     take(network_.flat, parameters_);
     const torch::Tensor means = (sums / samples).to(torch::kCPU, torch::kDouble);
     std::size_t i = 0;
-    for (double* figure : {&figures.policy_loss, &figures.value_loss, &figures.entropy, &figures.divergence,
-                           &figures.clipped, &figures.localisation_loss, &figures.orientation_loss})
+    for (double* figure : {&figures.policy_loss, &figures.value_loss, &figures.entropy, &figures.approx_kl,
+                           &figures.clip_fraction, &figures.localisation_loss, &figures.orientation_loss})
       *figure = means.data_ptr<double>()[i++];
     return figures;
   }
@@ -288,7 +288,7 @@ class TorchPpo : public Learner {
     batch.masked = torch::zeros({rows, kActions});
     batch.chosen = torch::zeros({rows, kActions});
     batch.samples = torch::empty({rows, 4});
-    batch.whereabouts = torch::empty({rows, 2});
+    batch.auxiliary = torch::empty({rows, 2});
     batch.wiped.assign(static_cast<std::size_t>(steps), false);
     for (std::int64_t b = 0; b < agents; ++b) {
       const Track track(rollouts, sequences[static_cast<std::size_t>(b)]);
@@ -310,8 +310,8 @@ class TorchPpo : public Learner {
         const std::array samples = {rollout.log_probability[from], rollout.advantage[from], rollout.value[from],
                                     rollout.target[from]};
         std::copy(samples.begin(), samples.end(), batch.samples.data_ptr<float>() + row * 4);
-        const auto truth = whereabouts<float>(inputs.position[from], inputs.goal[from], frames_);
-        std::copy(truth.begin(), truth.end(), batch.whereabouts.data_ptr<float>() + row * 2);
+        const auto truth = auxiliary_targets<float>(inputs.position[from], inputs.goal[from], frames_);
+        std::copy(truth.begin(), truth.end(), batch.auxiliary.data_ptr<float>() + row * 2);
       }
     }
     for (torch::Tensor* tensor : batch.all()) *tensor = tensor->to(device_);
@@ -344,7 +344,7 @@ class TorchPpo : public Learner {
     auto total = policy.mean() + parameter_["value-weight"] * value.mean() - entropy_weight * entropy.mean();
     torch::Tensor place = torch::zeros({1}, device_), way = place;
     if (localise_) {
-      const auto squares = (heads.whereabouts - batch.whereabouts).square();
+      const auto squares = (heads.auxiliary - batch.auxiliary).square();
       place = squares.select(1, 0);
       way = squares.select(1, 1);
       total = total + parameter_["localisation"] * place.mean() + parameter_["orientation"] * way.mean();
@@ -386,7 +386,7 @@ class TorchPpo : public Learner {
   Vector<float> parameters_;
   torch::Tensor first_moment_, second_moment_;
   std::uint64_t updates_ = 0, steps_ = 0, adam_steps_ = 0;
-  double over_ = 0;  // share of the run, by the clock
+  double elapsed_ = 0;  // fraction of the run that has passed by the clock
   std::vector<Sequence> sequences_;
 };
 

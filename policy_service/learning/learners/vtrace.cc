@@ -16,17 +16,17 @@ class Vtrace : public Learner {
         vtrace_("vtrace", parameters, task) {}
 
   static std::vector<ParameterSpec> parameter_specs() {
-    std::vector<ParameterSpec> specs = VtraceDescent::parameter_specs();
-    specs.insert(specs.end(), {{"epochs", "times an update goes through its samples", 1, 1, 100, true},
+    std::vector<ParameterSpec> specs = VtraceGradientStep::parameter_specs();
+    specs.insert(specs.end(), {{"epochs", "passes of an update over its samples", 1, 1, 100, true},
                                {"minibatch", "sequences in a minibatch", 4, 1, 65536, true}});
     return specs;
   }
 
-  void come_to(double share) override { vtrace_.descent().come_to(share); }
+  void set_progress(double fraction) override { vtrace_.gradient_step().set_progress(fraction); }
   UpdateFigures update(std::span<Rollout* const> rollouts) override {
     list_sequences(rollouts, sequences_);
     const std::size_t batches = std::max<std::size_t>(1, sequences_.size() / static_cast<std::size_t>(minibatch_));
-    Random random{vtrace_.descent().seed(), kShuffle, vtrace_.descent().updates()};
+    Random random{vtrace_.gradient_step().seed(), kShuffle, vtrace_.gradient_step().updates()};
     for (int epoch = 0; epoch < epochs_; ++epoch) {
       shuffle(random, sequences_);
       for (std::size_t batch = 0; batch < batches; ++batch) learn(rollouts, part_of(sequences_, batch, batches));
@@ -34,33 +34,33 @@ class Vtrace : public Learner {
     return vtrace_.end_update(rollouts);
   }
 
-  const Vector<float>& parameters() const override { return vtrace_.descent().parameters(); }
-  void save(LearnerState& state) const override { vtrace_.descent().save(state); }
+  const Vector<float>& parameters() const override { return vtrace_.gradient_step().parameters(); }
+  void save(LearnerState& state) const override { vtrace_.gradient_step().save(state); }
   void load(const LearnerState& state) override {
-    vtrace_.descent().check(state);
-    vtrace_.descent().load(state);
+    vtrace_.gradient_step().check(state);
+    vtrace_.gradient_step().load(state);
   }
   bool freeze(std::span<const Tensor> tensors) override {
-    vtrace_.descent().freeze(tensors);
+    vtrace_.gradient_step().freeze(tensors);
     return true;
   }
 
  private:
   void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {
     const double samples = static_cast<double>(chosen.size()) * rollouts[0]->sequence;
-    vtrace_.learn(samples, [&](int which, Descent::Half& half, Walk<float>& walk) {
+    vtrace_.learn(samples, [&](int which, GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
       const std::span<const Sequence> mine = half_of(chosen, which);
       if (mine.empty()) return false;
-      make_room(*rollouts[0], static_cast<int>(mine.size()), half, walk);
+      make_room(*rollouts[0], static_cast<int>(mine.size()), half, trajectories);
       for (std::size_t b = 0; b < mine.size(); ++b)
-        gather_sequence(Track(rollouts, mine[b]), static_cast<int>(b), half, walk);
+        gather_sequence(Track(rollouts, mine[b]), static_cast<int>(b), half, trajectories);
       return true;
     });
   }
 
   const int epochs_, minibatch_;
   std::vector<Sequence> sequences_;
-  VtraceDescent vtrace_;
+  VtraceGradientStep vtrace_;
 };
 
 const LearnerRegistry::Registration registration{

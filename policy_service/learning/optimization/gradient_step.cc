@@ -10,7 +10,7 @@ constexpr std::uint64_t kInitialise = 1;  // of a random stream
 
 }  // namespace
 
-Descent::Descent(const std::string& name, const Parameters& parameters, const LearnerTask& task)
+GradientStep::GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task)
     : name_("learner " + name),
       seed_(task.seed),
       total_steps_(static_cast<double>(task.total_steps)),
@@ -32,71 +32,71 @@ Descent::Descent(const std::string& name, const Parameters& parameters, const Le
   }
 }
 
-std::vector<ParameterSpec> Descent::parameter_specs() {
+std::vector<ParameterSpec> GradientStep::parameter_specs() {
   return {{"learning-rate", "of Adam, at the start; falls linearly", 1e-3, 1e-8, 1},
           {"learning-rate-end", "learning rate at the end, as a share of that at the start", 0, 0, 1},
           {"value-weight", "of the value loss", 0.5, 0, 1000},
           {"entropy", "weight of the entropy bonus at the start", 0.02, 0, 10},
-          {"entropy-until", "share of the run after which it has fallen to 0, linearly; 0 = it does not fall", 0, 0, 1},
-          {"localisation", "weight of telling one's place, a loss of training alone; 0 = none", 0, 0, 1000},
-          {"orientation", "weight of telling the way to the goal, likewise", 0, 0, 1000},
-          {"gradient-norm", "the gradient is scaled down to this length", 0.5, 1e-6, 1e6},
+          {"entropy-until", "fraction of the run after which it reaches 0, linearly; 0 = it stays", 0, 0, 1},
+          {"localisation", "weight of the auxiliary localisation loss (training only); 0 = none", 0, 0, 1000},
+          {"orientation", "weight of the auxiliary loss of the way to the goal, likewise", 0, 0, 1000},
+          {"gradient-norm", "maximum length of the gradient, which is clipped to it", 0.5, 1e-6, 1e6},
           {"adam-epsilon", "of Adam", 1e-5, 1e-12, 1}};
 }
 
-double Descent::learning_rate() const { return learning_rate_ * (1 - (1 - learning_rate_end_) * progress()); }
+double GradientStep::learning_rate() const { return learning_rate_ * (1 - (1 - learning_rate_end_) * progress()); }
 
-LossWeights Descent::weights() const {
+LossWeights GradientStep::weights() const {
   LossWeights weights = weights_;
   if (entropy_until_ > 0) weights.entropy *= std::max(0.0, 1 - progress() / entropy_until_);
   return weights;
 }
 
-void Descent::begin_step() {
+void GradientStep::begin_step() {
   for (Half& half : halves_) half.sums = {};
   both([](int, Half& half) { half.gradient_.setZero(); });
 }
 
-void Descent::end_step() {
+void GradientStep::end_step() {
   // Adam then leaves them alone: moments that were never anything but zero move nothing.
   for (const Tensor& tensor : frozen_)
     for (Half& half : halves_) half.gradient_.segment(tensor.offset, tensor.rows * tensor.cols).setZero();
   norms_ += adam_->step(learning_rate(), halves_[0].gradient_, halves_[1].gradient_, parameters_, worker_);
-  ++descents_;
+  ++steps_taken_;
   for (const Half& half : halves_) sums_ += half.sums;
 }
 
-UpdateFigures Descent::end_update(std::size_t steps, double samples) {
+UpdateFigures GradientStep::end_update(std::size_t steps, double samples) {
   UpdateFigures figures;
   figures.policy_loss = sums_.policy / samples;
   figures.value_loss = sums_.value / samples;
   figures.entropy = sums_.entropy / samples;
-  figures.divergence = sums_.divergence / samples;
-  figures.clipped = sums_.clipped / samples;
+  figures.approx_kl = sums_.approx_kl / samples;
+  figures.clip_fraction = sums_.clipped / samples;
   figures.localisation_loss = sums_.localisation / samples;
   figures.orientation_loss = sums_.orientation / samples;
-  figures.gradient_norm = norms_ / descents_;
+  figures.gradient_norm = norms_ / steps_taken_;
   figures.learning_rate = learning_rate();
   steps_ += steps;
   ++updates_;
   sums_ = {};
-  norms_ = descents_ = 0;
+  norms_ = steps_taken_ = 0;
   return figures;
 }
 
-void Descent::save(LearnerState& state) const {
+void GradientStep::save(LearnerState& state) const {
   state.counters["updates"] = updates_;
   state.counters["steps"] = steps_;
   state.tensors["parameters"] = parameters_;
   adam_->save(state);
 }
 
-void Descent::check(const LearnerState& state) const {
+void GradientStep::check(const LearnerState& state) const {
   require_state(state, name_, {"updates", "steps", "adam_steps"}, {"parameters", "adam.first", "adam.second"},
                 parameters_.size());
 }
 
-void Descent::load(const LearnerState& state) {
+void GradientStep::load(const LearnerState& state) {
   updates_ = state.counters.at("updates");
   steps_ = state.counters.at("steps");
   parameters_ = state.tensors.at("parameters");

@@ -14,9 +14,9 @@
 
 namespace citylearn {
 
-/// What every learner by gradient descent has: the parameters, Adam, the run's schedules, and two halves of a minibatch
-/// that two threads work on. Their gradients are added in a fixed order: results don't depend on timing.
-class Descent {
+/// Performs gradient descent: holds the parameters, Adam, the run's schedules, and two halves of a minibatch that two
+/// threads work on. Their gradients are added in a fixed order, so results do not depend on timing.
+class GradientStep {
  public:
   /// Half of a minibatch. A learner fills inputs and state, then forward(), then derivative, then backward().
   class Half {
@@ -26,7 +26,7 @@ class Descent {
     Heads<float> derivative;  ///< of the loss, by the heads
     LossSums sums;            ///< of this step
 
-    /// Says what the network says of `inputs`.
+    /// Returns the network's outputs for `inputs`.
     const Heads<float>& forward() {
       network_->forward(*parameters_, inputs, state, *workspace_);
       return workspace_->heads;
@@ -35,39 +35,39 @@ class Descent {
     void backward() { network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_); }
 
    private:
-    friend class Descent;
+    friend class GradientStep;
     const AgentNetwork<float>* network_ = nullptr;
     const Vector<float>* parameters_ = nullptr;
     std::unique_ptr<Workspace<float>> workspace_;
     Vector<float> gradient_;
   };
 
-  Descent(const std::string& name, const Parameters& parameters, const LearnerTask& task);
-  Descent(const Descent&) = delete;  // the halves look at the parameters
-  Descent& operator=(const Descent&) = delete;
-  /// Those that it reads.
+  GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task);
+  GradientStep(const GradientStep&) = delete;  // the halves look at the parameters
+  GradientStep& operator=(const GradientStep&) = delete;
+  /// Returns the parameters that it reads.
   static std::vector<ParameterSpec> parameter_specs();
 
-  /// Weights of the loss, at this point of the run.
+  /// Returns the weights of the loss at this point of the run.
   LossWeights weights() const;
   double learning_rate() const;
 
-  /// work(which, half) fills and differentiates half of a minibatch; both at once. A half left alone adds nothing.
-  /// `work` allocates nothing and throws nothing.
+  /// Calls work(which, half) for both halves at once, to fill and differentiate them. A half left alone adds nothing.
+  /// `work` must not allocate or throw.
   template <class Work>
   void both(const Work& work) {
     const auto half = [&](int which) { work(which, halves_[static_cast<std::size_t>(which)]); };
     worker_.both(std::cref(half));
   }
-  /// These stay as they are: their gradient is zero, and so is their share of its length.
+  /// Keeps these as they are: their gradient is zero, and so is their share of its length.
   void freeze(std::span<const Tensor> tensors) { frozen_.assign(tensors.begin(), tensors.end()); }
-  /// As Learner::come_to().
-  void come_to(double share) { over_ = std::min(1.0, share); }
-  /// Before a minibatch's first both().
+  /// As Learner::set_progress().
+  void set_progress(double fraction) { elapsed_ = std::min(1.0, fraction); }
+  /// Begins a minibatch; call it before the first both().
   void begin_step();
-  /// After its last: one step of Adam.
+  /// Ends it with one step of Adam.
   void end_step();
-  /// After an update that learned from so many environment steps: its figures, means over `samples`.
+  /// Ends an update that learned from so many environment steps and returns its figures, means over `samples`.
   UpdateFigures end_update(std::size_t steps, double samples);
 
   std::uint64_t updates() const { return updates_; }
@@ -77,7 +77,7 @@ class Descent {
   void save(LearnerState& state) const;
   /// Throws Error naming what is missing or of another size, before anything changes.
   void check(const LearnerState& state) const;
-  /// Of a state that passed check().
+  /// Loads a state that passed check().
   void load(const LearnerState& state);
 
  private:
@@ -88,16 +88,16 @@ class Descent {
 
   Vector<float> parameters_;
   std::uint64_t updates_ = 0, steps_ = 0;
-  double over_ = 0;  // share of the run, by the clock
+  double elapsed_ = 0;  // fraction of the run that has passed by the clock
   std::unique_ptr<Adam> adam_;
   std::vector<Tensor> frozen_;
   std::array<Half, 2> halves_;
   LossSums sums_;  // of this update
-  double norms_ = 0, descents_ = 0;
+  double norms_ = 0, steps_taken_ = 0;
   Worker worker_;
 
   double progress() const {
-    return std::max(over_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);
+    return std::max(elapsed_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);
   }
 };
 

@@ -21,10 +21,10 @@ struct LossWeights {
 
 /// Sums over samples.
 struct LossSums {
-  double loss = 0, policy = 0, value = 0, entropy = 0, divergence = 0, clipped = 0, localisation = 0, orientation = 0;
+  double loss = 0, policy = 0, value = 0, entropy = 0, approx_kl = 0, clipped = 0, localisation = 0, orientation = 0;
   LossSums& operator+=(const LossSums& other) {
     loss += other.loss, policy += other.policy, value += other.value, entropy += other.entropy;
-    divergence += other.divergence, clipped += other.clipped;
+    approx_kl += other.approx_kl, clipped += other.clipped;
     localisation += other.localisation, orientation += other.orientation;
     return *this;
   }
@@ -63,17 +63,17 @@ struct ActionOdds {
   }
 };
 
-/// Squared errors of the agent's whereabouts on a route of `frames` places (N), where the heads have them.
+/// Adds squared errors of the auxiliary targets on a route of `frames` places (N), where the heads have them.
 template <class S>
-void whereabouts_loss(const LossWeights& weights, const NetworkInputs<S>& inputs, int frames, const Heads<S>& heads,
-                      S share, Heads<S>& derivative, LossSums& sums) {
-  derivative.whereabouts.resize(heads.whereabouts.rows(), heads.whereabouts.cols());
-  for (std::ptrdiff_t column = 0; column < heads.whereabouts.cols(); ++column) {
+void auxiliary_loss(const LossWeights& weights, const NetworkInputs<S>& inputs, int frames, const Heads<S>& heads,
+                    S share, Heads<S>& derivative, LossSums& sums) {
+  derivative.auxiliary.resize(heads.auxiliary.rows(), heads.auxiliary.cols());
+  for (std::ptrdiff_t column = 0; column < heads.auxiliary.cols(); ++column) {
     const std::size_t index = static_cast<std::size_t>(column);
-    const std::array<S, 2> truth = whereabouts<S>(inputs.position[index], inputs.goal[index], frames);
-    const S place = heads.whereabouts(0, column) - truth[0], way = heads.whereabouts(1, column) - truth[1];
-    derivative.whereabouts(0, column) = static_cast<S>(2 * weights.localisation) * place * share;
-    derivative.whereabouts(1, column) = static_cast<S>(2 * weights.orientation) * way * share;
+    const std::array<S, 2> truth = auxiliary_targets<S>(inputs.position[index], inputs.goal[index], frames);
+    const S place = heads.auxiliary(0, column) - truth[0], way = heads.auxiliary(1, column) - truth[1];
+    derivative.auxiliary(0, column) = static_cast<S>(2 * weights.localisation) * place * share;
+    derivative.auxiliary(1, column) = static_cast<S>(2 * weights.orientation) * way * share;
     sums.localisation += static_cast<double>(place * place);
     sums.orientation += static_cast<double>(way * way);
   }

@@ -28,7 +28,7 @@ struct PpoSamples {
 };
 
 /// The clipped surrogate loss (Schulman et al., 2017, eq. 9), with squared error of values, entropy bonus and, where
-/// the heads have them, squared errors of the agent's whereabouts on a route of `frames` places (N). `derivative` gets
+/// the heads have them, squared errors of the auxiliary targets on a route of `frames` places (N). `derivative` gets
 /// the derivatives, each times `share` (one over the number of samples of the whole minibatch).
 template <class S>
 LossSums ppo_loss(const PpoWeights& weights, const PpoSamples<S>& samples, const NetworkInputs<S>& inputs, int frames,
@@ -62,10 +62,10 @@ LossSums ppo_loss(const PpoWeights& weights, const PpoSamples<S>& samples, const
     sums.policy -= static_cast<double>(std::min(ratio * advantage, clipped_ratio * advantage));
     sums.value += 0.5 * static_cast<double>(error * error);
     sums.entropy += static_cast<double>(odds.entropy);
-    sums.divergence += static_cast<double>(ratio - S(1) - log_ratio);
+    sums.approx_kl += static_cast<double>(ratio - S(1) - log_ratio);
     sums.clipped += ratio < low || ratio > high ? 1 : 0;
   }
-  whereabouts_loss(weights, inputs, frames, heads, share, derivative, sums);
+  auxiliary_loss(weights, inputs, frames, heads, share, derivative, sums);
   add_up(weights, sums);
   return sums;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -12,24 +13,15 @@
 
 namespace citylearn {
 
-/// The last sequences of all agents, without their goals: what was seen, where, and what was done. Holds `steps` steps,
-/// 4 D + 19 bytes each for features of D numbers; the room is taken once, at the first add().
+/// Keeps the last sequences of all agents, without their goals: what was seen, where, and what was done. Holds `steps`
+/// steps, 4 D + 19 bytes each for features of D numbers, allocated at the first add().
 class Replay {
  public:
   explicit Replay(std::size_t steps) : steps_(steps) {}
 
   /// Takes in all sequences of the rollouts, over the oldest ones. Those of another number of places are dropped: they
-  /// are of another lesson.
-  void add(std::span<Rollout* const> rollouts) {
-    const Rollout& model = *rollouts[0];
-    make_room(model.inputs.features.rows(), model.sequence);
-    if (frames_ != model.inputs.frames || max_steps_ != model.max_steps) size_ = next_ = 0;
-    frames_ = model.inputs.frames;
-    max_steps_ = model.max_steps;
-    for (std::size_t r = 0; r < rollouts.size(); ++r)
-      for (int i = 0; i < rollouts[r]->sequences(); ++i)
-        add(Track(rollouts, {static_cast<std::uint32_t>(r), static_cast<std::uint32_t>(i)}));
-  }
+  /// belong to another lesson.
+  void add(std::span<Rollout* const> rollouts);
 
   std::size_t size() const { return size_; }                           ///< sequences
   int sequence() const { return sequence_; }                           ///< L
@@ -37,7 +29,7 @@ class Replay {
   int max_steps() const { return max_steps_; }                         ///< of the episodes
   int features() const { return static_cast<int>(features_.rows()); }  ///< D
 
-  /// Step t of sequence `slot`, 0 <= t <= L; there is no action at the last.
+  /// Returns the index of step t of sequence `slot`, 0 <= t <= L; the last has no action.
   std::size_t at(std::size_t slot, int t) const {
     return slot * static_cast<std::size_t>(sequence_ + 1) + static_cast<std::size_t>(t);
   }
@@ -49,83 +41,12 @@ class Replay {
   std::uint8_t ended(std::size_t at) const { return ended_[at]; }
   float log_probability(std::size_t at) const { return log_probability_[at]; }
 
-  void save(LearnerState& state) const {
-    state.counters["replay.size"] = size_;
-    state.counters["replay.next"] = next_;
-    state.counters["replay.frames"] = static_cast<std::uint64_t>(frames_);
-    state.counters["replay.max_steps"] = static_cast<std::uint64_t>(max_steps_);
-    state.counters["replay.sequence"] = static_cast<std::uint64_t>(sequence_);
-    const std::size_t count = size_ * static_cast<std::size_t>(sequence_ + 1);
-    state.tensors["replay.features"] = features_.leftCols(static_cast<std::ptrdiff_t>(count)).reshaped();
-    Vector<float>& rest = state.tensors["replay.steps"];
-    rest.resize(static_cast<std::ptrdiff_t>(kNumbers * count));
-    for (std::size_t i = 0; i < count; ++i)
-      rest.segment<kNumbers>(static_cast<std::ptrdiff_t>(kNumbers * i)) << static_cast<float>(shown_[i]),
-          static_cast<float>(position_[i]), static_cast<float>(allowed_[i]), static_cast<float>(action_[i]),
-          static_cast<float>(ended_[i]), log_probability_[i];
-  }
-
-  /// Throws Error, changing nothing, when `state` has no replay of features of D numbers that fits; `owner` is for the
-  /// message. `places` (N) bounds what it tells of.
-  void check(const LearnerState& state, const std::string& owner, int features, int places) const {
-    for (const char* name : {"replay.size", "replay.next", "replay.frames", "replay.max_steps", "replay.sequence"}) {
-      if (!state.counters.contains(name)) throw Error("has no counter '" + std::string(name) + "'", owner);
-      if (state.counters.at(name) > kLargest) throw Error("counter '" + std::string(name) + "' is too large", owner);
-    }
-    for (const char* name : {"replay.features", "replay.steps"})
-      if (!state.tensors.contains(name)) throw Error("has no tensor '" + std::string(name) + "'", owner);
-    const std::uint64_t size = state.counters.at("replay.size"), length = state.counters.at("replay.sequence") + 1;
-    const std::uint64_t frames = state.counters.at("replay.frames"), max_steps = state.counters.at("replay.max_steps");
-    if (size == 0) return;
-    if (length < 2 || size > slots(static_cast<int>(length) - 1) ||
-        state.counters.at("replay.next") >= slots(static_cast<int>(length) - 1) || max_steps < 1 || frames < 2 ||
-        frames > static_cast<std::uint64_t>(places))
-      throw Error("its replay of " + std::to_string(size) + " sequences makes no sense", owner);
-    const auto require = [&](const char* name, std::uint64_t numbers) {
-      const auto found = static_cast<std::uint64_t>(state.tensors.at(name).size());
-      if (found != size * length * numbers)
-        throw Error("tensor '" + std::string(name) + "' has " + std::to_string(found) + " numbers, not " +
-                        std::to_string(size * length * numbers),
-                    owner);
-      if (!state.tensors.at(name).allFinite())
-        throw Error("tensor '" + std::string(name) + "' has numbers that are none", owner);
-    };
-    require("replay.features", static_cast<std::uint64_t>(features));
-    require("replay.steps", kNumbers);
-    const Vector<float>& steps = state.tensors.at("replay.steps");
-    const auto within = [&](std::ptrdiff_t at, int least, int most) {
-      return steps(at) >= static_cast<float>(least) && steps(at) <= static_cast<float>(most);
-    };
-    const int last_place = static_cast<int>(frames) - 1;
-    for (std::ptrdiff_t i = 0; i < steps.size(); i += kNumbers) {
-      const bool acts = (i / kNumbers + 1) % static_cast<std::ptrdiff_t>(length) != 0;
-      if (!within(i, -1, last_place) || !within(i + 1, 0, last_place) || !within(i + 2, 1, (1 << kActions) - 1) ||
-          !within(i + 3, 0, acts ? kActions - 1 : kNoAction) || !within(i + 4, 0, Rollout::kTruncated))
-        throw Error("its replay makes no sense at step " + std::to_string(i / kNumbers), owner);
-    }
-  }
-
-  /// Of a state that passed check().
-  void load(const LearnerState& state, int features) {
-    size_ = state.counters.at("replay.size");
-    next_ = state.counters.at("replay.next");
-    frames_ = static_cast<int>(state.counters.at("replay.frames"));
-    max_steps_ = static_cast<int>(state.counters.at("replay.max_steps"));
-    if (size_ == 0) return;
-    make_room(features, static_cast<int>(state.counters.at("replay.sequence")));
-    const std::size_t count = size_ * static_cast<std::size_t>(sequence_ + 1);
-    features_.leftCols(static_cast<std::ptrdiff_t>(count)).reshaped() = state.tensors.at("replay.features");
-    const Vector<float>& steps = state.tensors.at("replay.steps");
-    for (std::size_t i = 0; i < count; ++i) {
-      const auto numbers = steps.segment<kNumbers>(static_cast<std::ptrdiff_t>(kNumbers * i));
-      shown_[i] = static_cast<int>(numbers(0));
-      position_[i] = static_cast<int>(numbers(1));
-      allowed_[i] = static_cast<std::uint8_t>(numbers(2));
-      action_[i] = static_cast<std::uint8_t>(numbers(3));
-      ended_[i] = static_cast<std::uint8_t>(numbers(4));
-      log_probability_[i] = numbers(5);
-    }
-  }
+  void save(LearnerState& state) const;
+  /// Throws Error, changing nothing, unless `state` has a replay that fits features of D numbers and `places` (N).
+  /// `owner` is for the message.
+  void check(const LearnerState& state, const std::string& owner, int features, int places) const;
+  /// Loads a state that passed check().
+  void load(const LearnerState& state, int features);
 
  private:
   static constexpr int kNumbers = 6;  // of a step, beside the features
@@ -135,35 +56,8 @@ class Replay {
     return std::max<std::size_t>(1, steps_ / static_cast<std::size_t>(sequence));
   }
 
-  void make_room(std::ptrdiff_t features, int sequence) {
-    if (features == features_.rows() && sequence == sequence_) return;
-    sequence_ = sequence;
-    size_ = std::min(size_, slots(sequence));
-    const std::size_t count = slots(sequence) * static_cast<std::size_t>(sequence + 1);
-    features_.resize(features, static_cast<std::ptrdiff_t>(count));
-    for (std::vector<int>* part : {&shown_, &position_}) part->resize(count);
-    for (std::vector<std::uint8_t>* part : {&allowed_, &action_, &ended_}) part->resize(count);
-    log_probability_.resize(count);
-  }
-
-  void add(const Track& track) {
-    for (int t = 0; t <= sequence_; ++t) {
-      const std::size_t to = at(next_, t);
-      const Track::Seen seen = track.seen(t);
-      const auto from = static_cast<std::size_t>(seen.column);
-      features_.col(static_cast<std::ptrdiff_t>(to)) = seen.inputs.features_of(seen.column);
-      shown_[to] = seen.inputs.shown[from];
-      position_[to] = seen.inputs.position[from];
-      allowed_[to] = seen.inputs.allowed[from];
-      const auto step = static_cast<std::size_t>(track.column(t));
-      const bool acts = t < sequence_;
-      action_[to] = acts ? track.rollout().action[step] : static_cast<std::uint8_t>(kNoAction);
-      ended_[to] = acts ? track.rollout().ended[step] : static_cast<std::uint8_t>(Rollout::kGoesOn);
-      log_probability_[to] = acts ? track.rollout().log_probability[step] : 0.0f;
-    }
-    next_ = (next_ + 1) % slots(sequence_);
-    size_ = std::min(size_ + 1, slots(sequence_));
-  }
+  void make_room(std::ptrdiff_t features, int sequence);
+  void add(const Track& track);
 
   const std::size_t steps_;
   std::size_t size_ = 0, next_ = 0;  // sequences

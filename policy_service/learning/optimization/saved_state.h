@@ -9,8 +9,8 @@
 
 namespace citylearn {
 
-/// Throws Error naming the first of these counters or tensors that a saved state lacks, or the first tensor that has
-/// not `size` finite numbers. `who` is the learner that was to go on from it.
+/// Throws Error naming the first counter or tensor that a saved state lacks, or the first tensor that does not have
+/// `size` finite numbers. `who` names the learner.
 inline void require_state(const LearnerState& state, const std::string& who,
                           std::initializer_list<const char*> counters, std::initializer_list<const char*> tensors,
                           std::ptrdiff_t size) {

@@ -9,12 +9,12 @@
 
 namespace citylearn {
 
-/// One sequence of one of an update's rollouts, as Rollout numbers them.
+/// Names a sequence of an update's rollouts, numbered as in Rollout.
 struct Sequence {
   std::uint32_t rollout, index;
 };
 
-/// Where a sequence stands in its rollout.
+/// Finds a sequence's columns in its rollout.
 class Track {
  public:
   Track(std::span<Rollout* const> rollouts, Sequence sequence)
@@ -25,11 +25,11 @@ class Track {
         begin_(index_ / agents_ * rollout_.sequence) {}
 
   const Rollout& rollout() const { return rollout_; }
-  /// The recurrent state before it, state_size.
+  /// Returns the recurrent state before the sequence, state_size numbers.
   auto state() const { return rollout_.states.col(index_); }
-  /// Column of its step t, 0 <= t < L.
+  /// Returns the column of step t, 0 <= t < L.
   std::ptrdiff_t column(std::ptrdiff_t t) const { return (begin_ + t) * agents_ + agent_; }
-  /// What was seen at step t, 0 <= t <= L: the last of these after its last action.
+  /// Returns where to find what was seen at step t, 0 <= t <= L; the last was seen after the last action.
   struct Seen {
     const NetworkInputs<float>& inputs;
     std::ptrdiff_t column;
@@ -44,7 +44,7 @@ class Track {
   std::ptrdiff_t index_, agents_, agent_, begin_;
 };
 
-/// All sequences of the rollouts, in their order.
+/// Lists all sequences of the rollouts, in their order.
 inline void list_sequences(std::span<Rollout* const> rollouts, std::vector<Sequence>& sequences) {
   sequences.clear();
   for (std::size_t r = 0; r < rollouts.size(); ++r)
@@ -56,14 +56,14 @@ inline void shuffle(Random& random, std::vector<Sequence>& sequences) {
   for (std::size_t i = sequences.size() - 1; i > 0; --i) std::swap(sequences[i], sequences[random.below(i + 1)]);
 }
 
-/// The half that thread `which` of two works on; the first one is the larger.
+/// Returns the half that thread `which` of two works on; the first one is the larger.
 template <class T>
 std::span<const T> half_of(std::span<const T> chosen, int which) {
   const std::size_t middle = (chosen.size() + 1) / 2;
   return which == 0 ? chosen.first(middle) : chosen.subspan(middle);
 }
 
-/// The `batch`th of `batches` parts of nearly equal size.
+/// Returns part `batch` of `batches` parts of nearly equal size.
 template <class T>
 std::span<const T> part_of(const std::vector<T>& all, std::size_t batch, std::size_t batches) {
   const std::size_t begin = batch * all.size() / batches, end = (batch + 1) * all.size() / batches;

@@ -19,10 +19,10 @@ struct VtraceLimits {
   double c = 1;         ///< and the weight of what follows it here: how fast
 };
 
-/// What B agents did in T steps, column by column of the heads (t * B + b), under whatever policy.
+/// What B agents did in T steps under any policy, column by column of the heads (t * B + b).
 template <class S>
-struct Walk {
-  std::vector<std::uint8_t> action;  ///< kNoAction: none, the column stands for what the walk before it goes on with
+struct TrajectoryBatch {
+  std::vector<std::uint8_t> action;  ///< kNoAction where the column only shows what follows the last action
   std::vector<std::uint8_t> ended;   ///< Rollout::Ended by the action
   std::vector<S> log_probability;    ///< of the action when it was taken
   std::vector<S> reward;             ///< of the action
@@ -44,7 +44,7 @@ struct Walk {
 /// generalised advantage estimates. `heads` are those of the policy to be improved, for `agents` (B) agents; each one's
 /// last column has no action.
 template <class S>
-void vtrace(const VtraceLimits& limits, const Heads<S>& heads, int agents, Walk<S>& walk) {
+void vtrace(const VtraceLimits& limits, const Heads<S>& heads, int agents, TrajectoryBatch<S>& trajectories) {
   const std::ptrdiff_t columns = heads.logits.cols(), stride = agents;
   const S gamma = static_cast<S>(limits.gamma), lambda = static_cast<S>(limits.lambda);
   for (std::ptrdiff_t agent = 0; agent < stride; ++agent) {
@@ -52,36 +52,36 @@ void vtrace(const VtraceLimits& limits, const Heads<S>& heads, int agents, Walk<
     for (std::ptrdiff_t column = columns - stride + agent; column >= 0; column -= stride) {
       const std::size_t index = static_cast<std::size_t>(column);
       const S value = heads.values(0, column);
-      walk.target[index] = value;
-      walk.advantage[index] = walk.weight[index] = 0;
-      if (walk.action[index] == kNoAction) {
+      trajectories.target[index] = value;
+      trajectories.advantage[index] = trajectories.weight[index] = 0;
+      if (trajectories.action[index] == kNoAction) {
         next_value = value;
         next_gain = 0;
         continue;
       }
-      if (walk.ended[index] != Rollout::kGoesOn) {
-        next_value = walk.ended[index] == Rollout::kTruncated ? walk.final_value[index] : S(0);
+      if (trajectories.ended[index] != Rollout::kGoesOn) {
+        next_value = trajectories.ended[index] == Rollout::kTruncated ? trajectories.final_value[index] : S(0);
         next_gain = 0;
       }
       const ActionOdds<S> odds(heads.logits.col(column));
-      const S ratio = std::exp(odds.log_ratio(walk.action[index], walk.log_probability[index]));
+      const S ratio = std::exp(odds.log_ratio(trajectories.action[index], trajectories.log_probability[index]));
       const S rho = std::min(static_cast<S>(limits.rho), ratio), c = lambda * std::min(static_cast<S>(limits.c), ratio);
-      const S error = walk.reward[index] + gamma * next_value - value;
-      walk.weight[index] = rho;
-      walk.advantage[index] = error + gamma * lambda * next_gain;
+      const S error = trajectories.reward[index] + gamma * next_value - value;
+      trajectories.weight[index] = rho;
+      trajectories.advantage[index] = error + gamma * lambda * next_gain;
       next_gain = rho * error + gamma * c * next_gain;
-      walk.target[index] = value + next_gain;
+      trajectories.target[index] = value + next_gain;
       next_value = value;
     }
   }
 }
 
 /// The actor-critic loss of section 4.2: -rho_s log pi(a_s | x_s) advantage_s times `scale`, squared error of values,
-/// entropy bonus and, where the heads have them, squared errors of the agent's whereabouts on a route of `frames`
+/// entropy bonus and, where the heads have them, squared errors of the auxiliary targets on a route of `frames`
 /// places (N). Targets, advantages and rho_s are taken as constants. `derivative` gets the derivatives, each times
 /// `share` (one over the number of samples of the whole minibatch).
 template <class S>
-LossSums vtrace_loss(const LossWeights& weights, const VtraceLimits& limits, const Walk<S>& walk,
+LossSums vtrace_loss(const LossWeights& weights, const VtraceLimits& limits, const TrajectoryBatch<S>& trajectories,
                      const NetworkInputs<S>& inputs, int frames, const Heads<S>& heads, S scale, S share,
                      Heads<S>& derivative) {
   LossSums sums;
@@ -90,22 +90,22 @@ LossSums vtrace_loss(const LossWeights& weights, const VtraceLimits& limits, con
   derivative.values.setZero(1, columns);
   for (std::ptrdiff_t column = 0; column < columns; ++column) {
     const std::size_t index = static_cast<std::size_t>(column);
-    const std::uint8_t action = walk.action[index];
+    const std::uint8_t action = trajectories.action[index];
     if (action == kNoAction) continue;
     const ActionOdds<S> odds(heads.logits.col(column));
-    const S gain = scale * walk.weight[index] * walk.advantage[index];
+    const S gain = scale * trajectories.weight[index] * trajectories.advantage[index];
     odds.differentiate(action, -gain, weights.entropy, share, derivative.logits.col(column));
-    const S error = heads.values(0, column) - walk.target[index];
+    const S error = heads.values(0, column) - trajectories.target[index];
     derivative.values(0, column) = static_cast<S>(weights.value) * error * share;
 
-    const S log_ratio = odds.log_ratio(action, walk.log_probability[index]), ratio = std::exp(log_ratio);
+    const S log_ratio = odds.log_ratio(action, trajectories.log_probability[index]), ratio = std::exp(log_ratio);
     sums.policy -= static_cast<double>(gain * odds.log_p[action]);
     sums.value += 0.5 * static_cast<double>(error * error);
     sums.entropy += static_cast<double>(odds.entropy);
-    sums.divergence += static_cast<double>(ratio - S(1) - log_ratio);
+    sums.approx_kl += static_cast<double>(ratio - S(1) - log_ratio);
     sums.clipped += ratio > S(1.001) * static_cast<S>(limits.rho) ? 1 : 0;
   }
-  whereabouts_loss(weights, inputs, frames, heads, share, derivative, sums);
+  auxiliary_loss(weights, inputs, frames, heads, share, derivative, sums);
   add_up(weights, sums);
   return sums;
 }

@@ -23,7 +23,6 @@ const std::vector<std::vector<std::string>> kOrders = {
     {"env_service/dataset_io", "env_service/drawn_city", "env_service/datasets", "env_service"},
     {"encoder_service/encoding", "encoder_service/onnx", "encoder_service/encoders", "encoder_service/recognition",
      "encoder_service"},
-    {"policy_service/network", "policy_service/rollout", "policy_service/learning",
      "policy_service/learning/optimization", "policy_service/learning/learners", "policy_service/interchange",
      "policy_service/interchange/exporters", "policy_service/distributed", "policy_service/run", "policy_service"},
     {"dashboard/store", "dashboard/http", "dashboard/live", "dashboard/api", "dashboard"},
@@ -40,11 +39,6 @@ const std::map<std::string, int> kTooLong = {
     {"encoder_service/encoder_service.cc", 730},
     {"env_service/drawn_city/parts.h", 189},
     {"env_service/env_service.cc", 570},
-    {"policy_service/distributed/actor.cc", 650},
-    {"policy_service/distributed/env_client.h", 153},
-    {"policy_service/learning/optimization/replay.h", 177},
-    {"policy_service/network/agent_network.h", 148},
-    {"policy_service/run/policy_service.cc", 766},
 };
 
 struct Include {

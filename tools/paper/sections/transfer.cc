@@ -20,7 +20,7 @@ std::vector<Variant> variants_of(const std::string& agent) {
             {"filter learns, head frozen", true, {"head"}},
             {"trained from scratch", false}};
   return {{"all of it is fine-tuned"},
-          {"input layer learns, rest frozen", true, {"lstm", "heads", "whereabouts"}},
+          {"input layer learns, rest frozen", true, {"lstm", "heads", "auxiliary"}},
           {"input layer frozen, rest learns", true, {"sensors"}},
           {"trained from scratch", false}};
 }

@@ -7,6 +7,7 @@
 #include <cstdlib>
 
 #include "core/task/route_map.h"
+#include "core/task/spl.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/crossings.h"
 #include "policy_service/rollout/control.h"
@@ -48,10 +49,7 @@ class Map {
     if (distances.empty()) distances_to(episode.goal, layout_.frames, layout_.turns, distances);
     return distances[static_cast<std::size_t>(episode.start)];
   }
-  double spl(const Episode& episode) {
-    const int shortest = this->shortest(episode);
-    return episode.completed ? static_cast<double>(shortest) / std::max(shortest, episode.steps) : 0;
-  }
+  double spl(const Episode& episode) { return spl_of(episode.completed, shortest(episode), episode.steps); }
   int saved(const Episode& episode) { return std::abs(episode.goal - episode.start) - shortest(episode); }
 
  private:

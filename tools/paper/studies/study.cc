@@ -7,6 +7,7 @@
 
 #include <cstring>
 
+#include "core/task/spl.h"
 #include "core/wire/service.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
@@ -48,7 +49,7 @@ void add_point(Json& curve, const TrainingProgress& progress, double seconds,
   for (const Environment::Episode& episode : finished) {
     reward += static_cast<double>(episode.reward);
     length += episode.steps;
-    if (episode.completed) spl += static_cast<double>(episode.shortest) / std::max(episode.shortest, episode.steps);
+    spl += spl_of(episode.completed, episode.shortest, episode.steps);
   }
   const auto n = static_cast<double>(finished.size());  // none: NaN, which is null
   curve["episodes"].push_back(progress.episodes);

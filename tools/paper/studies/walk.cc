@@ -6,6 +6,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "core/task/path.h"
 #include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "core/wire/messages.h"
@@ -35,8 +36,7 @@ std::vector<int> places_walked(int start, int steps, std::span<const std::uint8_
                                int places) {
   std::vector<int> walked = {start};
   for (int step = 0; step < steps; ++step) {
-    const auto at = static_cast<std::size_t>(step);
-    const auto action = static_cast<std::uint8_t>(at / 4 < path.size() ? path[at / 4] >> 2 * (at % 4) & 3 : kNoAction);
+    const std::uint8_t action = action_at(path, static_cast<std::size_t>(step));
     const int place = action < kActions ? place_after(walked.back(), action, turns) : -1;
     if (place < 0 || place >= places)
       throw Error("step " + std::to_string(step) + " leads off the route", "path of an episode");

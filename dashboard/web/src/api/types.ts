@@ -41,27 +41,6 @@ export interface RunDetail extends Run {
   traversals: RunTraversal[];
 }
 
-/** Columns of TrainingStat (idl/training.idl). */
-export const TRAINING_COLUMNS = [
-  'update',
-  'steps',
-  'episodes',
-  'lesson',
-  'wall',
-  'steps_per_second',
-  'reward',
-  'spl',
-  'policy_loss',
-  'value_loss',
-  'entropy',
-  'divergence',
-  'clipped',
-  'gradient_norm',
-  'learning_rate',
-  'lag',
-] as const;
-export type TrainingColumn = (typeof TRAINING_COLUMNS)[number];
-
 export interface TrainingAnswer {
   id: string;
   x: string;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { smooth } from './ema';
 import { aggregate, type Curve, type Range } from './seeds';
-import { axis, metric, type MetricKey, type Rows, type XAxis } from './rows';
+import { axis, metric, type Rows, type XAxis } from './rows';
 
 export type Display = 'mean' | 'runs' | 'both';
 
@@ -22,7 +22,7 @@ export interface DrawnLine extends Curve {
 }
 
 export interface CurveOptions {
-  metric: MetricKey;
+  metric: string;
   x: XAxis;
   smoothing: number;
   display: Display;

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-import { TRAINING_COLUMNS, type TrainingAnswer, type TrainingColumn } from '../api/types';
+import { TRAINING_COLUMNS } from '../api/training_figures';
+import type { TrainingAnswer } from '../api/types';
 import { episodeLength } from './ema';
+
+type Column = (number | null)[];
 
 /** Columns of a run's training, one number a row, rows in the order of updates. */
 export interface Rows {
   length: number;
   total: number;
   decimated: boolean;
-  columns: Record<TrainingColumn, (number | null)[]>;
+  columns: { [name: string]: Column } & Record<XAxis, Column>;
 }
 
 export function noRows(): Rows {
@@ -38,7 +41,7 @@ export function append(rows: Rows, columns: ReadonlyMap<string, ArrayLike<number
   const before = keep > 0 ? rows.columns.update[keep - 1] : 0;
   const joins = (before ?? 0) + 1 >= first;
   for (const name of TRAINING_COLUMNS) {
-    const column = rows.columns[name];
+    const column = (rows.columns[name] ??= []);
     column.length = keep;
     const news = columns.get(name);
     for (let i = 0; i < updates.length; ++i) {
@@ -59,15 +62,13 @@ export function axis(rows: Rows, x: XAxis): number[] {
   return rows.columns[x].map((value) => (last = Math.max(last, value ?? last)));
 }
 
-/** What can be drawn: the columns, and what follows from them. */
-export type MetricKey = Exclude<TrainingColumn, 'update' | 'steps' | 'episodes' | 'wall'> | 'episode_length';
-
-export function metric(rows: Rows, key: MetricKey): (number | null)[] {
-  return key === 'episode_length' ? episodeLength(axis(rows, 'steps'), axis(rows, 'episodes')) : rows.columns[key];
+/** What can be drawn: a column, or `episode_length`, which follows from two of them. */
+export function metric(rows: Rows, key: string): (number | null)[] {
+  return key === 'episode_length' ? episodeLength(axis(rows, 'steps'), axis(rows, 'episodes')) : (rows.columns[key] ?? []);
 }
 
 /** The last known value of a column. */
-export function latest(rows: Rows, key: MetricKey): number | null {
+export function latest(rows: Rows, key: string): number | null {
   const values = metric(rows, key);
   for (let i = values.length - 1; i >= 0; --i) {
     const value = values[i];

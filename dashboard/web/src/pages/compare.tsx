@@ -8,7 +8,7 @@ import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant } from '../maths/format';
 import { groupRuns, type Group, type GroupBy } from '../maths/groups';
 import { compareManifests, type ManifestRow } from '../maths/manifest';
-import type { MetricKey, XAxis } from '../maths/rows';
+import type { XAxis } from '../maths/rows';
 import { deviation, mean, median } from '../maths/seeds';
 import { failure, useJsons } from '../state/resource';
 import { param, place, setParams } from '../state/router';
@@ -190,7 +190,7 @@ function Index({ all, chosen }: { all: readonly Run[]; chosen: readonly Run[] })
   );
 }
 
-const METRICS: { value: MetricKey; label: string }[] = [
+const METRICS: { value: string; label: string }[] = [
   { value: 'spl', label: 'SPL' },
   { value: 'reward', label: 'Reward' },
   { value: 'episode_length', label: 'Episode length' },

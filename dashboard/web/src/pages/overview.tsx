@@ -147,7 +147,7 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
         <div>
           <dt>Lag</dt>
           <dd title="updates between the parameters that acted and those that learned">
-            {rows ? fixed(latest(rows, 'lag'), 1) : '–'}
+            {rows ? fixed(latest(rows, 'policy_lag'), 1) : '–'}
           </dd>
         </div>
         <div>

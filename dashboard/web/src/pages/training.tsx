@@ -2,11 +2,12 @@
 import type { JSX } from 'preact';
 import { useMemo, useState } from 'preact/hooks';
 import { runPath } from '../api/client';
+import { TRAINING_FIGURES } from '../api/training_figures';
 import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
 import { linesOf, type Display, type GroupRows } from '../maths/curves';
 import { duration, fixed, percent, short, significant } from '../maths/format';
 import { groupRuns, type Group, type GroupBy } from '../maths/groups';
-import type { MetricKey, XAxis } from '../maths/rows';
+import type { XAxis } from '../maths/rows';
 import { useJson } from '../state/resource';
 import { param, place, setParams } from '../state/router';
 import { runs } from '../state/session';
@@ -18,10 +19,10 @@ import { Chart, type Reference } from '../ui/chart';
 import { RunPicker } from '../ui/run_picker';
 
 interface Metric {
-  key: MetricKey;
+  key: string;
   title: string;
   hint: string;
-  format?: (value: number) => string;
+  format: (value: number) => string;
 }
 
 const PERFORMANCE: Metric[] = [
@@ -29,18 +30,11 @@ const PERFORMANCE: Metric[] = [
   { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', format: (v) => fixed(v, 3) },
   { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of about 100 episodes', format: (v) => fixed(v, 1) },
 ];
-const OPTIMISATION: Metric[] = [
-  { key: 'policy_loss', title: 'Policy loss', hint: 'per update' },
-  { key: 'value_loss', title: 'Value loss', hint: 'per update' },
-  { key: 'entropy', title: 'Entropy', hint: 'nats; ln 3 = 1.099 is blind chance' },
-  { key: 'divergence', title: 'KL divergence', hint: 'old against new policy, nats' },
-  { key: 'clipped', title: 'Clipped', hint: 'share of samples outside the clip range', format: (v) => percent(v) },
-  { key: 'gradient_norm', title: 'Gradient norm', hint: 'before clipping' },
-  { key: 'learning_rate', title: 'Learning rate', hint: 'of the update' },
-  { key: 'steps_per_second', title: 'Steps per second', hint: 'since the update before', format: short },
-  { key: 'lag', title: 'Lag', hint: 'updates between acting and learning' },
-  { key: 'lesson', title: 'Lesson', hint: 'of the curriculum' },
-];
+const FORMATS: { [unit: string]: (value: number) => string } = { share: (v) => percent(v), 'steps/s': short };
+const AXES = ['update', 'steps', 'episodes', 'wall'];
+const OPTIMISATION: Metric[] = TRAINING_FIGURES.filter(
+  ({ name }) => !AXES.includes(name) && !PERFORMANCE.some(({ key }) => key === name),
+).map(({ name, unit, title, help }) => ({ key: name, title, hint: help, format: FORMATS[unit] ?? ((v) => significant(v)) }));
 
 const X_LABELS: Record<XAxis, string> = { episodes: 'episodes', steps: 'steps', wall: 'wall time', update: 'updates' };
 const MAX_RUNS = 24; // whose curves are fetched at once
@@ -216,7 +210,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
       name="training"
       xLabel={X_LABELS[x]}
       xFormat={x === 'wall' ? duration : short}
-      format={metric.format ?? ((value) => significant(value))}
+      format={metric.format}
       lines={lines}
       references={references}
       zoom={zoom}
@@ -228,7 +222,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
 }
 
 /** What an agent that never looks, one that knows everything and one that has learned nothing reach on the same route. */
-function useReferences(run: Run | undefined): Partial<Record<MetricKey, Reference[]>> {
+function useReferences(run: Run | undefined): Partial<Record<string, Reference[]>> {
   const detail = useJson<RunDetail>(run ? runPath(run.id) : null);
   const manifest = detail.state === 'ready' ? detail.value.manifest : null;
   const frames = manifest?.frames;

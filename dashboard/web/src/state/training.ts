@@ -4,7 +4,8 @@ import { useEffect, useMemo } from 'preact/hooks';
 import { getJson, runPath } from '../api/client';
 import { trainingColumns } from '../api/frame';
 import { live } from '../api/live';
-import { TRAINING_COLUMNS, type TrainingAnswer } from '../api/types';
+import { TRAINING_COLUMNS } from '../api/training_figures';
+import type { TrainingAnswer } from '../api/types';
 import { append, noRows, rowsOf, type Rows, type XAxis } from '../maths/rows';
 import { failure, useJsons } from './resource';
 

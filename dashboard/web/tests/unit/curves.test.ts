@@ -5,7 +5,7 @@ import { linesOf, type CurveOptions, type GroupRows } from '../../src/maths/curv
 import { episodeLength, smooth } from '../../src/maths/ema';
 import { append, axis, latest, noRows, rowsOf, type Rows } from '../../src/maths/rows';
 import { aggregate, deviation, median, valueAt } from '../../src/maths/seeds';
-import { TRAINING_COLUMNS } from '../../src/api/types';
+import { TRAINING_COLUMNS } from '../../src/api/training_figures';
 
 describe('smooth', () => {
   it('leaves a constant as it is from the first value on: it is debiased', () => {

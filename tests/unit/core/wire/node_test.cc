@@ -147,7 +147,7 @@ TEST_F(Hostile, NumbersThatAreNoneAreCountedWhereServicesComputeWithThem) {
 TEST_F(Hostile, TrainingStatsHaveNumbersThatAreNoneByRight) {
   auto sent = good<msg::TrainingStat>();
   sent.wall(-std::numeric_limits<double>::infinity());
-  sent.lag(std::numeric_limits<float>::signaling_NaN());
+  sent.policy_lag(std::numeric_limits<float>::signaling_NaN());
   node_.create_reader<msg::TrainingStat>();
   enemy_->create_publisher(topic_of<msg::TrainingStat>())->publish(encoded(sent));
   msg::TrainingStat received;

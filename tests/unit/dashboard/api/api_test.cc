@@ -164,13 +164,13 @@ TEST_F(ApiTest, ARunsTraversals) {
 TEST_F(ApiTest, TrainingWhole) {
   store_.heard(run_info());
   store_.record(training_stats(1, 20));
-  const Json all = json({"runs", id_, "training"}, {{"columns", "reward,spl,lag"}, {"x", "steps"}});
+  const Json all = json({"runs", id_, "training"}, {{"columns", "reward,spl,policy_lag"}, {"x", "steps"}});
   EXPECT_EQ(sorted(keys(all)), sorted({"id", "x", "total", "columns", "decimated"}));
   EXPECT_EQ(all["id"], id_);
   EXPECT_EQ(all["x"], "steps");
   EXPECT_EQ(all["total"], 20);
   EXPECT_EQ(all["decimated"], false);
-  EXPECT_EQ(sorted(keys(all["columns"])), sorted({"x", "reward", "spl", "lag"}));
+  EXPECT_EQ(sorted(keys(all["columns"])), sorted({"x", "reward", "spl", "policy_lag"}));
   EXPECT_EQ(all["columns"]["x"][19], 512 * 20);
   EXPECT_EQ(all["columns"]["spl"][0], nullptr) << "before the first 100 episodes";
   EXPECT_EQ(all["columns"]["spl"][1], 0.8);
@@ -219,8 +219,8 @@ TEST_F(ApiTest, TrainingExports) {
   const Answer csv = ask({"runs", id_, "training.csv"});
   EXPECT_EQ(csv.type, "text/csv; charset=utf-8");
   EXPECT_EQ(csv.body,
-            "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,policy_loss,value_loss,entropy,divergence,"
-            "clipped,gradient_norm,learning_rate,lag\n"
+            "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,policy_loss,value_loss,entropy,approx_kl,"
+            "clip_fraction,gradient_norm,learning_rate,policy_lag\n"
             "1,512,10,0,0.25,2000,0.5,,0.01,0,1,0,0,0,0.001,0\n"
             "2,1024,20,0,0.5,2000,0.5,0.8,0.01,0,1,0,0,0,0.001,0\n"
             "3,1536,30,0,0.75,2000,0.5,0.8,0.01,0,1,0,0,0,0.001,0\n");

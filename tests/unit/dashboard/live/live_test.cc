@@ -441,7 +441,7 @@ TEST_F(LiveTest, TrainingGoesToWhoWatchesThatRun) {
     one.update() = update;
     one.steps() = update * 512;
     one.reward() = std::numeric_limits<float>::quiet_NaN();
-    one.lag() = 1.5f;
+    one.policy_lag() = 1.5f;
     policy.publish(one);
   };
   msg::RunInfo about;
@@ -468,7 +468,7 @@ TEST_F(LiveTest, TrainingGoesToWhoWatchesThatRun) {
   EXPECT_EQ(newest(topic).merge, Hub::Merge::kAppend);
   const auto columns = newest(topic).header["columns"].get<std::vector<std::string>>();
   EXPECT_EQ(columns.front(), "update");
-  EXPECT_EQ(columns.back(), "lag");
+  EXPECT_EQ(columns.back(), "policy_lag");
   const auto values = newest(topic).numbers<double>();
   ASSERT_EQ(values.size(), newest(topic).header["rows"].get<std::size_t>() * columns.size());
   const double* last = values.data() + values.size() - columns.size();

@@ -160,7 +160,7 @@ TEST(Trajectories, EachOnceAndInOrderWhateverTheWireDoes) {
   Rollout rollout;
   EXPECT_DOUBLE_EQ(queue.assemble(4, 100, 16, rollout), (99 + 98 + 97 + 96) / 4.0);
   EXPECT_EQ(send(4), Taken::kRepeated) << "learned from already";
-  queue.meet("a", 2);
+  queue.register_actor("a", 2);
   EXPECT_EQ(queue.window("a").number, 0u) << "a new incarnation counts from 1";
   EXPECT_EQ(send(5), Taken::kRepeated) << "of the dead one";
 }
@@ -175,7 +175,7 @@ TEST(Trajectories, TheRoomIsBoundedAndShared) {
     return queue.take(trajectory, 0);
   };
   using Taken = TrajectoryQueue::Taken;
-  queue.meet("a", 1);
+  queue.register_actor("a", 1);
   EXPECT_EQ(queue.window("a").limit, 4u);
   for (std::uint64_t number = 1; number <= 4; ++number) EXPECT_EQ(send("a", number), Taken::kTaken);
   EXPECT_EQ(send("a", 5), Taken::kNoRoom);

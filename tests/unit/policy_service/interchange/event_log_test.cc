@@ -160,8 +160,8 @@ msg::TrainingStat stat(std::uint64_t update) {
   one.policy_loss() = -0.125f;
   one.value_loss() = 0.75f;
   one.entropy() = 1.0625f;
-  one.divergence() = 0.01f;
-  one.clipped() = 0.1f;
+  one.approx_kl() = 0.01f;
+  one.clip_fraction() = 0.1f;
   one.gradient_norm() = 0.3f;
   one.learning_rate() = 0.001f;
   return one;
@@ -203,8 +203,8 @@ TEST(EventLog, ProtobufReadsWhatWeWrite) {
                                                  {"Losses/Policy Loss", -0.125f},
                                                  {"Losses/Value Loss", 0.75f},
                                                  {"Performance/Steps per Second", 5000.0f},
-                                                 {"Policy/Clipped", 0.1f},
-                                                 {"Policy/Divergence", 0.01f},
+                                                 {"Policy/Clip Fraction", 0.1f},
+                                                 {"Policy/Approximate KL", 0.01f},
                                                  {"Policy/Entropy", 1.0625f},
                                                  {"Policy/Gradient Norm", 0.3f},
                                                  {"Policy/Learning Rate", 0.001f}};

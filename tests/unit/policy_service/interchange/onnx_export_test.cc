@@ -14,6 +14,7 @@
 #include "core/util/files.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "policy_service/interchange/export.h"
+#include "policy_service/network/checkpoint.h"
 #include "tests/support/service.h"
 #include "tests/support/some_agent.h"
 

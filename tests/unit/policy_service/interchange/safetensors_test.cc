@@ -11,6 +11,7 @@
 
 #include "core/util/files.h"
 #include "policy_service/interchange/export.h"
+#include "policy_service/network/checkpoint.h"
 #include "tests/support/service.h"
 #include "tests/support/some_agent.h"
 

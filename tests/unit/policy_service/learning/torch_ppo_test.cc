@@ -6,6 +6,7 @@
 
 #include "core/plugin/plugins.h"
 #include "policy_service/learning/optimization/ppo_loss.h"
+#include "policy_service/network/checkpoint.h"
 #include "tests/support/small_city.h"
 
 namespace citylearn {
@@ -108,12 +109,12 @@ TEST_F(TorchPpo, GradientsAndLossesAreOurs) {
     near(figures[0].policy_loss, figures[1].policy_loss);
     near(figures[0].value_loss, figures[1].value_loss);
     near(figures[0].entropy, figures[1].entropy);
-    near(figures[0].divergence, figures[1].divergence);
-    near(figures[0].clipped, figures[1].clipped);
+    near(figures[0].approx_kl, figures[1].approx_kl);
+    near(figures[0].clip_fraction, figures[1].clip_fraction);
     near(figures[0].localisation_loss, figures[1].localisation_loss);
     near(figures[0].orientation_loss, figures[1].orientation_loss);
     near(figures[0].gradient_norm, figures[1].gradient_norm);
-    EXPECT_GT(figures[1].clipped, 0) << one.agent;
+    EXPECT_GT(figures[1].clip_fraction, 0) << one.agent;
     EXPECT_EQ(figures[1].localisation_loss > 0, one.learner.contains("localisation")) << one.agent;
   }
 }

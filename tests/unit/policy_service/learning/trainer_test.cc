@@ -8,9 +8,10 @@
 #include <filesystem>
 #include <set>
 
+#include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
-#include "core/task/route_map.h"
+#include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
 #include "tests/support/small_networks.h"
 
@@ -157,7 +158,7 @@ TEST_P(EachDescent, WhatIsFrozenHasNoShareInTheGradientsLength) {
   TrainerOptions options = small("features");
   options.learner = GetParam();
   const double whole = Loop(city, options).update().gradient_norm;
-  options.frozen = {"sensors", "lstm", "heads.weight", "whereabouts"};
+  options.frozen = {"sensors", "lstm", "heads.weight", "auxiliary"};
   const double rest = Loop(city, options).update().gradient_norm;
   EXPECT_GT(rest, 0);
   EXPECT_LT(rest, 0.9 * whole);
@@ -204,7 +205,7 @@ TEST(Trainer, SaysWhyTensorsCannotBeFrozen) {
   EXPECT_NE(refusal(options, city).find("'attention' (it has sensors.weight, sensors.bias, lstm.input"),
             std::string::npos)
       << refusal(options, city);
-  options.frozen = {"sensors", "lstm", "heads", "whereabouts"};
+  options.frozen = {"sensors", "lstm", "heads", "auxiliary"};
   EXPECT_NE(refusal(options, city).find("nothing is left to learn"), std::string::npos) << refusal(options, city);
 }
 
@@ -313,7 +314,7 @@ TEST(Trainer, RefusesALearnerThatCannotBeginOrFreeze) {
       << refusal(options, city);
   options.frozen.clear();
   options.initial = Trainer(small("baseline", 7), task_of(city)).agent();
-  EXPECT_NE(refusal(options, city).find("learner 'recorder' cannot begin with given parameters"), std::string::npos)
+  EXPECT_NE(refusal(options, city).find("learner 'recorder' cannot start from given parameters"), std::string::npos)
       << refusal(options, city);
 }
 
@@ -429,7 +430,7 @@ TEST(Trainer, GoesThroughTheLessons) {
   const std::uint64_t first_seed = settings.seed();
   for (int i = 0; i < 300 && loop.trainer.progress().lesson == 0; ++i) loop.update();
   ASSERT_EQ(loop.trainer.progress().lesson, 1);
-  EXPECT_EQ(loop.trainer.cut(), 1u);
+  EXPECT_EQ(loop.trainer.generation(), 1u);
   EXPECT_GT(loop.trainer.progress().smoothed_reward, 0.95);
   EXPECT_GE(loop.trainer.progress().episodes, 100u);
   loop.trainer.settings(0, settings);

@@ -28,42 +28,42 @@ double log_p(const Heads<double>& heads, std::ptrdiff_t column, int action) {
 }
 
 /// `far` is how far the policy that walked was from the heads'. With `ends` episodes end, are cut and break off.
-Walk<double> some_walk(const Heads<double>& heads, double far, bool ends, Random& random) {
-  Walk<double> walk;
-  walk.resize(kSteps * kAgents);
+TrajectoryBatch<double> some_trajectories(const Heads<double>& heads, double far, bool ends, Random& random) {
+  TrajectoryBatch<double> trajectories;
+  trajectories.resize(kSteps * kAgents);
   for (int t = 0; t < kSteps; ++t)
     for (int b = 0; b < kAgents; ++b) {
       const auto i = static_cast<std::size_t>(t * kAgents + b);
       const bool acts = t < kSteps - 1 && !(ends && t == 4 && b == 1);
-      walk.action[i] = acts ? static_cast<std::uint8_t>(random.below(kActions)) : std::uint8_t{kNoAction};
-      walk.ended[i] = !ends              ? Rollout::kGoesOn
-                      : t == 3 && b == 0 ? Rollout::kTerminated
-                      : t == 5 && b == 2 ? Rollout::kTruncated
-                                         : Rollout::kGoesOn;
-      walk.reward[i] = random.normal();
-      walk.final_value[i] = random.normal();
-      walk.log_probability[i] =
-          acts ? log_p(heads, static_cast<std::ptrdiff_t>(i), walk.action[i]) + far * random.normal() : 0;
+      trajectories.action[i] = acts ? static_cast<std::uint8_t>(random.below(kActions)) : std::uint8_t{kNoAction};
+      trajectories.ended[i] = !ends              ? Rollout::kGoesOn
+                              : t == 3 && b == 0 ? Rollout::kTerminated
+                              : t == 5 && b == 2 ? Rollout::kTruncated
+                                                 : Rollout::kGoesOn;
+      trajectories.reward[i] = random.normal();
+      trajectories.final_value[i] = random.normal();
+      trajectories.log_probability[i] =
+          acts ? log_p(heads, static_cast<std::ptrdiff_t>(i), trajectories.action[i]) + far * random.normal() : 0;
     }
   return walk;
 }
 
 /// The definition, term by term: v_s = V(x_s) + sum over t >= s of gamma^(t-s) (c_s .. c_(t-1)) rho_t (r_t + gamma
 /// V(x_(t+1)) - V(x_t)).
-double target_by_definition(const VtraceLimits& limits, const Heads<double>& heads, const Walk<double>& walk, int start,
-                            int agent) {
+double target_by_definition(const VtraceLimits& limits, const Heads<double>& heads,
+                            const TrajectoryBatch<double>& trajectories, int start, int agent) {
   double target = heads.values(0, start * kAgents + agent), weight = 1;
   for (int t = start; t < kSteps; ++t) {
     const auto i = static_cast<std::size_t>(t * kAgents + agent);
-    if (walk.action[i] == kNoAction) break;
-    const double ratio =
-        std::exp(log_p(heads, static_cast<std::ptrdiff_t>(i), walk.action[i]) - walk.log_probability[i]);
+    if (trajectories.action[i] == kNoAction) break;
+    const double ratio = std::exp(log_p(heads, static_cast<std::ptrdiff_t>(i), trajectories.action[i]) -
+                                  trajectories.log_probability[i]);
     double next = heads.values(0, (t + 1) * kAgents + agent);
-    if (walk.ended[i] == Rollout::kTerminated) next = 0;
-    if (walk.ended[i] == Rollout::kTruncated) next = walk.final_value[i];
+    if (trajectories.ended[i] == Rollout::kTerminated) next = 0;
+    if (trajectories.ended[i] == Rollout::kTruncated) next = trajectories.final_value[i];
     target += weight * std::min(limits.rho, ratio) *
-              (walk.reward[i] + limits.gamma * next - heads.values(0, static_cast<std::ptrdiff_t>(i)));
-    if (walk.ended[i] != Rollout::kGoesOn) break;
+              (trajectories.reward[i] + limits.gamma * next - heads.values(0, static_cast<std::ptrdiff_t>(i)));
+    if (trajectories.ended[i] != Rollout::kGoesOn) break;
     weight *= limits.gamma * limits.lambda * std::min(limits.c, ratio);
   }
   return target;
@@ -73,25 +73,27 @@ TEST(Vtrace, TargetsAreThoseOfThePaper) {
   Random random{1};
   const Heads<double> heads = some_heads(random);
   for (const VtraceLimits& limits : {VtraceLimits{0.9, 1, 1, 1}, VtraceLimits{0.97, 0.8, 1.5, 0.7}}) {
-    Walk<double> walk = some_walk(heads, 1, true, random);
-    vtrace(limits, heads, kAgents, walk);
+    TrajectoryBatch<double> trajectories = some_trajectories(heads, 1, true, random);
+    vtrace(limits, heads, kAgents, trajectories);
     for (int t = 0; t < kSteps; ++t)
       for (int b = 0; b < kAgents; ++b) {
         const auto i = static_cast<std::size_t>(t * kAgents + b);
-        EXPECT_NEAR(walk.target[i], target_by_definition(limits, heads, walk, t, b), 1e-12) << t << " " << b;
-        if (walk.action[i] == kNoAction) {
-          EXPECT_EQ(walk.weight[i], 0);
+        EXPECT_NEAR(trajectories.target[i], target_by_definition(limits, heads, trajectories, t, b), 1e-12)
+            << t << " " << b;
+        if (trajectories.action[i] == kNoAction) {
+          EXPECT_EQ(trajectories.weight[i], 0);
           continue;
         }
-        const double ratio =
-            std::exp(log_p(heads, static_cast<std::ptrdiff_t>(i), walk.action[i]) - walk.log_probability[i]);
-        EXPECT_NEAR(walk.weight[i], std::min(limits.rho, ratio), 1e-12);
+        const double ratio = std::exp(log_p(heads, static_cast<std::ptrdiff_t>(i), trajectories.action[i]) -
+                                      trajectories.log_probability[i]);
+        EXPECT_NEAR(trajectories.weight[i], std::min(limits.rho, ratio), 1e-12);
         if (limits.lambda < 1) continue;
-        double next = target_by_definition(limits, heads, walk, t + 1, b);  // section 4.2
-        if (walk.ended[i] == Rollout::kTerminated) next = 0;
-        if (walk.ended[i] == Rollout::kTruncated) next = walk.final_value[i];
-        EXPECT_NEAR(walk.advantage[i],
-                    walk.reward[i] + limits.gamma * next - heads.values(0, static_cast<std::ptrdiff_t>(i)), 1e-12);
+        double next = target_by_definition(limits, heads, trajectories, t + 1, b);  // section 4.2
+        if (trajectories.ended[i] == Rollout::kTerminated) next = 0;
+        if (trajectories.ended[i] == Rollout::kTruncated) next = trajectories.final_value[i];
+        EXPECT_NEAR(trajectories.advantage[i],
+                    trajectories.reward[i] + limits.gamma * next - heads.values(0, static_cast<std::ptrdiff_t>(i)),
+                    1e-12);
       }
   }
 }
@@ -99,15 +101,15 @@ TEST(Vtrace, TargetsAreThoseOfThePaper) {
 TEST(Vtrace, OnPolicyTargetsAreReturns) {
   Random random{2};
   const Heads<double> heads = some_heads(random);
-  Walk<double> walk = some_walk(heads, 0, false, random);
+  TrajectoryBatch<double> trajectories = some_trajectories(heads, 0, false, random);
   const double gamma = 0.9;
-  vtrace(VtraceLimits{gamma, 1, 1, 1}, heads, kAgents, walk);
+  vtrace(VtraceLimits{gamma, 1, 1, 1}, heads, kAgents, trajectories);
   for (int b = 0; b < kAgents; ++b) {
     double expected = heads.values(0, (kSteps - 1) * kAgents + b);
     for (int t = kSteps - 2; t >= 0; --t) {
       const auto i = static_cast<std::size_t>(t * kAgents + b);
-      expected = walk.reward[i] + gamma * expected;
-      EXPECT_NEAR(walk.target[i], expected, 1e-12);
+      expected = trajectories.reward[i] + gamma * expected;
+      EXPECT_NEAR(trajectories.target[i], expected, 1e-12);
     }
   }
 }
@@ -115,25 +117,26 @@ TEST(Vtrace, OnPolicyTargetsAreReturns) {
 TEST(Vtrace, OnPolicyAdvantagesAreGeneralisedAdvantageEstimates) {
   Random random{3};
   const Heads<double> heads = some_heads(random);
-  Walk<double> walk = some_walk(heads, 0, false, random);
-  vtrace(VtraceLimits{0.9, 0.8, 1, 1}, heads, kAgents, walk);
+  TrajectoryBatch<double> trajectories = some_trajectories(heads, 0, false, random);
+  vtrace(VtraceLimits{0.9, 0.8, 1, 1}, heads, kAgents, trajectories);
   Rollout rollout;
   rollout.resize(0, 1, kSteps - 1, kAgents, kSteps - 1);
   for (std::size_t i = 0; i < rollout.reward.size(); ++i) {
-    rollout.reward[i] = static_cast<float>(walk.reward[i]);
+    rollout.reward[i] = static_cast<float>(trajectories.reward[i]);
     rollout.value[i] = static_cast<float>(heads.values(0, static_cast<std::ptrdiff_t>(i)));
   }
   for (std::size_t b = 0; b < kAgents; ++b)
     rollout.last_value[b] = static_cast<float>(heads.values(0, static_cast<std::ptrdiff_t>(rollout.reward.size() + b)));
   rollout.estimate_advantages(0.9, 0.8);
-  for (std::size_t i = 0; i < rollout.reward.size(); ++i) EXPECT_NEAR(walk.advantage[i], rollout.advantage[i], 1e-5);
+  for (std::size_t i = 0; i < rollout.reward.size(); ++i)
+    EXPECT_NEAR(trajectories.advantage[i], rollout.advantage[i], 1e-5);
 }
 
 TEST(Vtrace, LossAgreesWithCentralDifferences) {
   Random random{4};
   Heads<double> heads = some_heads(random);
-  heads.whereabouts.resize(2, kSteps * kAgents);
-  for (double& value : heads.whereabouts.reshaped()) value = random.normal();
+  heads.auxiliary.resize(2, kSteps * kAgents);
+  for (double& value : heads.auxiliary.reshaped()) value = random.normal();
   NetworkInputs<double> inputs;
   inputs.resize(0, kSteps, kAgents);
   for (std::size_t i = 0; i < inputs.goal.size(); ++i) {
@@ -142,20 +145,20 @@ TEST(Vtrace, LossAgreesWithCentralDifferences) {
   }
   const VtraceLimits limits{0.9, 0.8, 1.2, 1};
   const LossWeights weights{0.5, 0.3, 0.7, 0.4};
-  Walk<double> walk = some_walk(heads, 0.5, true, random);
-  vtrace(limits, heads, kAgents, walk);  // constants from here on
+  TrajectoryBatch<double> trajectories = some_trajectories(heads, 0.5, true, random);
+  vtrace(limits, heads, kAgents, trajectories);  // constants from here on
   const double share = 0.1;
   Heads<double> derivative, unused;
-  vtrace_loss(weights, limits, walk, inputs, 7, heads, 1.7, share, derivative);
+  vtrace_loss(weights, limits, trajectories, inputs, 7, heads, 1.7, share, derivative);
   const auto check = [&](Matrix<double>& values, const Matrix<double>& found) {
     ASSERT_EQ(values.size(), found.size());
     double largest = 0;
     for (std::ptrdiff_t i = 0; i < values.size(); ++i) {
       const double kept = values.reshaped()(i), step = 1e-5;
       values.reshaped()(i) = kept + step;
-      const double above = vtrace_loss(weights, limits, walk, inputs, 7, heads, 1.7, share, unused).loss;
+      const double above = vtrace_loss(weights, limits, trajectories, inputs, 7, heads, 1.7, share, unused).loss;
       values.reshaped()(i) = kept - step;
-      const double below = vtrace_loss(weights, limits, walk, inputs, 7, heads, 1.7, share, unused).loss;
+      const double below = vtrace_loss(weights, limits, trajectories, inputs, 7, heads, 1.7, share, unused).loss;
       values.reshaped()(i) = kept;
       EXPECT_NEAR(found.reshaped()(i), share * (above - below) / (2 * step), 1e-8) << i;
       largest = std::max(largest, std::abs(found.reshaped()(i)));
@@ -164,11 +167,11 @@ TEST(Vtrace, LossAgreesWithCentralDifferences) {
   };
   check(heads.logits, derivative.logits);
   check(heads.values, derivative.values);
-  check(heads.whereabouts, derivative.whereabouts);
+  check(heads.auxiliary, derivative.auxiliary);
 }
 
-/// GoalReward is a second writing of the environment's rule.
-TEST(GoalReward, IsTheEnvironmentsReward) {
+/// As relabel uses it, from places alone.
+TEST(EpisodeReward, IsTheEnvironmentsReward) {
   const Traversal city = small_city(9);
   Environment environment(city, 8);
   msg::TaskSettings settings;
@@ -179,9 +182,14 @@ TEST(GoalReward, IsTheEnvironmentsReward) {
   environment.reset(settings);
   msg::Observation observation;
   environment.observe(observation);
-  std::vector<GoalReward> rules;
+  std::vector<EpisodeReward> rules;
+  std::vector<int> goals(8);  // that of the episode which the step belongs to, not of the next one
+  const auto distance = [&](std::size_t agent) {
+    return std::abs(goals[agent] - static_cast<int>(observation.position()[agent]));
+  };
   const auto begin = [&](std::size_t agent) {
-    return GoalReward(static_cast<int>(observation.position()[agent]), static_cast<int>(observation.goal()[agent]), 12);
+    goals[agent] = static_cast<int>(observation.goal()[agent]);
+    return EpisodeReward(distance(agent), 12);
   };
   for (std::size_t agent = 0; agent < 8; ++agent) rules.push_back(begin(agent));
   Random random{6};
@@ -194,7 +202,7 @@ TEST(GoalReward, IsTheEnvironmentsReward) {
     environment.step(choice);
     environment.observe(observation);
     for (std::size_t agent = 0; agent < 8; ++agent) {
-      EXPECT_EQ(rules[agent].step(static_cast<int>(observation.position()[agent])), observation.reward()[agent]);
+      EXPECT_EQ(rules[agent].step(distance(agent)), observation.reward()[agent]);
       const bool terminated = observation.flags()[agent] & msg::FLAG_TERMINATED;
       EXPECT_EQ(rules[agent].reached(), terminated);
       EXPECT_EQ(!terminated && rules[agent].out_of_steps(), (observation.flags()[agent] & msg::FLAG_TRUNCATED) != 0);
@@ -242,21 +250,21 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
   Rollout* const rollouts[] = {&rollout};
   Replay replay(100);
   replay.add(rollouts);
-  Descent::Half half;
-  Walk<float> walk;
+  GradientStep::Half half;
+  TrajectoryBatch<float> trajectories;
   int terminated = 0, broken_off = 0, out_of_steps = 0;
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     half.inputs.resize(1, 13, 1);
     half.inputs.frames = 20;
     half.state.setOnes(2, 1);
-    walk.resize(13);
+    trajectories.resize(13);
     Random random{seed};
-    relabel(replay, 0, 0.5, random, 0, half, walk);
+    relabel(replay, 0, 0.5, random, 0, half, trajectories);
     EXPECT_TRUE(half.state.isZero());
     EXPECT_TRUE(half.inputs.first[0]);
-    EXPECT_EQ(walk.action[12], kNoAction);
+    EXPECT_EQ(trajectories.action[12], kNoAction);
     int steps = 0;
-    GoalReward rule(0, 0, 1);
+    EpisodeReward rule(0, 1);
     for (std::size_t row = 0; row < 13; ++row) {
       const auto t = static_cast<std::size_t>(half.inputs.features_of(static_cast<std::ptrdiff_t>(row))(0));
       const int position = t < 12 ? rollout.inputs.position[t] : rollout.next.position[0];
@@ -265,14 +273,14 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
         EXPECT_EQ(half.inputs.previous_action[row], kNoAction);
         EXPECT_TRUE(row == 12 || half.inputs.goal[row] != position);
         steps = 0;
-        rule = GoalReward(position, half.inputs.goal[row], 6);
+        rule = {std::abs(half.inputs.goal[row] - position), 6};
       } else {
         EXPECT_EQ(half.inputs.previous_action[row], rollout.action[t - 1]);
         EXPECT_EQ(half.inputs.goal[row], half.inputs.goal[row - 1]);
       }
       if (row == 12) break;
       const auto next = static_cast<std::size_t>(half.inputs.features_of(static_cast<std::ptrdiff_t>(row + 1))(0));
-      if (walk.action[row] == kNoAction) {  // seen twice: what the one goes on with, the other's first
+      if (trajectories.action[row] == kNoAction) {  // seen twice: what the one goes on with, the other's first
         EXPECT_EQ(next, t);
         EXPECT_TRUE(half.inputs.first[row + 1]);
         EXPECT_FALSE(half.inputs.first[row]);
@@ -282,10 +290,10 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
       }
       ++steps;
       EXPECT_EQ(next, t + 1);
-      EXPECT_EQ(walk.action[row], rollout.action[t]);
-      EXPECT_EQ(walk.log_probability[row], rollout.log_probability[t]);
-      EXPECT_EQ(walk.reward[row], rule.step(half.inputs.position[row + 1]));
-      EXPECT_EQ(walk.ended[row], rule.reached() ? Rollout::kTerminated : Rollout::kGoesOn);
+      EXPECT_EQ(trajectories.action[row], rollout.action[t]);
+      EXPECT_EQ(trajectories.log_probability[row], rollout.log_probability[t]);
+      EXPECT_EQ(trajectories.reward[row], rule.step(std::abs(half.inputs.goal[row] - half.inputs.position[row + 1])));
+      EXPECT_EQ(trajectories.ended[row], rule.reached() ? Rollout::kTerminated : Rollout::kGoesOn);
       EXPECT_EQ(half.inputs.position[row + 1] == half.inputs.goal[row], rule.reached());
       EXPECT_EQ(half.inputs.first[row + 1], rule.reached());
       terminated += rule.reached();

@@ -12,11 +12,12 @@
 #include "core/util/files.h"
 #include "core/util/random.h"
 #include "policy_service/distributed/heartbeat_thread.h"
+#include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/episode_log.h"
 #include "policy_service/run/metrics_log.h"
 #include "policy_service/run/policy_service.h"
-#include "policy_service/run/run_record.h"
+#include "policy_service/run/run_announcer.h"
 #include "policy_service/run/score.h"
 #include "tests/support/service.h"
 #include "tests/support/some_agent.h"
@@ -89,9 +90,9 @@ TEST(EpisodeLog, HasNoRowsOfWhatItPassesOver) {
   Folder folder;
   const std::string path = folder / "episodes.csv";
   EpisodeLog log(path);
-  log.pass_over(episode(1, 1, 1, true));
+  log.skip(episode(1, 1, 1, true));
   EXPECT_TRUE(log.record(episode(3, 1, 1, true)));
-  log.pass_over(episode(2, 1, 1, true));
+  log.skip(episode(2, 1, 1, true));
   EXPECT_EQ(log.recorded("env-summer", 7), 3u) << "nothing is missing";
   EXPECT_FALSE(log.record(episode(2, 1, 1, true)));
   EXPECT_EQ(log.total(), 1u);
@@ -154,7 +155,7 @@ TEST(MetricsLog, ForgetsWhatCameAfterTheCheckpoint) {
 }
 
 /// Two nodes in this process.
-class RunRecordTest : public ::testing::Test {
+class RunAnnouncerTest : public ::testing::Test {
  protected:
   static Node::Options options(const std::string& id) {
     Node::Options options;
@@ -163,13 +164,13 @@ class RunRecordTest : public ::testing::Test {
     options.session = "run-record-" + std::to_string(getpid());
     return options;
   }
-  RunRecordTest() {
+  RunAnnouncerTest() {
     watcher.create_reader<msg::RunInfo>();
     watcher.create_reader<msg::TrainingStat>();
     watcher.create_writer<msg::TrainingStatRequest>();
   }
   /// Lets the record work until nothing more comes; all stats that came.
-  std::vector<msg::TrainingStat> stats(RunRecord& record) {
+  std::vector<msg::TrainingStat> stats(RunAnnouncer& record) {
     std::vector<msg::TrainingStat> found;
     record.handle();
     while (watcher.take(stat)) found.push_back(stat);
@@ -194,8 +195,8 @@ class RunRecordTest : public ::testing::Test {
   msg::RunInfo info;
 };
 
-TEST_F(RunRecordTest, TellsWhatTheRunIsAtItsStartAndItsEndAndInBetween) {
-  RunRecord record(policy, {"place_filter", "ppo", 3, 5, 20, "{\"a\": 1}"});
+TEST_F(RunAnnouncerTest, AnnouncesTheRunFromItsStartToItsEnd) {
+  RunAnnouncer record(policy, {"place_filter", "ppo", 3, 5, 20, "{\"a\": 1}"});
   ASSERT_TRUE(take_info());
   EXPECT_EQ(std::string(info.agent().c_str()), "place_filter");
   EXPECT_EQ(std::string(info.learner().c_str()), "ppo");
@@ -215,13 +216,13 @@ TEST_F(RunRecordTest, TellsWhatTheRunIsAtItsStartAndItsEndAndInBetween) {
   record.end();
   ASSERT_TRUE(take_info());
   EXPECT_TRUE(info.ended());
-  RunRecord large(policy, {"place_filter", "", 3, 6, 0, std::string(msg::MAX_CHUNK + 1, ' ')});
+  RunAnnouncer large(policy, {"place_filter", "", 3, 6, 0, std::string(msg::MAX_CHUNK + 1, ' ')});
   ASSERT_TRUE(take_info());
   EXPECT_TRUE(info.manifest().empty()) << "what does not fit is left out";
 }
 
-TEST_F(RunRecordTest, GivesItsStatsAgainToWhoAsks) {
-  RunRecord record(policy, {"place_filter", "ppo", 3, 5, 20, ""});
+TEST_F(RunAnnouncerTest, SendsItsStatsAgainOnRequest) {
+  RunAnnouncer record(policy, {"place_filter", "ppo", 3, 5, 20, ""});
   for (std::uint64_t update = 21; update <= 420; ++update) {
     msg::TrainingStat one;
     one.update() = update;
@@ -258,13 +259,13 @@ TEST_F(RunRecordTest, GivesItsStatsAgainToWhoAsks) {
   EXPECT_TRUE(stats(record).empty());
 }
 
-TEST_F(RunRecordTest, AHeartBeatsWhileTheNodesThreadComputes) {
+TEST_F(RunAnnouncerTest, AHeartBeatsWhileTheNodesThreadComputes) {
   watcher.create_reader<msg::ServiceStatus>();
-  Heart heart(policy);
+  HeartbeatThread heart(policy);
   msg::ServiceStatus status;
   int beats = 0;
   // Work that ends when two heartbeats were heard, a second apart.
-  const bool heard = heart.beside([&] {
+  const bool heard = heart.run([&] {
     const Clock::time_point deadline = Clock::now() + testing::kPatience;
     while (beats < 2 && Clock::now() < deadline) {
       watcher.wait(Clock::now() + std::chrono::milliseconds(20));
@@ -283,14 +284,14 @@ TEST_F(RunRecordTest, AHeartBeatsWhileTheNodesThreadComputes) {
       testing::kPatience));
 }
 
-TEST(RunRecord, AResumedRunKeepsItsJob) {
+TEST(RunAnnouncer, AResumedRunKeepsItsJob) {
   Folder folder;
-  const std::uint64_t before = new_job();
-  EXPECT_GE(job_of(folder / "manifest.json"), before) << "there is none";
+  const std::uint64_t before = new_run_id();
+  EXPECT_GE(run_id_of(folder / "manifest.json"), before) << "there is none";
   std::ofstream(folder / "manifest.json") << "{\"job\": 1234}";
-  EXPECT_EQ(job_of(folder / "manifest.json"), 1234u);
+  EXPECT_EQ(run_id_of(folder / "manifest.json"), 1234u);
   std::ofstream(folder / "manifest.json") << "{\"jo";
-  EXPECT_GE(job_of(folder / "manifest.json"), before);
+  EXPECT_GE(run_id_of(folder / "manifest.json"), before);
 }
 
 TEST(Files, AFailedWriteLeavesTheOldFile) {

@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/util/error.h"
+#include "policy_service/run/comparison.h"
 #include "tests/support/service.h"
 
 namespace citylearn {

@@ -3,22 +3,22 @@
 
 #include <cmath>
 
-#include "core/wire/messages.h"
 #include "core/util/random.h"
+#include "core/wire/messages.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/rollout/rollout.h"
 
 namespace citylearn::testing {
 
-/// What some agents might have seen and done.
-struct Walk {
+/// Describes what some agents might have seen and done.
+struct RandomRollout {
   std::uint64_t number = 0;  ///< no two alike
   int agents = 3, steps = 24, sequence = 12;
-  float log_probability = -1;  ///< of what was done, about; -infinity: impossible by now
+  float log_probability = -1;  ///< of the actions, about; -infinity: impossible by now
 };
 
-/// Walks at random on the route of `task`, whose reference it sees; episodes end both ways.
-inline Rollout walk(const NetworkTask& task, int state_size, const Walk& how) {
+/// Returns a rollout of agents that act at random on the route of `task` and see its reference; episodes end both ways.
+inline Rollout random_rollout(const NetworkTask& task, int state_size, const RandomRollout& how) {
   Random random{how.number, 77};
   Rollout rollout;
   rollout.resize(task.features, state_size, how.steps, how.agents, how.sequence);

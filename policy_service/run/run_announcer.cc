@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/run/run_record.h"
+#include "policy_service/run/run_announcer.h"
 
 #include <spdlog/spdlog.h>
 
@@ -16,23 +16,22 @@ constexpr auto kInfoAgain = std::chrono::seconds(1);
 
 }  // namespace
 
-RunRecord::RunRecord(Node& node, const What& what) : node_(node), first_(what.updates + 1) {
+RunAnnouncer::RunAnnouncer(Node& node, const Run& run) : node_(node), first_(run.updates + 1) {
   node_.create_writer<msg::TrainingStat>();
   node_.create_reader<msg::TrainingStatRequest>();
-  info_.agent() = what.agent.c_str();
-  info_.learner() = what.learner.c_str();
-  info_.seed() = what.seed;
-  info_.run_id() = what.job;
-  info_.updates() = what.updates;
-  if (what.manifest.size() <= msg::MAX_CHUNK)
-    info_.manifest().assign(what.manifest.begin(), what.manifest.end());
+  info_.agent() = run.agent.c_str();
+  info_.learner() = run.learner.c_str();
+  info_.seed() = run.seed;
+  info_.run_id() = run.run_id;
+  info_.updates() = run.updates;
+  if (run.manifest.size() <= msg::MAX_CHUNK)
+    info_.manifest().assign(run.manifest.begin(), run.manifest.end());
   else
-    spdlog::warn("the manifest has {} bytes: who watches does not get it (at most {})", what.manifest.size(),
-                 msg::MAX_CHUNK);
+    spdlog::warn("the manifest has {} bytes and is not announced (at most {})", run.manifest.size(), msg::MAX_CHUNK);
   send_info();
 }
 
-void RunRecord::add(msg::TrainingStat& stat) {
+void RunAnnouncer::add(msg::TrainingStat& stat) {
   stat.run_id() = info_.run_id();
   node_.publish(stat);
   info_.updates() = stat.update();
@@ -45,7 +44,7 @@ void RunRecord::add(msg::TrainingStat& stat) {
   stats_.insert(stats_.end(), bytes.begin(), bytes.end());
 }
 
-void RunRecord::handle() {
+void RunAnnouncer::handle() {
   while (node_.take(request_)) {
     if (request_.policy() != node_.options().id || request_.policy_incarnation() != node_.incarnation() ||
         request_.run_id() != info_.run_id())
@@ -62,23 +61,23 @@ void RunRecord::handle() {
   if (Clock::now() >= next_info_) send_info();
 }
 
-void RunRecord::end() {
+void RunAnnouncer::end() {
   info_.ended() = true;
   send_info();
 }
 
-void RunRecord::send_info() {
+void RunAnnouncer::send_info() {
   node_.publish(info_);
   next_info_ = Clock::now() + kInfoAgain;
 }
 
-std::uint64_t new_job() { return microseconds_since_epoch(); }
+std::uint64_t new_run_id() { return microseconds_since_epoch(); }
 
-std::uint64_t job_of(const std::string& manifest_path) {
+std::uint64_t run_id_of(const std::string& manifest_path) {
   std::ifstream in(manifest_path);
   const nlohmann::json manifest = nlohmann::json::parse(in, nullptr, /*allow_exceptions=*/false);
   const auto job = manifest.is_object() ? manifest.find("job") : manifest.end();
-  return job != manifest.end() && job->is_number_unsigned() ? job->get<std::uint64_t>() : new_job();
+  return job != manifest.end() && job->is_number_unsigned() ? job->get<std::uint64_t>() : new_run_id();
 }
 
 }  // namespace citylearn

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/network/agent_network.h"
-
 #include <algorithm>
+
+#include "policy_service/network/agent_network.h"
 
 namespace citylearn {
 
@@ -28,7 +28,8 @@ void NetworkInputs<S>::see(std::ptrdiff_t column, int place, const Eigen::Ref<co
   const auto index = static_cast<std::size_t>(column);
   shown[index] = place;
   if (place >= 0) {
-    if (static_cast<std::size_t>(place) >= column_of_.size()) column_of_.resize(static_cast<std::size_t>(place) + 1, -1);
+    if (static_cast<std::size_t>(place) >= column_of_.size())
+      column_of_.resize(static_cast<std::size_t>(place) + 1, -1);
     int& known = column_of_[static_cast<std::size_t>(place)];
     if (known >= 0) {
       seen[index] = known;
@@ -53,7 +54,6 @@ void NetworkInputs<S>::copy_column(const NetworkInputs& source, std::ptrdiff_t f
   first[t] = source.first[f];
 }
 
-template struct NetworkInputs<float>;
-template struct NetworkInputs<double>;
+template struct NetworkInputs<NetworkScalar>;
 
 }  // namespace citylearn

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A policy_service's Fleet and env_services in one process: observations by reference are those with features.
+// A policy_service's EnvClient and env_services in one process: observations by reference are those with features.
+#include "policy_service/distributed/env_client.h"
+
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>
 #include <unistd.h>
@@ -9,7 +11,6 @@
 
 #include "core/util/random.h"
 #include "env_service/env_service.h"
-#include "policy_service/distributed/env_client.h"
 #include "tests/support/env.h"
 #include "tests/support/samples.h"
 #include "tests/support/wait.h"
@@ -53,10 +54,11 @@ class Host {
   std::thread thread_;
 };
 
-/// A Fleet that walks by the masks alone and keeps what it is shown.
+/// An EnvClient that acts by the masks alone and keeps what it is shown.
 class Player {
  public:
-  explicit Player(const std::string& run, const FleetOptions& options = {}, const std::string& middleware = "inprocess")
+  explicit Player(const std::string& run, const EnvClientOptions& options = {},
+                  const std::string& middleware = "inprocess")
       : node([&] {
           Node::Options with;
           with.middleware.name = middleware;
@@ -65,12 +67,12 @@ class Player {
           with.session = run;
           return with;
         }()),
-        fleet(node, options) {
-    fleet.decide = [this](Seat& seat, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+        client(node, options) {
+    client.decide = [this](EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
       msg::Observation without = observation;
       without.header() = msg::Header();
       without.settings() = msg::SettingsId();
-      shown[seat.id].push_back(encoded(without));
+      shown[env.id].push_back(encoded(without));
       choice.resize(observation.frame().size());
       for (std::size_t agent = 0; agent < choice.size(); ++agent) {
         Random random{observation.step(), agent};
@@ -84,16 +86,16 @@ class Player {
     const Clock::time_point deadline = Clock::now() + kPatience;
     while (!condition()) {
       if (Clock::now() >= deadline) return false;
-      fleet.spin(Clock::now() + milliseconds(20));
+      client.spin(Clock::now() + milliseconds(20));
     }
     return true;
   }
-  Seat* seat(const std::string& id) {
-    return until([&] { return fleet.seats().contains(id); }) ? fleet.seats().at(id).get() : nullptr;
+  EnvHandle* env(const std::string& id) {
+    return until([&] { return client.envs().contains(id); }) ? client.envs().at(id).get() : nullptr;
   }
 
   Node node;
-  Fleet fleet;
+  EnvClient client;
   std::map<std::string, std::vector<Bytes>> shown;  ///< observations answered, by env_service
 };
 
@@ -103,16 +105,16 @@ msg::TaskSettings route(std::uint32_t first, std::uint32_t frames) {
   return with;
 }
 
-class FleetTest : public ::testing::Test {
+class EnvClientTest : public ::testing::Test {
  protected:
-  FleetTest() : run_("fleet-" + std::to_string(getpid()) + "-" + std::to_string(++count_)) {
+  EnvClientTest() : run_("client-" + std::to_string(getpid()) + "-" + std::to_string(++count_)) {
     spdlog::set_level(spdlog::level::warn);
   }
   static inline int count_ = 0;
   const std::string run_;
 };
 
-TEST_F(FleetTest, ByReferenceEveryObservationIsTheSame) {
+TEST_F(EnvClientTest, ByReferenceEveryObservationIsTheSame) {
   const Traversal traversal = wide_traversal("wide", 40, 15000);
   constexpr std::size_t kSteps = 30;
   for (const std::string middleware : {"inprocess", "lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=3:inprocess"}) {
@@ -121,15 +123,15 @@ TEST_F(FleetTest, ByReferenceEveryObservationIsTheSame) {
     for (const bool shuffle : {false, true}) {
       std::vector<Bytes> seen[2];
       for (const bool by_reference : {false, true}) {
-        FleetOptions options;
+        EnvClientOptions options;
         options.observing = by_reference ? Observing::kByReference : Observing::kWhole;
         Player player(run, options, middleware);
-        Seat* seat = player.seat("env-wide");
-        ASSERT_TRUE(seat);
+        EnvHandle* env = player.env("env-wide");
+        ASSERT_TRUE(env);
         msg::TaskSettings with = route(7, 30);
         with.shuffle() = shuffle;
-        player.fleet.command(*seat, with);
-        EXPECT_EQ(seat->settings.by_reference(), by_reference);
+        player.client.command(*env, with);
+        EXPECT_EQ(env->settings.by_reference(), by_reference);
         ASSERT_TRUE(player.until([&] { return player.shown["env-wide"].size() >= kSteps; })) << middleware;
         seen[by_reference] = player.shown["env-wide"];
         seen[by_reference].resize(kSteps);
@@ -139,20 +141,20 @@ TEST_F(FleetTest, ByReferenceEveryObservationIsTheSame) {
   }
 }
 
-TEST_F(FleetTest, AsksForWhatFitsOneDatagramWholeAndForMoreByReference) {
+TEST_F(EnvClientTest, AsksForWhatFitsOneDatagramWholeAndForMoreByReference) {
   const Traversal fits = wide_traversal("fits", 10, 5000), more = wide_traversal("more", 10, 5001);
   const Host one(fits, 3, run_), two(more, 3, run_);  // 60,000 and 60,012 bytes
   Player player(run_);
   for (const std::string id : {"env-fits", "env-more"}) {
-    Seat* seat = player.seat(id);
-    ASSERT_TRUE(seat);
-    player.fleet.command(*seat, route(0, 10));
-    EXPECT_EQ(seat->settings.by_reference(), id == "env-more");
+    EnvHandle* env = player.env(id);
+    ASSERT_TRUE(env);
+    player.client.command(*env, route(0, 10));
+    EXPECT_EQ(env->settings.by_reference(), id == "env-more");
     EXPECT_TRUE(player.until([&] { return player.shown[id].size() >= 3; }));
   }
 }
 
-TEST_F(FleetTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
+TEST_F(EnvClientTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   const Traversal traversal = wide_traversal("wide", 20, 30000);
   Node::Options spy_options;
   spy_options.middleware.name = "inprocess";
@@ -170,10 +172,10 @@ TEST_F(FleetTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   Player player(run_);
   int joined = 0;
   std::size_t before = 0;  // observations that came before the last one joined
-  player.fleet.joined = [&](Seat& seat) {
+  player.client.joined = [&](EnvHandle& env) {
     ++joined;
     before = player.shown["env-wide"].size();
-    player.fleet.command(seat, route(0, 20));
+    player.client.command(env, route(0, 20));
   };
   ASSERT_TRUE(player.until([&] { return player.shown["env-wide"].size() >= 5; }));
   EXPECT_GT(requests(), 0);
@@ -184,12 +186,12 @@ TEST_F(FleetTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   EXPECT_TRUE(player.shown["env-wide"][before] == player.shown["env-wide"][0]);
   EXPECT_EQ(requests(), 0) << "fetched once";
   // Features asked for directly are those at hand, too.
-  const auto some = player.fleet.fetch_features(*player.seat("env-wide"), 3, 2, Clock::now() + kPatience);
+  const auto some = player.client.fetch_features(*player.env("env-wide"), 3, 2, Clock::now() + kPatience);
   EXPECT_EQ(some, std::vector<float>(traversal.features.begin() + 3 * 30000, traversal.features.begin() + 5 * 30000));
   EXPECT_EQ(requests(), 0);
 }
 
-TEST_F(FleetTest, WhereFeaturesDoNotComeOtherSeatsGoOnAndItIsAnErrorInTheEnd) {
+TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsAnErrorInTheEnd) {
   const Traversal small = small_traversal(20);
   const Host host(small, 2, run_);
   // One that announces features and never hands them out.
@@ -203,7 +205,7 @@ TEST_F(FleetTest, WhereFeaturesDoNotComeOtherSeatsGoOnAndItIsAnErrorInTheEnd) {
   info.traversal() = "hoard";
   info.frames() = 20;
   info.feature_dimension() = 100000;
-  FleetOptions options;
+  EnvClientOptions options;
   options.patience = milliseconds(300);
   Player player(run_, options);
   Clock::time_point again{};
@@ -214,10 +216,10 @@ TEST_F(FleetTest, WhereFeaturesDoNotComeOtherSeatsGoOnAndItIsAnErrorInTheEnd) {
   };
   ASSERT_TRUE(player.until([&] {
     tell();
-    return player.fleet.seats().size() == 2;
+    return player.client.envs().size() == 2;
   }));
-  player.fleet.command(*player.seat("miser"), route(0, 20));
-  player.fleet.command(*player.seat("env-line"), route(0, 20));
+  player.client.command(*player.env("miser"), route(0, 20));
+  player.client.command(*player.env("env-line"), route(0, 20));
   try {
     player.until([&] {
       tell();
@@ -232,7 +234,7 @@ TEST_F(FleetTest, WhereFeaturesDoNotComeOtherSeatsGoOnAndItIsAnErrorInTheEnd) {
   EXPECT_TRUE(player.shown["miser"].empty());
 }
 
-TEST_F(FleetTest, FeaturesOfWhoDoesNotHaveThemAreNotTaken) {
+TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   // An env_service that announces a traversal, and a stranger who answers in its place.
   const auto raw = [&](const std::string& id) {
     Node::Options with;
@@ -252,13 +254,13 @@ TEST_F(FleetTest, FeaturesOfWhoDoesNotHaveThemAreNotTaken) {
   const std::vector<float> positions(3), features(2, 5.0f);
   ChunkLayout(3, 2).fill(
       0, positions, [&](std::uint32_t) { return std::span<const float>(features); }, chunk);
-  FleetOptions options;
+  EnvClientOptions options;
   options.observing = Observing::kByReference;
   Player player(run_, options);
   owner->publish(info);
-  ASSERT_TRUE(player.seat("owner"));
-  player.fleet.command(*player.seat("owner"), route(0, 3));
-  const auto& route = player.seat("owner")->features;
+  ASSERT_TRUE(player.env("owner"));
+  player.client.command(*player.env("owner"), route(0, 3));
+  const auto& route = player.env("owner")->features;
   stranger->publish(chunk);
   ASSERT_TRUE(player.until([&] { return player.node.traffic.rejected == 1; }));
   EXPECT_FALSE(route->complete());
@@ -271,7 +273,7 @@ TEST_F(FleetTest, FeaturesOfWhoDoesNotHaveThemAreNotTaken) {
   EXPECT_EQ(player.node.traffic.rejected, 1u) << "nobody wants it any more";
 }
 
-TEST_F(FleetTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
+TEST_F(EnvClientTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
   Traversal traversal = wide_traversal("road", 3000, 1);
   for (int i = 0; i < traversal.frames; ++i) {
     traversal.positions[static_cast<std::size_t>(i)] = static_cast<float>(i);
@@ -280,7 +282,7 @@ TEST_F(FleetTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
   }
   const Host host(traversal, 1, run_);
   Player player(run_);
-  ASSERT_TRUE(player.seat("env-road"));
+  ASSERT_TRUE(player.env("env-road"));
   player.node.create_reader<msg::MapChunk>();
   msg::MapRequest request;
   request.environment() = "env-road";
@@ -301,18 +303,18 @@ TEST_F(FleetTest, MapsComeInPartsWithWhereEachFrameWasRecorded) {
   EXPECT_EQ(longitude, traversal.longitude);
 }
 
-TEST_F(FleetTest, WholeObservationsThatCannotBeAreRefused) {
+TEST_F(EnvClientTest, WholeObservationsThatCannotBeAreRefused) {
   const Traversal traversal = wide_traversal("wide", 3, 100000);
   const Host host(traversal, 3, run_);
-  FleetOptions options;
+  EnvClientOptions options;
   options.observing = Observing::kWhole;
   Player player(run_, options);
-  Seat* seat = player.seat("env-wide");
-  ASSERT_TRUE(seat);
-  EXPECT_THROW(player.fleet.command(*seat, route(0, 3)), Error);
+  EnvHandle* env = player.env("env-wide");
+  ASSERT_TRUE(env);
+  EXPECT_THROW(player.client.command(*env, route(0, 3)), Error);
 }
 
-TEST_F(FleetTest, TheCacheKeepsWhatIsHeldAndLittleElse) {
+TEST_F(EnvClientTest, TheCacheKeepsWhatIsHeldAndLittleElse) {
   Player player(run_);
   FeatureCache cache(player.node, 2000 * sizeof(float));
   msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+namespace citylearn {
+
+/// Rewards the steps of one episode (Chancán & Milford, 2020): 1 at the goal, nothing for a step that leads nearer to
+/// the goal than the agent ever was in the episode, else a cost of 1 / max_steps. The distances alone decide, so the
+/// reward is known for goals that nobody had.
+class EpisodeReward {
+ public:
+  /// `distance`: the fewest steps from the start to the goal.
+  EpisodeReward(int distance, int max_steps) : distance_(distance), nearest_(distance), max_steps_(max_steps) {}
+
+  /// Returns the reward of the step that leads to a place `distance` steps away from the goal.
+  float step(int distance) {
+    const bool free = distance < distance_ && distance_ <= nearest_;
+    if (free) --nearest_;
+    distance_ = distance;
+    ++steps_;
+    return reached() ? 1.0f : free ? 0.0f : -1.0f / static_cast<float>(max_steps_);
+  }
+  bool reached() const { return distance_ == 0; }
+  bool out_of_steps() const { return steps_ >= max_steps_; }
+
+  /// Returns the sum of an episode's rewards, without rounding, when `costly` of its steps cost something.
+  static double total(bool reached, double costly, double max_steps) {
+    return (reached ? 1.0 : 0.0) - costly / max_steps;
+  }
+
+ private:
+  int distance_, nearest_, max_steps_, steps_ = 0;
+};
+
+}  // namespace citylearn

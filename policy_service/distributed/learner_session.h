@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "policy_service/distributed/env_client.h"
+#include "policy_service/distributed/parameter_chunks.h"
+#include "policy_service/distributed/parameter_requester.h"
+#include "policy_service/distributed/trajectory_outbox.h"
+#include "policy_service/rollout/collector.h"
+
+namespace citylearn {
+
+/// Returns what is wrong with a learner's announcement; empty when nothing is.
+std::string validation_error(const msg::LearnerInfo& info);
+
+/// An actor's work for one incarnation of a learner. Used by one thread.
+class LearnerSession {
+ public:
+  LearnerSession(Node& node, const msg::LearnerInfo& info);
+
+  /// Returns whether an env_service hosts the traversal that is learned from.
+  bool serves(const EnvHandle& env) const;
+  /// Builds network and collector once the route's features are available. Returns whether they exist. Throws Error
+  /// when the learner's network is not that of this program.
+  bool prepare(EnvClient& client);
+  bool prepared() const { return collector_ != nullptr; }
+  /// Takes in a later announcement. Returns whether a new lesson began. Throws Error as prepare().
+  bool update(const msg::LearnerInfo& info);
+
+  const msg::LearnerInfo& info() const { return info_; }
+  std::string learner() const { return info_.header().sender().c_str(); }
+  Collector& collector() { return *collector_; }
+  ParameterAssembly* parameters() { return parameters_.get(); }  ///< null until prepared
+  /// Returns the newest complete parameters, null before the first.
+  std::shared_ptr<const VersionedParameters> newest_parameters() const {
+    return parameters_ ? parameters_->newest() : nullptr;
+  }
+  void request_missing_parameters() { requester_.request_missing(*parameters_); }
+
+  TrajectoryOutbox outbox;
+  bool over = false;  ///< training has ended, and all env_services are released
+
+ private:
+  void begin_lesson();
+  void expect_parameters();
+
+  Node& node_;
+  msg::LearnerInfo info_;
+  NetworkTask task_;
+  std::unique_ptr<const AgentNetwork<float>> network_;
+  std::unique_ptr<Collector> collector_;
+  std::unique_ptr<ParameterAssembly> parameters_;
+  ParameterRequester requester_;
+};
+
+}  // namespace citylearn

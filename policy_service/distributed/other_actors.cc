@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/distributed/other_actors.h"
+
+#include <algorithm>
+
+namespace citylearn {
+
+void OtherActors::on_status(const msg::ActorStatus& status) {
+  const std::string id = status.header().sender().c_str();
+  if (id == node_.options().id) {
+    // The incarnation is the time of the start, so only one of the two gives way.
+    if (status.header().incarnation() < node_.incarnation())
+      throw Error("already runs in session '" + node_.options().session + "'", "id '" + id + "'",
+                  "choose another --id or --session");
+    return;
+  }
+  Actor& actor = actors_[id];
+  if (status.header().incarnation() < actor.incarnation) return;
+  actor.incarnation = status.header().incarnation();
+  actor.presence.heard(Clock::now());
+  actor.environments = std::set<std::uint64_t>(status.environments().begin(), status.environments().end());
+}
+
+void OtherActors::forget_gone() {
+  std::erase_if(actors_, [&](const auto& entry) { return !entry.second.presence.here(Clock::now()); });
+}
+
+const std::string* OtherActors::serving(std::uint64_t env_incarnation) const {
+  for (const auto& [id, actor] : actors_)
+    if (actor.environments.contains(env_incarnation)) return &id;
+  return nullptr;
+}
+
+OtherActors::Share OtherActors::share_of(std::size_t envs) const {
+  const std::size_t all = actors_.size() + 1;
+  const auto before = static_cast<std::size_t>(std::count_if(
+      actors_.begin(), actors_.end(), [&](const auto& entry) { return entry.first < node_.options().id; }));
+  return {std::min<std::size_t>(envs / all + (before < envs % all ? 1 : 0), msg::MAX_SERVED), before};
+}
+
+}  // namespace citylearn

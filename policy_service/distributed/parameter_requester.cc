@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/distributed/parameter_requester.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::milliseconds kInterval{50};
+constexpr int kMostInVain = 20;  // then the version is given up
+
+}  // namespace
+
+void ParameterRequester::request_missing(ParameterAssembly& parameters) {
+  const auto missing = parameters.missing();
+  const Clock::time_point now = Clock::now();
+  if (!missing) {
+    asked_.reset();
+    next_ = now + kInterval;  // the next version is probably on its way
+    return;
+  }
+  const bool known = asked_ && asked_->version == missing->version;
+  const bool more = known && missing->chunks.front() > asked_->chunks.back();
+  const bool late = !known && !parameters.newest();
+  if (now < next_ && !more && !late) return;
+  in_vain_ = known && missing->chunks == asked_->chunks ? in_vain_ + 1 : 0;
+  if (in_vain_ > kMostInVain) {
+    parameters.give_up();
+    asked_.reset();
+    return;
+  }
+  asked_ = missing;
+  request_.version() = missing->version;
+  request_.chunks() = missing->chunks;
+  node_.publish(request_);
+  next_ = now + kInterval;
+}
+
+}  // namespace citylearn

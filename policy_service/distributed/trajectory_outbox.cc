@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/distributed/trajectory_outbox.h"
+
+#include <algorithm>
+
+namespace citylearn {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr milliseconds kInterval{200}, kLongestInterval{2000};
+constexpr std::size_t kResentAtOnce = 16;
+constexpr std::uint64_t kMostInFlight = 48;  // a writer's history is little deeper
+
+}  // namespace
+
+void TrajectoryOutbox::schedule_resend() {
+  interval_ = kInterval;
+  resend_ = Clock::now() + interval_;
+}
+
+msg::Trajectory& TrajectoryOutbox::add() {
+  if (waiting_.empty()) schedule_resend();
+  msg::Trajectory& trajectory = waiting_.emplace_back();
+  trajectory.number() = ++number_;
+  return trajectory;
+}
+
+void TrajectoryOutbox::send_due() {
+  const auto publish = [&](std::uint64_t number) {
+    node_.publish(waiting_[static_cast<std::size_t>(number - acknowledged_ - 1)]);
+  };
+  const std::uint64_t until = std::min({number_, limit_, acknowledged_ + kMostInFlight});
+  while (sent_ < until) publish(++sent_);
+  const Clock::time_point now = Clock::now();
+  if (sent_ <= acknowledged_ || now < resend_) return;
+  for (std::uint64_t number = acknowledged_ + 1; number <= std::min(sent_, acknowledged_ + kResentAtOnce); ++number) {
+    publish(number);
+    ++node_.traffic.resent;
+  }
+  interval_ = std::min(2 * interval_, kLongestInterval);
+  resend_ = now + interval_;
+}
+
+TrajectoryOutbox::Result TrajectoryOutbox::acknowledge(std::uint64_t number, std::uint64_t limit) {
+  if (number > number_) return Result::kNeverSent;
+  if (number < acknowledged_) return Result::kOutdated;
+  limit_ = limit;
+  if (number > acknowledged_) {
+    for (; acknowledged_ < number; ++acknowledged_) waiting_.pop_front();
+    sent_ = std::max(sent_, acknowledged_);
+    schedule_resend();
+  }
+  return Result::kAccepted;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <limits>
+
+#include "policy_service/learning/trainer_state.h"
+
+namespace citylearn {
+
+nlohmann::json Trainer::Impl::identity() const {
+  nlohmann::json identity = {{"agent", options.agent},
+                             {"learner", options.learner},
+                             {"network", parameters.network.values()},
+                             {"learner_parameters", parameters.learner.values()},
+                             {"trainer", parameters.trainer.values()},
+                             {"seed", options.seed},
+                             {"curriculum", options.curriculum},
+                             {"task",
+                              {{"features", task.features},
+                               {"frames", task.frames},
+                               {"first_frame", options.first_frame},
+                               {"max_steps", options.max_steps}}}};
+  if (!frozen.empty()) identity["frozen"] = frozen;
+  return identity;
+}
+
+Checkpoint Trainer::checkpoint(const std::string& manifest) {
+  Impl& p = *impl_;
+  p.begin_generation();
+  Checkpoint checkpoint;
+  checkpoint.header = p.identity();
+  LearnerState state;
+  p.learner->save(state);
+  for (auto& [name, tensor] : state.tensors) checkpoint.tensors["learner." + name] = std::move(tensor);
+  checkpoint.tensors["reference"] = p.task.reference;
+  if (!p.task.turns.empty()) checkpoint.header["turns"] = p.task.turns;
+  nlohmann::json layout = nlohmann::json::array();
+  for (const Tensor& tensor : p.network->tensors())
+    layout.push_back({{"name", tensor.name}, {"rows", tensor.rows}, {"cols", tensor.cols}, {"offset", tensor.offset}});
+  checkpoint.header["layout"] = layout;
+  const auto optional = [](const std::optional<std::uint64_t>& value) {
+    return value ? nlohmann::json(*value) : nlohmann::json();
+  };
+  checkpoint.header["progress"] = {{"updates", p.progress.updates},
+                                   {"steps", p.progress.steps},
+                                   {"episodes", p.progress.episodes},
+                                   {"lesson", p.progress.lesson},
+                                   {"lesson_episodes", p.lesson_episodes},
+                                   {"smoothed_reward", p.progress.smoothed_reward},
+                                   {"reward", p.progress.reward},
+                                   {"spl", p.progress.spl},
+                                   {"episodes_to_spl95", optional(p.progress.episodes_to_spl95)},
+                                   {"steps_to_spl95", optional(p.progress.steps_to_spl95)},
+                                   {"recent", p.recent},
+                                   {"recent_next", p.recent_next},
+                                   {"cut", p.generation}};
+  checkpoint.header["counters"] = state.counters;
+  if (!manifest.empty()) checkpoint.header["manifest"] = nlohmann::json::parse(manifest);
+  return checkpoint;
+}
+
+void Trainer::load(const Checkpoint& checkpoint) {
+  Impl& p = *impl_;
+  const nlohmann::json identity = p.identity();
+  // Also a checkpoint that has them goes on with them alone.
+  if (identity.contains("frozen") != checkpoint.header.contains("frozen")) {
+    const auto list = [](const nlohmann::json& header) {
+      return header.value("frozen", nlohmann::json::array()).dump();
+    };
+    throw Error("frozen was " + list(checkpoint.header) + ", now it is " + list(identity), "checkpoint",
+                "go on with the same options, or start a new run");
+  }
+  for (const auto& [key, wanted] : identity.items()) {
+    const auto found = checkpoint.header.find(key);
+    if (found == checkpoint.header.end()) throw Error("has no '" + key + "'", "checkpoint");
+    if (*found == wanted) continue;
+    std::string what = key, was = found->dump(), now = wanted.dump();
+    if (wanted.is_object() && found->is_object())  // name the one that differs
+      for (const auto& [inner, value] : wanted.items())
+        if (!found->contains(inner) || found->at(inner) != value) {
+          what = key + "." + inner;
+          was = found->contains(inner) ? found->at(inner).dump() : "missing";
+          now = value.dump();
+          break;
+        }
+    throw Error(what + " was " + was + ", now it is " + now, "checkpoint",
+                "go on with the same options, or start a new run");
+  }
+  const auto reference = checkpoint.tensors.find("reference");
+  if (reference == checkpoint.tensors.end() || reference->second != p.task.reference)
+    throw Error("the training route's features are others than those it was made with", "checkpoint",
+                "go on with the same data, or start a new run");
+  if (checkpoint.header.value("turns", nlohmann::json::array()) != nlohmann::json(p.task.turns))
+    throw Error("the training route crosses itself elsewhere than the one it was made with", "checkpoint",
+                "go on with the same data, or start a new run");
+  try {
+    const nlohmann::json& saved = checkpoint.header.at("progress");
+    TrainingProgress progress;
+    const auto number = [&](const char* name) {
+      return saved.at(name).is_null() ? std::numeric_limits<double>::quiet_NaN() : saved.at(name).get<double>();
+    };
+    const auto optional = [&](const char* name) -> std::optional<std::uint64_t> {
+      if (saved.at(name).is_null()) return std::nullopt;
+      return saved.at(name).get<std::uint64_t>();
+    };
+    progress.updates = saved.at("updates").get<std::uint64_t>();
+    progress.steps = saved.at("steps").get<std::uint64_t>();
+    progress.episodes = saved.at("episodes").get<std::uint64_t>();
+    progress.lesson = saved.at("lesson").get<int>();
+    progress.smoothed_reward = number("smoothed_reward");
+    progress.reward = number("reward");
+    progress.spl = number("spl");
+    progress.episodes_to_spl95 = optional("episodes_to_spl95");
+    progress.steps_to_spl95 = optional("steps_to_spl95");
+    const auto lesson_episodes = saved.at("lesson_episodes").get<std::uint64_t>();
+    auto recent = saved.at("recent").get<std::vector<std::array<double, 2>>>();
+    const auto recent_next = saved.at("recent_next").get<std::size_t>();
+    const auto generation = saved.at("cut").get<std::uint64_t>();
+    if (progress.lesson < 0 || progress.lesson >= static_cast<int>(p.lessons.size()) || recent.size() > kRecent ||
+        recent_next >= kRecent)
+      throw Error("its progress makes no sense", "checkpoint");
+    LearnerState state;
+    state.counters = checkpoint.header.at("counters").get<std::map<std::string, std::uint64_t>>();
+    for (const auto& [name, tensor] : checkpoint.tensors)
+      if (name.starts_with("learner.")) state.tensors[name.substr(8)] = tensor.reshaped();
+    p.learner->load(state);
+    p.progress = progress;
+    p.lesson_episodes = lesson_episodes;
+    p.recent = std::move(recent);
+    p.recent_next = recent_next;
+    p.generation = generation;
+  } catch (const nlohmann::json::exception& problem) {
+    throw Error("the header lacks something: " + std::string(problem.what()), "checkpoint");
+  }
+  p.collector->reset_all(p.generation, p.lesson().frames);
+}
+
+}  // namespace citylearn

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "policy_service/network/agent_network.h"
+
+namespace citylearn {
+
+struct Checkpoint;
+
+/// An agent that acts and no longer learns.
+struct TrainedAgent {
+  std::string name;     ///< of its network
+  NetworkTask task;     ///< that the network was built for
+  int first_frame = 0;  ///< where the route of its places begins on the traversal
+  std::shared_ptr<const AgentNetwork<float>> network;
+  Vector<float> parameters;
+  std::uint64_t update = 0;  ///< of the learner that made the parameters
+};
+
+/// Returns the agent in a checkpoint. Throws Error when the header is incomplete or the network unknown.
+TrainedAgent trained_agent(const Checkpoint& checkpoint);
+
+}  // namespace citylearn

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "policy_service/network/checkpoint.h"
+#include "policy_service/run/evaluation.h"
+#include "policy_service/run/run_context.h"
+#include "policy_service/run/score.h"
+
+namespace citylearn {
+
+/// Evaluates the agent of a run and its controls.
+class EvaluationRun {
+ public:
+  /// `context` must outlive it.
+  explicit EvaluationRun(RunContext& context) : context_(context) {}
+
+  /// Takes the agent, its route and its step limit from --checkpoint. Throws Error naming the file.
+  void load_agent();
+  /// Evaluates this agent from now on.
+  void set_agent(TrainedAgent agent) { agent_ = std::move(agent); }
+
+  /// Evaluates the agent on all traversals but the training one and logs its scores. Training environments wait
+  /// meanwhile, so the training's results are the same with and without it.
+  void evaluate_others();
+  /// Evaluates the agent, or the control in its place where there is none, and the controls.
+  void evaluate_all();
+  const std::vector<ScoreRow>& rows() const { return rows_; }
+
+ private:
+  void evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
+                const std::vector<EnvHandle*>& envs);
+  Evaluation::MakePolicy agent_policy() const;
+  Evaluation::MakePolicy control(const std::string& name);
+
+  RunContext& context_;
+  std::optional<TrainedAgent> agent_;
+  std::vector<ScoreRow> rows_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/run/run_context.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "core/wire/service.h"
+
+namespace citylearn {
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+RunContext::RunContext(const PolicyServiceOptions& given, Node& at, EnvClient& envs)
+    : options(given), node(at), client(envs), records(options, node, client) {}
+
+void RunContext::spin() {
+  client.spin(Clock::now() + std::chrono::milliseconds(50));
+  if (on_spin) on_spin();
+  records.handle();
+  if (stop_requested()) throw StopRequested();
+}
+
+std::vector<EnvHandle*> RunContext::envs_on(const std::string& traversal) const {
+  std::vector<EnvHandle*> found;
+  for (const auto& [id, env] : client.envs())
+    if (env->traversal() == traversal && EnvClient::alive(*env)) found.push_back(env.get());
+  return found;
+}
+
+EnvHandle* RunContext::env_on(const std::string& traversal) const {
+  const std::vector<EnvHandle*> found = envs_on(traversal);
+  return found.empty() ? nullptr : found.front();
+}
+
+void RunContext::wait_for_envs(const std::set<std::string>& traversals, int training_envs) {
+  Clock::time_point since = Clock::now(), next_log = since + std::chrono::seconds(5);
+  while (true) {
+    std::string missing;
+    for (const std::string& traversal : traversals) {
+      const int wanted = traversal == options.train ? training_envs : 1;
+      const int found = static_cast<int>(envs_on(traversal).size());
+      if (found >= wanted) continue;
+      missing += (missing.empty() ? "" : ", ") + traversal;
+      if (wanted > 1) missing += fmt::format(" ({} of {})", found, wanted);
+    }
+    if (missing.empty()) return;
+    // Waiting does not help against a foreign type on our topics.
+    if (!node.faults().empty() && Clock::now() - since > std::chrono::seconds(3))
+      throw Error("no env_service on " + missing + "; " + node.faults().front());
+    std::string found;
+    for (const auto& [id, env] : client.envs()) found += (found.empty() ? "" : ", ") + id + " on " + env->traversal();
+    const auto unencoded = client.encoders().unencoded();
+    const auto encoders = client.encoders().encoders();
+    const bool encoding = !unencoded.empty() && std::any_of(encoders.begin(), encoders.end(),
+                                                            [](const auto& encoder) { return encoder.working; });
+    for (const auto& [id, traversal] : unencoded)
+      found += (found.empty() ? "" : ", ") + id + " on " + traversal +
+               (encoding ? ", being encoded" : ", whose images wait for an encoder_service");
+    found = found.empty() ? "none was found" : "found: " + found;
+    for (const auto& encoder : encoders)
+      if (!unencoded.empty() && !encoder.working) found += "; " + encoder.status;
+    // Encoding may take longer than --wait, and reports its progress.
+    if (encoding) since = Clock::now();
+    if (options.wait > 0 && seconds_since(since) > options.wait)
+      throw Error(fmt::format("no env_service on {} within {:.0f} s ({})", missing, options.wait, found), "",
+                  fmt::format("same --session '{}', --domain {} and --interface there?", options.node.session,
+                              options.node.middleware.domain));
+    if (Clock::now() > next_log) {
+      if (!encoding) spdlog::info("waiting for env_services on {} ({})", missing, found);
+      for (const auto& encoder : encoders)
+        if (encoding && encoder.working) spdlog::info("waiting for {}", encoder.status);
+      next_log += std::chrono::seconds(10);
+    }
+    node.report(msg::WAITING, "waiting for env_services");
+    spin();
+  }
+}
+
+std::vector<EnvHandle*> RunContext::evaluation_envs() {
+  std::set<std::string> traversals(options.evaluate.begin(), options.evaluate.end());
+  if (traversals.empty())
+    for (const auto& [id, env] : client.envs())
+      if (EnvClient::alive(*env)) traversals.insert(env->traversal());
+  wait_for_envs(traversals, 1);
+  std::vector<EnvHandle*> envs;
+  for (const std::string& traversal : traversals) envs.push_back(env_on(traversal));
+  return envs;
+}
+
+const std::vector<float>& RunContext::reference() {
+  if (!reference_.empty()) return reference_;
+  EnvHandle* env = env_on(options.train);
+  if (!env || env->info.feature_dimension() == 0) return reference_;
+  return reference_ =
+             client.fetch_features(*env, options.first_frame, options.frames, Clock::now() + std::chrono::seconds(30));
+}
+
+}  // namespace citylearn

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "policy_service/distributed/env_client.h"
+#include "policy_service/run/policy_service.h"
+#include "policy_service/run/progress_bar.h"
+#include "policy_service/run/run_records.h"
+
+namespace citylearn {
+
+/// Thrown to leave a run when a signal asks the service to stop.
+struct StopRequested {};
+
+/// What the parts of a run share: its options, its env_services and its records. Used by one thread.
+class RunContext {
+ public:
+  /// `node` and `client` must outlive it.
+  RunContext(const PolicyServiceOptions& options, Node& node, EnvClient& client);
+  ~RunContext() { client.decide = nullptr, client.joined = nullptr; }
+
+  PolicyServiceOptions options;  ///< describe the agent itself, once a checkpoint is loaded
+  Node& node;
+  EnvClient& client;
+  RunRecords records;
+  ProgressBar progress;
+  std::function<void()> on_spin;  ///< called for each spin(), after the messages of env_services
+
+  /// Handles messages for a moment, and everything that is due. All waiting of a run happens here. Throws
+  /// StopRequested.
+  void spin();
+  /// Waits until every traversal has an env_service, and the training traversal `training_envs` of them. Throws Error
+  /// after --wait.
+  void wait_for_envs(const std::set<std::string>& traversals, int training_envs);
+  /// Returns the env_services of a traversal that are alive.
+  std::vector<EnvHandle*> envs_on(const std::string& traversal) const;
+  /// Returns one of them, or null.
+  EnvHandle* env_on(const std::string& traversal) const;
+  /// Waits for the env_services to evaluate on and returns one for each traversal.
+  std::vector<EnvHandle*> evaluation_envs();
+  /// Returns the features of the training traversal's route, fetched once; empty when it has none or no env_service.
+  const std::vector<float>& reference();
+
+ private:
+  std::vector<float> reference_;
+};
+
+double seconds_since(Clock::time_point start);
+
+}  // namespace citylearn

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/run/run_records.h"
+
+#include <filesystem>
+
+#include "core/util/files.h"
+#include "policy_service/run/report.h"
+
+namespace citylearn {
+
+RunRecords::RunRecords(const PolicyServiceOptions& options, Node& node, EnvClient& client)
+    : options_(options), node_(node), client_(client) {
+  if (!options_.output.empty()) {
+    // It is not overwritten, and a later --resume must not take its checkpoints for those of this run.
+    if (const auto earlier = newest_checkpoint(checkpoint_folder());
+        earlier && options_.mode == "train" && !options_.resume)
+      throw Error("belongs to an earlier run", *earlier, "continue it with --resume, or choose another --output");
+    std::error_code error;
+    std::filesystem::create_directories(checkpoint_folder(), error);
+    if (error) throw Error(error.message(), options_.output, "choose another --output");
+    // Removes what a killed process left half-written.
+    for (const std::string& folder : {options_.output, checkpoint_folder()})
+      for (const auto& entry : std::filesystem::directory_iterator(folder, error))
+        if (entry.path().extension() == ".tmp") std::filesystem::remove(entry.path(), error);
+  }
+  run_id_ = options_.resume ? run_id_of(options_.output + "/manifest.json") : new_run_id();
+  const std::string log = options_.output.empty() ? "" : options_.output + "/episodes.csv";
+  if (!options_.resume && !log.empty()) std::filesystem::remove(log);
+  episodes_ = std::make_unique<EpisodeLog>(log);
+  client_.finished = [this](EnvHandle& env, const msg::EpisodeStat& episode) {
+    to_acknowledge_.insert(&env);
+    if (episode.run_id() != run_id_)
+      episodes_->skip(episode);  // of an earlier run, kept for another recorder
+    else if (episodes_->record(episode) && events_ && !episode.evaluation())
+      events_->finished(episode);
+  };
+  client_.begin_recording();
+}
+
+void RunRecords::open_training_logs(std::uint64_t updates, std::uint64_t steps, const Parameters& parameters) {
+  if (options_.output.empty()) return;
+  metrics_ = std::make_unique<MetricsLog>(options_.output + "/metrics.csv", updates);
+  events_ = std::make_unique<EventLog>(options_.output + "/tensorboard", steps);
+  write_file(options_.output + "/manifest.json", manifest(parameters));
+}
+
+std::string RunRecords::manifest(const Parameters& parameters) const {
+  std::map<std::string, msg::TraversalInfo> traversals;
+  for (const auto& [id, env] : client_.envs()) traversals[env->traversal()] = env->info;
+  return manifest_json(options_, parameters, traversals, node_.middleware_name(), run_id_);
+}
+
+void RunRecords::announce(const std::string& learner, std::uint64_t updates, const Parameters& parameters) {
+  announcer_ = std::make_unique<RunAnnouncer>(
+      node_, RunAnnouncer::Run{options_.agent, learner, options_.seed, run_id_, updates, manifest(parameters)});
+}
+
+void RunRecords::add(msg::TrainingStat& stat) {
+  announcer_->add(stat);
+  if (metrics_) metrics_->write(stat);
+  if (events_) events_->write(stat);
+}
+
+void RunRecords::save_checkpoint(std::uint64_t update, Checkpoint checkpoint) {
+  if (options_.output.empty()) return;
+  pending_ = Pending{update, std::move(checkpoint)};
+  write_pending_checkpoint();
+}
+
+/// A full disk does not end the training: the last checkpoints are still there, and space may be freed.
+void RunRecords::write_pending_checkpoint() {
+  if (!pending_ || Clock::now() < pending_->retry) return;
+  try {
+    write_checkpoint_of_update(checkpoint_folder(), pending_->update, pending_->checkpoint);
+  } catch (const Error& error) {
+    pending_->retry = Clock::now() + std::chrono::seconds(1);
+    node_.alarm("checkpoint", std::string(error.what()) + "; those before it are kept");
+    return;
+  }
+  pending_.reset();
+  node_.alarm("checkpoint", "");
+}
+
+/// Reports what waits in memory until it is on the disk.
+void RunRecords::report_problems() {
+  node_.alarm("episodes.csv", episodes_->problem());
+  if (!metrics_) return;
+  if (!metrics_->problem().empty()) metrics_->flush();
+  if (!events_->problem().empty()) events_->flush();
+  node_.alarm("metrics.csv", metrics_->problem());
+  node_.alarm("tensorboard", events_->problem());
+}
+
+void RunRecords::handle() {
+  if (announcer_) announcer_->handle();
+  acknowledge();
+  write_pending_checkpoint();
+  report_problems();
+}
+
+void RunRecords::acknowledge() {
+  for (EnvHandle* env : to_acknowledge_) client_.acknowledge(*env, episodes_->recorded(env->id, env->incarnation()));
+  to_acknowledge_.clear();
+}
+
+void RunRecords::require_all_written() {
+  if (pending_) pending_->retry = {};
+  write_pending_checkpoint();
+  acknowledge();
+  if (pending_)
+    throw Error("the checkpoint of update " + std::to_string(pending_->update) + " could not be written",
+                options_.output, "free some space, then continue with --resume");
+  if (!episodes_->problem().empty()) throw Error(episodes_->problem());
+}
+
+void RunRecords::end() {
+  if (announcer_) announcer_->end();
+}
+
+}  // namespace citylearn

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "policy_service/distributed/env_client.h"
+#include "policy_service/interchange/event_log.h"
+#include "policy_service/network/checkpoint.h"
+#include "policy_service/run/episode_log.h"
+#include "policy_service/run/metrics_log.h"
+#include "policy_service/run/policy_service.h"
+#include "policy_service/run/run_announcer.h"
+
+namespace citylearn {
+
+/// Writes everything that a run leaves behind, into the output folder and for services that watch it. What a full disk
+/// refuses is kept in memory and retried. Used by one thread.
+class RunRecords {
+ public:
+  /// Parameters in effect, by "network", "learner" and "trainer".
+  using Parameters = std::map<std::string, std::map<std::string, double>>;
+
+  /// Prepares the output folder and records the episodes of `client`. All arguments must outlive it; `options` may
+  /// change until announce(). Throws Error when the folder cannot be used or holds another run.
+  RunRecords(const PolicyServiceOptions& options, Node& node, EnvClient& client);
+  ~RunRecords() { client_.finished = nullptr; }
+  RunRecords(const RunRecords&) = delete;
+  RunRecords& operator=(const RunRecords&) = delete;
+
+  /// Names this run; kept when it is resumed.
+  std::uint64_t run_id() const { return run_id_; }
+  std::string checkpoint_folder() const { return options_.output + "/checkpoints"; }
+
+  /// Opens the logs of training and writes manifest.json. Rows past `updates` and points past `steps` are dropped: a
+  /// killed process wrote them, and they will be computed again.
+  void open_training_logs(std::uint64_t updates, std::uint64_t steps, const Parameters& parameters);
+  /// Returns the seconds of training in the logs that were kept: in all, and up to an episode.
+  double earlier_wall() const { return metrics_ ? metrics_->wall() : 0; }
+  double earlier_wall_at(std::uint64_t episodes) const { return metrics_ ? metrics_->wall_at(episodes) : 0; }
+
+  /// Announces the run; `learner` is empty where nothing is learned.
+  void announce(const std::string& learner, std::uint64_t updates, const Parameters& parameters);
+  bool announced() const { return announcer_ != nullptr; }
+
+  void add(msg::TrainingStat& stat);
+  void save_checkpoint(std::uint64_t update, Checkpoint checkpoint);
+  /// Acknowledges episodes, answers requests and retries what could not be written. Call it whenever messages were
+  /// handled.
+  void handle();
+  void acknowledge();
+  /// Tries everything once more. Throws Error when something cannot be written.
+  void require_all_written();
+  /// Announces that the run has ended.
+  void end();
+
+ private:
+  std::string manifest(const Parameters& parameters) const;
+  void write_pending_checkpoint();
+  void report_problems();
+
+  const PolicyServiceOptions& options_;
+  Node& node_;
+  EnvClient& client_;
+  std::uint64_t run_id_ = 0;
+  std::unique_ptr<RunAnnouncer> announcer_;
+  std::unique_ptr<EpisodeLog> episodes_;
+  std::unique_ptr<MetricsLog> metrics_;
+  std::unique_ptr<EventLog> events_;
+  std::set<EnvHandle*> to_acknowledge_;
+  /// A checkpoint that the disk did not take.
+  struct Pending {
+    std::uint64_t update = 0;
+    Checkpoint checkpoint;
+    Clock::time_point retry{};
+  };
+  std::optional<Pending> pending_;
+};
+
+}  // namespace citylearn

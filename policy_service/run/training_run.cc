@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/run/training_run.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/fmt/ranges.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+namespace citylearn {
+
+void TrainingRun::build_trainer() {
+  const PolicyServiceOptions& options = context_.options;
+  const EnvHandle& first = *context_.env_on(options.train);
+  TrainerOptions trainer;
+  trainer.agent = options.agent;
+  trainer.learner = options.learner;
+  trainer.network_parameters = options.network_parameters;
+  trainer.learner_parameters = options.learner_parameters;
+  trainer.trainer_parameters = options.trainer_parameters;
+  if (options.steps > 0) trainer.trainer_parameters["steps"] = static_cast<double>(options.steps);
+  trainer.seed = options.seed;
+  trainer.first_frame = options.first_frame;
+  trainer.max_steps = options.max_steps;
+  trainer.curriculum = options.curriculum;
+  NetworkTask task;
+  task.frames = options.frames;
+  task.features = static_cast<int>(first.info.feature_dimension());
+  const std::vector<float>& features = context_.reference();
+  if (!features.empty())
+    task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, options.frames);
+  trainer.frozen = options.frozen;
+  const std::string folder = context_.records.checkpoint_folder();
+  const std::optional<std::string> newest = options.resume ? newest_checkpoint(folder) : std::nullopt;
+  if (!options.initial.empty() && !newest) trainer.initial = trained_agent(read_checkpoint(options.initial));
+  trainer_ = std::make_unique<Trainer>(trainer, task);
+  if (trainer.initial)
+    spdlog::info("starting from the agent of {} (its update {})", options.initial, trainer.initial->update);
+  if (!trainer_->frozen().empty()) spdlog::info("frozen tensors: {}", fmt::join(trainer_->frozen(), ", "));
+  if (newest) {
+    trainer_->load(read_checkpoint(*newest));
+    spdlog::info("resuming after update {} ({} steps) of {}", trainer_->progress().updates, trainer_->progress().steps,
+                 *newest);
+  } else if (options.resume) {
+    spdlog::info("no checkpoint in {}: starting anew", folder);
+  }
+  const TrainingProgress& progress = trainer_->progress();
+  context_.records.open_training_logs(progress.updates, progress.steps, trainer_->parameters());
+  earlier_wall_ = context_.records.earlier_wall();
+  if (!options.output.empty() && (report_.episodes_to_spl95 = progress.episodes_to_spl95))
+    report_.wall_to_spl95 = context_.records.earlier_wall_at(*report_.episodes_to_spl95);
+  context_.records.announce(options.learner, progress.updates, trainer_->parameters());
+}
+
+bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
+  const std::uint64_t steps_before = trainer_->progress().steps;
+  UpdateFigures figures;
+  {
+    const Stopwatch watch(report_.update);
+    trainer_->set_progress(elapsed_fraction());
+    figures = learn();
+  }
+  record_update(figures, steps_before);
+  if (trainer_->done() || elapsed_fraction() >= 1) return false;
+  const std::uint64_t updates = trainer_->progress().updates;
+  const auto due = [updates](int every) { return every > 0 && updates % static_cast<std::uint64_t>(every) == 0; };
+  if (due(context_.options.checkpoint_every)) context_.records.save_checkpoint(updates, trainer_->checkpoint());
+  if (due(context_.options.evaluate_every)) {
+    evaluation_.set_agent(trainer_->agent());
+    evaluate_others();
+  }
+  return true;
+}
+
+void TrainingRun::record_update(const UpdateFigures& figures, std::uint64_t steps_before) {
+  const PolicyServiceOptions& options = context_.options;
+  const TrainingProgress& progress = trainer_->progress();
+  const double wall = this->wall();
+  const double rate = static_cast<double>(progress.steps - steps_before) / std::max(1e-9, seconds_since(last_update_));
+  last_update_ = Clock::now();
+  msg::TrainingStat stat;
+  stat.update() = progress.updates;
+  stat.steps() = progress.steps;
+  stat.episodes() = progress.episodes;
+  stat.lesson() = static_cast<std::uint32_t>(progress.lesson);
+  stat.wall() = wall;
+  stat.steps_per_second() = static_cast<float>(rate);
+  stat.reward() = static_cast<float>(progress.reward);
+  stat.spl() = static_cast<float>(progress.spl);
+#define LEARNED(name, ...) stat.name() = static_cast<float>(figures.name);
+#include "core/task/training_figures.inc"
+#include "policy_service/network/checkpoint.h"
+  stat.policy_lag() = static_cast<float>(policy_lag());
+  report_.policy_lag += (stat.policy_lag() - report_.policy_lag) / static_cast<double>(++report_.updates);
+  context_.records.add(stat);
+  if (!report_.episodes_to_spl95 && progress.episodes_to_spl95) {
+    report_.episodes_to_spl95 = progress.episodes_to_spl95;
+    report_.wall_to_spl95 = wall;
+  }
+  const double done =
+      std::max(static_cast<double>(progress.steps) / static_cast<double>(trainer_->total_steps()), elapsed_fraction());
+  context_.node.report(msg::RUNNING, fmt::format("training {}, update {}", options.agent, progress.updates),
+                       static_cast<float>(rate));
+  const double left = done > 0.01 ? wall * (1 - done) / done : -1;
+  context_.progress.show(
+      "training " + options.agent, done, static_cast<double>(progress.steps) / std::max(wall, 1e-9), left,
+      fmt::format("reward {:.3f}  SPL {:.3f}{}{}", progress.reward, progress.spl,
+                  options.curriculum ? fmt::format("  lesson {}", progress.lesson + 1) : "", actors_note()));
+}
+
+void TrainingRun::execute() {
+  const PolicyServiceOptions& options = context_.options;
+  context_.wait_for_envs({options.train}, options.environments);
+  build_trainer();
+  spdlog::info("training {} on '{}': {} steps, seed {}, {}", options.agent, options.train, trainer_->total_steps(),
+               options.seed, context_.node.middleware_name());
+  since_ = last_update_ = Clock::now();
+  train();
+  context_.progress.finish();
+  const TrainingProgress& progress = trainer_->progress();
+  report_.traversal = options.train;
+  report_.episodes = progress.episodes;
+  report_.steps = progress.steps;
+  if (report_.wall == 0) report_.wall = wall();
+  report_.reward = progress.reward;
+  report_.spl = progress.spl;
+  context_.records.save_checkpoint(progress.updates, trainer_->checkpoint());
+  evaluation_.set_agent(trainer_->agent());
+  const double here = std::max(seconds_since(since_), 1e-9);
+  spdlog::info(
+      "trained {} episodes, {} steps in {:.1f} s ({:.0f} steps/s): {:.0f} % inference, {:.0f} % update, {:.0f} % "
+      "waiting for environments and transport",
+      report_.episodes, report_.steps, report_.wall, static_cast<double>(report_.steps) / std::max(report_.wall, 1e-9),
+      100 * report_.inference / here, 100 * report_.update / here,
+      100 * std::max(0.0, 1 - (report_.inference + report_.update) / here));
+}
+
+/// A training environment begins anew: at the start, after a restart of its process, and with each generation.
+void LocalTrainingRun::enroll(EnvHandle& env) {
+  const int slot = slots_.emplace(&env, static_cast<int>(slots_.size())).first->second;
+  trainer_->add(slot, static_cast<int>(env.info.agents()));
+  active_.insert(&env);
+  msg::TaskSettings settings;
+  trainer_->settings(slot, settings);
+  settings.run_id() = context_.records.run_id();
+  context_.client.command(env, settings);
+}
+
+void LocalTrainingRun::drop_lost_envs() {
+  if (context_.options.lockstep) return;
+  std::vector<EnvHandle*> lost;
+  for (EnvHandle* env : active_)
+    if (!EnvClient::alive(*env)) lost.push_back(env);
+  if (lost.size() == active_.size()) return;  // none is left to continue with
+  for (EnvHandle* env : lost) {
+    spdlog::warn("env_service '{}' went silent: training goes on without it", env->id);
+    trainer_->remove(slots_.at(env));
+    active_.erase(env);
+  }
+}
+
+void LocalTrainingRun::train() {
+  EnvClient& client = context_.client;
+  client.joined = [this](EnvHandle& env) {
+    if (env.traversal() == context_.options.train) enroll(env);
+  };
+  client.decide = [this](EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+    const Stopwatch watch(report_.inference);
+    return active_.contains(&env) && trainer_->act(slots_.at(&env), observation, choice);
+  };
+  for (EnvHandle* env : context_.envs_on(context_.options.train)) enroll(*env);
+  train_on();
+  client.joined = nullptr;
+  client.decide = nullptr;
+}
+
+void LocalTrainingRun::train_on() {
+  std::vector<std::uint8_t> choice;
+  while (!trainer_->done()) {
+    context_.spin();
+    drop_lost_envs();
+    if (!trainer_->ready()) continue;
+    const std::uint64_t generation_before = trainer_->generation();
+    if (!update([this] { return heartbeat_.run([this] { return trainer_->update(); }); })) return;
+    // After a checkpoint or at a new lesson all begin anew (docs/decisions/0003-step-protocol.md), else all continue.
+    for (EnvHandle* env : std::set<EnvHandle*>(active_)) {
+      if (trainer_->generation() != generation_before) {
+        enroll(*env);
+      } else if (env->waiting) {
+        {
+          const Stopwatch watch(report_.inference);
+          trainer_->resume(slots_.at(env), choice);
+        }
+        context_.client.answer(*env, choice);
+      }
+    }
+  }
+}
+
+}  // namespace citylearn

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <set>
+
+#include "policy_service/distributed/heartbeat_thread.h"
+#include "policy_service/learning/trainer.h"
+#include "policy_service/run/evaluation_run.h"
+#include "policy_service/run/report.h"
+#include "policy_service/run/run_context.h"
+
+namespace citylearn {
+
+/// Adds the time of its life to `seconds`.
+class Stopwatch {
+ public:
+  explicit Stopwatch(double& seconds) : seconds_(seconds) {}
+  ~Stopwatch() { seconds_ += seconds_since(start_); }
+  Stopwatch(const Stopwatch&) = delete;
+  Stopwatch& operator=(const Stopwatch&) = delete;
+
+ private:
+  double& seconds_;
+  Clock::time_point start_ = Clock::now();
+};
+
+/// Trains one agent from its beginning, or from the newest checkpoint, to its end. Subclasses say where the samples
+/// come from.
+class TrainingRun {
+ public:
+  /// `context` and `evaluation` must outlive it.
+  TrainingRun(RunContext& context, EvaluationRun& evaluation) : context_(context), evaluation_(evaluation) {}
+  virtual ~TrainingRun() = default;
+
+  /// Trains, saves the last checkpoint and hands the agent to the evaluation. Throws Error or StopRequested.
+  void execute();
+  const TrainingReport& report() const { return report_; }
+
+ protected:
+  /// Calls update() until it returns false.
+  virtual void train() = 0;
+  /// Evaluates between two updates.
+  virtual void evaluate_others() { evaluation_.evaluate_others(); }
+  /// Returns the mean age of the policies that acted for the last update, in updates.
+  virtual double policy_lag() const { return 0; }
+  /// Returns what the progress bar says of the actors.
+  virtual std::string actors_note() const { return ""; }
+
+  /// Makes one update by `learn`, records it, and saves and evaluates when due. Returns false when training is over.
+  bool update(const std::function<UpdateFigures()>& learn);
+  double wall() const { return earlier_wall_ + seconds_since(since_); }
+
+  RunContext& context_;
+  EvaluationRun& evaluation_;
+  std::unique_ptr<Trainer> trainer_;
+  TrainingReport report_;
+
+ private:
+  void build_trainer();
+  void record_update(const UpdateFigures& figures, std::uint64_t steps_before);
+  /// Returns the fraction of --time-limit that has passed.
+  double elapsed_fraction() const { return context_.options.time_limit > 0 ? wall() / context_.options.time_limit : 0; }
+
+  Clock::time_point since_, last_update_;
+  double earlier_wall_ = 0;  ///< seconds of training before this process
+};
+
+/// Acts and learns in this process (role both).
+class LocalTrainingRun : public TrainingRun {
+ public:
+  LocalTrainingRun(RunContext& context, EvaluationRun& evaluation)
+      : TrainingRun(context, evaluation), heartbeat_(context.node) {}
+
+ private:
+  void train() override;
+  void enroll(EnvHandle& env);
+  void drop_lost_envs();
+  void train_on();
+
+  HeartbeatThread heartbeat_;
+  std::map<const EnvHandle*, int> slots_;  ///< number of each training environment, which names its random streams
+  std::set<EnvHandle*> active_;            ///< training environments that are not lost
+};
+
+}  // namespace citylearn
