@@ -130,11 +130,11 @@ TEST(SafetensorsFile, ABadOneIsRefusedInOneLine) {
   expect_refused(raw("[1]", 0), "no JSON object");
   expect_refused(raw("", 0), "no JSON object");
   expect_refused(raw(std::string(100000, '['), 0), "nested too deeply");
-  expect_refused(raw("{\"a\":1}", 0), "tensor 'a' is no JSON object");
+  expect_refused(raw("{\"a\":1}", 0), "tensor 'a' is not a JSON object");
   expect_refused(raw("{\"a\":{\"dtype\":\"F32\",\"shape\":[2]}}", 8), "has no data_offsets");
   expect_refused(raw("{" + tensor("a", "[4]", "[0,8]", "BF16") + "}", 8), "has dtype \"BF16\"");
-  expect_refused(raw("{" + tensor("a", "2", "[0,8]") + "}", 8), "its shape is no list");
-  expect_refused(raw("{" + tensor("a", "[2]", "[8]") + "}", 8), "data_offsets are no list of two");
+  expect_refused(raw("{" + tensor("a", "2", "[0,8]") + "}", 8), "its shape is not a list");
+  expect_refused(raw("{" + tensor("a", "[2]", "[8]") + "}", 8), "data_offsets are not a list of two");
   expect_refused(raw("{" + tensor("a", "[-2]", "[0,8]") + "}", 8), "must be whole numbers");
   expect_refused(raw("{" + tensor("a", "[2.0]", "[0,8]") + "}", 8), "must be whole numbers");
   expect_refused(raw("{" + tensor("a", "[3]", "[0,8]") + "}", 8), "of shape [3] does not fit its 8 bytes");
@@ -147,8 +147,8 @@ TEST(SafetensorsFile, ABadOneIsRefusedInOneLine) {
   expect_refused(raw("{" + a + "," + tensor("b", "[2]", "[4,12]") + "}", 12), "tensors 'a' and 'b' overlap");
   expect_refused(raw("{" + a + "," + tensor("b", "[2]", "[0,8]") + "}", 8), "tensors 'a' and 'b' overlap");
   expect_refused(raw("{" + a + "," + tensor("b", "[1]", "[12,16]") + "}", 16), "a hole of 4 bytes before tensor 'b'");
-  expect_refused(raw("{\"__metadata__\":[]," + a + "}", 8), "__metadata__ is no JSON object");
-  expect_refused(raw("{\"__metadata__\":{\"x\":1}," + a + "}", 8), "__metadata__ 'x' is no text");
+  expect_refused(raw("{\"__metadata__\":[]," + a + "}", 8), "__metadata__ is not a JSON object");
+  expect_refused(raw("{\"__metadata__\":{\"x\":1}," + a + "}", 8), "__metadata__ 'x' is not a string");
 }
 
 TEST(SafetensorsFile, WhatDoesNotFitTheAgentIsRefused) {
