@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <cstring>
 #include <optional>
 #include <string>
 #include <tuple>
@@ -17,6 +16,7 @@
 #include "core/wire/transfer.h"
 #include "env_service/environment.h"
 #include "env_service/episode_outbox.h"
+#include "env_service/traversal_server.h"
 
 namespace citylearn {
 namespace {
@@ -24,16 +24,16 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr milliseconds kObservationAgain{50}, kObservationAgainAtMost{1000};
+constexpr milliseconds kObservationInterval{50}, kLongestObservationInterval{1000};  // between repetitions
 constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
-constexpr seconds kInfoAgain{1};
-constexpr milliseconds kSceneAgain{100};
-constexpr milliseconds kLeaving{500};  // for acknowledgements of recorders that nothing was heard of
+constexpr seconds kInfoInterval{1};
+constexpr milliseconds kSceneInterval{100};
+constexpr milliseconds kUnheardLinger{500};  // at the end, for acknowledgements of recorders that were never heard
 constexpr milliseconds kStopCheck{50};
-constexpr std::uint64_t kClocksApart = 24ull * 3600 * 1'000'000;  // of two hosts, microseconds; more is no clock
-constexpr std::size_t kMostFeatures = std::size_t{64} << 20;      // bytes kept here; more stay with the encoder_service
+constexpr std::uint64_t kClockTolerance = 24ull * 3600 * 1'000'000;  // microseconds between two hosts' clocks
+constexpr std::size_t kLargestFeatures = std::size_t{64} << 20;  // bytes kept here; more stay with the encoder_service
 
-Node::Options named(Node::Options options, const Traversal& traversal) {
+Node::Options node_options(Node::Options options, const Traversal& traversal) {
   for (const auto& [what, text] : {std::pair{"name", traversal.name}, {"condition", traversal.condition}})
     if (text.size() > 64) throw Error("has more than 64 characters: " + text, std::string(what) + " of the traversal");
   options.service = "env_service";
@@ -54,9 +54,9 @@ std::string route(const msg::TaskSettings& settings) {
          std::to_string(std::uint64_t{settings.first_frame()} + settings.frames() - 1);
 }
 
-/// One Environment on the wire. Tells what it hosts, does what a policy_service's TaskSettings say, publishes one
-/// Observation a tick and waits for its Action, keeps each episode until it is acknowledged. Every message may be lost,
-/// repeated or late: whatever is waited for is asked for again, whatever comes twice is dropped
+/// Puts one Environment on the wire: announces its traversal, applies a policy_service's TaskSettings, publishes one
+/// Observation a tick and waits for its Action, and keeps each episode until it is acknowledged. Every message may be
+/// lost, repeated or late: what is awaited is asked for again, what comes twice is dropped
 /// (docs/decisions/0003-step-protocol.md). Used by one thread.
 class EnvService {
  public:
@@ -66,12 +66,11 @@ class EnvService {
  private:
   using Duration = Clock::duration;
 
-  void take_all();
+  void take_messages();
   void on_settings(const msg::TaskSettings& settings);
+  bool start_task(const msg::TaskSettings& settings);
   void on_action(const msg::Action& action);
   void on_request(const msg::TraversalRequest& request);
-  void on_request(const msg::ImageRequest& request);
-  void on_request(const msg::MapRequest& request);
   void on_features(const msg::TraversalChunk& chunk);
   void on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement);
   void on_status(const msg::ServiceStatus& status);
@@ -81,10 +80,12 @@ class EnvService {
   void record_episodes();
   void send_episodes();
   void send_scene();
-  void do_what_is_due();
+  void do_due_work();
   Clock::time_point next_due() const;
   void report();
   void leave();
+  template <class... Messages>
+  void discard(Messages&... messages);
 
   bool running() const { return awaiting_action_; }
 
@@ -92,6 +93,7 @@ class EnvService {
   Node node_;
   Rejections rejections_;
   Environment environment_;
+  TraversalServer server_;
 
   msg::TraversalInfo info_;       // its `settings` are those in force
   msg::SettingsId newest_;        // settings seen, in force or refused
@@ -99,11 +101,11 @@ class EnvService {
   msg::Observation observation_;  // the last one sent
   std::string refusal_;           // why the newest settings are not in force
   bool awaiting_action_ = false;
-  bool silent_ = false;  // no Action for long
+  bool policy_silent_ = false;
   bool masked_action_logged_ = false;
 
-  EpisodeBook book_;
-  std::string problem_;  // of the book, once it is told
+  EpisodeOutbox outbox_;
+  std::string outbox_problem_;  // as reported
   const std::chrono::duration<double> linger_;
 
   Clock::time_point now_;
@@ -113,37 +115,34 @@ class EnvService {
   std::uint64_t steps_ = 0;  // of agents since last_report_
   std::uint64_t tasks_done_ = 0;
 
-  // Features that an encoder_service made of the pictures: fetched once, so that observations need not go round by it.
-  std::optional<Transfer> features_;  // while they come; of ANY_DIMENSION until the first chunk tells D
+  // Features that an encoder_service made of the images: fetched once, so that observations need not pass by it. Its
+  // dimension is ANY_DIMENSION until the first chunk gives D.
+  std::optional<Transfer> features_;
 
-  Bytes image_;           // file of the frame asked for last: a large one is asked for in several requests
-  int image_frame_ = -1;  // whose it is; -1: nobody's
-
-  // Taken into again and again, so that a tick allocates nothing.
+  // Members, so that a tick allocates nothing.
   msg::Action action_;
   msg::TaskSettings taken_settings_;
   msg::TraversalRequest request_, features_request_;
   msg::TraversalChunk chunk_;
   msg::ImageRequest image_request_;
-  msg::ImageChunk image_chunk_;
   msg::EpisodeAcknowledgement acknowledgement_;
   msg::EpisodeStat episode_;
   msg::Scene scene_;  // the last one sent
   int watchers_ = 0;
   msg::MapRequest map_request_;
-  msg::MapChunk map_chunk_;
   msg::ServiceStatus status_;
 };
 
 EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& options)
     : traversal_(traversal),
-      node_(named(options.node, traversal_)),
+      node_(node_options(options.node, traversal_)),
       rejections_(node_),
       environment_(traversal_, options.agents),
-      book_(options.recorders),
+      server_(node_, environment_),
+      outbox_(options.recorders),
       linger_(options.linger) {
   if (!traversal_.turns.empty())
-    throw Error("crosses itself, which the messages cannot tell yet", "traversal '" + traversal_.name + "'",
+    throw Error("crosses itself, which the messages cannot express yet", "traversal '" + traversal_.name + "'",
                 "leave its turns empty");
   info_.dataset() = traversal_.dataset.c_str();
   info_.traversal() = traversal_.name.c_str();
@@ -182,24 +181,32 @@ void EnvService::run(const std::function<bool()>& stop) {
                traversal_.images ? "of images" : "x " + std::to_string(traversal_.dimension) + " features",
                environment_.agents(), environment_.traversal_hash(), node_.middleware_name());
   while (!stop()) {
-    take_all();
+    take_messages();
     now_ = Clock::now();
-    do_what_is_due();
+    do_due_work();
     node_.wait(std::min(next_due(), now_ + kStopCheck));
   }
   leave();
 }
 
-void EnvService::take_all() {
+void EnvService::take_messages() {
   now_ = Clock::now();
   while (node_.take(action_)) on_action(action_);
   while (node_.take(taken_settings_)) on_settings(taken_settings_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   while (node_.take(request_)) on_request(request_);
-  while (node_.take(map_request_)) on_request(map_request_);
-  while (traversal_.images && node_.take(image_request_)) on_request(image_request_);
+  while (node_.take(map_request_)) server_.answer(map_request_);
+  while (traversal_.images && node_.take(image_request_)) server_.answer(image_request_);
   while (traversal_.images && node_.take(chunk_)) on_features(chunk_);
   while (node_.take(status_)) on_status(status_);
+}
+
+template <class... Messages>
+void EnvService::discard(Messages&... messages) {
+  const auto all = [this](auto& message) {
+    while (node_.take(message)) continue;
+  };
+  (all(messages), ...);
 }
 
 void EnvService::on_settings(const msg::TaskSettings& settings) {
@@ -208,14 +215,14 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     rejections_.add(settings.header(), "settings without a version");
     return;
   }
-  // The incarnation is a time: from the far future it would win over everybody's for ever.
-  if (settings.settings().incarnation() > microseconds_since_epoch() + kClocksApart) {
+  // The incarnation is a time: one from the far future would win over all others for ever.
+  if (settings.settings().incarnation() > microseconds_since_epoch() + kClockTolerance) {
     rejections_.add(settings.header(), "settings from the future");
     return;
   }
   if (!newer(settings.settings(), newest_)) {
     ++node_.traffic.repeated;
-    // Whoever sends them again has not seen that they are in force. Observations tell it too, but not while idle.
+    // Their sender has not seen yet that they are in force. Observations show it too, but not while idle.
     if (same(settings.settings(), info_.settings())) send_info();
     return;
   }
@@ -223,36 +230,38 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
   info_.settings() = msg::SettingsId();
   info_.by_reference() = false;
   settings_ = settings;
-  awaiting_action_ = silent_ = masked_action_logged_ = false;
+  awaiting_action_ = policy_silent_ = masked_action_logged_ = false;
   tasks_done_ = 0;
   refusal_.clear();
-  if (settings.task_mode() != msg::IDLE) {
-    try {
-      environment_.reset(settings);
-    } catch (const Error& error) {
-      refusal_ = error.what();
-      ++node_.traffic.rejected;
-      spdlog::error("settings {} of '{}' refused: {}", newest_.version(), settings.header().sender().c_str(), refusal_);
-      send_info();
-      report();
-      return;
-    }
+  const bool idle = settings.task_mode() == msg::IDLE;
+  if (idle) spdlog::info("settings {}: idle", newest_.version());
+  if (idle || start_task(settings)) {
+    info_.settings() = newest_;
+    info_.by_reference() = settings.by_reference();
+    outbox_.set_context(settings, traversal_.name);
   }
-  info_.settings() = newest_;
-  info_.by_reference() = settings.by_reference();
-  book_.begin(settings, traversal_.name);
   send_info();
-  if (settings.task_mode() == msg::IDLE) {
-    spdlog::info("settings {}: idle", newest_.version());
-  } else {
-    spdlog::info(
-        "settings {}: {}, {}, at most {} steps, seed {}{}", newest_.version(),
-        settings.task_mode() == msg::TRAIN ? "training" : std::to_string(settings.tasks()) + " evaluation tasks",
-        route(settings), settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
+  if (!idle && refusal_.empty()) {
     policy_.heard(now_);
     send_observation();
   }
   report();
+}
+
+/// Resets the environment. Returns false when it refuses the settings; refusal_ then says why.
+bool EnvService::start_task(const msg::TaskSettings& settings) {
+  try {
+    environment_.reset(settings);
+  } catch (const Error& error) {
+    refusal_ = error.what();
+    ++node_.traffic.rejected;
+    spdlog::error("settings {} of '{}' refused: {}", newest_.version(), settings.header().sender().c_str(), refusal_);
+    return false;
+  }
+  spdlog::info("settings {}: {}, {}, at most {} steps, seed {}{}", newest_.version(),
+               settings.task_mode() == msg::TRAIN ? "training" : std::to_string(settings.tasks()) + " evaluation tasks",
+               route(settings), settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
+  return true;
 }
 
 void EnvService::on_action(const msg::Action& action) {
@@ -264,7 +273,7 @@ void EnvService::on_action(const msg::Action& action) {
   }
   if (action.header().sender() != settings_.header().sender() ||
       action.header().incarnation() != settings_.header().incarnation()) {
-    rejections_.add(action.header(), "an action of who is not in charge");
+    rejections_.add(action.header(), "an action of a service that is not in charge");
     return;
   }
   try {
@@ -280,8 +289,8 @@ void EnvService::on_action(const msg::Action& action) {
   steps_ += action.choice().size();
   send_observation();  // first: the policy_service waits for it
   record_episodes();
-  if (std::exchange(silent_, false)) {
-    spdlog::info("policy_service is back");
+  if (std::exchange(policy_silent_, false)) {
+    spdlog::info("the policy_service answers again");
     report();
   }
   if (!awaiting_action_) {
@@ -291,119 +300,46 @@ void EnvService::on_action(const msg::Action& action) {
 }
 
 void EnvService::on_request(const msg::TraversalRequest& request) {
-  const std::uint32_t dimension = request.feature_dimension();
-  if (request.environment() != node_.options().id || request.hash() != environment_.traversal_hash()) return;
-  // Positions alone are for an encoder_service, features that are not here for the policy_service to get from it.
-  if (dimension != info_.feature_dimension() && !(dimension == 0 && info_.images())) return;
-  send_info();
-  const ChunkLayout layout(info_.frames(), dimension);
-  for (const std::uint32_t index : request.chunks()) {
-    if (index >= layout.chunks()) {
-      ++node_.traffic.rejected;
-      continue;
-    }
-    chunk_.hash() = environment_.traversal_hash();
-    layout.fill(
-        index, traversal_.positions,
-        [this](std::uint32_t frame) { return environment_.feature(static_cast<int>(frame)); }, chunk_);
-    node_.publish(chunk_);
-  }
+  if (!server_.can_answer(request)) return;
+  send_info();  // what is needed to read the chunks
+  server_.answer(request);
 }
 
-/// Features of the pictures, chunk by chunk. Once all are here, this env_service is like one with a features file.
+/// Takes features of the images, chunk by chunk. Once all are here, this env_service is like one with a features file.
 void EnvService::on_features(const msg::TraversalChunk& chunk) {
   const std::uint32_t dimension = chunk.feature_dimension();
   if (!features_ || chunk.hash() != environment_.traversal_hash() || dimension == 0) return;
   if (features_->what().dimension == msg::ANY_DIMENSION) {
-    if (std::size_t{info_.frames()} * dimension * sizeof(float) > kMostFeatures ||
+    if (std::size_t{info_.frames()} * dimension * sizeof(float) > kLargestFeatures ||
         std::size_t{info_.agents()} * dimension > msg::MAX_FEATURES) {
       features_.reset();
       return;
     }
     features_.emplace(Transfer::What{info_.hash(), info_.frames(), dimension});
   }
-  if (features_->take(chunk) == Transfer::Taken::kDamaged) rejections_.add(chunk.header(), "features that are damaged");
+  if (features_->take(chunk) == Transfer::Taken::kDamaged) rejections_.add(chunk.header(), "damaged features");
   if (!features_->complete()) return;
   environment_.set_features(static_cast<int>(dimension), std::move(features_->features));
   features_.reset();
   info_.feature_dimension() = dimension;
   info_.chunks() = ChunkLayout(info_.frames(), dimension).chunks();
-  spdlog::info("has the {} features of each picture now", dimension);
+  spdlog::info("received {} features of each image", dimension);
   send_info();
   if (running()) send_observation();
-}
-
-void EnvService::on_request(const msg::ImageRequest& request) {
-  if (request.environment() != node_.options().id || request.hash() != environment_.traversal_hash()) return;
-  std::uint32_t first_chunk = request.first_chunk(), budget = msg::MAX_CHUNKS_ASKED;
-  for (const std::uint32_t frame : request.frames()) {
-    if (frame >= info_.frames()) {
-      ++node_.traffic.rejected;
-      continue;
-    }
-    image_chunk_.hash() = environment_.traversal_hash();
-    image_chunk_.frame() = frame;
-    std::string name = traversal_.images->name(static_cast<int>(frame));
-    if (image_frame_ != static_cast<int>(frame)) {
-      image_frame_ = static_cast<int>(frame);
-      try {
-        traversal_.images->read(image_frame_, image_);
-      } catch (const Error& error) {
-        name = error.what();
-        spdlog::error("frame {}: {}", frame, name);
-        image_.clear();
-        image_frame_ = -1;
-      }
-    }
-    image_chunk_.name() = name.substr(0, 200).c_str();
-    image_chunk_.total_bytes() = static_cast<std::uint32_t>(image_.size());
-    const std::uint32_t chunks = chunk_count(image_.size());
-    for (std::uint32_t chunk = std::exchange(first_chunk, 0); chunk < chunks; ++chunk) {
-      if (budget-- == 0) return;
-      const auto data = chunk_of(std::span<const std::byte>(image_), chunk);
-      image_chunk_.chunk() = chunk;
-      image_chunk_.data().resize(data.size());
-      if (!data.empty()) std::memcpy(image_chunk_.data().data(), data.data(), data.size());
-      node_.publish(image_chunk_);
-    }
-  }
-}
-
-/// Where frames were recorded, for maps.
-void EnvService::on_request(const msg::MapRequest& request) {
-  if (request.environment() != node_.options().id || request.hash() != environment_.traversal_hash()) return;
-  if (request.first() >= info_.frames()) {
-    ++node_.traffic.rejected;
-    return;
-  }
-  map_chunk_.hash() = environment_.traversal_hash();
-  map_chunk_.frames() = info_.frames();
-  map_chunk_.first() = request.first();
-  const std::size_t count = std::min<std::size_t>(info_.frames() - request.first(), msg::MAX_PLACES);
-  const auto copy = [&](const auto& from, auto& to) {
-    to.clear();
-    if (from.empty()) return;
-    const auto begin = from.begin() + static_cast<std::ptrdiff_t>(request.first());
-    to.assign(begin, begin + static_cast<std::ptrdiff_t>(count));
-  };
-  copy(traversal_.positions, map_chunk_.position());
-  copy(traversal_.latitude, map_chunk_.latitude());
-  copy(traversal_.longitude, map_chunk_.longitude());
-  node_.publish(map_chunk_);
 }
 
 void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement) {
   if (acknowledgement.environment() != node_.options().id ||
       acknowledgement.environment_incarnation() != node_.incarnation())
     return;
-  const EpisodeBook::Taken taken = book_.take(acknowledgement, now_);
-  if (taken == EpisodeBook::Taken::kImpossible)
-    rejections_.add(acknowledgement.header(), "an acknowledgement of episodes that never were");
-  if (taken == EpisodeBook::Taken::kRepeated) ++node_.traffic.repeated;
+  const auto result = outbox_.acknowledge(acknowledgement, now_);
+  if (result == EpisodeOutbox::Acknowledged::kImpossible)
+    rejections_.add(acknowledgement.header(), "an acknowledgement of episodes that do not exist");
+  if (result == EpisodeOutbox::Acknowledged::kRepeated) ++node_.traffic.repeated;
 }
 
 void EnvService::on_status(const msg::ServiceStatus& status) {
-  book_.heard(status.header(), status.service_state() == msg::STOPPING, now_);
+  outbox_.heartbeat(status.header(), status.service_state() == msg::STOPPING, now_);
   if (status.header().sender() != node_.options().id || status.service_state() == msg::STOPPING) return;
   // The incarnation is the time of the start, so of two only one gives way.
   if (status.header().incarnation() < node_.incarnation())
@@ -414,36 +350,36 @@ void EnvService::on_status(const msg::ServiceStatus& status) {
 
 void EnvService::send_info() {
   node_.publish(info_);
-  next_info_ = now_ + kInfoAgain;
+  next_info_ = now_ + kInfoInterval;
 }
 
 void EnvService::send_observation() {
   environment_.observe(observation_);
   node_.publish(observation_);
-  // After the last task the observation tells that all agents are idle; nobody needs to answer it.
+  // After the last task the observation shows that all agents are idle and needs no answer.
   awaiting_action_ = !environment_.done();
-  observation_interval_ = kObservationAgain;
+  observation_interval_ = kObservationInterval;
   next_observation_ = now_ + observation_interval_;
 }
 
 void EnvService::record_episodes() {
   for (const Environment::Episode& episode : environment_.finished()) {
-    book_.add(episode);
+    outbox_.add(episode);
     ++tasks_done_;
   }
   send_episodes();
-  if (book_.problem() == problem_) return;
-  problem_ = book_.problem();
-  node_.alarm("episodes", problem_);
+  if (outbox_.problem() == outbox_problem_) return;
+  outbox_problem_ = outbox_.problem();
+  node_.alarm("episodes", outbox_problem_);
   report();
 }
 
-/// What is new, and again what somebody lacks.
+/// Sends new episodes, and again those that a recorder lacks.
 void EnvService::send_episodes() {
   for (int count = 0; count < kEpisodesAtOnce;) {
-    const auto sending = book_.next(now_);
+    const auto sending = outbox_.next(now_);
     if (!sending) return;
-    book_.fill(sending->episode, episode_);
+    outbox_.fill(sending->episode, episode_);
     node_.publish(episode_);
     if (!sending->again) continue;
     ++node_.traffic.resent;
@@ -451,9 +387,9 @@ void EnvService::send_episodes() {
   }
 }
 
-/// For who watches: where the agents are now.
+/// Publishes where the agents are now, for dashboards that watch.
 void EnvService::send_scene() {
-  next_scene_ = now_ + kSceneAgain;
+  next_scene_ = now_ + kSceneInterval;
   const int watchers = node_.readers<msg::Scene>();
   const bool more = watchers > std::exchange(watchers_, watchers);
   if (watchers == 0) return;
@@ -472,20 +408,20 @@ void EnvService::send_scene() {
   node_.publish(scene_);
 }
 
-void EnvService::do_what_is_due() {
+void EnvService::do_due_work() {
   if (running() && now_ >= next_observation_) {
     node_.publish(observation_);
     ++node_.traffic.resent;
-    observation_interval_ = std::min<Duration>(2 * observation_interval_, kObservationAgainAtMost);
+    observation_interval_ = std::min<Duration>(2 * observation_interval_, kLongestObservationInterval);
     next_observation_ = now_ + observation_interval_;
   }
-  if (running() && !silent_ && !policy_.here(now_)) {
-    silent_ = true;
-    spdlog::warn("no action for {} s: waiting for policy_service", kSilence.count());
+  if (running() && !policy_silent_ && !policy_.here(now_)) {
+    policy_silent_ = true;
+    spdlog::warn("no action for {} s: waiting for the policy_service", kSilence.count());
     report();
   }
-  // While a policy_service is at work it knows; another one may come when it is not.
-  if ((!running() || silent_) && now_ >= next_info_) send_info();
+  // A policy_service at work knows the info; while none is, another one may come.
+  if ((!running() || policy_silent_) && now_ >= next_info_) send_info();
   send_episodes();
   if (now_ >= next_scene_) send_scene();
   if (features_ && features_->ask(now_, features_request_)) {
@@ -499,9 +435,9 @@ Clock::time_point EnvService::next_due() const {
   Clock::time_point due = next_report_;
   if (running()) due = std::min(due, next_observation_);
   if (features_) due = std::min(due, features_->due());
-  if (running() && !silent_) due = std::min(due, policy_.gone_at());
-  if (!running() || silent_) due = std::min(due, next_info_);
-  return std::min(due, book_.due());
+  if (running() && !policy_silent_) due = std::min(due, policy_.gone_at());
+  if (!running() || policy_silent_) due = std::min(due, next_info_);
+  return std::min(due, outbox_.due());
 }
 
 void EnvService::report() {
@@ -515,10 +451,10 @@ void EnvService::report() {
   if (!refusal_.empty()) {
     state = msg::FAILED;
     activity = "refused settings: " + refusal_;
-  } else if (silent_) {
-    activity = "waiting for policy_service";
+  } else if (policy_silent_) {
+    activity = "waiting for the policy_service";
   } else if (info_.settings().version() != 0 && settings_.task_mode() == msg::IDLE) {
-    activity = "idle, as policy_service asked";
+    activity = "idle, as the policy_service asked";
   } else if (info_.settings().version() != 0) {
     if (running()) state = msg::RUNNING;
     activity = settings_.task_mode() == msg::TRAIN
@@ -526,7 +462,7 @@ void EnvService::report() {
                    : "evaluation on " + traversal_.name + ": " + std::to_string(tasks_done_) + " of " +
                          std::to_string(settings_.tasks()) + " tasks";
   }
-  if (!problem_.empty()) activity = problem_ + "; " + activity;
+  if (!outbox_problem_.empty()) activity = outbox_problem_ + "; " + activity;
   node_.report(state, activity, rate);
 }
 
@@ -535,30 +471,26 @@ void EnvService::leave() {
   node_.report(msg::STOPPING, "stopping");
   awaiting_action_ = false;
   const auto worth_waiting = [&] {
-    if (book_.kept() == 0 || node_.readers<msg::EpisodeStat>() == 0) return false;
-    return now_ < begin + (book_.awaited(now_) ? std::chrono::ceil<milliseconds>(linger_) : kLeaving);
+    if (outbox_.kept() == 0 || node_.readers<msg::EpisodeStat>() == 0) return false;
+    return now_ < begin + (outbox_.recorder_expected(now_) ? std::chrono::ceil<milliseconds>(linger_) : kUnheardLinger);
   };
   now_ = begin;
-  book_.hurry(now_);
+  outbox_.hurry(now_);
   while (worth_waiting()) {
     send_episodes();
-    node_.wait(std::min(book_.due(), now_ + kStopCheck));
+    node_.wait(std::min(outbox_.due(), now_ + kStopCheck));
     now_ = Clock::now();
     while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
-    while (node_.take(status_)) book_.heard(status_.header(), status_.service_state() == msg::STOPPING, now_);
-    // Nothing else matters any more, but what is not taken would wake the wait again and again.
-    while (node_.take(action_)) continue;
-    while (node_.take(taken_settings_)) continue;
-    while (node_.take(request_)) continue;
-    while (node_.take(map_request_)) continue;
-    while (traversal_.images && node_.take(image_request_)) continue;
-    while (traversal_.images && node_.take(chunk_)) continue;
+    while (node_.take(status_)) outbox_.heartbeat(status_.header(), status_.service_state() == msg::STOPPING, now_);
+    // Messages that are not taken would wake the wait again and again.
+    discard(action_, taken_settings_, request_, map_request_);
+    if (traversal_.images) discard(image_request_, chunk_);
   }
-  if (book_.kept() == 0)
-    spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, book_.episodes());
+  if (outbox_.kept() == 0)
+    spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, outbox_.episodes());
   else
-    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged", node_.options().id, book_.episodes(),
-                 book_.kept());
+    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged", node_.options().id, outbox_.episodes(),
+                 outbox_.kept());
 }
 
 }  // namespace

@@ -5,23 +5,23 @@
 #include <string>
 #include <vector>
 
-#include "core/wire/node.h"
+#include "core/wire/node_options.h"
 #include "env_service/dataset_io/traversal.h"
 
 namespace citylearn {
 
 struct EnvServiceOptions {
-  Node::Options node;                  ///< an empty id becomes "env-" + name of the traversal
+  NodeOptions node;                    ///< an empty id becomes "env-" + name of the traversal
   int agents = 16;                     ///< M, 1..msg::MAX_AGENTS
-  std::vector<std::string> recorders;  ///< those that episodes are kept for before they are heard of
-  double linger = 5;                   ///< seconds, at the end, for recorders that live to acknowledge
+  std::vector<std::string> recorders;  ///< ids of recorders that episodes are kept for before they are heard of
+  double linger = 5;                   ///< seconds, at the end, for live recorders to acknowledge
 };
 
-/// Hosts M agents on `traversal` for the policy_service of the run, until `stop` says so (asked at least every 50 ms).
-/// Observations are repeated until answered (docs/decisions/0003-step-protocol.md), episodes until all who record them
-/// have acknowledged them (0009-recorders.md). Returns once stopped; waits up to `linger` for outstanding
-/// acknowledgements of recorders that live, half a second for those of others. Throws Error when another living
-/// env_service of the run has the same id and was there first, or the middleware fails.
+/// Hosts M agents on `traversal` for the policy_service of the session, until `stop` returns true (asked at least every
+/// 50 ms). Repeats observations until they are answered (docs/decisions/0003-step-protocol.md) and episodes until all
+/// recorders have acknowledged them (0009-recorders.md). Once stopped, waits up to `linger` for outstanding
+/// acknowledgements of live recorders, half a second for those of others. Throws Error when another live env_service of
+/// the session has the same id and was there first, or the middleware fails.
 void run_env_service(const EnvServiceOptions& options, const Traversal& traversal, const std::function<bool()>& stop);
 
 }  // namespace citylearn

@@ -2,10 +2,11 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
+#include "core/wire/messages.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/env_service.h"
 #include "env_service/dataset_io/selection.h"
+#include "env_service/env_service.h"
 
 namespace {
 
@@ -24,16 +25,16 @@ void add_options(CLI::App& app, CommandLine& line) {
   add_dataset_options(app, line.source, group);
   CLI::Option* traversal =
       app.add_option("--traversal", line.source.traversal, "Traversal to host")->capture_default_str()->group(group);
-  app.add_option("--condition", line.source.condition, "Host the one traversal recorded under it")
+  app.add_option("--condition", line.source.condition, "Host the one traversal recorded under this condition")
       ->excludes(traversal)
       ->group(group);
-  app.add_option("--agents", line.service.agents, "Agents on it")
+  app.add_option("--agents", line.service.agents, "Number of agents on the traversal")
       ->capture_default_str()
       ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)))
       ->group(group);
   app.add_option("--recorders", line.service.recorders,
-                 "Ids of services that record episodes, A,B,...: what they have not acknowledged is kept for them from "
-                 "the start, not only once they are heard of")
+                 "Ids of services that record episodes, A,B,...: their episodes are kept from the start, not only "
+                 "once they are heard of")
       ->delimiter(',')
       ->check(CLI::Validator(
           [](std::string& id) {
@@ -42,16 +43,16 @@ void add_options(CLI::App& app, CommandLine& line) {
           "ID", ""))
       ->group(group);
   app.add_option("--linger", line.service.linger,
-                 "Seconds at the end for recorders that live to acknowledge the last episodes")
+                 "Seconds to wait at the end for live recorders to acknowledge the last episodes")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 3600.0))
       ->group(group);
   add_selection_options(app, line.source.selection, "Part of the traversal");
-  app.add_flag("--list", line.list, "Print datasets and middlewares, and exit")->configurable(false)->group(group);
-  app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, and exit")
+  app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false)->group(group);
+  app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
       ->configurable(false)
       ->group(group);
-  app.add_flag("--show", line.show, "Print what the traversal is, a line each: frames, images, features, and exit")
+  app.add_flag("--show", line.show, "Print name, frames, images and features of the traversal, a line each, then exit")
       ->configurable(false)
       ->group(group);
   line.service.node.service = "env_service";
@@ -91,6 +92,6 @@ int serve(CommandLine& line) {
 int main(int argc, char** argv) {
   CommandLine line;
   return service_main(
-      argc, argv, "Hosts agents on one traversal of a route and lets a policy_service drive them, over DDS.",
+      argc, argv, "Hosts agents on one traversal of a route, which a policy_service drives over DDS.",
       [&](CLI::App& app) { add_options(app, line); }, [&] { return serve(line); });
 }

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
-// The command line's side of selection.h.
+// Command-line options of selection.h.
 #include <CLI/CLI.hpp>
 #include <charconv>
 
+#include "core/util/text.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/selection.h"
 
 namespace citylearn {
 namespace {
 
-/// "A:B", either may be left out, into two numbers that are there already.
+/// Parses "A:B", either of which may be left out, over the two defaults.
 template <class Number>
 void read_range(const std::string& option, const std::string& text, Number& from, Number& to) {
   const std::size_t colon = text.find(':');
@@ -20,7 +21,7 @@ void read_range(const std::string& option, const std::string& text, Number& from
       throw CLI::ValidationError(option, "'" + std::string(part) + "' is not a number");
   };
   if (colon == text.npos || text.size() == 1)
-    throw CLI::ValidationError(option, "'" + text + "' is not a range FROM:TO, one of which may be left out");
+    throw CLI::ValidationError(option, "'" + text + "' is not a range FROM:TO, of which one may be left out");
   read(std::string_view(text).substr(0, colon), from);
   read(std::string_view(text).substr(colon + 1), to);
   if (!(from < to)) throw CLI::ValidationError(option, "'" + text + "' is an empty range");
@@ -29,9 +30,8 @@ void read_range(const std::string& option, const std::string& text, Number& from
 }  // namespace
 
 void add_dataset_options(CLI::App& app, Source& source, const std::string& group) {
-  std::string names;
-  for (const auto* entry : DatasetRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
-  app.add_option("--dataset", source.dataset, "Where traversals come from: " + names)
+  const std::string names = joined(DatasetRegistry::instance().entries(), &DatasetRegistry::Entry::name);
+  app.add_option("--dataset", source.dataset, "Dataset that traversals come from: " + names)
       ->capture_default_str()
       ->group(group);
   app.add_option("--data", source.folder, "Folder of the dataset's files")->type_name("DIR")->group(group);
@@ -46,9 +46,9 @@ void add_selection_options(CLI::App& app, Selection& selection, const std::strin
            selection.first = 0;
            selection.end = std::numeric_limits<int>::max();
            read_range("--frames", text, selection.first, selection.end);
-           if (selection.first < 0) throw CLI::ValidationError("--frames", "begins before frame 0");
+           if (selection.first < 0) throw CLI::ValidationError("--frames", "must begin at frame 0 or later");
          },
-         "Frames of the recording, the last one not included; either may be left out")
+         "Frames of the recording, END not included; either may be left out")
       ->type_name("FIRST:END")
       ->group(group);
   app.add_option_function<std::string>(
@@ -58,32 +58,34 @@ void add_selection_options(CLI::App& app, Selection& selection, const std::strin
            selection.to = std::numeric_limits<double>::infinity();
            read_range("--metres", text, selection.from, selection.to);
          },
-         "Part of the route, by metres from its beginning; either may be left out")
+         "Part of the route, in metres from its beginning; either may be left out")
       ->type_name("FROM:TO")
       ->group(group);
-  CLI::Option* step = app.add_option("--step", selection.step, "Take every so many-th frame")
+  CLI::Option* step = app.add_option("--step", selection.step, "Take every STEP-th frame")
                           ->capture_default_str()
                           ->check(CLI::Range(1, 1 << 20))
                           ->group(group);
-  app.add_option("--step-metres", selection.step_metres, "Take the next frame at least so many metres on")
+  app.add_option("--step-metres", selection.step_metres,
+                 "Take the next frame that is at least this many metres further on")
       ->check(CLI::Range(0.05, 1e6))
       ->excludes(step)
       ->group(group);
   app.add_option("--align-to", selection.align,
-                 "Sibling traversal whose frame i shall be the same place; --frames, --metres and --step are its")
+                 "Align frames to this sibling traversal; --frames, --metres and --step then refer to it")
       ->type_name("NAME")
       ->group(group);
-  app.add_option("--align-by", selection.by, "How frames find each other: dataset (its natural way) or another")
+  app.add_option("--align-by", selection.by, "How to match the frames of both: as the dataset suggests, or another way")
       ->capture_default_str()
       ->check(CLI::IsMember({"dataset", "index", "matches", "distance", "gps"}))
       ->group(group);
-  app.add_option("--align-within", selection.tolerance, "Metres to the nearest frame at most (distance, gps)")
+  app.add_option("--align-within", selection.tolerance,
+                 "Largest distance to the nearest frame, metres (for distance and gps)")
       ->capture_default_str()
       ->check(CLI::Range(0.01, 1e5))
       ->group(group);
   app.add_option_function<std::string>(
          "--on-bad-frame", [&selection](const std::string& text) { selection.skip_bad_frames = text == "skip"; },
-         "refuse the traversal, or skip: the nearest good frame stands in")
+         "Refuse the traversal, or skip the frame and show the nearest good one")
       ->check(CLI::IsMember({"refuse", "skip"}))
       ->default_str("refuse")
       ->group(group);
@@ -110,17 +112,12 @@ std::string chosen_traversal(Dataset& dataset, const Source& source) {
     if (!condition.empty() && std::find(conditions.begin(), conditions.end(), condition) == conditions.end())
       conditions.push_back(condition);
   }
-  const auto listed = [](const std::vector<std::string>& names) {
-    std::string list;
-    for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-    return list;
-  };
   if (found.empty())
     throw Error("no traversal was recorded under '" + source.condition + "'", "--condition",
-                conditions.empty() ? "none tells its condition" : "there are: " + listed(conditions));
+                conditions.empty() ? "the dataset states no conditions" : "there are: " + joined(conditions));
   if (found.size() > 1)
     throw Error(std::to_string(found.size()) + " traversals were recorded under '" + source.condition + "'",
-                "--condition", "name one with --traversal: " + listed(found));
+                "--condition", "name one with --traversal: " + joined(found));
   return found.front();
 }
 

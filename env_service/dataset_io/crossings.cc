@@ -78,7 +78,7 @@ std::vector<Pair> nearest_pairs(const Route& route, const CrossingOptions& optio
         here.high = near[end].frame;
         here.nearest = std::min(here.nearest, {near[end].metres, near[end].frame, frame});
       }
-      // Of the approaches that it goes on with, however many, one remains.
+      // It continues any number of approaches, of which one remains.
       std::erase_if(open, [&](const Approach& one) {
         const bool same = one.last >= frame - options.spacing && one.low <= here.high + options.spacing &&
                           one.high >= here.low - options.spacing;

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/dataset_io/features.h"
+
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -6,12 +8,11 @@
 
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
-
-bool blank(char c) { return c == ' ' || c == '\t'; }
 
 /// A table of numbers, one frame a line.
 class Table {
@@ -19,15 +20,10 @@ class Table {
   Table(const std::string& path, Traversal& traversal) : path_(path), traversal_(traversal) {}
 
   void parse(std::string_view text) {
-    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);  // a byte order mark
-    while (!text.empty()) {
-      ++line_;
-      const std::size_t end = std::min(text.find_first_of("\r\n"), text.size());
-      parse_line(text.substr(0, end));
-      text.remove_prefix(end);
-      if (text.starts_with("\r\n")) text.remove_prefix(1);
-      if (!text.empty()) text.remove_prefix(1);
-    }
+    each_line(text, [this](std::string_view line, int number) {
+      line_ = number;
+      parse_line(line);
+    });
     if (traversal_.frames == 0) throw Error("has no frames", path_);
     if (traversal_.frames == 1) throw Error("has only one frame, a route needs two", path_);
   }
@@ -38,8 +34,6 @@ class Table {
   }
 
   void parse_line(std::string_view line) {
-    while (!line.empty() && blank(line.front())) line.remove_prefix(1);
-    while (!line.empty() && blank(line.back())) line.remove_suffix(1);
     if (line.empty()) {
       if (!empty_line_) empty_line_ = line_;
       return;
@@ -63,10 +57,11 @@ class Table {
     ++traversal_.frames;
   }
 
-  /// Returns where the number's column ends: at a comma, or at `end`.
+  /// Returns where the number's column ends: at a comma or at `end`.
   const char* parse_number(const char* at, const char* end, int column) {
     const auto where = [column] { return " in column " + std::to_string(column); };
     if (column > kMaxDimension) fail("more than " + std::to_string(kMaxDimension) + " columns");
+    const auto blank = [](char c) { return c == ' ' || c == '\t'; };
     while (at != end && blank(*at)) ++at;
     float value = 0;
     const bool plus = at + 1 < end && *at == '+' && at[1] != '-';  // from_chars knows no plus sign
@@ -82,18 +77,12 @@ class Table {
     }
     while (error != std::errc::invalid_argument && after != end && blank(*after)) ++after;
     if (error == std::errc::invalid_argument || (after != end && *after != ',')) {
-      const std::string_view token(at, std::min<std::size_t>(std::find(at, end, ',') - at, 20));
+      const std::string_view token(at, static_cast<std::size_t>(std::find(at, end, ',') - at));
       fail(token.empty() ? "nothing" + where() : "'" + printable(token) + "'" + where() + " is not a number");
     }
     if (!std::isfinite(value)) fail("a number that is not finite" + where());
     traversal_.features.push_back(value);
     return after;
-  }
-
-  static std::string printable(std::string_view token) {
-    std::string text;
-    for (const char c : token) text += c >= ' ' && c <= '~' ? c : '?';
-    return text;
   }
 
   const std::string& path_;

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/dataset_io/files.h"
+
 #include <strings.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 
 #include "core/util/error.h"
-#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {
@@ -108,6 +110,84 @@ const std::vector<std::string>& video_suffixes() {
   static const std::vector<std::string> suffixes{".mp4", ".avi",  ".mkv",  ".mov", ".m4v",
                                                  ".mpg", ".mpeg", ".webm", ".wmv"};
   return suffixes;
+}
+
+bool is_folder(const std::string& path) {
+  std::error_code error;
+  return fs::is_directory(path, error);
+}
+
+bool is_file(const std::string& path) {
+  std::error_code error;
+  return fs::is_regular_file(path, error);
+}
+
+std::string below(const std::string& folder, const std::string& name) { return (fs::path(folder) / name).string(); }
+
+std::string first_folder(const std::string& folder, const std::vector<std::string>& candidates) {
+  for (const std::string& candidate : candidates) {
+    const std::string path = candidate == "." ? folder : below(folder, candidate);
+    if (is_folder(path)) return path;
+  }
+  return "";
+}
+
+std::string first_file(const std::string& folder, const std::vector<std::string>& candidates) {
+  for (const std::string& candidate : candidates)
+    if (is_file(below(folder, candidate))) return below(folder, candidate);
+  return "";
+}
+
+std::string stem_of(const std::string& file) { return fs::path(file).stem().string(); }
+
+std::string lower(std::string text) {
+  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return text;
+}
+
+bool has_form(const std::string& text, const std::string& pattern) {
+  return std::equal(text.begin(), text.end(), pattern.begin(), pattern.end(),
+                    [](char c, char form) { return form == '0' ? digit(c) : c == form; });
+}
+
+long last_number(const std::string& text) {
+  auto end = std::find_if(text.rbegin(), text.rend(), digit).base();
+  auto begin = std::find_if_not(std::make_reverse_iterator(end), text.rend(), digit).base();
+  if (begin == end || end - begin > 18) return -1;
+  return std::stol(std::string(begin, end));
+}
+
+std::vector<NumberedFile> numbered_files(const std::string& folder, const std::vector<std::string>& suffixes) {
+  std::vector<NumberedFile> files;
+  for (const std::string& file : files_in(folder, suffixes)) {
+    const long number = last_number(stem_of(file));
+    if (number >= 0) files.push_back({number, below(folder, file)});
+  }
+  std::stable_sort(files.begin(), files.end(), [](auto& a, auto& b) { return a.number < b.number; });
+  for (std::size_t i = 1; i < files.size(); ++i)
+    if (files[i].number == files[i - 1].number)
+      throw Error("has the same number as " + fs::path(files[i - 1].path).filename().string(), files[i].path,
+                  "move one of them away");
+  if (files.empty()) return files;
+  const long wanted = files.back().number - files.front().number + 1;
+  if (static_cast<double>(files.size()) < 0.9 * static_cast<double>(wanted)) return files;
+
+  std::vector<NumberedFile> all;
+  for (const NumberedFile& file : files) {
+    for (long number = all.empty() ? file.number : all.back().number + 1; number < file.number; ++number) {
+      // Its name is its neighbour's with another number of as many digits.
+      const fs::path neighbour = file.path;
+      std::string stem = neighbour.stem().string(), digits = std::to_string(number);
+      const auto end = std::find_if(stem.rbegin(), stem.rend(), digit).base();
+      const auto begin = std::find_if_not(std::make_reverse_iterator(end), stem.rend(), digit).base();
+      const auto width = static_cast<std::size_t>(end - begin);
+      if (digits.size() < width) digits.insert(0, width - digits.size(), '0');
+      stem.replace(begin, end, digits);
+      all.push_back({number, (neighbour.parent_path() / (stem + neighbour.extension().string())).string()});
+    }
+    all.push_back(file);
+  }
+  return all;
 }
 
 }  // namespace citylearn

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/dataset_io/geometry.h"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
-
-#include "env_service/dataset_io/parts.h"
 
 namespace citylearn {
 namespace {
@@ -43,8 +43,11 @@ std::vector<float> metres_along(const std::vector<double>& latitude, const std::
   });
 }
 
-std::vector<float> metres_along_plane(const std::vector<double>& x, const std::vector<double>& y) {
-  return summed(x, y, [&](std::size_t i, std::size_t j) { return std::hypot(x[j] - x[i], y[j] - y[i]); });
+std::vector<float> metres_along_plane(const std::vector<double>& x, const std::vector<double>& y,
+                                      const std::vector<double>& z) {
+  return summed(x, y, [&](std::size_t i, std::size_t j) {
+    return z.empty() ? std::hypot(x[j] - x[i], y[j] - y[i]) : std::hypot(x[j] - x[i], y[j] - y[i], z[j] - z[i]);
+  });
 }
 
 std::vector<double> interpolate(const std::vector<double>& times, const std::vector<double>& values,

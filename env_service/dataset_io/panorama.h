@@ -5,7 +5,7 @@
 
 namespace citylearn {
 
-/// A perspective look into an equirectangular panorama.
+/// A perspective view of an equirectangular panorama.
 struct View {
   double heading = 0;  ///< degrees to the right of the panorama's middle column; any number
   double field = 90;   ///< degrees that the view's width and height span, below 180

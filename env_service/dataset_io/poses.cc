@@ -8,7 +8,8 @@
 
 #include "core/util/error.h"
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/geometry.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
@@ -56,21 +57,6 @@ std::vector<int> frames_of(const TextTable& table, const Traversal& traversal) {
   return frames;
 }
 
-/// Metres along a route through points in space, as metres_along_plane().
-std::vector<float> metres_along_space(const std::vector<double>& x, const std::vector<double>& y,
-                                      const std::vector<double>& z) {
-  std::vector<float> metres(x.size(), std::numeric_limits<float>::quiet_NaN());
-  double sum = 0;
-  std::size_t last = x.size();
-  for (std::size_t i = 0; i < x.size(); ++i) {
-    if (std::isnan(x[i])) continue;
-    if (last != x.size()) sum += std::hypot(x[i] - x[last], y[i] - y[last], z[i] - z[last]);
-    metres[i] = static_cast<float>(sum);
-    last = i;
-  }
-  return metres;
-}
-
 }  // namespace
 
 void read_poses(const std::string& path, Traversal& traversal) {
@@ -96,9 +82,9 @@ void read_poses(const std::string& path, Traversal& traversal) {
     for (std::size_t i = 0; i < metres.size(); ++i) traversal.positions[i] = static_cast<float>(metres[i]);
   } else if (table.has("x") || table.has("y")) {
     const std::vector<double> x = column("x"), y = column("y");
-    traversal.positions = table.has("z") ? metres_along_space(x, y, column("z")) : metres_along_plane(x, y);
+    traversal.positions = metres_along_plane(x, y, table.has("z") ? column("z") : std::vector<double>());
   } else if (traversal.latitude.empty()) {
-    throw Error("no column tells places", path, "its header needs lat,lon or x,y or metres");
+    throw Error("no column gives places", path, "its header needs lat,lon or x,y or metres");
   }
 }
 

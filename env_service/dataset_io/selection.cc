@@ -9,12 +9,12 @@
 
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/alignment.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/image_sources.h"
 
 namespace citylearn {
 namespace {
 
-constexpr double kLeastMetres = 0.05;  ///< apart: a walk in half centimetres helps nobody
+constexpr double kLeastMetres = 0.05;  ///< apart
 
 void check(const Selection& selection) {
   if (selection.first < 0 || selection.end <= selection.first) throw Error("no frame in it", "--frames");
@@ -27,7 +27,7 @@ void check(const Selection& selection) {
   if (!(selection.tolerance > 0 && selection.tolerance <= 1e5)) throw Error("must be 0..100000 m", "--align-within");
 }
 
-/// What is cut out of `traversal`, thinned.
+/// Returns the frames cut out of `traversal`, thinned.
 std::vector<int> cut(const Traversal& traversal, const Selection& selection) {
   const auto metres = [&](int frame) { return traversal.positions[static_cast<std::size_t>(frame)]; };
   const auto need_positions = [&](const std::string& option) {
@@ -91,15 +91,15 @@ std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Sel
   return align_by_index(sibling, frames, traversal);
 }
 
-/// The nearest frame of the recording without a fault; the earlier of two.
-int stand_in(const Images& images, int frame) {
+/// Returns the nearest frame of the recording without a fault; the earlier of two.
+int replacement_for(const Images& images, int frame) {
   for (int away = 1; away < images.frames(); ++away)
     for (const int near : {frame - away, frame + away})
       if (near >= 0 && near < images.frames() && images.fault(near).empty()) return near;
-  throw Error("not a single frame of the recording can be read", images.name(frame), images.fault(frame));
+  throw Error("no frame of the recording can be read", images.name(frame), images.fault(frame));
 }
 
-/// Frames to show in the place of `frames`.
+/// Returns the frames to show in place of `frames`.
 std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames, bool skip) {
   constexpr int kShown = 20;
   int bad = 0, last = -1, replacement = -1;
@@ -112,16 +112,16 @@ std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames,
       if (bad <= kShown) spdlog::error("bad frame {}: {}", images.name(frame), fault);
       continue;
     }
-    if (frame != last) replacement = stand_in(images, frame);
+    if (frame != last) replacement = replacement_for(images, frame);
     last = frame;
     if (bad <= kShown)
-      spdlog::warn("bad frame {}: {}; {} stands in", images.name(frame), fault, images.name(replacement));
+      spdlog::warn("bad frame {}: {}; {} replaces it", images.name(frame), fault, images.name(replacement));
     frame = replacement;
   }
   if (bad > kShown) spdlog::warn("{} bad frames, {} of them named", bad, kShown);
   if (bad && !skip)
     throw Error(first + (bad > 1 ? ", and " + std::to_string(bad - 1) + " more bad frames" : ""), "",
-                "mend them, cut with --frames, or let their neighbours stand in with --on-bad-frame skip");
+                "replace the files, cut with --frames, or use their neighbours with --on-bad-frame skip");
   return frames;
 }
 

@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/traversal.h"
 
-#include <bit>
-
-#include "env_service/dataset_io/sha256.h"
-
-static_assert(std::endian::native == std::endian::little, "hashes are over little-endian numbers");
+#include "core/util/sha256.h"
 
 namespace citylearn {
 

@@ -11,8 +11,8 @@
 
 namespace citylearn {
 
-/// An ordered list of frames recorded once along a route under one condition, shown either by features or by images.
-/// As a dataset loads it, frames are as they were recorded; once aligned to a sibling (selection.h), frame i of both is
+/// An ordered list of frames recorded once along a route under one condition, given by features or by images. As a
+/// dataset loads it, frames are as they were recorded; once aligned to a sibling (selection.h), frame i of both shows
 /// the same place.
 struct Traversal {
   std::string dataset;           ///< "plain", "synthetic"
@@ -32,8 +32,8 @@ struct Traversal {
   std::span<const float> feature(int frame) const {
     return {features.data() + static_cast<std::size_t>(frame) * dimension, static_cast<std::size_t>(dimension)};
   }
-  /// First 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and turns: other
-  /// data, other hash. The name is left out.
+  /// Returns the first 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and turns,
+  /// without the name.
   std::uint64_t hash() const;
 };
 

@@ -9,14 +9,15 @@
 
 #include "core/util/error.h"
 #include "core/util/image_header.h"
+#include "core/util/sha256.h"
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/parts.h"
-#include "env_service/dataset_io/sha256.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/image_sources.h"
 
 namespace citylearn {
 namespace {
 
-constexpr int kNearby = 48;  // frames that are sooner decoded than jumped over
+constexpr int kNearby = 48;  // frames that are faster to decode than to seek over
 
 /// Frames of a video. The decoder opens with the first picture asked for, so that a dataset of many videos keeps none.
 class VideoFrames : public Images {
@@ -26,8 +27,8 @@ class VideoFrames : public Images {
     base_ = hash_of_samples();
     open();
     frames_ = number_of_frames();
-    const double told = property(cv::CAP_PROP_FPS);
-    if (rate) *rate = std::isfinite(told) && told > 0 ? told : 0;
+    const double fps = property(cv::CAP_PROP_FPS);
+    if (rate) *rate = std::isfinite(fps) && fps > 0 ? fps : 0;
     capture_.release();
   }
 
@@ -70,25 +71,26 @@ class VideoFrames : public Images {
       throw Error("its pictures are empty, or have more than " + std::to_string(kMaxPixels) + " pixels", name_);
   }
 
-  /// Containers round, or count frames that were never written: the last one that can be had counts.
+  /// Containers round, or count frames that were never written: the last frame that can be decoded counts.
   int number_of_frames() {
-    const double told = property(cv::CAP_PROP_FRAME_COUNT);
-    if (!(told >= 1)) throw Error("the video tells no number of frames", name_, "copy it into another container");
-    if (told > msg::MAX_FRAMES)
+    const double given = property(cv::CAP_PROP_FRAME_COUNT);
+    if (!(given >= 1))
+      throw Error("the video does not give its number of frames", name_, "copy it into another container");
+    if (given > msg::MAX_FRAMES)
       throw Error("more than " + std::to_string(msg::MAX_FRAMES) + " frames", name_, "cut the video");
-    const int count = static_cast<int>(told);
+    const int count = static_cast<int>(given);
     for (int frame = count - 1; frame >= std::max(0, count - 3); --frame) {
       if (fetch(frame)) return frame + 1;
       capture_.release();
       open();
     }
-    throw Error("its last frames cannot be decoded, " + std::to_string(count) + " are promised", name_,
+    throw Error("its last frames cannot be decoded; it should have " + std::to_string(count), name_,
                 "the video is cut short");
   }
 
   double property(int which) { return capture_.get(which); }
 
-  /// The frame into picture_; false when it cannot be had.
+  /// Decodes the frame into picture_. Returns false when that fails.
   bool fetch(int frame) {
     try {
       if (frame < next_ || frame > next_ + kNearby) {
@@ -104,7 +106,7 @@ class VideoFrames : public Images {
     }
   }
 
-  /// Size and 16 KiB at 64 places, which tells videos apart without reading gigabytes.
+  /// Hashes the size and 16 KiB at 64 places, which distinguishes videos without reading gigabytes.
   std::uint64_t hash_of_samples() const {
     std::ifstream file(path_, std::ios::binary | std::ios::ate);
     if (!file || !std::filesystem::is_regular_file(path_)) throw Error("the video cannot be read", name_);

@@ -2,8 +2,9 @@
 #include <algorithm>
 #include <map>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
@@ -13,35 +14,24 @@ namespace {
 ///   framematches.csv: rows "number in FRAMESA, number in FRAMESB" of the same place, marked by hand; no header
 /// The archives hold a folder of their own name, so FRAMESA/FRAMESA is found too. There is no GPS: positions are
 /// unknown. Unsure: whether every frame of the night has a row (a frame without one is matched to nothing here).
-class Alderley : public Dataset {
+class Alderley : public FolderDataset {
  public:
-  explicit Alderley(const std::string& folder) : folder_(folder) {
-    require_data("alderley", folder, "FRAMESA, FRAMESB and framematches.csv");
-  }
+  Alderley(const std::string& folder, const Parameters&)
+      : FolderDataset("alderley", folder, "FRAMESA, FRAMESB and framematches.csv") {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     if (!pictures("day").empty()) found.push_back("day");
     if (!pictures("night").empty()) found.push_back("night");
-    if (found.empty()) not_recognised("alderley", folder_, "FRAMESA or FRAMESB in it");
+    if (found.empty()) not_recognised("FRAMESA or FRAMESB in it");
     return found;
   }
 
   Correspondence correspondence() const override { return Correspondence::kMatches; }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
-    const std::string folder = pictures(name);
-    std::vector<std::string> paths;
-    for (const NumberedFile& file : numbered_files(folder, image_suffixes())) paths.push_back(file.path);
-    Traversal traversal = pictured("alderley", name, image_files(paths, folder_), folder);
-    traversal.condition = name;
-    return traversal;
-  }
-
   std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
-    require_known(a, folder_, names());
-    require_known(b, folder_, names());
+    require_known(a);
+    require_known(b);
     const std::map<long, int> of_a = frames(a), of_b = frames(b);
     std::vector<std::pair<int, int>> pairs;
     if (a == b) {
@@ -65,6 +55,8 @@ class Alderley : public Dataset {
   }
 
  private:
+  Traversal read(const std::string& name) override { return recorded(name, pictures(name)); }
+
   static bool of_night(const std::string& name) { return name == "night"; }
 
   static long whole(const TextTable& table, int row, int column) {
@@ -86,15 +78,13 @@ class Alderley : public Dataset {
       frames.emplace(file.number, static_cast<int>(frames.size()));
     return frames;
   }
-
-  std::string folder_;
 };
 
 const DatasetRegistry::Registration registration({
     "alderley",
     "Alderley Day/Night: 8 km of Brisbane suburbs on a sunny day and in a rainy night",
     {},
-    [](const Parameters&, const std::string& folder) { return std::make_unique<Alderley>(folder); },
+    open_folder<Alderley>,
     {},
     {{"paper",
       "Milford, Wyeth: SeqSLAM: Visual Route-Based Navigation for Sunny Summer Days and Stormy Winter Nights, "

@@ -6,8 +6,9 @@
 #include <optional>
 #include <set>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/json_file.h"
 
 namespace citylearn {
 namespace {
@@ -16,7 +17,7 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr double kMilliseconds = 1e-3;
-constexpr double kReach = 1.5;  // seconds; the phones told where they were once a second
+constexpr double kReach = 1.5;  // seconds; the phones logged their position once a second
 
 /// BDD100K (Yu et al., CVPR 2020): 100,000 rides of 40 s through American cities, filmed by phones behind windscreens.
 ///   videos/**/<id>.mov: 720p at 30 Hz
@@ -25,21 +26,20 @@ constexpr double kReach = 1.5;  // seconds; the phones told where they were once
 ///   labels/100k/<split>/<id>.json, or lists like labels/bdd100k_labels_images_train.json and
 ///   labels/det_20/det_train.json of
 ///     {"name": "<id>.jpg", "attributes": {"weather": ..., "timeofday": ...}}: the condition, "night+rainy"
-/// A ride is a traversal when its video has an info file. Whether that tells enough is seen when it is loaded (100,000
-/// files of 0.3 MB are not opened to list them): at least two locations that cover `seconds` of the ride. Where
-/// "locations" is missing, "gps" of the same fields is taken.
-/// Unsure: that "startTime" is the time of the first frame to less than a second.
-class Bdd100k : public Dataset {
+/// A ride is a traversal when its video has an info file. Whether that is complete is checked when it is loaded
+/// (100,000 files of 0.3 MB are not opened to list them): at least two locations that cover `seconds` of the ride.
+/// Where "locations" is missing, "gps" of the same fields is taken. Unsure: that "startTime" is the time of the first
+/// frame to less than a second.
+class Bdd100k : public FolderDataset {
  public:
-  Bdd100k(const std::string& folder, const Parameters& parameters) : folder_(folder), seconds_(parameters["seconds"]) {
-    require_data("bdd100k", folder, "videos and info");
-  }
+  Bdd100k(const std::string& folder, const Parameters& parameters)
+      : FolderDataset("bdd100k", folder, "videos and info"), seconds_(parameters["seconds"]) {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     for (const auto& [name, path] : videos())
       if (infos().contains(name)) found.push_back(name);
-    if (found.empty()) not_recognised("bdd100k", folder_, "videos/<id>.mov with an info/<id>.json in it");
+    if (found.empty()) not_recognised("videos/<id>.mov with an info/<id>.json in it");
     return found;
   }
 
@@ -55,39 +55,34 @@ class Bdd100k : public Dataset {
 
   Correspondence correspondence() const override { return Correspondence::kGps; }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
-    double rate = 0;
+ private:
+  Traversal read(const std::string& name) override {
     const std::string video = videos().at(name);
-    Traversal traversal = pictured("bdd100k", name, video_frames(video, folder_, &rate), video);
-    if (rate <= 0) throw Error("does not tell how many frames a second it has", video);
-    traversal.condition = condition(name);
+    Traversal traversal = filmed(name, video);
+    if (traversal.times.empty()) throw Error("does not say how many frames a second it has", video);
     const std::string path = infos().at(name);
     const json info = read_json(path);
     const double start = json_number(info, "startTime", path) * kMilliseconds;
-    for (int frame = 0; frame < traversal.frames; ++frame) traversal.times.push_back(start + frame / rate);
+    for (double& time : traversal.times) time += start;
 
     const json& locations = info.contains("locations") ? info["locations"] : info.value("gps", json::array());
-    std::vector<double> times, latitude, longitude;
+    GpsRows rows;
     if (!locations.is_array()) throw Error("\"locations\" is not a list", path);
     for (const json& location : locations) {
-      times.push_back(json_number(location, "timestamp", path) * kMilliseconds);
-      if (times.size() > 1 && times.back() < times[times.size() - 2])
-        throw Error("a \"timestamp\" before the one before it in \"locations\"", path);
-      latitude.push_back(json_number(location, "latitude", path));
-      longitude.push_back(json_number(location, "longitude", path));
+      const double time = json_number(location, "timestamp", path) * kMilliseconds;
+      if (rows.falls(time)) throw Error("a \"timestamp\" before the one before it in \"locations\"", path);
+      const double north = json_number(location, "latitude", path);
+      rows.add(time, north, json_number(location, "longitude", path));
     }
-    const double covered = times.size() < 2 ? 0 : times.back() - times.front();
-    if (times.size() < 2 || covered < seconds_)
-      throw Error(std::to_string(times.size()) + " locations over " + std::to_string(static_cast<int>(covered)) +
+    const double covered = rows.times.size() < 2 ? 0 : rows.times.back() - rows.times.front();
+    if (rows.times.size() < 2 || covered < seconds_)
+      throw Error(std::to_string(rows.times.size()) + " locations over " + std::to_string(static_cast<int>(covered)) +
                       " s are too few for a route",
                   path, "take another ride, or lower --bdd100k-seconds");
-    locate(traversal, interpolate(times, latitude, traversal.times, kReach),
-           interpolate(times, longitude, traversal.times, kReach));
+    locate(traversal, rows, kReach);
     return traversal;
   }
 
- private:
   using Paths = std::map<std::string, std::string>;  // by id
 
   const Paths& videos() { return listed(videos_, "videos", ".mov"); }
@@ -113,19 +108,8 @@ class Bdd100k : public Dataset {
     return splits_;
   }
 
-  /// A file of labels without the many boxes and outlines, which would fill the memory.
-  static json without_boxes(const std::string& path) {
-    const std::string text = read_text(path);
-    try {
-      return json::parse(text, [](int, json::parse_event_t event, json& value) {
-        return event != json::parse_event_t::key || (value != "labels" && value != "frames");
-      });
-    } catch (const json::parse_error& error) {
-      throw Error("is not JSON: broken at byte " + std::to_string(error.byte), path, "fetch the file again");
-    } catch (const json::exception&) {
-      throw Error("holds a number that is too large", path, "fetch the file again");
-    }
-  }
+  /// Reads labels without the many boxes and outlines, which would fill the memory.
+  static json without_boxes(const std::string& path) { return read_json_without(path, {"labels", "frames"}); }
 
   static std::string condition_of(const json& label) {
     std::string condition;
@@ -156,7 +140,6 @@ class Bdd100k : public Dataset {
     return *conditions_;
   }
 
-  std::string folder_;
   double seconds_;
   std::optional<Paths> videos_, infos_;
   std::set<std::string> splits_;
@@ -165,11 +148,9 @@ class Bdd100k : public Dataset {
 
 const DatasetRegistry::Registration registration({
     "bdd100k",
-    "BDD100K: rides of 40 s through American cities, with GPS; each is a route of its own",
+    "BDD100K: rides of 40 s through American cities, with GPS; each is its own route",
     {{"seconds", "least time that a ride's locations cover", 10, 0, 40}},
-    [](const Parameters& parameters, const std::string& folder) {
-      return std::make_unique<Bdd100k>(folder, parameters);
-    },
+    open_folder<Bdd100k>,
     {},
     {{"paper", "Yu et al.: BDD100K: A Diverse Driving Dataset for Heterogeneous Multitask Learning, CVPR 2020"},
      {"address", "https://bdd-data.berkeley.edu"},

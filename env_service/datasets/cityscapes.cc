@@ -4,15 +4,18 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/geometry.h"
+#include "env_service/dataset_io/json_file.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
 
 constexpr char kImage[] = "_leftImg8bit.png";
 constexpr double kRate = 17;  // frames a second (Cordts et al., section 2.1)
-constexpr double kGap = 0.5;  // seconds without a frame after which GPS tells the way, not the speed
+constexpr double kGap = 0.5;  // seconds without a frame after which GPS gives the way, not the speed
 
 /// Cityscapes (Cordts et al., CVPR 2016): drives through 50 cities, of which the sequences are read:
 ///   leftImg8bit_sequence/<split>/<city>/<city>_<sequence>_<frame>_leftImg8bit.png (two numbers of 6 digits)
@@ -24,19 +27,17 @@ constexpr double kGap = 0.5;  // seconds without a frame after which GPS tells t
 /// frankfurt ...) a long drive of many snippets with gaps between. Positions: speed times time, which is smooth where
 /// GPS jumps; over gaps, GPS. Without vehicle data they are unknown, without timestamps frames are 1/17 s apart.
 /// Unsure: the layout of the allFrames archives (taken to be that of the sequences).
-class Cityscapes : public Dataset {
+class Cityscapes : public FolderDataset {
  public:
-  explicit Cityscapes(const std::string& folder) : folder_(folder) {
-    require_data("cityscapes", folder, "leftImg8bit_sequence");
-  }
+  Cityscapes(const std::string& folder, const Parameters&)
+      : FolderDataset("cityscapes", folder, "leftImg8bit_sequence") {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     for (const auto& [name, recording] : recordings())
       if (recording.files.size() > 1) found.push_back(name);
     if (found.empty())
-      not_recognised("cityscapes", folder_,
-                     "leftImg8bit_sequence/<split>/<city>/<city>_<sequence>_<frame>_leftImg8bit.png in it");
+      not_recognised("leftImg8bit_sequence/<split>/<city>/<city>_<sequence>_<frame>_leftImg8bit.png in it");
     return found;
   }
 
@@ -44,19 +45,17 @@ class Cityscapes : public Dataset {
   std::string condition(const std::string&) override { return "day"; }
   Correspondence correspondence() const override { return Correspondence::kGps; }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
+ private:
+  Traversal read(const std::string& name) override {
     const Recording& recording = recordings().at(name);
     std::vector<std::string> paths;
     for (const std::string& file : recording.files) paths.push_back(below(recording.images, file + kImage));
-    Traversal traversal = pictured("cityscapes", name, image_files(paths, folder_), recording.images);
-    traversal.condition = "day";
+    Traversal traversal = pictured(name, std::move(paths), recording.images);
     read_times(recording, traversal);
     if (!recording.vehicle.empty()) read_vehicle(recording, traversal);
     return traversal;
   }
 
- private:
   struct Recording {
     std::string images, vehicle, timestamps;  // folders; the latter two empty when they were not fetched
     std::vector<std::string> files;           // "aachen_000000_000019"
@@ -106,7 +105,7 @@ class Cityscapes : public Dataset {
       if (table.rows() != 1) throw Error("is not one number of nanoseconds", path);
       const double seconds = table.number(0, 0) * 1e-9;
       if (!traversal.times.empty() && seconds <= traversal.times.back())
-        throw Error("tells a time that is not later than that of the frame before", path);
+        throw Error("has a time that is not later than that of the frame before", path);
       traversal.times.push_back(seconds);
     }
   }
@@ -130,7 +129,6 @@ class Cityscapes : public Dataset {
     }
   }
 
-  std::string folder_;
   std::map<std::string, Recording> recordings_;
 };
 
@@ -138,7 +136,7 @@ const DatasetRegistry::Registration registration({
     "cityscapes",
     "Cityscapes: snippets and some longer drives through 50 cities, with GPS and speed",
     {},
-    [](const Parameters&, const std::string& folder) { return std::make_unique<Cityscapes>(folder); },
+    open_folder<Cityscapes>,
     {},
     {{"paper", "Cordts et al.: The Cityscapes Dataset for Semantic Urban Scene Understanding, CVPR 2016"},
      {"address", "https://www.cityscapes-dataset.com"},

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <map>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
 
 namespace citylearn {
 namespace {
@@ -16,42 +16,23 @@ bool is_the_drive(const std::string& name) {
 /// 1080p at 30 Hz, also published in low resolution and as a short sample. There is no ground truth ("vision-only"):
 /// positions are unknown. Each video of the folder whose name holds "gold" and "coast" (gold_coast_compressed.mp4) is a
 /// traversal, and each folder of numbered frames so named. Unsure: the names of the other two videos.
-class GoldCoastDrive : public Dataset {
+class GoldCoastDrive : public FolderDataset {
  public:
-  explicit GoldCoastDrive(const std::string& folder) : folder_(folder) {
-    require_data("gold_coast_drive", folder, "a video named like gold_coast_compressed.mp4");
-  }
+  GoldCoastDrive(const std::string& folder, const Parameters&)
+      : FolderDataset("gold_coast_drive", folder, "videos named like gold_coast_compressed.mp4") {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     for (const auto& [name, path] : recordings()) found.push_back(name);
-    if (found.empty())
-      not_recognised("gold_coast_drive", folder_,
-                     "video or folder of pictures named like gold_coast_compressed.mp4 in it");
+    if (found.empty()) not_recognised("video or folder of pictures named like gold_coast_compressed.mp4 in it");
     return found;
   }
 
   std::string condition(const std::string&) override { return "day"; }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
-    const std::string path = recordings().at(name);
-    double rate = 0;
-    std::shared_ptr<Images> images;
-    if (is_folder(path)) {
-      std::vector<std::string> paths;
-      for (const NumberedFile& file : numbered_files(path, image_suffixes())) paths.push_back(file.path);
-      images = image_files(paths, folder_);
-    } else {
-      images = video_frames(path, folder_, &rate);
-    }
-    Traversal traversal = pictured("gold_coast_drive", name, images, path);
-    traversal.condition = "day";
-    for (int frame = 0; rate > 0 && frame < traversal.frames; ++frame) traversal.times.push_back(frame / rate);
-    return traversal;
-  }
-
  private:
+  Traversal read(const std::string& name) override { return recorded(name, recordings().at(name)); }
+
   std::map<std::string, std::string> recordings() const {
     std::map<std::string, std::string> found;
     if (!is_folder(folder_)) return found;
@@ -61,15 +42,13 @@ class GoldCoastDrive : public Dataset {
       if (is_the_drive(file)) found[stem_of(file)] = below(folder_, file);
     return found;
   }
-
-  std::string folder_;
 };
 
 const DatasetRegistry::Registration registration({
     "gold_coast_drive",
     "Gold Coast drive: one 87 km drive from Brisbane to the Gold Coast, by motorway and streets",
     {},
-    [](const Parameters&, const std::string& folder) { return std::make_unique<GoldCoastDrive>(folder); },
+    open_folder<GoldCoastDrive>,
     {},
     {{"paper",
       "Milford et al.: Sequence Searching With Deep-Learnt Depth for Condition- and Viewpoint-Invariant "

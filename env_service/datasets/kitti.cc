@@ -4,8 +4,9 @@
 #include <cmath>
 #include <map>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
@@ -55,21 +56,19 @@ std::string padded(int number, int width) {
 ///   poses/NN.txt (00 to 10): 12 numbers a row, the 3 x 4 pose of the left camera in that of frame 0 (metres)
 /// Positions: raw, along latitude and longitude at the pictures' times; odometry, along the poses' translations, as the
 /// benchmark's devkit measures them (trajectoryDistances). _extract folders (unsynchronised) are read like _sync ones.
-class Kitti : public Dataset {
+class Kitti : public FolderDataset {
  public:
   Kitti(const std::string& folder, const Parameters& parameters)
-      : folder_(folder), camera_(parameters.integer("camera")) {
-    require_data("kitti", folder, "sequences/NN or <date>/<date>_drive_NNNN_sync folders");
-  }
+      : FolderDataset("kitti", folder, "sequences/NN or <date>/<date>_drive_NNNN_sync folders"),
+        camera_(parameters.integer("camera")) {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     for (const auto& [name, path] : recordings()) found.push_back(name);
     if (!found.empty()) return found;
     const std::string camera = std::to_string(camera_);
-    not_recognised("kitti", folder_,
-                   "sequences/NN/image_" + camera + " or <date>/<date>_drive_NNNN_sync/image_0" + camera +
-                       " in it (--kitti-camera chooses another)");
+    not_recognised("sequences/NN/image_" + camera + " or <date>/<date>_drive_NNNN_sync/image_0" + camera +
+                   " in it (--kitti-camera chooses another)");
   }
 
   std::string condition(const std::string&) override { return "day"; }
@@ -77,14 +76,11 @@ class Kitti : public Dataset {
     return first_folder(folder_, {"sequences"}).empty() ? Correspondence::kGps : Correspondence::kDistance;
   }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
-    Traversal traversal = name.size() == 2 ? load_odometry(name) : load_raw(name, recordings().at(name));
-    traversal.condition = "day";
-    return traversal;
+ private:
+  Traversal read(const std::string& name) override {
+    return name.size() == 2 ? read_odometry(name) : read_raw(name, recordings().at(name));
   }
 
- private:
   /// Name and folder.
   std::map<std::string, std::string> recordings() const {
     std::map<std::string, std::string> found;
@@ -109,33 +105,31 @@ class Kitti : public Dataset {
     return found;
   }
 
-  Traversal load_raw(const std::string& name, const std::string& drive) const {
+  Traversal read_raw(const std::string& name, const std::string& drive) const {
     const std::string camera = below(drive, "image_0" + std::to_string(camera_)), data = below(camera, "data");
     const std::vector<double> times = read_times(below(camera, "timestamps.txt"));
     std::vector<std::string> paths;
     for (std::size_t frame = 0; frame < times.size(); ++frame)
       paths.push_back(below(data, padded(static_cast<int>(frame), 10) + ".png"));
-    Traversal traversal = pictured("kitti", name, image_files(paths, folder_), camera);
+    Traversal traversal = pictured(name, std::move(paths), camera);
     traversal.times = times;
 
     const std::string oxts = below(drive, "oxts");
     if (!is_folder(oxts)) return traversal;
-    std::vector<double> latitude, longitude, when;
+    GpsRows rows;
     const std::vector<double> packets = read_times(below(oxts, "timestamps.txt"));
     for (std::size_t packet = 0; packet < packets.size(); ++packet) {
-      if (!when.empty() && packets[packet] < when.back()) continue;  // some _extract drives hold late ones
+      if (rows.falls(packets[packet])) continue;  // some _extract drives hold late ones
       const std::string path = below(oxts, "data/" + padded(static_cast<int>(packet), 10) + ".txt");
       const TextTable table(path, {' ', false});
       if (table.rows() != 1 || table.columns(0) < 2) throw Error("is not an OXTS packet of one line", path);
-      when.push_back(packets[packet]);
-      latitude.push_back(table.number(0, 0));
-      longitude.push_back(table.number(0, 1));
+      rows.add(packets[packet], table.number(0, 0), table.number(0, 1));
     }
-    locate(traversal, interpolate(when, latitude, times, kReach), interpolate(when, longitude, times, kReach));
+    locate(traversal, rows, kReach);
     return traversal;
   }
 
-  Traversal load_odometry(const std::string& name) const {
+  Traversal read_odometry(const std::string& name) const {
     const std::string sequence = below(folder_, "sequences/" + name);
     const std::string camera = below(sequence, "image_" + std::to_string(camera_));
     const TextTable clock(below(sequence, "times.txt"), {' ', false});
@@ -145,14 +139,14 @@ class Kitti : public Dataset {
       times.push_back(clock.number(frame, 0));
       paths.push_back(below(camera, padded(frame, 6) + ".png"));
     }
-    Traversal traversal = pictured("kitti", name, image_files(paths, folder_), camera);
+    Traversal traversal = pictured(name, std::move(paths), camera);
     traversal.times = times;
 
     const std::string path = first_file(folder_, {"poses/" + name + ".txt", "sequences/" + name + "/poses.txt"});
     if (path.empty()) return traversal;  // sequences 11 to 21 have none
     const TextTable poses(path, {' ', false});
     if (poses.rows() != traversal.frames)
-      throw Error("has " + std::to_string(poses.rows()) + " poses, times.txt tells " +
+      throw Error("has " + std::to_string(poses.rows()) + " poses, times.txt lists " +
                       std::to_string(traversal.frames) + " frames",
                   path);
     double metres = 0, last[3] = {};
@@ -166,7 +160,6 @@ class Kitti : public Dataset {
     return traversal;
   }
 
-  std::string folder_;
   int camera_;
 };
 
@@ -174,7 +167,7 @@ const DatasetRegistry::Registration registration({
     "kitti",
     "KITTI: drives around Karlsruhe, raw recordings and the odometry benchmark",
     {{"camera", "0 left grey, 1 right grey, 2 left colour, 3 right colour", 2, 0, 3, true}},
-    [](const Parameters& parameters, const std::string& folder) { return std::make_unique<Kitti>(folder, parameters); },
+    open_folder<Kitti>,
     {},
     {{"paper", "Geiger, Lenz, Stiller, Urtasun: Vision meets Robotics: The KITTI Dataset, IJRR 2013"},
      {"address", "https://www.cvlibs.net/datasets/kitti"},

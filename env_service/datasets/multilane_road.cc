@@ -3,8 +3,8 @@
 #include <filesystem>
 #include <map>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
 
 namespace citylearn {
 namespace {
@@ -21,17 +21,15 @@ constexpr int kDepth = 4;  // folders below --data that are looked into
 /// in the path are the condition. Positions come from a text file of "latitude, longitude" rows beside the pictures or
 /// the video, whose name holds "gps" (gps.csv, day_lane1_gps.txt); else they are unknown. All of this is unsure but the
 /// names of the two roads.
-class MultilaneRoad : public Dataset {
+class MultilaneRoad : public FolderDataset {
  public:
-  explicit MultilaneRoad(const std::string& folder) : folder_(folder) {
-    require_data("multilane_road", folder, "the highway or suburban recordings");
-  }
+  MultilaneRoad(const std::string& folder, const Parameters&)
+      : FolderDataset("multilane_road", folder, "the highway or suburban recordings") {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     for (const auto& [name, path] : recordings()) found.push_back(name);
-    if (found.empty())
-      not_recognised("multilane_road", folder_, "pictures or video in it below a folder named highway or suburban");
+    if (found.empty()) not_recognised("pictures or video in it below a folder named highway or suburban");
     return found;
   }
 
@@ -48,29 +46,16 @@ class MultilaneRoad : public Dataset {
     return located ? Correspondence::kGps : Correspondence::kIndex;
   }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
-    const std::string path = recordings().at(name);
-    double rate = 0;
-    std::shared_ptr<Images> images;
-    if (is_folder(path)) {
-      std::vector<std::string> paths;
-      for (const NumberedFile& file : numbered_files(path, image_suffixes())) paths.push_back(file.path);
-      images = image_files(paths, folder_);
-    } else {
-      images = video_frames(path, folder_, &rate);
-    }
-    Traversal traversal = pictured("multilane_road", name, images, path);
-    traversal.condition = condition(name);
-    for (int frame = 0; rate > 0 && frame < traversal.frames; ++frame) traversal.times.push_back(frame / rate);
-    const std::string log = gps_of(path);
+ private:
+  Traversal read(const std::string& name) override {
+    const std::string path = recordings().at(name), log = gps_of(path);
+    Traversal traversal = recorded(name, path);
     if (log.empty()) return traversal;
     const GpsRows rows = spread(read_gps_rows(log), traversal.frames);
     locate(traversal, rows.latitude, rows.longitude);
     return traversal;
   }
 
- private:
   /// Path by name.
   std::map<std::string, std::string> recordings() const {
     std::map<std::string, std::string> found;
@@ -92,7 +77,7 @@ class MultilaneRoad : public Dataset {
     for (const std::string& sub : folders_in(folder)) look_in(below(folder, sub), named(sub), depth - 1, found);
   }
 
-  /// In a folder of pictures, any file of GPS; beside a video, the one whose name begins like the video's.
+  /// Returns any GPS file in a folder of pictures; beside a video, the one whose name begins like the video's.
   static std::string gps_of(const std::string& path) {
     const bool video = !is_folder(path);
     const std::string folder = video ? fs::path(path).parent_path().string() : path;
@@ -101,15 +86,13 @@ class MultilaneRoad : public Dataset {
         return below(folder, file);
     return "";
   }
-
-  std::string folder_;
 };
 
 const DatasetRegistry::Registration registration({
     "multilane_road",
     "Multi-Lane Road: a highway and a suburban avenue in several lanes by day and night, camera sideways",
     {},
-    [](const Parameters&, const std::string& folder) { return std::make_unique<MultilaneRoad>(folder); },
+    open_folder<MultilaneRoad>,
     {},
     {{"paper",
       "Pepperell, Corke, Milford: Automatic Image Scaling for Place Recognition in Changing Environments, ICRA "

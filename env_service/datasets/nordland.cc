@@ -1,27 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <limits>
 #include <map>
 
-#include "core/wire/messages.h"
-#include "env_service/dataset_io/dataset.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
 
-namespace fs = std::filesystem;
-
 const std::vector<std::string> kSeasons{"spring", "summer", "fall", "winter"};
 constexpr double kReach = 60;          ///< seconds before the first and after the last GPS row
 constexpr double kClockChange = 1800;  ///< seconds; the longest tunnel takes a few minutes
-
-std::string lower(std::string text) {
-  for (char& c : text) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c + ('a' - 'A')) : c;
-  return text;
-}
 
 bool tells(const std::string& name, const std::string& season) {
   return lower(name).find(season) != std::string::npos ||
@@ -41,22 +32,19 @@ double number_in(const std::string& name) {
 /// were aligned so that frame i of all is the same place (Suenderhauf, Neubert, Protzel 2013). Letter case does not
 /// matter:
 ///   spring/ summer/ fall/ winter/            pictures, commonly one a second of film, or one film
-///   {season}_images_train/ ..._test/         parts for training and testing (Olid, Facil, Civera 2018); pictures may
-///   lie
-///                                            in folders of sections
+///   {season}_images_train/ ..._test/         parts for training and testing (Olid, Facil, Civera 2018), whose
+///                                            pictures may lie in folders of sections
 ///   nordland-{season}.mp4 or any film with the season in its name
 ///   gpsData/{season}.csv, or beside: "tid,lat,lon,..." a row a second; tid is HHMMSScc, degrees are times 100,000
 /// Unsure: how the raw GPS logs relate to the aligned films is not written down. Here the log's first row belongs to
 /// the film's first second, and time runs as the log's clock does; seasons differ by up to some kilometres then, so
 /// traversals are aligned by index and never by GPS. In names of pictures the last number counts them, one a second.
-class Nordland : public Dataset {
+class Nordland : public FolderDataset {
  public:
   Nordland(const std::string& folder, const Parameters& parameters)
-      : folder_(folder), rate_(parameters["rate"]), test_(parameters.flag("test")) {
-    if (folder.empty())
-      throw Error("needs the folder that holds spring, summer, fall and winter", "dataset nordland",
-                  "give it with --data DIR");
-  }
+      : FolderDataset("nordland", folder, "spring, summer, fall and winter"),
+        rate_(parameters["rate"]),
+        test_(parameters.flag("test")) {}
 
   std::vector<std::string> names() override {
     const std::map<std::string, std::string> known = sources();
@@ -66,48 +54,18 @@ class Nordland : public Dataset {
     return names;
   }
 
-  Traversal load(const std::string& name) override {
-    const std::map<std::string, std::string> known = sources();
-    if (!known.contains(name)) throw unknown_traversal(name, folder_, names());
-    const std::string& path = known.at(name);
-    Traversal traversal;
-    traversal.dataset = "nordland";
-    traversal.name = name;
-    traversal.condition = name;
-    std::vector<std::string> pictures = pictures_in(path);
-    if (!pictures.empty()) {
-      for (const std::string& picture : pictures)
-        traversal.times.push_back(number_in(fs::path(picture).stem().string()) / rate_);
-      // Sections count anew, and names may tell nothing: then there is no clock.
-      if (!std::is_sorted(traversal.times.begin(), traversal.times.end()) || traversal.times.front() < 0)
-        traversal.times.clear();
-      traversal.images = image_files(std::move(pictures), folder_);
-    } else {
-      double rate = 0;
-      traversal.images = video_frames(fs::is_directory(path) ? the_film_in(path) : path, folder_, &rate);
-      for (int frame = 0; rate > 0 && frame < traversal.images->frames(); ++frame)
-        traversal.times.push_back(frame / rate);
-    }
-    traversal.frames = traversal.images->frames();
-    if (traversal.frames < 2) throw Error("has only one frame, a route needs two", path);
-    if (traversal.frames > static_cast<int>(msg::MAX_FRAMES))
-      throw Error("more than " + std::to_string(msg::MAX_FRAMES) + " frames", path);
-    traversal.positions.assign(static_cast<std::size_t>(traversal.frames), std::numeric_limits<float>::quiet_NaN());
-    if (const std::string log = gps_log(name); !log.empty() && !traversal.times.empty()) read_gps(log, traversal);
-    return traversal;
-  }
-
   /// Pictures of the same number.
   std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
+    require_known(a);
+    require_known(b);
     const std::map<std::string, std::string> known = sources();
     std::map<double, int> frames;
     std::vector<std::pair<int, int>> pairs;
     for (const std::string& name : {a, b}) {
-      if (!known.contains(name)) throw unknown_traversal(name, folder_, names());
       const std::vector<std::string> pictures = pictures_in(known.at(name));
       if (pictures.empty()) return Dataset::matches(a, b);
       for (std::size_t i = 0; i < pictures.size(); ++i) {
-        const double number = number_in(fs::path(pictures[i]).stem().string());
+        const double number = number_in(stem_of(pictures[i]));
         if (name == a)
           frames.emplace(number, static_cast<int>(i));
         else if (const auto found = frames.find(number); found != frames.end())
@@ -118,10 +76,28 @@ class Nordland : public Dataset {
   }
 
  private:
+  Traversal read(const std::string& name) override {
+    const std::string path = sources().at(name);
+    std::vector<std::string> pictures = pictures_in(path);
+    if (pictures.empty()) return with_gps(filmed(name, is_folder(path) ? the_film_in(path) : path));
+    std::vector<double> times;
+    for (const std::string& picture : pictures) times.push_back(number_in(stem_of(picture)) / rate_);
+    Traversal traversal = pictured(name, std::move(pictures), path);
+    // Sections count anew, and names may hold no numbers: then there is no clock.
+    if (std::is_sorted(times.begin(), times.end()) && times.front() >= 0) traversal.times = std::move(times);
+    return with_gps(std::move(traversal));
+  }
+
+  Traversal with_gps(Traversal traversal) const {
+    const std::string log = gps_log(traversal.name);
+    if (!log.empty() && !traversal.times.empty()) read_gps(log, traversal);
+    return traversal;
+  }
+
   /// Paths of a folder's pictures, or of those in its folders, section by section.
   static std::vector<std::string> pictures_in(const std::string& path) {
     std::vector<std::string> paths;
-    if (!fs::is_directory(path)) return paths;
+    if (!is_folder(path)) return paths;
     for (const std::string& file : files_in(path, image_suffixes())) paths.push_back(path + "/" + file);
     if (paths.empty())
       for (const std::string& section : folders_in(path))
@@ -133,7 +109,7 @@ class Nordland : public Dataset {
   static std::string the_film_in(const std::string& path) {
     const std::vector<std::string> films = files_in(path, video_suffixes());
     if (films.size() != 1)
-      throw Error("holds no pictures and " + std::to_string(films.size()) + " films", path, "one of both is needed");
+      throw Error("holds no pictures and " + std::to_string(films.size()) + " films", path, "either is needed");
     return path + "/" + films.front();
   }
 
@@ -156,9 +132,7 @@ class Nordland : public Dataset {
         throw Error("both " + fitting[0] + " and " + fitting[1] + " seem to be " + season, folder_, "move one of them");
       if (!fitting.empty()) found[season] = folder_ + "/" + fitting.front();
     }
-    if (found.empty())
-      throw Error("is not nordland: neither a folder nor a film of spring, summer, fall or winter", folder_,
-                  "--data names the folder above the seasons");
+    if (found.empty()) not_recognised("folder or film of spring, summer, fall or winter in it");
     return found;
   }
 
@@ -174,7 +148,7 @@ class Nordland : public Dataset {
 
   std::string gps_log(const std::string& season) const {
     for (const std::string folder : {"/gpsData", "/gps", ""}) {
-      if (!fs::is_directory(folder_ + folder)) continue;
+      if (!is_folder(folder_ + folder)) continue;
       for (const std::string& file : files_in(folder_ + folder, {".csv"}))
         if (tells(file, season)) return folder_ + folder + "/" + file;
     }
@@ -191,7 +165,7 @@ class Nordland : public Dataset {
 
   static void read_gps(const std::string& path, Traversal& traversal) {
     const TextTable log(path, {});
-    std::vector<double> times, latitude, longitude;
+    GpsRows rows;
     double last = 0, elapsed = 0;
     for (int row = 0; row < log.rows(); ++row) {
       double north = log.number(row, "lat"), east = log.number(row, "lon");
@@ -203,20 +177,15 @@ class Nordland : public Dataset {
       // The published logs hold a few rows of a broken or repeated time, which are passed over, and clocks that were
       // put forward by an hour on the way.
       const double now = seconds_of(log.number(row, "tid"));
-      if (now < 0 || (!times.empty() && now <= last)) continue;
-      if (!times.empty()) elapsed += now - last > kClockChange ? 1 : now - last;
+      if (now < 0 || (!rows.times.empty() && now <= last)) continue;
+      if (!rows.times.empty()) elapsed += now - last > kClockChange ? 1 : now - last;
       last = now;
-      times.push_back(elapsed);
-      latitude.push_back(north);
-      longitude.push_back(east);
+      rows.add(elapsed, north, east);
     }
-    if (times.empty()) throw Error("has no positions", path);
-    traversal.latitude = interpolate(times, latitude, traversal.times, kReach);
-    traversal.longitude = interpolate(times, longitude, traversal.times, kReach);
-    traversal.positions = metres_along(traversal.latitude, traversal.longitude);
+    if (rows.times.empty()) throw Error("has no positions", path);
+    locate(traversal, rows, kReach);
   }
 
-  std::string folder_;
   double rate_;
   bool test_;
 };
@@ -224,11 +193,9 @@ class Nordland : public Dataset {
 const DatasetRegistry::Registration registration({
     "nordland",
     "Nordland railway: 729 km in four seasons, frame aligned",
-    {{"rate", "pictures a second of film, where folders hold pictures", 1, 0.01, 60},
-     {"test", "1: of partitioned Nordland the test part", 0, 0, 1, true}},
-    [](const Parameters& parameters, const std::string& folder) {
-      return std::make_unique<Nordland>(folder, parameters);
-    },
+    {{"rate", "pictures per second of film, where folders hold pictures", 1, 0.01, 60},
+     {"test", "1: read the test part of partitioned Nordland", 0, 0, 1, true}},
+    open_folder<Nordland>,
     {},
     {{"paper",
       "Suenderhauf, Neubert, Protzel: Are We There Yet? Challenging SeqSLAM on a 3000 km Journey Across All Four "

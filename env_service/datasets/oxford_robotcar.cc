@@ -6,8 +6,11 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/geometry.h"
+#include "env_service/dataset_io/image_sources.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
@@ -35,7 +38,7 @@ constexpr double kMicroseconds = 1e-6;
 /// A frame has a position when a measurement is as near, in seconds: the slowest (GPS) comes at 5 Hz.
 constexpr double kReach = 1.0;
 
-/// Tags that tell how a place looked, of those in the SDK's tags/; the others tell of the drive ("detour", "no-gps").
+/// The tags of the SDK's tags/ that describe how a place looks; the others describe the drive ("detour", "no-gps").
 const std::set<std::string> kAppearance = {"sun",  "clouds", "overcast", "partial", "rain",
                                            "snow", "dusk",   "dawn",     "night"};
 
@@ -44,27 +47,24 @@ const std::set<std::string> kAppearance = {"sun",  "clouds", "overcast", "partia
 ///   <traversal>/<camera>.timestamps: microseconds and the number of the archive's chunk, a row a picture
 ///   <traversal>/gps/ins.csv, gps/gps.csv, vo/vo.csv, and since 2020 rtk.csv: where the car was
 ///   tags/<traversal>.yaml (from the SDK): "- sun" ..., lines of conditions
-/// A chunk counts when at least half of its pictures are there; others are those nobody fetched. Positions: the way
+/// A chunk counts when at least half of its pictures are there; the others were not fetched. Positions: the way
 /// along northing and easting of RTK, else INS, else GPS; else the lengths of visual odometry's steps added up, which
 /// drift. All rows of INS count, whatever their ins_status, as in the SDK.
 /// Unsure: where rtk.csv lies after unpacking (looked for beside gps/ and in it, and in rtk/<traversal>/).
-class OxfordRobotcar : public Dataset {
+class OxfordRobotcar : public FolderDataset {
  public:
   OxfordRobotcar(const std::string& folder, const Parameters& parameters)
-      : folder_(folder),
+      : FolderDataset("oxford_robotcar", folder, "<YYYY-MM-DD-HH-MM-SS> folders"),
         camera_(kCameras.at(static_cast<std::size_t>(parameters.integer("camera")))),
         raw_(parameters.flag("raw")),
-        reduce_(parameters.integer("reduce")) {
-    require_data("oxford_robotcar", folder, "<YYYY-MM-DD-HH-MM-SS> folders");
-  }
+        reduce_(parameters.integer("reduce")) {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     if (is_folder(folder_))
       for (const std::string& name : folders_in(folder_))
         if (has_form(name, kForm) && is_folder(below(folder_, name + "/" + camera_.folder))) found.push_back(name);
-    if (found.empty())
-      not_recognised("oxford_robotcar", folder_, std::string("<YYYY-MM-DD-HH-MM-SS>/") + camera_.folder + "/ in it");
+    if (found.empty()) not_recognised(std::string("<YYYY-MM-DD-HH-MM-SS>/") + camera_.folder + "/ in it");
     return found;
   }
 
@@ -83,8 +83,8 @@ class OxfordRobotcar : public Dataset {
 
   Correspondence correspondence() const override { return Correspondence::kGps; }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
+ private:
+  Traversal read(const std::string& name) override {
     const std::string drive = below(folder_, name), pictures = below(drive, camera_.folder);
     std::vector<std::string> paths;
     std::vector<double> times;
@@ -107,14 +107,12 @@ class OxfordRobotcar : public Dataset {
             return small;
           }));
     }
-    Traversal traversal = pictured("oxford_robotcar", name, images, pictures);
-    traversal.condition = condition(name);
+    Traversal traversal = pictured(name, images, pictures);
     traversal.times = times;
     find_positions(drive, name, traversal);
     return traversal;
   }
 
- private:
   /// Microseconds of the frames, as written: those of the chunks that were fetched, or the files' own without a
   /// .timestamps.
   std::vector<std::string> picture_stamps(const std::string& drive, const std::string& pictures) const {
@@ -198,7 +196,6 @@ class OxfordRobotcar : public Dataset {
                    [](double m) { return static_cast<float>(m); });
   }
 
-  std::string folder_;
   Camera camera_;
   bool raw_;
   int reduce_;
@@ -209,11 +206,9 @@ const DatasetRegistry::Registration registration({
     "Oxford RobotCar: drives of one route through Oxford over a year, in all weather",
     {{"camera", "0 stereo centre, 1 stereo left, 2 stereo right, 3 mono left, 4 mono right, 5 mono rear", 0, 0, 5,
       true},
-     {"raw", "1: pictures are raw Bayer as published; 0: they were given colours already", 1, 0, 1, true},
-     {"reduce", "how many times smaller pictures become, in width and in height", 1, 1, 16, true}},
-    [](const Parameters& parameters, const std::string& folder) {
-      return std::make_unique<OxfordRobotcar>(folder, parameters);
-    },
+     {"raw", "1: pictures are raw Bayer as published; 0: they have colours already", 1, 0, 1, true},
+     {"reduce", "factor by which the width and height of pictures are reduced", 1, 1, 16, true}},
+    open_folder<OxfordRobotcar>,
     {},
     {{"paper", "Maddern, Pascoe, Linegar, Newman: 1 Year, 1000 km: The Oxford RobotCar Dataset, IJRR 2017"},
      {"address", "https://robotcar-dataset.robots.ox.ac.uk"},

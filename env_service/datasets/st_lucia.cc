@@ -3,8 +3,10 @@
 #include <map>
 #include <opencv2/imgproc.hpp>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/image_sources.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
@@ -19,27 +21,27 @@ constexpr double kReach = 1.0;  // seconds
 /// The pictures may have become .png; they are found by the rest of their names. Unsure, for the official page tells
 /// little and programs that read the logs disagree: the order of latitude and longitude (here: the one beyond 90 is the
 /// longitude), and the Bayer pattern (from users' experience; --st_lucia-raw 0 turns demosaicing off).
-class StLucia : public Dataset {
+class StLucia : public FolderDataset {
  public:
   StLucia(const std::string& folder, const Parameters& parameters)
-      : folder_(folder), camera_(parameters.integer("camera")), raw_(parameters.flag("raw")) {
-    require_data("st_lucia", folder, "<YYMMDD_HHMMSS>_MultiCamera0");
-  }
+      : FolderDataset("st_lucia", folder, "<YYMMDD_HHMMSS>_MultiCamera0 folders"),
+        camera_(parameters.integer("camera")),
+        raw_(parameters.flag("raw")) {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     if (is_folder(folder_))
       for (const std::string& name : folders_in(folder_))
         if (has_form(name, "000000_000000_MultiCamera0")) found.push_back(name.substr(0, 13));
-    if (found.empty()) not_recognised("st_lucia", folder_, "<YYMMDD_HHMMSS>_MultiCamera0/ in it");
+    if (found.empty()) not_recognised("<YYMMDD_HHMMSS>_MultiCamera0/ in it");
     return found;
   }
 
   std::string condition(const std::string&) override { return "day"; }
   Correspondence correspondence() const override { return Correspondence::kGps; }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
+ private:
+  Traversal read(const std::string& name) override {
     const std::string pictures = below(folder_, name + "_MultiCamera0");
     std::map<std::string, std::string> there;  // file by stem
     const std::string prefix = "cam" + std::to_string(camera_) + "_";
@@ -66,39 +68,34 @@ class StLucia : public Dataset {
         cv::cvtColor(mosaic, colours, cv::COLOR_BayerGBRG2BGR);
         return colours;
       }));
-    Traversal traversal = pictured("st_lucia", name, images, pictures);
-    traversal.condition = "day";
+    Traversal traversal = pictured(name, images, pictures);
     traversal.times = times;
     const std::string ins = below(folder_, name + "_Ins0.log");
     if (is_file(ins)) read_ins(ins, traversal);
     return traversal;
   }
 
- private:
   static bool starts_with_digit(std::string_view text) {
     return !text.empty() && text.front() >= '0' && text.front() <= '9';
   }
 
   static void read_ins(const std::string& path, Traversal& traversal) {
     const TextTable log(path, {' ', false});
-    std::vector<double> times, latitude, longitude;
+    GpsRows rows;
     for (int row = 0; row < log.rows(); ++row) {
       if (row == 0 && !starts_with_digit(log.text(0, 0))) continue;
       if (log.columns(row) < 4) log.fail(row, "less than 4 fields");
       double north = log.number(row, 2), east = log.number(row, 3);
       if (std::abs(north) > 90) std::swap(north, east);
       if (std::abs(north) > 90 || std::abs(east) > 180) log.fail(row, "not a latitude and a longitude in degrees");
-      times.push_back(log.number(row, 0) + log.number(row, 1) * 1e-6);
-      if (times.size() > 1 && times.back() < times[times.size() - 2]) log.fail(row, "a time before the one before");
-      latitude.push_back(north);
-      longitude.push_back(east);
+      const double time = log.number(row, 0) + log.number(row, 1) * 1e-6;
+      if (rows.falls(time)) log.fail(row, "a time before the one before");
+      rows.add(time, north, east);
     }
-    if (times.empty()) throw Error("has no positions", path);
-    locate(traversal, interpolate(times, latitude, traversal.times, kReach),
-           interpolate(times, longitude, traversal.times, kReach));
+    if (rows.times.empty()) throw Error("has no positions", path);
+    locate(traversal, rows, kReach);
   }
 
-  std::string folder_;
   int camera_;
   bool raw_;
 };
@@ -107,10 +104,8 @@ const DatasetRegistry::Registration registration({
     "st_lucia",
     "UQ St Lucia: 9.5 km around a university campus in Brisbane, stereo",
     {{"camera", "0 or 1 of the stereo pair", 0, 0, 1, true},
-     {"raw", "1: pictures are raw Bayer as published; 0: they were given colours already", 1, 0, 1, true}},
-    [](const Parameters& parameters, const std::string& folder) {
-      return std::make_unique<StLucia>(folder, parameters);
-    },
+     {"raw", "1: pictures are raw Bayer as published; 0: they have colours already", 1, 0, 1, true}},
+    open_folder<StLucia>,
     {},
     {{"paper", "Warren, McKinnon, He, Upcroft: Unaided Stereo Vision Based Pose Estimation, ACRA 2010"},
      {"address", "https://michaelwarren.info/docs/datasets/uq-st-lucia-stereo-dataset"},

@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "env_service/dataset_io/layout.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
 
 namespace citylearn {
 namespace {
@@ -15,19 +15,17 @@ namespace {
 /// Instead of the video there may be its frames, numbered by frame from 0, in the folder or in images/ or frames/; of
 /// thinned frames each takes the GPS row of its number. Unsure: whether every log has exactly a row a frame (users of
 /// the data take it so; a log of another length is spread evenly over the drive).
-class StLuciaMultipleTimes : public Dataset {
+class StLuciaMultipleTimes : public FolderDataset {
  public:
-  explicit StLuciaMultipleTimes(const std::string& folder) : folder_(folder) {
-    require_data("st_lucia_multiple_times", folder, "<ddmmyy_hhmm> folders");
-  }
+  StLuciaMultipleTimes(const std::string& folder, const Parameters&)
+      : FolderDataset("st_lucia_multiple_times", folder, "<ddmmyy_hhmm> folders") {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> found;
     if (is_folder(folder_))
       for (const std::string& name : folders_in(folder_))
         if (has_form(name, "000000_0000")) found.push_back(name);
-    if (found.empty())
-      not_recognised("st_lucia_multiple_times", folder_, "<ddmmyy_hhmm>/ with webcam_video.avi or pictures in it");
+    if (found.empty()) not_recognised("<ddmmyy_hhmm>/ with webcam_video.avi or pictures in it");
     return found;
   }
 
@@ -37,8 +35,8 @@ class StLuciaMultipleTimes : public Dataset {
   }
   Correspondence correspondence() const override { return Correspondence::kGps; }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
+ private:
+  Traversal read(const std::string& name) override {
     const std::string drive = below(folder_, name);
     std::vector<NumberedFile> pictures;
     for (const std::string sub : {".", "images", "frames"}) {
@@ -47,19 +45,10 @@ class StLuciaMultipleTimes : public Dataset {
     }
     const std::vector<std::string> videos = files_in(drive, video_suffixes());
     if (pictures.empty() && videos.empty()) throw Error("has neither a video nor pictures", drive, "fetch its archive");
-
-    double rate = 0;
-    std::shared_ptr<Images> images;
-    if (pictures.empty()) {
-      images = video_frames(below(drive, videos.front()), folder_, &rate);
-    } else {
-      std::vector<std::string> paths;
-      for (const NumberedFile& file : pictures) paths.push_back(file.path);
-      images = image_files(paths, folder_);
-    }
-    Traversal traversal = pictured("st_lucia_multiple_times", name, images, drive);
-    traversal.condition = condition(name);
-    for (int frame = 0; rate > 0 && frame < traversal.frames; ++frame) traversal.times.push_back(frame / rate);
+    std::vector<std::string> paths;
+    for (const NumberedFile& file : pictures) paths.push_back(file.path);
+    Traversal traversal =
+        paths.empty() ? filmed(name, below(drive, videos.front())) : pictured(name, std::move(paths), drive);
 
     const std::string log = first_file(drive, {"fGPS.txt", "fgps.txt", "GPS.txt"});
     if (log.empty()) return traversal;
@@ -70,7 +59,6 @@ class StLuciaMultipleTimes : public Dataset {
     return traversal;
   }
 
- private:
   /// Each picture's row by its number, when the log reaches as far as the numbers do.
   static GpsRows rows_of(const std::vector<NumberedFile>& pictures, const GpsRows& rows) {
     const auto frames = static_cast<int>(pictures.size());
@@ -82,15 +70,13 @@ class StLuciaMultipleTimes : public Dataset {
     }
     return result;
   }
-
-  std::string folder_;
 };
 
 const DatasetRegistry::Registration registration({
     "st_lucia_multiple_times",
     "St Lucia Multiple Times of Day: one suburban route driven ten times from morning to afternoon",
     {},
-    [](const Parameters&, const std::string& folder) { return std::make_unique<StLuciaMultipleTimes>(folder); },
+    open_folder<StLuciaMultipleTimes>,
     {},
     {{"paper",
       "Glover, Maddern, Milford, Wyeth: FAB-MAP + RatSLAM: Appearance-based SLAM for Multiple Times of Day, "

@@ -6,9 +6,12 @@
 #include <map>
 #include <queue>
 
-#include "env_service/dataset_io/layout.h"
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/geometry.h"
+#include "env_service/dataset_io/image_sources.h"
 #include "env_service/dataset_io/panorama.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/text_table.h"
 
 namespace citylearn {
 namespace {
@@ -27,22 +30,20 @@ struct Step {
   double heading = 0;
 };
 
-/// Crops of panoramas, each at a heading of its own.
-class Views : public Images {
+/// Crops of panoramas, each at its own heading.
+class Views : public DerivedImages {
  public:
   Views(std::shared_ptr<Images> panoramas, std::vector<double> headings, View view)
-      : panoramas_(std::move(panoramas)), headings_(std::move(headings)), view_(view) {}
+      : DerivedImages(std::move(panoramas)), headings_(std::move(headings)), view_(view) {}
 
-  int frames() const override { return panoramas_->frames(); }
   void read(int frame, Bytes& bytes) override {
-    panoramas_->read(frame, panorama_);
+    images_->read(frame, panorama_);
     View view = view_;
     view.heading = headings_[static_cast<std::size_t>(frame)];
-    encode_png(crop_panorama(decode_image(panorama_, panoramas_->name(frame)), view), bytes);
+    encode_png(crop_panorama(decode_image(panorama_, images_->name(frame)), view), bytes);
   }
-  std::string name(int frame) const override { return panoramas_->name(frame); }
   std::uint64_t fingerprint(int frame) const override {
-    std::uint64_t hash = panoramas_->fingerprint(frame);
+    std::uint64_t hash = images_->fingerprint(frame);
     for (const double value :
          {headings_[static_cast<std::size_t>(frame)], view_.field, static_cast<double>(view_.size)}) {
       std::uint64_t bits = 0;
@@ -51,10 +52,8 @@ class Views : public Images {
     }
     return hash;
   }
-  std::string fault(int frame) const override { return panoramas_->fault(frame); }
 
  private:
-  std::shared_ptr<Images> panoramas_;
   std::vector<double> headings_;  // of the view within the panorama: 0 is its middle column
   View view_;
   Bytes panorama_;
@@ -72,14 +71,12 @@ class Views : public Images {
 /// frame looks towards the next panorama; the last one, where the one before it looked. The view is a perspective crop
 /// of 90 degrees, as in StreetLearn.
 /// Unsure: which column of a panorama `yaw` is the heading of (taken to be the middle one, as Street View has it).
-class StreetLearn : public Dataset {
+class StreetLearn : public FolderDataset {
  public:
   StreetLearn(const std::string& folder, const Parameters& parameters)
-      : folder_(folder),
+      : FolderDataset("streetlearn", folder, "nodes.txt, links.txt and panos"),
         view_{0, parameters["fov"], parameters.integer("size")},
-        wanted_(parameters.integer("routes")) {
-    require_data("streetlearn", folder, "nodes.txt, links.txt and panos");
-  }
+        wanted_(parameters.integer("routes")) {}
 
   std::vector<std::string> names() override {
     read_graph();
@@ -91,8 +88,8 @@ class StreetLearn : public Dataset {
   std::string condition(const std::string&) override { return "day"; }
   Correspondence correspondence() const override { return Correspondence::kGps; }
 
-  Traversal load(const std::string& name) override {
-    require_known(name, folder_, names());
+ private:
+  Traversal read(const std::string& name) override {
     const auto found = std::find_if(routes_.begin(), routes_.end(), [&](auto& route) { return route.first == name; });
     std::vector<std::string> paths;
     std::vector<double> headings, latitude, longitude;
@@ -104,20 +101,18 @@ class StreetLearn : public Dataset {
       latitude.push_back(node.latitude);
       longitude.push_back(node.longitude);
     }
-    Traversal traversal = pictured(
-        "streetlearn", name, cached(std::make_shared<Views>(image_files(paths, folder_), headings, view_)), folder_);
-    traversal.condition = "day";
+    Traversal traversal =
+        pictured(name, cached(std::make_shared<Views>(image_files(paths, folder_), headings, view_)), folder_);
     locate(traversal, latitude, longitude);
     return traversal;
   }
 
- private:
   void read_graph() {
     if (read_) return;
     const std::string nodes = first_file(folder_, {"nodes.txt", "graph/nodes.txt"});
     const std::string links = first_file(folder_, {"links.txt", "graph/links.txt"});
-    if (nodes.empty() || links.empty()) not_recognised("streetlearn", folder_, "nodes.txt and links.txt in it");
-    if (!is_folder(below(folder_, "panos"))) not_recognised("streetlearn", folder_, "panos/ in it");
+    if (nodes.empty() || links.empty()) not_recognised("nodes.txt and links.txt in it");
+    if (!is_folder(below(folder_, "panos"))) not_recognised("panos/ in it");
     nodes_.clear();
     index_.clear();
     routes_.clear();
@@ -130,7 +125,7 @@ class StreetLearn : public Dataset {
                       node_table.number(row, 3),
                       {}};
       if (!index_.emplace(node.id, static_cast<int>(nodes_.size())).second)
-        node_table.fail(row, "an id that was before");
+        node_table.fail(row, "a second row for this id");
       nodes_.push_back(node);
     }
     const TextTable link_table(links, {',', false});
@@ -146,7 +141,7 @@ class StreetLearn : public Dataset {
       read_routes(path);
     else
       find_routes();
-    if (routes_.empty()) throw Error("has no two panoramas that are linked", links);
+    if (routes_.empty()) throw Error("links no two panoramas", links);
     read_ = true;
   }
 
@@ -237,7 +232,6 @@ class StreetLearn : public Dataset {
     return steps;
   }
 
-  std::string folder_;
   View view_;
   int wanted_;
   bool read_ = false;
@@ -251,10 +245,8 @@ const DatasetRegistry::Registration registration({
     "StreetLearn: routes through a graph of street panoramas, exported as files",
     {{"fov", "field of view of the crop, degrees", 90, 30, 120},
      {"size", "width and height of the crop, pixels", 224, 84, 512, true},
-     {"routes", "how many routes are found when there is no routes.txt", 4, 1, 64, true}},
-    [](const Parameters& parameters, const std::string& folder) {
-      return std::make_unique<StreetLearn>(folder, parameters);
-    },
+     {"routes", "number of routes to find when there is no routes.txt", 4, 1, 64, true}},
+    open_folder<StreetLearn>,
     {},
     {{"paper",
       "Mirowski et al.: Learning to Navigate in Cities Without a Map, NeurIPS 2018; The StreetLearn Environment "

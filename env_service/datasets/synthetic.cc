@@ -4,10 +4,10 @@
 #include <cmath>
 #include <memory>
 
-#include "core/wire/messages.h"
 #include "core/util/random.h"
+#include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/drawn_city/world.h"
+#include "env_service/drawn_city/drawn_images.h"
 
 // The same bits on every machine: whole-number random lanes, + - * / and square roots, which IEEE 754 rounds in one
 // way, and no fused multiply-add (this file is compiled with -ffp-contract=off). Nothing of libm but sqrt.
@@ -19,7 +19,7 @@ namespace {
 // summer and fall: distances between neighbours 1 to 40 frames apart, between conditions at one place and at different
 // places, the spectrum, and how the difference between the conditions is correlated along the route.
 
-/// What a condition makes of the places. Variances are per frame, of vectors whose squared length is 1 in summer.
+/// How a condition changes the places. Variances are per frame, of vectors whose squared length is 1 in summer.
 struct Condition {
   const char* name;
   double own;    ///< variance that this condition does not share with the others
@@ -41,7 +41,7 @@ constexpr double kTunnel = 0.05;      // a tunnel begins here. Probability per f
 constexpr double kTunnelEnds = 0.45;  // its length is geometric
 constexpr double kDark = 0.95;        // length of what all tunnels have in common
 
-/// Standard normal but for its tails (twelve uniform numbers of 16 bits: none beyond 6).
+/// Returns a standard normal number, except for its tails (twelve uniform numbers of 16 bits: none beyond 6).
 double normal(Random& random) {
   std::int64_t sum = 0;
   for (int draw = 0; draw < 3; ++draw)
@@ -55,7 +55,7 @@ using Vector = std::vector<double>;
 class Drift {
  public:
   Drift(int dimension, double decay) : state_(dimension), decay_(decay), innovation_(std::sqrt(1 - decay * decay)) {}
-  /// The next frame; a fresh start has nothing in common with the frame before.
+  /// Goes to the next frame; a fresh start has nothing in common with the frame before.
   void step(Random& random, bool fresh) {
     for (double& value : state_) {
       const double noise = normal(random);
@@ -166,7 +166,7 @@ class Synthetic : public Dataset {
   // Seed 1 of this family of cities is about as hard as the real route; single cities differ a good deal.
   Random stream(Stream purpose, std::uint64_t condition = 0) const { return Random{11, seed_, purpose, condition}; }
 
-  /// Metres along the route, about `spacing` apart; the same under every condition.
+  /// Returns metres along the route, about `spacing` apart; the same under every condition.
   std::vector<float> drive(double spacing) const {
     std::vector<float> positions;
     positions.reserve(static_cast<std::size_t>(frames_));
@@ -254,7 +254,7 @@ const DatasetRegistry::Registration registration({
     "a generated route: pictures of a drive under seven conditions, or features like real ones under four",
     {{"frames", "frames of the route", 1000, 2, msg::MAX_FRAMES, true},
      {"dimension", "features a frame, without images", 64, 8, kMaxDimension, true},
-     {"seed", "another seed, another city", 1, 0, 1e9, true},
+     {"seed", "seed of the city", 1, 0, 1e9, true},
      {"images", "1: draws pictures, for an encoder_service; 0: generates features, 10 m apart", 1, 0, 1, true},
      {"spacing", "metres between pictures, on average", 4, 0.05, 10, false},
      {"width", "pixels of a picture's width", 160, 32, 1024, true},
@@ -263,7 +263,7 @@ const DatasetRegistry::Registration registration({
      {"viewpoint", "metres by which the camera of 'shifted' drives further left", 1.5, -2, 4, false}},
     [](const Parameters& parameters, const std::string& folder) {
       if (!folder.empty())
-        throw Error("reads no folder", "dataset synthetic", "leave --data out, or say --dataset plain");
+        throw Error("reads no folder", "dataset synthetic", "leave --data out, or give --dataset plain");
       return std::make_unique<Synthetic>(parameters);
     },
 });

@@ -1,22 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/drawn_city/camera.h"
+
 #include <algorithm>
 #include <cmath>
-#include <numbers>
-
-#include "env_service/drawn_city/parts.h"
 
 namespace citylearn::drawn {
 namespace {
 
-constexpr float kStep = 2, kBehind = 26, kAhead = 216;  // metres of the route that are surveyed
-constexpr float kNear = 0.6f, kEye = 1.9f, kLane = 1.6f;
+constexpr float kStep = 2, kBehind = 26;  // metres: between surveyed points of the route, and behind the camera
+constexpr float kNear = 0.6f, kLane = 1.6f;
 constexpr float kFade = 40;  // over so many metres things appear
-enum Field : std::uint64_t { kClouds = 41, kHills, kSway, kStars, kTraffic };
-
-uchar byte(int value) { return static_cast<uchar>(std::clamp(value, 0, 255)); }
-cv::Vec4b pixel(const Colour& c) {
-  return {cv::saturate_cast<uchar>(c[0]), cv::saturate_cast<uchar>(c[1]), cv::saturate_cast<uchar>(c[2]), 0};
-}
 
 }  // namespace
 
@@ -106,67 +99,6 @@ Camera::Point Camera::beside(float s, float lateral) const {
   return {place.x + lateral * std::cos(place.turn), place.z - lateral * std::sin(place.turn)};
 }
 
-void Camera::paint_sky() {
-  const int around = static_cast<int>(2 * std::numbers::pi_v<float> * focal_);
-  sky_.create(level_ + 1, around, CV_8UC4);
-  const std::uint64_t clouds = mix_seeds({kClouds, options_.seed, look_index_});
-  Random stars{kStars, options_.seed};
-  for (int y = 0; y < sky_.rows; ++y) {
-    const float elevation = static_cast<float>(level_ - y) / focal_;
-    const Colour clear =
-        look_.horizon + (look_.zenith - look_.horizon) * std::min(1.f, std::pow(2.1f * elevation, 0.7f));
-    for (int x = 0; x < around; ++x) {
-      const float azimuth = static_cast<float>(x) / focal_ - std::numbers::pi_v<float>;
-      const float deep = 1 / (elevation + 0.12f);  // clouds lie in a plane
-      const float u = azimuth * 2.6f + 3, v = deep;
-      const float thick = 0.55f * noise(clouds, u, v) + 0.28f * noise(clouds + 1, 2.3f * u, 2.1f * v) +
-                          0.17f * noise(clouds + 2, 5.1f * u, 4.3f * v);
-      const float cover =
-          std::clamp(2.2f * (thick + 1.5f * look_.clouds - 0.85f), 0.f, 1.f) * std::min(1.f, elevation * 9);
-      Colour colour = clear + (look_.cloud * (1 - 0.14f * std::max(0.f, thick)) - clear) * (cover * 0.9f);
-      const float away = std::hypot(azimuth - look_.sun_azimuth, elevation - look_.sun_elevation);
-      if (look_.sun > 0.2f)
-        colour +=
-            (Colour(225, 250, 255) - colour) * std::min(1.f, 0.8f * std::exp(-away * 5) + (away < 0.05f ? 1.f : 0.f));
-      if (look_.night && stars.uniform() < 0.004)
-        colour += Colour(150, 150, 150) * ((1 - cover) * static_cast<float>(stars.uniform()));
-      if (look_.night && std::hypot(azimuth + 0.35f, elevation - 0.3f) < 0.035f) colour = {200, 232, 240};
-      sky_.at<cv::Vec4b>(y, x) = pixel(colour);
-    }
-  }
-}
-
-void Camera::draw_sky(float s) {
-  const int start = static_cast<int>((heading_ + std::numbers::pi_v<float>)*focal_ - centre_);
-  const int left = ((start % sky_.cols) + sky_.cols) % sky_.cols, first = std::min(width_, sky_.cols - left);
-  for (int y = 0; y < height_; ++y) {
-    const auto* row = sky_.ptr<cv::Vec4b>(std::clamp(y - horizon_ + level_, 0, level_));
-    auto* out = buffer_.ptr<cv::Vec4b>(y);
-    std::copy_n(row + left, first, out);
-    std::copy_n(row, width_ - first, out + first);
-  }
-  // Two ranges of hills; the nearer one passes by more quickly.
-  const Colour wood = look_.leaves == 1   ? Colour(60, 110, 150)
-                      : look_.leaves == 2 ? Colour(170, 165, 165)
-                                          : Colour(82, 122, 84);
-  for (int range = 0; range < 2; ++range) {
-    const float haze = range == 0 ? 0.72f : 0.45f;
-    Colour lit = wood.mul(look_.light) * (1 / 255.f);
-    const cv::Vec4b colour = pixel(lit + (look_.horizon - lit) * haze);
-    const std::uint64_t stream = mix_seeds({kHills, options_.seed, static_cast<std::uint64_t>(range)});
-    for (int x = 0; x < width_; ++x) {
-      const float azimuth = heading_ + (static_cast<float>(x) - centre_) / focal_;
-      const float way = s / (range == 0 ? 2500.f : 900.f);
-      const float height =
-          range == 0
-              ? 0.045f + 0.045f * noise(stream, azimuth * 4, way) + 0.012f * noise(stream + 9, azimuth * 17, way)
-              : 0.022f + 0.028f * noise(stream, azimuth * 7, way) + 0.008f * noise(stream + 9, azimuth * 40, way);
-      const int top = horizon_ - static_cast<int>(focal_ * std::max(0.f, height));
-      for (int y = top; y <= horizon_; ++y) buffer_.at<cv::Vec4b>(y, x) = colour;
-    }
-  }
-}
-
 cv::Vec3i Camera::light(float direct, Point at) const {
   const float share = 1 - look_.sun + 1.5f * look_.sun * direct;
   Colour light = look_.light * share;
@@ -176,70 +108,6 @@ cv::Vec3i Camera::light(float direct, Point at) const {
   }
   return {static_cast<int>(light[0] * 256 / 255), static_cast<int>(light[1] * 256 / 255),
           static_cast<int>(light[2] * 256 / 255)};
-}
-
-void Camera::draw_ground(float s) {
-  const Colour far = look_.horizon;
-  float along = s + 1;
-  const auto lit = [&](float share) {
-    return cv::Vec3i(static_cast<int>(look_.light[0] * share), static_cast<int>(look_.light[1] * share),
-                     static_cast<int>(look_.light[2] * share));
-  };
-  const cv::Vec3i dim = lit(1 - look_.sun),
-                  sunlit = lit(1 - look_.sun + 1.35f * look_.sun * std::sin(look_.sun_elevation));
-  const float reach = 1 / std::tan(look_.sun_elevation);
-  for (int y = height_ - 1; y > horizon_; --y) {
-    const float z = focal_ * kEye / (static_cast<float>(y - horizon_) - 0.3f);
-    if (z >= kAhead - 4) break;
-    while (along < s + kAhead - 4 && at(along).z < z) along += z > 40 ? 1.f : 0.2f;
-    const Place centre = at(along);
-    const float cosine = std::cos(centre.turn), sine = std::sin(centre.turn);
-    const long index = static_cast<long>(std::floor(along / kCell));
-    const float beat = 0.5f + 0.5f * std::cos((along - 1) * std::numbers::pi_v<float> / 6);  // from lamp to lamp
-    // Two cells may meet in a row; the one of its middle decides but for what depends on s itself.
-    const Cell& cell = world_.cell(index);
-    const float side = std::sin(look_.sun_azimuth - heading_ - centre.turn);
-    const std::size_t sunny = side > 0 ? 1 : 0;
-    const float edge = cell.front[sunny], shade = edge - cell.roof[sunny] * reach * std::abs(side);
-    const cv::Vec3i haze = cv::Vec3i(static_cast<int>(far[0]), static_cast<int>(far[1]), static_cast<int>(far[2])) *
-                           haze_[static_cast<std::size_t>(z)];
-    const int keep = 256 - haze_[static_cast<std::size_t>(z)];
-    const float rough = std::min(1.f, 18 / z) * (look_.snow > 0 ? 8.f : 14.f);
-    auto* out = buffer_.ptr<cv::Vec4b>(y);
-    const float across = z / focal_, ahead = 1.15f * std::exp(-z / 24);
-    for (int x = 0; x < width_; ++x) {
-      const float aside = (static_cast<float>(x) + 0.5f - centre_) * across, dx = aside - centre.x;
-      const float lateral = dx * cosine, way = along + dx * sine;
-      const int step =
-          std::clamp(static_cast<int>((lateral + kGroundReach) * kGroundSteps), 0, 2 * kGroundReach * kGroundSteps - 1);
-      cv::Vec4b c = cell.ground[static_cast<std::size_t>(step)];
-      const float away = std::abs(lateral);
-      const int metre = static_cast<int>(std::floor(way));
-      bool marked = away < 0.1f && (metre % 9 + 9) % 9 < 4;
-      if (cell.crossing && away < 3.3f) {
-        const float within = way - static_cast<float>(index) * kCell;
-        marked = within > 4 && within < 7.5f && (static_cast<int>((lateral + 10) * 2) & 1) != 0;
-      }
-      if (marked && look_.snow < 0.5f) c = {222, 226, 226, c[3]};
-      const unsigned grain = static_cast<unsigned>(static_cast<int>(std::floor(lateral * 6))) * 73856093u ^
-                             static_cast<unsigned>(static_cast<int>(std::floor(way * 3))) * 19349663u;
-      const int bump = static_cast<int>(rough * (static_cast<float>((grain * 2654435761u) >> 24) * 0x1p-7f - 1));
-      const float toward = sunny == 1 ? lateral : -lateral;
-      const bool shaded = toward > shade && toward < edge;
-      cv::Vec3i l = shaded ? dim : sunlit;
-      if (look_.night) {
-        const float off = aside / (2.5f + 0.16f * z);
-        const float beam = off * off < 6 ? ahead * std::exp(-off * off) : 0.f;
-        l += cv::Vec3i(static_cast<int>(150 * beam), static_cast<int>(190 * beam), static_cast<int>(205 * beam));
-        if (cell.zone != Zone::kCountry) {
-          const float pool = 90 * beat * beat * std::exp(-(away - 3.6f) * (away - 3.6f) / 9);
-          l += cv::Vec3i(static_cast<int>(pool * 0.55f), static_cast<int>(pool * 0.85f), static_cast<int>(pool));
-        }
-      }
-      for (int k = 0; k < 3; ++k) out[x][k] = byte(((((c[k] + bump) * l[k]) >> 8) * keep + haze[k]) >> 8);
-      out[x][3] = c[3];
-    }
-  }
 }
 
 void Camera::draw_things(float s) {
@@ -253,7 +121,7 @@ void Camera::draw_things(float s) {
   }
 }
 
-/// A dark patch under trees, bushes and cars.
+/// Draws a dark patch under trees, bushes and cars.
 void Camera::draw_shadow(const Thing& thing) {
   if (look_.night || look_.sun < 0.2f) return;
   Point middle;
@@ -285,7 +153,7 @@ void Camera::draw_shadow(const Thing& thing) {
   }
 }
 
-/// One car ahead for some of the time, others that come towards the camera.
+/// Draws a car ahead for some of the time, and others that come towards the camera.
 void Camera::draw_traffic(float s, long cell) {
   const std::uint64_t stream = mix_seeds({kTraffic, options_.seed, look_index_});
   const auto draw = [&](float at, float lateral, const Skin& skin) {
@@ -438,7 +306,7 @@ void Camera::fall(Random& random) {
   }
 }
 
-/// Four pixels to one, exposure, the sensor's noise.
+/// Reduces four pixels to one and applies the exposure and the sensor's noise.
 void Camera::develop(Random& random) {
   const cv::Vec3i gain(static_cast<int>(look_.gain[0] * 64), static_cast<int>(look_.gain[1] * 64),
                        static_cast<int>(look_.gain[2] * 64));

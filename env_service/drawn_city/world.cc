@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/drawn_city/world.h"
+
 #include <algorithm>
 #include <cmath>
-
-#include "env_service/drawn_city/parts.h"
 
 namespace citylearn::drawn {
 namespace {

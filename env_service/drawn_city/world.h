@@ -1,31 +1,77 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cstdint>
-#include <memory>
-#include <string>
+#include <list>
+#include <unordered_map>
+#include <utility>
 #include <vector>
 
-#include "env_service/dataset_io/images.h"
+#include "env_service/drawn_city/drawn_images.h"
+#include "env_service/drawn_city/painter.h"
 
-// A drive through a generated city and its countryside, drawn frame by frame. The world follows from the seed and the
-// place along the route; what a recording makes of it (season, weather, parked cars, lit windows) from its look.
+// Lengths are metres; lateral ones grow to the right of the route.
 
-namespace citylearn {
+namespace citylearn::drawn {
 
-struct DrawnOptions {
-  int width = 160, height = 96;  ///< pixels of a picture
-  std::uint64_t seed = 1;        ///< another seed, another city
-  double countryside = 0.35;     ///< share of the route outside of the city, 0..1
-  double viewpoint = 1.5;        ///< metres by which the camera of "shifted" drives further left
+/// An upright surface of the world.
+struct Thing {
+  enum Face {
+    kAlong,   ///< beside the route from s to s_end
+    kAcross,  ///< across it at s, from lateral to lateral_end
+    kUpright  ///< turned to the camera, around (s, lateral), lateral_end wide
+  };
+  Face face = kUpright;
+  float s = 0, s_end = 0, lateral = 0, lateral_end = 0, bottom = 0, top = 0;
+  float tint = 1;
+  Skin skin;
 };
 
-/// Names of the recordings: "summer", "fall", "winter", "night", "overcast", "rain", "shifted".
-const std::vector<std::string>& drawn_names();
+enum class Zone { kCentre, kSuburb, kPark, kCountry };
+inline constexpr float kCell = 12;  ///< metres of a cell
 
-/// A picture for each position (metres along the route) as PNG, drawn when it is read; equal options, name and
-/// positions give equal pictures on one machine. Fingerprints follow from these alone. Throws Error: an unknown name.
-std::shared_ptr<Images> drawn_images(const DrawnOptions& options, const std::string& name,
-                                     std::vector<float> positions);
+/// Some metres of the route with everything beside them.
+struct Cell {
+  Zone zone = Zone::kCentre;
+  std::vector<Thing> things;             ///< the farthest first
+  std::array<float, 2> front{}, roof{};  ///< left and right: distance and height of what throws shadows
+  std::array<Colour, 2> field;           ///< what grows beyond the verge
+  bool crossing = false;                 ///< zebra
+  std::vector<cv::Vec4b> ground;         ///< by lateral, kGroundSteps a metre; the last channel is how it mirrors
+};
+inline constexpr int kGroundSteps = 8, kGroundReach = 40;  // metres to either side
 
-}  // namespace citylearn
+class World {
+ public:
+  World(const DrawnOptions& options, const Look& look, std::uint64_t look_index);
+  /// Direction of the route, radians.
+  float heading(float s) const;
+  Zone zone(long cell) const;
+  /// Valid until the next call.
+  const Cell& cell(long index);
+  const Painter& painter() const { return painter_; }
+
+ private:
+  Cell make(long index) const;
+  void lay_ground(Cell& cell) const;
+  void centre(Cell& cell, long index, int side) const;
+  void suburb(Cell& cell, long index, int side) const;
+  void green(Cell& cell, long index, int side) const;
+  void roadside(Cell& cell, long index, int side) const;
+  Random shape(long cell, int side, int purpose) const;
+  Random mood(long cell, int side, int purpose) const;
+
+  DrawnOptions options_;
+  const Look& look_;
+  std::uint64_t look_index_;
+  Painter painter_;
+  std::list<std::pair<long, Cell>> recent_;  // the newest first
+  std::unordered_map<long, std::list<std::pair<long, Cell>>::iterator> cells_;
+};
+
+/// Smooth noise, -1..1, that changes over a distance of 1.
+float noise(std::uint64_t stream, float x);
+float noise(std::uint64_t stream, float x, float y);
+
+}  // namespace citylearn::drawn

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/selection.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/service.h"

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <fstream>
 
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/text_table.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/service.h"
 

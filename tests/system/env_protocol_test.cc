@@ -571,7 +571,7 @@ TEST_P(EnvProtocol, SilentPolicyIsWaitedFor) {
   ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 10; }));
   policy_->walker = nullptr;
   ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() == msg::WAITING; }));
-  EXPECT_EQ(std::string(policy_->status.activity()), "waiting for policy_service");
+  EXPECT_EQ(std::string(policy_->status.activity()), "waiting for the policy_service");
   const int infos = policy_->infos;
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > infos; })) << "who comes next must find it";
   policy_->walker = &blind_;

@@ -232,7 +232,7 @@ TEST_P(Hostile, AnEnvServiceObeysWhoIsInCharge) {
   msg::Action action = genuine;
   action.settings() = observation.settings();
   action.step() = observation.step();
-  expect_counted("an action of who is not in charge", id, rejected, [&] { stranger_.node.publish(action); });
+  expect_counted("an action of a service that is not in charge", id, rejected, [&] { stranger_.node.publish(action); });
   action.header() = genuine.header();
   ++action.header().incarnation();
   expect_counted("an action of another process", id, rejected, [&] { stranger_.say(action); });
@@ -262,11 +262,11 @@ TEST_P(Hostile, AnEnvServiceObeysWhoIsInCharge) {
   acknowledgement.environment() = id;
   acknowledgement.environment_incarnation() = witness_.incarnation(id);
   acknowledgement.episode() = 1'000'000'000;
-  expect_counted("episodes that never were", id, rejected, [&] { stranger_.node.publish(acknowledgement); });
+  expect_counted("episodes that do not exist", id, rejected, [&] { stranger_.node.publish(acknowledgement); });
   expect_training_goes_on();
   for (const std::string kind :
-       {"an action of who is not in charge", "Action.choice: unknown action 7", "settings without a version",
-        "settings from the future", "TaskSettings.task_mode", "an acknowledgement of episodes that never were"})
+       {"an action of a service that is not in charge", "Action.choice: unknown action 7", "settings without a version",
+        "settings from the future", "TaskSettings.task_mode", "an acknowledgement of episodes that do not exist"})
     EXPECT_NE(env->output().find(kind), std::string::npos) << kind << "\n" << env->output();
 }
 

@@ -9,12 +9,13 @@
 
 namespace citylearn {
 
-/// Datasets that `folder` looks like, "plain" last for it takes nearly anything; generated ones are left out.
+/// Returns the datasets that `folder` may be, with "plain", which accepts nearly anything, last; without generated
+/// ones.
 std::vector<std::string> recognised(const std::string& folder);
-/// The dataset with its standard parameters. Throws Error: unknown.
+/// Opens the dataset with its default parameters. Throws Error when it is unknown.
 std::unique_ptr<Dataset> opened(const std::string& dataset, const std::string& folder);
 
-/// A frame or a whole traversal (frame -1) that cannot be had.
+/// A frame or a whole traversal (frame -1) that cannot be read.
 struct Fault {
   std::string traversal;
   int frame = -1;
@@ -27,15 +28,15 @@ struct Inspection {
   std::vector<Fault> faults;
 };
 
-/// Loads every traversal and decodes every frame. `progress` is told frames done and in all (of the traversals loaded
-/// so far) after each frame, and ends it by returning false.
+/// Loads every traversal and decodes every frame. Calls `progress` with the frames done and in all after each frame,
+/// and ends when it returns false.
 Inspection inspect(Dataset& dataset, const std::function<bool(long done, long all)>& progress);
 
-/// What `info` tells of a traversal.
+/// What `info` prints of a traversal.
 struct Summary {
   std::string name, condition;
   int frames = 0, dimension = 0, width = 0, height = 0;  ///< pixels of the first good frame; 0 without pictures
-  int bad_frames = 0;                                    ///< as far as seen without decoding
+  int bad_frames = 0;                                    ///< as far as can be seen without decoding
   double metres = 0;                                     ///< length of the route, NaN when unknown
   double mean_step = 0;                                  ///< metres between frames, NaN when unknown
   bool gps = false;
@@ -43,7 +44,7 @@ struct Summary {
 };
 Summary summarise(Dataset& dataset, const std::string& name);
 
-/// The same as JSON objects, and every dataset with all that is known of it.
+/// These results as JSON objects, and every dataset with all that is known of it.
 std::string to_json(const std::string& dataset, const Inspection& inspection);
 std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries);
 std::string datasets_json();

@@ -24,13 +24,13 @@ struct CommandLine {
 
 void add_options(CLI::App& app, CommandLine& line) {
   app.require_subcommand(1);
-  line.list = app.add_subcommand("list", "Every dataset: its paper, where to get it, licence, size");
+  line.list = app.add_subcommand("list", "List every dataset: its paper, where to get it, licence, size");
   line.check =
-      app.add_subcommand("check", "Tell which dataset a folder is, and decode every frame; status 1 when one is bad");
-  line.info = app.add_subcommand("info", "A table of a folder's traversals");
+      app.add_subcommand("check", "Recognise the dataset of a folder and decode every frame; status 1 when one is bad");
+  line.info = app.add_subcommand("info", "Print a table of a folder's traversals");
   for (CLI::App* command : {line.check, line.info}) {
     command->add_option("DIR", line.folder, "Folder of the dataset")->required();
-    command->add_option("--dataset", line.dataset, "Read it as this one, whatever it looks like");
+    command->add_option("--dataset", line.dataset, "Read it as this dataset, without recognising it");
   }
   for (CLI::App* command : {line.list, line.check, line.info}) command->add_flag("--json", line.json, "Print JSON");
 }
@@ -42,15 +42,15 @@ void list() {
   }
 }
 
-/// The dataset to read the folder as.
+/// Returns the dataset to read the folder as.
 std::string dataset_of(const CommandLine& line) {
   if (!line.dataset.empty()) return line.dataset;
   const std::vector<std::string> found = recognised(line.folder);
   if (found.empty()) {
-    // "plain" takes nearly anything: what it lacks is what a person wants to know.
+    // "plain" accepts nearly anything, so what it lacks is the most useful message.
     const std::vector<std::string> names = opened("plain", line.folder)->names();
-    throw Error("looks like no dataset", line.folder,
-                "'citylearn_data list' shows them; --dataset NAME tells what is missing");
+    throw Error("is not recognised as a dataset", line.folder,
+                "'citylearn_data list' shows them; --dataset NAME says what is missing");
   }
   std::cerr << line.folder << ": recognised as " << found.front();
   for (std::size_t i = 1; i < found.size(); ++i) std::cerr << (i == 1 ? " (also as " : ", ") << found[i];
@@ -58,13 +58,13 @@ std::string dataset_of(const CommandLine& line) {
   return found.front();
 }
 
-/// Tells on standard error how far it is, at most twice a second on a terminal, else every ten seconds.
+/// Prints the progress to standard error, at most twice a second on a terminal, else every ten seconds.
 class Progress {
  public:
   bool operator()(long done, long all) {
     const auto now = std::chrono::steady_clock::now();
-    if (done == all || now - told_ >= (terminal_ ? std::chrono::milliseconds(500) : std::chrono::seconds(10))) {
-      told_ = now;
+    if (done == all || now - printed_ >= (terminal_ ? std::chrono::milliseconds(500) : std::chrono::seconds(10))) {
+      printed_ = now;
       const double seconds = std::chrono::duration<double>(now - begin_).count();
       std::fprintf(stderr, "%s%ld of %ld frames, %.0f s left%s", terminal_ ? "\r" : "", done, all,
                    std::ceil(seconds / static_cast<double>(done) * static_cast<double>(all - done)),
@@ -74,7 +74,7 @@ class Progress {
   }
 
  private:
-  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now(), told_ = begin_;
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now(), printed_ = begin_;
   bool terminal_ = ::isatty(STDERR_FILENO) == 1;
 };
 
@@ -138,7 +138,7 @@ int info(const CommandLine& line) {
 int main(int argc, char** argv) {
   CommandLine line;
   return service_main(
-      argc, argv, "Tells what datasets there are, and what a folder of one holds.",
+      argc, argv, "Lists the datasets, and checks and describes a folder of one.",
       [&](CLI::App& app) { add_options(app, line); },
       [&] {
         if (line.check->parsed()) return check(line);

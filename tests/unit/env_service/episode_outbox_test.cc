@@ -14,51 +14,51 @@ namespace {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
-using Taken = EpisodeBook::Taken;
+using Acknowledged = EpisodeOutbox::Acknowledged;
 
-/// A book with a clock of the test's own.
-class Desk {
+/// An outbox with a clock of the test's own.
+class Fixture {
  public:
-  explicit Desk(const std::vector<std::string>& required = {}, std::size_t most = EpisodeBook::kMost)
-      : book(required, most) {
-    book.begin(testing::settings(msg::TRAIN, 10, 20), "line");
+  explicit Fixture(const std::vector<std::string>& required = {}, std::size_t most = EpisodeOutbox::kCapacity)
+      : outbox(required, most) {
+    outbox.set_context(testing::settings(msg::TRAIN, 10, 20), "line");
   }
   void end_episodes(int count) {
-    for (int i = 0; i < count; ++i) book.add({i % 4, 0, 1, 3, 2, 2, 1.0f, true, {5}});
+    for (int i = 0; i < count; ++i) outbox.add({i % 4, 0, 1, 3, 2, 2, 1.0f, true, {5}});
   }
   /// What goes out now; those sent before are negative.
   std::vector<int> sent(std::size_t most = 1u << 20) {
     std::vector<int> numbers;
     while (numbers.size() < most) {
-      const auto sending = book.next(now);
+      const auto sending = outbox.next(now);
       if (!sending) break;
       const int number = static_cast<int>(sending->episode);
       numbers.push_back(sending->again ? -number : number);
     }
     return numbers;
   }
-  Taken acknowledge(const std::string& who, std::uint64_t episode, bool leaving = false,
-                    std::uint64_t incarnation = 1) {
+  Acknowledged acknowledge(const std::string& who, std::uint64_t episode, bool leaving = false,
+                           std::uint64_t incarnation = 1) {
     return repeat(who, ++message, episode, leaving, incarnation);
   }
-  Taken repeat(const std::string& who, std::uint64_t number, std::uint64_t episode, bool leaving = false,
-               std::uint64_t incarnation = 1) {
+  Acknowledged repeat(const std::string& who, std::uint64_t number, std::uint64_t episode, bool leaving = false,
+                      std::uint64_t incarnation = 1) {
     msg::EpisodeAcknowledgement acknowledgement;
     acknowledgement.header().sender() = who.c_str();
     acknowledgement.header().incarnation() = incarnation;
     acknowledgement.header().message() = number;
     acknowledgement.episode() = episode;
     acknowledgement.leaving() = leaving;
-    return book.take(acknowledgement, now);
+    return outbox.acknowledge(acknowledgement, now);
   }
   void beats(const std::string& who, bool stopping = false, std::uint64_t incarnation = 1) {
     msg::Header header;
     header.sender() = who.c_str();
     header.incarnation() = incarnation;
-    book.heard(header, stopping, now);
+    outbox.heartbeat(header, stopping, now);
   }
 
-  EpisodeBook book;
+  EpisodeOutbox outbox;
   Clock::time_point now = Clock::time_point() + std::chrono::hours(1);
   std::uint64_t message = 0;
 };
@@ -74,32 +74,32 @@ std::vector<int> again(int first, int last) {
   return numbers;
 }
 
-TEST(EpisodeBook, SendsEachOnceAtOnceAndThenLessAndLessOftenUntilItIsAcknowledged) {
-  Desk desk;
-  desk.end_episodes(100);
-  EXPECT_EQ(desk.sent(), from_to(1, 100)) << "new ones are not held back";
-  EXPECT_EQ(desk.book.due(), desk.now + milliseconds(200));
-  desk.now += milliseconds(199);
-  EXPECT_TRUE(desk.sent().empty());
-  desk.now += milliseconds(1);
-  EXPECT_EQ(desk.sent(), again(1, 64)) << "no more than that to who may not be there";
+TEST(EpisodeOutbox, SendsEachOnceAtOnceAndThenLessAndLessOftenUntilItIsAcknowledged) {
+  Fixture fixture;
+  fixture.end_episodes(100);
+  EXPECT_EQ(fixture.sent(), from_to(1, 100)) << "new ones are not held back";
+  EXPECT_EQ(fixture.outbox.due(), fixture.now + milliseconds(200));
+  fixture.now += milliseconds(199);
+  EXPECT_TRUE(fixture.sent().empty());
+  fixture.now += milliseconds(1);
+  EXPECT_EQ(fixture.sent(), again(1, 64)) << "no more than that to who may not be there";
   std::vector<std::int64_t> waits;
   for (int i = 0; i < 6; ++i) {
-    const Clock::time_point due = desk.book.due();
-    waits.push_back(std::chrono::duration_cast<milliseconds>(due - desk.now).count());
-    desk.now = due;
-    EXPECT_EQ(desk.sent(), again(1, 64));
+    const Clock::time_point due = fixture.outbox.due();
+    waits.push_back(std::chrono::duration_cast<milliseconds>(due - fixture.now).count());
+    fixture.now = due;
+    EXPECT_EQ(fixture.sent(), again(1, 64));
   }
   EXPECT_EQ(waits, (std::vector<std::int64_t>{400, 800, 1600, 2000, 2000, 2000}));
-  EXPECT_EQ(desk.acknowledge("policy", 100), Taken::kYes);
-  EXPECT_EQ(desk.book.kept(), 0u);
-  EXPECT_EQ(desk.book.due(), Clock::time_point::max());
-  desk.now += seconds(10);
-  EXPECT_TRUE(desk.sent().empty());
+  EXPECT_EQ(fixture.acknowledge("policy", 100), Acknowledged::kYes);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
+  EXPECT_EQ(fixture.outbox.due(), Clock::time_point::max());
+  fixture.now += seconds(10);
+  EXPECT_TRUE(fixture.sent().empty());
 }
 
-TEST(EpisodeBook, TellsAllThatThereIsOfAnEpisode) {
-  EpisodeBook book;
+TEST(EpisodeOutbox, TellsAllThatThereIsOfAnEpisode) {
+  EpisodeOutbox outbox;
   msg::TaskSettings with = testing::settings(msg::EVALUATE, 10, 20);
   with.settings().incarnation() = 77;
   with.settings().version() = 3;
@@ -107,11 +107,11 @@ TEST(EpisodeBook, TellsAllThatThereIsOfAnEpisode) {
   with.policy() = "blind";
   with.update() = 12;
   with.run_id() = 99;
-  book.begin(with, "fall");
-  book.add({2, 5, 1, 8, 9, 7, 0.5f, true, {1, 2, 3}});
-  book.begin(testing::settings(msg::TRAIN, 10, 20), "fall");  // what comes later changes nothing
+  outbox.set_context(with, "fall");
+  outbox.add({2, 5, 1, 8, 9, 7, 0.5f, true, {1, 2, 3}});
+  outbox.set_context(testing::settings(msg::TRAIN, 10, 20), "fall");  // what comes later changes nothing
   msg::EpisodeStat stat;
-  book.fill(1, stat);
+  outbox.fill(1, stat);
   EXPECT_EQ(stat.settings().incarnation(), 77u);
   EXPECT_EQ(stat.settings().version(), 3u);
   EXPECT_EQ(stat.episode(), 1u);
@@ -133,194 +133,195 @@ TEST(EpisodeBook, TellsAllThatThereIsOfAnEpisode) {
   EXPECT_EQ(stat.path(), (std::vector<std::uint8_t>{1, 2, 3}));
 }
 
-TEST(EpisodeBook, KeepsForEachRecorderWhatItLacks) {
-  Desk desk;
-  desk.acknowledge("policy", 0);
-  desk.acknowledge("dashboard", 0);
-  desk.end_episodes(10);
-  EXPECT_EQ(desk.sent(), from_to(1, 10));
-  EXPECT_EQ(desk.acknowledge("policy", 10), Taken::kYes);
-  EXPECT_EQ(desk.book.acknowledged(), 0u) << "the dashboard has none of them";
-  EXPECT_EQ(desk.acknowledge("dashboard", 4), Taken::kYes);
-  EXPECT_EQ(desk.book.acknowledged(), 4u);
-  EXPECT_EQ(desk.book.kept(), 6u);
+TEST(EpisodeOutbox, KeepsForEachRecorderWhatItLacks) {
+  Fixture fixture;
+  fixture.acknowledge("policy", 0);
+  fixture.acknowledge("dashboard", 0);
+  fixture.end_episodes(10);
+  EXPECT_EQ(fixture.sent(), from_to(1, 10));
+  EXPECT_EQ(fixture.acknowledge("policy", 10), Acknowledged::kYes);
+  EXPECT_EQ(fixture.outbox.acknowledged(), 0u) << "the dashboard has none of them";
+  EXPECT_EQ(fixture.acknowledge("dashboard", 4), Acknowledged::kYes);
+  EXPECT_EQ(fixture.outbox.acknowledged(), 4u);
+  EXPECT_EQ(fixture.outbox.kept(), 6u);
   msg::EpisodeStat stat;
-  desk.book.fill(5, stat);
+  fixture.outbox.fill(5, stat);
   EXPECT_EQ(stat.episode(), 5u);
   EXPECT_EQ(stat.acknowledged(), 4u) << "whoever comes new need not wait for those before";
-  desk.now += milliseconds(200);
-  EXPECT_EQ(desk.sent(), again(5, 10)) << "for the dashboard";
-  EXPECT_EQ(desk.acknowledge("dashboard", 10), Taken::kYes);
-  EXPECT_EQ(desk.book.kept(), 0u);
+  fixture.now += milliseconds(200);
+  EXPECT_EQ(fixture.sent(), again(5, 10)) << "for the dashboard";
+  EXPECT_EQ(fixture.acknowledge("dashboard", 10), Acknowledged::kYes);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
   // A third one gets what comes from now on.
-  desk.end_episodes(2);
-  desk.sent();
-  desk.acknowledge("policy", 12);
-  EXPECT_EQ(desk.acknowledge("notebook", 0), Taken::kYes);
-  EXPECT_EQ(desk.book.recorders(), (std::vector<std::string>{"dashboard", "notebook", "policy"}));
-  EXPECT_EQ(desk.sent(), again(11, 12)) << "and at once what is still kept";
-  desk.acknowledge("dashboard", 12);
-  EXPECT_EQ(desk.book.acknowledged(), 10u);
-  desk.acknowledge("notebook", 12);
-  EXPECT_EQ(desk.book.kept(), 0u);
+  fixture.end_episodes(2);
+  fixture.sent();
+  fixture.acknowledge("policy", 12);
+  EXPECT_EQ(fixture.acknowledge("notebook", 0), Acknowledged::kYes);
+  EXPECT_EQ(fixture.outbox.recorders(), (std::vector<std::string>{"dashboard", "notebook", "policy"}));
+  EXPECT_EQ(fixture.sent(), again(11, 12)) << "and at once what is still kept";
+  fixture.acknowledge("dashboard", 12);
+  EXPECT_EQ(fixture.outbox.acknowledged(), 10u);
+  fixture.acknowledge("notebook", 12);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
 }
 
-TEST(EpisodeBook, ARecorderThatWasGoneTakesOverAsFastAsItAcknowledges) {
-  Desk desk;
+TEST(EpisodeOutbox, ARecorderThatWasGoneTakesOverAsFastAsItAcknowledges) {
+  Fixture fixture;
   constexpr int kMany = 100'000;
-  desk.acknowledge("policy", 0);
-  desk.acknowledge("dashboard", 0);
+  fixture.acknowledge("policy", 0);
+  fixture.acknowledge("dashboard", 0);
   for (int i = 0; i < kMany / 100; ++i) {
-    desk.end_episodes(100);
-    desk.sent();
-    desk.acknowledge("policy", desk.book.episodes());
+    fixture.end_episodes(100);
+    fixture.sent();
+    fixture.acknowledge("policy", fixture.outbox.episodes());
   }
-  EXPECT_EQ(desk.book.kept(), static_cast<std::size_t>(kMany));
+  EXPECT_EQ(fixture.outbox.kept(), static_cast<std::size_t>(kMany));
   // Another process, whose store holds the first 50: no time passes from here on.
-  EXPECT_EQ(desk.acknowledge("dashboard", 50, false, 2), Taken::kYes);
-  EXPECT_EQ(desk.book.acknowledged(), 50u);
+  EXPECT_EQ(fixture.acknowledge("dashboard", 50, false, 2), Acknowledged::kYes);
+  EXPECT_EQ(fixture.outbox.acknowledged(), 50u);
   std::uint64_t has = 50;
   int commits = 0;
   while (has < kMany) {
-    const std::vector<int> some = desk.sent();
+    const std::vector<int> some = fixture.sent();
     ASSERT_FALSE(some.empty()) << "stuck behind " << has;
     ASSERT_LE(some.size(), 1024u);
     for (const int number : some) ASSERT_EQ(static_cast<std::uint64_t>(-number), ++has);
-    desk.acknowledge("dashboard", has, false, 2);
+    fixture.acknowledge("dashboard", has, false, 2);
     ++commits;
   }
   EXPECT_LT(commits, 150) << "a commit of 5 ms each: under a second";
-  EXPECT_EQ(desk.book.kept(), 0u);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
 }
 
-TEST(EpisodeBook, TheNewestWordOfARecorderCounts) {
-  Desk desk;
-  desk.end_episodes(20);
-  desk.sent();
-  desk.acknowledge("dashboard", 0);
-  desk.acknowledge("policy", 0);
-  desk.sent();
-  EXPECT_EQ(desk.acknowledge("dashboard", 8), Taken::kYes);
-  const std::uint64_t old = desk.message;
-  EXPECT_EQ(desk.acknowledge("dashboard", 15), Taken::kYes);
-  EXPECT_EQ(desk.repeat("dashboard", old, 8), Taken::kRepeated) << "late";
-  EXPECT_EQ(desk.repeat("dashboard", desk.message, 15), Taken::kRepeated) << "twice";
-  EXPECT_EQ(desk.acknowledge("dashboard", 15), Taken::kRepeated) << "nothing new in it";
-  EXPECT_EQ(desk.acknowledge("dashboard", 21), Taken::kImpossible);
-  desk.sent();
+TEST(EpisodeOutbox, TheNewestWordOfARecorderCounts) {
+  Fixture fixture;
+  fixture.end_episodes(20);
+  fixture.sent();
+  fixture.acknowledge("dashboard", 0);
+  fixture.acknowledge("policy", 0);
+  fixture.sent();
+  EXPECT_EQ(fixture.acknowledge("dashboard", 8), Acknowledged::kYes);
+  const std::uint64_t old = fixture.message;
+  EXPECT_EQ(fixture.acknowledge("dashboard", 15), Acknowledged::kYes);
+  EXPECT_EQ(fixture.repeat("dashboard", old, 8), Acknowledged::kRepeated) << "late";
+  EXPECT_EQ(fixture.repeat("dashboard", fixture.message, 15), Acknowledged::kRepeated) << "twice";
+  EXPECT_EQ(fixture.acknowledge("dashboard", 15), Acknowledged::kRepeated) << "nothing new in it";
+  EXPECT_EQ(fixture.acknowledge("dashboard", 21), Acknowledged::kImpossible);
+  fixture.sent();
   // Its store was lost: it gets again what is still kept for the policy_service.
-  EXPECT_EQ(desk.acknowledge("dashboard", 0, false, 2), Taken::kYes);
-  EXPECT_EQ(desk.sent(), again(1, 20));
-  EXPECT_EQ(desk.repeat("dashboard", 1000, 20, false, 1), Taken::kRepeated) << "of the process before";
-  desk.acknowledge("policy", 20);
-  EXPECT_EQ(desk.book.kept(), 20u);
-  desk.acknowledge("dashboard", 20, false, 2);
-  EXPECT_EQ(desk.book.kept(), 0u);
+  EXPECT_EQ(fixture.acknowledge("dashboard", 0, false, 2), Acknowledged::kYes);
+  EXPECT_EQ(fixture.sent(), again(1, 20));
+  EXPECT_EQ(fixture.repeat("dashboard", 1000, 20, false, 1), Acknowledged::kRepeated) << "of the process before";
+  fixture.acknowledge("policy", 20);
+  EXPECT_EQ(fixture.outbox.kept(), 20u);
+  fixture.acknowledge("dashboard", 20, false, 2);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
 }
 
-TEST(EpisodeBook, NothingIsKeptForWhoLeft) {
-  Desk desk;
-  desk.acknowledge("policy", 0);
-  desk.acknowledge("dashboard", 0);
-  desk.end_episodes(10);
-  desk.sent();
-  desk.acknowledge("dashboard", 10);
-  const std::uint64_t old = desk.message;
-  EXPECT_EQ(desk.book.kept(), 10u);
-  EXPECT_EQ(desk.acknowledge("policy", 3, /*leaving=*/true), Taken::kYes);
-  EXPECT_EQ(desk.book.kept(), 0u);
-  EXPECT_EQ(desk.book.recorders(), std::vector<std::string>{"dashboard"});
-  desk.repeat("policy", old, 2);
-  EXPECT_EQ(desk.book.recorders(), std::vector<std::string>{"dashboard"}) << "what comes late does not bring it back";
-  EXPECT_EQ(desk.acknowledge("stranger", 0, true), Taken::kRepeated);
-  EXPECT_EQ(desk.acknowledge("policy", 0), Taken::kYes) << "its next run";
-  EXPECT_EQ(desk.book.recorders(), (std::vector<std::string>{"dashboard", "policy"}));
+TEST(EpisodeOutbox, NothingIsKeptForWhoLeft) {
+  Fixture fixture;
+  fixture.acknowledge("policy", 0);
+  fixture.acknowledge("dashboard", 0);
+  fixture.end_episodes(10);
+  fixture.sent();
+  fixture.acknowledge("dashboard", 10);
+  const std::uint64_t old = fixture.message;
+  EXPECT_EQ(fixture.outbox.kept(), 10u);
+  EXPECT_EQ(fixture.acknowledge("policy", 3, /*leaving=*/true), Acknowledged::kYes);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
+  EXPECT_EQ(fixture.outbox.recorders(), std::vector<std::string>{"dashboard"});
+  fixture.repeat("policy", old, 2);
+  EXPECT_EQ(fixture.outbox.recorders(), std::vector<std::string>{"dashboard"})
+      << "what comes late does not bring it back";
+  EXPECT_EQ(fixture.acknowledge("stranger", 0, true), Acknowledged::kRepeated);
+  EXPECT_EQ(fixture.acknowledge("policy", 0), Acknowledged::kYes) << "its next run";
+  EXPECT_EQ(fixture.outbox.recorders(), (std::vector<std::string>{"dashboard", "policy"}));
   // When the last one leaves, what it has not is kept for who comes next.
-  desk.end_episodes(5);
-  desk.sent();
-  desk.acknowledge("dashboard", 12, true);
-  desk.acknowledge("policy", 12, true);
-  EXPECT_TRUE(desk.book.recorders().empty());
-  EXPECT_EQ(desk.book.kept(), 3u);
-  EXPECT_EQ(desk.acknowledge("next", 0), Taken::kYes);
-  EXPECT_EQ(desk.sent(), again(13, 15));
+  fixture.end_episodes(5);
+  fixture.sent();
+  fixture.acknowledge("dashboard", 12, true);
+  fixture.acknowledge("policy", 12, true);
+  EXPECT_TRUE(fixture.outbox.recorders().empty());
+  EXPECT_EQ(fixture.outbox.kept(), 3u);
+  EXPECT_EQ(fixture.acknowledge("next", 0), Acknowledged::kYes);
+  EXPECT_EQ(fixture.sent(), again(13, 15));
 }
 
-TEST(EpisodeBook, KeepsForRequiredRecordersFromTheStart) {
-  Desk desk({"dashboard"});
-  desk.acknowledge("policy", 0);
-  desk.end_episodes(10);
-  EXPECT_EQ(desk.sent(), from_to(1, 10));
-  desk.acknowledge("policy", 10);
-  EXPECT_EQ(desk.book.kept(), 10u);
-  desk.now += milliseconds(200);
-  EXPECT_EQ(desk.sent(), again(1, 10));
-  EXPECT_TRUE(desk.sent().empty()) << "and not all the time";
-  desk.acknowledge("dashboard", 10);
-  EXPECT_EQ(desk.book.kept(), 0u);
+TEST(EpisodeOutbox, KeepsForRequiredRecordersFromTheStart) {
+  Fixture fixture({"dashboard"});
+  fixture.acknowledge("policy", 0);
+  fixture.end_episodes(10);
+  EXPECT_EQ(fixture.sent(), from_to(1, 10));
+  fixture.acknowledge("policy", 10);
+  EXPECT_EQ(fixture.outbox.kept(), 10u);
+  fixture.now += milliseconds(200);
+  EXPECT_EQ(fixture.sent(), again(1, 10));
+  EXPECT_TRUE(fixture.sent().empty()) << "and not all the time";
+  fixture.acknowledge("dashboard", 10);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
 }
 
-TEST(EpisodeBook, RatherGivesUpTheRecorderThatIsAwayThanMemory) {
-  Desk desk({}, 1000);
-  desk.acknowledge("dashboard", 0);
-  desk.acknowledge("policy", 0);
-  desk.end_episodes(900);
-  desk.sent();
-  desk.acknowledge("policy", 900);
-  EXPECT_EQ(desk.book.problem(), "");
-  desk.end_episodes(101);
-  EXPECT_EQ(desk.book.problem(),
+TEST(EpisodeOutbox, RatherGivesUpTheRecorderThatIsAwayThanMemory) {
+  Fixture fixture({}, 1000);
+  fixture.acknowledge("dashboard", 0);
+  fixture.acknowledge("policy", 0);
+  fixture.end_episodes(900);
+  fixture.sent();
+  fixture.acknowledge("policy", 900);
+  EXPECT_EQ(fixture.outbox.problem(), "");
+  fixture.end_episodes(101);
+  EXPECT_EQ(fixture.outbox.problem(),
             "more than 1000 episodes wait for recorder 'dashboard': they are no longer kept for it");
-  EXPECT_EQ(desk.book.recorders(), std::vector<std::string>{"policy"});
-  EXPECT_EQ(desk.book.kept(), 101u) << "those of the other one are";
-  EXPECT_EQ(desk.sent(), from_to(901, 1001));
-  desk.acknowledge("policy", 1001);
-  EXPECT_EQ(desk.book.kept(), 0u);
-  EXPECT_EQ(desk.acknowledge("dashboard", 0), Taken::kYes) << "it may come back";
-  EXPECT_EQ(desk.book.recorders().size(), 2u);
+  EXPECT_EQ(fixture.outbox.recorders(), std::vector<std::string>{"policy"});
+  EXPECT_EQ(fixture.outbox.kept(), 101u) << "those of the other one are";
+  EXPECT_EQ(fixture.sent(), from_to(901, 1001));
+  fixture.acknowledge("policy", 1001);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
+  EXPECT_EQ(fixture.acknowledge("dashboard", 0), Acknowledged::kYes) << "it may come back";
+  EXPECT_EQ(fixture.outbox.recorders().size(), 2u);
 }
 
-TEST(EpisodeBook, WithoutAnyRecorderTheOldestGoAndThatIsTold) {
-  Desk desk({}, 1000);
-  desk.end_episodes(1000);
-  EXPECT_EQ(desk.book.problem(), "");
-  desk.end_episodes(50);
-  EXPECT_EQ(desk.book.problem(), "more than 1000 episodes and no recorder: the oldest are lost");
-  EXPECT_EQ(desk.book.kept(), 1000u);
-  EXPECT_EQ(desk.sent(), from_to(51, 1050));
-  EXPECT_EQ(desk.acknowledge("policy", 0), Taken::kYes);
-  desk.now += milliseconds(200);
-  EXPECT_EQ(desk.sent(), again(51, 114));
+TEST(EpisodeOutbox, WithoutAnyRecorderTheOldestGoAndThatIsTold) {
+  Fixture fixture({}, 1000);
+  fixture.end_episodes(1000);
+  EXPECT_EQ(fixture.outbox.problem(), "");
+  fixture.end_episodes(50);
+  EXPECT_EQ(fixture.outbox.problem(), "more than 1000 episodes and no recorder: the oldest are lost");
+  EXPECT_EQ(fixture.outbox.kept(), 1000u);
+  EXPECT_EQ(fixture.sent(), from_to(51, 1050));
+  EXPECT_EQ(fixture.acknowledge("policy", 0), Acknowledged::kYes);
+  fixture.now += milliseconds(200);
+  EXPECT_EQ(fixture.sent(), again(51, 114));
 }
 
-TEST(EpisodeBook, KnowsWhomToWaitForAtTheEnd) {
-  Desk desk({"never-seen"});
-  desk.acknowledge("policy", 0);
-  desk.end_episodes(3);
-  desk.sent();
-  EXPECT_TRUE(desk.book.awaited(desk.now));
-  desk.now += seconds(4);
-  EXPECT_FALSE(desk.book.awaited(desk.now)) << "silent";
-  desk.beats("policy");
-  desk.beats("somebody");
-  EXPECT_TRUE(desk.book.awaited(desk.now));
-  desk.beats("policy", /*stopping=*/true);
-  EXPECT_FALSE(desk.book.awaited(desk.now));
-  desk.beats("policy", false, 2);
-  EXPECT_TRUE(desk.book.awaited(desk.now)) << "its next process";
-  desk.acknowledge("policy", 3, false, 2);
-  EXPECT_FALSE(desk.book.awaited(desk.now)) << "it lacks nothing";
-  EXPECT_EQ(desk.book.kept(), 3u);
-  desk.book.hurry(desk.now);
-  EXPECT_EQ(desk.sent(), again(1, 3));
-  EXPECT_EQ(desk.book.due(), desk.now + milliseconds(100));
+TEST(EpisodeOutbox, KnowsWhomToWaitForAtTheEnd) {
+  Fixture fixture({"never-seen"});
+  fixture.acknowledge("policy", 0);
+  fixture.end_episodes(3);
+  fixture.sent();
+  EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now));
+  fixture.now += seconds(4);
+  EXPECT_FALSE(fixture.outbox.recorder_expected(fixture.now)) << "silent";
+  fixture.beats("policy");
+  fixture.beats("somebody");
+  EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now));
+  fixture.beats("policy", /*stopping=*/true);
+  EXPECT_FALSE(fixture.outbox.recorder_expected(fixture.now));
+  fixture.beats("policy", false, 2);
+  EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now)) << "its next process";
+  fixture.acknowledge("policy", 3, false, 2);
+  EXPECT_FALSE(fixture.outbox.recorder_expected(fixture.now)) << "it lacks nothing";
+  EXPECT_EQ(fixture.outbox.kept(), 3u);
+  fixture.outbox.hurry(fixture.now);
+  EXPECT_EQ(fixture.sent(), again(1, 3));
+  EXPECT_EQ(fixture.outbox.due(), fixture.now + milliseconds(100));
 }
 
 /// Three recorders over a wire that loses, repeats and reorders, one of which dies and comes back again and again with
 /// what its store has: everyone gets everything.
-TEST(EpisodeBook, NothingIsLostWhateverTheWireAndTheRecordersDo) {
+TEST(EpisodeOutbox, NothingIsLostWhateverTheWireAndTheRecordersDo) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
-    Desk desk;
+    Fixture fixture;
     Random random(seed);
     struct Recorder {
       std::string name;
@@ -335,16 +336,16 @@ TEST(EpisodeBook, NothingIsLostWhateverTheWireAndTheRecordersDo) {
       std::uint64_t message, episode, incarnation;
     };
     std::vector<Word> wire;
-    for (const Recorder& recorder : recorders) desk.acknowledge(recorder.name, 0);
+    for (const Recorder& recorder : recorders) fixture.acknowledge(recorder.name, 0);
     int ended = 0;
     for (int round = 0; round < 100'000; ++round) {
       if (ended < 3000 && random.below(3) == 0) {
         const int count = static_cast<int>(random.below(6));
-        desk.end_episodes(count);
+        fixture.end_episodes(count);
         ended += count;
       }
-      desk.now += milliseconds(random.below(40));
-      for (const int number : desk.sent(32))
+      fixture.now += milliseconds(random.below(40));
+      for (const int number : fixture.sent(32))
         for (Recorder& recorder : recorders)
           for (std::uint64_t copies = random.below(10) == 0 ? random.below(3) : 1; recorder.up && copies > 0; --copies)
             recorder.beyond.insert(static_cast<std::uint64_t>(std::abs(number)));
@@ -353,25 +354,25 @@ TEST(EpisodeBook, NothingIsLostWhateverTheWireAndTheRecordersDo) {
           recorder.up = !recorder.up;
           recorder.beyond.clear();
           ++recorder.incarnation;
-          if (recorder.up) wire.push_back({recorder.name, ++desk.message, 0, recorder.incarnation});
+          if (recorder.up) wire.push_back({recorder.name, ++fixture.message, 0, recorder.incarnation});
         }
         if (!recorder.up || random.below(4) > 0) continue;
-        recorder.stored = std::max(recorder.stored, desk.book.acknowledged());
+        recorder.stored = std::max(recorder.stored, fixture.outbox.acknowledged());
         while (recorder.beyond.contains(recorder.stored + 1)) ++recorder.stored;
-        wire.push_back({recorder.name, ++desk.message, recorder.stored, recorder.incarnation});
+        wire.push_back({recorder.name, ++fixture.message, recorder.stored, recorder.incarnation});
       }
       while (!wire.empty() && random.below(3) > 0) {
         const std::size_t which = random.below(wire.size());
         const Word word = wire[which];
         if (random.below(10) > 0) wire.erase(wire.begin() + static_cast<std::ptrdiff_t>(which));
-        if (random.below(10) > 0) desk.repeat(word.who, word.message, word.episode, false, word.incarnation);
+        if (random.below(10) > 0) fixture.repeat(word.who, word.message, word.episode, false, word.incarnation);
       }
       for (const Recorder& recorder : recorders)
-        ASSERT_LE(desk.book.acknowledged(), recorder.stored) << "forgotten before " << recorder.name << " had it";
-      if (ended >= 3000 && desk.book.kept() == 0) break;
+        ASSERT_LE(fixture.outbox.acknowledged(), recorder.stored) << "forgotten before " << recorder.name << " had it";
+      if (ended >= 3000 && fixture.outbox.kept() == 0) break;
     }
-    EXPECT_EQ(desk.book.kept(), 0u) << "seed " << seed;
-    for (const Recorder& recorder : recorders) EXPECT_EQ(recorder.stored, desk.book.episodes()) << recorder.name;
+    EXPECT_EQ(fixture.outbox.kept(), 0u) << "seed " << seed;
+    for (const Recorder& recorder : recorders) EXPECT_EQ(recorder.stored, fixture.outbox.episodes()) << recorder.name;
   }
 }
 

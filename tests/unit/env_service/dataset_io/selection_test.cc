@@ -133,7 +133,7 @@ TEST(SelectBadFrames, RefusedByName) {
   Traversal& a = fake.add("a", 10, 2);
   a.images = std::make_shared<FewImages>(10, std::vector<int>{3, 4});
   EXPECT_EQ(complaint_of([&] { select(fake, "a", {}); }),
-            "f3: broken, and 1 more bad frames (mend them, cut with --frames, or let their neighbours stand in with "
+            "f3: broken, and 1 more bad frames (replace the files, cut with --frames, or use their neighbours with "
             "--on-bad-frame skip)");
   // Bad frames that nobody asked for do no harm.
   const Traversal rest = select(fake, "a", {.first = 5});
@@ -154,8 +154,9 @@ TEST(SelectBadFrames, TheNearestGoodOneStandsIn) {
   EXPECT_EQ(select(fake, "a", {.first = 3, .end = 5, .skip_bad_frames = true}).images->name(0), "f2");
   a.images = std::make_shared<FewImages>(2, std::vector<int>{0, 1});
   a.frames = 2;
-  EXPECT_NE(complaint_of([&] { select(fake, "a", {.skip_bad_frames = true}); }).find("not a single frame"),
-            std::string::npos);
+  EXPECT_NE(
+      complaint_of([&] { select(fake, "a", {.skip_bad_frames = true}); }).find("no frame of the recording can be read"),
+      std::string::npos);
 }
 
 TEST(SelectAligned, ByIndex) {

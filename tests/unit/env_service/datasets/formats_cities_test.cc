@@ -268,7 +268,7 @@ TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
   write_file(folder_ / "routes.txt", "street,a,d\nstreet,d,a\n");
   EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "routes.txt:2: a second route street"));
   write_file(folder_ / "routes.txt", "street,a,a\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->load("street"); }), "0 pictures"));
+  EXPECT_TRUE(holds(complaint_of([&] { dataset()->load("street"); }), "has 0 frames"));
   fs::remove(folder_ / "routes.txt");
   write_file(folder_ / "links.txt", "a,90,b\nb,east,c\n");
   EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "links.txt:2"));

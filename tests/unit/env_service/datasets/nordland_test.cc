@@ -67,7 +67,7 @@ TEST_F(Nordland, Films) {
 
 TEST_F(Nordland, OtherFolders) {
   write_season("night");
-  EXPECT_NE(complaint_of([&] { nordland()->names(); }).find("is not nordland"), std::string::npos);
+  EXPECT_NE(complaint_of([&] { nordland()->names(); }).find("is not the dataset nordland"), std::string::npos);
   EXPECT_NE(complaint_of([&] { make_dataset("nordland", folder_ / "missing")->names(); }), "accepted");
   EXPECT_NE(complaint_of([&] { make_dataset("nordland")->names(); }), "accepted");
 }

@@ -144,7 +144,7 @@ TEST_F(Plain, MissingFolder) {
     testing::make_dataset("plain", folder_.string())->load("x");
     ADD_FAILURE();
   } catch (const Error& error) {
-    EXPECT_EQ(error.what(), folder_.string() + ": no traversal 'x' (there is none at all)");
+    EXPECT_EQ(error.what(), folder_.string() + ": no traversals found; expected NAME/, NAME.mp4 or NAME.csv");
   }
 }
 

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/dataset_io/image_sources.h"
+
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -13,15 +15,15 @@
 
 #include "core/util/error.h"
 #include "core/util/image_header.h"
-#include "env_service/dataset_io/parts.h"
-#include "env_service/dataset_io/sha256.h"
+#include "core/util/sha256.h"
+#include "env_service/dataset_io/files.h"
 
 namespace citylearn {
 namespace {
 
 constexpr std::size_t kEnds = 16 << 10;  // bytes looked at, at each end of a file
 
-/// An open file; its reads tell what went wrong.
+/// An open file, whose reads report what went wrong.
 class File {
  public:
   explicit File(const std::string& path) : path_(path), file_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
@@ -136,7 +138,7 @@ class ImageFiles : public Images {
       }
       return reason.value_or("");
     } catch (const Error& error) {
-      const std::string text = error.what();  // less the path, which name() tells
+      const std::string text = error.what();  // without the path, which name() gives
       return text.starts_with(path + ": ") ? text.substr(path.size() + 2) : text;
     }
   }
@@ -148,14 +150,11 @@ class ImageFiles : public Images {
   std::map<int, std::string> faults_;
 };
 
-class Changed : public Images {
+class Changed : public DerivedImages {
  public:
   Changed(std::shared_ptr<Images> images, std::string recipe, std::function<cv::Mat(const cv::Mat&)> change)
-      : images_(std::move(images)), recipe_(std::move(recipe)), change_(std::move(change)) {}
+      : DerivedImages(std::move(images)), recipe_(std::move(recipe)), change_(std::move(change)) {}
 
-  int frames() const override { return images_->frames(); }
-  std::string name(int frame) const override { return images_->name(frame); }
-  std::string fault(int frame) const override { return images_->fault(frame); }
   std::uint64_t fingerprint(int frame) const override {
     Sha256 sha;
     sha.add(images_->fingerprint(frame));
@@ -177,15 +176,14 @@ class Changed : public Images {
  private:
   static cv::Mat file_of(Bytes& bytes) { return cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data()); }
 
-  std::shared_ptr<Images> images_;
   std::string recipe_;
   std::function<cv::Mat(const cv::Mat&)> change_;
 };
 
-class Picked : public Images {
+class Picked : public DerivedImages {
  public:
   Picked(std::shared_ptr<Images> images, std::vector<int> which)
-      : images_(std::move(images)), which_(std::move(which)) {
+      : DerivedImages(std::move(images)), which_(std::move(which)) {
     for (const int frame : which_)
       if (frame < 0 || frame >= images_->frames())
         throw Error("no frame " + std::to_string(frame) + " among " + std::to_string(images_->frames()));
@@ -199,18 +197,13 @@ class Picked : public Images {
  private:
   int of(int frame) const { return which_.at(static_cast<std::size_t>(frame)); }
 
-  std::shared_ptr<Images> images_;
   std::vector<int> which_;
 };
 
-class Cached : public Images {
+class Cached : public DerivedImages {
  public:
-  Cached(std::shared_ptr<Images> images, std::size_t most) : images_(std::move(images)), most_(most) {}
+  Cached(std::shared_ptr<Images> images, std::size_t most) : DerivedImages(std::move(images)), most_(most) {}
 
-  int frames() const override { return images_->frames(); }
-  std::string name(int frame) const override { return images_->name(frame); }
-  std::uint64_t fingerprint(int frame) const override { return images_->fingerprint(frame); }
-  std::string fault(int frame) const override { return images_->fault(frame); }
   void read(int frame, Bytes& bytes) override {
     if (const auto found = places_.find(frame); found != places_.end()) {
       kept_.splice(kept_.begin(), kept_, found->second);
@@ -230,8 +223,8 @@ class Cached : public Images {
   }
 
  private:
-  std::shared_ptr<Images> images_;
-  std::size_t most_, size_ = 0;
+  const std::size_t most_;
+  std::size_t size_ = 0;
   std::list<std::pair<int, Bytes>> kept_;  ///< the last read first
   std::unordered_map<int, std::list<std::pair<int, Bytes>>::iterator> places_;
 };

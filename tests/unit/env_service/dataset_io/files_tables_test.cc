@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Folders, tables and geometry that readers of datasets share.
-#include "env_service/dataset_io/parts.h"
-
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <limits>
 
+#include "env_service/dataset_io/files.h"
+#include "env_service/dataset_io/geometry.h"
+#include "env_service/dataset_io/text_table.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
 

@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/dataset_io/text_table.h"
+
 #include <charconv>
 #include <cmath>
 #include <cstdint>
+#include <utility>
+#include <vector>
 
 #include "core/util/error.h"
-#include "env_service/dataset_io/parts.h"
+#include "core/util/text.h"
+#include "env_service/dataset_io/files.h"
 
 namespace citylearn {
 namespace {
@@ -19,16 +24,24 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-/// At most 20 characters that a terminal shows as they are.
-std::string printable(std::string_view text) {
+}  // namespace
+
+void each_line(std::string_view text, const std::function<void(std::string_view, int)>& visit) {
+  std::size_t at = text.starts_with("\xEF\xBB\xBF") ? 3 : 0;  // a byte order mark
+  for (int number = 1; at < text.size(); ++number) {
+    const std::size_t end = std::min(text.find_first_of("\r\n", at), text.size());
+    visit(trimmed(text.substr(at, end - at)), number);
+    at = end + (text.substr(end, 2) == "\r\n" ? 2 : 1);
+  }
+}
+
+std::string printable(std::string_view field) {
   std::string shown;
-  for (const char c : text.substr(0, 20)) shown += c >= ' ' && c <= '~' ? c : '?';
+  for (const char c : field.substr(0, 20)) shown += c >= ' ' && c <= '~' ? c : '?';
   return shown;
 }
 
-}  // namespace
-
-/// Fields are places in the text, of 8 bytes each: a log of a million rows takes little more than its file.
+/// Fields are places in the text, 8 bytes each, so that a log of a million rows takes little more than its file.
 struct TextTable::Parts {
   struct Field {
     std::uint32_t begin, size;
@@ -80,24 +93,16 @@ TextTable::TextTable(const std::string& path, const Options& options) {
   parts->path = path;
   parts->text = read_text(path);
   parts->separator = options.separator;
-  const std::string& text = parts->text;
-  std::size_t at = text.starts_with("\xEF\xBB\xBF") ? 3 : 0;  // a byte order mark
   bool header = options.header;
-  for (std::uint32_t line = 1; at < text.size(); ++line) {
-    const std::size_t end = std::min(text.find_first_of("\r\n", at), text.size());
-    const std::string_view row = trimmed(std::string_view(text).substr(at, end - at));
-    if (!row.empty() && row.front() != '#') {
-      const std::size_t begin = static_cast<std::size_t>(row.data() - text.data());
-      parts->add_row(begin, begin + row.size(), line);
-      if (header) {
-        for (int i = 0; i < parts->columns(0); ++i) parts->names.emplace_back(parts->field(0, i));
-        parts->rows.clear();
-        parts->fields.clear();
-        header = false;
-      }
-    }
-    at = end + (text.compare(end, 2, "\r\n") == 0 ? 2 : 1);
-  }
+  each_line(parts->text, [&](std::string_view row, int line) {
+    if (row.empty() || row.front() == '#') return;
+    const auto begin = static_cast<std::size_t>(row.data() - parts->text.data());
+    parts->add_row(begin, begin + row.size(), static_cast<std::uint32_t>(line));
+    if (!std::exchange(header, false)) return;
+    for (int i = 0; i < parts->columns(0); ++i) parts->names.emplace_back(parts->field(0, i));
+    parts->rows.clear();
+    parts->fields.clear();
+  });
   if (header) throw Error("is empty", path, "its first line should name the columns");
   parts->rows.shrink_to_fit();
   parts->fields.shrink_to_fit();
@@ -118,9 +123,7 @@ std::string_view TextTable::text(int row, int column) const {
 std::string_view TextTable::text(int row, const std::string& column) const {
   const int index = parts_->find(column);
   if (index < 0) {
-    std::string known;
-    for (const std::string& name : parts_->names) known += (known.empty() ? "" : ", ") + printable(name);
-    throw Error("no column '" + column + "'", parts_->path, "there are: " + known);
+    throw Error("no column '" + column + "'", parts_->path, "there are: " + joined(parts_->names, printable));
   }
   if (index >= columns(row)) fail(row, "nothing in column '" + column + "'");
   return text(row, index);

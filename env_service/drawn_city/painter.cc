@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/drawn_city/painter.h"
+
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
-
-#include "env_service/drawn_city/parts.h"
 
 namespace citylearn::drawn {
 namespace {

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/drawn_city/drawn_images.h"
+
 #include <bit>
 #include <cmath>
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
 
 #include "core/util/error.h"
-#include "env_service/drawn_city/parts.h"
+#include "env_service/drawn_city/camera.h"
 
 namespace citylearn {
 namespace {
 
 constexpr std::uint64_t kVersion = 1;  // one more whenever pictures change
 
-/// What tells two drives apart, as one number.
+/// Returns one number that differs between drives.
 std::uint64_t recipe(const DrawnOptions& options, std::uint64_t look) {
   return mix_seeds({kVersion, options.seed, look, static_cast<std::uint64_t>(options.width),
                     static_cast<std::uint64_t>(options.height), std::bit_cast<std::uint64_t>(options.countryside),
@@ -27,7 +29,7 @@ class DrawnImages : public Images {
   int frames() const override { return static_cast<int>(positions_.size()); }
 
   void read(int frame, Bytes& bytes) override {
-    // The camera paints its textures first, which those who never look at a picture need not wait for.
+    // The camera paints its textures first, which need not happen where no picture is read.
     if (!camera_) camera_ = std::make_unique<drawn::Camera>(options_, look_, index_);
     const cv::Mat& picture = camera_->draw(positions_.at(static_cast<std::size_t>(frame)));
     try {

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pictures in files and in videos.
+#include "env_service/dataset_io/image_sources.h"
+
 #include <gtest/gtest.h>
 
 #include <chrono>
 #include <set>
 
-#include "env_service/dataset_io/parts.h"
+#include "env_service/dataset_io/files.h"
 #include "tests/support/env.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"

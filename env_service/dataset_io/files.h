@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+// Files of published datasets. Every Error names the file or folder.
+
+namespace citylearn {
+
+/// Reads the whole file. Throws Error when it cannot be read or is larger than `most` bytes.
+std::string read_text(const std::string& path, std::size_t most = std::size_t{1} << 30);
+
+/// Returns the names (not paths) of a folder's files that end in one of `suffixes`, whatever the letter case, without
+/// hidden files, in natural order: "img2" before "img10". Throws Error when the folder cannot be read.
+std::vector<std::string> files_in(const std::string& folder, const std::vector<std::string>& suffixes);
+/// Returns the names of a folder's folders, likewise.
+std::vector<std::string> folders_in(const std::string& folder);
+/// Suffixes of files that image_files() reads, and of those that video_frames() reads.
+const std::vector<std::string>& image_suffixes();
+const std::vector<std::string>& video_suffixes();
+
+bool is_folder(const std::string& path);
+bool is_file(const std::string& path);
+/// "/a" and "b" become "/a/b".
+std::string below(const std::string& folder, const std::string& name);
+/// Returns `path` without `root`, a folder above it; the whole path when it is not.
+std::string path_below(const std::string& path, const std::string& root);
+/// Returns the path of the first of `candidates` (below `folder`, "." is itself) that is a folder; empty when none is.
+std::string first_folder(const std::string& folder, const std::vector<std::string>& candidates);
+/// Does the same for a file.
+std::string first_file(const std::string& folder, const std::vector<std::string>& candidates);
+
+/// "frame10.png" becomes "frame10".
+std::string stem_of(const std::string& file);
+/// Returns the text in lower case.
+std::string lower(std::string text);
+/// Returns whether `text` looks like `pattern`, in which '0' stands for any digit.
+bool has_form(const std::string& text, const std::string& pattern);
+/// Returns the last run of digits in `text`, or -1 when there is none or it is too long.
+long last_number(const std::string& text);
+
+struct NumberedFile {
+  long number = 0;
+  std::string path;
+};
+/// Returns a folder's files whose names hold a number, by number. Where at least nine in ten of the numbers between the
+/// first and the last are there, the others are listed too, as missing files; with more holes the folder was thinned on
+/// purpose and they are left out. Throws Error when two files have one number.
+std::vector<NumberedFile> numbered_files(const std::string& folder, const std::vector<std::string>& suffixes);
+
+}  // namespace citylearn

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "env_service/dataset_io/dataset.h"
+
+namespace citylearn {
+
+/// A dataset that reads one folder. Every Error names the folder or file.
+class FolderDataset : public Dataset {
+ public:
+  /// Throws Error when no folder was given. `contents` says what the folder of this dataset holds.
+  FolderDataset(const std::string& dataset, const std::string& folder, const std::string& contents);
+  /// Reads the traversal and sets its condition. Throws Error when names() does not have `name`.
+  Traversal load(const std::string& name) final;
+
+ protected:
+  virtual Traversal read(const std::string& name) = 0;
+
+  /// Throws Error unless `name` is among names().
+  void require_known(const std::string& name);
+  /// Throws Error: the folder is not of this dataset, as `missing` is not there.
+  [[noreturn]] void not_recognised(const std::string& missing) const;
+
+  /// Returns a traversal with these images, whose positions are not known yet. Throws Error naming `where` when it has
+  /// less than 2 frames or more than msg::MAX_FRAMES.
+  Traversal pictured(const std::string& name, std::shared_ptr<Images> images, const std::string& where) const;
+  /// Returns a traversal of image files.
+  Traversal pictured(const std::string& name, std::vector<std::string> paths, const std::string& where) const;
+  /// Returns the traversal of a video, with the times of its frames.
+  Traversal filmed(const std::string& name, const std::string& video) const;
+  /// Returns the traversal of a folder of numbered pictures, or of a video.
+  Traversal recorded(const std::string& name, const std::string& path) const;
+
+  const std::string dataset_, folder_;
+};
+
+/// Factory of a dataset with a constructor from folder and parameters.
+template <class T>
+std::unique_ptr<Dataset> open_folder(const Parameters& parameters, const std::string& folder) {
+  return std::make_unique<T>(folder, parameters);
+}
+
+/// Gives the frames latitude and longitude (degrees, NaN where unknown), and positions from them.
+void locate(Traversal& traversal, std::vector<double> latitude, std::vector<double> longitude);
+
+/// Latitude and longitude in a GPS log, a row each; with its times where the log has them.
+struct GpsRows {
+  std::vector<double> latitude, longitude, times = {};
+
+  void add(double time, double north, double east);
+  /// Returns whether `time` is before the last row's.
+  bool falls(double time) const { return !times.empty() && time < times.back(); }
+};
+/// Gives the frames latitude, longitude and positions at their times, up to `reach` seconds beyond the log.
+void locate(Traversal& traversal, const GpsRows& rows, double reach);
+/// Reads "latitude, longitude" in degrees (further columns are skipped; the separator is a comma or blanks; a first row
+/// of words is a header). 0, 0 is no fix. Throws Error naming the line: no number, or out of range.
+GpsRows read_gps_rows(const std::string& path);
+/// Assigns rows to frames: row i to frame i when there are about as many (within a twentieth); else spreads the log
+/// evenly over the recording.
+GpsRows spread(const GpsRows& rows, int frames);
+
+}  // namespace citylearn

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "env_service/dataset_io/images.h"
+
+namespace cv {
+class Mat;
+}
+
+namespace citylearn {
+
+/// Images of one file a frame. Looks at each file's first and last bytes at once, for its fingerprint and fault().
+/// `paths` may name files that are missing: those have a fault. `root` is what names leave out.
+std::shared_ptr<Images> image_files(std::vector<std::string> paths, const std::string& root);
+
+/// Every frame of a video, as PNG. Forward reads are quick, others seek. Throws Error when the video cannot be opened
+/// or does not give its number of frames. `rate` (when given) becomes frames per second.
+std::shared_ptr<Images> video_frames(const std::string& path, const std::string& root, double* rate = nullptr);
+
+/// `images` with something done to each picture (8-bit; 1 or 3 channels, BGR): demosaicing, a crop. `recipe` names it
+/// with all its numbers and becomes part of the fingerprint.
+std::shared_ptr<Images> changed(std::shared_ptr<Images> images, const std::string& recipe,
+                                std::function<cv::Mat(const cv::Mat&)> change);
+
+/// Frames `which` of `images`, in that order; indices may repeat.
+std::shared_ptr<Images> picked(std::shared_ptr<Images> images, std::vector<int> which);
+
+/// `images` with a cache of the last pictures read, at most `most` bytes of them.
+std::shared_ptr<Images> cached(std::shared_ptr<Images> images, std::size_t most = std::size_t{32} << 20);
+
+/// Encodes an 8-bit picture (1 or 3 channels, BGR) as a PNG file; quick rather than small.
+void encode_png(const cv::Mat& picture, Bytes& bytes);
+/// Decodes an image file to 3 channels, BGR. Throws Error naming `where` when it is too large, broken or unknown.
+cv::Mat decode_image(const Bytes& file, const std::string& where);
+/// Reads and decodes a frame. Returns why that fails; empty when it does not. `bytes` is a buffer.
+std::string decoding_fault(Images& images, int frame, Bytes& bytes);
+
+}  // namespace citylearn

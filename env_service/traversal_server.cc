@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/traversal_server.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstring>
+#include <string>
+#include <utility>
+
+#include "core/wire/blob.h"
+#include "core/wire/transfer.h"
+
+namespace citylearn {
+
+TraversalServer::TraversalServer(Node& node, const Environment& environment)
+    : node_(node),
+      environment_(environment),
+      traversal_(environment.traversal()),
+      frames_(static_cast<std::uint32_t>(traversal_.frames)) {}
+
+bool TraversalServer::can_answer(const msg::TraversalRequest& request) const {
+  const std::uint32_t dimension = request.feature_dimension();
+  return addressed(request) &&
+         (dimension == static_cast<std::uint32_t>(environment_.dimension()) || (dimension == 0 && traversal_.images));
+}
+
+void TraversalServer::answer(const msg::TraversalRequest& request) {
+  const ChunkLayout layout(frames_, request.feature_dimension());
+  for (const std::uint32_t index : request.chunks()) {
+    if (index >= layout.chunks()) {
+      ++node_.traffic.rejected;
+      continue;
+    }
+    chunk_.hash() = environment_.traversal_hash();
+    layout.fill(
+        index, traversal_.positions,
+        [this](std::uint32_t frame) { return environment_.feature(static_cast<int>(frame)); }, chunk_);
+    node_.publish(chunk_);
+  }
+}
+
+/// Reads the frame's file into image_, unless it is there. `name` becomes the reason when it cannot be read.
+void TraversalServer::read_image(std::uint32_t frame, std::string& name) {
+  name = traversal_.images->name(static_cast<int>(frame));
+  if (image_frame_ == static_cast<int>(frame)) return;
+  image_frame_ = static_cast<int>(frame);
+  try {
+    traversal_.images->read(image_frame_, image_);
+  } catch (const Error& error) {
+    name = error.what();
+    spdlog::error("frame {}: {}", frame, name);
+    image_.clear();
+    image_frame_ = -1;
+  }
+}
+
+void TraversalServer::answer(const msg::ImageRequest& request) {
+  if (!addressed(request)) return;
+  std::uint32_t first_chunk = request.first_chunk(), budget = msg::MAX_CHUNKS_ASKED;
+  std::string name;
+  for (const std::uint32_t frame : request.frames()) {
+    if (frame >= frames_) {
+      ++node_.traffic.rejected;
+      continue;
+    }
+    read_image(frame, name);
+    image_chunk_.hash() = environment_.traversal_hash();
+    image_chunk_.frame() = frame;
+    image_chunk_.name() = name.substr(0, 200).c_str();
+    image_chunk_.total_bytes() = static_cast<std::uint32_t>(image_.size());
+    const std::uint32_t chunks = chunk_count(image_.size());
+    for (std::uint32_t chunk = std::exchange(first_chunk, 0); chunk < chunks; ++chunk) {
+      if (budget-- == 0) return;
+      const auto data = chunk_of(std::span<const std::byte>(image_), chunk);
+      image_chunk_.chunk() = chunk;
+      image_chunk_.data().resize(data.size());
+      if (!data.empty()) std::memcpy(image_chunk_.data().data(), data.data(), data.size());
+      node_.publish(image_chunk_);
+    }
+  }
+}
+
+void TraversalServer::answer(const msg::MapRequest& request) {
+  if (!addressed(request)) return;
+  if (request.first() >= frames_) {
+    ++node_.traffic.rejected;
+    return;
+  }
+  map_chunk_.hash() = environment_.traversal_hash();
+  map_chunk_.frames() = frames_;
+  map_chunk_.first() = request.first();
+  const std::size_t count = std::min<std::size_t>(frames_ - request.first(), msg::MAX_PLACES);
+  const auto copy = [&](const auto& from, auto& to) {
+    to.clear();
+    if (from.empty()) return;
+    const auto begin = from.begin() + static_cast<std::ptrdiff_t>(request.first());
+    to.assign(begin, begin + static_cast<std::ptrdiff_t>(count));
+  };
+  copy(traversal_.positions, map_chunk_.position());
+  copy(traversal_.latitude, map_chunk_.latitude());
+  copy(traversal_.longitude, map_chunk_.longitude());
+  node_.publish(map_chunk_);
+}
+
+}  // namespace citylearn

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "core/wire/node.h"
+#include "env_service/environment.h"
+
+namespace citylearn {
+
+/// Answers requests for the data of an environment's traversal: features and positions, image files, and positions for
+/// maps. Every answer may be lost and asked for again. Used by the node's thread.
+class TraversalServer {
+ public:
+  /// `node` and `environment` must outlive it.
+  TraversalServer(Node& node, const Environment& environment);
+
+  /// Returns whether the request is for this env_service and for features that are here. An encoder_service asks for
+  /// positions alone (dimension 0), and answers itself where features are asked for that only it has.
+  bool can_answer(const msg::TraversalRequest& request) const;
+  /// Publishes the chunks asked for.
+  void answer(const msg::TraversalRequest& request);
+  void answer(const msg::ImageRequest& request);
+  void answer(const msg::MapRequest& request);
+
+ private:
+  template <class Request>
+  bool addressed(const Request& request) const {
+    return request.environment() == node_.options().id && request.hash() == environment_.traversal_hash();
+  }
+  void read_image(std::uint32_t frame, std::string& name);
+
+  Node& node_;
+  const Environment& environment_;
+  const Traversal& traversal_;
+  const std::uint32_t frames_;
+
+  Bytes image_;           // file of the frame asked for last: a large one is asked for in several requests
+  int image_frame_ = -1;  // that frame; -1: none
+
+  // Members, so that an answer allocates nothing.
+  msg::TraversalChunk chunk_;
+  msg::ImageChunk image_chunk_;
+  msg::MapChunk map_chunk_;
+};
+
+}  // namespace citylearn
