@@ -3,22 +3,19 @@
 
 #include <CLI/CLI.hpp>
 
+#include "core/util/text.h"
 #include "core/wire/service.h"
 
 namespace citylearn {
 
-std::string encoder_names() {
-  std::string names;
-  for (const auto* entry : EncoderRegistry::instance().entries()) names += (names.empty() ? "" : ", ") + entry->name;
-  return names;
-}
+std::string encoder_names() { return joined(EncoderRegistry::instance().entries(), &EncoderRegistry::Entry::name); }
 
 void add_encoder_options(CLI::App& app, EncoderFiles& files,
                          std::map<std::string, std::map<std::string, double>>& parameters, const std::string& group) {
   app.add_option("--model", files.model, "Network of the encoder, an ONNX file")->type_name("FILE")->group(group);
-  app.add_option("--layer", files.layer, "Its output layer, by name (its last one)")->group(group);
+  app.add_option("--layer", files.layer, "Name of its output layer; the last one by default")->group(group);
   app.add_option("--preset", files.preset, "Input size, mean, deviation and layer of a known network")->group(group);
-  app.add_option("--head", files.head, "Weights of what follows the network (encoder netvlad)")
+  app.add_option("--head", files.head, "Weights of the NetVLAD layer that follows the network (encoder netvlad)")
       ->type_name("FILE")
       ->group(group);
   for (const auto* entry : EncoderRegistry::instance().entries())

@@ -12,15 +12,15 @@ class App;
 
 namespace citylearn {
 
-/// "hog, onnx, vlad": all encoders, for --help.
+/// Returns all encoders for --help: "hog, onnx, vlad".
 std::string encoder_names();
 
-/// --model, --layer, --preset, --head under `group`, and one --ENCODER-PARAMETER each; those given end up in
-/// `parameters`, by encoder.
+/// Adds --model, --layer, --preset and --head under `group`, and --ENCODER-PARAMETER for each parameter of each
+/// encoder; those given end up in `parameters`, by encoder.
 void add_encoder_options(CLI::App& app, EncoderFiles& files,
                          std::map<std::string, std::map<std::string, double>>& parameters, const std::string& group);
 
-/// Text of `--list`.
+/// Returns the text of `--list`.
 std::string list_encoders();
 
 }  // namespace citylearn

@@ -16,11 +16,11 @@
 #include <string_view>
 
 #include "core/util/error.h"
-#include "core/wire/messages.h"
 #include "core/util/sha256.h"
+#include "core/wire/messages.h"
 
 // The file: a header, an index of one entry a frame, and from the next multiple of 4 KiB on F x D floats. A frame is
-// written before its entry, and its entry in one piece, so an entry never tells of numbers that are not there.
+// written before its entry, and its entry in one piece, so an entry never refers to numbers that are not there.
 
 namespace citylearn {
 namespace {
@@ -75,7 +75,7 @@ std::string hexadecimal(std::uint64_t number) {
   return text;
 }
 
-/// Two encoders may share a name but for its last letters, and names hold blanks: files are called by a digest.
+/// Names the file by a digest: names of encoders hold blanks, and two may differ in their last letters alone.
 std::string file_name(const FeatureStore::Key& key) {
   return sha256(key.encoder).substr(0, 8) + "-" + hexadecimal(key.traversal) + ".features";
 }
@@ -93,7 +93,7 @@ void check_key(const FeatureStore::Key& key, const std::string& folder) {
         folder);
 }
 
-/// Closes it at the end.
+/// Closes a file descriptor.
 class Descriptor {
  public:
   explicit Descriptor(int number) : number_(number) {}
@@ -115,7 +115,7 @@ class Descriptor {
               full ? "make room; the frames stored so far are kept" : "is it on a disk that this user may write to?");
 }
 
-/// As many bytes as there are up to `size`.
+/// Reads as many bytes as there are, up to `size`.
 std::size_t read_at(int file, void* bytes, std::size_t size, std::int64_t at, const std::string& path) {
   std::size_t done = 0;
   while (done < size) {
@@ -153,7 +153,7 @@ struct flock range(short type, std::int64_t first, int count) {
   return range;
 }
 
-/// Without `wait`: false when another one has it.
+/// Without `wait`, returns false when another one has it.
 bool lock(int file, std::int64_t first, int count, bool wait, const std::string& path) {
   struct flock wanted = range(F_WRLCK, first, count);
   while (::fcntl(file, wait ? F_OFD_SETLKW : F_OFD_SETLK, &wanted) != 0) {
@@ -169,8 +169,8 @@ void unlock(int file, std::int64_t first, int count) {
   ::fcntl(file, F_OFD_SETLK, &held);
 }
 
-/// A store without frames, under its name all at once; one that came there first stays. The disk gives its room to
-/// frames as they are written.
+/// Creates a store without frames, all at once under its name; one that is there already stays. Frames take disk space
+/// as they are written.
 void create(const std::string& path, const Header& header, std::int64_t size) {
   std::string name = path + ".new-XXXXXX";
   const Descriptor file(::mkostemp(name.data(), O_CLOEXEC));
@@ -223,8 +223,8 @@ struct FeatureStore::Parts {
   Key key;
   std::string path;
   int file = -1;
-  std::mutex mutex;           // of those below, and of writes: a file's locks don't part the threads of one store
-  std::vector<bool> claimed;  // by this store
+  std::mutex mutex;           // of the members below and of writes: file locks do not exclude threads of one store
+  std::vector<bool> claimed;  // by this object
 
   ~Parts() {
     if (file >= 0) ::close(file);
@@ -293,7 +293,7 @@ bool FeatureStore::read(int frame, std::span<float> descriptor) const {
 void FeatureStore::write(int frame, std::span<const float> descriptor) {
   Parts& parts = *parts_;
   parts.check(frame, descriptor.size());
-  // Two that write one frame at once would mix their numbers, as a batch's rounding makes them differ.
+  // Two processes that write one frame at once would mix their numbers, which differ by rounding.
   const std::lock_guard guard(parts.mutex);
   lock(parts.file, kWrites + frame, 1, true, parts.path);
   struct Unlock {

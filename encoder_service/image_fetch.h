@@ -11,28 +11,28 @@
 
 namespace citylearn {
 
-/// A frame's picture as it came over the wire.
+/// A frame's image as it came over the wire.
 struct FetchedImage {
   int frame = 0;
-  std::string name;  ///< for people
+  std::string name;  ///< for messages
   Bytes file;        ///< empty when the env_service could not read it; `name` then says why
 };
 
-/// Gets pictures of one traversal from an env_service: asks, puts chunks together in whatever order they come, asks
-/// again for what did not come.
+/// Fetches images of one traversal from an env_service: asks for them, joins their chunks in whatever order they come,
+/// and asks again for what did not come.
 class ImageFetch {
  public:
   ImageFetch(Node& node, std::uint64_t hash, int frames) : node_(node), hash_(hash), frames_(frames) {}
 
-  /// Frames to be fetched next, after those already wanted.
+  /// Adds frames to fetch after those already wanted.
   void want(const std::vector<int>& frames);
-  /// Frames wanted that have not come.
+  /// Returns how many wanted frames have not come.
   int missing() const { return static_cast<int>(wanted_.size()); }
 
-  /// A chunk from the wire; when it completes a wanted picture, that goes to `images`. Chunks of other traversals, or
-  /// of frames not wanted, are left alone.
+  /// Takes a chunk; appends the image to `images` when that completes it. Chunks of other traversals and of frames that
+  /// are not wanted are ignored.
   void on_chunk(const msg::ImageChunk& chunk, std::vector<FetchedImage>& images);
-  /// Asks `environment` for what is missing when it is time to.
+  /// Asks the env_service `environment` for what is missing, when a request is due.
   void ask(const std::string& environment);
 
  private:

@@ -14,14 +14,14 @@ using namespace citylearn;
 
 struct CommandLine {
   EncoderServiceOptions service;
-  std::map<std::string, std::map<std::string, double>> parameters;  // those given, by encoder
+  std::map<std::string, std::map<std::string, double>> parameters;  // as given, by encoder
   std::string centring = "running";
   std::string on_bad_frame = "refuse";
   int threads = 0;
   bool list = false;
 };
 
-/// Where a user's programs keep what can be made again (XDG Base Directory Specification).
+/// Returns the folder for files that can be made again (XDG Base Directory Specification).
 std::string default_store() {
   const auto variable = [](const char* name) {
     const char* value = std::getenv(name);
@@ -37,16 +37,16 @@ void add_options(CLI::App& app, CommandLine& line) {
   EncoderServiceOptions& service = line.service;
   app.add_option("--encoder", service.encoder, "One of " + encoder_names())->capture_default_str()->group(encoding);
   add_encoder_options(app, service.files, line.parameters, encoding);
-  app.add_option("--threads", line.threads, "Threads of OpenCV's networks; 0: all processors")
+  app.add_option("--threads", line.threads, "Threads for OpenCV's networks; 0 uses all processors")
       ->capture_default_str()
       ->check(CLI::Range(0, 1024))
       ->group(encoding);
   app.add_option("--on-bad-frame", line.on_bad_frame,
-                 "Broken pictures: refuse their traversal, or skip: a neighbour stands in")
+                 "What to do with broken pictures: refuse their traversal, or skip them and use a neighbour's features")
       ->capture_default_str()
       ->check(CLI::IsMember({"refuse", "skip"}))
       ->group(encoding);
-  app.add_option("--store", service.store, "Folder that keeps what was encoded and learned; none: memory alone")
+  app.add_option("--store", service.store, "Folder that stores what was encoded and learned; 'none' stores nothing")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
       ->capture_default_str()
@@ -57,25 +57,26 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->capture_default_str()
       ->group(reducing);
   app.add_option("--dimension", service.reduction.dimension,
-                 "Features a frame, by PCA; 0: as many as the encoder gives")
+                 "Features a frame, by PCA; 0 keeps all that the encoder gives")
       ->capture_default_str()
       ->check(CLI::Range(0, 4096))
       ->group(reducing);
-  app.add_option("--whitening", service.reduction.whitening, "Exponent: 0 none, 0.5 full")
+  app.add_option("--whitening", service.reduction.whitening, "Exponent of the whitening: 0 none, 0.5 full")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 0.5))
       ->group(reducing);
-  app.add_option(
-         "--centring", line.centring,
-         "Mean taken off first: of the reference, of the traversal's own frames, of those so far (running), none")
+  app.add_option("--centring", line.centring,
+                 "Mean that is subtracted first: of the reference, of the traversal's own frames, of its frames so far "
+                 "(running), "
+                 "or none")
       ->capture_default_str()
       ->check(CLI::IsMember({"reference", "own", "running", "none"}))
       ->group(reducing);
   app.add_option("--reduction", service.reduction_file,
-                 "A reduction learned before, instead of one learned on --reference")
+                 "Reduction learned earlier, instead of one learned on --reference")
       ->type_name("FILE")
       ->group(reducing);
-  app.add_flag("--list", line.list, "Print encoders and middlewares, and exit")->configurable(false)->group(encoding);
+  app.add_flag("--list", line.list, "Print encoders and middlewares, then exit")->configurable(false)->group(encoding);
   service.node.service = "encoder_service";
   service.node.id = "encoder";
   add_node_options(app, service.node);
@@ -112,6 +113,6 @@ int main(int argc, char** argv) {
   line.service.store = default_store();
   return service_main(
       argc, argv,
-      "Turns the pictures of env_services into features, each frame once, and completes their observations.",
+      "Encodes the pictures of env_services as features, each frame once, and completes their observations.",
       [&](CLI::App& app) { add_options(app, line); }, [&] { return serve(line); });
 }

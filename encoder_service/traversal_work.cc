@@ -42,7 +42,7 @@ void TraversalWork::release_finished_blocks() {
 }
 
 std::optional<std::vector<int>> TraversalWork::reserve(int begin) {
-  // What others made is looked for when there is nothing else to do, and not at every call.
+  // The store is looked into when there is nothing else to do, but not at every call.
   if (store_ && Clock::now() >= looked_ + kLookAgain) look_into_store();
   const int blocks = (key_.frames + kBlock - 1) / kBlock;
   for (int i = 0; i < blocks; ++i) {
@@ -54,7 +54,7 @@ std::optional<std::vector<int>> TraversalWork::reserve(int begin) {
     if (store_) {
       claim = store_->claim(first, end - first);
       if (!claim) continue;
-      look_into_store();  // whoever had it before may have finished it
+      look_into_store();  // the process that had it before may have finished it
     }
     std::vector<int> frames;
     for (int frame = first; frame < end; ++frame)
@@ -87,7 +87,7 @@ void TraversalWork::put_bad(int frame) {
 }
 
 Eigen::MatrixXf TraversalWork::take_descriptors() {
-  if (static_cast<int>(bad_.size()) == key_.frames) throw Error("not one frame could be encoded");
+  if (static_cast<int>(bad_.size()) == key_.frames) throw Error("no frame could be encoded");
   Eigen::MatrixXf descriptors = store_ ? Eigen::MatrixXf(key_.dimension, key_.frames) : std::move(memory_);
   const auto is_bad = [this](int frame) { return std::find(bad_.begin(), bad_.end(), frame) != bad_.end(); };
   for (int frame = 0; store_ && frame < key_.frames; ++frame)

@@ -13,9 +13,9 @@
 
 namespace citylearn {
 
-/// Which descriptors of one traversal there are and which are to be made, by whom. Several processes that share a store
-/// divide the frames among themselves: each reserves a block, makes what is missing in it, and takes what others made
-/// from the store.
+/// Tracks which descriptors of one traversal exist and which are still to be made, and by which process. Several
+/// processes that share a store divide the frames: each reserves a block, makes what is missing in it, and takes what
+/// others made from the store.
 class TraversalWork {
  public:
   static constexpr int kBlock = 64;  ///< frames reserved together
@@ -23,22 +23,23 @@ class TraversalWork {
   /// `folder` of the store; empty: descriptors are kept in memory alone. Throws Error.
   TraversalWork(const std::string& folder, const FeatureStore::Key& key);
 
-  /// Frames of a block not yet made, now reserved for the caller until they are all put() or marked bad; nothing when
-  /// all that is left is in other hands (ask again later) or there is none left. `begin` is where looking begins.
+  /// Reserves a block for the caller, until all of its frames are put() or put_bad(), and returns its frames that are
+  /// not made yet; nothing when all that is left is reserved by others (ask again later) or none is left. The search
+  /// begins at frame `begin`.
   std::optional<std::vector<int>> reserve(int begin);
   void put(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor);
-  /// The frame cannot be encoded.
+  /// Notes that the frame cannot be encoded.
   void put_bad(int frame);
 
   bool complete() const { return done_ == key_.frames; }
   int done() const { return done_; }
   int frames() const { return key_.frames; }
-  /// Of those done, made by this object.
+  /// Returns how many of those done were made by this object.
   int made() const { return made_; }
   const std::vector<int>& bad() const { return bad_; }
 
-  /// D x F, once complete; bad frames have their nearest good neighbour's. What memory held for it is let go. Throws
-  /// Error when no frame is good, or the store lost what it had.
+  /// Returns the D x F descriptors, once complete, and frees them here; bad frames have their nearest good neighbour's.
+  /// Throws Error when no frame is good or the store lost a frame.
   Eigen::MatrixXf take_descriptors();
 
  private:

@@ -140,12 +140,10 @@ const EncoderRegistry::Registration registration({
     .name = "hog",
     .help = "histograms of oriented gradients: for changes of season, weather and light on the same track",
     .parameters = {{"bins", "orientations between 0 and 180 degrees", 12, 2, 36, true},
-                   {"contrast", "1: also of the copy with normalised local contrast", 1, 0, 1, true},
+                   {"contrast", "1: adds histograms of a copy with normalised local contrast", 1, 0, 1, true},
                    {"cells-across", "cells of 8 pixels across the scaled picture", 16, 2, 128, true},
                    {"cells-down", "cells of 8 pixels down the scaled picture", 8, 2, 128, true}},
-    .create = [](const Parameters& parameters, const EncoderFiles&) -> std::unique_ptr<Encoder> {
-      return std::make_unique<Hog>(parameters);
-    },
+    .create = make_encoder<Hog>,
 });
 
 }  // namespace

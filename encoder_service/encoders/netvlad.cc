@@ -12,7 +12,7 @@ namespace citylearn {
 namespace {
 
 constexpr std::uint64_t kLargestHead = std::uint64_t{2} << 30;
-/// Local features that centres are learned on, drawn evenly from the lessons.
+/// Local features that centres are learned on, drawn evenly from the training sample.
 constexpr Eigen::Index kLearned = 50000;
 
 using FeatureMap = Eigen::Map<const Eigen::MatrixXf>;
@@ -24,12 +24,12 @@ class Netvlad : public Encoder {
   Netvlad(const Parameters& parameters, const EncoderFiles& files)
       : network_(parameters, files),
         clusters_(parameters.integer("clusters")),
-        lessons_(parameters.integer("lessons")) {
+        training_sample_count_(parameters.integer("lessons")) {
     if (network_.shape().size() != 4)
       throw Error("netvlad needs a layer that gives a feature map [1,C,H,W]", network_.model(),
                   "name a convolutional one with --layer");
     if (files.head.empty()) return;
-    lessons_ = 0;
+    training_sample_count_ = 0;
     take(read_model_file(files.head, kLargestHead), files.head);
   }
 
@@ -46,10 +46,10 @@ class Netvlad : public Encoder {
     return descriptors;
   }
 
-  int lessons() const override { return lessons_; }
+  int training_sample_count() const override { return training_sample_count_; }
 
   void learn(std::span<const cv::Mat> pictures) override {
-    if (lessons_ == 0 || pictures.empty()) return;
+    if (training_sample_count_ == 0 || pictures.empty()) return;
     const auto& shape = network_.shape();
     const Eigen::Index positions = static_cast<Eigen::Index>(shape[2]) * shape[3];
     const Eigen::Index each = std::min(positions, kLearned / static_cast<Eigen::Index>(pictures.size()) + 1);
@@ -69,11 +69,12 @@ class Netvlad : public Encoder {
     take(NetvladHead::learn(features, clusters_).save(), "netvlad");
   }
 
-  Bytes state() const override { return lessons_ > 0 && head_ ? head_->save() : Bytes(); }
+  Bytes state() const override { return training_sample_count_ > 0 && head_ ? head_->save() : Bytes(); }
 
   void restore(std::span<const std::byte> state) override {
     const std::string where = "saved state of netvlad";
-    if (lessons_ == 0) throw Error("this encoder has its head from a file, nothing is to be restored", where);
+    if (training_sample_count_ == 0)
+      throw Error("this encoder has its head from a file, nothing is to be restored", where);
     const NetvladHead saved = NetvladHead::parse(state, where);
     if (saved.clusters() != clusters_ || saved.projection.size() > 0)
       throw Error("belongs to an encoder with other parameters", where);
@@ -103,7 +104,7 @@ class Netvlad : public Encoder {
   }
 
   OnnxNetwork network_;
-  int clusters_, lessons_;
+  int clusters_, training_sample_count_;
   std::optional<NetvladHead> head_;
   std::string hash_;
 };
@@ -111,7 +112,8 @@ class Netvlad : public Encoder {
 std::vector<ParameterSpec> parameters() {
   std::vector<ParameterSpec> specs = network_parameters();
   specs.push_back({"clusters", "K, centres to learn (without --head)", 64, 1, 1024, true});
-  specs.push_back({"lessons", "pictures of the reference to learn them on (without --head)", 100, 1, 5000, true});
+  specs.push_back(
+      {"lessons", "pictures of the reference to learn the centres from (without --head)", 100, 1, 5000, true});
   return specs;
 }
 

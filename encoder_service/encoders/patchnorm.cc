@@ -41,12 +41,10 @@ class PatchNorm final : public PictureEncoder {
 const EncoderRegistry::Registration registration({
     .name = "patchnorm",
     .help = "patch-normalised pixels of SeqSLAM: the classic, for sequences of frames",
-    .parameters = {{"width", "of the scaled picture, pixels", 64, 1, 1024, true},
-                   {"height", "of the scaled picture, pixels", 32, 1, 1024, true},
+    .parameters = {{"width", "width of the scaled picture, pixels", 64, 1, 1024, true},
+                   {"height", "height of the scaled picture, pixels", 32, 1, 1024, true},
                    {"patch", "side of a patch, pixels", 8, 2, 1024, true}},
-    .create = [](const Parameters& parameters, const EncoderFiles&) -> std::unique_ptr<Encoder> {
-      return std::make_unique<PatchNorm>(parameters);
-    },
+    .create = make_encoder<PatchNorm>,
 });
 
 }  // namespace

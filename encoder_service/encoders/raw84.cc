@@ -12,6 +12,7 @@ constexpr int kSide = 84;  // pixels
 /// (CityLearn's baseline after Mirowski et al., NeurIPS 2018).
 class Raw84 final : public PictureEncoder {
  public:
+  explicit Raw84(const Parameters&) {}
   Spec spec() const override { return {"raw84-1", kSide * kSide * 3, 16}; }
 
  private:
@@ -24,11 +25,9 @@ class Raw84 final : public PictureEncoder {
 
 const EncoderRegistry::Registration registration({
     .name = "raw84",
-    .help = "the pixels, 84 x 84 x 3: for networks that learn to see for themselves",
+    .help = "the pixels, 84 x 84 x 3: for networks that learn their own features",
     .parameters = {},
-    .create = [](const Parameters&, const EncoderFiles&) -> std::unique_ptr<Encoder> {
-      return std::make_unique<Raw84>();
-    },
+    .create = make_encoder<Raw84>,
 });
 
 }  // namespace

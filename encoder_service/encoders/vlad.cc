@@ -34,7 +34,7 @@ class Vlad final : public PictureEncoder {
 
   Spec spec() const override { return {name_ + " learned=" + learned_, across_ * down_ * words_ * kLocal, 16}; }
 
-  int lessons() const override { return kLessons; }
+  int training_sample_count() const override { return kLessons; }
 
   void learn(std::span<const cv::Mat> pictures) override {
     if (pictures.empty()) throw Error("no pictures to learn from", name_);
@@ -144,7 +144,7 @@ const EncoderRegistry::Registration plain({
 
 const EncoderRegistry::Registration spatial({
     .name = "vlad_spatial",
-    .help = "the same in each of 4 x 2 parts of the picture: between vlad and hog",
+    .help = "vlad in each of 4 x 2 parts of the picture: between vlad and hog",
     .parameters = parameters(16),
     .create = [](const Parameters& values, const EncoderFiles&) -> std::unique_ptr<Encoder> {
       return std::make_unique<Vlad>("vlad_spatial", values, 4, 2);

@@ -13,12 +13,12 @@
 
 namespace citylearn {
 
-/// CRC-32 of bytes.
+/// Returns the CRC-32 of bytes.
 inline std::uint32_t checksum(std::span<const std::byte> bytes) {
   return static_cast<std::uint32_t>(::crc32_z(0, reinterpret_cast<const Bytef*>(bytes.data()), bytes.size()));
 }
 
-/// Numbers in a row, as they lie in memory (little-endian machines alone are supported), with a checksum at the end.
+/// Writes numbers as they lie in memory (only little-endian machines are supported), with a checksum at the end.
 class ByteWriter {
  public:
   template <class T>
@@ -43,7 +43,7 @@ class ByteWriter {
   Bytes bytes_;
 };
 
-/// The same way back. Throws Error ("a broken WHAT") where the bytes do not suffice or their checksum is wrong.
+/// Reads what a ByteWriter wrote. Throws Error ("a broken WHAT") when bytes are missing or the checksum is wrong.
 class ByteReader {
  public:
   ByteReader(std::span<const std::byte> bytes, const std::string& what, const std::string& where)

@@ -44,7 +44,7 @@ LocalDescriptors dense_root_sift(const cv::Mat& grey, const DenseSiftOptions& op
   cv::boxFilter(sums, maps, -1, {bin, bin}, {(bin - 1) / 2, (bin - 1) / 2}, true, cv::BORDER_CONSTANT);
 
   const int across = (grey.cols - patch) / options.step + 1, down = (grey.rows - patch) / options.step + 1;
-  // What the grid leaves over goes to both borders alike.
+  // The rest of the grid is divided between both borders.
   const int left = (grey.cols - patch) % options.step / 2, top = (grey.rows - patch) % options.step / 2;
   LocalDescriptors result;
   result.values.resize(kSize, static_cast<Eigen::Index>(across) * down);

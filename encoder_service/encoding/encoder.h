@@ -2,12 +2,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
-#include "core/util/types.h"
 #include "core/plugin/registry.h"
+#include "core/util/types.h"
 
 namespace cv {
 class Mat;
@@ -15,34 +16,34 @@ class Mat;
 
 namespace citylearn {
 
-/// Turns a picture into one vector that tells places apart. Its numbers depend on the picture and on spec().name alone,
-/// not on what else is encoded with it (up to the rounding of a batched product). Used by one thread at a time.
+/// Turns a picture into one vector that distinguishes places. Its numbers depend on the picture and on spec().name
+/// alone, not on what else is encoded with it (up to the rounding of a batched product). Used by one thread at a time.
 class Encoder {
  public:
   struct Spec {
-    std::string
-        name;  ///< with version and every parameter that changes numbers: "hog-1 bins=12"; at most 200 characters
+    /// With version and every parameter that changes numbers: "hog-1 bins=12"; at most 200 characters.
+    std::string name;
     int dimension = 0;  ///< D
-    int batch = 16;     ///< pictures a call that it handles most quickly
+    int batch = 16;     ///< pictures that one call encodes most quickly
   };
 
   virtual ~Encoder() = default;
-  /// After learn() or restore(), for encoders that learn.
+  /// Encoders that learn have it after learn() or restore().
   virtual Spec spec() const = 0;
-  /// n pictures (8-bit, 3 channels, BGR, any size) to D x n, a column each, finite. Throws Error.
+  /// Encodes n pictures (8-bit, 3 channels, BGR, any size) to D x n finite numbers, a column each. Throws Error.
   virtual Eigen::MatrixXf encode(std::span<const cv::Mat> pictures) = 0;
 
-  /// How many pictures of the reference traversal, evenly spread, it wants to learn() from before anything else; 0: it
-  /// does not learn.
-  virtual int lessons() const { return 0; }
+  /// Returns how many pictures of the reference traversal, evenly spread, it needs for learn() before anything else; 0:
+  /// it does not learn.
+  virtual int training_sample_count() const { return 0; }
   virtual void learn(std::span<const cv::Mat> /*pictures*/) {}
-  /// What learn() found, to be given to restore() of an encoder with the same parameters. restore() throws Error when
-  /// the bytes are not that.
+  /// Returns what learn() found, for restore() of an encoder with the same parameters. restore() throws Error when the
+  /// bytes are something else.
   virtual Bytes state() const { return {}; }
   virtual void restore(std::span<const std::byte> /*state*/) {}
 };
 
-/// What an encoder needs beside numbers.
+/// Files and names that an encoder needs beside its numeric parameters.
 struct EncoderFiles {
   std::string model;   ///< --model: file of the network
   std::string layer;   ///< --layer: output layer by name; empty: the network's last
@@ -53,8 +54,14 @@ struct EncoderFiles {
 /// An encoder is one file of encoders/ that ends in a static Registration.
 using EncoderRegistry = Registry<Encoder, const EncoderFiles&>;
 
-/// The picture in an image file's bytes: 8-bit, 3 channels, BGR. Throws Error naming `where`: broken, unknown, or
-/// larger than kMaxPixels (told from its header, before it is decoded).
+/// Factory of an encoder with a constructor from parameters.
+template <class T>
+std::unique_ptr<Encoder> make_encoder(const Parameters& parameters, const EncoderFiles&) {
+  return std::make_unique<T>(parameters);
+}
+
+/// Decodes an image file: 8-bit, 3 channels, BGR. Throws Error naming `where` when it is broken, of an unknown format,
+/// or larger than kMaxPixels by its header, which is read first.
 cv::Mat decode_picture(std::span<const std::byte> file, const std::string& where);
 
 }  // namespace citylearn

@@ -124,14 +124,15 @@ NetvladHead NetvladHead::learn(const Eigen::Ref<const Eigen::MatrixXf>& features
   if (features.cols() < clusters)
     throw Error(
         "only " + std::to_string(features.cols()) + " local features for " + std::to_string(clusters) + " clusters",
-        kWhere, "give more lessons or fewer clusters");
+        kWhere, "give a larger training sample (--netvlad-lessons) or fewer clusters");
   NetvladHead head;
   head.centroids = find_centres(features, clusters);
   double alpha = 0;  // with a single cluster everything is assigned to it, whatever alpha
   if (clusters > 1) {
     const Nearest nearest = assign(features, head.centroids);
     const double gap = (nearest.second - nearest.distance).cast<double>().mean();
-    if (!(gap > 1e-7)) throw Error("the local features are too much alike to be told apart", kWhere, "fewer clusters");
+    if (!(gap > 1e-7))
+      throw Error("the local features are too similar for this many clusters", kWhere, "fewer clusters");
     alpha = std::log(kSharpness) / gap;
   }
   head.weight = static_cast<float>(2 * alpha) * head.centroids;

@@ -16,7 +16,7 @@ enum class Centring {
   kOwn,        ///< the traversal's own mean: needs all of it
   kRunning,    ///< the mean of its frames so far, with the reference's mean as a prior worth 20 frames: works online
 };
-/// "none", "reference", "own", "running". Throws Error listing them.
+/// Parses "none", "reference", "own" or "running". Throws Error listing them.
 Centring centring_of(const std::string& name);
 std::string name_of(Centring centring);
 
@@ -31,21 +31,21 @@ struct ReductionOptions {
 class Reduction {
  public:
   Reduction() = default;
-  /// `reference`: D x F descriptors of the reference traversal, in the order of its frames. Throws Error when the
+  /// Learns from the D x F descriptors of the reference traversal, in the order of its frames. Throws Error when the
   /// dimension is not 0..min(D, F - 1); logs a warning when it is more than half of F - 1 and the whitening is full
-  /// (0.5), as the last components then are noise.
+  /// (0.5), because the last components are noise then.
   static Reduction learn(const Eigen::Ref<const Eigen::MatrixXf>& reference, const ReductionOptions& options);
 
-  /// D x n descriptors of a whole traversal, or of its first frames, in order, to d x n features of length 1 (a
-  /// descriptor equal to the mean becomes zeros). With kOwn, of the whole traversal.
+  /// Turns D x n descriptors of a traversal's first frames, in order, into d x n features of length 1 (a descriptor
+  /// equal to the mean becomes zeros). With kOwn it needs the whole traversal.
   Eigen::MatrixXf apply(const Eigen::Ref<const Eigen::MatrixXf>& descriptors) const;
 
   int input_dimension() const { return static_cast<int>(mean_.size()); }
   int dimension() const;
   const ReductionOptions& options() const { return options_; }
 
-  /// As bytes, with the name of the encoder whose descriptors it was learned on. load() throws Error when the bytes are
-  /// not that or belong to another encoder.
+  /// Returns its bytes, with the name of the encoder whose descriptors it was learned on. load() throws Error when the
+  /// bytes are something else or belong to another encoder.
   Bytes save(const std::string& encoder) const;
   static Reduction load(std::span<const std::byte> bytes, const std::string& encoder, const std::string& where);
 

@@ -9,10 +9,11 @@
 
 namespace citylearn {
 
-/// First 8 hexadecimal digits of the SHA-256 of `bytes`: tells one model from another in the names of encoders.
+/// Returns the first 8 hexadecimal digits of the SHA-256 of `bytes`, which tell models apart in the names of encoders.
 std::string short_hash(std::span<const std::byte> bytes);
 
-/// The whole file. Throws Error naming `path`: missing, no plain file, larger than `largest` bytes, unreadable.
+/// Reads the whole file. Throws Error naming `path` when it is missing, not a file, larger than `largest` bytes or
+/// cannot be read.
 std::vector<std::byte> read_model_file(const std::string& path, std::uint64_t largest);
 
 /// What is read of an ONNX model before OpenCV sees it.
@@ -26,8 +27,8 @@ struct OnnxFile {
   int nodes = 0;
 };
 
-/// Reads the frame of an ONNX model (onnx.proto3, protobuf wire format). Throws Error naming `where`: something else, a
-/// file cut short or damaged, a graph without nodes, weights kept in other files.
+/// Reads the inputs and the size of an ONNX model. Throws Error naming `where` when it is something else, cut short or
+/// damaged, has a graph without nodes, or keeps weights in other files.
 OnnxFile read_onnx(std::span<const std::byte> bytes, const std::string& where);
 
 }  // namespace citylearn

@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 #include <regex>
 
+#include "core/util/text.h"
 #include "encoder_service/onnx/onnx_file.h"
 
 namespace citylearn {
@@ -122,7 +123,7 @@ std::vector<ParameterSpec> network_parameters() {
       {"width", "pixels of the network's input; 0: the model's or the preset's", 0, 0, kLargestSide, true},
       {"height", "pixels of the network's input; 0: the model's or the preset's", 0, 0, kLargestSide, true},
       {"rgb", "1: channels are red, green, blue; 0: blue, green, red; -1: the preset's", -1, -1, 1, true},
-      {"scale", "what the brightest pixel becomes, mostly 1 or 255; 0: the preset's", 0, 0, 65536},
+      {"scale", "value of the brightest pixel, mostly 1 or 255; 0: the preset's", 0, 0, 65536},
       channel("mean", "red", -1, 65536),
       channel("mean", "green", -1, 65536),
       channel("mean", "blue", -1, 65536),
@@ -132,11 +133,7 @@ std::vector<ParameterSpec> network_parameters() {
   };
 }
 
-std::string list_presets() {
-  std::string names;
-  for (const auto& [name, preset] : presets()) names += (names.empty() ? "" : ", ") + name;
-  return names;
-}
+std::string list_presets() { return joined(presets(), &std::pair<const std::string, Preset>::first); }
 
 std::string fit_name(const std::string& name) {
   constexpr std::size_t kLongest = 200;

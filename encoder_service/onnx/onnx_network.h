@@ -10,9 +10,9 @@
 
 namespace citylearn {
 
-/// Parameters of preprocessing, the same for every encoder that runs a network.
+/// Returns the parameters of preprocessing, the same for every encoder that runs a network.
 std::vector<ParameterSpec> network_parameters();
-/// "imagenet, netvlad, ...", for messages and help.
+/// Returns "imagenet, netvlad, ..." for messages and help.
 std::string list_presets();
 
 /// A convolutional network read from an ONNX file and run by OpenCV's DNN module on the processor, from a picture to
@@ -20,25 +20,25 @@ std::string list_presets();
 /// else is encoded, and nothing is lost (docs/how-to/use-an-onnx-encoder.md). Used by one thread at a time.
 class OnnxNetwork {
  public:
-  /// Throws Error: no such file, no ONNX model, an operator that OpenCV cannot import (named), no such layer (names
-  /// some), an unknown preset, parameters that contradict the model's input shape, a network that fails on a picture.
+  /// Throws Error when the file is missing or not an ONNX model, OpenCV cannot import an operator (named), the layer or
+  /// preset is unknown, parameters contradict the model's input shape, or the network fails on a picture.
   OnnxNetwork(const Parameters& parameters, const EncoderFiles& files);
   ~OnnxNetwork();
 
-  /// Layer's output for an 8-bit BGR picture of any size: 32-bit floats of shape(), whose first side is 1. Valid until
-  /// the next call. Throws Error when a number is not finite.
+  /// Returns the layer's output for an 8-bit BGR picture of any size: 32-bit floats of shape(), whose first side is 1.
+  /// Valid until the next call. Throws Error when a number is not finite.
   cv::Mat forward(const cv::Mat& picture);
-  /// The input alone (1 x 3 x height x width) and the network alone; forward() is one after the other.
+  /// Prepares the input (1 x 3 x height x width), and runs the network on it; forward() does both.
   const cv::Mat& prepare(const cv::Mat& picture);
   cv::Mat run(const cv::Mat& input);
 
   const std::vector<int>& shape() const { return shape_; }
   int width() const { return width_; }
   int height() const { return height_; }
-  /// For Encoder::Spec::name: hash of the model, layer, and everything that is done to a picture before.
+  /// Returns, for Encoder::Spec::name, the hash of the model, the layer, and all preprocessing.
   std::string description() const;
   const std::string& model() const { return path_; }
-  /// As OpenCV calls it.
+  /// Returns OpenCV's name of the layer.
   const std::string& layer() const { return layer_; }
 
  private:
@@ -56,7 +56,7 @@ class OnnxNetwork {
   std::vector<int> shape_;
 };
 
-/// `name`, or its beginning and a hash when it has more than the 200 characters of Encoder::Spec::name.
+/// Returns `name`, or its beginning and a hash when it is longer than the 200 characters of Encoder::Spec::name.
 std::string fit_name(const std::string& name);
 
 }  // namespace citylearn

@@ -18,8 +18,8 @@ struct FrameClassifierOptions {
 };
 
 /// The paper's classifier of single frames (Chancan & Milford, ICRA 2020, section IV): one multi-layer perceptron with
-/// one hidden layer, trained on one traversal to tell its frames apart. Which frame a feature of another traversal is
-/// taken for, and with which probability, is its answer. The same features, options and machine give the same numbers.
+/// one hidden layer, trained on one traversal to classify its frames. It answers which frame a feature of another
+/// traversal is, and with which probability. The same features, options and machine give the same numbers.
 class FrameClassifier {
  public:
   /// D x R features, a class each. Throws Error: no frames, or options out of range.

@@ -6,13 +6,13 @@
 
 namespace citylearn {
 
-/// How alike two features are. Larger is nearer, always.
+/// How similar two features are. Larger is always nearer.
 enum class Measure {
   kCosine,  ///< of the angle between them, -1..1; a feature of zeros is 0 from everything
   kL2,      ///< minus their Euclidean distance
   kL1,      ///< minus the sum of their absolute differences: what SeqSLAM compares images by
 };
-/// "cosine", "l2", "l1". Throws Error listing them.
+/// Parses "cosine", "l2" or "l1". Throws Error listing them.
 Measure measure_of(const std::string& name);
 
 /// R x Q similarities of D x R reference features and D x Q query features. Throws Error when the dimensions differ.

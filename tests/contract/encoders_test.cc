@@ -28,14 +28,14 @@ class EncoderContract : public ::testing::TestWithParam<std::string> {
     const auto& entry = EncoderRegistry::instance().find("encoder", GetParam());
     return entry.create(Parameters(entry.name, entry.parameters, values), {});
   }
-  static std::vector<cv::Mat> lessons() {
+  static std::vector<cv::Mat> training_sample() {
     std::vector<cv::Mat> pictures;
     for (std::uint64_t i = 0; i < 12; ++i) pictures.push_back(drawn_picture(64, 32, i));
     return pictures;
   }
   static std::unique_ptr<Encoder> learned() {
     auto encoder = make();
-    if (encoder->lessons() > 0) encoder->learn(lessons());
+    if (encoder->training_sample_count() > 0) encoder->learn(training_sample());
     return encoder;
   }
 };
@@ -97,7 +97,7 @@ TEST_P(EncoderContract, OtherKindsOfPicturesAreRefused) {
 
 TEST_P(EncoderContract, LearnedStateComesBack) {
   const auto encoder = learned();
-  if (encoder->lessons() == 0) {
+  if (encoder->training_sample_count() == 0) {
     EXPECT_TRUE(encoder->state().empty());
     return;
   }

@@ -46,7 +46,7 @@ TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
   EXPECT_GT(summary["evaluate"]["summer"]["spl"], 0.9);
   EXPECT_EQ(summary["controls"]["shortest_path"]["fall"]["spl"], 1.0);
   EXPECT_GT(summary["controls"]["sequence_filter"]["fall"]["spl"], 0.9) << "fall is recognised";
-  EXPECT_TRUE(summer->says("has the 64 features of each picture now", seconds(1))) << "observations go straight then";
+  EXPECT_TRUE(summer->says("received 64 features of each image", seconds(1))) << "observations go straight then";
   // What was encoded is kept: the next encoder_service needs no picture.
   encoder->send(SIGTERM);
   EXPECT_EQ(encoder->wait(seconds(5)), 0) << encoder->output();

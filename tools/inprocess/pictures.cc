@@ -39,8 +39,8 @@ Pictures::Pictures(const std::string& encoder, const Traversal& reference, int f
   parts_->encoder = entry.create(Parameters("encoder " + encoder, entry.parameters, {}), {});
   parts_->first = first;
   parts_->frames = frames;
-  const int lessons = std::min(parts_->encoder->lessons(), frames);
-  if (lessons > 0) parts_->encoder->learn(parts_->read(reference, 0, frames / lessons, lessons));
+  const int sample = std::min(parts_->encoder->training_sample_count(), frames);
+  if (sample > 0) parts_->encoder->learn(parts_->read(reference, 0, frames / sample, sample));
 }
 
 Pictures::~Pictures() = default;

@@ -9,15 +9,15 @@
 
 namespace citylearn {
 
-/// Turns the pictures of routes into features, as an encoder_service would.
+/// Encodes the pictures of routes as features, as an encoder_service would.
 class Pictures {
  public:
-  /// Frames `first` .. `first` + `frames` - 1 are the route. The encoder learns from those of `reference`, if it is one
-  /// that learns. Throws Error: unknown encoder, pictures that are missing or too few.
+  /// Frames `first` .. `first` + `frames` - 1 are the route. An encoder that learns does so from those of `reference`.
+  /// Throws Error when the encoder is unknown, or pictures are missing or too few.
   Pictures(const std::string& encoder, const Traversal& reference, int first, int frames);
   ~Pictures();
-  /// The traversal with features in the place of its pictures; it ends with the route, and before the route they are
-  /// zeros.
+  /// Returns the traversal with features in place of its pictures; it ends with the route, and features before the
+  /// route are zeros.
   Traversal encode(const Traversal& traversal);
 
  private:

@@ -22,13 +22,13 @@ cv::Mat picture(const Traversal& traversal, int frame, Bytes& bytes) {
 }  // namespace
 
 void fit_encoder(Encoder& encoder, const Traversal& reference) {
-  const int lessons = std::min(encoder.lessons(), reference.frames);
-  if (lessons <= 0) return;
-  Progress progress("learning from " + reference.name, lessons);
+  const int count = std::min(encoder.training_sample_count(), reference.frames);
+  if (count <= 0) return;
+  Progress progress("learning from " + reference.name, count);
   std::vector<cv::Mat> pictures;
   Bytes bytes;
-  for (int i = 0; i < lessons; ++i) {
-    const auto frame = static_cast<int>(static_cast<long>(i) * reference.frames / lessons);
+  for (int i = 0; i < count; ++i) {
+    const auto frame = static_cast<int>(static_cast<long>(i) * reference.frames / count);
     pictures.push_back(picture(reference, frame, bytes));
     progress.done(1);
   }

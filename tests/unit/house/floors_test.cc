@@ -36,9 +36,6 @@ const std::map<std::string, int> kTooLong = {
     {"dashboard/http/request_handler.cc", 549},
     {"dashboard/store/store.cc", 621},
     {"dashboard/store/store_reader.h", 136},
-    {"encoder_service/encoder_service.cc", 730},
-    {"env_service/drawn_city/parts.h", 189},
-    {"env_service/env_service.cc", 570},
 };
 
 struct Include {
@@ -142,11 +139,13 @@ TEST(Floors, SqliteStaysInItsOneFile) {
       }
 }
 
-TEST(Floors, ProtobufStaysInTheWriterOfModels) {
+TEST(Floors, ProtobufStaysInTheReaderAndTheWriterOfModels) {
   for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder))
       if (begins(include.target, "google/") || begins(include.target, "onnx/")) {
-        EXPECT_EQ(include.file, "policy_service/interchange/onnx_graph.cc") << include.line;
+        EXPECT_TRUE(include.file == "policy_service/interchange/onnx_graph.cc" ||
+                    include.file == "encoder_service/onnx/onnx_file.cc")
+            << include.file << ": " << include.line;
       }
 }
 

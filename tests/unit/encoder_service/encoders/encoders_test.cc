@@ -180,7 +180,7 @@ TEST(Nordland, VladWithstandsAShiftBetterThanHog) {
   }
   const auto found = [&](const std::string& name) {
     const auto encoder = make(name);
-    if (encoder->lessons() > 0) encoder->learn(left);
+    if (encoder->training_sample_count() > 0) encoder->learn(left);
     const MatrixXf reference = encoder->encode(left), query = encoder->encode(right);
     const Reduction reduction = Reduction::learn(reference, {.centring = Centring::kOwn, .dimension = 0});
     return recall(reduction.apply(reference), reduction.apply(query), 0);

@@ -129,7 +129,7 @@ TEST(NetvladHead, LearnsCentresAndSharpness) {
   EXPECT_NEAR(ratios, std::log(100.0), 0.05);
   EXPECT_EQ(NetvladHead::learn(features, 4).save(), head.save());
   EXPECT_TRUE(has(error_of([&] { NetvladHead::learn(features.leftCols(3), 4); }), "only 3 local features"));
-  EXPECT_TRUE(has(error_of([&] { NetvladHead::learn(Eigen::MatrixXf::Ones(8, 9), 4); }), "too much alike"));
+  EXPECT_TRUE(has(error_of([&] { NetvladHead::learn(Eigen::MatrixXf::Ones(8, 9), 4); }), "too similar"));
   EXPECT_NO_THROW(NetvladHead::learn(features, 1));
 }
 
@@ -192,30 +192,30 @@ TEST(NetvladFile, BadFilesGetOneLine) {
   };
   EXPECT_TRUE(has(without("centroids"), "no tensor 'conv.weight'"));
   EXPECT_TRUE(has(without("conv.weight"), "no tensor 'centroids'"));
-  EXPECT_TRUE(has(with("conv.biass", tensor({2}, 48, 56), 14), "unknown tensor \"conv.biass\" (known: centroids"));
-  EXPECT_TRUE(has(with("line\nbreak", tensor({2}, 48, 56), 14), "unknown tensor \"line\\nbreak\""));
+  EXPECT_TRUE(has(with("conv.biass", tensor({2}, 48, 56), 14), "unknown tensor 'conv.biass' (known: centroids"));
+  EXPECT_TRUE(has(with("line\nbreak", tensor({2}, 48, 56), 14), "unknown tensor 'line break'"));
   EXPECT_TRUE(has(with("conv.bias", tensor({3}, 48, 60), 15), "'conv.bias' is 3 x 1, it has to be 2 x 1"));
   EXPECT_TRUE(has(with("wpca.weight", tensor({4, 5}, 48, 128), 32), "it has to be any x 6"));
   EXPECT_TRUE(has(with("wpca.bias", tensor({4}, 48, 64), 16), "without 'wpca.weight'"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 52, "F16"), 13), "\"F16\", not F32"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 60), 15), "does not fit its bytes"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 56), 13), "outside the file"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 56, 64), 16), "holes"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 24, 32), 12), "lies on another"));
+  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 52, "F16"), 13), "dtype \"F16\", must be \"F32\""));
+  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 60), 15), "does not fit its 12 bytes"));
+  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 56), 13), "cut short?"));
+  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 56, 64), 16), "a hole of 8 bytes before tensor 'conv.bias'"));
+  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 24, 32), 12), "tensors 'conv.weight' and 'conv.bias' overlap"));
   EXPECT_TRUE(has(with("conv.bias", tensor({2}, 40, 48), 12), "overlap"));
   EXPECT_TRUE(has(with("conv.bias", tensor({0}, 48, 48), 12), "side of 0"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({std::int64_t{1} << 62}, 48, 56), 14), "has a side of"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({1 << 20, 1 << 20}, 48, 56), 14), "does not fit its bytes"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, -8, 56), 14), "broken description"));
-  EXPECT_TRUE(has(with("conv.bias", 5, 14), "broken description"));
+  EXPECT_TRUE(has(with("conv.bias", tensor({std::int64_t{1} << 62}, 48, 56), 14), "does not fit its 8 bytes"));
+  EXPECT_TRUE(has(with("conv.bias", tensor({1 << 20, 1 << 20}, 48, 56), 14), "does not fit its 8 bytes"));
+  EXPECT_TRUE(has(with("conv.bias", tensor({2}, -8, 56), 14), "data_offsets must be whole numbers"));
+  EXPECT_TRUE(has(with("conv.bias", 5, 14), "'conv.bias' is not a JSON object"));
   EXPECT_TRUE(has(with("conv.bias", tensor({2, 3, 4}, 48, 144), 36), "neither a vector nor a matrix"));
   EXPECT_TRUE(has(parse_error(file_of(good.dump(), 13)), "belong to no tensor"));
   EXPECT_TRUE(has(parse_error(file_of(good.dump(), 12, NAN)), "not finite"));
-  EXPECT_TRUE(has(parse_error(file_of("[1,2]", 0)), "no JSON object"));
+  EXPECT_TRUE(has(parse_error(file_of("[1,2]", 0)), "not a JSON object"));
   EXPECT_TRUE(has(parse_error(file_of(std::string(100000, '['), 0)), "nested too deeply"));
   Bytes hostile = file_of(good.dump(), 12);
   std::fill_n(hostile.begin(), 8, std::byte{0xFF});
-  EXPECT_TRUE(has(parse_error(hostile), "a header of 18446744073709551615 bytes"));
+  EXPECT_TRUE(has(parse_error(hostile), "its header would have 18446744073709551615 bytes"));
   const Bytes whole = file_of(good.dump(), 12);
   for (std::size_t size = 0; size < whole.size(); ++size)
     EXPECT_TRUE(has(parse_error(Bytes(whole.begin(), whole.begin() + size)), "head.safetensors: ")) << size;
@@ -241,7 +241,7 @@ TEST(Netvlad, LearnsRestoresAndNamesItsHead) {
   const EncoderFiles files = network(tiny_convolution({-1, 3, 12, 16}, 6).save(folder / "a.onnx"), "conv");
   const std::vector<cv::Mat> pictures = noises(6);
   const auto first = make(files, {{"clusters", 4}});
-  EXPECT_EQ(first->lessons(), 100);
+  EXPECT_EQ(first->training_sample_count(), 100);
   EXPECT_TRUE(first->state().empty());
   EXPECT_TRUE(has(error_of([&] { first->encode(pictures); }), "no centres yet"));
   EXPECT_TRUE(has(error_of([&] { first->spec(); }), "no centres yet"));
@@ -269,7 +269,7 @@ TEST(Netvlad, LearnsRestoresAndNamesItsHead) {
   EncoderFiles with_head = files;
   with_head.head = path;
   const auto filed = make(with_head);
-  EXPECT_EQ(filed->lessons(), 0);
+  EXPECT_EQ(filed->training_sample_count(), 0);
   EXPECT_EQ(filed->spec().name, first->spec().name);
   EXPECT_EQ(filed->encode(pictures), descriptors);
   EXPECT_TRUE(filed->state().empty());

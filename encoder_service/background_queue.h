@@ -11,13 +11,13 @@
 
 namespace citylearn {
 
-/// One thread that does tasks in the order they were given, so that a service goes on answering meanwhile. What a task
-/// leaves behind is seen by finished(), on the thread that asks. Used by one thread.
-class Background {
+/// One thread that runs tasks in the order they were posted, so that a service goes on answering meanwhile. Used by one
+/// thread.
+class BackgroundQueue {
  public:
-  Background() : thread_([this] { work(); }) {}
-  /// Finishes the task at hand; those not begun are dropped.
-  ~Background() {
+  BackgroundQueue() : thread_([this] { work(); }) {}
+  /// Finishes the task that runs; those not begun are dropped.
+  ~BackgroundQueue() {
     {
       const std::lock_guard lock(mutex_);
       stopping_ = true;
@@ -25,20 +25,20 @@ class Background {
     condition_.notify_one();
     thread_.join();
   }
-  Background(const Background&) = delete;
-  Background& operator=(const Background&) = delete;
+  BackgroundQueue(const BackgroundQueue&) = delete;
+  BackgroundQueue& operator=(const BackgroundQueue&) = delete;
 
-  /// `task` runs behind; then `finish` is called by finished().
-  void post(std::function<void()> task, std::function<void()> finish) {
+  /// Runs `task` on the thread; run_completions() then calls `completion` on the caller's.
+  void post(std::function<void()> task, std::function<void()> completion) {
     {
       const std::lock_guard lock(mutex_);
-      todo_.push_back({std::move(task), std::move(finish)});
+      queued_.push_back({std::move(task), std::move(completion)});
     }
     condition_.notify_one();
   }
 
-  /// Calls what follows each task done since the last call; true when there was one. Throws what a task threw.
-  bool finished() {
+  /// Calls the completion of each task done since the last call. Throws what a task threw.
+  void run_completions() {
     std::deque<Task> done;
     std::exception_ptr failure;
     {
@@ -46,23 +46,22 @@ class Background {
       done.swap(done_);
       failure = std::exchange(failure_, nullptr);
     }
-    for (Task& task : done) task.finish();
+    for (Task& task : done) task.completion();
     if (failure) std::rethrow_exception(failure);
-    return !done.empty();
   }
 
  private:
   struct Task {
-    std::function<void()> run, finish;
+    std::function<void()> run, completion;
   };
 
   void work() {
     std::unique_lock lock(mutex_);
     while (true) {
-      condition_.wait(lock, [this] { return stopping_ || !todo_.empty(); });
+      condition_.wait(lock, [this] { return stopping_ || !queued_.empty(); });
       if (stopping_) return;
-      Task task = std::move(todo_.front());
-      todo_.pop_front();
+      Task task = std::move(queued_.front());
+      queued_.pop_front();
       lock.unlock();
       std::exception_ptr failure;
       try {
@@ -80,7 +79,7 @@ class Background {
 
   std::mutex mutex_;
   std::condition_variable condition_;
-  std::deque<Task> todo_, done_;
+  std::deque<Task> queued_, done_;
   std::exception_ptr failure_;
   bool stopping_ = false;
   std::thread thread_;

@@ -1,0 +1,372 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "encoder_service/encoding_pipeline.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <opencv2/core.hpp>
+
+#include "core/util/files.h"
+#include "core/util/random.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::seconds kProgressInterval{2};
+constexpr std::size_t kLargestBacklog = std::size_t{64} << 20;  // bytes of a traversal's images that wait for encoding
+
+std::string_view as_text(const Bytes& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
+
+std::string duration(double seconds) {
+  if (seconds < 90) return fmt::format("{:.0f} s", seconds);
+  return seconds < 5400 ? fmt::format("{:.0f} min", seconds / 60) : fmt::format("{:.1f} h", seconds / 3600);
+}
+
+}  // namespace
+
+std::uint64_t mix_text(const std::string& text) {
+  std::uint64_t hash = 0;
+  for (const char c : text) hash = mix_seeds({hash, static_cast<unsigned char>(c)});
+  return hash;
+}
+
+std::string EncodedTraversal::time_left(Clock::time_point now) const {
+  const int left = frames - work->done();
+  if (work->made() == 0 || left == 0) return "";
+  return duration(std::chrono::duration<double>(now - since).count() / work->made() * left);
+}
+
+/// Images that came over the wire, for the encoding thread.
+struct EncodingPipeline::Batch {
+  std::vector<FetchedImage> images;
+  std::vector<int> frames;  // of those encoded: a column each of
+  Eigen::MatrixXf descriptors;
+  std::vector<std::pair<int, std::string>> faults;  // frame, reason
+};
+
+EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& options, FindHost find_host)
+    : node_(node), options_(options), find_host_(std::move(find_host)) {
+  const auto& entry = EncoderRegistry::instance().find("encoder", options_.encoder);
+  const Parameters parameters("encoder " + entry.name, entry.parameters, options_.parameters);
+  encoder_ = entry.create(parameters, options_.files);
+  encoder_recipe_ = entry.name;
+  for (const auto& [name, value] : parameters.values()) encoder_recipe_ += fmt::format(" {}={:g}", name, value);
+  const EncoderFiles& files = options_.files;
+  for (const std::string& file : {files.model, files.layer, files.preset, files.head}) encoder_recipe_ += " " + file;
+  if (encoder_->training_sample_count() == 0) {
+    encoder_ready_ = true;
+    spec_ = encoder_->spec();
+    spdlog::info("encoder {}: {} numbers a picture", spec_.name, spec_.dimension);
+  }
+  if (options_.store.empty()) return;
+  std::error_code error;
+  std::filesystem::create_directories(options_.store, error);
+  if (error) throw Error(error.message(), options_.store, "choose another --store");
+}
+
+void EncodingPipeline::add(const msg::TraversalInfo& info) {
+  if (traversals_.contains(info.hash())) return;
+  spdlog::info("traversal {} of {}: {} frames, from '{}'", info.traversal().c_str(), info.dataset().c_str(),
+               info.frames(), info.header().sender().c_str());
+  traversals_[info.hash()] = std::make_unique<EncodedTraversal>(node_, info);
+}
+
+const EncodedTraversal* EncodingPipeline::find(std::uint64_t hash) const {
+  const auto found = traversals_.find(hash);
+  return found == traversals_.end() ? nullptr : found->second.get();
+}
+
+void EncodingPipeline::on_positions(const msg::TraversalChunk& chunk) {
+  const auto found = traversals_.find(chunk.hash());
+  if (found == traversals_.end() || chunk.feature_dimension() != 0) return;
+  if (found->second->positions.take(chunk) == Transfer::Taken::kDamaged) ++node_.traffic.rejected;
+}
+
+void EncodingPipeline::on_image(const msg::ImageChunk& chunk) {
+  const auto found = traversals_.find(chunk.hash());
+  if (found == traversals_.end()) return;
+  EncodedTraversal& traversal = *found->second;
+  std::vector<FetchedImage> images;
+  traversal.images.on_chunk(chunk, images);
+  for (const FetchedImage& image : images) traversal.bytes += image.file.size();
+  std::move(images.begin(), images.end(), std::back_inserter(encoder_ready_ ? traversal.waiting : training_sample_));
+}
+
+void EncodingPipeline::advance(Clock::time_point now, bool shared) {
+  now_ = now;
+  encoding_.run_completions();
+  reducing_.run_completions();
+  if (!encoder_ready_) {
+    learn_encoder();
+    finish_training_sample();
+  }
+  if (encoder_ready_) {
+    if (!reduction_ && !options_.reduction_file.empty()) {
+      const std::string bytes = read_file(options_.reduction_file);
+      reduction_ = std::make_shared<Reduction>(
+          Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, options_.reduction_file));
+    }
+    encode_traversals(shared);
+    reduce_traversals();
+  }
+  send_requests();
+}
+
+EncodedTraversal* EncodingPipeline::reference() const {
+  for (const auto& [hash, traversal] : traversals_)
+    if (traversal->name == options_.reference && (has_host(*traversal) || traversal->ready)) return traversal.get();
+  return nullptr;
+}
+
+std::string EncodingPipeline::learned_path(const std::string& recipe, const std::string& suffix) const {
+  return fmt::format("{}/{:016x}.{}", options_.store, mix_text(recipe), suffix);
+}
+
+std::string EncodingPipeline::feature_recipe() const {
+  const std::string reduction = options_.reduction_file.empty()
+                                    ? fmt::format("{} {} {:g}", options_.reduction.dimension,
+                                                  name_of(options_.reduction.centring), options_.reduction.whitening)
+                                    : std::filesystem::path(options_.reduction_file).filename().string();
+  return (spec_.name + " | " + reduction).substr(0, 256);
+}
+
+// ---------------------------------------------------------------- The encoder learns from the reference traversal.
+
+void EncodingPipeline::learn_encoder() {
+  EncodedTraversal* traversal = reference();
+  if (sampling_ || !traversal) return;
+  const int wanted = std::min(encoder_->training_sample_count(), traversal->frames);
+  if (restore_encoder(learned_path(fmt::format("{} {:016x}", encoder_recipe_, traversal->hash), "encoder"))) return;
+  sampling_ = true;
+  std::vector<int> frames;
+  for (int i = 0; i < wanted; ++i)
+    frames.push_back(static_cast<int>((2 * std::int64_t{i} + 1) * traversal->frames / (2 * std::int64_t{wanted})));
+  spdlog::info("encoder {} learns from {} of {} frames of {}", options_.encoder, wanted, traversal->frames,
+               traversal->name);
+  traversal->images.want(frames);
+}
+
+/// Restores what the encoder learned before. Returns false when that is not there or damaged.
+bool EncodingPipeline::restore_encoder(const std::string& path) {
+  if (options_.store.empty() || !std::filesystem::exists(path)) return false;
+  const std::string state = read_file(path);
+  try {
+    encoder_->restore(std::as_bytes(std::span(state)));
+  } catch (const Error& error) {
+    spdlog::warn("{}: {}; learning anew", path, error.what());
+    return false;
+  }
+  encoder_ready_ = true;
+  spec_ = encoder_->spec();
+  spdlog::info("encoder {}: {} numbers a picture, learned before ({})", spec_.name, spec_.dimension, path);
+  return true;
+}
+
+void EncodingPipeline::finish_training_sample() {
+  EncodedTraversal* traversal = reference();
+  if (!sampling_ || encoder_ready_ || !traversal || traversal->images.missing() > 0 || training_sample_.empty()) return;
+  auto images = std::make_shared<std::vector<FetchedImage>>(std::move(training_sample_));
+  training_sample_.clear();
+  traversal->bytes = 0;
+  const std::uint64_t hash = traversal->hash;
+  encoding_.post(
+      [this, images] {
+        std::vector<cv::Mat> pictures;
+        for (const FetchedImage& image : *images) {
+          try {
+            if (!image.file.empty()) pictures.push_back(decode_picture(image.file, image.name));
+          } catch (const Error& error) {
+            spdlog::warn("{}", error.what());
+          }
+        }
+        if (pictures.empty()) throw Error("no picture can be read", "reference '" + options_.reference + "'");
+        encoder_->learn(pictures);
+      },
+      [this, hash] {
+        encoder_ready_ = true;
+        spec_ = encoder_->spec();
+        spdlog::info("encoder {}: {} numbers a picture", spec_.name, spec_.dimension);
+        if (options_.store.empty()) return;
+        write_file(learned_path(fmt::format("{} {:016x}", encoder_recipe_, hash), "encoder"),
+                   as_text(encoder_->state()));
+      });
+}
+
+// ---------------------------------------------------------------- Images are fetched and encoded.
+
+void EncodingPipeline::encode_traversals(bool shared) {
+  std::vector<EncodedTraversal*> order;
+  for (const auto& [hash, traversal] : traversals_)
+    if (!traversal->ready && !traversal->reducing && traversal->fault.empty() && has_host(*traversal))
+      order.push_back(traversal.get());
+  // The others wait for the reference.
+  std::stable_partition(order.begin(), order.end(),
+                        [this](EncodedTraversal* traversal) { return traversal->name == options_.reference; });
+  int ahead = 0;
+  for (EncodedTraversal* traversal : order)
+    ahead += traversal->images.missing() + traversal->in_background + static_cast<int>(traversal->waiting.size());
+  for (EncodedTraversal* traversal : order) {
+    if (!traversal->work) {
+      FeatureStore::Key key{spec_.name, spec_.dimension, traversal->hash, traversal->frames};
+      traversal->work = std::make_unique<TraversalWork>(options_.store, key);
+      traversal->since = now_;
+      traversal->next_progress = now_ + kProgressInterval;
+      if (traversal->work->done() > 0)
+        spdlog::info("{}: {} of {} frames were encoded before", traversal->name, traversal->work->done(),
+                     traversal->frames);
+    }
+    // Enough images are on their way that neither the wire nor the processor waits for the other.
+    while (!traversal->work->complete() && ahead < TraversalWork::kBlock + 2 * spec_.batch) {
+      // Several services begin at different places.
+      const auto begin =
+          static_cast<int>(mix_seeds({node_.incarnation()}) % static_cast<std::uint64_t>(traversal->frames));
+      const auto frames = traversal->work->reserve(shared ? begin : 0);
+      if (!frames) break;
+      traversal->images.want(*frames);
+      ahead += static_cast<int>(frames->size());
+    }
+    encode(*traversal, traversal->images.missing() == 0);
+    if (now_ < traversal->next_progress || traversal->work->complete()) continue;
+    traversal->next_progress = now_ + kProgressInterval;
+    if (traversal->work->made() > 0)
+      spdlog::info("{}: {} of {} frames encoded, {} left", traversal->name, traversal->work->done(), traversal->frames,
+                   traversal->time_left(now_));
+  }
+}
+
+void EncodingPipeline::encode(EncodedTraversal& traversal, bool incomplete_batches) {
+  std::vector<FetchedImage>& waiting = traversal.waiting;
+  while (!waiting.empty() && (incomplete_batches || static_cast<int>(waiting.size()) >= spec_.batch)) {
+    auto batch = std::make_shared<Batch>();
+    const auto count = std::min<std::ptrdiff_t>(spec_.batch, static_cast<std::ptrdiff_t>(waiting.size()));
+    std::move(waiting.begin(), waiting.begin() + count, std::back_inserter(batch->images));
+    waiting.erase(waiting.begin(), waiting.begin() + count);
+    traversal.in_background += static_cast<int>(count);
+    encoding_.post(
+        [this, batch] {
+          std::vector<cv::Mat> pictures;
+          for (const FetchedImage& image : batch->images) {
+            try {
+              if (image.file.empty()) throw Error(image.name);
+              pictures.push_back(decode_picture(image.file, image.name));
+              batch->frames.push_back(image.frame);
+            } catch (const Error& error) {
+              batch->faults.emplace_back(image.frame, error.what());
+            }
+          }
+          if (!pictures.empty()) batch->descriptors = encoder_->encode(pictures);
+        },
+        [this, batch, &traversal] { store_batch(*batch, traversal); });
+  }
+}
+
+void EncodingPipeline::store_batch(const Batch& batch, EncodedTraversal& traversal) {
+  traversal.in_background -= static_cast<int>(batch.images.size());
+  for (const FetchedImage& image : batch.images) traversal.bytes -= image.file.size();
+  for (std::size_t i = 0; i < batch.frames.size(); ++i)
+    traversal.work->put(batch.frames[i], batch.descriptors.col(static_cast<Eigen::Index>(i)));
+  encoded_ += batch.frames.size();
+  for (const auto& [frame, reason] : batch.faults) {
+    spdlog::error("{}, frame {}: {}", traversal.name, frame, reason);
+    traversal.work->put_bad(frame);
+    if (!options_.skip_bad_frames && traversal.fault.empty())
+      traversal.fault = fmt::format("{} is refused: frame {}: {} (--on-bad-frame skip puts its neighbour in its place)",
+                                    traversal.name, frame, reason);
+  }
+  if (!traversal.fault.empty()) spdlog::error("{}", traversal.fault);
+}
+
+// ---------------------------------------------------------------- Descriptors are reduced to features.
+
+void EncodingPipeline::reduce_traversals() {
+  for (const auto& [hash, traversal] : traversals_)
+    if (traversal->work && !traversal->reducing && !traversal->ready && traversal->fault.empty() &&
+        traversal->work->complete())
+      reduce(*traversal);
+}
+
+void EncodingPipeline::reduce(EncodedTraversal& traversal) {
+  if (needs_reference() && !reduction_ && traversal.name != options_.reference) return;  // the reference goes first
+  if (!traversal.positions.complete()) return;
+  traversal.reducing = true;
+  spdlog::info("{}: all {} frames encoded ({} of them now, in {:.1f} s)", traversal.name, traversal.frames,
+               traversal.work->made(), std::chrono::duration<double>(now_ - traversal.since).count());
+  auto features = std::make_shared<Eigen::MatrixXf>();
+  auto learned = std::make_shared<std::shared_ptr<const Reduction>>(reduction_);
+  const ReductionOptions& reduction = options_.reduction;
+  const std::string path =
+      options_.store.empty() || !needs_reference()
+          ? ""
+          : learned_path(fmt::format("{} {:016x} {} {} {:g}", spec_.name, traversal.hash, reduction.dimension,
+                                     static_cast<int>(reduction.centring), reduction.whitening),
+                         "reduction");
+  TraversalWork* work = traversal.work.get();
+  reducing_.post(
+      [this, work, features, learned, path] {
+        const Eigen::MatrixXf descriptors = work->take_descriptors();
+        if (!*learned && !path.empty() && std::filesystem::exists(path)) {
+          const std::string bytes = read_file(path);
+          try {
+            *learned = std::make_shared<Reduction>(Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, path));
+          } catch (const Error& error) {
+            spdlog::warn("{}; learning it anew", error.what());
+          }
+        }
+        if (!*learned) {
+          *learned = std::make_shared<Reduction>(Reduction::learn(descriptors, options_.reduction));
+          if (!path.empty()) {
+            write_file(path, as_text((*learned)->save(spec_.name)));
+            spdlog::info("stored the reduction in {}", path);
+          }
+        }
+        *features = (*learned)->apply(descriptors);
+      },
+      [this, &traversal, features, learned] {
+        if (needs_reference()) reduction_ = *learned;
+        traversal.features = std::move(*features);
+        traversal.work.reset();
+        traversal.reducing = false;
+        traversal.ready = true;
+        spdlog::info("{}: ready, {} features a frame", traversal.name, traversal.features.rows());
+      });
+}
+
+void EncodingPipeline::send_requests() {
+  for (const auto& [hash, traversal] : traversals_) {
+    const std::string host = find_host_(hash);
+    if (host.empty() || traversal->ready) continue;
+    if (!encoder_ready_ || traversal->bytes < kLargestBacklog) traversal->images.ask(host);
+    if (!traversal->positions.ask(now_, request_)) continue;
+    request_.environment() = host.c_str();
+    node_.publish(request_);
+  }
+}
+
+bool EncodingPipeline::busy() const {
+  return std::any_of(traversals_.begin(), traversals_.end(),
+                     [](const auto& entry) { return !entry.second->ready && entry.second->fault.empty(); });
+}
+
+std::optional<std::pair<msg::State, std::string>> EncodingPipeline::status(Clock::time_point now) const {
+  std::optional<std::pair<msg::State, std::string>> first;
+  for (const auto& [hash, traversal] : traversals_) {
+    if (!traversal->fault.empty()) return std::pair{msg::FAILED, traversal->fault};
+    if (first || traversal->ready || !has_host(*traversal)) continue;
+    const bool encoded = traversal->work && traversal->work->complete();
+    if (traversal->work && !(encoded && needs_reference() && !reduction_ && !reference())) {
+      const std::string left = traversal->time_left(now);
+      first.emplace(msg::RUNNING, fmt::format("{}: {} of {} frames encoded{}", traversal->name, traversal->work->done(),
+                                              traversal->frames, left.empty() ? "" : ", " + left + " left"));
+    } else if (!traversal->work && sampling_) {
+      first.emplace(msg::RUNNING, "learning from " + options_.reference);
+    } else {
+      first.emplace(msg::WAITING, fmt::format("{} waits for an env_service on the reference '{}'", traversal->name,
+                                              options_.reference));
+    }
+  }
+  return first;
+}
+
+}  // namespace citylearn
