@@ -182,8 +182,8 @@ TEST_P(Vendor, TheDoctorTellsAMissingHostASilentOneAndOneWithoutServices) {
   EXPECT_NE(diagnosis(hosts, folder_, GetParam(), "10.77.0.99").find("no host answers at 10.77.0.99"),
             std::string::npos);
   const std::string empty = diagnosis(hosts, folder_, GetParam(), there);
-  EXPECT_NE(empty.find("nobody listens on its UDP port 7910"), std::string::npos) << empty;
-  EXPECT_NE(empty.find("nobody was heard in domain 2"), std::string::npos) << empty;
+  EXPECT_NE(empty.find("nothing listens on its UDP port 7910"), std::string::npos) << empty;
+  EXPECT_NE(empty.find("no participant was heard in domain 2"), std::string::npos) << empty;
   const auto service = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
   hosts.wall_off(1);
   const std::string walled = diagnosis(hosts, folder_, GetParam(), there);

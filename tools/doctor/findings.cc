@@ -10,13 +10,14 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "core/util/text.h"
 #include "core/wire/service.h"
 #include "core/wire/service_state.h"
 
 namespace citylearn::doctor {
 namespace {
 
-constexpr int kProbePatience = 3500;   // ms: a host refuses once a second, and is asked thrice for its address
+constexpr int kProbePatience = 3500;   // ms: a host refuses once a second, and is asked for its address three times
 constexpr double kClockTolerance = 1;  // seconds
 constexpr double kStale = 5;           // seconds without a heartbeat
 
@@ -29,14 +30,8 @@ double sent_at(const msg::ServiceStatus& status) {
   return static_cast<double>(status.header().incarnation()) / 1e6 + status.uptime();
 }
 
-/// What must not be overlooked stands out.
+/// Writes the state that must not be overlooked in capitals.
 const char* shown(msg::State state) { return state == msg::FAILED ? "FAILED" : name_of(state); }
-
-std::string joined(const std::vector<std::string>& parts) {
-  std::string all;
-  for (const std::string& part : parts) all += (all.empty() ? "" : ", ") + part;
-  return all;
-}
 
 MiddlewareOptions as_doctor(MiddlewareOptions options) {
   options.participant = "doctor";
@@ -47,10 +42,10 @@ Clock::time_point in_seconds(double seconds) {
   return Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
 }
 
-/// A peer or discovery server at whose address no participant was heard: what is known of it.
+/// Returns what is known of a peer or discovery server at whose address no participant was heard.
 std::string account_of(const std::string& peer, const std::string& address, int port, const Findings& findings) {
   const std::string ports = fmt::format("UDP ports {}..{}", findings.first_port, findings.last_port);
-  // From the first of our interfaces that is no loopback.
+  // Sent from our first interface that is not a loopback.
   std::string from;
   for (const internal::Interface& each : findings.interfaces)
     if (from.empty() && findings.used.contains(each.address) && !each.address.starts_with("127.")) from = each.address;
@@ -60,8 +55,8 @@ std::string account_of(const std::string& peer, const std::string& address, int 
                          address);
     case Answer::kRefused:
       return fmt::format(
-          "peer '{}': the host {} is up, but nobody listens on its UDP port {} (no service runs there in "
-          "domain {}, or its --interface is another one)",
+          "peer '{}': the host {} is up, but nothing listens on its UDP port {} (no service runs there in "
+          "domain {}, or it uses another --interface)",
           peer, address, port, findings.domain);
     case Answer::kSilent:
       break;
@@ -101,7 +96,7 @@ void look_at_services(Findings& findings) {
     if (*status.alarm().c_str()) findings.problems.push_back(fmt::format("{}: {}", who, status.alarm().c_str()));
     if (service.heard > 1 && std::abs(service.ahead) > kClockTolerance)
       findings.hints.push_back(
-          fmt::format("the clock of '{}' was {:.1f} s {} ours when {} started (set both by NTP: of "
+          fmt::format("the clock of '{}' was {:.1f} s {} ours when {} started (synchronise both by NTP: of "
                       "two processes with one name the later start counts)",
                       status.host().c_str(), std::abs(service.ahead), service.ahead > 0 ? "ahead of" : "behind",
                       status.header().sender().c_str()));
@@ -126,7 +121,7 @@ void Heartbeats::take() {
     if (service.heard > 0 && (header.incarnation() < known.incarnation() ||
                               (header.incarnation() == known.incarnation() && header.message() <= known.message())))
       continue;
-    // What is late on its way seems to come from a clock that is behind: the least late one tells most.
+    // A late heartbeat seems to come from a clock that is behind, so the least late one is the best estimate.
     const double ahead = sent_at(status_) - wall_clock();
     const bool again = service.heard > 0 && header.incarnation() == known.incarnation();
     service.ahead = again ? std::max(service.ahead, ahead) : ahead;
@@ -152,7 +147,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
   Heartbeats& heartbeats = *heard;
   for (const Clock::time_point deadline = in_seconds(seconds); Clock::now() < deadline && !stop_requested();) {
     middleware->wait(std::min(deadline, Clock::now() + std::chrono::milliseconds(100)));
-    middleware->discovery();  // takes in what discovery tells
+    middleware->discovery();  // takes in what discovery finds
     heartbeats.take();
   }
 
@@ -161,19 +156,19 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
   for (const auto& [name, service] : heartbeats.services())
     if (run.empty() || name.first == run) findings.services.push_back(service);
   if (findings.participants.empty())
-    findings.problems.push_back(
-        fmt::format("nobody was heard in domain {} on {} within {} s (same --domain, --interface and --peers there?)",
-                    options.domain, joined(options.interfaces), seconds));
+    findings.problems.push_back(fmt::format(
+        "no participant was heard in domain {} on {} within {} s (same --domain, --interface and --peers there?)",
+        options.domain, joined(options.interfaces), seconds));
   else if (findings.services.empty())
     findings.problems.push_back(fmt::format(
         "participants are heard, but no service{} (do they hear this host? their --peers must name it, and a "
         "firewall may let packets through one way only)",
         run.empty() ? "" : " of session '" + run + "'"));
   for (const std::string& fault : middleware->discovery().faults())
-    if (!fault.starts_with("peer ")) findings.problems.push_back(fault);  // peers are looked at below, and closer
+    if (!fault.starts_with("peer ")) findings.problems.push_back(fault);  // peers are examined below, more closely
   for (const std::string& line : heartbeats.unreadable()) findings.problems.push_back(line);
   heard.reset();
-  middleware.reset();  // what it asks at peers would use up their answers
+  middleware.reset();  // its own requests to peers would use up their answers
   look_at_peers(options, findings);
   look_at_services(findings);
   if (findings.ports.size() + 2 >= 2 * internal::kParticipants)
@@ -196,9 +191,9 @@ std::string as_text(const Findings& findings) {
       fmt::format("middleware\n  {}, domain {}: UDP ports {}..{}, {} of them taken by others here\n",
                   findings.middleware, findings.domain, findings.first_port, findings.last_port, findings.ports.size());
   for (const Port& port : findings.ports)
-    text += fmt::format(
-        "  {} {}\n", port.number,
-        port.process ? fmt::format("{} (process {})", port.program, port.process) : "somebody this user may not see");
+    text += fmt::format("  {} {}\n", port.number,
+                        port.process ? fmt::format("{} (process {})", port.program, port.process)
+                                     : "a process that this user may not see");
   text += fmt::format("participants: {}\n", findings.participants.size());
   for (const auto& each : findings.participants)
     text += fmt::format("  {:<24} {:<12} {}\n", each.name.empty() ? "(no name)" : each.name, each.vendor,
@@ -213,7 +208,7 @@ std::string as_text(const Findings& findings) {
   }
   for (const std::string& hint : findings.hints) text += "hint: " + hint + "\n";
   for (const std::string& problem : findings.problems) text += "PROBLEM: " + problem + "\n";
-  if (findings.problems.empty()) text += "all is well\n";
+  if (findings.problems.empty()) text += "no problems\n";
   return text;
 }
 
@@ -248,7 +243,7 @@ std::string as_json(const Findings& findings) {
                                 {"foreign", status.foreign()},
                                 {"clock_ahead", service.ahead}});
   }
-  // Names and texts came over the wire: whatever is no UTF-8 in them is replaced.
+  // Names and texts came over the wire: what is not UTF-8 in them is replaced.
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
@@ -266,7 +261,7 @@ std::string check_service(const MiddlewareOptions& options, const std::string& r
     for (const auto& [name, service] : heartbeats.services()) {
       if (name.second != id || (!run.empty() && name.first != run)) continue;
       const msg::ServiceStatus& status = service.newest;
-      // The first one may be the last word of a process that hangs: its middleware repeats it to whoever comes.
+      // The first heartbeat may be the last one of a process that hangs: its middleware repeats it to new readers.
       if (service.heard == 1 && std::abs(service.ahead) > kStale) {
         trouble = "only an old heartbeat was heard: it hangs";
       } else if (status.service_state() == msg::FAILED) {

@@ -35,7 +35,7 @@ std::string first_line(const std::string& path) {
   return line;
 }
 
-/// Processes by the inode of a socket of theirs, of those that this user may look at.
+/// Returns the processes that this user may look at, by the inodes of their sockets.
 std::map<std::string, int> owners(const std::map<std::string, int>& wanted) {
   std::map<std::string, int> found;
   std::error_code none;
@@ -124,8 +124,8 @@ Answer probe(const std::string& from, const std::string& address, int port, int 
   if (handle < 0 || bind(handle, reinterpret_cast<const sockaddr*>(&here), sizeof here) != 0 ||
       connect(handle, reinterpret_cast<const sockaddr*>(&there), sizeof there) != 0)
     answer = Answer::kNoHost;
-  // One byte: no RTPS, so whoever listens drops it. A host where nobody does says so (ICMP), and the socket learns it.
-  // Again and again, because hosts say so once a second at most, and discovery has asked at many ports before.
+  // One byte is not RTPS, so a listener drops it. A host without a listener says so (ICMP), which the socket reports.
+  // Probed repeatedly, because hosts say so once a second at most, and discovery has asked at many ports before.
   for (int left = patience_ms; answer == Answer::kSilent && left > 0; left -= kProbeAgain) {
     const char byte = 0;
     char reply = 0;
@@ -136,7 +136,7 @@ Answer probe(const std::string& from, const std::string& address, int port, int 
   }
   if (handle >= 0) close(handle);
   if (answer != Answer::kSilent) return answer;
-  // On the same network the kernel has asked who has the address.
+  // On the same network the kernel has asked for the address (ARP).
   std::ifstream neighbours("/proc/net/arp");
   std::string line;
   while (std::getline(neighbours, line)) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ./run doctor: what is heard on the network, and what is in its way.
+// ./run doctor: shows reachable services and diagnoses problems of the network.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
@@ -23,19 +23,19 @@ struct CommandLine {
 
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string group = "Doctor";
-  app.add_option("--seconds", line.seconds, "How long to listen; with --service: at most so long")
+  app.add_option("--seconds", line.seconds, "How long to listen; with --service the longest wait")
       ->capture_default_str()
       ->check(CLI::Range(0.1, 3600.0))
       ->group(group);
   app.add_option("--service", line.service,
-                 "Health check of the service with this id: succeeds once it was heard and has not failed")
+                 "Check the health of the service with this id: succeeds when it is heard and has not failed")
       ->group(group);
-  app.add_flag("--json", line.json, "Findings as JSON")->group(group);
-  spdlog::set_level(spdlog::level::off);  // the findings say it all; --log-level says otherwise
+  app.add_flag("--json", line.json, "Print the findings as JSON")->group(group);
+  spdlog::set_level(spdlog::level::off);  // the findings contain everything; --log-level overrides this
   line.node.service = line.node.id = "doctor";
   line.node.session = kAllRuns;
   add_node_options(app, line.node);
-  app.get_option("--session")->description("Session to look at, or all of the domain's");
+  app.get_option("--session")->description("Session to look at, or 'all' of the domain");
 }
 
 int examine(const CommandLine& line) {
@@ -55,6 +55,6 @@ int examine(const CommandLine& line) {
 int main(int argc, char** argv) {
   CommandLine line;
   return service_main(
-      argc, argv, "Tells who is heard in a DDS domain and what is in the way. Exit status 0: all is well.",
+      argc, argv, "Shows the reachable services of a DDS domain and diagnoses problems. Exit status 0: no problems.",
       [&](CLI::App& app) { add_options(app, line); }, [&] { return examine(line); });
 }

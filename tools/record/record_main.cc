@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ./run record: what a run says, into MCAP files.
+// ./run record: writes the messages of a session to MCAP files.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
@@ -23,21 +23,18 @@ struct CommandLine {
 
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string group = "Recording";
-  app.add_option("--output", line.recording.output, "File to be written")
-      ->type_name("FILE.mcap")
-      ->required()
-      ->group(group);
-  app.add_option("--topics", line.recording.topics, "Of these topics alone: scene,episode_stat,... (all)")
+  app.add_option("--output", line.recording.output, "File to write")->type_name("FILE.mcap")->required()->group(group);
+  app.add_option("--topics", line.recording.topics, "Record only these topics: scene,episode_stat,...; all by default")
       ->delimiter(',')
       ->group(group);
-  app.add_option("--split-mb", line.split, "Go on in FILE-2.mcap ... at so many megabytes; 0: one file")
+  app.add_option("--split-mb", line.split, "Continue in FILE-2.mcap ... after this many megabytes; 0 writes one file")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e6))
       ->group(group);
   line.node.service = line.node.id = "record";
   line.node.session = kAllRuns;
   add_node_options(app, line.node);
-  app.get_option("--session")->description("Session to record, or all of the domain's");
+  app.get_option("--session")->description("Session to record, or 'all' of the domain");
 }
 
 int record(CommandLine& line) {
@@ -50,7 +47,7 @@ int record(CommandLine& line) {
   spdlog::info("records to {}", line.recording.output);
   while (!stop_requested()) {
     middleware->wait(Clock::now() + std::chrono::milliseconds(100));
-    recording.turn();
+    recording.poll();
     for (const std::string& fault : middleware->discovery().faults()) spdlog::error("{}", fault);
   }
   recording.close();

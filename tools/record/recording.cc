@@ -42,7 +42,7 @@ Recording::Recording(Middleware& middleware, const RecordingOptions& options) : 
     wanted.insert(given.starts_with("citylearn/") ? given : "citylearn/" + given);
   for (const Topic& topic : all_topics())
     if (options_.topics.empty() || wanted.erase(topic.name) > 0) sources_.push_back({topic, nullptr});
-  if (!wanted.empty()) throw Error("there is no such topic", "--topics " + *wanted.begin(), "idl/ has them all");
+  if (!wanted.empty()) throw Error("unknown topic", "--topics " + *wanted.begin(), "idl/ lists them");
   begin_file();
   for (Source& source : sources_) source.subscription = middleware.create_subscription(source.topic);
 }
@@ -59,7 +59,7 @@ void Recording::begin_file() {
   for (Source& source : sources_) source.channel = 0;
 }
 
-/// A writer keeps some messages for a reader that is behind, not all: those that were too many are told.
+/// Counts messages that were missed: a writer keeps only some for a reader that is behind.
 void Recording::follow(const Source& source, const WireHeader& header) {
   if (source.topic.profile == Profile::kState) return;  // only the newest is promised
   const auto [newest, first] =
@@ -70,7 +70,7 @@ void Recording::follow(const Source& source, const WireHeader& header) {
 }
 
 void Recording::write(Source& source) {
-  // What has no header that can be read is kept: whoever looks into the file wants to know.
+  // Messages without a readable header are kept, for those who read the file.
   const auto header = header_of(taken_);
   if (header) follow(source, *header);
   if (header && !options_.session.empty() && header->session != options_.session) {
@@ -96,7 +96,7 @@ void Recording::write(Source& source) {
   count.bytes += taken_.size();
 }
 
-void Recording::turn() {
+void Recording::poll() {
   bool more = true;
   while (more) {
     more = false;
@@ -114,7 +114,7 @@ void Recording::turn() {
 }
 
 void Recording::close() {
-  turn();
+  poll();
   writer_->close();
 }
 

@@ -17,33 +17,33 @@ namespace citylearn {
 
 struct RecordingOptions {
   std::string output;               ///< FILE.mcap; the next parts are FILE-2.mcap, FILE-3.mcap ...
-  std::string session;              ///< others are left out; empty: all
+  std::string session;              ///< messages of other sessions are skipped; empty: all are recorded
   std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: all
   std::uint64_t split = 0;          ///< bytes of a file at which the next part begins; 0: never
-  std::string library;              ///< of the files' headers
+  std::string library;              ///< for the files' headers
 };
 
-/// Writes what is said in a domain to MCAP files: the bytes as they came, one channel a topic. It takes no part in
-/// anything: it announces nothing, acknowledges nothing and decodes no more than who speaks. Used by one thread.
+/// Writes the messages of a domain to MCAP files: the bytes as they came, one channel a topic. It publishes and
+/// acknowledges nothing, and decodes only the headers. Used by one thread.
 class Recording {
  public:
-  /// `middleware` must outlive it. Throws Error when a topic is unknown or the file cannot be made; all others do when
-  /// it cannot be written.
+  /// `middleware` must outlive it. Throws Error when a topic is unknown or the file cannot be made; the other methods
+  /// throw when it cannot be written.
   Recording(Middleware& middleware, const RecordingOptions& options);
 
-  /// Writes what has come; and a chunk, so that it is safe, when something has waited for a second.
-  void turn();
-  /// What has come until now, and the summary.
+  /// Writes what has come. Flushes a chunk to disk when something has waited for a second.
+  void poll();
+  /// Writes what has come until now, and the summary.
   void close();
 
   struct Count {
     std::uint64_t messages = 0, bytes = 0;
-    std::uint64_t missed = 0;  ///< by the senders' own count, since they were first heard; none of topics of kState
+    std::uint64_t missed = 0;  ///< by the senders' own count, since they were first heard; 0 for topics of kState
     auto operator<=>(const Count&) const = default;
   };
   const std::map<std::string, Count>& counts() const { return counts_; }  ///< by topic
   const std::vector<std::string>& files() const { return files_; }
-  std::uint64_t other_sessions() const { return other_sessions_; }  ///< messages left out
+  std::uint64_t other_sessions() const { return other_sessions_; }  ///< messages skipped
 
  private:
   struct Source {

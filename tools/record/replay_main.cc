@@ -28,18 +28,19 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->type_name("FILE.mcap ...")
       ->required()
       ->group(group);
-  app.add_option("--speed", line.speed, "Times as fast as it was; max: as fast as who listens can follow")
+  app.add_option("--speed", line.speed,
+                 "Speed, as a multiple of the recorded one; max: as fast as the readers can follow")
       ->capture_default_str()
       ->group(group);
   app.add_option("--topics", line.replay.topics,
-                 "Of these topics alone: scene,action,... (those that say something and command nothing)")
+                 "Play only these topics: scene,action,...; by default those that command nothing")
       ->delimiter(',')
       ->group(group);
   app.add_flag("--learner", line.learner, "Play the trajectories to the learner of --session instead")->group(group);
   line.node.service = line.node.id = "replay";
   line.node.session = kAsRecorded;
   add_node_options(app, line.node);
-  app.get_option("--session")->description("Session in which all that is said");
+  app.get_option("--session")->description("Session to publish in");
 }
 
 int replay(CommandLine& line) {
@@ -52,7 +53,7 @@ int replay(CommandLine& line) {
   while (!stop_requested() && replayer.turn()) middleware->wait(replayer.due());
   const Replayer::Figures& figures = replayer.figures();
   for (const std::string& remark : figures.remarks) spdlog::warn("{}", remark);
-  for (const auto& [what, count] : figures.skipped) spdlog::warn("{} messages left out: {}", count, what);
+  for (const auto& [what, count] : figures.skipped) spdlog::warn("{} messages skipped: {}", count, what);
   for (const auto& [topic, count] : figures.played)
     std::printf("%-36s %10llu messages\n", topic.c_str(), static_cast<unsigned long long>(count));
   std::printf("%.1f s, %.3f MB\n", figures.seconds, static_cast<double>(figures.bytes) / 1e6);
@@ -65,8 +66,8 @@ int replay_to_learner(CommandLine& line) {
   if (line.node.session == kAsRecorded) line.node.session = "default";
   Node node(line.node);
   TrajectoryReplay replay(node, line.replay.files);
-  while (!stop_requested() && replay.turn()) node.wait(replay.due());
-  std::printf("%llu trajectories taken in%s\n", static_cast<unsigned long long>(replay.acknowledged()),
+  while (!stop_requested() && replay.poll()) node.wait(replay.due());
+  std::printf("%llu trajectories accepted%s\n", static_cast<unsigned long long>(replay.acknowledged()),
               replay.learner_ended() ? "; the learner has ended" : "");
   return 0;
 }

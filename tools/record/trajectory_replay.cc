@@ -11,9 +11,9 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr std::uint64_t kOnTheWay = 32;  // half of what a writer keeps
-constexpr std::uint64_t kAgainAtOnce = 8;
-constexpr milliseconds kAgain{200};
+constexpr std::uint64_t kSendWindow = 32;  // half of what a writer keeps
+constexpr std::uint64_t kResendWindow = 8;
+constexpr milliseconds kResendInterval{200};
 constexpr seconds kStatus{1};
 constexpr seconds kPatience{30};  // an update may be long
 
@@ -28,11 +28,11 @@ TrajectoryReplay::TrajectoryReplay(Node& node, std::vector<std::string> files) :
   again_ = progress_ = next_status_ = due_ = Clock::now();
 }
 
-void TrajectoryReplay::meet(const msg::LearnerInfo& info) {
+void TrajectoryReplay::on_info(const msg::LearnerInfo& info) {
   if (info.header().incarnation() < info_.header().incarnation()) return;
   if (info.header().incarnation() > info_.header().incarnation()) {
     if (info_.header().incarnation() != 0)
-      throw Error("began anew while the recording was played to it",
+      throw Error("restarted while the recording was played to it",
                   "learner '" + info.header().sender().to_string() + "'", "play it again");
     spdlog::info("plays to learner '{}'", info.header().sender().c_str());
     next_status_ = progress_ = Clock::now();
@@ -45,7 +45,7 @@ void TrajectoryReplay::on_acknowledgement(const msg::TrajectoryAcknowledgement& 
   if (a.actor() != node_.options().id || a.actor_incarnation() != node_.incarnation() ||
       a.header().incarnation() != info_.header().incarnation() || a.number() > number_ || a.number() < acknowledged_)
     return;
-  if (a.number() > acknowledged_ || a.limit() > limit_) again_ = Clock::now() + kAgain;
+  if (a.number() > acknowledged_ || a.limit() > limit_) again_ = Clock::now() + kResendInterval;
   limit_ = a.limit();
   if (limit_ <= a.number()) progress_ = Clock::now();  // it has no room: it waits for others, or learns
   for (; acknowledged_ < a.number(); ++acknowledged_) {
@@ -55,8 +55,8 @@ void TrajectoryReplay::on_acknowledgement(const msg::TrajectoryAcknowledgement& 
   sent_ = std::max(sent_, acknowledged_);
 }
 
-void TrajectoryReplay::hear() {
-  while (node_.take(heard_)) meet(heard_);
+void TrajectoryReplay::take_messages() {
+  while (node_.take(heard_)) on_info(heard_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
 }
 
@@ -70,7 +70,7 @@ void TrajectoryReplay::require_fits(const msg::Trajectory& trajectory) const {
   require(trajectory.feature_dimension(), info_.feature_dimension(), "features");
 }
 
-/// The next one that is recorded, behind the others; false when there is none.
+/// Appends the next recorded trajectory. Returns false when there is none left.
 bool TrajectoryReplay::fetch() {
   const Topic& topic = topic_of<msg::Trajectory>();
   while (!read_all_) {
@@ -87,7 +87,7 @@ bool TrajectoryReplay::fetch() {
     try {
       decode(message->data, trajectory);
     } catch (const Error& error) {
-      spdlog::warn("{}: left out: {}", reader_->path(), error.what());
+      spdlog::warn("{}: skipped: {}", reader_->path(), error.what());
       continue;
     }
     const msg::Header& header = trajectory.header();
@@ -112,15 +112,15 @@ void TrajectoryReplay::send() {
     trajectory.version() = std::min(trajectory.version(), info_.version());
     node_.publish(trajectory);
   };
-  const std::uint64_t until = std::min(limit_, acknowledged_ + kOnTheWay);
+  const std::uint64_t until = std::min(limit_, acknowledged_ + kSendWindow);
   while (sent_ < until && (sent_ < number_ || fetch())) publish(++sent_);
   const Clock::time_point now = Clock::now();
   if (sent_ <= acknowledged_ || now < again_) return;
-  for (std::uint64_t number = acknowledged_ + 1; number <= std::min(sent_, acknowledged_ + kAgainAtOnce); ++number) {
+  for (std::uint64_t number = acknowledged_ + 1; number <= std::min(sent_, acknowledged_ + kResendWindow); ++number) {
     publish(number);
     ++node_.traffic.resent;
   }
-  again_ = now + kAgain;
+  again_ = now + kResendInterval;
 }
 
 void TrajectoryReplay::send_status() {
@@ -132,8 +132,8 @@ void TrajectoryReplay::send_status() {
   node_.publish(status_);
 }
 
-bool TrajectoryReplay::turn() {
-  hear();
+bool TrajectoryReplay::poll() {
+  take_messages();
   const Clock::time_point now = Clock::now();
   due_ = now + milliseconds(100);
   if (info_.header().incarnation() == 0) {
@@ -150,7 +150,7 @@ bool TrajectoryReplay::turn() {
     return false;
   }
   if (sent_ > acknowledged_ && now - progress_ > kPatience)
-    throw Error("takes none of the trajectories", "learner '" + info_.header().sender().to_string() + "'",
+    throw Error("accepts none of the trajectories", "learner '" + info_.header().sender().to_string() + "'",
                 "its log says what is wrong with them; --agent must be as it was");
   return true;
 }

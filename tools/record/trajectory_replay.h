@@ -9,31 +9,32 @@
 #include <tuple>
 #include <vector>
 
-#include "core/wire/node.h"
 #include "core/recording/mcap.h"
+#include "core/wire/node.h"
 
 namespace citylearn {
 
-/// Plays recorded Trajectories to a learner (policy_service --role learner) as the one actor that it hears: addressed
-/// to it, numbered anew, sent again until acknowledged and never more than it has room for. It serves no env_service,
-/// so that other actors may work beside it. Parameters that acted and are newer than the learner's are called its
-/// newest; the probabilities are the recorded ones. Used by one thread.
+/// Plays recorded Trajectories to a learner (policy_service --role learner) as one more actor: addressed to it,
+/// numbered anew, sent again until acknowledged, and never more than it has room for. It serves no env_service, so
+/// other actors may work beside it. A version of the parameters newer than the learner's is replaced by its newest; the
+/// probabilities are the recorded ones. Used by one thread.
 class TrajectoryReplay {
  public:
-  /// `node` must outlive it. Throws Error when a file is none.
+  /// `node` must outlive it. Throws Error when a file is not a recording.
   TrajectoryReplay(Node& node, std::vector<std::string> files);
 
-  /// Does what there is to do; to be called whenever something may have come, and at due(). False when the learner has
-  /// all, or has ended its training. Throws Error when the recording does not fit the learner, or it takes nothing.
-  bool turn();
+  /// Takes and sends what can be taken and sent now. Call it whenever something may have come, and at due(). Returns
+  /// false when the learner has all of it or has ended its training. Throws Error when the recording does not fit the
+  /// learner or the learner accepts nothing.
+  bool poll();
   Clock::time_point due() const { return due_; }
 
   std::uint64_t acknowledged() const { return acknowledged_; }
   bool learner_ended() const { return ended_; }
 
  private:
-  void hear();
-  void meet(const msg::LearnerInfo& info);
+  void take_messages();
+  void on_info(const msg::LearnerInfo& info);
   void on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement);
   bool fetch();
   void require_fits(const msg::Trajectory& trajectory) const;

@@ -275,7 +275,7 @@ TEST(Recording, KeepsTheBytesOfItsRunInParts) {
       publisher->publish(encoded(message));
       if (i != 1) said[topic_of<Message>().name].push_back(encoded(message));
     }
-    recording.turn();
+    recording.poll();
   });
   const auto undecodable = other->create_publisher(topic_of<msg::Scene>());
   undecodable->publish(Bytes(3));

@@ -104,7 +104,7 @@ TEST_F(Doctor, NobodyIsAProblem) {
   options_.name = "cyclonedds";  // within this process the doctor would meet itself
   options_.domain = kDomain + 1;
   const Findings findings = examine(options_, "", 0.1);
-  EXPECT_NE(problem_with("nobody was heard in domain 63 on lo", findings), "");
+  EXPECT_NE(problem_with("no participant was heard in domain 63 on lo", findings), "");
   EXPECT_NE(as_text(findings).find("PROBLEM: nobody was heard"), std::string::npos);
 }
 

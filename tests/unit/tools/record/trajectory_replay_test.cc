@@ -101,7 +101,7 @@ struct ScriptedLearner {
 /// Until the replay is over; false when it never is.
 bool play(Node& node, TrajectoryReplay& replay, ScriptedLearner& learner) {
   const Clock::time_point deadline = Clock::now() + std::chrono::seconds(60);
-  while (replay.turn()) {
+  while (replay.poll()) {
     learner.spin();
     node.wait(std::min(replay.due(), Clock::now() + std::chrono::milliseconds(5)));
     if (Clock::now() >= deadline) return false;
