@@ -2,22 +2,23 @@
 // See README.md.
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
 #include <functional>
-#include <iostream>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/dnn.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "bench/bench.h"
 #include "encoder_service/onnx/onnx_network.h"
 
 namespace {
 
 using namespace citylearn;
+using bench::median;
+using bench::seconds;
 
 constexpr int kPictures = 16;
 
@@ -31,26 +32,13 @@ cv::Mat picture(int width, int height, int seed) {
   return whole + grain;
 }
 
-double seconds(const std::function<void()>& work) {
-  const auto begin = std::chrono::steady_clock::now();
-  work();
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-}
-
-double median(std::vector<double> numbers) {
-  std::nth_element(numbers.begin(), numbers.begin() + numbers.size() / 2, numbers.end());
-  return numbers[numbers.size() / 2];
-}
-
 struct Contender {
   std::string name;
   std::function<void()> work;  // kPictures of them
   std::vector<double> times = {}, ratios = {};
 };
 
-}  // namespace
-
-int main(int argc, char** argv) try {
+void measure(int argc, char** argv) {
   const char* shared = std::getenv("CITYLEARN_SHARED_DATA");
   std::string model =
       (shared ? shared : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nets/osnet_x0_25_msmt17.onnx");
@@ -76,7 +64,7 @@ int main(int argc, char** argv) try {
   if (argc % 2 == 0) throw Error("option " + std::string(argv[argc - 1]) + " needs a value");
   if (!std::filesystem::exists(model)) {
     std::printf("skipped: no model %s (name one with --model)\n", model.c_str());
-    return 0;
+    return;
   }
   files.model = model;
   const Parameters parameters("onnx", entry.parameters, values);
@@ -135,8 +123,10 @@ int main(int argc, char** argv) try {
     const double each = median(contender.times) / kPictures;
     std::printf("%-40s %10.3f %10.1f %16.3f\n", contender.name.c_str(), 1e3 * each, 1 / each, median(contender.ratios));
   }
-  return 0;
-} catch (const std::exception& error) {
-  std::cerr << "bench_encoder: " << error.what() << "\n";
-  return 1;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return bench::run("bench_encoder", [&] { measure(argc, argv); });
 }

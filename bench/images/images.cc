@@ -1,29 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 // See README.md.
-#include <algorithm>
 #include <cstdio>
-#include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 
+#include "bench/bench.h"
+#include "bench/program.h"
 #include "core/util/random.h"
-#include "tests/support/service.h"
 
 namespace {
 
 using namespace citylearn::testing;
 using Json = nlohmann::json;
 using Arguments = std::vector<std::string>;
-constexpr std::chrono::minutes kPatience{10};
+using citylearn::bench::finish;
+using citylearn::bench::median;
 
-std::string ended_well(Service& service, const std::string& what) {
-  const auto status = service.wait(kPatience);
-  if (status != 0) throw citylearn::Error(what + " did not end well:\n" + service.output());
-  return service.output();
-}
-
-/// 128 frames of 64 features as a file, as a person would have them.
+/// Writes a features file of 128 frames x 64.
 void write_features(const std::string& path) {
   citylearn::Random random(1);
   std::ofstream out(path);
@@ -42,7 +36,7 @@ class Bench {
   double train(const std::string& agent, const std::string& steps, bool images) {
     ++runs_;
     Service ask({CITYLEARN_POLICY_SERVICE, "--agent", agent, "--recommended-agents"}, folder_ / "agents");
-    const std::string agents = std::to_string(std::stoi(ended_well(ask, "policy_service")));
+    const std::string agents = std::to_string(std::stoi(finish(ask, "policy_service")));
     Arguments env = {CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--agents", agents};
     const Arguments source = images ? Arguments{"--dataset", "synthetic", "--frames", "0:128"}
                                     : Arguments{"--dataset", "plain", "--data", folder_ / "data"};
@@ -54,7 +48,7 @@ class Bench {
     const auto policy = start({CITYLEARN_POLICY_SERVICE, "--agent", agent, "--steps", steps, "--tasks", "1",
                                "--evaluate", "summer", "--wait", "60", "--output", out},
                               "policy.log");
-    ended_well(*policy, "training");
+    finish(*policy, "training");
     return Json::parse(contents(out + "/summary.json"))["train"]["steps_per_s"];
   }
 
@@ -72,31 +66,24 @@ class Bench {
   int runs_ = 0;
 };
 
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 }  // namespace
 
-int main(int argc, char** argv) try {
-  const int rounds = argc > 1 ? std::stoi(argv[1]) : 5;
-  Bench bench(argc > 2 ? argv[2] : "cyclonedds");
-  std::printf("%-14s %10s %16s %16s %8s\n", "agent", "steps", "features/s", "images/s", "ratio");
-  for (const auto& [agent, steps] :
-       {std::pair<std::string, std::string>{"place_filter", "400000"}, {"features", "60000"}}) {
-    bench.train(agent, "10000", true);  // fills the store
-    std::vector<double> features, images;
-    for (int round = 0; round < rounds; ++round) {
-      features.push_back(bench.train(agent, steps, false));
-      images.push_back(bench.train(agent, steps, true));
+int main(int argc, char** argv) {
+  return citylearn::bench::run("bench_images", [&] {
+    const int rounds = argc > 1 ? std::stoi(argv[1]) : 5;
+    Bench bench(argc > 2 ? argv[2] : "cyclonedds");
+    std::printf("%-14s %10s %16s %16s %8s\n", "agent", "steps", "features/s", "images/s", "ratio");
+    for (const auto& [agent, steps] :
+         {std::pair<std::string, std::string>{"place_filter", "400000"}, {"features", "60000"}}) {
+      bench.train(agent, "10000", true);  // fills the store
+      std::vector<double> features, images;
+      for (int round = 0; round < rounds; ++round) {
+        features.push_back(bench.train(agent, steps, false));
+        images.push_back(bench.train(agent, steps, true));
+      }
+      std::printf("%-14s %10s %16.0f %16.0f %8.2f\n", agent.c_str(), steps.c_str(), median(features), median(images),
+                  median(images) / median(features));
+      std::fflush(stdout);
     }
-    std::printf("%-14s %10s %16.0f %16.0f %8.2f\n", agent.c_str(), steps.c_str(), median(features), median(images),
-                median(images) / median(features));
-    std::fflush(stdout);
-  }
-  return 0;
-} catch (const std::exception& error) {
-  std::cerr << "bench_images: " << error.what() << "\n";
-  return 1;
+  });
 }

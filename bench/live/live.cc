@@ -11,6 +11,7 @@
 #include <memory>
 #include <thread>
 
+#include "bench/bench.h"
 #include "dashboard/http/server.h"
 #include "tests/support/web_client.h"
 
@@ -116,14 +117,14 @@ Rate publish_for(ClientHub& hub, std::chrono::microseconds period, std::chrono::
         std::max(rate.longest_ms, std::chrono::duration<double, std::milli>(Clock::now() - before).count());
     ++count;
   }
-  rate.each_second = count / std::chrono::duration<double>(Clock::now() - begin).count();
+  rate.each_second = count / bench::since(begin);
   return rate;
 }
 
 void wait_for(const std::function<bool()>& condition) {
   const auto deadline = Clock::now() + 20s;
   while (!condition()) {
-    if (Clock::now() > deadline) throw Error("the clients do not come");
+    if (Clock::now() > deadline) throw Error("the clients do not connect");
     ::poll(nullptr, 0, 5);
   }
 }
@@ -140,7 +141,7 @@ double bare_share(int clients, std::chrono::seconds duration) {
     if (::bind(listener, reinterpret_cast<const sockaddr*>(&address), size) != 0 || ::listen(listener, 1) != 0 ||
         ::getsockname(listener, reinterpret_cast<sockaddr*>(&address), &size) != 0 ||
         ::connect(one, reinterpret_cast<const sockaddr*>(&address), size) != 0)
-      throw Error("no sockets");
+      throw Error("cannot open sockets");
     ours.push_back(::accept(listener, nullptr, nullptr));
     theirs.push_back(one);
     ::close(listener);
@@ -163,15 +164,13 @@ double bare_share(int clients, std::chrono::seconds duration) {
           ::send(one, picture.data(), picture.size(), MSG_NOSIGNAL) < 0)
         throw Error("cannot send");
   }
-  const double share = (processor_seconds() - before) / std::chrono::duration<double>(Clock::now() - begin).count();
+  const double share = (processor_seconds() - before) / bench::since(begin);
   for (const int one : ours) ::close(one);
   for (const int one : theirs) ::close(one);
   return share;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) try {
+void measure(int argc, char** argv) {
   const int clients = argc > 1 ? std::stoi(argv[1]) : 64;
   const std::chrono::seconds duration(argc > 2 ? std::stoi(argv[2]) : 10);
   const double bare = bare_share(clients, duration);
@@ -187,7 +186,7 @@ int main(int argc, char** argv) try {
     const double before = processor_seconds();
     const auto begin = Clock::now();
     publish_for(hub, 100ms, duration);
-    const double seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    const double seconds = bench::since(begin);
     const double share = (processor_seconds() - before) / seconds;
     const auto counts = hub.counts();
     std::printf("%d clients, 10 scenes and 10 pictures a second: %.0f frames/s, %llu dropped\n", clients,
@@ -214,8 +213,10 @@ int main(int argc, char** argv) try {
               with.longest_ms);
   std::printf("  memory +%.1f MB; %llu messages dropped\n", resident_megabytes() - memory,
               static_cast<unsigned long long>(hub.counts().dropped - dropped));
-  return 0;
-} catch (const std::exception& error) {
-  std::cerr << "bench_live: " << error.what() << "\n";
-  return 1;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  return bench::run("bench_live", [&] { measure(argc, argv); });
 }

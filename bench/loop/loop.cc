@@ -5,19 +5,14 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "tests/support/service.h"
+#include "bench/bench.h"
+#include "bench/program.h"
 
 namespace {
 
 using namespace citylearn::testing;
 using Json = nlohmann::json;
-constexpr std::chrono::minutes kPatience{10};
-
-std::string run(Service& service, const std::string& what) {
-  const auto status = service.wait(kPatience);
-  if (status != 0) throw citylearn::Error(what + " did not end well:\n" + service.output());
-  return service.output();
-}
+using citylearn::bench::finish;
 
 /// The "train" part of summary.json after training over DDS.
 Json train_over(const std::string& middleware, const std::string& steps, const std::string& agents) {
@@ -25,24 +20,13 @@ Json train_over(const std::string& middleware, const std::string& steps, const s
   const std::vector<std::string> wire = {"--middleware", middleware,  "--domain",
                                          "150",          "--session", "bench-" + std::to_string(getpid())};
   std::vector<std::string> env = {CITYLEARN_ENV_SERVICE, "--agents", agents, "--synthetic-images", "0"};
-  std::vector<std::string> policy = {CITYLEARN_POLICY_SERVICE,
-                                     "--agent",
-                                     "features",
-                                     "--steps",
-                                     steps,
-                                     "--tasks",
-                                     "1",
-                                     "--evaluate",
-                                     "summer",
-                                     "--wait",
-                                     "30",
-                                     "--output",
-                                     folder / "out"};
+  std::vector<std::string> policy = {CITYLEARN_POLICY_SERVICE, "--agent", "features", "--steps", steps, "--tasks", "1"};
+  policy.insert(policy.end(), {"--evaluate", "summer", "--wait", "30", "--output", folder / "out"});
   env.insert(env.end(), wire.begin(), wire.end());
   policy.insert(policy.end(), wire.begin(), wire.end());
   const Service host(env, folder / "env.log");
   Service learner(policy, folder / "policy.log");
-  run(learner, middleware);
+  finish(learner, middleware);
   return Json::parse(contents(folder / "out/summary.json"))["train"];
 }
 
@@ -52,7 +36,7 @@ double train_inside(const std::string& steps) {
   Service training({CITYLEARN_BENCH_TRAINING, "--dataset", "synthetic", "--evaluate", "summer", "--agent", "features",
                     "--set", "steps=" + steps, "--tasks", "1", "--print-every", "1000000"},
                    folder / "log");
-  const std::string output = run(training, "bench_training");
+  const std::string output = finish(training, "bench_training");
   const std::string::size_type end = output.find(" steps/s");
   if (end == std::string::npos) throw citylearn::Error("bench_training prints no steps/s:\n" + output);
   const std::string::size_type begin = output.find_last_of(" \n", end - 1) + 1;
@@ -61,28 +45,26 @@ double train_inside(const std::string& steps) {
 
 }  // namespace
 
-int main(int argc, char** argv) try {
-  const std::string steps = argc > 1 ? argv[1] : "120000";
-  Folder folder;
-  Service ask({CITYLEARN_POLICY_SERVICE, "--agent", "features", "--recommended-agents"}, folder / "agents");
-  const std::string agents = std::to_string(std::stoi(run(ask, "policy_service")));
-  const double reference = train_inside(steps);
-  std::printf("features (512 -> LSTM 256), %s agents, %s steps\n", agents.c_str(), steps.c_str());
-  std::printf("%-12s %9s %10s %8s %8s %14s\n", "middleware", "steps/s", "inference", "update", "rest",
-              "of one process");
-  std::printf("%-12s %9.0f %10s %8s %8s %14s\n", "(none)", reference, "", "", "", "1.00");
-  for (const std::string middleware : {"cyclonedds", "fastdds"}) {
-    const Json train = train_over(middleware, steps, agents);
-    const double wall = train["wall_s"], inference = train["inference_s"], update = train["update_s"],
-                 rate = train["steps_per_s"];
-    std::printf("%-12s %9.0f %8.0f %% %6.0f %% %6.0f %% %14.2f\n", middleware.c_str(), rate, 100 * inference / wall,
-                100 * update / wall, 100 * (1 - (inference + update) / wall), rate / reference);
-    std::fflush(stdout);
-  }
-  Service products({CITYLEARN_BENCH_TRAINING, "--products"}, folder / "products");
-  std::cout << "\n" << run(products, "bench_training --products");
-  return 0;
-} catch (const std::exception& error) {
-  std::cerr << "bench_loop: " << error.what() << "\n";
-  return 1;
+int main(int argc, char** argv) {
+  return citylearn::bench::run("bench_loop", [&] {
+    const std::string steps = argc > 1 ? argv[1] : "120000";
+    Folder folder;
+    Service ask({CITYLEARN_POLICY_SERVICE, "--agent", "features", "--recommended-agents"}, folder / "agents");
+    const std::string agents = std::to_string(std::stoi(finish(ask, "policy_service")));
+    const double reference = train_inside(steps);
+    std::printf("features (512 -> LSTM 256), %s agents, %s steps\n", agents.c_str(), steps.c_str());
+    std::printf("%-12s %9s %10s %8s %8s %14s\n", "middleware", "steps/s", "inference", "update", "rest",
+                "of one process");
+    std::printf("%-12s %9.0f %10s %8s %8s %14s\n", "(none)", reference, "", "", "", "1.00");
+    for (const std::string middleware : {"cyclonedds", "fastdds"}) {
+      const Json train = train_over(middleware, steps, agents);
+      const double wall = train["wall_s"], inference = train["inference_s"], update = train["update_s"],
+                   rate = train["steps_per_s"];
+      std::printf("%-12s %9.0f %8.0f %% %6.0f %% %6.0f %% %14.2f\n", middleware.c_str(), rate, 100 * inference / wall,
+                  100 * update / wall, 100 * (1 - (inference + update) / wall), rate / reference);
+      std::fflush(stdout);
+    }
+    Service products({CITYLEARN_BENCH_TRAINING, "--products"}, folder / "products");
+    std::cout << "\n" << finish(products, "bench_training --products");
+  });
 }

@@ -2,20 +2,18 @@
 // See README.md.
 #include <cstdio>
 #include <fstream>
-#include <iostream>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <string>
 #include <thread>
 
-#include "tests/support/service.h"
+#include "bench/bench.h"
+#include "bench/program.h"
 
 namespace {
 
 using namespace citylearn::testing;
 using Arguments = std::vector<std::string>;
-constexpr std::chrono::minutes kPatience{20};
 
 struct Options {
   std::string steps = "40000", middleware = "cyclonedds", agent = "features";
@@ -63,8 +61,7 @@ Figures train(const Options& options, int actors) {
         {"--agent", options.agent, "--trainer-agents", "16", "--steps", options.steps, "--environments", count,
          "--tasks", "1", "--evaluate", "summer", "--wait", "30", "--output", folder / "out"},
         "learner");
-  if (services.back()->wait(kPatience) != 0)
-    throw citylearn::Error("the run did not end well:\n" + services.back()->output());
+  citylearn::bench::finish(*services.back(), "training");
   const auto summary = nlohmann::json::parse(contents(folder / "out/summary.json"))["train"];
   return {rate_of(folder / "out/metrics.csv"), summary["update_s"].get<double>() / summary["wall_s"].get<double>(),
           summary["policy_lag"], summary["actors_waited_s"]};
@@ -72,25 +69,23 @@ Figures train(const Options& options, int actors) {
 
 }  // namespace
 
-int main(int argc, char** argv) try {
-  Options options;
-  if (argc > 1) options.steps = argv[1];
-  if (argc > 2) options.middleware = argv[2];
-  if (argc > 3) options.agent = argv[3];
-  std::printf("%s, %s steps, %s, %u cores\n", options.agent.c_str(), options.steps.c_str(), options.middleware.c_str(),
-              std::thread::hardware_concurrency());
-  std::printf("%-10s %9s %10s %8s %14s %18s\n", "actors", "steps/s", "of both", "update", "lag, updates",
-              "actors waited, s");
-  const Figures both = train(options, 0);
-  std::printf("%-10s %9.0f %10.2f %6.0f %% %14s %18s\n", "(both)", both.rate, 1.0, 100 * both.update, "0", "");
-  for (const int actors : {1, 2, 4}) {
-    std::fflush(stdout);
-    const Figures f = train(options, actors);
-    std::printf("%-10d %9.0f %10.2f %6.0f %% %14.2f %18.1f\n", actors, f.rate, f.rate / both.rate, 100 * f.update,
-                f.lag, f.waited);
-  }
-  return 0;
-} catch (const std::exception& error) {
-  std::cerr << "bench_roles: " << error.what() << "\n";
-  return 1;
+int main(int argc, char** argv) {
+  return citylearn::bench::run("bench_roles", [&] {
+    Options options;
+    if (argc > 1) options.steps = argv[1];
+    if (argc > 2) options.middleware = argv[2];
+    if (argc > 3) options.agent = argv[3];
+    std::printf("%s, %s steps, %s, %u cores\n", options.agent.c_str(), options.steps.c_str(),
+                options.middleware.c_str(), std::thread::hardware_concurrency());
+    std::printf("%-10s %9s %10s %8s %14s %18s\n", "actors", "steps/s", "of both", "update", "lag, updates",
+                "actors waited, s");
+    const Figures both = train(options, 0);
+    std::printf("%-10s %9.0f %10.2f %6.0f %% %14s %18s\n", "(both)", both.rate, 1.0, 100 * both.update, "0", "");
+    for (const int actors : {1, 2, 4}) {
+      std::fflush(stdout);
+      const Figures f = train(options, actors);
+      std::printf("%-10d %9.0f %10.2f %6.0f %% %14.2f %18.1f\n", actors, f.rate, f.rate / both.rate, 100 * f.update,
+                  f.lag, f.waited);
+    }
+  });
 }

@@ -14,6 +14,7 @@
 #include <mutex>
 #include <optional>
 
+#include "bench/bench.h"
 #include "bench/roundtrip/bare.h"
 #include "core/wire/node.h"
 
@@ -21,7 +22,6 @@ namespace {
 
 using namespace citylearn;  // NOLINT
 using std::chrono::milliseconds;
-using Seconds = std::chrono::duration<double>;
 
 struct Settings {
   int agents = 16;
@@ -91,7 +91,7 @@ class Trips {
   bool finished() const { return number_ >= last_; }
   void begin() { begin_ = Clock::now(); }
   void end() {
-    if (number_ >= warm_) times_.push_back(Seconds(Clock::now() - begin_).count() * 1e6);
+    if (number_ >= warm_) times_.push_back(bench::since(begin_) * 1e6);
     ++number_;
   }
   std::vector<double> times_;
@@ -102,7 +102,6 @@ class Trips {
 };
 
 // --- Bare vendors
-// ------------------------------------------------------------------------------------------------------
 
 std::unique_ptr<roundtrip::Port> open_port(const std::string& vendor, const roundtrip::PortOptions& options) {
   return vendor == "fastdds" ? roundtrip::open_fastdds(options) : roundtrip::open_cyclonedds(options);
@@ -168,8 +167,7 @@ std::vector<double> ask_bare(const Settings& settings, const std::string& vendor
   return trips.times_;
 }
 
-// --- Ours
-// --------------------------------------------------------------------------------------------------------------
+// --- This project
 
 MiddlewareOptions middleware_options(const Settings& settings, const std::string& vendor,
                                      const std::string& participant) {
@@ -264,8 +262,7 @@ std::vector<double> ask_node(const Settings& settings, const std::string& vendor
   return trips.times_;
 }
 
-// --- The measurement
-// ---------------------------------------------------------------------------------------------------
+// --- Measurement
 
 bool is_bare(const std::string& path) { return std::find(kBare.begin(), kBare.end(), path) != kBare.end(); }
 
@@ -342,14 +339,11 @@ int main(int count, char** arguments) {
   app.add_option("--domain", settings.domain, "DDS domain")->check(CLI::Range(0, 232))->capture_default_str();
   app.add_option("--role", settings.role)->group("");
   CLI11_PARSE(app, count, arguments);
-  try {
+  return bench::run("bench_roundtrip", [&] {
     const std::size_t first = settings.role.find(':'), second = settings.role.rfind(':');
     if (first == std::string::npos)
       compare(settings);
     else
       answer(settings, settings.role.substr(first + 1, second - first - 1), settings.role.substr(second + 1));
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "bench_roundtrip: %s\n", error.what());
-    return 1;
-  }
+  });
 }

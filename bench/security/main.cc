@@ -1,9 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // What DDS Security costs (README.md).
-#include <fcntl.h>
-#include <poll.h>
-#include <signal.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -11,17 +7,20 @@
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <sstream>
 
-#include "core/util/error.h"
+#include "bench/bench.h"
+#include "bench/program.h"
 #include "core/dds/middleware.h"
+#include "core/util/error.h"
 
 namespace {
 
 using namespace citylearn;
+using bench::median;
 using std::chrono::milliseconds;
+using testing::Service;
 namespace fs = std::filesystem;
 
 const std::vector<std::string> kVendors = {"cyclonedds", "fastdds"};
@@ -34,82 +33,30 @@ struct Settings {
   std::string role;  // of a child: answer:VENDOR:SIZE:KEYS
 };
 
-/// A process of this bench, killed at the end unless it ended before; what it prints goes to `output`.
-class Process {
- public:
-  Process(std::vector<std::string> command, const std::string& output) {
-    std::vector<char*> arguments;
-    for (std::string& argument : command) arguments.push_back(argument.data());
-    arguments.push_back(nullptr);
-    process_ = fork();
-    if (process_ < 0) throw Error("cannot fork", command[0]);
-    if (process_ > 0) return;
-    const int file = open(output.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
-    dup2(file, STDOUT_FILENO);
-    dup2(file, STDERR_FILENO);
-    execv(arguments[0], arguments.data());
-    _exit(127);
-  }
-  ~Process() {
-    if (process_ <= 0) return;
-    kill(process_, SIGTERM);
-    wait();
-  }
-  Process(const Process&) = delete;
-  Process& operator=(const Process&) = delete;
-  int wait() {
-    int status = 0;
-    waitpid(process_, &status, 0);
-    process_ = 0;
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  }
-
- private:
-  pid_t process_ = 0;
-};
-
-std::string contents(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
-/// A folder that goes at the end, with a keystore in it.
+/// A temporary folder with a keystore in it.
 class Workplace {
  public:
   Workplace() {
-    std::string name = (fs::temp_directory_path() / "citylearn-bench-XXXXXX").string();
-    if (!mkdtemp(name.data())) throw Error("no temporary folder");
-    path_ = name;
     keystore({"create", keys()});
     for (const auto& [kind, id] :
          std::map<std::string, std::string>{{"env_service", "env"}, {"policy_service", "policy"}})
       keystore({"add", keys(), kind, id});
   }
-  ~Workplace() { fs::remove_all(path_); }
-  Workplace(const Workplace&) = delete;
-  Workplace& operator=(const Workplace&) = delete;
-  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
-  std::string keys() const { return path_ + "/keys"; }
+  std::string operator/(const std::string& name) const { return folder_ / name; }
+  std::string keys() const { return folder_ / "keys"; }
 
  private:
   void keystore(std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), CITYLEARN_KEYSTORE);
-    if (Process(arguments, *this / "said").wait() != 0) throw Error(contents(*this / "said"), "keystore");
+    Service program(arguments, folder_ / "keystore.log");
+    bench::finish(program, "keystore");
   }
-  std::string path_;
+  testing::Folder folder_;
 };
 
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 // --- Round trips
-// -----------------------------------------------------------------------------------------------------------
 
-/// Two participants, an env_service's and a policy_service's part; without keys where `keys` is empty.
+/// One of two participants: of an env_service or of a policy_service. Unsecured when `keys` is empty.
 struct End {
   End(const Settings& settings, const std::string& vendor, const std::string& keys, bool asks, std::size_t size) {
     MiddlewareOptions options;
@@ -143,9 +90,9 @@ void answer(const Settings& settings, const std::string& vendor, std::size_t siz
   }
 }
 
-/// Microseconds there and back, median.
+/// Returns the median microseconds there and back.
 double round_trip(const Settings& settings, const std::string& vendor, std::size_t size, const std::string& keys) {
-  const Process answerer({"/proc/self/exe", "--domain", std::to_string(settings.domain), "--role",
+  const Service answerer({"/proc/self/exe", "--domain", std::to_string(settings.domain), "--role",
                           "answer:" + vendor + ":" + std::to_string(size) + ":" + keys},
                          "/dev/stderr");
   End end(settings, vendor, keys, true, size);
@@ -170,9 +117,8 @@ double round_trip(const Settings& settings, const std::string& vendor, std::size
 }
 
 // --- Training
-// ----------------------------------------------------------------------------------------------------
 
-/// Steps per second of a training over the wire.
+/// Returns the steps per second of a training over the wire.
 double training(const Settings& settings, const std::string& vendor, const std::string& keys, const Workplace& place) {
   const auto command = [&](const std::string& program, const std::string& id, std::vector<std::string> more) {
     more.insert(more.begin(),
@@ -182,19 +128,18 @@ double training(const Settings& settings, const std::string& vendor, const std::
   };
   const std::string output = place / "out";
   fs::remove_all(output);
-  const Process env(
+  const Service env(
       command(CITYLEARN_ENV_SERVICE, "env",
               {"--traversal", "summer", "--agents", "8", "--synthetic-images", "0", "--synthetic-frames", "160"}),
       place / "env.log");
-  Process policy(command(CITYLEARN_POLICY_SERVICE, "policy",
+  Service policy(command(CITYLEARN_POLICY_SERVICE, "policy",
                          {"--agent", "place_filter", "--steps", std::to_string(settings.steps), "--tasks", "8",
                           "--evaluate", "summer", "--wait", "60", "--output", output}),
                  place / "policy.log");
-  const bool fine = policy.wait() == 0;
-  const std::string said = contents(place / "policy.log");
-  const std::size_t end = said.find(" steps/s)"), begin = said.rfind('(', end);
-  if (!fine || end == std::string::npos) throw Error(said, "policy_service");
-  return std::stod(said.substr(begin + 1));
+  const std::string output_text = bench::finish(policy, "policy_service");
+  const std::size_t end = output_text.find(" steps/s)"), begin = output_text.rfind('(', end);
+  if (end == std::string::npos) throw Error("prints no steps/s:\n" + output_text, "policy_service");
+  return std::stod(output_text.substr(begin + 1));
 }
 
 void compare(const Settings& settings) {
@@ -235,7 +180,7 @@ int main(int count, char** arguments) {
   app.add_option("--domain", settings.domain, "DDS domain")->check(CLI::Range(0, 230))->capture_default_str();
   app.add_option("--role", settings.role)->group("");
   CLI11_PARSE(app, count, arguments);
-  try {
+  return bench::run("bench_security", [&] {
     if (settings.role.empty()) {
       compare(settings);
     } else {
@@ -247,8 +192,5 @@ int main(int count, char** arguments) {
       std::getline(parts, keys);
       answer(settings, vendor, std::stoul(size), keys);
     }
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "bench_security: %s\n", error.what());
-    return 1;
-  }
+  });
 }

@@ -3,14 +3,12 @@
 #include <fcntl.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <atomic>
-#include <chrono>
 #include <cstdio>
-#include <iostream>
 #include <thread>
 #include <vector>
 
+#include "bench/bench.h"
 #include "core/util/error.h"
 #include "dashboard/api/api.h"
 #include "dashboard/store/recorder.h"
@@ -21,26 +19,18 @@ namespace {
 
 using namespace citylearn;
 using namespace citylearn::testing;
-using Seconds = std::chrono::duration<double>;
+using bench::seconds;
 
 constexpr std::uint64_t kUpdates = 200'000;
-
-template <class Work>
-double seconds(const Work& work) {
-  const Clock::time_point begin = Clock::now();
-  work();
-  return Seconds(Clock::now() - begin).count();
-}
 
 template <class Work>
 double median_seconds(const Work& work) {
   std::vector<double> times;
   for (int i = 0; i < 7; ++i) times.push_back(seconds(work));
-  std::sort(times.begin(), times.end());
-  return times[times.size() / 2];
+  return bench::median(times);
 }
 
-/// Episodes per second that a plain file would take, each batch on the disk before the next.
+/// Returns the episodes per second that a plain file takes, each batch synchronised before the next.
 double plain_rate(const std::string& path, std::uint64_t total, std::size_t batch, std::size_t bytes) {
   const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
   if (file < 0) throw Error("cannot be written", path);
@@ -78,7 +68,8 @@ void recording(const std::string& folder, std::uint64_t total) {
   }
 }
 
-/// An env_service with many episodes that nobody has recorded yet: as many on the way as a writer keeps.
+/// Returns the episodes per second of an env_service with many unrecorded ones; as many are sent ahead as a writer
+/// keeps.
 double catching_up(const std::string& folder, const std::string& middleware, std::uint64_t total) {
   const auto node_options = [&](const std::string& service, const std::string& id) {
     Node::Options options;
@@ -186,17 +177,15 @@ void opening(const std::string& folder) {
 
 }  // namespace
 
-int main(int argc, char** argv) try {
-  const Folder temporary;
-  const std::string folder = argc > 1 ? argv[1] : temporary.path();
-  const std::uint64_t total = argc > 2 ? std::stoull(argv[2]) : 100'000;
-  recording(folder, total);
-  std::printf("\n%-16s %14s\n", "over", "episodes/s");
-  for (const std::string middleware : {"inprocess", "cyclonedds", "fastdds"})
-    std::printf("%-16s %14.0f\n", middleware.c_str(), catching_up(folder, middleware, total));
-  opening(folder);
-  return 0;
-} catch (const std::exception& error) {
-  std::cerr << "bench_store: " << error.what() << "\n";
-  return 1;
+int main(int argc, char** argv) {
+  return bench::run("bench_store", [&] {
+    const Folder temporary;
+    const std::string folder = argc > 1 ? argv[1] : temporary.path();
+    const std::uint64_t total = argc > 2 ? std::stoull(argv[2]) : 100'000;
+    recording(folder, total);
+    std::printf("\n%-16s %14s\n", "over", "episodes/s");
+    for (const std::string middleware : {"inprocess", "cyclonedds", "fastdds"})
+      std::printf("%-16s %14.0f\n", middleware.c_str(), catching_up(folder, middleware, total));
+    opening(folder);
+  });
 }

@@ -2,15 +2,14 @@
 // Is our own PPO at least as fast as the same in libtorch? (README.md)
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
-#include <exception>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "core/wire/messages.h"
+#include "bench/bench.h"
 #include "core/plugin/plugins.h"
+#include "core/wire/messages.h"
 #include "policy_service/learning/learner.h"
 #include "policy_service/learning/trainer.h"
 
@@ -21,9 +20,8 @@
 namespace citylearn {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+using bench::median;
+using bench::since;
 
 /// Random numbers: what is in a rollout does not change how long an update takes.
 Rollout some_rollout(const NetworkTask& task, int state_size, int steps, int agents, int sequence) {
@@ -49,15 +47,10 @@ Rollout some_rollout(const NetworkTask& task, int state_size, int steps, int age
   return rollout;
 }
 
-double median(std::vector<double> values) {
-  std::sort(values.begin(), values.end());
-  return values[values.size() / 2];
-}
-
 struct Contender {
-  std::string learner;
+  std::string name;
   int threads;
-  std::unique_ptr<Learner> it = nullptr;
+  std::unique_ptr<Learner> learner = nullptr;
   std::vector<double> seconds = {};  ///< of each update
 };
 
@@ -78,32 +71,30 @@ void compare(int cells, int rounds) {
   // Torch's threads wait for one another at every product, and so may be slower than one alone: it gets its choice.
   Contender contenders[] = {{"ppo", 2}, {"torch_ppo", 1}, {"torch_ppo", 2}};
   for (Contender& one : contenders) {
-    const auto& learner = LearnerRegistry::instance().find("learner", one.learner);
+    const auto& learner_entry = LearnerRegistry::instance().find("learner", one.name);
     std::map<std::string, double> values = recommended.at("learner");
-    if (one.learner == "torch_ppo") values["gpu"] = 0, values["threads"] = one.threads;
-    one.it = learner.create(Parameters(one.learner, learner.parameters, values),
-                            LearnerTask{*network, agent, parameters, task, 1, 0});
+    if (one.name == "torch_ppo") values["gpu"] = 0, values["threads"] = one.threads;
+    one.learner = learner_entry.create(Parameters(one.name, learner_entry.parameters, values),
+                                       LearnerTask{*network, agent, parameters, task, 1, 0});
   }
   std::vector<double> ratios;
   for (int round = 0; round < rounds; ++round) {
     for (Contender& one : contenders) {
-      one.it->update(rollouts);  // to warm up, and until the other's threads have gone to sleep
-      const Clock::time_point start = Clock::now();
-      one.it->update(rollouts);
-      one.seconds.push_back(since(start));
+      one.learner->update(rollouts);  // to warm up, and until the other's threads have gone to sleep
+      one.seconds.push_back(bench::seconds([&] { one.learner->update(rollouts); }));
     }
     ratios.push_back(std::min(contenders[1].seconds.back(), contenders[2].seconds.back()) /
                      contenders[0].seconds.back());
   }
   for (const Contender& one : contenders)
     std::printf("cells %3d  %-9s  %d thread%s  %8.1f ms an update of %d steps, %6.0f steps/s\n", cells,
-                one.learner.c_str(), one.threads, one.threads == 1 ? " " : "s", 1e3 * median(one.seconds),
-                steps * agents, steps * agents / median(one.seconds));
+                one.name.c_str(), one.threads, one.threads == 1 ? " " : "s", 1e3 * median(one.seconds), steps * agents,
+                steps * agents / median(one.seconds));
   std::printf("cells %3d  ppo learns %.2f times as fast as the faster torch_ppo\n", cells, median(ratios));
   std::fflush(stdout);
 }
 
-int run(int argc, char** argv) {
+int compare_learners(int argc, char** argv) {
   std::string plugin = CITYLEARN_TORCH_PPO;
   int rounds = 3;
   CLI::App app("Compares the updates of ppo and torch_ppo on the same rollouts");
@@ -125,10 +116,7 @@ int run(int argc, char** argv) {
 }  // namespace citylearn
 
 int main(int argc, char** argv) {
-  try {
-    return citylearn::run(argc, argv);
-  } catch (const std::exception& problem) {
-    std::fprintf(stderr, "bench_torch: %s\n", problem.what());
-    return 1;
-  }
+  int status = 0;
+  const int failed = citylearn::bench::run("bench_torch", [&] { status = citylearn::compare_learners(argc, argv); });
+  return failed ? failed : status;
 }

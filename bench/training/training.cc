@@ -7,12 +7,11 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cstdio>
-#include <exception>
 #include <string>
 #include <vector>
 
+#include "bench/bench.h"
 #include "core/plugin/plugins.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/network/checkpoint.h"
@@ -23,9 +22,7 @@
 namespace citylearn {
 namespace {
 
-using Clock = std::chrono::steady_clock;
-
-double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+using bench::since;
 
 struct Options {
   TrainerOptions trainer;
@@ -38,7 +35,7 @@ struct Options {
   std::string save;
 };
 
-/// Gives each name=value to the part that has such a parameter.
+/// Assigns each name=value to the part that has such a parameter.
 void give_parameters(const std::vector<std::string>& set, TrainerOptions& options) {
   const auto known = Trainer::recommended_parameters(options.agent, options.learner);
   for (const std::string& one : set) {
@@ -363,7 +360,7 @@ void places() {
   }
 }
 
-int run(int argc, char** argv) {
+int measure(int argc, char** argv) {
   Options options;
   CLI::App app("Trains and evaluates an agent in one process, without the wire");
   add_plugin_option(app, argc, argv);
@@ -392,20 +389,15 @@ int run(int argc, char** argv) {
   app.add_flag("--places", options.places, "measure place_filter on longer and longer routes, train nothing");
   app.add_flag("--products", options.products, "measure matrix products and the network's passes, train nothing");
   CLI11_PARSE(app, argc, argv);
-  if (options.places) {
-    places();
-    return 0;
-  }
-  if (options.updates) {
-    updates(options);
-    return 0;
-  }
-  if (options.products) {
-    products();
-    return 0;
-  }
   give_parameters(options.set, options.trainer);
-  train(options);
+  if (options.places)
+    places();
+  else if (options.updates)
+    updates(options);
+  else if (options.products)
+    products();
+  else
+    train(options);
   return 0;
 }
 
@@ -413,10 +405,7 @@ int run(int argc, char** argv) {
 }  // namespace citylearn
 
 int main(int argc, char** argv) {
-  try {
-    return citylearn::run(argc, argv);
-  } catch (const std::exception& problem) {
-    std::fprintf(stderr, "bench_training: %s\n", problem.what());
-    return 1;
-  }
+  int status = 0;
+  const int failed = citylearn::bench::run("bench_training", [&] { status = citylearn::measure(argc, argv); });
+  return failed ? failed : status;
 }
