@@ -35,7 +35,7 @@ struct CommandLine {
   Node::Options node;
 };
 
-/// Where the build puts the page, beside this program, or an installation: bin/ and share/citylearn/page.
+/// Returns the folder of the page: beside this program (build) or share/citylearn/page (installation).
 std::string page_of_program() {
   std::error_code none;
   const auto program = std::filesystem::read_symlink("/proc/self/exe", none);
@@ -53,30 +53,27 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->group(group);
   app.add_option("--port", server.port, "0 picks a free one")->capture_default_str()->group(group);
   app.add_option("--page", server.page, "Folder of the built page")->capture_default_str()->group(group);
-  app.add_option("--token-file", server.token_file,
-                 "File with the token that visitors need; made where it is not there")
+  app.add_option("--token-file", server.token_file, "File with the token that clients need; created if missing")
       ->group(group);
-  app.add_option("--allow-host", line.allow_hosts, "Further names it is called by: NAME,...")
+  app.add_option("--allow-host", line.allow_hosts, "Further host names under which it may be reached: NAME,...")
       ->delimiter(',')
       ->group(group);
   app.add_option("--tls-cert", server.tls_certificate, "Certificate chain, PEM: HTTPS instead of HTTP")->group(group);
-  app.add_option("--tls-key", server.tls_key, "Its key, PEM")->group(group);
+  app.add_option("--tls-key", server.tls_key, "Key of the certificate, PEM")->group(group);
   const std::string records = "Records";
-  line.store_option =
-      app.add_option("--store", line.store, "File with all that is recorded; made where it is not there")
-          ->capture_default_str()
-          ->group(records);
+  line.store_option = app.add_option("--store", line.store, "Database file of all records; created if missing")
+                          ->capture_default_str()
+                          ->group(records);
   app.add_option("--open", line.open,
-                 "Show recordings (./run record) instead of what runs; without --store nothing of them is kept")
+                 "Show recordings (./run record) instead of live services; without --store nothing is kept")
       ->type_name("FILE.mcap ...")
       ->group(records);
-  app.add_option("--speed", line.speed, "Of recordings: times as fast as it was; max: as fast as it can be recorded")
+  app.add_option("--speed", line.speed, "Speed of recordings relative to real time; max: as fast as possible")
       ->capture_default_str()
       ->group(records);
   app.add_option("--recognition", line.recognition, "Folder of place-recognition results, as `./run vpr` writes them")
       ->group(records);
-  app.add_flag("--leave", line.leave, "At its end tell env_services that they need keep nothing for this dashboard")
-      ->group(records);
+  app.add_flag("--leave", line.leave, "Unregister on exit, so env_services stop buffering episodes")->group(records);
   line.node.service = "dashboard";
   line.node.id = "dashboard";
   line.node.session = kAllRuns;
@@ -84,7 +81,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.get_option("--session")->description("Session to show and record, or all of the domain's");
 }
 
-/// A thousand clients and the wire's own files are more than the usual 1,024.
+/// Raises the limit of open files: a thousand clients and the middleware need more than the usual 1,024.
 void allow_many_files() {
   rlimit files{};
   if (getrlimit(RLIMIT_NOFILE, &files) != 0) return;
@@ -96,11 +93,11 @@ std::unique_ptr<Store> open_store(const std::string& path) {
   const auto folder = std::filesystem::path(path).parent_path();
   std::error_code wrong;
   if (!folder.empty()) std::filesystem::create_directories(folder, wrong);
-  if (wrong) throw Error("cannot make its folder: " + wrong.message(), "--store " + path);
+  if (wrong) throw Error("cannot create its folder: " + wrong.message(), "--store " + path);
   return std::make_unique<Store>(Store::Options{path, 0});
 }
 
-/// Lines for /metrics beside the server's own.
+/// Returns the lines of /metrics that the server does not have.
 std::string metrics(const std::atomic<std::uint64_t>& recorded, const std::atomic<bool>& failing) {
   return "# HELP citylearn_dashboard_episodes_total Episodes recorded by this process.\n"
          "# TYPE citylearn_dashboard_episodes_total counter\ncitylearn_dashboard_episodes_total " +
@@ -110,15 +107,15 @@ std::string metrics(const std::atomic<std::uint64_t>& recorded, const std::atomi
          (failing ? "0\n" : "1\n");
 }
 
-/// Hands what the node takes to everyone whom it concerns.
+/// Passes the messages that the node takes to all listeners.
 template <class Message, class... Listeners>
-void hand_on(Node& node, Message& message, Listeners&... listeners) {
-  while (node.take(message)) (listeners.hear(message), ...);
+void dispatch(Node& node, Message& message, Listeners&... listeners) {
+  while (node.take(message)) (listeners.on_message(message), ...);
 }
 
 int serve(CommandLine& line) {
   line.server.allow_hosts.insert(line.allow_hosts.begin(), line.allow_hosts.end());
-  if (line.node.session == kAllRuns) line.node.session.clear();  // as the node says it
+  if (line.node.session == kAllRuns) line.node.session.clear();  // as the node spells it
   allow_many_files();
   std::optional<TemporaryFolder> temporary;
   std::optional<Playback> playback;
@@ -132,8 +129,8 @@ int serve(CommandLine& line) {
   ClientHub hub;
   Recorder recorder(node, *store);
   Live live(node, hub);
-  live.told = [&store](const Event& event) { store->record(event); };
-  recorder.told = [&live](const Event& event) { live.show(event); };
+  live.on_event = [&store](const Event& event) { store->record(event); };
+  recorder.on_event = [&live](const Event& event) { live.publish(event); };
   std::atomic<std::uint64_t> recorded{0};
   std::atomic<bool> failing{false};
   Api api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
@@ -150,16 +147,16 @@ int serve(CommandLine& line) {
   msg::RunInfo run;
   msg::TrainingStat stat;
   while (!stop_requested()) {
-    hand_on(node, status, recorder, live);
-    hand_on(node, traversal, recorder, live);
-    hand_on(node, run, recorder, live);
-    hand_on(node, stat, recorder, live);
-    recorder.turn();
-    live.turn();
-    for (const std::string& news : playback ? playback->news() : std::vector<std::string>()) {
-      const Event event{now_seconds(), "", line.node.id, "recording", news};
-      spdlog::info("{}", news);
-      live.show(event);
+    dispatch(node, status, recorder, live);
+    dispatch(node, traversal, recorder, live);
+    dispatch(node, run, recorder, live);
+    dispatch(node, stat, recorder, live);
+    recorder.poll();
+    live.poll();
+    for (const std::string& text : playback ? playback->take_messages() : std::vector<std::string>()) {
+      const Event event{now_seconds(), "", line.node.id, "recording", text};
+      spdlog::info("{}", text);
+      live.publish(event);
       try {
         store->record(event);
       } catch (const Error& error) {
@@ -179,6 +176,6 @@ int serve(CommandLine& line) {
 int main(int argc, char** argv) {
   CommandLine line;
   return service_main(
-      argc, argv, "Shows a run's services, agents and learning on a web page, live, and keeps its records.",
+      argc, argv, "Shows services, agents and training live on a web page, and records them.",
       [&](CLI::App& app) { add_options(app, line); }, [&] { return serve(line); });
 }

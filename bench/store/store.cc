@@ -53,7 +53,7 @@ void recording(const std::string& folder, std::uint64_t total) {
     Store::Options options;
     options.path = folder + "/record-" + std::to_string(batch) + ".sqlite";
     Store store(options);
-    store.heard(run_info());
+    store.record(run_info());
     const std::uint64_t count = std::min<std::uint64_t>(total, 2000 * batch) / batch * batch;
     const std::vector<msg::EpisodeStat> all = episodes(1, count);
     const double time = seconds([&] {
@@ -118,7 +118,7 @@ double catching_up(const std::string& folder, const std::string& middleware, std
     Recorder recorder(node, store);
     while (recorder.recorded() < total && !failed) {
       node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(100)));
-      recorder.turn();
+      recorder.poll();
     }
     environment.join();
   }
@@ -130,7 +130,7 @@ void opening(const std::string& folder) {
   Store::Options options;
   options.path = folder + "/open.sqlite";
   Store store(options);
-  store.heard(run_info(kUpdates));
+  store.record(run_info(kUpdates));
   for (std::uint64_t first = 1; first <= kUpdates; first += 2000) store.record(training_stats(first, first + 1999));
   std::vector<msg::EpisodeStat> some = episodes(1, 50'000);
   for (std::uint64_t number = 50'001; number <= 90'000; ++number) {
@@ -155,7 +155,8 @@ void opening(const std::string& folder) {
   StoreReader reader(store.path());
   const std::int64_t run = reader.run(id)->id;
   double sum = 0;
-  const double plain = median_seconds([&] { reader.training(run, [&](const Statement& row) { sum += row.real(6); }); });
+  const double plain =
+      median_seconds([&] { reader.training(run, [&](std::span<const double> row) { sum += row[6]; }); });
   std::printf("\n%-46s %10s %12s %16s\n", "of a run of 200,000 updates, 90,000 episodes", "ms", "bytes",
               "of every row");
   const auto print = [&](const char* what, double time) {

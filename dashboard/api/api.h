@@ -18,33 +18,33 @@
 
 namespace citylearn {
 
-/// Answers what the page asks (docs/reference/dashboard-api.md): out of the store, or out of what is alive now. May be
-/// used by several threads at once, each with a connection of its own; a wrong request gets an answer that says what is
-/// wrong.
+/// Answers the page's requests (docs/reference/dashboard-api.md) from the store and from the live services. May be used
+/// by several threads at once; each gets a connection to the store of its own. A wrong request gets an answer that says
+/// what is wrong.
 class Api {
  public:
   struct Options {
-    std::string vendor, run;          ///< of the dashboard's node
+    std::string vendor, session;      ///< of the dashboard's node
     std::uint32_t domain = 0;         ///< likewise
     std::string recognition;          ///< folder of vpr's results; empty: none
-    std::function<bool()> recording;  ///< whether episodes reach the store now; nothing: they do
+    std::function<bool()> recording;  ///< whether episodes reach the store now; unset: they do
     double silence = 5;               ///< seconds without news after which a run counts as lost
   };
-  /// `store` and `live` must outlive it. Without `live` nothing is alive.
+  /// `store` and `live` must outlive it. `live` may be null: then no service is shown as alive.
   Api(const Options& options, Store& store, LiveView* live);
   ~Api();
 
   Answer answer(const Query& query);
 
-  /// As GET /api/runs answers: for who sends it to those who watch.
+  /// Returns what GET /api/runs answers, for the live topic `runs`.
   nlohmann::json runs();
 
  private:
-  /// A reader, lent for one answer.
-  class Lent {
+  /// A reader of the store for the time of one answer.
+  class BorrowedReader {
    public:
-    explicit Lent(Api& api);
-    ~Lent();
+    explicit BorrowedReader(Api& api);
+    ~BorrowedReader();
     StoreReader* operator->() { return reader_.get(); }
 
    private:
@@ -59,7 +59,7 @@ class Api {
   Answer map(const Query& query);
   Answer frame(const Query& query);
   Answer recognition(const Query& query);
-  Answer of_run(const Query& query);
+  Answer answer_run(const Query& query);
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
   Answer training(const RunRow& row, const Query& query);
@@ -76,13 +76,17 @@ class Api {
   const RecognitionResults recognition_;
 
   std::mutex mutex_;
-  std::vector<std::unique_ptr<StoreReader>> readers_;  // those nobody has now
+  std::vector<std::unique_ptr<StoreReader>> readers_;  // those not in use
   struct Figures {
     std::uint64_t episodes = 0;
     std::int64_t newest = 0;
     EvaluationFigures figures;
   };
-  std::map<std::pair<std::int64_t, EvaluationKey>, Figures> evaluations_;  // by run: as long as nothing is added
+  std::map<std::pair<std::int64_t, EvaluationKey>, Figures>
+      evaluations_;  // by row of `runs`; valid until episodes are added
 };
+
+/// Returns an answer of JSON. What is not UTF-8 in it is replaced.
+Answer json_answer(const nlohmann::json& json);
 
 }  // namespace citylearn

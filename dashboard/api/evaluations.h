@@ -8,7 +8,7 @@
 
 namespace citylearn {
 
-/// Figures of one policy on the tasks of one traversal: means over tasks, fractions as 0..1.
+/// Figures of one policy on the tasks of one traversal: means over tasks; fractions are 0..1.
 struct EvaluationFigures {
   std::uint64_t tasks = 0;
   double completed = 0, failed = 0;
@@ -18,17 +18,17 @@ struct EvaluationFigures {
   double shortest_mean = 0;  ///< frames
   double excess = 0;         ///< taken / shortest, mean over completed tasks; NaN when none was completed
 };
-/// The same tasks give the same interval. `tasks` must not be empty.
+/// Returns the figures of `tasks`, which must not be empty. The same tasks give the same interval.
 EvaluationFigures evaluate(std::span<const StoreReader::TaskRow> tasks);
 
-/// What a policy reaches that does not learn, over all tasks (start, goal) of a route, start != goal.
+/// Figures of a policy that does not learn, over all tasks (start, goal) of a route, start != goal.
 struct ControlFigures {
   double spl = 0, reward = 0, steps = 0, completed = 0;
 };
-/// Walks to the nearer end of the goal's half and turns round there (`blind`; policy_service/rollout/blind.cc).
-/// `frames` >= 2, `max_steps` >= 1.
+/// Computes them for an agent that walks to the end of the goal's half and turns round there (`blind`;
+/// policy_service/rollout/blind.cc). `frames` >= 2, `max_steps` >= 1.
 ControlFigures blind_figures(int frames, int max_steps);
-/// Knows where it stands.
+/// Computes them for an agent that takes the shortest path.
 ControlFigures shortest_path_figures(int frames, int max_steps);
 
 }  // namespace citylearn

@@ -53,7 +53,7 @@ std::vector<RecognitionResults::Folder> RecognitionResults::folders() const {
 }
 
 std::optional<RecognitionResults::Folder> RecognitionResults::find(const std::string& name) const {
-  // By comparison, never by path arithmetic: a name leads nowhere else.
+  // The name is compared, never used as a path, so it cannot lead elsewhere.
   for (Folder& folder : folders())
     if (folder.name == name) return std::move(folder);
   return std::nullopt;

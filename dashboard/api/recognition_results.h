@@ -8,19 +8,19 @@
 
 namespace citylearn {
 
-/// What vpr wrote: the folder itself, and those below it, that hold a results.json. Looked at anew with each call,
-/// since vpr may run meanwhile. May be used by several threads.
+/// Reads what vpr wrote: the folder itself, and those below it, that hold a results.json. Each call reads them anew, as
+/// vpr may run meanwhile. May be used by several threads.
 class RecognitionResults {
  public:
-  /// An empty name: there are none.
+  /// An empty name gives no results.
   explicit RecognitionResults(std::string folder) : folder_(std::move(folder)) {}
 
-  /// {"name", "file", "matrices": [names], ...the summary}, newest first. One that cannot be read has "error" instead
-  /// of the summary.
+  /// Returns {"name", "file", "matrices": [names], ...the summary}, newest first. One that cannot be read has "error"
+  /// instead of the summary.
   nlohmann::json list() const;
-  /// Precision over recall, one curve a row; nothing when there is no such result, or it has none.
+  /// Returns precision over recall, one curve per row; nothing for an unknown result or one without curves.
   std::optional<std::string> curves(const std::string& name) const;
-  /// A similarity-*.png of it; the first one where `matrix` is empty.
+  /// Returns a similarity-*.png of a result; the first one if `matrix` is empty.
   std::optional<std::string> matrix(const std::string& name, const std::string& matrix) const;
 
  private:

@@ -36,7 +36,7 @@ std::string random_text(std::size_t bytes) {
   return hexadecimal(random, bytes);
 }
 
-/// Digests are compared, so that not even the length shows in the time it takes.
+/// Compares digests, so that the time it takes does not reveal even the length.
 bool same_secret(std::string_view a, std::string_view b) {
   unsigned char first[SHA256_DIGEST_LENGTH], second[SHA256_DIGEST_LENGTH];
   SHA256(reinterpret_cast<const unsigned char*>(a.data()), a.size(), first);
@@ -51,10 +51,10 @@ std::string lower(std::string_view text) {
   return out;
 }
 
-std::string make_token(const std::string& path) {
+std::string create_token(const std::string& path) {
   const std::string token = random_text(32);
   const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-  if (file < 0) throw Error(std::string("cannot make it: ") + std::strerror(errno), "--token-file " + path);
+  if (file < 0) throw Error(std::string("cannot create it: ") + std::strerror(errno), "--token-file " + path);
   const std::string line = token + "\n";
   const bool written = ::write(file, line.data(), line.size()) == static_cast<ssize_t>(line.size()) && fsync(file) == 0;
   ::close(file);
@@ -68,20 +68,20 @@ std::string make_token(const std::string& path) {
 std::string read_token(const std::string& path) {
   const std::string where = "--token-file " + path;
   const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-  if (file < 0 && errno == ENOENT) return make_token(path);
+  if (file < 0 && errno == ENOENT) return create_token(path);
   if (file < 0) throw Error(std::string("cannot read it: ") + std::strerror(errno), where);
   struct stat facts {};
   std::string token(kLongestToken + 2, '\0');
   const bool known = ::fstat(file, &facts) == 0;
   const ssize_t count = ::read(file, token.data(), token.size());
   ::close(file);
-  if (!known || count < 0 || !S_ISREG(facts.st_mode)) throw Error("is no file that can be read", where);
+  if (!known || count < 0 || !S_ISREG(facts.st_mode)) throw Error("is not a readable file", where);
   if ((facts.st_mode & 077) != 0) throw Error("others may read it", where, "chmod 600 " + path);
   token.resize(static_cast<std::size_t>(count));
   while (!token.empty() && (token.back() == '\n' || token.back() == '\r')) token.pop_back();
   const bool plain = std::all_of(token.begin(), token.end(), [](char c) { return c > ' ' && c < '\x7F'; });
   if (!plain || token.size() < kShortestToken || token.size() > kLongestToken)
-    throw Error("holds no token", where, "one line of 16 to 1024 letters and digits; delete it and it is made");
+    throw Error("holds no valid token", where, "one line of 16 to 1024 letters and digits; delete it to get a new one");
   return token;
 }
 
@@ -109,7 +109,7 @@ Access::Access(Options options) : options_(std::move(options)) {
   boost::system::error_code wrong;
   const auto address = boost::asio::ip::make_address(options_.address, wrong);
   if (wrong)
-    throw Error("'" + options_.address + "' is no address", "--listen", "a number, as 127.0.0.1, 0.0.0.0 or ::1");
+    throw Error("'" + options_.address + "' is not an address", "--listen", "a number, as 127.0.0.1, 0.0.0.0 or ::1");
   loopback_ = address.is_loopback();
   any_ = address.is_unspecified();
   if (!loopback_ && options_.token_file.empty())
@@ -143,9 +143,9 @@ bool Access::ours(std::string_view host) const {
   return any_ || address.is_loopback();
 }
 
-std::optional<std::string> Access::stranger(const Request& request) const {
+std::optional<std::string> Access::foreign(const Request& request) const {
   if (!ours(request.host))
-    return "Host '" + std::string(request.host) + "' is not this dashboard's (--allow-host NAME adds one)";
+    return "Host '" + std::string(request.host) + "' is not a name of this dashboard (--allow-host NAME adds one)";
   if (request.origin.empty()) return std::nullopt;
   // A proxy in front of us may speak HTTPS for us.
   const std::string origin = lower(request.origin), host = lower(request.host);
@@ -153,7 +153,7 @@ std::optional<std::string> Access::stranger(const Request& request) const {
   return "Origin '" + std::string(request.origin) + "' is not this dashboard's page";
 }
 
-bool Access::knows(const Request& request) const {
+bool Access::allows(const Request& request) const {
   if (token_.empty()) return true;
   constexpr std::string_view scheme = "bearer ";
   if (lower(request.authorization.substr(0, scheme.size())) == scheme)

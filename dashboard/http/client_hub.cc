@@ -16,7 +16,7 @@ struct ClientHub::Message {
   std::string columns;   // likewise, as JSON
   std::shared_ptr<const std::vector<std::byte>> payload;
 
-  /// Of kAppend: one row of this has the meaning and the length of one of the other.
+  /// Returns whether rows (of kAppend) have the same columns and length as those of the other.
   bool same_table(const Message& other) const {
     return columns == other.columns && payload->size() / rows == other.payload->size() / other.rows;
   }
@@ -24,7 +24,7 @@ struct ClientHub::Message {
 
 namespace {
 
-/// 4 bytes of length, the header, and spaces, so that the payload begins at a multiple of 8.
+/// Returns 4 bytes of length, the header, and spaces, so that the payload begins at a multiple of 8.
 std::string framed(const std::string& json) {
   const std::size_t length = (json.size() + 4 + 7) / 8 * 8 - 4;
   std::string head;
@@ -63,7 +63,7 @@ void ClientHub::leave(Client& client, const std::string& topic) {
   }
 }
 
-/// Those whose time is over.
+/// Removes topics that nobody has watched for the linger time.
 void ClientHub::forget_topics() const {
   if (lingering_ == 0) return;
   const Clock::time_point now = Clock::now();
@@ -146,7 +146,7 @@ void ClientHub::enqueue(Client& client, const std::string& topic, const std::sha
     if (message->merge == Merge::kEach) {
       while (waiting.messages.size() >= options_.each) drop_first(client, topic);
     } else {
-      // Rows of another shape, or under other names, cannot stand in one table with these.
+      // Rows of another shape or with other columns cannot be joined.
       while (!waiting.messages.empty() && !waiting.messages.back()->same_table(*message)) drop_first(client, topic);
       waiting.rows += message->rows;
     }
@@ -181,7 +181,7 @@ void ClientHub::drop_first(Client& client, const std::string& topic) {
   waiting.messages.pop_front();
 }
 
-/// Beyond the bound the messages go whose topic waits longest, but never the one that has just come.
+/// Drops messages beyond the bound, of the topic that waits longest first, but never the newest one.
 void ClientHub::make_room(Client& client, const std::string& newest) {
   while (client.bytes_ > options_.bytes) {
     const auto oldest = std::find_if(client.order_.begin(), client.order_.end(), [&](const std::string& topic) {
@@ -212,7 +212,7 @@ std::optional<ClientHub::Frame> ClientHub::Client::next() {
       messages.push_back(hub_.topics_.at(topic).newest);
       hub_.forget(*this, topic);
     } else if (waiting.messages.front()->merge == Merge::kEach && waiting.messages.size() > 1) {
-      // The rest of them waits behind the other topics.
+      // The others wait behind the other topics.
       messages.push_back(waiting.messages.front());
       waiting.messages.pop_front();
       bytes_ -= messages.front()->payload->size();
@@ -225,7 +225,7 @@ std::optional<ClientHub::Frame> ClientHub::Client::next() {
       hub_.forget(*this, topic);
     }
   }
-  // No lock from here on: messages never change.
+  // No lock is needed from here on, as messages never change.
   const Message& last = *messages.back();
   std::string json =
       "{" + last.fields + ",\"sequence\":" + std::to_string(last.sequence) + ",\"dropped\":" + std::to_string(dropped);

@@ -15,9 +15,9 @@
 
 namespace citylearn {
 
-/// The Hub of a server: one bounded queue a client. A message is kept once, however many wait for it; who publishes
-/// only puts pointers into queues. States (kReplace) are kept by topic, so that no bound can take the newest from a
-/// client.
+/// The Hub of a server: one bounded queue per client. A message is kept once, however many clients wait for it;
+/// publishing only puts pointers into queues. States (kReplace) are kept by topic, so that no bound can drop the
+/// newest.
 class ClientHub : public Hub {
   struct Message;
 
@@ -26,32 +26,33 @@ class ClientHub : public Hub {
     std::size_t rows = 2000;       ///< of one kAppend topic that wait for one client
     std::size_t each = 256;        ///< messages of one kEach topic that wait for one client
     std::size_t bytes = 16 << 20;  ///< payload of kAppend and kEach that waits for one client, all topics
-    /// A topic with news counts as watched for so long after its last watcher left: a page that is loaded again gets
-    /// the state at once, and publishers that look now and then who watches see no gap that was none.
+    /// A topic with a message counts as watched for so long after its last watcher left: a reloaded page gets the state
+    /// at once, and publishers that poll watched() see no gap.
     std::chrono::milliseconds linger{2000};
   };
-  /// What goes into one WebSocket frame: `head` (length, JSON, padding to 8 bytes), then `payload`.
+  /// The contents of one WebSocket frame: `head` (length, JSON, padding to 8 bytes), then `payload`.
   struct Frame {
     std::string head;
     std::shared_ptr<const std::vector<std::byte>> payload;
   };
   struct Counts {
     std::size_t clients = 0;
-    std::uint64_t published = 0;  ///< messages that somebody watched
+    std::uint64_t published = 0;  ///< messages of watched topics
     std::uint64_t taken = 0;      ///< frames, all clients
     std::uint64_t dropped = 0;    ///< messages (of kAppend: rows), all clients
   };
 
-  /// One client's end. May be used by any thread. Leaves the hub when it is destroyed; the hub must outlive it.
+  /// One client's queue. May be used by any thread. Leaves the hub when it is destroyed; the hub must outlive it.
   class Client {
    public:
     ~Client();
     Client(const Client&) = delete;
     Client& operator=(const Client&) = delete;
-    /// Replaces what it watches. What waits of other topics is forgotten; of new ones it gets what is known: the
-    /// newest message of a kReplace topic that another one watches already.
+    /// Replaces the watched topics. Drops what waits of other topics. Of a new kReplace topic that another client
+    /// watches already, the newest message waits at once.
     void watch(const std::set<std::string>& topics);
-    /// The next frame, oldest topic first. Nothing: `wake` is called once something comes.
+    /// Returns the next frame, oldest topic first. After it returned nothing, `wake` is called once for the next
+    /// message.
     std::optional<Frame> next();
 
    private:
@@ -59,7 +60,7 @@ class ClientHub : public Hub {
     Client(ClientHub& hub, std::function<void()> wake) : hub_(hub), wake_(std::move(wake)) {}
     ClientHub& hub_;
     const std::function<void()> wake_;
-    /// What it has not taken of one topic. kReplace: the topic's newest; kEach: a message a frame; kAppend: all
+    /// What the client has not taken of one topic. kReplace: the topic's newest; kEach: a message a frame; kAppend: all
     /// messages in one frame.
     struct Waiting {
       std::deque<std::shared_ptr<const Message>> messages;  // empty for kReplace
@@ -78,12 +79,12 @@ class ClientHub : public Hub {
   ClientHub() : ClientHub(Options()) {}
   explicit ClientHub(const Options& options) : options_(options) {}
 
-  /// A client that watches nothing yet. `wake` is called by whoever publishes, under the hub's lock: it must return at
-  /// once and not come back to the hub.
+  /// Adds a client that watches nothing yet. The publishing thread calls `wake` under the hub's lock: it must return at
+  /// once and not call the hub.
   std::shared_ptr<Client> join(std::function<void()> wake);
 
-  /// A kAppend message has "rows" (at least 1) and a payload of equally long rows, and a topic is always merged in the
-  /// same way; anything else is an Error.
+  /// A kAppend message has "rows" (at least 1) and a payload of equally long rows. A topic is always merged in the same
+  /// way. Otherwise throws Error.
   void publish(const std::string& topic, nlohmann::json header, std::vector<std::byte> payload, Merge merge) override;
   std::vector<std::string> watched() const override;
   Counts counts() const;

@@ -8,33 +8,33 @@
 
 namespace citylearn {
 
-/// One client's connection as the doorkeeper sees it. Used by the server's thread alone.
+/// A client's connection, as far as limits and deadlines need it. Used by the server's thread only.
 class Connection {
  public:
   using Time = std::chrono::steady_clock::time_point;
   virtual ~Connection() = default;
-  /// Ends it now, whatever it is doing.
+  /// Closes it at once.
   virtual void close() = 0;
-  /// Called now and then.
+  /// Called periodically.
   virtual void tick(Time now) = 0;
 
   boost::asio::ip::address address;
-  bool idle = true;                 ///< nothing is asked of us: it may be closed for a newcomer
+  bool idle = true;                 ///< no request is being answered: it may be closed for a new one
   Time since = Time::clock::now();  ///< of `idle`
-  Time deadline = Time::max();      ///< closed when it has passed
+  Time deadline = Time::max();      ///< then it is closed
 };
 
-/// Who is connected, and who may come in: so many in all and of one address. Where that is reached the one that has
-/// been idle longest makes room, so that those who connect and say nothing cannot lock out the others.
+/// Limits the connections in all and per address. At a limit the connection that has been idle longest is closed for a
+/// new one, so that clients that connect and send nothing cannot lock out others.
 class Connections {
  public:
   Connections(std::size_t most, std::size_t most_each) : most_(most), most_each_(most_each) {}
-  /// Room for one of `address`; false when all are busy.
+  /// Makes room for a connection from `address`. Returns false when all are busy.
   bool admit(const boost::asio::ip::address& address);
   void add(Connection& connection);
-  /// Does nothing for one that is not there.
+  /// Does nothing for an unknown connection.
   void remove(Connection& connection);
-  /// Closes those whose deadline has passed, and lets the others tick.
+  /// Closes those whose deadline has passed and ticks the others.
   void tick(Connection::Time now);
   std::size_t size() const { return all_.size(); }
   std::uint64_t made_room() const { return made_room_; }

@@ -8,21 +8,21 @@
 
 namespace citylearn {
 
-/// Between those who have news and the WebSocket clients who watch (docs/reference/dashboard-api.md). May be used by
-/// any thread; never waits for a client.
+/// Passes messages from publishers to the WebSocket clients that watch their topic (docs/reference/dashboard-api.md).
+/// May be used by any thread; never waits for a client.
 class Hub {
  public:
-  /// What becomes of news of a topic for a client who has not taken the last ones yet.
+  /// How a new message of a topic joins those that a client has not taken yet.
   enum class Merge {
     kReplace,  ///< the newest replaces them
-    kAppend,   ///< rows are joined (header "rows", payload row-major), the oldest go beyond a bound
-    kEach      ///< each is kept, the oldest go beyond a bound
+    kAppend,   ///< rows are joined (header "rows", payload row-major); beyond a bound the oldest are dropped
+    kEach      ///< each is kept; beyond a bound the oldest are dropped
   };
   virtual ~Hub() = default;
-  /// `header` gets topic, sequence and dropped when it is sent. Does nothing where nobody watches.
+  /// Adds topic, sequence and dropped to `header`. Does nothing for a topic that nobody watches.
   virtual void publish(const std::string& topic, nlohmann::json header, std::vector<std::byte> payload,
                        Merge merge) = 0;
-  /// Topics that somebody watches now.
+  /// Returns the topics that are watched now.
   virtual std::vector<std::string> watched() const = 0;
 };
 

@@ -6,23 +6,23 @@
 
 namespace citylearn {
 
-/// The page's files, read once into memory: what is not in this table cannot be asked for, whatever a path says.
+/// The page's files, read once into memory. Only files in this table are served, whatever a path says.
 class Page {
  public:
   struct File {
     std::string type;        ///< MIME
     std::string body;        ///< bytes
-    std::string compressed;  ///< the same with gzip; empty where the build made none
+    std::string compressed;  ///< the same with gzip; empty if the build made none
     std::string tag;         ///< ETag, in quotes
-    bool hashed = false;     ///< its name changes with its content: cacheable for ever
+    bool hashed = false;     ///< its name changes with its content, so it may be cached forever
   };
 
   Page() = default;
-  /// Every regular file below `folder`; "x.js.gz" beside "x.js" is that one's compressed form. Links are not followed.
-  /// A folder that is not there gives an empty page. Throws Error for a file that cannot be read, and beyond 64 MiB.
+  /// Reads every regular file below `folder`; "x.js.gz" is the compressed form of "x.js". Does not follow links. A
+  /// missing folder gives an empty page. Throws Error for an unreadable file, and beyond 64 MiB.
   explicit Page(const std::string& folder);
 
-  /// The file of a path as it was sent ("/" is "/index.html"); null where there is none.
+  /// Returns the file of a path as sent ("/" is "/index.html"), or null.
   const File* find(const std::string& path) const;
   bool empty() const { return files_.empty(); }
 

@@ -1,53 +1,49 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <atomic>
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/asio/ssl/context.hpp>
-#include <boost/asio/thread_pool.hpp>
-#include <map>
-#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
 
 #include "dashboard/http/access.h"
-#include "dashboard/http/connections.h"
-#include "dashboard/http/page.h"
-#include "dashboard/http/server.h"
+#include "dashboard/http/answer.h"
+#include "dashboard/http/target.h"
 
 namespace citylearn {
 
-/// What the sessions of a server share. Used by the server's thread alone, but for what says otherwise.
-struct Premises {
-  Premises(const ServerOptions& given, ClientHub& live, Server::Handlers functions)
-      : options(given),
-        hub(live),
-        handlers(std::move(functions)),
-        page(given.page),
-        connections(given.connections, given.connections_each) {}
+struct ServerContext;
 
-  const ServerOptions options;
-  ClientHub& hub;                   // any thread
-  const Server::Handlers handlers;  // any thread
-  const Page page;
-  std::unique_ptr<Access> access;
-  Connections connections;
-  std::atomic<std::size_t> asked{0};  // API calls that wait or run
-
-  // Counts for /metrics.
-  std::map<int, std::uint64_t> answers;  // by status
-  std::uint64_t accepted = 0;
-  std::uint64_t refused = 0;  // connections, as all were busy
-  std::uint64_t broken = 0;   // WebSocket connections that ended in malformed frames or messages
-  std::uint64_t let_go = 0;   // WebSocket clients that took or said nothing
-  std::uint64_t frame_bytes = 0;
-
-  std::unique_ptr<boost::asio::ssl::context> tls;  // null: plain HTTP
-  // Last, so that they go first: what still waits in them uses all of the above.
-  boost::asio::io_context io{1};
-  boost::asio::thread_pool workers{static_cast<std::size_t>(options.workers)};
+/// What the dashboard reads of a request's header. An empty field is absent.
+struct RequestHead {
+  std::string_view method;
+  Access::Request credentials;
+  std::string_view if_none_match, accept_encoding;
 };
 
-/// Begins to serve a connection that was admitted. It lives as long as there is something to do.
-void serve(Premises& premises, boost::asio::ip::tcp::socket socket);
+/// An answer on its way out.
+struct Reply {
+  Answer answer;
+  std::string_view file;  ///< a file of the page, sent in place of answer.body; it outlives the reply
+};
+
+Reply error_reply(int status, const std::string& what);
+
+/// Answers all requests but those of the API: who may ask, the page, the login, metrics. Used by the server's thread.
+class RequestHandler {
+ public:
+  explicit RequestHandler(ServerContext& context) : context_(context) {}
+
+  /// Returns why the request is refused, or nothing when it is authorised.
+  std::optional<Reply> refusal(const RequestHead& head, const std::optional<Target>& target) const;
+  /// Answers a request that is neither the API's nor of /metrics.
+  Reply reply(const RequestHead& head, const Target& target) const;
+  /// Returns the lines of /metrics that the server knows.
+  std::string metrics() const;
+
+ private:
+  Reply login(const RequestHead& head, const Target& target) const;
+
+  ServerContext& context_;
+};
 
 }  // namespace citylearn

@@ -14,7 +14,7 @@
 #include <thread>
 
 #include "core/util/error.h"
-#include "dashboard/http/request_handler.h"
+#include "dashboard/http/server_context.h"
 
 namespace citylearn {
 namespace {
@@ -26,20 +26,19 @@ using boost::system::error_code;
 std::unique_ptr<asio::ssl::context> open_tls(const ServerOptions& options) {
   const std::string &certificate = options.tls_certificate, &key = options.tls_key;
   if (certificate.empty() && key.empty()) return nullptr;
-  if (certificate.empty() || key.empty())
-    throw Error("one does not work without the other", "--tls-cert, --tls-key", "give both");
+  if (certificate.empty() || key.empty()) throw Error("both are needed", "--tls-cert, --tls-key", "give both");
   auto context = std::make_unique<asio::ssl::context>(asio::ssl::context::tls_server);
   error_code wrong;
   context->set_options(asio::ssl::context::default_workarounds | asio::ssl::context::no_tlsv1 |
                        asio::ssl::context::no_tlsv1_1 | asio::ssl::context::single_dh_use);
-  // Idle clients then keep no buffers.
+  // So that idle clients keep no buffers.
   SSL_CTX_set_mode(context->native_handle(), SSL_MODE_RELEASE_BUFFERS);
   context->use_certificate_chain_file(certificate, wrong);
   if (wrong)
-    throw Error("is no certificate that can be read: " + wrong.message(), "--tls-cert " + certificate, "a PEM file");
+    throw Error("is not a readable certificate: " + wrong.message(), "--tls-cert " + certificate, "a PEM file");
   context->use_private_key_file(key, asio::ssl::context::pem, wrong);
   if (wrong)
-    throw Error("is no key of that certificate that can be read: " + wrong.message(), "--tls-key " + key,
+    throw Error("is not a readable key of that certificate: " + wrong.message(), "--tls-key " + key,
                 "a PEM file without a password");
   return context;
 }
@@ -53,13 +52,13 @@ const char kBusy[] =
 
 struct Server::Inside {
   Inside(const ServerOptions& options, ClientHub& hub, Handlers handlers)
-      : premises(options, hub, std::move(handlers)), acceptor(premises.io), ticker(premises.io) {}
+      : context(options, hub, std::move(handlers)), acceptor(context.io), ticker(context.io) {}
 
   void open();
   asio::awaitable<void> accept();
   asio::awaitable<void> tick();
 
-  Premises premises;
+  ServerContext context;
   tcp::acceptor acceptor;
   asio::steady_timer ticker;
   tcp::endpoint endpoint;
@@ -68,10 +67,10 @@ struct Server::Inside {
 };
 
 void Server::Inside::open() {
-  const ServerOptions& options = premises.options;
+  const ServerOptions& options = context.options;
   Access::Options access{options.listen, options.port, options.token_file, options.allow_hosts, false};
-  premises.tls = open_tls(options);
-  access.tls = premises.tls != nullptr;
+  context.tls = open_tls(options);
+  access.tls = context.tls != nullptr;
   error_code wrong;
   const auto address = asio::ip::make_address(options.listen, wrong);
   if (!wrong) {
@@ -89,56 +88,56 @@ void Server::Inside::open() {
     check();
     endpoint = acceptor.local_endpoint();
     access.port = endpoint.port();
-    premises.access = std::make_unique<Access>(access);
-    login = premises.access->login_path();
+    context.access = std::make_unique<Access>(access);
+    login = context.access->login_path();
     std::string host = address.is_unspecified() ? "localhost" : address.to_string();
     if (host.find(':') != std::string::npos) host = "[" + host + "]";
     url = (access.tls ? "https://" : "http://") + host + ":" + std::to_string(access.port);
     if (!access.tls && !address.is_loopback())
-      spdlog::warn("the token travels as it is: give --tls-cert and --tls-key where others may listen");
+      spdlog::warn("the token is sent unencrypted: give --tls-cert and --tls-key where others can intercept it");
     acceptor.listen(asio::socket_base::max_listen_connections, wrong);
     check();
   } else {
-    premises.access = std::make_unique<Access>(access);  // says what is wrong with the address
+    context.access = std::make_unique<Access>(access);  // reports what is wrong with the address
   }
 }
 
 asio::awaitable<void> Server::Inside::accept() {
   for (;;) {
-    tcp::socket socket(premises.io);
+    tcp::socket socket(context.io);
     error_code error;
     co_await acceptor.async_accept(socket, asio::redirect_error(asio::use_awaitable, error));
     if (error == asio::error::operation_aborted) co_return;
     if (error) {
-      // No more files may be open: those who wait keep waiting until somebody leaves.
-      asio::steady_timer pause(premises.io, std::chrono::milliseconds(100));
+      // No more files may be open: new clients wait until a connection ends.
+      asio::steady_timer pause(context.io, std::chrono::milliseconds(100));
       co_await pause.async_wait(asio::redirect_error(asio::use_awaitable, error));
       continue;
     }
     const tcp::endpoint client = socket.remote_endpoint(error);
     if (error) continue;  // gone already
     socket.set_option(tcp::no_delay(true), error);
-    if (!premises.connections.admit(client.address())) {
-      ++premises.refused;
-      ++premises.answers[503];
+    if (!context.connections.admit(client.address())) {
+      ++context.refused;
+      ++context.answers[503];
       socket.non_blocking(true, error);
-      if (!premises.tls) socket.write_some(asio::buffer(kBusy, sizeof kBusy - 1), error);
+      if (!context.tls) socket.write_some(asio::buffer(kBusy, sizeof kBusy - 1), error);
       continue;
     }
-    ++premises.accepted;
-    serve(premises, std::move(socket));
+    ++context.accepted;
+    serve(context, std::move(socket));
   }
 }
 
 asio::awaitable<void> Server::Inside::tick() {
-  const ServerOptions& options = premises.options;
+  const ServerOptions& options = context.options;
   const auto shortest = std::min({options.request_time, options.ping, options.patience});
   const auto period = std::clamp<std::chrono::milliseconds>(shortest / 8, std::chrono::milliseconds(5),
                                                             std::chrono::milliseconds(1000));
   for (error_code error; !error;) {
     ticker.expires_after(period);
     co_await ticker.async_wait(asio::redirect_error(asio::use_awaitable, error));
-    premises.connections.tick(Connection::Time::clock::now());
+    context.connections.tick(Connection::Time::clock::now());
   }
 }
 
@@ -147,17 +146,17 @@ Server::Server(const ServerOptions& options, ClientHub& hub, Handlers handlers)
   Inside& inside = *inside_;
   inside.open();
   asio::co_spawn(
-      inside.premises.io, [&inside] { return inside.accept(); }, asio::detached);
+      inside.context.io, [&inside] { return inside.accept(); }, asio::detached);
   asio::co_spawn(
-      inside.premises.io, [&inside] { return inside.tick(); }, asio::detached);
-  inside.thread = std::thread([&inside] { inside.premises.io.run(); });
+      inside.context.io, [&inside] { return inside.tick(); }, asio::detached);
+  inside.thread = std::thread([&inside] { inside.context.io.run(); });
 }
 
 Server::~Server() {
-  inside_->premises.io.stop();
+  inside_->context.io.stop();
   inside_->thread.join();
-  inside_->premises.workers.stop();
-  inside_->premises.workers.join();
+  inside_->context.workers.stop();
+  inside_->context.workers.join();
 }
 
 std::uint16_t Server::port() const { return inside_->endpoint.port(); }

@@ -14,11 +14,11 @@
 namespace citylearn {
 
 struct ServerOptions {
-  // Where, and for whom.
+  // Address and access.
   std::string listen = "127.0.0.1";   ///< address; any but loopback needs a token file
   std::uint16_t port = 8080;          ///< 0 picks a free one
-  std::string token_file;             ///< made where it is not there; empty: everyone on this machine may look
-  std::set<std::string> allow_hosts;  ///< further names it is called by
+  std::string token_file;             ///< created if missing; empty: everyone on this machine has access
+  std::set<std::string> allow_hosts;  ///< further host names
   std::string tls_certificate;        ///< PEM, the chain; with tls_key everything is HTTPS
   std::string tls_key;                ///< PEM
   std::string page;                   ///< folder of the built page
@@ -28,35 +28,35 @@ struct ServerOptions {
   std::size_t connections_each = 256;  ///< of one address
   std::uint32_t header_bytes = 32 << 10;
   std::size_t body_bytes = 64 << 10;
-  std::size_t message_bytes = 64 << 10;  ///< of what a WebSocket client says
+  std::size_t message_bytes = 64 << 10;  ///< of a WebSocket client's message
   std::chrono::milliseconds request_time{
       30'000};                                 ///< for a request to arrive, and for each part of the answer to leave
   std::chrono::milliseconds ping{10'000};      ///< between pings
-  std::chrono::milliseconds patience{30'000};  ///< with a WebSocket client that takes or says nothing
+  std::chrono::milliseconds patience{30'000};  ///< with a WebSocket client that neither takes nor sends anything
   int workers = 2;                             ///< threads that answer the API
   std::size_t waiting = 128;                   ///< API requests that wait for a worker
 };
 
-/// Serves page, API and live messages on one port (docs/reference/dashboard-api.md): a thread of its own moves the
-/// bytes, `workers` others answer the API, so that neither a slow query nor a slow client holds up anybody else.
+/// Serves page, API and live messages on one port (docs/reference/dashboard-api.md). One thread does all input and
+/// output, `workers` others answer the API, so that neither a slow query nor a slow client delays anybody else.
 class Server {
  public:
   struct Handlers {
     std::function<Answer(const Query&)> api;  ///< by several threads at once; an exception becomes a 500
     std::function<std::string()> metrics;     ///< further lines for /metrics, likewise; may be empty
   };
-  /// Listens when it returns. Throws Error where it cannot: the port is in use, a file cannot be read, a token is
-  /// missing or known to others. `hub` must outlive the server.
+  /// Listens when it returns. Throws Error when it cannot: the port is in use, a file cannot be read, a token is
+  /// missing or readable by others. `hub` must outlive the server.
   Server(const ServerOptions& options, ClientHub& hub, Handlers handlers);
-  /// Cuts every connection; waits for API calls under way.
+  /// Closes every connection; waits for running API calls.
   ~Server();
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;
 
   std::uint16_t port() const;
-  /// "http://127.0.0.1:8080"; localhost's where it listens on every address.
+  /// Returns "http://127.0.0.1:8080", or localhost when it listens on every address.
   std::string url() const;
-  /// What to open: url() + "/", or the link that logs in once.
+  /// Returns the link to open: url() + "/", or the link that logs in once.
   std::string link() const;
 
  private:

@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/live/live.h"
 
-#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <charconv>
 #include <cmath>
 #include <cstring>
 
 #include "core/task/training_figures.h"
+#include "dashboard/live/json.h"
 
 namespace citylearn {
 namespace {
@@ -21,7 +20,7 @@ using std::chrono::milliseconds;
 
 static_assert(std::endian::native == std::endian::little, "payloads are copied as they are");
 
-constexpr milliseconds kLook{100};      // who watches what; and rows of training
+constexpr milliseconds kUpdate{100};    // watched topics, and rows of training
 constexpr milliseconds kServices{250};  // at most four times a second
 constexpr std::size_t kMostAsked = 64, kMostHosted = 4096, kMostRuns = 4096, kMostScenes = 256;
 
@@ -36,13 +35,6 @@ std::vector<std::byte> bytes_of(const Json& json) {
   const auto* begin = reinterpret_cast<const std::byte*>(text.data());
   return {begin, begin + text.size()};
 }
-
-Json json_of(const Event& event) {
-  return {
-      {"time", event.time}, {"run", event.run}, {"service", event.service}, {"kind", event.kind}, {"text", event.text}};
-}
-
-std::string hash_text(std::uint64_t hash) { return fmt::format("{:016x}", hash); }
 
 std::string source_of(const msg::Header& header) {
   return std::string(header.sender().c_str()) + "@" + header.session().c_str();
@@ -67,46 +59,41 @@ Live::Live(Node& node, Hub& hub, const Options& options)
   node_.create_writer<msg::ImageRequest>();
 }
 
-// What comes.
+// Messages.
 
-void Live::hear(const msg::ServiceStatus& status) {
+void Live::on_message(const msg::ServiceStatus& status) {
   std::vector<Event> news;
   {
     const std::lock_guard lock(mutex_);
-    services_.hear(status, Clock::now(), news);
+    services_.on_message(status, Clock::now(), news);
   }
   services_changed_ = true;
-  tell(news);
+  report(news);
 }
 
-void Live::hear(const msg::TraversalInfo& info) {
+void Live::on_message(const msg::TraversalInfo& info) {
   const Environment environment(info.header().session().c_str(), info.header().sender().c_str());
   const std::lock_guard lock(mutex_);
-  Hosted& hosted = hosted_[environment];
-  // Of a process that is dead, kept by the middleware for late joiners.
-  if (info.header().incarnation() < hosted.incarnation && services_.lives(environment.first, environment.second))
+  HostedTraversal& hosted = hosted_[environment];
+  // A message of a dead process, kept by the middleware for late joiners.
+  if (info.header().incarnation() < hosted.incarnation && services_.is_alive(environment.first, environment.second))
     return;
   hosted = {info.header().incarnation(),
-            info.hash(),
-            info.frames(),
-            info.images(),
-            info.agents(),
-            info.dataset().c_str(),
-            info.traversal().c_str(),
-            info.condition().c_str()};
+            {environment.second, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(),
+             info.hash(), info.frames(), info.agents(), info.images()}};
   if (hosted_.size() <= kMostHosted) return;
   const auto dead = std::find_if(hosted_.begin(), hosted_.end(), [this](const auto& entry) {
-    return !services_.lives(entry.first.first, entry.first.second);
+    return !services_.is_alive(entry.first.first, entry.first.second);
   });
   hosted_.erase(dead == hosted_.end() ? hosted_.begin() : dead);
 }
 
-void Live::hear(const msg::RunInfo& info) {
-  if (runs_.size() >= kMostRuns) runs_.clear();  // each is told again within a second, where it goes on
+void Live::on_message(const msg::RunInfo& info) {
+  if (runs_.size() >= kMostRuns) runs_.clear();  // each that goes on is repeated within a second
   runs_[{Sender(info.header()), info.run_id()}] = run_id(info);
 }
 
-void Live::hear(const msg::TrainingStat& stat) {
+void Live::on_message(const msg::TrainingStat& stat) {
   const auto run = runs_.find({Sender(stat.header()), stat.run_id()});
   if (run == runs_.end()) return;
   const std::string topic = "training:" + run->second;
@@ -117,19 +104,19 @@ void Live::hear(const msg::TrainingStat& stat) {
   due_ = std::min(due_, next_rows_);
 }
 
-void Live::show(const Event& event) {
-  hub_.publish("events", Json::object(), bytes_of(json_of(event)), Hub::Merge::kEach);
+void Live::publish(const Event& event) {
+  hub_.publish("events", Json::object(), bytes_of(event_json(event)), Hub::Merge::kEach);
 }
 
-void Live::tell(const std::vector<Event>& events) {
+void Live::report(const std::vector<Event>& events) {
   for (const Event& event : events) {
-    show(event);
+    publish(event);
     try {
-      if (told) {
-        told(event);
+      if (on_event) {
+        on_event(event);
         continue;
       }
-    } catch (const Error& error) {  // a full disk, perhaps: then it is known here alone
+    } catch (const Error& error) {  // a full disk, perhaps: then it is kept here only
       spdlog::debug("an event is not recorded: {}", error.what());
     }
     const std::lock_guard lock(mutex_);
@@ -138,48 +125,48 @@ void Live::tell(const std::vector<Event>& events) {
   }
 }
 
-// What is due.
+// Periodic work.
 
-void Live::turn() {
+void Live::poll() {
   const Clock::time_point now = Clock::now();
   std::vector<Event> news;
-  due_ = now + kLook;
+  due_ = now + kUpdate;
   {
     const std::lock_guard lock(mutex_);
-    services_changed_ = services_.turn(now, news) || services_changed_;
-    take_requests();
-    maps_.turn(now);
+    services_changed_ = services_.poll(now, news) || services_changed_;
+    start_requested_fetches();
+    maps_.poll(now);
     due_ = std::min(due_, maps_.due());
   }
-  tell(news);
-  if (now >= next_look_) look_who_watches();
-  if (services_changed_ && now >= next_services_) show_services();
-  while (hears_scenes_ && node_.take(scene_)) {
+  report(news);
+  if (now >= next_update_) update_watched_topics();
+  if (services_changed_ && now >= next_services_) publish_services();
+  while (reads_scenes_ && node_.take(scene_)) {
     const std::string source = source_of(scene_.header());
     if (scenes_.size() >= kMostScenes && !scenes_.contains(source)) scenes_.clear();
     scenes_[source] = scene_;
-    show_scene(scene_);
+    publish_scene(scene_);
   }
-  pictures_.turn(now);
-  show_pictures();
-  if (now >= next_rows_) show_rows();
+  pictures_.poll(now);
+  publish_pictures();
+  if (now >= next_rows_) publish_training();
   due_ = std::min(due_, pictures_.due());
 }
 
-/// What threads of the API asked for. Under the lock.
-void Live::take_requests() {
-  for (const auto& [hash, host] : maps_asked_) maps_.want(hash, host.first, host.second);
+/// Starts the fetches that threads of the API asked for. Called under the lock.
+void Live::start_requested_fetches() {
+  for (const auto& [hash, host] : maps_asked_) maps_.fetch(hash, host.first, host.second);
   maps_asked_.clear();
   for (const auto& [key, host] : frames_asked_) {
-    pictures_.want(key, {host.first, host.second});
+    pictures_.fetch(key, {host.first, host.second});
     frames_coming_.insert(key);
   }
   frames_asked_.clear();
-  std::erase_if(frames_coming_, [this](const PictureKey& key) { return !pictures_.coming(key); });
+  std::erase_if(frames_coming_, [this](const PictureKey& key) { return !pictures_.fetching(key); });
 }
 
-void Live::look_who_watches() {
-  next_look_ = Clock::now() + kLook;
+void Live::update_watched_topics() {
+  next_update_ = Clock::now() + kUpdate;
   const std::vector<std::string> list = hub_.watched();
   std::set<std::string> now(list.begin(), list.end());
   if (now == watched_) return;
@@ -192,32 +179,32 @@ void Live::look_who_watches() {
     scenes = scenes || picture || begins(topic, "scene:");
     if (picture && fresh) {
       const std::size_t colon = topic.rfind(':');
-      Panel panel;
+      PicturePanel panel;
       panel.source = topic.substr(8, std::max<std::size_t>(colon, 8) - 8);
       const char* end = topic.data() + topic.size();
       const auto [last, error] = std::from_chars(topic.data() + colon + 1, end, panel.agent);
       if (error == std::errc() && last == end && colon > 8) panels_[topic] = panel;
     }
     if (fresh && begins(topic, "scene:"))
-      if (const auto scene = scenes_.find(topic.substr(6)); scene != scenes_.end()) show_scene(scene->second);
+      if (const auto scene = scenes_.find(topic.substr(6)); scene != scenes_.end()) publish_scene(scene->second);
   }
   if (watched_.contains("services") && !before.contains("services")) next_services_ = {}, services_changed_ = true;
   std::erase_if(rows_, [this](const auto& rows) { return !watched_.contains(rows.first); });
-  // An env_service sends scenes only while somebody listens.
-  if (scenes == hears_scenes_) return;
-  hears_scenes_ = scenes;
+  // An env_service sends scenes only while somebody reads them.
+  if (scenes == reads_scenes_) return;
+  reads_scenes_ = scenes;
   scenes ? node_.create_reader<msg::Scene>() : node_.delete_reader<msg::Scene>();
   if (!scenes) scenes_.clear();
 }
 
-void Live::show_services() {
+void Live::publish_services() {
   services_changed_ = false;
   next_services_ = Clock::now() + kServices;
   if (watched_.contains("services"))
     hub_.publish("services", Json::object(), bytes_of(services()), Hub::Merge::kReplace);
 }
 
-void Live::show_scene(const msg::Scene& scene) {
+void Live::publish_scene(const msg::Scene& scene) {
   const std::string topic = "scene:" + source_of(scene.header());
   if (!watched_.contains(topic)) return;
   std::vector<std::uint32_t> numbers;
@@ -236,8 +223,8 @@ void Live::show_scene(const msg::Scene& scene) {
                bytes_of(numbers), Hub::Merge::kReplace);
 }
 
-/// Each panel shows what its agent sees, or, while that is not here, what came last of what was asked for.
-void Live::show_pictures() {
+/// Shows in each panel what its agent sees. While that picture is fetched, shows the one that was fetched before it.
+void Live::publish_pictures() {
   for (auto& [topic, panel] : panels_) {
     const auto found = scenes_.find(panel.source);
     if (found == scenes_.end() || panel.agent >= found->second.frame().size()) continue;
@@ -246,7 +233,7 @@ void Live::show_pictures() {
     {
       const std::lock_guard lock(mutex_);
       const auto hosted = hosted_.find(environment);
-      if (hosted == hosted_.end() || !hosted->second.images) continue;
+      if (hosted == hosted_.end() || !hosted->second.row.images) continue;
     }
     const PictureKey seen{scene.traversal_hash(), scene.frame()[panel.agent]};
     PictureKey key = seen;
@@ -254,7 +241,7 @@ void Live::show_pictures() {
     if (!picture && panel.coming && panel.shown != seen) {
       key = *panel.coming;
       picture = pictures_.find(key);
-      if (picture || !pictures_.coming(key)) panel.coming.reset();
+      if (picture || !pictures_.fetching(key)) panel.coming.reset();
     }
     if (picture) {
       panel.shown = key;
@@ -266,12 +253,12 @@ void Live::show_pictures() {
     }
     if (panel.shown == seen || panel.coming) continue;
     panel.coming = seen;
-    pictures_.want(seen, {environment.first, environment.second});
+    pictures_.fetch(seen, {environment.first, environment.second});
   }
 }
 
-void Live::show_rows() {
-  next_rows_ = Clock::now() + kLook;
+void Live::publish_training() {
+  next_rows_ = Clock::now() + kUpdate;
   for (auto& [topic, rows] : rows_) {
     if (rows.count == 0) continue;
     Json columns;
@@ -281,7 +268,7 @@ void Live::show_rows() {
   }
 }
 
-// What the API asks.
+// LiveView, for the API.
 
 nlohmann::json Live::services() {
   const std::lock_guard lock(mutex_);
@@ -293,33 +280,26 @@ nlohmann::json Live::events(std::size_t limit) {
   Json list = Json::array();
   for (const Event& event : events_) {
     if (list.size() == limit) break;
-    list.push_back(json_of(event));
+    list.push_back(event_json(event));
   }
   return list;
 }
 
-/// An env_service that lives and hosts this traversal, with pictures if need be.
+/// Returns a living env_service that hosts this traversal, with pictures if `images`.
 std::optional<Live::Environment> Live::host_of(std::uint64_t hash, bool images, std::uint32_t frame) const {
   for (const auto& [environment, hosted] : hosted_)
-    if (hosted.hash == hash && (hosted.images || !images) && frame < hosted.frames &&
-        services_.lives(environment.first, environment.second))
+    if (hosted.row.hash == hash && (hosted.row.images || !images) && frame < hosted.row.frames &&
+        services_.is_alive(environment.first, environment.second))
       return environment;
   return std::nullopt;
 }
 
-nlohmann::json Live::traversals(const std::string& run) {
+nlohmann::json Live::traversals(const std::string& session) {
   nlohmann::json list = nlohmann::json::array();
   const std::lock_guard lock(mutex_);
   for (const auto& [environment, hosted] : hosted_)
-    if (environment.first == run && services_.lives(environment.first, environment.second))
-      list.push_back({{"environment", environment.second},
-                      {"dataset", hosted.dataset},
-                      {"traversal", hosted.traversal},
-                      {"condition", hosted.condition},
-                      {"hash", hash_text(hosted.hash)},
-                      {"frames", hosted.frames},
-                      {"agents", hosted.agents},
-                      {"images", hosted.images}});
+    if (environment.first == session && services_.is_alive(environment.first, environment.second))
+      list.push_back(traversal_json(hosted.row));
   return list;
 }
 
@@ -329,7 +309,7 @@ LiveView::Map Live::map(std::uint64_t hash) {
     const std::lock_guard lock(mutex_);
     map = maps_.find(hash);
     if (!map) {
-      if (maps_.coming(hash)) return {Readiness::kComing, {}};
+      if (maps_.fetching(hash)) return {Readiness::kComing, {}};
       const auto host = host_of(hash, false, 0);
       if (!host) return {Readiness::kNone, {}};
       if (maps_asked_.size() < kMostAsked) maps_asked_[hash] = *host;

@@ -16,68 +16,66 @@
 #include "dashboard/live/maps.h"
 #include "dashboard/live/pictures.h"
 #include "dashboard/live/service_list.h"
+#include "dashboard/store/rows.h"
 #include "dashboard/store/store.h"
 
 namespace citylearn {
 
-/// What is going on now: hears the services of one run or of all, tells the hub's clients what they watch (services,
-/// events, training, scenes, pictures), and answers the API. The methods of LiveView may be used by any thread; all
-/// others belong to the thread of the node.
+/// Shows what goes on now: takes the messages of one session or of all, publishes to the hub's clients the topics that
+/// they watch (services, events, training, scenes, pictures), and answers the API. The methods of LiveView may be used
+/// by any thread; all others belong to the thread of the node.
 class Live : public LiveView {
  public:
   struct Options {
     Pictures::Options pictures;
-    std::size_t most_events = 1000;  ///< kept of those that nobody took
+    std::size_t most_events = 1000;  ///< kept of those that on_event did not take
   };
   /// `node` and `hub` must outlive it.
   Live(Node& node, Hub& hub, const Options& options);
   Live(Node& node, Hub& hub) : Live(node, hub, Options()) {}
 
-  /// Takes what Live noticed itself (a service lost, back ...) to the store. One that it throws for, and all without
-  /// it, are kept here.
-  std::function<void(const Event&)> told;
+  /// Called for what Live noticed itself (a service lost, back ...), to put it into the store. Events for which it
+  /// throws, and all when it is unset, are kept here.
+  std::function<void(const Event&)> on_event;
 
-  // Whoever takes these from the node hands them on. Scenes, maps and pictures Live takes itself.
-  void hear(const msg::ServiceStatus& status);
-  void hear(const msg::TraversalInfo& info);
-  void hear(const msg::RunInfo& info);
-  void hear(const msg::TrainingStat& stat);
-  /// Of the recorder: to those who watch events.
-  void show(const Event& event);
+  // The loop that takes these from the node passes them on. Live takes scenes, maps and pictures itself.
+  void on_message(const msg::ServiceStatus& status);
+  void on_message(const msg::TraversalInfo& info);
+  void on_message(const msg::RunInfo& info);
+  void on_message(const msg::TrainingStat& stat);
+  /// Sends an event to those who watch events.
+  void publish(const Event& event);
 
-  /// Does what there is to do: to be called whenever something may have come, and at due().
-  void turn();
+  /// Does what is due. Call it when a message may have arrived, and at due().
+  void poll();
   Clock::time_point due() const { return due_; }
 
   nlohmann::json services() override;
   nlohmann::json events(std::size_t limit) override;
-  nlohmann::json traversals(const std::string& run) override;
+  nlohmann::json traversals(const std::string& session) override;
   Map map(std::uint64_t hash) override;
   Picture frame(std::uint64_t hash, std::uint32_t index) override;
 
  private:
-  using Environment = std::pair<std::string, std::string>;  // run and id
-  struct Hosted {
-    std::uint64_t incarnation = 0, hash = 0;
-    std::uint32_t frames = 0;
-    bool images = false;
-    std::uint32_t agents = 0;
-    std::string dataset, traversal, condition;
+  using Environment = std::pair<std::string, std::string>;  // session and id
+  struct HostedTraversal {
+    std::uint64_t incarnation = 0;
+    TraversalRow row;
   };
-  /// What an agent sees, for a picture topic that is watched.
-  struct Panel {
-    std::string source;  ///< "ENV@RUN"
+  /// A watched picture topic: what one agent sees.
+  struct PicturePanel {
+    std::string source;  ///< "ENV@SESSION"
     std::size_t agent = 0;
     std::optional<PictureKey> shown, coming;
   };
 
-  void tell(const std::vector<Event>& events);
-  void take_requests();
-  void look_who_watches();
-  void show_services();
-  void show_scene(const msg::Scene& scene);
-  void show_pictures();
-  void show_rows();
+  void report(const std::vector<Event>& events);
+  void start_requested_fetches();
+  void update_watched_topics();
+  void publish_services();
+  void publish_scene(const msg::Scene& scene);
+  void publish_pictures();
+  void publish_training();
   std::optional<Environment> host_of(std::uint64_t hash, bool images, std::uint32_t frame) const;
 
   Node& node_;
@@ -87,25 +85,25 @@ class Live : public LiveView {
   mutable std::mutex mutex_;  // of all up to the next empty line
   ServiceList services_;
   std::deque<Event> events_;
-  std::map<Environment, Hosted> hosted_;
+  std::map<Environment, HostedTraversal> hosted_;
   Maps maps_;
-  std::map<std::uint64_t, Environment> maps_asked_;  // by the API, until take_requests()
+  std::map<std::uint64_t, Environment> maps_asked_;  // by the API, until start_requested_fetches()
   std::map<PictureKey, Environment> frames_asked_;   // likewise
-  std::set<PictureKey> frames_coming_;               // what became of them
+  std::set<PictureKey> frames_coming_;               // those being fetched
 
   Pictures pictures_;
   std::set<std::string> watched_;
-  std::map<std::string, Panel> panels_;  // by topic
-  bool hears_scenes_ = false;
-  std::map<std::string, msg::Scene> scenes_;                      // the newest, by "ENV@RUN", while somebody watches
-  std::map<std::pair<Sender, std::uint64_t>, std::string> runs_;  // ID by policy_service and job
+  std::map<std::string, PicturePanel> panels_;  // by topic
+  bool reads_scenes_ = false;
+  std::map<std::string, msg::Scene> scenes_;  // the newest, by "ENV@SESSION", while somebody watches
+  std::map<std::pair<Sender, std::uint64_t>, std::string> runs_;  // ID by policy_service and run_id
   struct Rows {
     std::size_t count = 0;
     std::vector<double> values;
   };
   std::map<std::string, Rows> rows_;  // of training topics, to be sent
   bool services_changed_ = false;
-  Clock::time_point due_{}, next_services_{}, next_look_{}, next_rows_{};
+  Clock::time_point due_{}, next_services_{}, next_update_{}, next_rows_{};
   msg::Scene scene_;
 };
 

@@ -7,14 +7,14 @@
 
 namespace citylearn {
 
-/// What the API asks of what is alive now, in the shapes of docs/reference/dashboard-api.md. Used by several threads at
-/// once; never waits for the wire.
+/// What the API reads of the live services, as JSON of docs/reference/dashboard-api.md. May be used by several threads
+/// at once; never waits for a message.
 class LiveView {
  public:
   enum class Readiness {
     kHere,
     kComing,  ///< it is being fetched: ask again in a second
-    kNone     ///< nobody has it, as far as is known
+    kNone     ///< no live service has it
   };
   struct Map {
     Readiness readiness = Readiness::kNone;
@@ -25,12 +25,12 @@ class LiveView {
     std::string type, bytes;  ///< "image/jpeg"
   };
   virtual ~LiveView() = default;
-  /// As GET /api/services answers.
+  /// Returns what GET /api/services answers.
   virtual nlohmann::json services() = 0;
-  /// Events that are not in the store, newest first, as in GET /api/events.
+  /// Returns events that are not in the store, newest first, as in GET /api/events.
   virtual nlohmann::json events(std::size_t limit) = 0;
-  /// What the env_services of `run` that are there host, each as in "traversals" of GET /api/runs/ID.
-  virtual nlohmann::json traversals(const std::string& run) = 0;
+  /// Returns what the live env_services of `session` host, each as in "traversals" of GET /api/runs/ID.
+  virtual nlohmann::json traversals(const std::string& session) = 0;
   virtual Map map(std::uint64_t hash) = 0;
   virtual Picture frame(std::uint64_t hash, std::uint32_t index) = 0;
 };

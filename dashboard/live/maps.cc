@@ -9,7 +9,7 @@ namespace citylearn {
 namespace {
 
 constexpr std::chrono::milliseconds kAgain{500};
-constexpr int kTries = 6;  // requests without an answer, then it does not come
+constexpr int kTries = 6;  // requests without an answer before it gives up
 
 }  // namespace
 
@@ -20,20 +20,20 @@ std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
   return found->second.map;
 }
 
-void Maps::want(std::uint64_t hash, const std::string& run, const std::string& environment) {
+void Maps::fetch(std::uint64_t hash, const std::string& session, const std::string& environment) {
   if (maps_.contains(hash) || fetches_.contains(hash) || fetches_.size() >= kMost) return;
-  fetches_.try_emplace(hash, Fetch{run, environment, std::make_shared<RouteMap>(), RequestTimer(kAgain, kTries)});
+  fetches_.try_emplace(hash, Fetch{session, environment, std::make_shared<RouteMap>(), RequestTimer(kAgain, kTries)});
 }
 
-void Maps::turn(Clock::time_point now) {
-  while (listens_ && node_.take(chunk_)) hear(chunk_, now);
+void Maps::poll(Clock::time_point now) {
+  while (reads_ && node_.take(chunk_)) on_message(chunk_, now);
   for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
     if (fetch->second.timer.gave_up(now)) {
-      spdlog::warn("the map of {:016x} does not come from '{}'", fetch->first, fetch->second.environment);
+      spdlog::warn("the map of {:016x} does not arrive from '{}'", fetch->first, fetch->second.environment);
       fetch = fetches_.erase(fetch);
       continue;
     }
-    if (fetch->second.timer.is_due(now)) ask(fetch->first, fetch->second, now);
+    if (fetch->second.timer.is_due(now)) request(fetch->first, fetch->second, now);
     ++fetch;
   }
 }
@@ -44,18 +44,18 @@ Clock::time_point Maps::due() const {
   return due;
 }
 
-void Maps::ask(std::uint64_t hash, Fetch& fetch, Clock::time_point now) {
-  if (!listens_) node_.create_reader<msg::MapChunk>();
-  listens_ = true;
+void Maps::request(std::uint64_t hash, Fetch& fetch, Clock::time_point now) {
+  if (!reads_) node_.create_reader<msg::MapChunk>();
+  reads_ = true;
   fetch.timer.sent(now, 1);
-  msg::MapRequest request;
-  request.environment() = fetch.environment.c_str();
-  request.hash() = hash;
-  request.first() = static_cast<std::uint32_t>(fetch.map->position.size());
-  node_.publish(request, fetch.run);
+  msg::MapRequest message;
+  message.environment() = fetch.environment.c_str();
+  message.hash() = hash;
+  message.first() = static_cast<std::uint32_t>(fetch.map->position.size());
+  node_.publish(message, fetch.session);
 }
 
-void Maps::hear(const msg::MapChunk& chunk, Clock::time_point now) {
+void Maps::on_message(const msg::MapChunk& chunk, Clock::time_point now) {
   const auto found = fetches_.find(chunk.hash());
   if (found == fetches_.end()) return;
   Fetch& fetch = found->second;
@@ -71,7 +71,7 @@ void Maps::hear(const msg::MapChunk& chunk, Clock::time_point now) {
   map.longitude.insert(map.longitude.end(), chunk.longitude().begin(), chunk.longitude().end());
   fetch.timer.answered(now);
   if (map.position.size() < map.frames) {
-    ask(found->first, fetch, now);
+    request(found->first, fetch, now);
     return;
   }
   maps_[found->first] = {std::move(fetch.map), ++uses_};

@@ -18,30 +18,30 @@ struct RouteMap {
   std::vector<double> latitude, longitude;  ///< F, degrees; NaN where unknown; empty where no frame has one
 };
 
-/// Maps of traversals, fetched from env_services when somebody wants to see them. Used by one thread at a time.
+/// Fetches maps of traversals from env_services on request, and caches them. Used by one thread at a time.
 class Maps {
  public:
   static constexpr std::size_t kMost = 32;             ///< kept
   static constexpr std::size_t kMostFrames = 4 << 20;  ///< of all together
 
   explicit Maps(Node& node) : node_(node) {}
-  /// Null while it is not complete.
+  /// Returns null while it is not complete.
   std::shared_ptr<const RouteMap> find(std::uint64_t hash);
-  /// To be fetched. What is here or under way is not asked for again.
-  void want(std::uint64_t hash, const std::string& run, const std::string& environment);
-  bool coming(std::uint64_t hash) const { return fetches_.contains(hash); }
-  /// Takes what has come and asks for what is due.
-  void turn(Clock::time_point now);
+  /// Starts to fetch a map unless it is here or under way.
+  void fetch(std::uint64_t hash, const std::string& session, const std::string& environment);
+  bool fetching(std::uint64_t hash) const { return fetches_.contains(hash); }
+  /// Takes chunks that arrived and requests what is due.
+  void poll(Clock::time_point now);
   Clock::time_point due() const;
 
  private:
   struct Fetch {
-    std::string run, environment;
+    std::string session, environment;
     std::shared_ptr<RouteMap> map;
     RequestTimer timer;
   };
-  void hear(const msg::MapChunk& chunk, Clock::time_point now);
-  void ask(std::uint64_t hash, Fetch& fetch, Clock::time_point now);
+  void on_message(const msg::MapChunk& chunk, Clock::time_point now);
+  void request(std::uint64_t hash, Fetch& fetch, Clock::time_point now);
 
   Node& node_;
   std::map<std::uint64_t, Fetch> fetches_;
@@ -51,7 +51,7 @@ class Maps {
   };
   std::map<std::uint64_t, Kept> maps_;
   std::uint64_t uses_ = 0;
-  bool listens_ = false;
+  bool reads_ = false;
   msg::MapChunk chunk_;
 };
 

@@ -11,7 +11,7 @@
 
 namespace citylearn {
 
-/// A frame by the hash of its traversal: names one picture for good.
+/// Names one picture for good: the hash of its traversal and its frame.
 struct PictureKey {
   std::uint64_t hash = 0;
   std::uint32_t frame = 0;
@@ -21,15 +21,15 @@ struct PictureKey {
 /// A picture as a browser shows it.
 struct PictureFile {
   std::string type;   ///< "image/jpeg"
-  std::string bytes;  ///< none: its env_service cannot read it, or nobody can show it
+  std::string bytes;  ///< empty: it cannot be read or decoded
 };
 
-/// Pictures seen lately, so that each is fetched and made smaller once. May be used by any thread.
+/// Keeps the pictures used last, so that each is fetched and made smaller once. May be used by any thread.
 class PictureCache {
  public:
   explicit PictureCache(std::size_t most_bytes) : most_(most_bytes) {}
 
-  /// Null when it is not here.
+  /// Returns null when it is not here.
   std::shared_ptr<const PictureFile> find(const PictureKey& key) {
     const std::lock_guard lock(mutex_);
     const auto found = entries_.find(key);
@@ -37,7 +37,7 @@ class PictureCache {
     order_.splice(order_.end(), order_, found->second.at);
     return found->second.picture;
   }
-  /// Those not asked for the longest make room. One larger than all the room there is is not kept.
+  /// Adds a picture and drops those used longest ago. A picture larger than the whole cache is not kept.
   void put(const PictureKey& key, PictureFile picture) {
     const std::lock_guard lock(mutex_);
     const std::size_t size = size_of(picture);
@@ -69,7 +69,7 @@ class PictureCache {
   const std::size_t most_;
   mutable std::mutex mutex_;
   Entries entries_;
-  std::list<PictureKey> order_;  // the one asked for last at the end
+  std::list<PictureKey> order_;  // the one used last at the end
   std::size_t bytes_ = 0;
 };
 

@@ -8,8 +8,9 @@
 
 namespace citylearn {
 
-/// An image file (JPEG, PNG, PNM, BMP) as a browser shows it: a JPEG or PNG of at most `widest` pixels and 256 KiB as
-/// it is, anything else as a JPEG of at most that width. Throws Error naming `where` when it is no picture.
+/// Converts an image file (JPEG, PNG, PNM, BMP) to one that a browser shows: returns a JPEG or PNG of at most `widest`
+/// pixels and 256 KiB unchanged, anything else as a JPEG of at most that width. Throws Error, naming `where`, when it
+/// is not a picture.
 PictureFile shrink(const Bytes& file, int widest, const std::string& where);
 
 }  // namespace citylearn

@@ -21,7 +21,7 @@ std::unique_ptr<Middleware> inprocess(std::uint32_t domain) {
   return create_middleware(options);
 }
 
-constexpr std::chrono::milliseconds kLook{50};  // whether it is to end
+constexpr std::chrono::milliseconds kStopCheck{50};  // how often it checks whether to stop
 
 }  // namespace
 
@@ -39,27 +39,27 @@ void Playback::play() {
   try {
     while (replayer_.turn()) {
       if (stop_) return;
-      middleware_->wait(std::min(replayer_.due(), Clock::now() + kLook));
+      middleware_->wait(std::min(replayer_.due(), Clock::now() + kStopCheck));
     }
   } catch (const Error& error) {
-    tell(error.what());
+    report(error.what());
   }
   const Replayer::Figures& figures = replayer_.figures();
-  for (const std::string& remark : figures.remarks) tell(remark);
-  for (const auto& [what, count] : figures.skipped) tell(std::to_string(count) + " messages left out: " + what);
+  for (const std::string& remark : figures.remarks) report(remark);
+  for (const auto& [what, count] : figures.skipped) report(std::to_string(count) + " messages skipped: " + what);
   std::uint64_t played = 0;
   for (const auto& [topic, count] : figures.played) played += count;
-  tell("the recording is over: " + std::to_string(played) + " messages");
+  report("the recording has ended: " + std::to_string(played) + " messages");
 }
 
-void Playback::tell(const std::string& line) {
+void Playback::report(const std::string& line) {
   const std::lock_guard lock(mutex_);
-  news_.push_back(line);
+  messages_.push_back(line);
 }
 
-std::vector<std::string> Playback::news() {
+std::vector<std::string> Playback::take_messages() {
   const std::lock_guard lock(mutex_);
-  return std::exchange(news_, {});
+  return std::exchange(messages_, {});
 }
 
 TemporaryFolder::TemporaryFolder() : path_((std::filesystem::temp_directory_path() / "citylearn-XXXXXX").string()) {

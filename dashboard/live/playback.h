@@ -12,32 +12,32 @@
 
 namespace citylearn {
 
-/// Recordings that are played within this process, by a thread of their own, to a node of the middleware `inprocess`.
+/// Plays recordings to the nodes of this process (middleware `inprocess`), in a thread of its own.
 class Playback {
  public:
-  /// Throws Error when a file is no recording.
+  /// Throws Error when a file is not a recording.
   Playback(std::uint32_t domain, const ReplayOptions& options);
-  /// Ends it where it is.
+  /// Stops playing.
   ~Playback();
   Playback(const Playback&) = delete;
   Playback& operator=(const Playback&) = delete;
 
-  /// What there is to be told since the last call, a line each: that it is over, what is missing or damaged.
-  std::vector<std::string> news();
+  /// Returns the messages for the user since the last call: the end, what is missing or damaged.
+  std::vector<std::string> take_messages();
 
  private:
   void play();
-  void tell(const std::string& line);
+  void report(const std::string& line);
 
   std::unique_ptr<Middleware> middleware_;
   Replayer replayer_;
   std::atomic<bool> stop_{false};
   std::mutex mutex_;
-  std::vector<std::string> news_;
+  std::vector<std::string> messages_;
   std::thread thread_;
 };
 
-/// A folder that goes with this object. Throws Error when there cannot be one.
+/// A temporary folder that is removed with this object. The constructor throws Error when it cannot be created.
 class TemporaryFolder {
  public:
   TemporaryFolder();

@@ -28,7 +28,7 @@ void RunsFeed::work() {
   while (!wake_.wait_for(guard, period_, [this] { return stop_; })) {
     const std::vector<std::string> watched = hub_.watched();
     if (std::find(watched.begin(), watched.end(), "runs") == watched.end()) {
-      last.clear();  // who begins to watch gets the list
+      last.clear();  // the next watcher gets the list
       continue;
     }
     try {
@@ -39,7 +39,7 @@ void RunsFeed::work() {
       hub_.publish("runs", {}, std::move(bytes), Hub::Merge::kReplace);
       last = std::move(text);
     } catch (const Error& error) {
-      spdlog::debug("the list of runs: {}", error.what());  // the recorder and the API say it where it is heard
+      spdlog::debug("the list of runs: {}", error.what());  // the recorder and the API report it
     }
   }
 }

@@ -11,8 +11,8 @@
 
 namespace citylearn {
 
-/// The list of runs for those who watch `runs`: asked for now and then while somebody does, by a thread of its own as
-/// it comes out of the store, and sent where it has changed.
+/// Publishes the topic `runs`: while somebody watches it, reads the list periodically in a thread of its own, as it
+/// comes out of the store, and sends it when it has changed.
 class RunsFeed {
  public:
   RunsFeed(Hub& hub, std::function<nlohmann::json()> runs,

@@ -32,12 +32,12 @@ bool ServiceList::set(Service& service, const char* state) {
   return true;
 }
 
-void ServiceList::hear(const msg::ServiceStatus& status, Clock::time_point now, std::vector<Event>& events) {
+void ServiceList::on_message(const msg::ServiceStatus& status, Clock::time_point now, std::vector<Event>& events) {
   const std::pair key(std::string(status.header().session().c_str()), std::string(status.header().sender().c_str()));
   const auto [entry, first] = services_.try_emplace(key);
   Service& service = entry->second;
   const std::uint64_t before = service.status.header().incarnation(), is = status.header().incarnation();
-  // Of two processes with one id the later is shown, unless the earlier one is left.
+  // Of two processes with one id the later is shown, unless only the earlier one is alive.
   if (!first && is < before && !service.silent) return;
   const std::string state = service.state;
   if (first) {
@@ -46,15 +46,15 @@ void ServiceList::hear(const msg::ServiceStatus& status, Clock::time_point now, 
   } else if (is > before) {
     events.push_back(event_of(status, "restarted", where(status)));
   } else if (service.silent) {
-    events.push_back(event_of(status, "back", "heard again"));
+    events.push_back(event_of(status, "back", "heartbeats arrive again"));
   }
   const bool failed = status.service_state() == msg::FAILED;
   if (failed && (state != "failed" || is != before))
     events.push_back(event_of(status, "failed", status.activity().c_str()));
-  // One that begins with an alarm is not well for that; one that starts again has none of its predecessor's.
+  // An alarm of the first heartbeat counts; a restarted process does not inherit its predecessor's alarm.
   if (const std::string alarm = status.alarm().c_str(), earlier = is == before ? service.status.alarm().c_str() : "";
       alarm != earlier)
-    events.push_back(event_of(status, "alarm", alarm.empty() ? "well again: " + earlier : alarm));
+    events.push_back(event_of(status, "alarm", alarm.empty() ? "resolved: " + earlier : alarm));
   service.status = status;
   service.heard = now;
   service.silent = false;
@@ -65,25 +65,25 @@ void ServiceList::hear(const msg::ServiceStatus& status, Clock::time_point now, 
   services_.erase(oldest);
 }
 
-bool ServiceList::turn(Clock::time_point now, std::vector<Event>& events) {
+bool ServiceList::poll(Clock::time_point now, std::vector<Event>& events) {
   bool changed = std::erase_if(services_, [&](const auto& entry) { return now - entry.second.heard > kForgotten; }) > 0;
   for (auto& [key, service] : services_) {
     if (service.silent || now - service.heard < kSilence) continue;
     service.silent = true;
     changed = true;
     const msg::State last = service.status.service_state();
-    if (last == msg::FAILED) continue;  // it was told
-    const bool farewell = last == msg::STOPPING;
-    set(service, farewell ? "stopped" : "lost");
-    events.push_back(farewell ? event_of(service.status, "stopped", where(service.status))
-                              : event_of(service.status, "lost",
-                                         "nothing was heard of it for " + std::to_string(kSilence.count()) + " s"));
+    if (last == msg::FAILED) continue;  // was reported
+    const bool announced = last == msg::STOPPING;
+    set(service, announced ? "stopped" : "lost");
+    events.push_back(
+        announced ? event_of(service.status, "stopped", where(service.status))
+                  : event_of(service.status, "lost", "no heartbeat for " + std::to_string(kSilence.count()) + " s"));
   }
   return changed;
 }
 
-bool ServiceList::lives(const std::string& run, const std::string& id) const {
-  const auto found = services_.find({run, id});
+bool ServiceList::is_alive(const std::string& session, const std::string& id) const {
+  const auto found = services_.find({session, id});
   return found != services_.end() && !found->second.silent;
 }
 
@@ -93,7 +93,7 @@ nlohmann::json ServiceList::json(Clock::time_point now) const {
     const msg::ServiceStatus& status = service.status;
     services.push_back({{"id", key.second},
                         {"service", status.service().c_str()},
-                        {"run", key.first},
+                        {"session", key.first},
                         {"host", status.host().c_str()},
                         {"process", status.process()},
                         {"middleware", status.middleware().c_str()},

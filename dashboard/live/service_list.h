@@ -6,27 +6,27 @@
 #include <string>
 #include <vector>
 
-#include "core/wire/messages.h"
 #include "core/dds/middleware.h"
+#include "core/wire/messages.h"
 #include "dashboard/store/store.h"
 
 namespace citylearn {
 
-/// Which services there are and how they do, by their heartbeats. No wire and no clock of its own. Used by one thread
-/// at a time.
+/// Keeps the state of all services by their heartbeats. Has no access to the wire and no clock of its own. Used by one
+/// thread at a time.
 class ServiceList {
  public:
-  static constexpr std::chrono::seconds kSilence{2};     ///< then a service that has not said that it stops is lost
-  static constexpr std::chrono::minutes kForgotten{60};  ///< after its last sign of life
-  static constexpr std::size_t kMost = 1000;             ///< services; beyond, those silent for longest are forgotten
+  static constexpr std::chrono::seconds kSilence{2};  ///< after so long a service that did not announce its end is lost
+  static constexpr std::chrono::minutes kForgotten{60};  ///< after its last heartbeat it is removed
+  static constexpr std::size_t kMost = 1000;             ///< services; beyond, those silent for longest are removed
 
-  /// Takes in a heartbeat; what it means goes to `events`.
-  void hear(const msg::ServiceStatus& status, Clock::time_point now, std::vector<Event>& events);
-  /// Notices who is silent. True when anybody's state changed.
-  bool turn(Clock::time_point now, std::vector<Event>& events);
-  /// The service lives, as far as is known. Of whoever never was heard, no.
-  bool lives(const std::string& run, const std::string& id) const;
-  /// As GET /api/services answers.
+  /// Takes a heartbeat; appends what it means to `events`.
+  void on_message(const msg::ServiceStatus& status, Clock::time_point now, std::vector<Event>& events);
+  /// Notices silent services. Returns true when any state changed.
+  bool poll(Clock::time_point now, std::vector<Event>& events);
+  /// Returns whether heartbeats of this service arrive.
+  bool is_alive(const std::string& session, const std::string& id) const;
+  /// Returns what GET /api/services answers.
   nlohmann::json json(Clock::time_point now) const;
 
  private:
@@ -39,7 +39,7 @@ class ServiceList {
   };
   static bool set(Service& service, const char* state);
 
-  std::map<std::pair<std::string, std::string>, Service> services_;  // by run and id
+  std::map<std::pair<std::string, std::string>, Service> services_;  // by session and id
 };
 
 }  // namespace citylearn

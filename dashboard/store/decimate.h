@@ -7,14 +7,14 @@
 
 namespace citylearn {
 
-/// Thins rows of columns so that no peak is lost: the rows are divided into buckets of equally many updates, and of
-/// each bucket those rows stay in which a column is least or greatest. First and last row stay too.
+/// Thins rows of columns so that no peak is lost: divides them into buckets of equally many updates and keeps of each
+/// bucket the rows in which a column is least or greatest. Keeps the first and the last row too.
 class Decimator {
  public:
-  /// `columns` without x; at most `points` rows stay (at least 2); the updates will lie in first..last.
+  /// Keeps at most `points` rows (at least 2) of x and `columns` further columns; the updates will be in first..last.
   Decimator(std::size_t columns, std::size_t points, std::uint64_t first, std::uint64_t last);
 
-  /// In the order of their updates. `row`: x, then the columns; NaN is never least or greatest.
+  /// Adds a row, x first, in the order of the updates. NaN is never least or greatest.
   void add(std::uint64_t update, std::span<const double> row);
   void finish();
 
@@ -36,7 +36,7 @@ class Decimator {
   const std::size_t width_, points_;
   const std::uint64_t first_, last_, buckets_;
   std::uint64_t total_ = 0, bucket_ = 0;
-  std::vector<double> all_;  ///< the first `points` rows as they came: it may be all there is
+  std::vector<double> all_;  ///< the first `points` rows, in case there are no more
   std::vector<double> kept_, first_row_, last_row_;
   std::vector<Extreme> least_, greatest_;
   std::vector<double> least_rows_, greatest_rows_;  ///< of the bucket: columns x width

@@ -11,10 +11,10 @@
 
 namespace citylearn {
 
-/// Numbers from 1 on, kept as ranges: of what is counted without gaps and comes in any order.
+/// A set of numbers from 1 on, kept as ranges, for things that are counted without gaps and arrive in any order.
 class NumberSet {
  public:
-  /// False when it was there already. 0 is never there.
+  /// Returns false when the number was there already. 0 is never there.
   bool add(std::uint64_t number) {
     if (number == 0 || contains(number)) return false;
     add(number, number);
@@ -38,16 +38,16 @@ class NumberSet {
     const auto next = ranges_.upper_bound(number);
     return next != ranges_.begin() && std::prev(next)->second >= number;
   }
-  /// All of 1..reach() are there.
+  /// Returns the largest number up to which all are there.
   std::uint64_t reach() const { return ranges_.empty() || ranges_.begin()->first != 1 ? 0 : ranges_.begin()->second; }
-  /// How many of first..last are there.
+  /// Returns how many of first..last are there.
   std::uint64_t count(std::uint64_t first, std::uint64_t last) const {
     std::uint64_t sum = 0;
     for (const auto& [from, to] : ranges_)
       if (from <= last && to >= first) sum += std::min(to, last) - std::max(from, first) + 1;
     return sum;
   }
-  /// The first numbers of 1..last that are not there.
+  /// Returns the first range of 1..last that is missing.
   std::optional<std::pair<std::uint64_t, std::uint64_t>> gap(std::uint64_t last) const {
     const std::uint64_t reached = reach();
     if (reached >= last) return std::nullopt;

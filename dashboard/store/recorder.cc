@@ -6,10 +6,10 @@
 namespace citylearn {
 namespace {
 
-// So many are worth a transaction of their own: an env_service that sends again waits for the acknowledgement.
+// A batch of so many is committed at once, as env_services that resend wait for the acknowledgement.
 constexpr std::size_t kEnough = 32;
-constexpr int kBatchesATurn = 4;  // others want the thread too
-constexpr int kTries = 5;         // for TrainingStats that nobody sends
+constexpr int kBatchesPerPoll = 4;  // others need the thread too
+constexpr int kTries = 5;           // for TrainingStats that nobody sends
 
 constexpr std::chrono::milliseconds kAnswerGoesOn{250};
 constexpr std::chrono::seconds kIdle{1};
@@ -28,21 +28,20 @@ bool Recorder::attempt(const std::function<void()>& work) {
   try {
     work();
   } catch (const Error& error) {
-    // Not fatal: a disk may be emptied. What is not committed is not acknowledged, so nothing is lost meanwhile.
-    next_try_ = Clock::now() + options_.again_after;
+    // Not fatal: a disk may get space again. What is not committed is not acknowledged, so nothing is lost meanwhile.
+    next_try_ = Clock::now() + options_.retry_after;
     wake_at(next_try_);
     node_.alarm("store", std::string("nothing is recorded: ") + error.what());
-    if (!failing_) {
-      tell({now_seconds(), "", node_.options().id, "alarm", std::string("nothing is recorded: ") + error.what()});
-    }
+    if (!failing_)
+      report({now_seconds(), "", node_.options().id, "alarm", std::string("nothing is recorded: ") + error.what()});
     failing_ = true;
     return false;
   }
   return true;
 }
 
-void Recorder::tell(Event event) {
-  if (told) told(event);
+void Recorder::report(Event event) {
+  if (on_event) on_event(event);
   events_.push_back(std::move(event));
 }
 
@@ -50,12 +49,12 @@ void Recorder::acknowledge(const Sender& environment, bool leaving) {
   msg::EpisodeAcknowledgement message;
   message.environment(environment.id);
   message.environment_incarnation(environment.incarnation);
-  message.episode(store_.recorded(environment));
+  message.episode(store_.recorded_up_to(environment));
   message.leaving(leaving);
-  node_.publish(message, environment.run);
+  node_.publish(message, environment.session);
 }
 
-void Recorder::hear(const msg::ServiceStatus& status) {
+void Recorder::on_message(const msg::ServiceStatus& status) {
   const Sender sender(status.header());
   if (status.service() == "env_service") {
     if (status.service_state() == msg::STOPPING || status.service_state() == msg::FAILED) {
@@ -63,7 +62,7 @@ void Recorder::hear(const msg::ServiceStatus& status) {
       return;
     }
     environments_.insert(sender);
-    // Once more with each heartbeat, until its episodes show that it knows: any message may be lost.
+    // Repeated with each heartbeat until its episodes show that it knows this recorder: any message may be lost.
     if (!senders_.contains(sender)) attempt([&] { acknowledge(sender, false); });
   } else if (status.service() == "policy_service" && status.service_state() == msg::STOPPING) {
     endings_.insert(sender);
@@ -71,7 +70,7 @@ void Recorder::hear(const msg::ServiceStatus& status) {
   }
 }
 
-void Recorder::hear(const msg::TraversalInfo& info) {
+void Recorder::on_message(const msg::TraversalInfo& info) {
   const Sender sender(info.header());
   const bool known = environments_.contains(sender);
   environments_.insert(sender);
@@ -80,42 +79,42 @@ void Recorder::hear(const msg::TraversalInfo& info) {
   wake_at(Clock::now());
 }
 
-void Recorder::hear(const msg::RunInfo& info) {
+void Recorder::on_message(const msg::RunInfo& info) {
   const Sender sender(info.header());
   attempt([&] {
-    const bool changed = store_.heard(info);
-    const auto [known, fresh] = jobs_.try_emplace({sender, info.run_id()});
-    Asked& asked = known->second;
+    const bool changed = store_.record(info);
+    const auto [known, fresh] = runs_.try_emplace({sender, info.run_id()});
+    StatRequests& requests = known->second;
     if (changed || fresh) {
-      asked = Asked();
-      asked.have = store_.updates(sender, info.run_id());
-      asked.complete = Clock::now();
+      requests = StatRequests();
+      requests.have = store_.recorded_updates(sender, info.run_id());
+      requests.complete = Clock::now();
     }
-    asked.heard = Clock::now();
-    asked.told = std::max(asked.told, info.updates());
+    requests.heard = Clock::now();
+    requests.made = std::max(requests.made, info.updates());
     if (changed)
-      tell({now_seconds(), sender.run, sender.id, "run",
-            std::string(info.agent().c_str()) + ", seed " + std::to_string(info.seed()) +
-                (info.ended()         ? " has ended"
-                 : info.updates() > 0 ? " goes on after update " + std::to_string(info.updates())
-                                      : " begins")});
+      report({now_seconds(), sender.session, sender.id, "run",
+              std::string(info.agent().c_str()) + ", seed " + std::to_string(info.seed()) +
+                  (info.ended()         ? " has ended"
+                   : info.updates() > 0 ? " resumes after update " + std::to_string(info.updates())
+                                        : " begins")});
   });
   wake_at(Clock::now());
 }
 
-void Recorder::hear(const msg::TrainingStat& stat) {
-  // Of a process that has not said what it does, they are asked for when it has.
-  const auto job = jobs_.find({Sender(stat.header()), stat.run_id()});
-  if (job == jobs_.end()) return;
-  Asked& asked = job->second;
-  asked.told = std::max(asked.told, stat.update());
-  if (asked.have.contains(stat.update())) return;
-  if (stat.update() >= asked.first && stat.update() <= asked.last) {
-    ++asked.answers;
-    asked.tries = 0;
-    asked.next = Clock::now() + kAnswerGoesOn;
+void Recorder::on_message(const msg::TrainingStat& stat) {
+  // Those of a process whose RunInfo has not arrived are requested once it has.
+  const auto run = runs_.find({Sender(stat.header()), stat.run_id()});
+  if (run == runs_.end()) return;
+  StatRequests& requests = run->second;
+  requests.made = std::max(requests.made, stat.update());
+  if (requests.have.contains(stat.update())) return;
+  if (stat.update() >= requests.first && stat.update() <= requests.last) {
+    ++requests.answers;
+    requests.tries = 0;
+    requests.next = Clock::now() + kAnswerGoesOn;
   }
-  if (stats_.size() >= options_.most_at_once) return;  // the store is stuck; asked for later
+  if (stats_.size() >= options_.most_at_once) return;  // the store is stuck; they are requested later
   if (episodes_.empty() && stats_.empty()) first_waits_ = Clock::now();
   stats_.push_back(stat);
   wake_at(first_waits_ + options_.gather);
@@ -134,8 +133,8 @@ void Recorder::commit() {
     if (!stats_.empty()) {
       store_.record(stats_);
       for (const msg::TrainingStat& stat : stats_)
-        if (const auto job = jobs_.find({Sender(stat.header()), stat.run_id()}); job != jobs_.end())
-          job->second.have.add(stat.update());
+        if (const auto run = runs_.find({Sender(stat.header()), stat.run_id()}); run != runs_.end())
+          run->second.have.add(stat.update());
       stats_.clear();
     }
     if (!episodes_.empty()) {
@@ -146,32 +145,32 @@ void Recorder::commit() {
       std::set<Sender> batch;
       for (const msg::EpisodeStat& episode : episodes_) batch.insert(Sender(episode.header()));
       episodes_.clear();
-      // Of repeated ones too: the env_service has not heard yet that they are recorded.
+      // Repeated episodes are acknowledged too: the env_service does not know yet that they are recorded.
       for (const Sender& sender : batch) acknowledge(sender, false);
       senders_.merge(batch);
       for (const Event& event : lost) {
         spdlog::warn("{}", event.text);
-        if (told) told(event);
+        if (on_event) on_event(event);
       }
     }
     for (auto ending = endings_.begin(); ending != endings_.end(); ending = endings_.erase(ending))
-      store_.ended(*ending);
+      store_.mark_ended(*ending);
     while (!events_.empty()) {
       store_.record(events_.front());
       events_.erase(events_.begin());
     }
     store_.flush();
     if (!failing_) return;
-    // Only here: what merely reads succeeds on a full disk too.
+    // Only here, as what merely reads succeeds on a full disk too.
     failing_ = false;
     node_.alarm("store", "");
-    tell({now_seconds(), "", node_.options().id, "alarm", "recording again"});
+    report({now_seconds(), "", node_.options().id, "alarm", "recording again"});
   });
 }
 
-void Recorder::turn() {
+void Recorder::poll() {
   due_ = Clock::now() + kIdle;
-  for (int batch = 0; batch < kBatchesATurn; ++batch) {
+  for (int batch = 0; batch < kBatchesPerPoll; ++batch) {
     take();
     const bool full = episodes_.size() >= options_.most_at_once;
     const bool waiting = !episodes_.empty() || !stats_.empty();
@@ -184,56 +183,56 @@ void Recorder::turn() {
     if (!full || failing_) break;
     wake_at(Clock::now());  // there may be more
   }
-  ask();
+  request_missing();
 }
 
-void Recorder::ask() {
+void Recorder::request_missing() {
   const Clock::time_point now = Clock::now();
-  for (auto& [job, asked] : jobs_) {
-    const Sender& sender = job.first;
-    if (now - asked.heard > options_.policy_silence) continue;
-    const auto gap = asked.have.gap(asked.told);
+  for (auto& [run, requests] : runs_) {
+    const Sender& sender = run.first;
+    if (now - requests.heard > options_.policy_silence) continue;
+    const auto gap = requests.have.gap(requests.made);
     if (!gap) {
-      asked.complete = now;
-      asked.first = asked.last = 0;
-      asked.tries = 0;
+      requests.complete = now;
+      requests.first = requests.last = 0;
+      requests.tries = 0;
       continue;
     }
-    if (failing_) continue;  // what came could not be kept
-    if (asked.first == 0) {
-      // What is new may be on its way, or wait for the next commit.
-      if (now - asked.complete < options_.ask_after) {
-        wake_at(asked.complete + options_.ask_after);
+    if (failing_) continue;  // what arrives could not be kept
+    if (requests.first == 0) {
+      // New ones may be on their way, or wait for the next commit.
+      if (now - requests.complete < options_.request_after) {
+        wake_at(requests.complete + options_.request_after);
         continue;
       }
     } else {
-      const std::uint64_t wanted = std::min<std::uint64_t>(asked.last - asked.first + 1, msg::MAX_STATS_ASKED);
-      if (asked.answers < wanted && now < asked.next) {
-        wake_at(asked.next);
+      const std::uint64_t wanted = std::min<std::uint64_t>(requests.last - requests.first + 1, msg::MAX_STATS_ASKED);
+      if (requests.answers < wanted && now < requests.next) {
+        wake_at(requests.next);
         continue;
       }
       if (!stats_.empty()) continue;  // the answers, before their commit
-      if (asked.answers == 0 && ++asked.tries >= kTries) {
-        // A process that went on from a checkpoint does not have what its predecessor did.
-        spdlog::info("{} does not have updates {}..{}", sender.id, gap->first, gap->second);
-        asked.have.add(gap->first, gap->second);
-        asked.first = asked.last = 0;
-        asked.tries = 0;
+      if (requests.answers == 0 && ++requests.tries >= kTries) {
+        // A process that resumed from a checkpoint does not have what its predecessor did.
+        spdlog::info("updates {}..{} of '{}' are unavailable", gap->first, gap->second, sender.id);
+        requests.have.add(gap->first, gap->second);
+        requests.first = requests.last = 0;
+        requests.tries = 0;
         continue;
       }
     }
-    asked.first = gap->first;
-    asked.last = gap->second;
-    asked.answers = 0;
-    asked.next = now + options_.again_after;
-    wake_at(asked.next);
+    requests.first = gap->first;
+    requests.last = gap->second;
+    requests.answers = 0;
+    requests.next = now + options_.retry_after;
+    wake_at(requests.next);
     msg::TrainingStatRequest request;
     request.policy(sender.id);
     request.policy_incarnation(sender.incarnation);
-    request.run_id(job.second);
-    request.first(asked.first);
-    request.last(asked.last);
-    node_.publish(request, sender.run);
+    request.run_id(run.second);
+    request.first(requests.first);
+    request.last(requests.last);
+    node_.publish(request, sender.session);
   }
 }
 

@@ -11,6 +11,7 @@
 #include <fstream>
 
 #include "core/util/error.h"
+#include "dashboard/store/database.h"
 
 namespace citylearn {
 namespace {
@@ -118,12 +119,23 @@ CREATE TABLE events (
 );
 )";
 
-/// Whether there is something in the file. Throws Error when that is certainly no SQLite.
+const char* const kPlainNames = R"(
+ALTER TABLE runs RENAME COLUMN run TO session;
+ALTER TABLE runs RENAME COLUMN job TO run_id;
+ALTER TABLE sources RENAME COLUMN run TO session;
+ALTER TABLE events RENAME COLUMN run TO session;
+ALTER TABLE episodes RENAME COLUMN job TO run_id;
+ALTER TABLE training RENAME COLUMN divergence TO approx_kl;
+ALTER TABLE training RENAME COLUMN clipped TO clip_fraction;
+ALTER TABLE training RENAME COLUMN lag TO policy_lag;
+)";
+
+/// Returns whether there is something in the file. Throws Error when that is certainly not SQLite.
 bool holds_something(const std::string& path) {
   std::error_code none;
   const auto status = std::filesystem::status(path, none);
   if (!std::filesystem::exists(status)) return false;
-  if (!std::filesystem::is_regular_file(status)) throw Error("is not a file", path, "choose another file");
+  if (!std::filesystem::is_regular_file(status)) throw Error("is not a regular file", path, "choose another file");
   std::ifstream in(path, std::ios::binary);
   if (!in) throw Error(std::strerror(errno), path, "choose another file");
   char begin[kMagic.size()];
@@ -134,59 +146,62 @@ bool holds_something(const std::string& path) {
   return true;
 }
 
-/// Looks without writing anything: whose file it is, whether it is whole. Returns its schema.
+/// Checks, without writing anything, whose file it is and whether it is whole. Returns its schema.
 std::int64_t inspect(const std::string& path, std::size_t newest) {
-  Database database(path, Database::Mode::kRead);
-  const std::int64_t application = database.number("PRAGMA application_id");
-  const std::int64_t schema = database.number("PRAGMA user_version");
+  SQLite::Database database = open_database(path);
+  const auto number = [&](const char* sql) { return database.execAndGet(sql).getInt64(); };
+  const std::int64_t application = number("PRAGMA application_id");
+  const std::int64_t schema = number("PRAGMA user_version");
   if (application != kApplication) {
-    // Killed before its first transaction: nothing is in it.
-    if (application == 0 && schema == 0 && database.number("SELECT COUNT(*) FROM sqlite_schema") == 0) return 0;
+    // A dashboard killed before its first transaction leaves an empty file.
+    if (application == 0 && schema == 0 && number("SELECT COUNT(*) FROM sqlite_schema") == 0) return 0;
     throw Error("is an SQLite file of another program", path, "choose another file");
   }
   if (schema > static_cast<std::int64_t>(newest))
     throw Error("has schema " + std::to_string(schema) + ", this dashboard knows " + std::to_string(newest), path,
                 "it was written by a newer dashboard: use that one, or another file");
-  if (const std::string fault = database.text("PRAGMA quick_check(1)"); fault != "ok")
+  if (const std::string fault = database.execAndGet("PRAGMA quick_check(1)").getString(); fault != "ok")
     throw Error("is damaged: " + fault, path, "restore a copy of it, or move it away to begin a new one");
   return schema;
 }
 
-/// A whole copy of what is committed.
-void keep_copy(Database& database, const std::string& copy) {
+/// Writes a whole copy of what is committed.
+void keep_copy(SQLite::Database& database, const std::string& copy) {
   std::error_code none;
   std::filesystem::remove(copy, none);  // of an upgrade that was interrupted
-  Statement(database, "VACUUM INTO ?").bind(1, copy).run();
+  run(database, "VACUUM INTO ?", copy);
   std::filesystem::permissions(copy, std::filesystem::perms::owner_read | std::filesystem::perms::owner_write);
 }
 
 }  // namespace
 
 const std::vector<std::string>& schema_steps() {
-  static const std::vector<std::string> steps = {kFirst};
+  static const std::vector<std::string> steps = {kFirst, kPlainNames};
   return steps;
 }
 
 void prepare_file(const std::string& path, const std::vector<std::string>& steps) {
   std::int64_t schema = 0;
   if (holds_something(path)) {
-    schema = inspect(path, steps.size());
+    schema = with_file_errors(path, [&] { return inspect(path, steps.size()); });
   } else {
-    // Made by us, so that nobody else can read it even for a moment; SQLite gives its other files the same mode.
+    // Created here, so that nobody else can read it even for a moment; SQLite gives its other files the same mode.
     const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
     if (file < 0) throw Error(std::strerror(errno), path, "choose a file in a folder that can be written");
     ::close(file);
   }
   if (::chmod(path.c_str(), 0600) != 0) throw Error(std::strerror(errno), path, "choose a file of your own");
-  Database database(path, Database::Mode::kWrite);
-  database.execute("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL");
-  if (schema == static_cast<std::int64_t>(steps.size())) return;
-  if (schema > 0) keep_copy(database, path + ".schema-" + std::to_string(schema));
-  Transaction all(database);
-  for (std::size_t step = static_cast<std::size_t>(schema); step < steps.size(); ++step) database.execute(steps[step]);
-  database.execute("PRAGMA application_id = " + std::to_string(kApplication));
-  database.execute("PRAGMA user_version = " + std::to_string(steps.size()));
-  all.commit();
+  SQLite::Database database = open_database(path, SQLite::OPEN_READWRITE);
+  with_file_errors(path, [&] {
+    database.exec("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL");
+    if (schema == static_cast<std::int64_t>(steps.size())) return;
+    if (schema > 0) keep_copy(database, path + ".schema-" + std::to_string(schema));
+    SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
+    for (auto step = static_cast<std::size_t>(schema); step < steps.size(); ++step) database.exec(steps[step]);
+    database.exec("PRAGMA application_id = " + std::to_string(kApplication));
+    database.exec("PRAGMA user_version = " + std::to_string(steps.size()));
+    all.commit();
+  });
 }
 
 }  // namespace citylearn

@@ -13,10 +13,10 @@
 
 namespace citylearn {
 
-/// Something worth a line in the page's list.
+/// Something worth a line in the page's list of events.
 struct Event {
-  double time = 0;  ///< seconds since 1970
-  std::string run;  ///< as in the messages' headers; empty: of the dashboard itself
+  double time = 0;      ///< seconds since 1970
+  std::string session;  ///< as in the messages' headers; empty: of the dashboard itself
   std::string service;
   std::string kind;  ///< "alarm", "run", ... (docs/reference/dashboard-api.md)
   std::string text;
@@ -24,24 +24,24 @@ struct Event {
 
 /// A process of a service, as headers name it.
 struct Sender {
-  std::string run, id;
+  std::string session, id;
   std::uint64_t incarnation = 0;
   explicit Sender(const msg::Header& header)
-      : run(header.session().c_str()), id(header.sender().c_str()), incarnation(header.incarnation()) {}
-  Sender(std::string run_name, std::string service, std::uint64_t started)
-      : run(std::move(run_name)), id(std::move(service)), incarnation(started) {}
+      : session(header.session().c_str()), id(header.sender().c_str()), incarnation(header.incarnation()) {}
+  Sender(std::string session_name, std::string service, std::uint64_t started)
+      : session(std::move(session_name)), id(std::move(service)), incarnation(started) {}
   auto operator<=>(const Sender&) const = default;
 };
 
-/// ID of a run in the API: RUN/POLICY/SEED/JOB. '/' and '%' in names are escaped.
+/// Returns the ID of a run in the API: SESSION/POLICY/SEED/RUN_ID. '/' and '%' in names are escaped.
 std::string run_id(const msg::RunInfo& info);
-/// ID of what belongs to no job that was heard of: RUN.
-std::string run_id(const std::string& run);
+/// Returns the ID of the episodes of a session that no run has claimed: SESSION.
+std::string run_id(const std::string& session);
 
-/// What the dashboard knows for good: runs, episodes, training statistics and events, in one SQLite file that survives
+/// Keeps runs, episodes, training statistics and events for good, in one SQLite file that survives
 /// kill -9 and a full disk. This is its one writer; readers have connections of their own (store_reader.h). A method
-/// returns when what it was given is on the disk, or throws Error: then nothing of it is there, and the call may be
-/// made again. May be used by several threads, one waits for the other.
+/// returns when what it was given is on the disk. Otherwise it throws Error, nothing of it is kept, and the call may be
+/// repeated. May be used by several threads, one waits for the other.
 class Store {
  public:
   struct Options {
@@ -55,51 +55,49 @@ class Store {
   Store(const Store&) = delete;
   Store& operator=(const Store&) = delete;
 
-  /// Each episode once, in whatever order and however often it comes, all of them in one transaction. Returns how many
-  /// were new. What its `acknowledged` says and the store does not have was recorded by others: `lost`, where given,
-  /// gets an event for it.
+  /// Records each episode once, in whatever order and however often it comes, all in one transaction. Returns how many
+  /// were new. Adds an event to `lost`, where given, for acknowledged episodes that only others recorded.
   std::size_t record(std::span<const msg::EpisodeStat> episodes, std::vector<Event>* lost = nullptr);
-  /// Up to this episode all of an env_service's are recorded, or will never come.
-  std::uint64_t recorded(const Sender& environment);
-  /// What an env_service hosts.
+  /// Returns the number up to which all episodes of an env_service are recorded, or will never come.
+  std::uint64_t recorded_up_to(const Sender& environment);
+  /// Records what an env_service hosts.
   void describe(const msg::TraversalInfo& info);
 
-  /// A run begins or goes on. Episodes that came before it are claimed. Returns true when it was not known in this form
-  /// (new, resumed, other options).
-  bool heard(const msg::RunInfo& info);
-  /// The policy_service said that it ends, and with it the job that it was at.
-  void ended(const Sender& policy);
-  /// Rows of updates, of the newest process of a job that was heard of; others are left out. A process that goes back
-  /// to an older checkpoint takes the place of its predecessors from its first update on. Returns how many it took.
+  /// Records that a run begins or goes on; it gets the episodes that came before this message. Returns true when the
+  /// run is new, resumed, or has other options.
+  bool record(const msg::RunInfo& info);
+  /// Records that a policy_service, and with it its run, has ended.
+  void mark_ended(const Sender& policy);
+  /// Records updates of the newest process of each known run and ignores others. A process that went back to an older
+  /// checkpoint replaces its predecessors' updates from its first one on. Returns how many it took.
   std::size_t record(std::span<const msg::TrainingStat> stats);
-  /// Updates of the job that this process made and that are recorded.
-  NumberSet updates(const Sender& policy, std::uint64_t job);
+  /// Returns the recorded updates of a run that this process made.
+  NumberSet recorded_updates(const Sender& policy, std::uint64_t run_id);
   void record(const Event& event);
-  /// Newest first.
+  /// Returns the newest events, newest first.
   std::vector<Event> events(std::size_t limit);
 
   enum class Removal { kDone, kUnknown, kRunning };
-  /// A run and its episodes, by name. Other writers get their turn in between.
+  /// Removes a run and its episodes, in steps that let other writers in between.
   Removal remove(const std::string& name);
 
-  /// What is known of runs before it is written.
-  struct Pulse {
-    double last = 0;  ///< heard of it, seconds since 1970
+  /// News of a run that is written only every few seconds.
+  struct Liveness {
+    double last = 0;  ///< message from it, seconds since 1970
     std::uint64_t updates = 0;
   };
-  Pulse pulse(std::int64_t run);
-  /// Writes what was only remembered: at once, or what has waited for a few seconds.
+  Liveness liveness(std::int64_t row);
+  /// Writes liveness that has waited for a few seconds, or all of it at once.
   void flush(bool at_once = false);
 
   const std::string& path() const;
 
  private:
-  struct Inside;
-  std::mutex mutex_;
-  std::unique_ptr<Inside> inside_;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
-/// Seconds since 1970.
+/// Returns the seconds since 1970.
 double now_seconds();
 
 }  // namespace citylearn

@@ -1,301 +1,292 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/store/store_reader.h"
 
-#include <limits>
-
 #include "core/util/error.h"
+#include "dashboard/store/database.h"
+#include "dashboard/store/store_impl.h"
 
 namespace citylearn {
 namespace {
 
-constexpr int kUpdateBits = 40;  // of training.key (schema.cc)
-constexpr std::int64_t kMostUpdates = (std::int64_t{1} << kUpdateBits) - 1;
-
 constexpr const char* kRunColumns =
-    "SELECT id, name, run, policy, seed, agent, learner, started, last, ended, updates, recorded, job IS NULL FROM "
-    "runs ";
+    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded "
+    "FROM runs ";
 
-#define CITYLEARN_EPISODE_COLUMNS                                                                         \
-  "e.id, s.environment, s.incarnation, e.episode, e.agent, e.evaluation, e.task, e.traversal, e.policy, " \
-  "e.\"update\", e.shuffled, e.start, e.goal, e.steps, e.shortest, e.reward, e.completed, e.spl, e.recorded"
-
-std::uint64_t count_of(const Statement& row, int column) { return static_cast<std::uint64_t>(row.number(column)); }
-
-EpisodeRow episode_row(const Statement& row) {
-  EpisodeRow e;
-  e.rowid = row.number(0);
-  e.environment = row.text(1);
-  e.incarnation = count_of(row, 2);
-  e.episode = count_of(row, 3);
-  e.agent = count_of(row, 4);
-  e.evaluation = row.number(5) != 0;
-  e.task = count_of(row, 6);
-  e.traversal = row.text(7);
-  e.policy = row.text(8);
-  e.update = count_of(row, 9);
-  e.shuffled = row.number(10) != 0;
-  e.start = count_of(row, 11);
-  e.goal = count_of(row, 12);
-  e.steps = count_of(row, 13);
-  e.shortest = count_of(row, 14);
-  e.reward = row.real(15);
-  e.completed = row.number(16) != 0;
-  e.spl = row.real(17);
-  e.recorded = row.real(18);
-  return e;
+/// Returns "SELECT COLUMNS`more` FROM episodes ... WHERE ", the columns being those of an EpisodeRow.
+std::string select_episodes(const char* more = "") {
+  std::string columns;
+  const EpisodeRow none;
+  visit_episode(none, [&](const char*, const char* column, const auto&) {
+    columns += (columns.empty() ? "" : ", ") + std::string(column);
+  });
+  return "SELECT " + columns + more + " FROM episodes e JOIN sources s ON s.id = e.source WHERE ";
 }
 
-/// The conditions of a filter, and their values in the same order.
-class Conditions {
- public:
-  explicit Conditions(const EpisodeFilter& filter) : filter_(filter) {
-    if (filter.evaluation) sql_ += *filter.evaluation ? " AND e.evaluation = 1" : " AND e.evaluation = 0";
-    if (filter.completed) sql_ += *filter.completed ? " AND e.completed = 1" : " AND e.completed = 0";
-    if (filter.shuffled) sql_ += *filter.shuffled ? " AND e.shuffled = 1" : " AND e.shuffled = 0";
-    if (filter.traversal) sql_ += " AND e.traversal = ?";
-    if (filter.policy) sql_ += " AND e.policy = ?";
-    if (filter.update) sql_ += " AND e.\"update\" = ?";
-    if (filter.before) sql_ += " AND e.id < ?";
-  }
-  const std::string& sql() const { return sql_; }
-  void bind(Statement& statement, int index) const {
-    if (filter_.traversal) statement.bind(index++, *filter_.traversal);
-    if (filter_.policy) statement.bind(index++, *filter_.policy);
-    if (filter_.update) statement.bind(index++, *filter_.update);
-    if (filter_.before) statement.bind(index++, *filter_.before);
-  }
+/// Returns the episode and the column behind it.
+std::pair<EpisodeRow, int> read_episode(const SQLite::Statement& row) {
+  EpisodeRow episode;
+  int column = 0;
+  visit_episode(episode, [&](const char*, const char*, auto& value) { read_value(row.getColumn(column++), value); });
+  return {episode, column};
+}
 
- private:
-  const EpisodeFilter& filter_;
-  std::string sql_;
-};
+/// The conditions of a filter. Parameter ?1 is the run's row, the others are bound by bind_filter().
+std::string conditions(const EpisodeFilter& filter) {
+  std::string sql = "e.run = ?1";
+  const auto flag = [&](const char* name, const std::optional<bool>& value) {
+    if (value) sql += std::string(" AND e.") + name + (*value ? " = 1" : " = 0");
+  };
+  flag("evaluation", filter.evaluation);
+  flag("completed", filter.completed);
+  flag("shuffled", filter.shuffled);
+  if (filter.traversal) sql += " AND e.traversal = ?2";
+  if (filter.policy) sql += " AND e.policy = ?3";
+  if (filter.update) sql += " AND e.\"update\" = ?4";
+  if (filter.before) sql += " AND e.id < ?5";
+  return sql;
+}
+
+void bind_filter(SQLite::Statement& statement, std::int64_t run, const EpisodeFilter& filter) {
+  bind_value(statement, 1, run);
+  if (filter.traversal) bind_value(statement, 2, *filter.traversal);
+  if (filter.policy) bind_value(statement, 3, *filter.policy);
+  if (filter.update) bind_value(statement, 4, *filter.update);
+  if (filter.before) bind_value(statement, 5, *filter.before);
+}
+
+/// Returns the SQL of a training figure. The update is in the key.
+std::string column_of(const TrainingFigure& figure) {
+  return figure.name == std::string_view("update") ? "key & " + std::to_string(kMostUpdates) : figure.name;
+}
 
 std::string all_columns() {
   std::string list;
-  for (const TrainingColumn& column : training_columns()) list += (list.empty() ? "" : ", ") + std::string(column.sql);
+  for (const TrainingFigure& figure : training_figures()) list += (list.empty() ? "" : ", ") + column_of(figure);
   return list;
+}
+
+/// Binds ?1 and ?2 to the first and the last training.key of a run.
+SQLite::Statement& bind_run(SQLite::Statement& statement, std::int64_t run) {
+  return bind_values(statement, training_key(run, 0), training_key(run, kMostUpdates));
 }
 
 }  // namespace
 
-const std::vector<TrainingColumn>& training_columns() {
-  static const std::vector<TrainingColumn> columns = {{"update", "key & 1099511627775", true},
-                                                      {"steps", "steps", true},
-                                                      {"episodes", "episodes", true},
-                                                      {"lesson", "lesson", true},
-                                                      {"wall", "wall", false},
-                                                      {"steps_per_second", "steps_per_second", false},
-                                                      {"reward", "reward", false},
-                                                      {"spl", "spl", false},
-                                                      {"policy_loss", "policy_loss", false},
-                                                      {"value_loss", "value_loss", false},
-                                                      {"entropy", "entropy", false},
-                                                      {"approx_kl", "divergence", false},
-                                                      {"clip_fraction", "clipped", false},
-                                                      {"gradient_norm", "gradient_norm", false},
-                                                      {"learning_rate", "learning_rate", false},
-                                                      {"policy_lag", "lag", false}};
-  return columns;
-}
+struct StoreReader::Impl {
+  explicit Impl(const std::string& file);
+  RunRow run_row(const SQLite::Statement& row);
 
-const TrainingColumn* find_training_column(const std::string& name) {
-  for (const TrainingColumn& column : training_columns())
-    if (name == column.name) return &column;
-  return nullptr;
+  const std::string path;
+  SQLite::Database database;
+  SQLite::Statement runs, run, newest, manifest, traversals, training, episodes, episode, groups, tasks, total;
+};
+
+StoreReader::Impl::Impl(const std::string& file)
+    : path(file),
+      database(open_database(file)),
+      runs(database, std::string(kRunColumns) + "ORDER BY started DESC, id DESC"),
+      run(database, std::string(kRunColumns) + "WHERE name = ?"),
+      newest(database,
+             "SELECT key, steps, episodes, wall, reward, spl, steps_per_second FROM training WHERE key BETWEEN ? AND ? "
+             "ORDER BY key DESC LIMIT 1"),
+      manifest(database, "SELECT manifest FROM runs WHERE id = ?"),
+      // Of an environment that was started again the newest counts: SQLite takes the other columns from MAX()'s row.
+      traversals(database,
+                 "SELECT s.environment, s.dataset, s.traversal, s.condition, s.hash, s.frames, s.agents, s.images, "
+                 "MAX(s.incarnation) FROM run_sources r JOIN sources s ON s.id = r.source "
+                 "WHERE r.run = ? AND s.dataset IS NOT NULL GROUP BY s.environment ORDER BY s.environment"),
+      training(database, "SELECT " + all_columns() + " FROM training WHERE key BETWEEN ? AND ? ORDER BY key"),
+      episodes(database, select_episodes() + "e.run = ? ORDER BY e.id"),
+      episode(database, select_episodes(", e.path, s.hash") + "e.id = ?"),
+      groups(database,
+             "SELECT policy, \"update\", shuffled, traversal, COUNT(*), MAX(id) FROM episodes "
+             "WHERE run = ? AND evaluation = 1 GROUP BY policy, \"update\", shuffled, traversal"),
+      tasks(database,
+            "SELECT task, steps, shortest, reward, spl, completed FROM episodes WHERE run = ? AND evaluation = 1 AND "
+            "policy = ? AND \"update\" = ? AND shuffled = ? AND traversal = ? ORDER BY task, id"),
+      total(database, "SELECT SUM(recorded) FROM runs") {}
+
+RunRow StoreReader::Impl::run_row(const SQLite::Statement& row) {
+  RunRow r;
+  read_row(row, r.id, r.name, r.session, r.policy, r.seed, r.agent, r.learner, r.started, r.last, r.ended, r.updates,
+           r.recorded);
+  if (bind_run(newest, r.id).executeStep()) {
+    RunRow::Newest& n = r.newest.emplace();
+    read_row(newest, n.update, n.steps, n.episodes, n.wall, n.reward, n.spl, n.steps_per_second);
+    n.update &= kMostUpdates;
+  }
+  newest.reset();
+  return r;
 }
 
 StoreReader::StoreReader(const std::string& path)
-    : database_(path, Database::Mode::kRead),
-      runs_(database_, std::string(kRunColumns) + "ORDER BY started DESC, id DESC"),
-      run_(database_, std::string(kRunColumns) + "WHERE name = ?"),
-      newest_(
-          database_,
-          "SELECT key, steps, episodes, wall, reward, spl, steps_per_second FROM training WHERE key BETWEEN ? AND ? "
-          "ORDER BY key DESC LIMIT 1"),
-      manifest_(database_, "SELECT manifest FROM runs WHERE id = ?"),
-      // Of an environment that was started again the newest counts: that is what SQLite gives beside MAX().
-      traversals_(database_,
-                  "SELECT s.environment, s.dataset, s.traversal, s.condition, s.hash, s.frames, s.agents, s.images, "
-                  "MAX(s.incarnation) FROM run_sources r JOIN sources s ON s.id = r.source "
-                  "WHERE r.run = ? AND s.dataset IS NOT NULL GROUP BY s.environment ORDER BY s.environment"),
-      training_(database_, "SELECT " + all_columns() + " FROM training WHERE key BETWEEN ? AND ? ORDER BY key"),
-      episodes_(database_, "SELECT " CITYLEARN_EPISODE_COLUMNS
-                           " FROM episodes e JOIN sources s ON s.id = e.source WHERE e.run = ? ORDER BY e.id"),
-      episode_(database_, "SELECT " CITYLEARN_EPISODE_COLUMNS
-                          ", e.path, s.hash FROM episodes e JOIN sources s ON s.id = e.source WHERE e.id = ?"),
-      groups_(database_,
-              "SELECT policy, \"update\", shuffled, traversal, COUNT(*), MAX(id) FROM episodes "
-              "WHERE run = ? AND evaluation = 1 GROUP BY policy, \"update\", shuffled, traversal"),
-      tasks_(database_,
-             "SELECT task, steps, shortest, reward, spl, completed FROM episodes WHERE run = ? AND evaluation = 1 AND "
-             "policy = ? AND \"update\" = ? AND shuffled = ? AND traversal = ? ORDER BY task, id"),
-      total_(database_, "SELECT SUM(recorded) FROM runs") {}
-
-RunRow StoreReader::run_row(const Statement& row) {
-  RunRow run;
-  run.id = row.number(0);
-  run.name = row.text(1);
-  run.run = row.text(2);
-  if (row.number(12) == 0) {
-    run.policy = row.text(3);
-    run.seed = count_of(row, 4);
-  }
-  run.agent = row.text(5);
-  run.learner = row.text(6);
-  run.started = row.real(7);
-  run.last = row.real(8);
-  run.ended = row.number(9) != 0;
-  run.updates = count_of(row, 10);
-  run.recorded = count_of(row, 11);
-  newest_.bind(1, run.id << kUpdateBits).bind(2, (run.id << kUpdateBits) + kMostUpdates);
-  if (newest_.step()) {
-    RunRow::Newest newest;
-    newest.update = count_of(newest_, 0) & static_cast<std::uint64_t>(kMostUpdates);
-    newest.steps = count_of(newest_, 1);
-    newest.episodes = count_of(newest_, 2);
-    newest.wall = newest_.real(3);
-    newest.reward = newest_.real(4);
-    newest.spl = newest_.real(5);
-    newest.steps_per_second = newest_.real(6);
-    run.newest = newest;
-  }
-  newest_.reset();
-  return run;
-}
+    : impl_(with_file_errors(path, [&] { return std::make_unique<Impl>(path); })) {}
+StoreReader::~StoreReader() = default;
 
 std::vector<RunRow> StoreReader::runs() {
-  std::vector<RunRow> rows;
-  while (runs_.step()) rows.push_back(run_row(runs_));
-  return rows;
+  return with_file_errors(impl_->path, [&] {
+    std::vector<RunRow> rows;
+    SQLite::Statement& row = bind_values(impl_->runs);
+    while (row.executeStep()) rows.push_back(impl_->run_row(row));
+    return rows;
+  });
 }
 
 std::optional<RunRow> StoreReader::run(const std::string& name) {
-  std::optional<RunRow> row;
-  run_.bind(1, name);
-  while (run_.step()) row = run_row(run_);
-  return row;
+  return with_file_errors(impl_->path, [&] {
+    std::optional<RunRow> found;
+    SQLite::Statement& row = bind_values(impl_->run, name);
+    while (row.executeStep()) found = impl_->run_row(row);
+    return found;
+  });
 }
 
 std::string StoreReader::manifest(std::int64_t run) {
-  std::string text;
-  manifest_.bind(1, run);
-  while (manifest_.step()) text = manifest_.text(0);
-  return text;
+  return with_file_errors(impl_->path, [&] {
+    std::string text;
+    SQLite::Statement& row = bind_values(impl_->manifest, run);
+    while (row.executeStep()) read_row(row, text);
+    return text;
+  });
 }
 
 std::vector<TraversalRow> StoreReader::traversals(std::int64_t run) {
-  std::vector<TraversalRow> rows;
-  traversals_.bind(1, run);
-  while (traversals_.step())
-    rows.push_back({traversals_.text(0), traversals_.text(1), traversals_.text(2), traversals_.text(3),
-                    count_of(traversals_, 4), count_of(traversals_, 5), count_of(traversals_, 6),
-                    traversals_.number(7) != 0});
-  return rows;
+  return with_file_errors(impl_->path, [&] {
+    std::vector<TraversalRow> rows;
+    SQLite::Statement& row = bind_values(impl_->traversals, run);
+    while (row.executeStep()) {
+      TraversalRow& t = rows.emplace_back();
+      read_row(row, t.environment, t.dataset, t.traversal, t.condition, t.hash, t.frames, t.agents, t.images);
+    }
+    return rows;
+  });
 }
 
 Decimator StoreReader::training(const TrainingQuery& query, std::size_t points) {
+  const std::string x = column_of(*query.x);
   std::string where = " FROM training WHERE key BETWEEN ?1 AND ?2";
-  if (query.from) where += " AND (" + std::string(query.x->sql) + ") >= ?3";
-  if (query.to) where += " AND (" + std::string(query.x->sql) + ") <= ?4";
-  const auto bind = [&](Statement& statement) {
-    statement.bind(1, query.run << kUpdateBits).bind(2, (query.run << kUpdateBits) + kMostUpdates);
-    if (query.from) statement.bind(3, *query.from);
-    if (query.to) statement.bind(4, *query.to);
+  if (query.from) where += " AND (" + x + ") >= ?3";
+  if (query.to) where += " AND (" + x + ") <= ?4";
+  const auto bind_query = [&](SQLite::Statement& statement) -> SQLite::Statement& {
+    bind_run(statement, query.run);
+    if (query.from) bind_value(statement, 3, *query.from);
+    if (query.to) bind_value(statement, 4, *query.to);
+    return statement;
   };
-  const auto end = [&](const char* order) {
-    Statement row(database_, "SELECT key" + where + " ORDER BY key" + order + " LIMIT 1");
-    bind(row);
-    return row.step() ? static_cast<std::uint64_t>(row.number(0) & kMostUpdates) : 0;
-  };
-  Transaction one_moment(database_, Transaction::Kind::kRead);
-  Decimator rows(query.columns.size(), points, end(""), end(" DESC"));
-  std::string sql = "SELECT key, " + std::string(query.x->sql);
-  for (const TrainingColumn* column : query.columns) sql += ", " + std::string(column->sql);
-  Statement all(database_, sql + where + " ORDER BY key");
-  bind(all);
-  std::vector<double> row(query.columns.size() + 1);
-  while (all.step()) {
-    for (std::size_t i = 0; i < row.size(); ++i) row[i] = all.real(static_cast<int>(i) + 1);
-    rows.add(static_cast<std::uint64_t>(all.number(0) & kMostUpdates), row);
-  }
-  rows.finish();
-  return rows;
+  return with_file_errors(impl_->path, [&] {
+    const auto end = [&](const char* order) {
+      SQLite::Statement row(impl_->database, "SELECT key" + where + " ORDER BY key" + order + " LIMIT 1");
+      return bind_query(row).executeStep() ? update_of(value_at<std::int64_t>(row, 0)) : 0;
+    };
+    const SQLite::Transaction snapshot(impl_->database);
+    Decimator rows(query.columns.size(), points, end(""), end(" DESC"));
+    std::string sql = "SELECT key, " + x;
+    for (const TrainingFigure* figure : query.columns) sql += ", " + column_of(*figure);
+    SQLite::Statement all(impl_->database, sql + where + " ORDER BY key");
+    bind_query(all);
+    std::vector<double> row(query.columns.size() + 1);
+    while (all.executeStep()) {
+      for (std::size_t i = 0; i < row.size(); ++i) row[i] = value_at<double>(all, static_cast<int>(i) + 1);
+      rows.add(update_of(value_at<std::int64_t>(all, 0)), row);
+    }
+    rows.finish();
+    return rows;
+  });
 }
 
-void StoreReader::training(std::int64_t run, const std::function<void(const Statement&)>& each) {
-  training_.bind(1, run << kUpdateBits).bind(2, (run << kUpdateBits) + kMostUpdates);
-  while (training_.step()) each(training_);
+void StoreReader::training(std::int64_t run, const std::function<void(std::span<const double>)>& each) {
+  with_file_errors(impl_->path, [&] {
+    std::vector<double> values(training_figures().size());
+    SQLite::Statement& row = bind_run(impl_->training, run);
+    while (row.executeStep()) {
+      for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_at<double>(row, static_cast<int>(i));
+      each(values);
+    }
+  });
 }
 
 std::vector<EpisodeRow> StoreReader::episodes(std::int64_t run, const EpisodeFilter& filter, bool worst,
                                               std::size_t limit) {
-  const Conditions conditions(filter);
-  Statement rows(database_, "SELECT " CITYLEARN_EPISODE_COLUMNS
-                            " FROM episodes e JOIN sources s ON s.id = e.source WHERE e.run = ?" +
-                                conditions.sql() +
-                                (worst ? " ORDER BY e.spl, e.steps DESC, e.id" : " ORDER BY e.id DESC") + " LIMIT " +
-                                std::to_string(limit));
-  rows.bind(1, run);
-  conditions.bind(rows, 2);
-  std::vector<EpisodeRow> found;
-  while (rows.step()) found.push_back(episode_row(rows));
-  return found;
+  return with_file_errors(impl_->path, [&] {
+    SQLite::Statement row(impl_->database, select_episodes() + conditions(filter) +
+                                               (worst ? " ORDER BY e.spl, e.steps DESC, e.id" : " ORDER BY e.id DESC") +
+                                               " LIMIT " + std::to_string(limit));
+    bind_filter(row, run, filter);
+    std::vector<EpisodeRow> found;
+    while (row.executeStep()) found.push_back(read_episode(row).first);
+    return found;
+  });
 }
 
 std::uint64_t StoreReader::count(std::int64_t run, const EpisodeFilter& filter) {
-  const Conditions conditions(filter);
-  Statement rows(database_, "SELECT COUNT(*) FROM episodes e WHERE e.run = ?" + conditions.sql());
-  rows.bind(1, run);
-  conditions.bind(rows, 2);
-  return rows.step() ? count_of(rows, 0) : 0;
+  return with_file_errors(impl_->path, [&] {
+    SQLite::Statement row(impl_->database, "SELECT COUNT(*) FROM episodes e WHERE " + conditions(filter));
+    bind_filter(row, run, filter);
+    return row.executeStep() ? value_at<std::uint64_t>(row, 0) : 0;
+  });
 }
 
 void StoreReader::episodes(std::int64_t run, const std::function<void(const EpisodeRow&)>& each) {
-  episodes_.bind(1, run);
-  while (episodes_.step()) each(episode_row(episodes_));
+  with_file_errors(impl_->path, [&] {
+    SQLite::Statement& row = bind_values(impl_->episodes, run);
+    while (row.executeStep()) each(read_episode(row).first);
+  });
 }
 
 std::optional<StoreReader::Replay> StoreReader::episode(std::int64_t rowid) {
-  std::optional<Replay> found;
-  episode_.bind(1, rowid);
-  while (episode_.step()) {
-    Replay& replay = found.emplace();
-    replay.row = episode_row(episode_);
-    if (!episode_.null(19)) {
-      const auto path = episode_.blob(19);
-      replay.path.emplace(path.begin(), path.end());
+  return with_file_errors(impl_->path, [&] {
+    std::optional<Replay> found;
+    SQLite::Statement& row = bind_values(impl_->episode, rowid);
+    while (row.executeStep()) {
+      auto [episode, column] = read_episode(row);
+      Replay& replay = found.emplace();
+      replay.row = std::move(episode);
+      if (const SQLite::Column path = row.getColumn(column); !path.isNull()) {
+        const auto* bytes = static_cast<const std::uint8_t*>(path.getBlob());
+        replay.path.emplace(bytes, bytes + path.getBytes());
+      }
+      replay.hash = value_at<std::optional<std::uint64_t>>(row, column + 1);
     }
-    if (!episode_.null(20)) replay.hash = count_of(episode_, 20);
-  }
-  return found;
+    return found;
+  });
 }
 
 std::vector<StoreReader::EvaluationGroup> StoreReader::evaluations(std::int64_t run) {
-  std::vector<EvaluationGroup> groups;
-  groups_.bind(1, run);
-  while (groups_.step())
-    groups.push_back({{groups_.text(0), count_of(groups_, 1), groups_.number(2) != 0, groups_.text(3)},
-                      count_of(groups_, 4),
-                      groups_.number(5)});
-  return groups;
+  return with_file_errors(impl_->path, [&] {
+    std::vector<EvaluationGroup> groups;
+    SQLite::Statement& row = bind_values(impl_->groups, run);
+    while (row.executeStep()) {
+      EvaluationGroup& g = groups.emplace_back();
+      read_row(row, g.key.policy, g.key.update, g.key.shuffled, g.key.traversal, g.episodes, g.newest);
+    }
+    return groups;
+  });
 }
 
 std::vector<StoreReader::TaskRow> StoreReader::tasks(std::int64_t run, const EvaluationKey& key) {
-  std::vector<TaskRow> rows;
-  tasks_.bind(1, run).bind(2, key.policy).bind(3, key.update).bind(4, key.shuffled).bind(5, key.traversal);
-  std::uint64_t task = 0;
-  while (tasks_.step()) {
-    if (rows.empty() || count_of(tasks_, 0) != task) rows.emplace_back();
-    task = count_of(tasks_, 0);
-    rows.back() = {count_of(tasks_, 1), count_of(tasks_, 2), tasks_.real(3), tasks_.real(4), tasks_.number(5) != 0};
-  }
-  return rows;
+  return with_file_errors(impl_->path, [&] {
+    std::vector<TaskRow> rows;
+    SQLite::Statement& row = bind_values(impl_->tasks, run, key.policy, key.update, key.shuffled, key.traversal);
+    std::uint64_t last = 0;
+    while (row.executeStep()) {
+      std::uint64_t task = 0;
+      TaskRow done;
+      read_row(row, task, done.steps, done.shortest, done.reward, done.spl, done.completed);
+      if (rows.empty() || task != last) rows.emplace_back();
+      rows.back() = done;
+      last = task;
+    }
+    return rows;
+  });
 }
 
 std::uint64_t StoreReader::episodes() {
-  std::uint64_t total = 0;
-  while (total_.step()) total = count_of(total_, 0);
-  return total;
+  return with_file_errors(impl_->path, [&] {
+    std::uint64_t total = 0;
+    SQLite::Statement& row = bind_values(impl_->total);
+    while (row.executeStep()) read_row(row, total);
+    return total;
+  });
 }
 
 }  // namespace citylearn

@@ -2,85 +2,24 @@
 #pragma once
 
 #include <functional>
+#include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "core/task/training_figures.h"
 #include "dashboard/store/decimate.h"
-#include "dashboard/store/sqlite.h"
+#include "dashboard/store/rows.h"
 
 namespace citylearn {
-
-/// Figures of an update, under their names in TrainingStat and in the store.
-struct TrainingColumn {
-  const char* name;
-  const char* sql;
-  bool whole;  ///< a count; else a float, or (wall) a double
-};
-/// All of them, in the order of TrainingStat.
-const std::vector<TrainingColumn>& training_columns();
-/// Null where there is none of this name.
-const TrainingColumn* find_training_column(const std::string& name);
-
-struct RunRow {
-  std::int64_t id = 0;
-  std::string name, run;
-  std::optional<std::string> policy;  ///< nothing: what belongs to no job that was heard of
-  std::optional<std::uint64_t> seed;
-  std::string agent, learner;
-  double started = 0, last = 0;  ///< seconds since 1970
-  bool ended = false;
-  std::uint64_t updates = 0, recorded = 0;
-  /// Of its newest update that is recorded.
-  struct Newest {
-    std::uint64_t update = 0, steps = 0, episodes = 0;
-    double wall = 0, reward = 0, spl = 0, steps_per_second = 0;
-  };
-  std::optional<Newest> newest;
-};
-
-struct TraversalRow {
-  std::string environment, dataset, traversal, condition;
-  std::uint64_t hash = 0, frames = 0, agents = 0;
-  bool images = false;
-};
-
-struct EpisodeRow {
-  std::int64_t rowid = 0;
-  std::string environment;
-  std::uint64_t incarnation = 0, episode = 0, agent = 0;
-  bool evaluation = false;
-  std::uint64_t task = 0;
-  std::string traversal, policy;
-  std::uint64_t update = 0;
-  bool shuffled = false;
-  std::uint64_t start = 0, goal = 0, steps = 0, shortest = 0;
-  double reward = 0;
-  bool completed = false;
-  double spl = 0, recorded = 0;
-};
-
-/// Which episodes of a run.
-struct EpisodeFilter {
-  std::optional<bool> evaluation, completed, shuffled;
-  std::optional<std::string> traversal, policy;
-  std::optional<std::uint64_t> update;
-  std::optional<std::int64_t> before;  ///< rowid
-};
-
-/// Whose tasks an evaluation is made of.
-struct EvaluationKey {
-  std::string policy;
-  std::uint64_t update = 0;
-  bool shuffled = false;
-  std::string traversal;
-  auto operator<=>(const EvaluationKey&) const = default;
-};
 
 /// Reads a store while it is written, over a connection of its own. Used by one thread at a time.
 class StoreReader {
  public:
+  /// Throws Error, naming the file, as all methods do.
   explicit StoreReader(const std::string& path);
+  ~StoreReader();
 
   std::vector<RunRow> runs();  ///< newest first
   std::optional<RunRow> run(const std::string& name);
@@ -91,13 +30,13 @@ class StoreReader {
   /// `from` <= x <= `to`.
   struct TrainingQuery {
     std::int64_t run = 0;
-    const TrainingColumn* x = nullptr;
-    std::vector<const TrainingColumn*> columns;
+    const TrainingFigure* x = nullptr;
+    std::vector<const TrainingFigure*> columns;
     std::optional<double> from, to;
   };
   Decimator training(const TrainingQuery& query, std::size_t points);
-  /// Every row of a run, all columns.
-  void training(std::int64_t run, const std::function<void(const Statement&)>& each);
+  /// Calls `each` with every row of a run, all training figures.
+  void training(std::int64_t run, const std::function<void(std::span<const double>)>& each);
 
   std::vector<EpisodeRow> episodes(std::int64_t run, const EpisodeFilter& filter, bool worst, std::size_t limit);
   std::uint64_t count(std::int64_t run, const EpisodeFilter& filter);
@@ -127,10 +66,8 @@ class StoreReader {
   std::uint64_t episodes();  ///< of all runs
 
  private:
-  RunRow run_row(const Statement& row);
-
-  Database database_;
-  Statement runs_, run_, newest_, manifest_, traversals_, training_, episodes_, episode_, groups_, tasks_, total_;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
 };
 
 }  // namespace citylearn

@@ -3,8 +3,8 @@
 
 #include <fstream>
 
-#include "dashboard/http/access.h"
 #include "dashboard/api/api.h"
+#include "dashboard/http/access.h"
 #include "dashboard/http/target.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/records.h"
@@ -25,7 +25,7 @@ struct Dashboard {
     write(folder / "recognition/one/results.json", R"({"encoders": []})");
     write(folder / "recognition/one/curves.json", R"({"curves": []})");
     write(folder / "recognition/one/similarity-fall.png", "\x89PNG");
-    store.heard(testing::run_info());
+    store.record(testing::run_info());
     store.describe(testing::traversal_info());
     store.record(testing::training_stats(1, 20));
     store.record(testing::episodes(1, 20));
@@ -42,7 +42,7 @@ struct Dashboard {
   }()};
   Api api{[this] {
             Api::Options options;
-            options.run = "demo";
+            options.session = "demo";
             options.recognition = folder / "recognition";
             return options;
           }(),

@@ -10,7 +10,7 @@
 #include <sstream>
 #include <string>
 
-#include "dashboard/store/sqlite.h"
+#include "dashboard/store/database.h"
 #include "tests/support/witness.h"
 
 namespace citylearn::testing {
@@ -44,12 +44,13 @@ inline Ledger in_csv(const std::string& path) {
 /// Of a dashboard's store. Each must be there once.
 inline Ledger in_store(const std::string& path) {
   Ledger ledger;
-  Database database(path, Database::Mode::kRead);
-  Statement rows(database,
-                 "SELECT environment, incarnation, episode FROM episodes e JOIN sources s ON s.id = e.source");
-  while (rows.step()) {
-    const Source source{rows.text(0), std::stoull(rows.text(1))};
-    EXPECT_TRUE(ledger[source].insert(std::stoull(rows.text(2))).second) << "twice: " << source.id << rows.text(2);
+  SQLite::Database database = open_database(path);
+  SQLite::Statement rows(database,
+                         "SELECT environment, incarnation, episode FROM episodes e JOIN sources s ON s.id = e.source");
+  while (rows.executeStep()) {
+    const Source source{value_at<std::string>(rows, 0), std::stoull(value_at<std::string>(rows, 1))};
+    EXPECT_TRUE(ledger[source].insert(std::stoull(value_at<std::string>(rows, 2))).second)
+        << "twice: " << source.id << value_at<std::string>(rows, 2);
   }
   return ledger;
 }

@@ -2,7 +2,7 @@
 // What killed services leave behind: nothing that grows, and nothing that the next start must wait for.
 #include <gtest/gtest.h>
 
-#include "dashboard/store/sqlite.h"
+#include "dashboard/store/database.h"
 #include "tests/support/private_machine.h"
 #include "tests/support/trial.h"
 
@@ -42,7 +42,7 @@ std::string sockets() {
 
 std::int64_t recorded(const std::string& store) {
   try {
-    return Database(store, Database::Mode::kRead).number("SELECT COUNT(*) FROM episodes");
+    return open_database(store).execAndGet("SELECT COUNT(*) FROM episodes").getInt64();
   } catch (const Error&) {  // not made yet
     return 0;
   }

@@ -15,7 +15,7 @@ volatile std::sig_atomic_t stopped = 0;
 template <class Message>
 void hand_on(citylearn::Node& node, citylearn::Recorder& recorder) {
   Message message;
-  while (node.take(message)) recorder.hear(message);
+  while (node.take(message)) recorder.on_message(message);
 }
 
 }  // namespace
@@ -43,7 +43,7 @@ int main(int argc, char** argv) try {
     hand_on<msg::TraversalInfo>(node, recorder);
     hand_on<msg::RunInfo>(node, recorder);
     hand_on<msg::TrainingStat>(node, recorder);
-    recorder.turn();
+    recorder.poll();
   }
   recorder.finish(false);
   return 0;

@@ -10,7 +10,7 @@
 #include <tuple>
 
 #include "core/wire/node.h"
-#include "dashboard/store/sqlite.h"
+#include "dashboard/store/database.h"
 #include "dashboard/store/store_reader.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"
@@ -42,16 +42,19 @@ std::set<Named> in_csv(const std::string& path) {
 }
 
 std::set<Named> in_store(const std::string& path) {
-  Database database(path, Database::Mode::kRead);
-  Statement rows(database,
-                 "SELECT environment, incarnation, episode FROM episodes e JOIN sources s ON s.id = e.source");
+  SQLite::Database database = open_database(path);
+  SQLite::Statement rows(database,
+                         "SELECT environment, incarnation, episode FROM episodes e JOIN sources s ON s.id = e.source");
   std::set<Named> all;
-  while (rows.step()) EXPECT_TRUE(all.emplace(rows.text(0), rows.text(1), rows.text(2)).second);
+  while (rows.executeStep())
+    EXPECT_TRUE(
+        all.emplace(value_at<std::string>(rows, 0), value_at<std::string>(rows, 1), value_at<std::string>(rows, 2))
+            .second);
   return all;
 }
 
 std::int64_t recorded(const std::string& path, const std::string& table = "episodes") {
-  return Database(path, Database::Mode::kRead).number("SELECT COUNT(*) FROM " + table);
+  return open_database(path).execAndGet("SELECT COUNT(*) FROM " + table).getInt64();
 }
 
 class Vendors : public ::testing::TestWithParam<const char*> {
@@ -90,9 +93,10 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
   ASSERT_TRUE(poll_until(
       [&] {
         return recorded(store, "training") > before &&
-               Database(store, Database::Mode::kRead)
-                       .number(
-                           "SELECT COUNT(*) = MAX(key) - MIN(key) + 1 AND MIN(key) % (1 << 40) = 1 FROM training") == 1;
+               open_database(store)
+                       .execAndGet(
+                           "SELECT COUNT(*) = MAX(key) - MIN(key) + 1 AND MIN(key) % (1 << 40) = 1 FROM training")
+                       .getInt64() == 1;
       },
       kLong));
   training->send(SIGTERM);
@@ -113,7 +117,7 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
             std::string::npos)
       << mine.size() << "\n"
       << env->output();
-  EXPECT_EQ(Database(store, Database::Mode::kRead).number("SELECT MAX(episode) FROM episodes"),
+  EXPECT_EQ(open_database(store).execAndGet("SELECT MAX(episode) FROM episodes").getInt64(),
             static_cast<std::int64_t>(mine.size()));
 
   StoreReader reader(store);
@@ -126,7 +130,7 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
   EXPECT_TRUE(trained.ended);
   EXPECT_GE(trained.recorded, theirs.size());
   std::uint64_t updates = 0;
-  reader.training(trained.id, [&](const Statement&) { ++updates; });
+  reader.training(trained.id, [&](std::span<const double>) { ++updates; });
   ASSERT_TRUE(trained.newest);
   EXPECT_EQ(updates, trained.newest->update) << "those of the time when it was gone were asked for";
   for (const EpisodeRow& row : reader.episodes(trained.id, {}, false, 200)) {

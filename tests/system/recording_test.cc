@@ -5,7 +5,7 @@
 #include <set>
 #include <tuple>
 
-#include "dashboard/store/sqlite.h"
+#include "dashboard/store/database.h"
 #include "tests/support/recordings.h"
 #include "tests/support/service.h"
 #include "tests/support/trial.h"
@@ -19,22 +19,22 @@ constexpr seconds kLong{120};
 
 /// All that is kept of each episode, without where and when it was put down.
 std::set<std::string> episodes_in(const std::string& path) {
-  Database database(path, Database::Mode::kRead);
-  Statement rows(
+  SQLite::Database database = open_database(path);
+  SQLite::Statement rows(
       database,
       "SELECT environment || ' ' || incarnation || ' ' || episode || ' ' || agent || ' ' || evaluation || ' ' "
       "|| start || ' ' || goal || ' ' || steps || ' ' || reward || ' ' || completed || ' ' || hex(path) "
       "FROM episodes e JOIN sources s ON s.id = e.source");
   std::set<std::string> all;
-  while (rows.step()) EXPECT_TRUE(all.insert(rows.text(0)).second);
+  while (rows.executeStep()) EXPECT_TRUE(all.insert(value_at<std::string>(rows, 0)).second);
   return all;
 }
 
 std::set<std::string> updates_in(const std::string& path) {
-  Database database(path, Database::Mode::kRead);
-  Statement rows(database, "SELECT key & ((1 << 40) - 1) FROM training");
+  SQLite::Database database = open_database(path);
+  SQLite::Statement rows(database, "SELECT key & ((1 << 40) - 1) FROM training");
   std::set<std::string> all;
-  while (rows.step()) EXPECT_TRUE(all.insert(rows.text(0)).second);
+  while (rows.executeStep()) EXPECT_TRUE(all.insert(value_at<std::string>(rows, 0)).second);
   return all;
 }
 
@@ -102,7 +102,7 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   const auto dashboard =
       wire.run(CITYLEARN_DASHBOARD, "dashboard.log",
                {"--open", file, "--speed", "max", "--port", "0", "--store", trial.folder() / "opened.sqlite"});
-  ASSERT_TRUE(dashboard->says("the recording is over", kLong)) << dashboard->output();
+  ASSERT_TRUE(dashboard->says("the recording has ended", kLong)) << dashboard->output();
   ASSERT_EQ(end(*dashboard), 0) << dashboard->output();
   EXPECT_EQ(episodes_in(trial.folder() / "opened.sqlite"), original) << dashboard->output();
   EXPECT_EQ(updates_in(trial.folder() / "opened.sqlite").size(), 40u) << dashboard->output();

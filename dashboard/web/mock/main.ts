@@ -12,7 +12,7 @@ const mock = await Mock.start({
 });
 console.log(`mock: ${mock.url}`);
 
-// A service that gets lost for ten seconds of each minute.
+// One service is lost for ten seconds of each minute.
 let second = 0;
 setInterval(() => {
   second = (second + 1) % 60;

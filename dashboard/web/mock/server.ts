@@ -6,15 +6,15 @@ import type { AddressInfo, Socket } from 'node:net';
 import { extname, join, normalize } from 'node:path';
 import { WebSocketServer, WebSocket } from 'ws';
 import { view, matrix } from './pictures';
-import { controls, recognition, World, type RunData } from './world';
+import { CONTROLS, FIRST, PLACES, recognition, World, type RunData } from './world';
 
 export interface MockOptions {
   port: number;
   /** Folder of the built page. */
   page: string;
-  /** Asks for this token. */
+  /** Requires this token. */
   token?: string;
-  /** Nothing has run yet. */
+  /** Has no runs. */
   empty?: boolean;
 }
 
@@ -28,7 +28,7 @@ const TYPES: Record<string, string> = {
   '.woff2': 'font/woff2',
 };
 
-/** What each resource takes; anything else is an error, as in front of the server. */
+/** The parameters of each resource. Others are an error, as they are for the server. */
 const PARAMETERS: Record<string, string[]> = {
   training: ['columns', 'points', 'x', 'from', 'to'],
   episodes: ['limit', 'before', 'evaluation', 'traversal', 'policy', 'update', 'shuffled', 'completed', 'order'],
@@ -60,18 +60,17 @@ interface Reply {
   cache?: string;
 }
 
-/** Plays a dashboard as docs/reference/dashboard-api.md describes it. */
+/** Imitates a dashboard as docs/reference/dashboard-api.md describes it. */
 export class Mock {
   readonly world: World;
   private readonly server: Server;
   private readonly sockets = new WebSocketServer({ noServer: true });
   private readonly clients = new Set<Client>();
   private readonly connections = new Set<Socket>();
-  private readonly pictures = new Map<string, Buffer>();
   private readonly timers: ReturnType<typeof setInterval>[] = [];
   private readonly cookie: string;
-  private deaf = false;
-  /** Lines of what was asked: "GET /api/runs". */
+  private silent = false;
+  /** Requests so far, as lines: "GET /api/runs". */
   readonly asked: string[] = [];
 
   private constructor(private readonly options: MockOptions) {
@@ -81,7 +80,7 @@ export class Mock {
     this.server.on('connection', (socket) => {
       this.connections.add(socket);
       socket.on('close', () => this.connections.delete(socket));
-      if (this.deaf) socket.destroy();
+      if (this.silent) socket.destroy();
     });
     this.server.on('upgrade', (request, socket, head) => {
       if (request.url !== '/api/live' || !this.knows(request)) {
@@ -114,13 +113,13 @@ export class Mock {
 
   /** Cuts every connection and refuses new ones, as a dashboard that was killed. */
   silence(): void {
-    this.deaf = true;
+    this.silent = true;
     for (const client of this.clients) client.socket.terminate();
     for (const socket of this.connections) socket.destroy();
   }
 
-  hear(): void {
-    this.deaf = false;
+  answer(): void {
+    this.silent = false;
   }
 
   lose(id: string): void {
@@ -149,30 +148,14 @@ export class Mock {
         this.world.tick();
         const watched = new Set(this.watched());
         for (const scene of this.world.scenes) {
-          const header = {
-            traversal: scene.traversal.name,
-            hash: scene.traversal.hash,
-            first_frame: 17,
-            frames: 128,
-            step: scene.step,
-            mode: scene.mode,
-            policy: 'place_filter',
-            agents: scene.agents.length,
-          };
-          const fields = [
-            scene.agents.map((a) => a.position),
-            scene.agents.map((a) => a.position),
-            scene.agents.map((a) => a.start),
-            scene.agents.map((a) => a.goal),
-            scene.agents.map((a) => a.steps),
-            scene.agents.map((a) => a.flags),
-          ];
+          const { agents, traversal, mode, step } = scene;
+          const header = { traversal: traversal.name, hash: traversal.hash, first_frame: FIRST, frames: PLACES, step, mode, policy: 'place_filter', agents: agents.length };
+          const fields = (['position', 'position', 'start', 'goal', 'steps', 'flags'] as const).flatMap((name) => agents.map((agent) => agent[name]));
           const topic = `${scene.environment}@demo-2211`;
-          this.send(`scene:${topic}`, header, Buffer.from(Uint32Array.from(fields.flat()).buffer));
-          scene.agents.forEach((agent, i) => {
-            if (!scene.traversal.images || !watched.has(`picture:${topic}:${i}`)) return;
-            const picture = this.picture(scene.traversal.name, agent.position);
-            this.send(`picture:${topic}:${i}`, { hash: scene.traversal.hash, frame: agent.position, type: 'image/png' }, picture);
+          this.send(`scene:${topic}`, header, Buffer.from(Uint32Array.from(fields).buffer));
+          agents.forEach((agent, i) => {
+            if (!traversal.images || !watched.has(`picture:${topic}:${i}`)) return;
+            this.send(`picture:${topic}:${i}`, { hash: traversal.hash, frame: agent.position, type: 'image/svg+xml' }, view(traversal.name, agent.position));
           });
         }
         if (ticks % 3 === 0) this.sendServices();
@@ -187,16 +170,16 @@ export class Mock {
   }
 
   private sendServices(): void {
-    this.send('services', {}, JSON.stringify({ now: Date.now() / 1000, services: this.world.serviceList() }));
+    this.send('services', {}, JSON.stringify({ now: Date.now() / 1000, services: this.world.services }));
   }
 
   private sendTraining(run: RunData): void {
-    const columns = Object.keys(run.rows.columns);
-    const row = Float64Array.from(columns.map((name) => run.rows.columns[name]?.[run.rows.length - 1] ?? NaN));
+    const columns = Object.keys(run.columns);
+    const row = Float64Array.from(columns.map((name) => run.columns[name]?.[run.length - 1] ?? NaN));
     this.send(`training:${run.id}`, { columns, rows: 1 }, Buffer.from(row.buffer));
   }
 
-  /** Topics that somebody watches. */
+  /** Returns the topics that somebody watches. */
   watched(): string[] {
     return [...new Set([...this.clients].flatMap((client) => [...client.topics]))];
   }
@@ -272,13 +255,6 @@ export class Mock {
     return run;
   }
 
-  private picture(name: string, frame: number): Buffer {
-    const key = `${name} ${frame}`;
-    let picture = this.pictures.get(key);
-    if (!picture) this.pictures.set(key, (picture = view(name, frame)));
-    return picture;
-  }
-
   private api(method: string, path: string[], query: URLSearchParams): Reply {
     const json = (value: unknown): Reply => ({ type: 'application/json', body: JSON.stringify(value) });
     const { world } = this;
@@ -289,23 +265,19 @@ export class Mock {
     switch (head) {
       case 'about':
         return json({
-          version: '0.1.0',
+          version: '0.2.0',
           vendor: 'Eclipse Cyclone DDS',
-          run: 'all',
+          session: 'all',
           domain: 42,
-          store: {
-            file: 'runs/dashboard.sqlite',
-            bytes: 7_340_032,
-            episodes: world.runs.reduce((sum, run) => sum + (run.last('episodes') ?? 0), 0),
-          },
+          store: { file: 'runs/dashboard.sqlite', bytes: 7_340_032, episodes: world.runs.reduce((sum, run) => sum + (run.last('episodes') ?? 0), 0) },
           recording: false,
         });
       case 'services':
-        return json({ now: Date.now() / 1000, services: world.serviceList() });
+        return json({ now: Date.now() / 1000, services: world.services });
       case 'events':
         return json({ events: world.events.slice(0, Number(query.get('limit') ?? 200)) });
       case 'controls':
-        return json(controls(Number(query.get('frames')), Number(query.get('max_steps'))));
+        return json(CONTROLS);
       case 'map': {
         const traversal = world.traversals.find((one) => one.hash === id);
         if (!traversal) throw new HttpError(404, `no traversal has the hash ${id}`);
@@ -314,22 +286,19 @@ export class Mock {
       case 'frames': {
         const traversal = world.traversals.find((one) => one.hash === id);
         if (!traversal?.images) throw new HttpError(404, 'this traversal has no pictures');
-        return { type: 'image/png', body: this.picture(traversal.name, Number(what)), cache: 'public, max-age=31536000, immutable' };
+        return { type: 'image/svg+xml', body: view(traversal.name, Number(what)), cache: 'public, max-age=31536000, immutable' };
       }
       case 'recognition': {
         const { results, curves } = recognition();
         if (world.runs.length === 0) return json({ results: [] });
         if (id === undefined) return json({ results });
         if (what === 'curve') return json({ curves });
-        return { type: 'image/png', body: matrix(120) };
+        return { type: 'image/svg+xml', body: matrix(40) };
       }
       case 'episodes': {
-        const wanted = Number(id);
-        for (const run of world.runs) {
-          const found = run.episodes().find((one) => one.rowid === wanted);
-          if (found) return json(found);
-        }
-        throw new HttpError(404, `there is no episode ${id}`);
+        const found = world.runs.flatMap((run) => run.episodes()).find((one) => one.rowid === Number(id));
+        if (!found) throw new HttpError(404, `there is no episode ${id}`);
+        return json(found);
       }
       case 'runs':
         break;
@@ -356,12 +325,8 @@ export class Mock {
           const value = query.get(name);
           if (value !== null) list = list.filter((one) => test(one, value));
         };
-        is('evaluation', (one, value) => one.evaluation === (value === '1'));
-        is('completed', (one, value) => one.completed === (value === '1'));
-        is('shuffled', (one, value) => one.shuffled === (value === '1'));
-        is('traversal', (one, value) => one.traversal === value);
-        is('policy', (one, value) => one.policy === value);
-        is('update', (one, value) => one.update === Number(value));
+        for (const name of ['evaluation', 'completed', 'shuffled'] as const) is(name, (one, value) => one[name] === (value === '1'));
+        for (const name of ['traversal', 'policy', 'update'] as const) is(name, (one, value) => String(one[name]) === value);
         const total = list.length;
         is('before', (one, value) => one.rowid < Number(value));
         list.sort((a, b) => (query.get('order') === 'worst' ? a.spl - b.spl || b.steps - a.steps || a.rowid - b.rowid : b.rowid - a.rowid));
@@ -375,39 +340,15 @@ export class Mock {
   private training(run: RunData, query: URLSearchParams): object {
     const points = Number(query.get('points') ?? 2000);
     const names = (query.get('columns') ?? 'reward,spl').split(',');
-    const { columns, length } = run.rows;
-    let rows = Array.from({ length }, (_, i) => i);
-    const along = columns[ORDERS[query.get('x') ?? 'updates'] ?? 'update'] ?? [];
-    for (const [name, sign] of [['from', 1], ['to', -1]] as const) {
-      const bound = query.get(name);
-      if (bound !== null) rows = rows.filter((row) => sign * ((along[row] ?? 0) - Number(bound)) >= 0);
-    }
-    const total = rows.length;
-    const all = rows;
-    const decimated = total > points;
-    if (decimated) {
-      // Of each bucket the rows where reward is least and greatest, as the server does it for each column.
-      const buckets = Math.floor(points / 2);
-      const keep = new Set<number>([all[0] ?? 0, all[total - 1] ?? 0]);
-      for (let b = 0; b < buckets; ++b) {
-        const from = Math.floor((b * total) / buckets);
-        const to = Math.floor(((b + 1) * total) / buckets);
-        const part = all.slice(from, to).sort((i, j) => (columns.reward?.[i] ?? 0) - (columns.reward?.[j] ?? 0));
-        for (const row of [part[0], part[part.length - 1]]) if (row !== undefined) keep.add(row);
-      }
-      rows = [...keep].sort((a, b) => a - b);
-    }
-    const pick = (name: string): (number | null)[] =>
-      rows.map((row) => {
-        const value = columns[name]?.[row];
-        return value === undefined || Number.isNaN(value) ? null : value;
-      });
-    return {
-      id: run.id,
-      x: query.get('x') ?? 'updates',
-      total,
-      decimated,
-      columns: { x: pick(ORDERS[query.get('x') ?? 'updates'] ?? 'update'), ...Object.fromEntries(names.map((name) => [name, pick(name)])) },
-    };
+    const x = query.get('x') ?? 'updates';
+    const pick = (name: string): number[] => run.columns[name] ?? [];
+    const along = pick(ORDERS[x] ?? 'update');
+    const [from, to] = [Number(query.get('from') ?? -Infinity), Number(query.get('to') ?? Infinity)];
+    const all = along.flatMap((value, row) => (value >= from && value <= to ? [row] : []));
+    const stride = Math.ceil(all.length / points);
+    const rows = all.filter((_, i) => i % stride === 0 || i === all.length - 1);
+    const column = (name: string): (number | null)[] => rows.map((row) => pick(name)[row] ?? null).map((value) => (Number.isNaN(value) ? null : value));
+    const columns = { x: rows.map((row) => along[row]), ...Object.fromEntries(names.map((name) => [name, column(name)])) };
+    return { id: run.id, x, total: all.length, decimated: stride > 1, columns };
   }
 }

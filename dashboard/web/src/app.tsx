@@ -12,7 +12,7 @@ import { Recognition } from './pages/recognition';
 import { RoutePage } from './pages/route';
 import { TrainingPage } from './pages/training';
 import { hrefOf, PAGES, place, type PageName } from './state/router';
-import { about, lostServices, now } from './state/session';
+import { about, lostServices, now } from './state/shared';
 import { theme, type Theme } from './state/theme';
 import { classes, Icon, IconButton, type IconName } from './ui/basics';
 
@@ -55,7 +55,7 @@ export function App(): JSX.Element {
   );
 }
 
-// The hash is the router's, so the link moves the focus by itself.
+// The router owns the hash, so the link moves the focus itself.
 function skip(event: Event): void {
   event.preventDefault();
   document.getElementById('main')?.focus();
@@ -66,7 +66,7 @@ function PageTitle({ title }: { title: string }): JSX.Element {
   const first = useRef(true);
   useEffect(() => {
     document.title = `${title} – CityLearn-DDS`;
-    // Who navigates by keyboard or ear starts at the new page's title.
+    // Keyboard and screen-reader users start at the new page's title.
     if (!first.current) heading.current?.focus({ preventScroll: true });
     first.current = false;
     window.scrollTo(0, 0);
@@ -81,7 +81,7 @@ function PageTitle({ title }: { title: string }): JSX.Element {
 function Side({ page }: { page: PageName }): JSX.Element {
   const links = useRef<HTMLElement>(null);
   useEffect(() => {
-    // Where the links are a row that scrolls.
+    // On narrow screens the links are a row that scrolls.
     const link = links.current?.querySelector<HTMLElement>('[aria-current]');
     if (link && links.current) links.current.scrollLeft = link.offsetLeft - links.current.clientWidth / 2 + link.clientWidth / 2;
   }, [page]);
@@ -129,7 +129,7 @@ function Link(): JSX.Element {
       <span class="state-mark" aria-hidden="true" />
       {text}
       {lost > 0 && (
-        <span class="hint" title="This browser was too slow for them; what it shows is the newest all the same.">
+        <span class="hint" title="This browser was too slow to show them all. What it shows is up to date.">
           {integer(lost)} skipped
         </span>
       )}
@@ -151,7 +151,7 @@ function ThemeSwitch(): JSX.Element {
   );
 }
 
-/** Says since when what is shown is old, and when the next attempt is. */
+/** Shows how old the content is, and when the next attempt to connect is. */
 function Disconnected(): JSX.Element | null {
   const state = live.state.value;
   const lostAt = live.lostAt.value;
@@ -161,7 +161,7 @@ function Disconnected(): JSX.Element | null {
     <div class="banner" role="alert">
       <Icon name="alert" />
       <span>
-        The dashboard does not answer. What you see is from {clock(lostAt / 1000)}.{' '}
+        The dashboard does not answer. The content is from {clock(lostAt / 1000)}.{' '}
         <span class="number">{wait > 0 ? `Next attempt in ${wait} s.` : 'Trying again …'}</span>
       </span>
       <button type="button" class="small" onClick={() => live.retry()}>

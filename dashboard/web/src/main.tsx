@@ -6,7 +6,7 @@ import './styles/parts.css';
 import './styles/pages.css';
 import { render } from 'preact';
 import { App } from './app';
-import { start } from './state/session';
+import { start } from './state/shared';
 import { startTheme } from './state/theme';
 
 startTheme();

@@ -1,22 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 import { signal } from '@preact/signals';
 
-/** What the server answered when it was not what was asked for. */
+/** An error that the server answered. */
 export class ApiError extends Error {
   constructor(
     readonly status: number,
     message: string,
-    /** Seconds after which to ask again, where the server said so. */
+    /** Seconds after which to try again, if the server sent them. */
     readonly retryAfter: number | null = null,
   ) {
     super(message);
   }
 }
 
-/** Whether the server wants a token that it has not got. */
+/** Whether the server requires a token that it has not received. */
 export const unauthorised = signal(false);
 
-// Kept in memory alone: a reload asks again, unless the cookie of /login is there.
+// Kept in memory only: a reload asks again, unless there is the cookie of /login.
 let token: string | null = null;
 
 function headers(): HeadersInit {
@@ -38,7 +38,7 @@ async function request(path: string, init: RequestInit = {}): Promise<Response> 
     const body = (await response.json()) as { error?: string };
     if (body.error) what = body.error;
   } catch {
-    // An answer of a proxy: its status is all there is.
+    // A proxy answered: only its status is known.
   }
   const retry = Number(response.headers.get('Retry-After'));
   throw new ApiError(response.status, what, response.status === 503 && retry > 0 ? retry : null);
@@ -53,7 +53,7 @@ export async function remove(path: string): Promise<void> {
   await request(path, { method: 'DELETE' });
 }
 
-/** Whether anybody is there, within 5 s. */
+/** Returns whether the server answers within 5 s. */
 export async function alive(): Promise<boolean> {
   try {
     return (await fetch('healthz', { signal: AbortSignal.timeout(5000) })).ok;
@@ -62,14 +62,14 @@ export async function alive(): Promise<boolean> {
   }
 }
 
-/** Path of a run's resource: its ID is one percent-encoded segment. */
+/** Returns the path of a run's resource. The ID is one percent-encoded segment. */
 export function runPath(id: string, rest = ''): string {
   return `api/runs/${encodeURIComponent(id)}${rest}`;
 }
 
 /**
  * Tries a token. The server answers with the cookie that WebSocket and pictures need, as neither can carry a header.
- * Throws ApiError when the token is not the right one.
+ * Throws ApiError when the token is wrong.
  */
 export async function logIn(given: string): Promise<void> {
   token = given;

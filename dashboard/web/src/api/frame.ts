@@ -1,21 +1,21 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Scene, SceneAgent, SceneHeader } from './types';
 
-/** One binary frame of the WebSocket, taken apart. */
+/** A parsed binary frame of the WebSocket. */
 export interface Frame {
   topic: string;
   sequence: number;
-  /** Messages that this client has lost so far. */
+  /** Number of messages that this client has lost so far. */
   dropped: number;
   header: Record<string, unknown>;
   payload: Uint8Array;
 }
 
-/** Thrown for a frame that is not one: the connection is then not worth keeping. */
+/** Thrown for a malformed frame. The connection is then closed. */
 export class FrameError extends Error {}
 
 /**
- * Takes a frame apart: uint32 n (little-endian), n bytes of JSON, the payload. 4 + n is a multiple of 8, so that numbers of
+ * Parses a frame: uint32 n (little-endian), n bytes of JSON, the payload. 4 + n is a multiple of 8, so that numbers of
  * eight bytes are aligned.
  */
 export function parseFrame(data: ArrayBuffer): Frame {
@@ -46,7 +46,7 @@ export function jsonPayload<T>(frame: Frame): T {
   return JSON.parse(new TextDecoder().decode(frame.payload)) as T;
 }
 
-/** Rows of a `training:` frame as columns: name -> one number a row. */
+/** Returns the rows of a `training:` frame as columns: name -> one number per row. */
 export function trainingColumns(frame: Frame): Map<string, Float64Array> {
   const names = frame.header.columns;
   const rows = numberOf(frame.header.rows);
@@ -63,7 +63,7 @@ export function trainingColumns(frame: Frame): Map<string, Float64Array> {
   return columns;
 }
 
-/** A `scene:` frame: 6 x m uint32, a sequence of m for each field. */
+/** Parses a `scene:` frame: 6 x m uint32, m numbers for each field. */
 export function sceneOf(frame: Frame): Scene {
   const header = frame.header as unknown as SceneHeader;
   const m = numberOf(header.agents);

@@ -13,18 +13,18 @@ type Handler = (frame: Frame) => void;
 export const MAX_TOPICS = 64;
 const SILENCE = 15_000;
 
-/** Milliseconds before the n-th new attempt (n from 1): doubling from half a second to ten, less up to a quarter by chance. */
+/** Returns the milliseconds before the n-th attempt (n from 1): from 0.5 s doubling to 10 s, less a random part up to a quarter. */
 export function backOff(attempts: number, chance: number): number {
   return Math.min(10_000, 500 * 2 ** (attempts - 1)) * (1 - chance / 4);
 }
 
 /**
- * The one WebSocket of the page. Watches what somebody subscribed to, reconnects by itself, and tells subscribers when it
- * is there again, as what they missed meanwhile comes from the REST API.
+ * The page's WebSocket. Watches the subscribed topics, reconnects automatically, and notifies subscribers of each
+ * reconnection, so that they fetch what they missed from the REST API.
  */
 export class Live {
   readonly state = signal<LinkState>({ kind: 'connecting' });
-  /** When the connection was lost, milliseconds since 1970; null while it is there. */
+  /** When the connection was lost, milliseconds since 1970; null while connected. */
   readonly lostAt = signal<number | null>(null);
   readonly dropped = signal(0);
   private handlers = new Map<string, Set<Handler>>();
@@ -43,7 +43,7 @@ export class Live {
     setInterval(() => void this.listen(), 5000);
   }
 
-  /** Subscribes; what it returns unsubscribes. */
+  /** Subscribes. Returns a function that unsubscribes. */
   watch(topic: string, handler: Handler): () => void {
     let set = this.handlers.get(topic);
     if (!set) this.handlers.set(topic, (set = new Set()));
@@ -56,13 +56,13 @@ export class Live {
     };
   }
 
-  /** Calls at each new connection but the first. */
+  /** Subscribes to reconnections. Returns a function that unsubscribes. */
   onBack(handler: () => void): () => void {
     this.openHandlers.add(handler);
     return () => this.openHandlers.delete(handler);
   }
 
-  /** Tries at once instead of at the end of the back-off. */
+  /** Connects at once instead of at the end of the back-off. */
   retry(): void {
     if (this.state.value.kind !== 'waiting') return;
     clearTimeout(this.timer);
@@ -90,7 +90,7 @@ export class Live {
       try {
         frame = parseFrame(event.data);
       } catch (error) {
-        console.error(error); // not the server that this page knows: begin anew
+        console.error(error); // a server of another version: reconnect
         socket.close();
         return;
       }
@@ -109,11 +109,11 @@ export class Live {
     const wait = backOff(this.attempts, Math.random());
     this.state.value = { kind: 'waiting', until: Date.now() + wait, attempts: this.attempts };
     this.timer = setTimeout(() => this.connect(), wait);
-    // A refused upgrade looks like a dead server: ask whether a token is missing.
+    // A refused upgrade looks like a dead server: check whether a token is missing.
     if (!unauthorised.value) getJson('api/about').catch(() => undefined);
   }
 
-  // A peer that vanished without a word sends nothing, not even the end of the connection.
+  // A peer that vanished sends nothing, not even the end of the connection.
   private async listen(): Promise<void> {
     const socket = this.socket;
     if (!socket || this.state.value.kind !== 'open' || Date.now() - this.heard < SILENCE) return;
@@ -124,7 +124,7 @@ export class Live {
     }
   }
 
-  // Several subscriptions of one moment are one message.
+  // Subscriptions of the same moment share one message.
   private tell(): void {
     if (this.told) return;
     this.told = true;

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the server sends: docs/reference/dashboard-api.md. Numbers that are unknown are null, times are seconds since 1970.
+// What the server sends: docs/reference/dashboard-api.md. Unknown numbers are null, times are seconds since 1970.
 
 export interface Run {
   id: string;
-  run: string;
+  session: string;
   policy: string | null;
   seed: number | null;
   agent: string | null;
@@ -107,7 +107,7 @@ export type ServiceState = 'starting' | 'waiting' | 'running' | 'stopping' | 'fa
 export interface Service {
   id: string;
   service: string;
-  run: string;
+  session: string;
   host: string;
   process: number;
   middleware: string;
@@ -122,7 +122,7 @@ export interface Service {
   resent: number | null;
   rejected: number | null;
   foreign: number | null;
-  /** What goes wrong until somebody mends it; empty when nothing does. */
+  /** A fault that lasts until somebody acts; empty when there is none. */
   alarm: string;
   since: number | null;
 }
@@ -134,7 +134,7 @@ export interface Services {
 export type EventKind = 'started' | 'stopped' | 'lost' | 'back' | 'restarted' | 'failed' | 'run' | 'alarm';
 export interface ServiceEvent {
   time: number;
-  run: string;
+  session: string;
   service: string;
   kind: EventKind;
   text: string;
@@ -203,7 +203,7 @@ export interface RecognitionCurve {
 export interface About {
   version: string;
   vendor: string;
-  run: string;
+  session: string;
   domain: number;
   store: { file: string; bytes: number; episodes: number };
   recording: boolean;

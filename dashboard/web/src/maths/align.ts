@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Curve } from './seeds';
 
-/** Several curves over one x: every x that one of them has, null where another has none there. */
+/** Puts several curves on one x axis: every x of any of them, null where a curve has none. */
 export function align(curves: readonly Curve[]): { x: number[]; columns: (number | null)[][] } {
   const only = curves[0];
   if (curves.length === 1 && only) return { x: only.x.slice(), columns: [only.y.slice()] };

@@ -14,12 +14,12 @@ export function csv(head: readonly string[], rows: readonly (readonly Cell[])[])
   return [head, ...rows].map((row) => row.map(csvCell).join(',') + '\r\n').join('');
 }
 
-/** A name as a file's: letters, digits, dots and dashes. */
+/** Turns a name into one of a file: letters, digits, dots and dashes. */
 export function fileName(name: string): string {
   return name.replace(/[^\p{L}\p{N}.]+/gu, '-').replace(/^-+|-+$/g, '').toLowerCase() || 'data';
 }
 
-/** Hands text to the browser as a file. */
+/** Lets the browser save a text as a file. */
 export function download(name: string, text: string, type = 'text/csv'): void {
   const url = URL.createObjectURL(new Blob([text], { type: `${type};charset=utf-8` }));
   const link = document.createElement('a');

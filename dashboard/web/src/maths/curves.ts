@@ -26,9 +26,9 @@ export interface CurveOptions {
   x: XAxis;
   smoothing: number;
   display: Display;
-  /** IDs of runs whose own lines are not drawn. They count in the mean all the same. */
+  /** IDs of runs whose own lines are not drawn. They still count in the mean. */
   hidden: ReadonlySet<string>;
-  /** Part of the axis that is looked at; null: all of it. */
+  /** The visible part of the axis; null: all of it. */
   range: Range | null;
 }
 
@@ -37,7 +37,7 @@ export function curveOf(rows: Rows, options: Pick<CurveOptions, 'metric' | 'x' |
   return increasing({ x: at, y: smooth(metric(rows, options.metric), axis(rows, 'update'), options.smoothing) });
 }
 
-/** Of points with one x the last: updates without a new episode have the same count of episodes. */
+/** Keeps the last of points with equal x: updates without a new episode have the same count of episodes. */
 function increasing(curve: Curve): Curve {
   const x: number[] = [];
   const y: (number | null)[] = [];
@@ -51,7 +51,7 @@ function increasing(curve: Curve): Curve {
   return { x, y };
 }
 
-/** The lines of one chart. A group's mean and spread are those of all of its runs, whichever are hidden. */
+/** Returns the lines of one chart. A group's mean and spread include all of its runs, also hidden ones. */
 export function linesOf(groups: readonly GroupRows[], options: CurveOptions): DrawnLine[] {
   const lines: DrawnLine[] = [];
   for (const group of groups) {

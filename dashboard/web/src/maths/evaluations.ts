@@ -3,12 +3,12 @@ import type { Evaluation } from '../api/types';
 
 const CONTROLS = ['sequence_filter', 'blind', 'shortest_path'];
 
-/** A yardstick, not an agent that learned. */
+/** Returns whether the policy is a reference that does not learn. */
 export function isControl(one: Pick<Evaluation, 'policy'>): boolean {
   return CONTROLS.includes(one.policy);
 }
 
-/** What one evaluation is of: the same on each traversal. */
+/** Returns the name of an evaluation, the same on each traversal. */
 export function evaluationName(one: Pick<Evaluation, 'policy' | 'update' | 'shuffled'>): string {
   return [one.policy || 'unknown policy', !isControl(one) && `update ${one.update}`, one.shuffled && 'shuffled frames'].filter(Boolean).join(', ');
 }
@@ -17,7 +17,7 @@ export function evaluationKey(one: Evaluation): string {
   return JSON.stringify([one.policy, one.update, one.shuffled, one.traversal]);
 }
 
-/** Agents before controls, the newest checkpoint first, what saw shuffled frames after what did not. */
+/** Sorts agents before controls, newest checkpoints first, shuffled frames last. */
 export function sortEvaluations(list: readonly Evaluation[]): Evaluation[] {
   return [...list].sort(
     (a, b) =>
@@ -28,7 +28,7 @@ export function sortEvaluations(list: readonly Evaluation[]): Evaluation[] {
   );
 }
 
-/** By traversal, in the order in which they first stand. */
+/** Groups evaluations by traversal, in the order of their first appearance. */
 export function byTraversal(list: readonly Evaluation[]): Map<string, Evaluation[]> {
   const groups = new Map<string, Evaluation[]>();
   for (const one of sortEvaluations(list)) groups.set(one.traversal, [...(groups.get(one.traversal) ?? []), one]);
@@ -36,7 +36,7 @@ export function byTraversal(list: readonly Evaluation[]): Map<string, Evaluation
   return new Map(order.map((name) => [name, groups.get(name) ?? []]));
 }
 
-/** The agent's own evaluations on frames as they are: the SPL of each checkpoint, a curve a traversal. */
+/** Returns the agent's evaluations on unshuffled frames by traversal, oldest checkpoint first. */
 export function checkpoints(list: readonly Evaluation[]): Map<string, Evaluation[]> {
   const own = list.filter((one) => !isControl(one) && !one.shuffled).sort((a, b) => a.update - b.update);
   const groups = byTraversal(own);
@@ -44,7 +44,7 @@ export function checkpoints(list: readonly Evaluation[]): Map<string, Evaluation
   return groups;
 }
 
-/** The newest checkpoint's on each traversal. */
+/** Returns the newest checkpoint's evaluation on each traversal. */
 export function newest(list: readonly Evaluation[]): Map<string, Evaluation> {
   const result = new Map<string, Evaluation>();
   for (const [name, group] of checkpoints(list)) {

@@ -29,8 +29,8 @@ export function rowsOf(answer: TrainingAnswer): Rows {
 }
 
 /**
- * Appends updates that came live. A run that was resumed from an older checkpoint does some updates again: what was there of
- * those goes. Returns whether they join what is there: false when updates between are missing and must be asked for.
+ * Appends live updates. A run resumed from an older checkpoint repeats some updates: the old ones are replaced. Returns false
+ * when updates in between are missing and must be fetched.
  */
 export function append(rows: Rows, columns: ReadonlyMap<string, ArrayLike<number>>): boolean {
   const updates = columns.get('update');
@@ -56,18 +56,18 @@ export function append(rows: Rows, columns: ReadonlyMap<string, ArrayLike<number
 
 export type XAxis = 'episodes' | 'steps' | 'wall' | 'update';
 
-/** A column as numbers: what is unknown is what was there before, so that an axis stays ascending. */
+/** Returns a column as an axis. An unknown value repeats the one before, so that the axis stays ascending. */
 export function axis(rows: Rows, x: XAxis): number[] {
   let last = 0;
   return rows.columns[x].map((value) => (last = Math.max(last, value ?? last)));
 }
 
-/** What can be drawn: a column, or `episode_length`, which follows from two of them. */
-export function metric(rows: Rows, key: string): (number | null)[] {
+/** Returns a figure that can be drawn: a column, or `episode_length`, which follows from two of them. */
+export function metric(rows: Rows, key: string): Column {
   return key === 'episode_length' ? episodeLength(axis(rows, 'steps'), axis(rows, 'episodes')) : (rows.columns[key] ?? []);
 }
 
-/** The last known value of a column. */
+/** Returns the last known value of a column. */
 export function latest(rows: Rows, key: string): number | null {
   const values = metric(rows, key);
   for (let i = values.length - 1; i >= 0; --i) {

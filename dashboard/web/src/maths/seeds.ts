@@ -21,7 +21,7 @@ export interface Band {
   count: number[];
 }
 
-/** Value at `x` between the neighbours, straight; null outside and in gaps. */
+/** Returns the value at `x`, interpolated linearly; null outside and in gaps. */
 export function valueAt(curve: Curve, x: number): number | null {
   const { x: xs, y: ys } = curve;
   const after = lowerBound(xs, x);
@@ -59,7 +59,7 @@ export function aggregate(curves: readonly Curve[], points = 400, range: Range |
   const last = Math.min(range?.to ?? Infinity, Math.max(...there.map((curve) => curve.x[curve.x.length - 1] as number)));
   const rows = last > first ? points : 1;
   for (let i = 0; i < rows; ++i) {
-    // The ends exactly, so that rounding leaves no curve out there.
+    // The ends are exact, so that rounding excludes no curve there.
     const x = i === 0 ? first : i === rows - 1 ? last : first + ((last - first) * i) / (rows - 1);
     const values = there.map((curve) => valueAt(curve, x)).filter((value): value is number => value !== null);
     band.x.push(x);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { FLAG_FIRST, FLAG_IDLE, type Scene, type SceneAgent } from '../api/types';
 
-/** What is known of an agent's episode: positions at some of its steps, as scenes come less often than steps. */
+/** An agent's positions at some steps of its episode, as scenes arrive less often than steps. */
 export interface Trail {
   start: number;
   goal: number;
@@ -12,7 +12,7 @@ export interface Trail {
 const LONGEST = 4096;
 
 /**
- * The trail after one more sight of the agent. Another start or goal, a count of steps that fell, or the first observation
+ * Returns the trail after one more scene. Another start or goal, a count of steps that fell, or the first observation
  * begins a new one.
  */
 export function extend(trail: Trail | undefined, agent: SceneAgent): Trail {
@@ -41,7 +41,7 @@ function push(trail: Trail, agent: SceneAgent): void {
   trail.positions.push(agent.position);
 }
 
-/** Trails of all agents of one env_service. Another traversal or route begins anew. */
+/** The trails of all agents of one env_service. Another traversal or route starts new ones. */
 export class Trails {
   private key = '';
   private trails: Trail[] = [];

@@ -6,36 +6,28 @@ import type { Evaluation, Run, RunDetail } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant } from '../maths/format';
-import { groupRuns, type Group, type GroupBy } from '../maths/groups';
+import { groupRuns, type Group } from '../maths/groups';
 import { compareManifests, type ManifestRow } from '../maths/manifest';
-import type { XAxis } from '../maths/rows';
 import { deviation, mean, median } from '../maths/seeds';
 import { failure, useJsons } from '../state/resource';
 import { param, place, setParams } from '../state/router';
-import { runs } from '../state/session';
 import { useTraining } from '../state/training';
-import { Card, Empty, Failed, IconButton, Segmented, Select, Show, State, Swatch } from '../ui/basics';
-import { AxisPicker } from '../ui/axis_picker';
+import { Card, Empty, Failed, IconButton, Select, State, Swatch } from '../ui/basics';
 import { Chart, type Line } from '../ui/chart';
+import { AXIS, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
 import { runName } from '../ui/run_select';
 import { SaveTable, Table, type Column } from '../ui/table';
+import { WithRuns } from '../ui/with_runs';
 
 export function Compare(): JSX.Element {
   return (
-    <Show of={runs.value}>
-      {(all) =>
-        all.length ? (
-          <CompareRuns all={all} />
-        ) : (
-          <Card title="Runs">
-            <Empty title="No run yet">Two runs or more can be put side by side here, with what differs in their manifests.</Empty>
-          </Card>
-        )
-      }
-    </Show>
+    <WithRuns title="Runs" empty="Compare two or more runs here, with the differences between their manifests.">
+      {(all) => <CompareRuns all={all} />}
+    </WithRuns>
   );
 }
 
+const OPTIONS: ChoiceOf<'differing' | 'all'> = { name: 'keys', label: 'Options', values: { differing: 'Differing', all: 'All' } };
 const MAX_RUNS = 8;
 
 function chosenRuns(all: readonly Run[]): Run[] {
@@ -48,15 +40,15 @@ function chosenRuns(all: readonly Run[]): Run[] {
 const colourOf = (index: number): string => `series-${(index % 8) + 1}`;
 
 function CompareRuns({ all }: { all: readonly Run[] }): JSX.Element {
-  const chosen = chosenRuns(all);
+  const selected = chosenRuns(all);
   return (
     <>
       <Groups all={all} />
-      <Index all={all} chosen={chosen} />
-      {chosen.length > 0 ? (
+      <Index all={all} selected={selected} />
+      {selected.length > 0 ? (
         <>
-          <Curves chosen={chosen} />
-          <SideBySide chosen={chosen} />
+          <Curves selected={selected} />
+          <SideBySide selected={selected} />
         </>
       ) : (
         <Card title="Side by side">
@@ -67,9 +59,9 @@ function CompareRuns({ all }: { all: readonly Run[] }): JSX.Element {
   );
 }
 
-/** Over the seeds of a group: the same whatever is chosen on this page. */
+/** Statistics over all seeds of a group, whichever runs are chosen. */
 function Groups({ all }: { all: readonly Run[] }): JSX.Element {
-  const by: GroupBy = param('by', 'sweep') === 'agent' ? 'agent' : 'sweep';
+  const by = chosen(GROUPS);
   const groups = useMemo(() => groupRuns(all, by), [all, by]);
   const spread = (group: Group, of: (run: Run) => number | null, show: (value: number) => string): string => {
     const values = group.runs.map(of).filter((value): value is number => value !== null);
@@ -96,30 +88,22 @@ function Groups({ all }: { all: readonly Run[] }): JSX.Element {
   return (
     <Card
       title="Over seeds"
-      hint="in training, last 100 episodes. Every seed counts, whatever is chosen below."
+      hint="Training, last 100 episodes. Counts every seed, whichever runs are chosen below."
       actions={<SaveTable name="groups" columns={columns} rows={groups} />}
     >
       <div class="controls plain">
-        <Segmented
-          label="Seeds belong together by"
-          value={by}
-          options={[
-            { value: 'sweep', label: 'Sweep' },
-            { value: 'agent', label: 'Agent and learner' },
-          ]}
-          onChange={(value) => setParams({ by: value })}
-        />
+        <Choice of={GROUPS} />
       </div>
       <Table caption="Groups of runs" columns={columns} rows={groups} rowKey={(g) => g.key} />
     </Card>
   );
 }
 
-function Index({ all, chosen }: { all: readonly Run[]; chosen: readonly Run[] }): JSX.Element {
+function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[] }): JSX.Element {
   const [error, setError] = useState<string | null>(null);
   const [doomed, setDoomed] = useState<string | null>(null);
   const toggle = (id: string): void => {
-    const ids = chosen.map((run) => run.id);
+    const ids = selected.map((run) => run.id);
     setParams({ runs: (ids.includes(id) ? ids.filter((one) => one !== id) : [...ids, id]).join('\n') });
   };
   const erase = (id: string): void => {
@@ -131,13 +115,13 @@ function Index({ all, chosen }: { all: readonly Run[]; chosen: readonly Run[] })
       key: 'run',
       label: 'Run',
       show: (run) => {
-        const at = chosen.indexOf(run);
+        const at = selected.indexOf(run);
         return (
           <label class="agent-choice">
             <input
               type="checkbox"
               checked={at >= 0}
-              disabled={at < 0 && chosen.length >= MAX_RUNS}
+              disabled={at < 0 && selected.length >= MAX_RUNS}
               onChange={() => toggle(run.id)}
             />
             {at >= 0 && <Swatch colour={colourOf(at)} />}
@@ -198,26 +182,26 @@ const METRICS: { value: string; label: string }[] = [
   { value: 'steps_per_second', label: 'Steps per second' },
 ];
 
-function Curves({ chosen }: { chosen: readonly Run[] }): JSX.Element {
-  const metric = METRICS.find((one) => one.value === param('metric', 'spl')) ?? { value: 'spl' as const, label: 'SPL' };
-  const x: XAxis = ['episodes', 'wall'].includes(param('x', '')) ? (param('x', '') as XAxis) : 'steps';
-  const training = useTraining(chosen.map((run) => run.id));
-  const versions = chosen.map((run) => training.get(run.id)?.version ?? 0).join();
+function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
+  const metric = METRICS.find((one) => one.value === param('metric', 'spl')) ?? { value: 'spl', label: 'SPL' };
+  const x = chosen(AXIS);
+  const training = useTraining(selected.map((run) => run.id));
+  const versions = selected.map((run) => training.get(run.id)?.version ?? 0).join();
   const lines: Line[] = useMemo(
     () =>
-      chosen.flatMap((run, i) => {
+      selected.flatMap((run, i) => {
         const rows = training.get(run.id)?.rows;
         return rows?.length
           ? [{ key: run.id, label: runName(run), colour: colourOf(i), ...curveOf(rows, { metric: metric.value, x, smoothing: 0.9 }) }]
           : [];
       }),
-    [versions, chosen.map((run) => run.id).join('\n'), metric.value, x],
+    [versions, selected.map((run) => run.id).join('\n'), metric.value, x],
   );
   return (
     <div class="stack">
       <div class="controls card">
         <Select label="Figure" value={metric.value} options={METRICS} onChange={(value) => setParams({ metric: value })} />
-        <AxisPicker value={x} onChange={(value) => setParams({ x: value })} />
+        <Choice of={AXIS} />
       </div>
       <Chart
         title={metric.label}
@@ -239,22 +223,21 @@ interface FigureRow {
   values: string[];
 }
 
-function SideBySide({ chosen }: { chosen: readonly Run[] }): JSX.Element {
-  const details = useJsons<RunDetail>(chosen.map((run) => runPath(run.id)));
-  const evaluations = useJsons<{ evaluations: Evaluation[] }>(chosen.map((run) => runPath(run.id, '/evaluations')));
-  const everything = param('keys', 'differing') === 'all';
-  const manifests = chosen.map((run) => {
+function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
+  const details = useJsons<RunDetail>(selected.map((run) => runPath(run.id)));
+  const evaluations = useJsons<{ evaluations: Evaluation[] }>(selected.map((run) => runPath(run.id, '/evaluations')));
+  const manifests = selected.map((run) => {
     const detail = details.get(runPath(run.id));
     return detail?.state === 'ready' ? detail.value.manifest : null;
   });
   const rows = compareManifests(manifests);
-  const shown = everything ? rows : rows.filter((row) => row.differs);
-  const last = chosen.map((run) => {
+  const shown = chosen(OPTIONS) === 'all' ? rows : rows.filter((row) => row.differs);
+  const last = selected.map((run) => {
     const answer = evaluations.get(runPath(run.id, '/evaluations'));
     return answer?.state === 'ready' ? newest(answer.value.evaluations) : new Map<string, Evaluation>();
   });
   const traversals = [...new Set(last.flatMap((one) => [...one.keys()]))];
-  const of = (key: string, value: (run: Run, index: number) => string): FigureRow => ({ key, values: chosen.map(value) });
+  const of = (key: string, value: (run: Run, index: number) => string): FigureRow => ({ key, values: selected.map(value) });
   const figures: FigureRow[] = [
     of('State', (run) => run.state),
     of('Seed', (run) => (run.seed === null ? '–' : String(run.seed))),
@@ -278,7 +261,7 @@ function SideBySide({ chosen }: { chosen: readonly Run[] }): JSX.Element {
   );
   const figureColumns: Column<FigureRow>[] = [
     { key: 'figure', label: 'Figure', show: (row) => row.key, cell: (row) => row.key },
-    ...chosen.map((run, i) => ({
+    ...selected.map((run, i) => ({
       key: run.id,
       label: runName(run),
       number: true,
@@ -288,7 +271,7 @@ function SideBySide({ chosen }: { chosen: readonly Run[] }): JSX.Element {
   ];
   const manifestColumns: Column<ManifestRow>[] = [
     { key: 'key', label: 'Option', show: (row) => row.key, cell: (row) => row.key },
-    ...chosen.map((run, i) => ({
+    ...selected.map((run, i) => ({
       key: run.id,
       label: runName(run),
       show: (row: ManifestRow) => <span class={row.differs ? 'differs' : undefined}>{row.values[i] ?? '–'}</span>,
@@ -298,7 +281,7 @@ function SideBySide({ chosen }: { chosen: readonly Run[] }): JSX.Element {
   return (
     <>
       <Card title="Side by side" actions={<SaveTable name="figures" columns={figureColumns} rows={figures} />}>
-        <ul class="legend">{chosen.map((run, i) => <li key={run.id}>{head(run, i)}</li>)}</ul>
+        <ul class="legend">{selected.map((run, i) => <li key={run.id}>{head(run, i)}</li>)}</ul>
         <Table caption="Figures of the chosen runs" columns={figureColumns} rows={figures} rowKey={(row) => row.key} />
       </Card>
       <Card
@@ -307,20 +290,12 @@ function SideBySide({ chosen }: { chosen: readonly Run[] }): JSX.Element {
         actions={<SaveTable name="manifests" columns={manifestColumns} rows={shown} />}
       >
         <div class="controls plain">
-          <Segmented
-            label="Options"
-            value={everything ? 'all' : 'differing'}
-            options={[
-              { value: 'differing', label: 'Differing' },
-              { value: 'all', label: 'All' },
-            ]}
-            onChange={(value) => setParams({ keys: value })}
-          />
+          <Choice of={OPTIONS} />
         </div>
         {shown.length ? (
           <Table caption="Manifests of the chosen runs" columns={manifestColumns} rows={shown} rowKey={(row) => row.key} />
         ) : (
-          <Empty title={rows.length ? 'Their options are the same' : 'No manifest is known'} />
+          <Empty title={rows.length ? 'All options are equal' : 'No manifest available'} />
         )}
       </Card>
     </>

@@ -7,33 +7,29 @@ import { byTraversal, checkpoints, evaluationKey, evaluationName, isControl } fr
 import { dateTime, fixed, integer, percent, plural, short } from '../maths/format';
 import { useJson, type Resource } from '../state/resource';
 import { param, place, setParams } from '../state/router';
-import { runs } from '../state/session';
-import { Card, Empty, Segmented, Select, Show, State } from '../ui/basics';
+import { Card, Empty, Select, Show, State } from '../ui/basics';
 import { Chart, type Line } from '../ui/chart';
+import { Choice, chosen, type ChoiceOf } from '../ui/choice';
 import { CompletedBar, Whisker } from '../ui/marks';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { SaveTable, Table, type Column } from '../ui/table';
+import { WithRuns } from '../ui/with_runs';
 import { Replay } from './replay';
+
+const KIND: ChoiceOf<'evaluation' | 'training'> = { name: 'kind', label: 'Episodes of', values: { evaluation: 'Evaluation', training: 'Training' } };
+const ORDER: ChoiceOf<'worst' | 'newest'> = { name: 'order', label: 'Order', values: { worst: 'Worst first', newest: 'Newest first' } };
+const GOAL: ChoiceOf<'all' | 'reached' | 'missed'> = { name: 'goal', label: 'Goal', values: { all: 'All', reached: 'Reached', missed: 'Missed' } };
 
 export function Deployment(): JSX.Element {
   return (
-    <Show of={runs.value}>
-      {(all) => {
-        const chosen = chosenRun(all, (run) => run.state === 'ended');
-        return chosen ? (
-          <DeploymentOf run={chosen} all={all} />
-        ) : (
-          <Card title="Deployment">
-            <Empty title="No run yet">Evaluations of trained agents, and every recorded episode, appear here.</Empty>
-          </Card>
-        );
-      }}
-    </Show>
+    <WithRuns title="Deployment" empty="Evaluations of trained agents and all recorded episodes appear here.">
+      {(all) => <DeploymentOf run={chosenRun(all, (run) => run.state === 'ended')} all={all} />}
+    </WithRuns>
   );
 }
 
 function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
-  // Asked for again as episodes come in; a run that has ended asks once.
+  // Fetched again as episodes are recorded; once for a run that has ended.
   const fresh = run.state === 'running' ? Math.floor((run.recorded_episodes ?? 0) / 500) : run.state;
   const evaluations = useJson<{ evaluations: Evaluation[] }>(runPath(run.id, '/evaluations'), fresh);
   const detail = useJson<RunDetail>(runPath(run.id), run.state);
@@ -60,9 +56,9 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
             </>
           ) : (
             <Card title="Evaluations">
-              <Empty title="Not evaluated yet">
+              <Empty title="No evaluations yet">
                 A policy_service evaluates at the end of its training, on each traversal of <code>--evaluate</code>, and with{' '}
-                <code>--controls all</code> the yardsticks beside its agent.
+                <code>--controls all</code> the reference policies too.
               </Empty>
             </Card>
           )
@@ -74,7 +70,7 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
 }
 
 function EvaluationCard({ traversal, list }: { traversal: string; list: readonly Evaluation[] }): JSX.Element {
-  const chosen = param('evaluation', '');
+  const selected = param('evaluation', '');
   const alike = new Set(list.map((one) => one.tasks)).size === 1;
   const columns: Column<Evaluation>[] = [
     { key: 'policy', label: 'Policy', show: evaluationName, cell: evaluationName },
@@ -128,7 +124,7 @@ function EvaluationCard({ traversal, list }: { traversal: string; list: readonly
         columns={columns.filter(({ key }) => !['spl_low', 'spl_high', alike ? 'tasks' : ''].includes(key))}
         rows={list}
         rowKey={evaluationKey}
-        rowClass={(e) => (evaluationKey(e) === chosen ? 'chosen' : isControl(e) ? 'past' : undefined)}
+        rowClass={(e) => (evaluationKey(e) === selected ? 'chosen' : isControl(e) ? 'past' : undefined)}
       />
     </Card>
   );
@@ -170,20 +166,20 @@ function Episodes({ run, evaluations, fresh }: {
   evaluations: Resource<{ evaluations: Evaluation[] }>;
   fresh: unknown;
 }): JSX.Element {
-  const kind = param('kind', 'evaluation') === 'training' ? 'training' : 'evaluation';
-  const order = param('order', 'worst') === 'newest' ? 'newest' : 'worst';
-  const done = param('completed', 'all');
+  const kind = chosen(KIND);
+  const order = chosen(ORDER);
+  const goal = chosen(GOAL);
   const limit = Math.min(Math.max(Number(param('limit', String(PAGE))) || PAGE, PAGE), 2000);
   const all = evaluations.state === 'ready' ? evaluations.value.evaluations : [];
-  const chosen = kind === 'evaluation' ? all.find((one) => evaluationKey(one) === param('evaluation', '')) : undefined;
+  const evaluated = kind === 'evaluation' ? all.find((one) => evaluationKey(one) === param('evaluation', '')) : undefined;
   const query = new URLSearchParams({ limit: String(limit), order, evaluation: kind === 'evaluation' ? '1' : '0' });
-  if (chosen) {
-    query.set('traversal', chosen.traversal);
-    query.set('policy', chosen.policy);
-    query.set('update', String(chosen.update));
-    query.set('shuffled', chosen.shuffled ? '1' : '0');
+  if (evaluated) {
+    query.set('traversal', evaluated.traversal);
+    query.set('policy', evaluated.policy);
+    query.set('update', String(evaluated.update));
+    query.set('shuffled', evaluated.shuffled ? '1' : '0');
   }
-  if (done !== 'all') query.set('completed', done);
+  if (goal !== 'all') query.set('completed', goal === 'reached' ? '1' : '0');
   const episodes = useJson<{ episodes: Episode[]; total: number }>(runPath(run.id, `/episodes?${query.toString()}`), fresh);
   const last = useRef<{ episodes: Episode[]; total: number } | null>(null);
   useEffect(() => {
@@ -223,7 +219,7 @@ function Episodes({ run, evaluations, fresh }: {
     <Card
       title={order === 'worst' ? 'Worst episodes' : 'Newest episodes'}
       id="episodes"
-      hint={chosen ? `${evaluationName(chosen)} on ${chosen.traversal}` : undefined}
+      hint={evaluated ? `${evaluationName(evaluated)} on ${evaluated.traversal}` : undefined}
       actions={
         <>
           <a class="hint" href={runPath(run.id, '/episodes.csv')} download>
@@ -234,38 +230,13 @@ function Episodes({ run, evaluations, fresh }: {
       }
     >
       <div class="controls plain">
-        <Segmented
-          label="Episodes of"
-          value={kind}
-          options={[
-            { value: 'evaluation', label: 'Evaluation' },
-            { value: 'training', label: 'Training' },
-          ]}
-          onChange={(value) => setParams({ kind: value })}
-        />
-        <Segmented
-          label="Order"
-          value={order}
-          options={[
-            { value: 'worst', label: 'Worst first' },
-            { value: 'newest', label: 'Newest first' },
-          ]}
-          onChange={(value) => setParams({ order: value })}
-        />
-        <Segmented
-          label="Goal"
-          value={done}
-          options={[
-            { value: 'all', label: 'All' },
-            { value: '1', label: 'Reached' },
-            { value: '0', label: 'Missed' },
-          ]}
-          onChange={(value) => setParams({ completed: value === 'all' ? null : value })}
-        />
+        <Choice of={KIND} />
+        <Choice of={ORDER} />
+        <Choice of={GOAL} />
         {kind === 'evaluation' && all.length > 0 && (
           <Select
             label="Of"
-            value={chosen ? evaluationKey(chosen) : ''}
+            value={evaluated ? evaluationKey(evaluated) : ''}
             options={[
               { value: '', label: 'every evaluation' },
               ...all.map((one) => ({ value: evaluationKey(one), label: `${evaluationName(one)} on ${one.traversal}` })),
@@ -295,8 +266,8 @@ function Episodes({ run, evaluations, fresh }: {
               </p>
             </>
           ) : (
-            <Empty title="No such episode is recorded">
-              {done === '0' && chosen && chosen.failed === 0 ? `All ${integer(chosen.tasks)} tasks were completed (${percent(1)}).` : ''}
+            <Empty title="No matching episodes">
+              {goal === 'missed' && evaluated && evaluated.failed === 0 ? `All ${integer(evaluated.tasks)} tasks were completed (${percent(1)}).` : ''}
             </Empty>
           )
         }

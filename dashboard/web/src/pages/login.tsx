@@ -5,7 +5,7 @@ import { logIn } from '../api/client';
 import { failure } from '../state/resource';
 import { Failed } from '../ui/basics';
 
-/** Asks for the token. It goes to the server in a header and is kept in memory alone. */
+/** Asks for the token. It is sent in a header and kept in memory only. */
 export function Login(): JSX.Element {
   const [token, setToken] = useState('');
   const [error, setError] = useState<string | null>(null);

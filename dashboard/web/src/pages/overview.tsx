@@ -5,7 +5,7 @@ import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
 import { latest, type Rows } from '../maths/rows';
 import { hrefOf } from '../state/router';
-import { about, events, now, runs, services, type SeenServices } from '../state/session';
+import { about, events, now, runs, services, type SeenServices } from '../state/shared';
 import { useTraining } from '../state/training';
 import { Card, Empty, Figure, Show, State } from '../ui/basics';
 import { Spark } from '../ui/spark';
@@ -14,7 +14,7 @@ import { SaveTable, Table, type Column } from '../ui/table';
 export function Overview(): JSX.Element {
   const all = runs.value.state === 'ready' ? runs.value.value : [];
   const running = all.filter((run) => run.state === 'running');
-  // Actors' and learners' rates are in their training; more than a dozen runs at once are too many to follow each.
+  // The rates of actors and learners are in their training. More than a dozen runs at once are not followed.
   const training = useTraining(running.slice(0, 12).map((run) => run.id));
   const rows = running.map((run) => training.get(run.id)?.rows);
   return (
@@ -49,14 +49,14 @@ function NothingRuns({ known }: { known: readonly Run[] }): JSX.Element {
   const newest = known[0];
   if (newest)
     return (
-      <Empty title="Nothing is being trained now">
-        The newest run, {newest.agent} of {dateTime(newest.started)}, is under{' '}
+      <Empty title="No training in progress">
+        See the newest run, {newest.agent} of {dateTime(newest.started)}, under{' '}
         <a href={hrefOf('training')}>Training</a>.
       </Empty>
     );
   return (
-    <Empty title="No run yet">
-      Start one with <code>./run demo</code>, or services of your own on this domain: they appear here by themselves.
+    <Empty title="No runs yet">
+      Start one with <code>./run demo</code>, or start services of your own on this domain: they appear here automatically.
     </Empty>
   );
 }
@@ -92,7 +92,7 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
       <Figure
         label="Lesson"
         value={lessons.length ? [...new Set(lessons)].map(integer).join(', ') : '–'}
-        note={lessons.length && lessons.every((lesson) => lesson === 0) ? 'no curriculum, or its first' : undefined}
+        note={lessons.length && lessons.every((lesson) => lesson === 0) ? 'first lesson or no curriculum' : undefined}
       />
       <Figure label="Services up" value={integer(up)} note={notes || undefined} />
       <Figure
@@ -105,6 +105,16 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
 }
 
 function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Element {
+  const pairs = [
+    ['SPL', fixed(run.spl, 3)],
+    ['Reward', fixed(run.reward, 3)],
+    ['Steps', short(run.steps)],
+    ['Episodes', short(run.episodes)],
+    ['Steps/s', short(run.steps_per_second)],
+    ['Lesson', integer(rows && latest(rows, 'lesson'))],
+    ['Policy lag', fixed(rows && latest(rows, 'policy_lag'), 1)],
+    ['Time', duration(run.wall)],
+  ] as const;
   return (
     <article class="run-card">
       <header>
@@ -114,46 +124,18 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
         <State state={run.state} />
       </header>
       <p class="hint">
-        {[run.learner, run.seed !== null && `seed ${run.seed}`, run.run].filter(Boolean).join(' · ')}
+        {[run.learner, run.seed !== null && `seed ${run.seed}`, run.session].filter(Boolean).join(' · ')}
       </p>
       {rows && rows.length > 1 && (
         <Spark curve={curveOf(rows, { metric: 'spl', x: 'steps', smoothing: 0.9 })} low={0} high={1} />
       )}
       <dl class="pairs">
-        <div>
-          <dt>SPL</dt>
-          <dd>{fixed(run.spl, 3)}</dd>
-        </div>
-        <div>
-          <dt>Reward</dt>
-          <dd>{fixed(run.reward, 3)}</dd>
-        </div>
-        <div>
-          <dt>Steps</dt>
-          <dd>{short(run.steps)}</dd>
-        </div>
-        <div>
-          <dt>Episodes</dt>
-          <dd>{short(run.episodes)}</dd>
-        </div>
-        <div>
-          <dt>Steps/s</dt>
-          <dd>{short(run.steps_per_second)}</dd>
-        </div>
-        <div>
-          <dt>Lesson</dt>
-          <dd>{rows ? integer(latest(rows, 'lesson')) : '–'}</dd>
-        </div>
-        <div>
-          <dt>Lag</dt>
-          <dd title="updates between the parameters that acted and those that learned">
-            {rows ? fixed(latest(rows, 'policy_lag'), 1) : '–'}
-          </dd>
-        </div>
-        <div>
-          <dt>Time</dt>
-          <dd>{duration(run.wall)}</dd>
-        </div>
+        {pairs.map(([name, value]) => (
+          <div key={name}>
+            <dt>{name}</dt>
+            <dd>{value}</dd>
+          </div>
+        ))}
       </dl>
       <nav class="run-links" aria-label={`${run.agent} ${run.id}`}>
         <a href={hrefOf('training', { runs: run.id })}>Training</a>
@@ -164,7 +146,7 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
   );
 }
 
-/** Seconds since the last heartbeat: what the server said and what has passed since. */
+/** Returns the seconds since the last heartbeat: the age that the server sent plus the time since then. */
 function ageOf(service: Service, all: SeenServices): number | null {
   if (service.age === null) return null;
   return service.age + Math.max(0, now.value - all.seen) / 1000;
@@ -215,11 +197,11 @@ function Services(): JSX.Element {
     { key: 'repeated', label: 'Repeated', number: true, show: (s) => short(s.repeated), cell: (s) => s.repeated },
     { key: 'rejected', label: 'Rejected', number: true, show: (s) => short(s.rejected), cell: (s) => s.rejected },
     { key: 'foreign', label: 'Foreign', number: true, show: (s) => short(s.foreign), cell: (s) => s.foreign },
-    { key: 'run', label: 'Run', show: (s) => s.run, cell: (s) => s.run },
+    { key: 'session', label: 'Session', show: (s) => s.session, cell: (s) => s.session },
   ];
   const list = there
     ? [...there.services].sort(
-        (a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state) || a.id.localeCompare(b.id) || a.run.localeCompare(b.run),
+        (a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state) || a.id.localeCompare(b.id) || a.session.localeCompare(b.session),
       )
     : [];
   return (
@@ -235,12 +217,12 @@ function Services(): JSX.Element {
               caption="Services"
               columns={columns}
               rows={list}
-              rowKey={(s) => `${s.run}/${s.id}`}
+              rowKey={(s) => `${s.session}/${s.id}`}
               rowClass={(s) => (s.alarm || s.state === 'lost' || s.state === 'failed' ? 'bad' : s.state === 'stopped' ? 'past' : undefined)}
             />
           ) : (
-            <Empty title="No service heard yet">
-              Services announce themselves once a second. If some run, compare their <code>--domain</code> with the dashboard's
+            <Empty title="No services found">
+              Services announce themselves once a second. If some are running, compare their <code>--domain</code> with the dashboard's
               {about.value.state === 'ready' && ` (${about.value.value.domain})`}.
             </Empty>
           )
@@ -255,7 +237,7 @@ function Events(): JSX.Element {
   const columns: Column<ServiceEvent>[] = [
     { key: 'time', label: 'Time', show: (e) => clock(e.time), cell: (e) => e.time },
     { key: 'kind', label: 'Kind', show: (e) => e.kind, cell: (e) => e.kind },
-    { key: 'run', label: 'Run', show: (e) => e.run, cell: (e) => e.run },
+    { key: 'session', label: 'Session', show: (e) => e.session, cell: (e) => e.session },
     { key: 'service', label: 'Service', show: (e) => e.service, cell: (e) => e.service },
     { key: 'text', label: 'Text', show: (e) => e.text, cell: (e) => e.text },
   ];
@@ -278,7 +260,7 @@ function Events(): JSX.Element {
               ))}
             </ol>
           ) : (
-            <Empty title="Nothing has happened yet" />
+            <Empty title="No events yet" />
           )
         }
       </Show>

@@ -32,7 +32,7 @@ export function Recognition(): JSX.Element {
           </>
         ) : (
           <Card title="Results">
-            <Empty title="Place recognition was not measured yet">
+            <Empty title="No place-recognition results">
               <code>./run vpr --dataset plain --data DIR --reference summer --query winter</code> writes results; start the dashboard
               with <code>--recognition DIR</code>, where DIR holds them.
             </Empty>
@@ -47,7 +47,7 @@ function rowName(row: Pick<RecognitionRow, 'encoder' | 'dimension' | 'centring' 
   return `${row.encoder} ${row.dimension}, ${row.centring}, ${row.method}, ${row.query}`;
 }
 
-/** As vpr names the files of a row: everything but letters, digits, '.', '_' is '-'. */
+/** Returns the file name that vpr gives a row: everything but letters, digits, '.', '_' becomes '-'. */
 export function matrixFile(row: RecognitionRow): string {
   const slug = (text: string): string => text.replace(/[^A-Za-z0-9._]/g, '-');
   return `similarity-${slug(row.encoder)}-${row.dimension}-${row.centring}-${slug(row.query)}-${slug(row.method)}.png`;
@@ -152,7 +152,7 @@ function ResultOf({ result }: { result: Result }): JSX.Element {
         {rows.length ? (
           <Table caption="Place recognition" columns={columns} rows={list} rowKey={({ index }) => index} />
         ) : (
-          <Empty title="No row is complete yet" />
+          <Empty title="No results yet" />
         )}
       </Card>
     </>
@@ -163,7 +163,7 @@ function colourOf(index: number): string {
   return `series-${(index % 8) + 1}`;
 }
 
-/** The curve by ascending recall; of equal recalls the first point, whose precision is the highest. */
+/** Returns the curve by ascending recall. Of equal recalls it keeps the first point, which has the highest precision. */
 function ascending(curve: RecognitionCurve): { x: number[]; y: number[] } {
   const x: number[] = [];
   const y: number[] = [];
@@ -184,14 +184,14 @@ function Matrix({ result, rows, path }: { result: Result; rows: readonly Recogni
   const file = files.find((one) => one === param('matrix', '')) ?? files[0];
   const chosen = named.find((one) => one.value === file);
   return (
-    <Card title="Similarity" hint="a query frame a column, a reference frame a row; bright is alike">
+    <Card title="Similarity" hint="columns: query frames; rows: reference frames; bright: similar">
       {file && chosen ? (
         <div class="stack">
           {files.length > 1 && <Select label="Of" value={file} options={named} onChange={(value) => setParams({ matrix: value })} />}
           <img class="matrix" src={`${path}/matrix?file=${encodeURIComponent(file)}`} alt={`Similarity matrix of ${chosen.label}`} />
         </div>
       ) : (
-        <Empty title="No picture of it">vpr was told to write none (--no-pictures).</Empty>
+        <Empty title="No picture">vpr ran with --no-pictures.</Empty>
       )}
     </Card>
   );

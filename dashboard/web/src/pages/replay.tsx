@@ -17,7 +17,7 @@ interface ReplayProps {
   detail: Resource<RunDetail>;
 }
 
-/** One recorded episode, step by step. */
+/** Plays one recorded episode step by step. */
 export function Replay({ rowid, detail }: ReplayProps): JSX.Element {
   const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
   const room = useRef<HTMLDivElement>(null);
@@ -38,7 +38,7 @@ export function Replay({ rowid, detail }: ReplayProps): JSX.Element {
             one.positions && one.positions.length > 0 ? (
               <Player episode={one} positions={one.positions} detail={detail} />
             ) : (
-              <Empty title="Its actions were not kept">
+              <Empty title="Its actions were not recorded">
                 An episode of more steps than a message can carry is recorded with its figures alone.
               </Empty>
             )
@@ -162,14 +162,14 @@ function Player({ episode, positions, detail }: {
             {own?.images ? (
               <PictureBox picture={picture} alt={`Frame of ${episode.traversal}`} caption={episode.traversal} />
             ) : (
-              <PictureBox picture={{ state: 'none', text: 'This traversal has features alone.' }} alt="" caption={episode.traversal} />
+              <PictureBox picture={{ state: 'none', text: 'This traversal has features only.' }} alt="" caption={episode.traversal} />
             )}
             {sibling && <PictureBox picture={other} alt={`The same place on ${sibling.traversal}`} caption={`${sibling.traversal}, same place`} />}
           </div>
         </div>
       </div>
       <Chart
-        title="Walk"
+        title="Path"
         hint={`frame over steps, from ${integer(episode.start)} to the goal ${integer(episode.goal)}`}
         name={`episode ${episode.rowid}`}
         xLabel="steps"

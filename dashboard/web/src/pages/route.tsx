@@ -9,35 +9,28 @@ import { integer } from '../maths/format';
 import { idle, Trails } from '../maths/trail';
 import { useJson } from '../state/resource';
 import { hrefOf, param, setParams } from '../state/router';
-import { now, runs } from '../state/session';
-import { Card, Empty, Failed, Loading, Segmented, Select, Show, Swatch } from '../ui/basics';
+import { now } from '../state/shared';
+import { Card, Empty, Failed, Loading, Select, Swatch } from '../ui/basics';
 import { Chart, type Line } from '../ui/chart';
+import { Choice, chosen, type ChoiceOf } from '../ui/choice';
 import { PictureBox, useFrame, useLivePicture } from '../ui/picture';
 import { RouteMap, walkerColour, type Walker } from '../ui/route_map';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { SaveTable, Table, type Column } from '../ui/table';
 import { useVisible } from '../ui/use';
+import { WithRuns } from '../ui/with_runs';
+
+const VIEW: ChoiceOf<'route' | 'whole'> = { name: 'view', label: 'Show', values: { route: 'Route', whole: 'Whole traversal' } };
 
 export function RoutePage(): JSX.Element {
   return (
-    <Show of={runs.value}>
-      {(all) => {
-        const chosen = chosenRun(all, (run) => run.state === 'running');
-        return chosen ? (
-          <RouteOf run={chosen} all={all} />
-        ) : (
-          <Card title="Route">
-            <Empty title="No run yet">
-              The route, its agents and what they see appear here as soon as a policy_service runs.
-            </Empty>
-          </Card>
-        );
-      }}
-    </Show>
+    <WithRuns title="Route" empty="The route, its agents and what they see appear here as soon as a policy_service runs.">
+      {(all) => <RouteOf run={chosenRun(all, (run) => run.state === 'running')} all={all} />}
+    </WithRuns>
   );
 }
 
-/** The newest scene of an env_service and the trails of its agents; when it came, milliseconds since 1970. */
+/** Returns an env_service's newest scene, its agents' trails, and when it arrived (milliseconds since 1970). */
 function useScene(topic: string | null): { scene: Scene | null; trails: Trails; came: number } {
   const [state, setState] = useState<{ scene: Scene | null; came: number }>({ scene: null, came: 0 });
   const trails = useRef(new Trails());
@@ -62,7 +55,7 @@ function modeName(mode: string | number): string {
 }
 
 function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
-  // Traversals are announced after the run has begun: ask again with each new update until there are some.
+  // Traversals are announced after the run has begun: fetch them again at each update until there are some.
   const [again, setAgain] = useState(0);
   const detail = useJson<RunDetail>(runPath(run.id), `${run.state} ${again}`);
   const none = detail.state === 'ready' && detail.value.traversals.length === 0;
@@ -70,29 +63,20 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
     if (none) setAgain(run.updates ?? 0);
   }, [none, run.updates]);
   const traversals = detail.state === 'ready' ? detail.value.traversals : [];
-  const chosen = traversals.find((one) => one.environment === param('env', '')) ?? traversals[0];
-  const whole = param('view', 'route') === 'whole';
+  const traversal = traversals.find((one) => one.environment === param('env', '')) ?? traversals[0];
   return (
     <>
       <div class="controls card">
         <RunSelect runs={all} chosen={run} />
-        {chosen && (
+        {traversal && (
           <Select
             label="Traversal"
-            value={chosen.environment}
+            value={traversal.environment}
             options={traversals.map((one) => ({ value: one.environment, label: `${one.traversal} (${one.environment})` }))}
             onChange={(env) => setParams({ env, agent: null })}
           />
         )}
-        <Segmented
-          label="Show"
-          value={whole ? 'whole' : 'route'}
-          options={[
-            { value: 'route', label: 'Route' },
-            { value: 'whole', label: 'Whole traversal' },
-          ]}
-          onChange={(view) => setParams({ view })}
-        />
+        <Choice of={VIEW} />
       </div>
       {detail.state === 'loading' ? (
         <Card title="Route">
@@ -100,11 +84,11 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
         </Card>
       ) : detail.state === 'failed' ? (
         <Failed error={detail.error} />
-      ) : chosen ? (
-        <Scenery run={run} traversal={chosen} all={traversals} detail={detail.value} whole={whole} />
+      ) : traversal ? (
+        <Scenery run={run} traversal={traversal} all={traversals} detail={detail.value} whole={chosen(VIEW) === 'whole'} />
       ) : (
         <Card title="Route">
-          <Empty title="No traversal is known of this run">env_services announce theirs when they start.</Empty>
+          <Empty title="No traversals known">env_services announce their traversal when they start.</Empty>
         </Card>
       )}
     </>
@@ -119,7 +103,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
   whole: boolean;
 }): JSX.Element {
   const running = run.state === 'running';
-  const source = `${traversal.environment}@${run.run}`;
+  const source = `${traversal.environment}@${run.session}`;
   const { scene, trails, came } = useScene(`scene:${source}`);
   const map = useJson<TraversalMap>(`api/map/${traversal.hash}`);
   const agent = Math.min(Number(param('agent', '0')) || 0, Math.max((scene?.list.length ?? 1) - 1, 0));
@@ -211,20 +195,20 @@ function WalkChart({ trail, agent, goal, name }: {
   );
   return (
     <Chart
-      title={`Walk of agent ${agent}`}
-      hint="frame over steps of its episode, as far as it was seen"
+      title={`Path of agent ${agent}`}
+      hint="frame over steps of its episode, as far as observed"
       name={name}
       xLabel="steps"
       lines={lines}
       references={goal === null ? [] : [{ label: 'goal', value: goal }]}
       format={integer}
       height={180}
-      empty="Nobody walks yet"
+      empty="No agent activity"
     />
   );
 }
 
-/** What the agent sees, and what a sibling traversal shows of the same place. */
+/** Shows what the agent sees, and the same place on a sibling traversal. */
 function Eyes({ source, traversal, all, agent, frame }: {
   source: string;
   traversal: RunTraversal;
@@ -320,7 +304,7 @@ function Agents({ scene, agent, name }: { scene: Scene | null; agent: number; na
           rowClass={(row) => (row.agent === agent ? 'chosen' : undefined)}
         />
       ) : (
-        <Empty title="Nobody here yet" />
+        <Empty title="No agents yet" />
       )}
     </Card>
   );

@@ -6,17 +6,17 @@ import { TRAINING_FIGURES } from '../api/training_figures';
 import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
 import { linesOf, type Display, type GroupRows } from '../maths/curves';
 import { duration, fixed, percent, short, significant } from '../maths/format';
-import { groupRuns, type Group, type GroupBy } from '../maths/groups';
+import { groupRuns, type Group } from '../maths/groups';
 import type { XAxis } from '../maths/rows';
 import { useJson } from '../state/resource';
 import { param, place, setParams } from '../state/router';
-import { runs } from '../state/session';
 import { useDetail, useTraining } from '../state/training';
-import { Card, Empty, Failed, Loading, Segmented, Show, Slider } from '../ui/basics';
+import { Card, Failed, Loading, Slider } from '../ui/basics';
 import type { Range } from '../maths/seeds';
-import { AxisPicker } from '../ui/axis_picker';
 import { Chart, type Reference } from '../ui/chart';
+import { AXIS, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
 import { RunPicker } from '../ui/run_picker';
+import { WithRuns } from '../ui/with_runs';
 
 interface Metric {
   key: string;
@@ -37,24 +37,23 @@ const OPTIMISATION: Metric[] = TRAINING_FIGURES.filter(
 ).map(({ name, unit, title, help }) => ({ key: name, title, hint: help, format: FORMATS[unit] ?? ((v) => significant(v)) }));
 
 const X_LABELS: Record<XAxis, string> = { episodes: 'episodes', steps: 'steps', wall: 'wall time', update: 'updates' };
-const MAX_RUNS = 24; // whose curves are fetched at once
+const MAX_RUNS = 24; // curves fetched at once
 const COLOURS = 8;
 
-function oneOf<T extends string>(value: string, all: readonly T[], otherwise: T): T {
-  return all.find((one) => one === value) ?? otherwise;
-}
+const SEEDS: ChoiceOf<Display> = { name: 'show', label: 'Seeds', values: { both: 'Both', mean: 'Mean and spread', runs: 'Each' } };
 
 export function TrainingPage(): JSX.Element {
-  return <Show of={runs.value}>{(all) => (all.length ? <Training all={all} /> : <NoRuns />)}</Show>;
-}
-
-function NoRuns(): JSX.Element {
   return (
-    <Card title="Runs">
-      <Empty title="No run yet">
-        Curves appear with the first update of a policy_service. <code>./run demo</code> starts one.
-      </Empty>
-    </Card>
+    <WithRuns
+      title="Runs"
+      empty={
+        <>
+          Curves appear with the first update of a policy_service. <code>./run demo</code> starts one.
+        </>
+      }
+    >
+      {(all) => <Training all={all} />}
+    </WithRuns>
   );
 }
 
@@ -71,9 +70,9 @@ function shownGroups(groups: readonly Group[]): Group[] {
 }
 
 function Training({ all }: { all: readonly Run[] }): JSX.Element {
-  const by = oneOf<GroupBy>(param('by', 'sweep'), ['sweep', 'agent'], 'sweep');
-  const x = oneOf<XAxis>(param('x', 'steps'), ['episodes', 'steps', 'wall', 'update'], 'steps');
-  const display = oneOf<Display>(param('show', 'both'), ['mean', 'runs', 'both'], 'both');
+  const by = chosen(GROUPS);
+  const x: XAxis = param('x', '') === 'update' ? 'update' : chosen(AXIS);
+  const display = chosen(SEEDS);
   const smoothing = Math.min(Math.max(Number(param('smooth', '0.9')) || 0, 0), 0.999);
   const hidden = useMemo(() => new Set(param('hide', '').split('\n').filter(Boolean)), [place.value]);
   const [zoom, setZoom] = useState<Range | null>(null);
@@ -84,7 +83,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   const ids = fitting.flatMap((group) => group.runs.map((run) => run.id));
   const training = useTraining(ids);
   const versions = ids.map((id) => training.get(id)?.version ?? 0).join();
-  // Part of a long run: asked for again with all of its points. From further left, for the smoothing to have its start there.
+  // A zoomed part of a decimated run is fetched with all of its points. It begins further left, where the smoothing starts.
   const decimated = zoom ? ids.filter((id) => training.get(id)?.rows.decimated) : [];
   const detail = useDetail(decimated, zoom && { x, from: Math.max(0, 2 * zoom.from - zoom.to), to: zoom.to });
   const coloured = useMemo(() => colourOf(fitting), [ids.join('\n'), by]);
@@ -124,7 +123,6 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
     <div class="with-picker">
       <RunPicker
         groups={groups}
-        by={by}
         shown={new Set(fitting.map((group) => group.key))}
         hidden={hidden}
         colours={display === 'runs' ? coloured : groupColours(fitting)}
@@ -132,23 +130,8 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
       />
       <div class="stack">
         <div class="controls card">
-          <AxisPicker
-            value={x}
-            onChange={(value) => {
-              setZoom(null);
-              setParams({ x: value });
-            }}
-          />
-          <Segmented
-            label="Seeds"
-            value={display}
-            options={[
-              { value: 'mean', label: 'Mean and spread' },
-              { value: 'both', label: 'Both' },
-              { value: 'runs', label: 'Each' },
-            ]}
-            onChange={(value) => setParams({ show: value })}
-          />
+          <Choice of={AXIS} onChange={() => setZoom(null)} />
+          <Choice of={SEEDS} />
           <Slider
             label="Smoothing"
             value={smoothing}
@@ -221,7 +204,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
   );
 }
 
-/** What an agent that never looks, one that knows everything and one that has learned nothing reach on the same route. */
+/** Returns the results of the blind agent, the shortest path and the sequence filter on the same route, as lines. */
 function useReferences(run: Run | undefined): Partial<Record<string, Reference[]>> {
   const detail = useJson<RunDetail>(run ? runPath(run.id) : null);
   const manifest = detail.state === 'ready' ? detail.value.manifest : null;

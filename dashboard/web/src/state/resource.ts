@@ -3,11 +3,13 @@ import { useEffect, useState } from 'preact/hooks';
 import { ApiError, getJson, unauthorised } from '../api/client';
 import { live } from '../api/live';
 
-/** Something asked of the server: on its way, there, or refused. */
+/** The answer to a request: loading, there, or failed. */
 export type Resource<T> =
   | { state: 'loading' }
   | { state: 'ready'; value: T }
   | { state: 'failed'; error: string; status: number };
+
+const LOADING = { state: 'loading' } as const; // one object, so that nothing depends on a new one
 
 export function failure(error: unknown): { state: 'failed'; error: string; status: number } {
   return error instanceof ApiError
@@ -15,7 +17,7 @@ export function failure(error: unknown): { state: 'failed'; error: string; statu
     : { state: 'failed', error: error instanceof Error ? error.message : String(error), status: 0 };
 }
 
-/** GETs, as often as the server says that it is still fetching. */
+/** GETs, and again as long as the server answers that it is still fetching. */
 async function getPatiently<T>(path: string, abort: AbortSignal): Promise<T> {
   for (;;) {
     try {
@@ -29,46 +31,36 @@ async function getPatiently<T>(path: string, abort: AbortSignal): Promise<T> {
 }
 
 /**
- * GETs `path` (null: nothing to ask), again whenever `key` changes or the connection or the access came back. While that is
- * under way, and when it fails for want of a connection, the last answer of the same path stays.
+ * GETs `paths`, again whenever `key` changes or the connection or the access came back. While that is under way, and when it
+ * fails for want of a connection, the last answers stay.
  */
-export function useJson<T>(path: string | null, key: unknown = 0): Resource<T> {
-  const [answer, setAnswer] = useState<{ path: string | null; resource: Resource<T> }>({ path, resource: { state: 'loading' } });
+export function useJsons<T>(paths: readonly string[], key: unknown = 0): Map<string, Resource<T>> {
+  const [answers, setAnswers] = useState(new Map<string, Resource<T>>());
   const [again, setAgain] = useState(0);
   useEffect(() => live.onBack(() => setAgain((n) => n + 1)), []);
   const refused = unauthorised.value;
   useEffect(() => {
-    if (path === null || refused) return undefined;
-    const abort = new AbortController();
-    getPatiently<T>(path, abort.signal)
-      .then((value) => setAnswer({ path, resource: { state: 'ready', value } }))
-      .catch((error: unknown) => {
-        if (abort.signal.aborted) return;
-        const failed = failure(error);
-        setAnswer((old) =>
-          failed.status === 0 && old.path === path && old.resource.state === 'ready' ? old : { path, resource: failed },
-        );
-      });
-    return () => abort.abort();
-  }, [path, key, again, refused]);
-  return answer.path === path ? answer.resource : { state: 'loading' };
-}
-
-/** Likewise for several paths at once. */
-export function useJsons<T>(paths: readonly string[]): Map<string, Resource<T>> {
-  const [answers, setAnswers] = useState(new Map<string, Resource<T>>());
-  const [again, setAgain] = useState(0);
-  useEffect(() => live.onBack(() => setAgain((n) => n + 1)), []);
-  useEffect(() => {
+    if (refused) return undefined;
     const abort = new AbortController();
     const put = (path: string, resource: Resource<T>): void => {
-      if (!abort.signal.aborted) setAnswers((old) => new Map(old).set(path, resource));
+      if (abort.signal.aborted) return;
+      setAnswers((old) => {
+        const there = [...old].filter(([one]) => paths.includes(one)); // the others are not shown any more
+        const keep = resource.state === 'failed' && resource.status === 0 && old.get(path)?.state === 'ready';
+        return keep ? old : new Map(there).set(path, resource);
+      });
     };
     for (const path of paths)
       getPatiently<T>(path, abort.signal)
         .then((value) => put(path, { state: 'ready', value }))
         .catch((error: unknown) => put(path, failure(error)));
     return () => abort.abort();
-  }, [paths.join('\n'), again]);
-  return new Map(paths.map((path) => [path, answers.get(path) ?? { state: 'loading' }]));
+  }, [paths.join('\n'), key, again, refused]);
+  return new Map(paths.map((path) => [path, answers.get(path) ?? LOADING]));
+}
+
+/** Likewise for one path, or none (null). */
+export function useJson<T>(path: string | null, key: unknown = 0): Resource<T> {
+  const answers = useJsons<T>(path === null ? [] : [path], key);
+  return answers.get(path ?? '') ?? LOADING;
 }

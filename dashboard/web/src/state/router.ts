@@ -9,7 +9,7 @@ export interface Place {
   params: URLSearchParams;
 }
 
-/** "#/training?x=steps"; what is not a page is the overview. */
+/** Parses "#/training?x=steps". An unknown page is the overview. */
 export function placeOf(hash: string): Place {
   const [path = '', query = ''] = hash.replace(/^#\/?/, '').split('?', 2);
   const page = PAGES.find((name) => name === path) ?? 'overview';
@@ -30,7 +30,7 @@ window.addEventListener('hashchange', () => {
   place.value = placeOf(location.hash);
 });
 
-// A slider changes more often than browsers let the address change.
+// A slider changes more often than browsers allow the address to change.
 function write(hash: string): void {
   clearTimeout(writing);
   writing = setTimeout(() => {
@@ -38,7 +38,7 @@ function write(hash: string): void {
   }, 150);
 }
 
-/** Changes parameters of the page without a new entry in the history. Null removes one. */
+/** Changes parameters of the page without a new history entry. Null removes a parameter. */
 export function setParams(changes: Record<string, string | null>): void {
   const { page, params } = place.value;
   const next = new URLSearchParams(params);

@@ -16,7 +16,7 @@ function remembered(): Theme {
 }
 
 export const theme = signal<Theme>(remembered());
-/** What is shown: canvases depend on it. */
+/** The theme that is shown. Canvases depend on it. */
 export const shown = signal<'light' | 'dark'>('light');
 
 export function startTheme(): void {
@@ -34,7 +34,7 @@ export function startTheme(): void {
   effect(apply);
 }
 
-/** A colour of the design system, as canvases need it. */
+/** Returns a colour of the design system for a canvas. */
 export function colour(name: string): string {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }

@@ -13,15 +13,15 @@ export interface Training {
   state: 'loading' | 'ready' | 'failed';
   error: string;
   rows: Rows;
-  /** Grows with each change of `rows`, which is changed in place. */
+  /** Grows with each change of `rows`, which changes in place. */
   version: number;
 }
 
 const POINTS = 2000;
 const REDRAW = 500; // milliseconds between two redraws because of live rows
-const PATIENCE = 2000; // milliseconds before missing rows are asked for: the store may be a moment behind the wire
+const PATIENCE = 2000; // milliseconds before missing rows are fetched, as the store lags slightly behind live rows
 
-/** The training of one run, kept while somebody looks at it: asked for once, then live. */
+/** The training figures of one run while a component shows them: fetched once, then live. */
 class Series {
   readonly value: Signal<Training> = signal({ state: 'loading', error: '', rows: noRows(), version: 0 });
   users = 0;
@@ -58,7 +58,7 @@ class Series {
         runPath(this.id, `/training?columns=${columns}&points=${POINTS}&x=updates`),
       );
       const rows = rowsOf(answer);
-      this.pending.forEach((news) => append(rows, news)); // what came while the answer was on its way
+      this.pending.forEach((news) => append(rows, news)); // rows that arrived while the answer was on its way
       this.value.value = { state: 'ready', error: '', rows, version: this.value.value.version + 1 };
     } catch (error) {
       if (this.value.value.state !== 'ready')
@@ -73,7 +73,7 @@ class Series {
       return;
     }
     const { rows } = this.value.value;
-    // Rows are missing, or so many came that the server had better decimate them.
+    // Rows are missing, or there are so many that the server should decimate them.
     if (!append(rows, columns) || rows.length > 3 * POINTS) {
       this.reload ??= setTimeout(() => {
         this.reload = undefined;
@@ -88,14 +88,14 @@ class Series {
   }
 }
 
-/** Where part of a run is looked at: the rows there, which the whole run's were decimated of. */
+/** The part of a run that is zoomed. */
 export interface Detail {
   x: XAxis;
   from: number;
   to: number;
 }
 
-/** Rows of these runs in a range of an axis; of those that have come. */
+/** Fetches the rows of these runs in a range of an axis. Returns those that have arrived. */
 export function useDetail(ids: readonly string[], detail: Detail | null): Map<string, Rows> {
   const x = detail?.x === 'update' ? 'updates' : detail?.x;
   const query = `columns=${TRAINING_COLUMNS.join(',')}&points=${POINTS}&x=${x}&from=${detail?.from}&to=${detail?.to}`;
@@ -121,7 +121,7 @@ function seriesOf(id: string): Series {
   return series;
 }
 
-// What nobody looks at any more is kept for a while: who comes back sees it at once.
+// Series that no component shows are kept for a while, so that they reappear at once.
 const MOST_KEPT = 32;
 
 function forget(): void {
@@ -131,7 +131,7 @@ function forget(): void {
   }
 }
 
-/** The training of these runs, live while the component is there. */
+/** Returns the training figures of these runs, live while the component is mounted. */
 export function useTraining(ids: readonly string[]): Map<string, Training> {
   const key = ids.join('\n');
   useEffect(() => {

@@ -31,7 +31,7 @@ export function Card({ title, hint, actions, children, class: name, id }: CardPr
   );
 }
 
-/** Nothing to show, and why, and what to do about it. */
+/** Explains why there is nothing to show, and what to do. */
 export function Empty({ title, children }: { title: string; children?: ComponentChildren }): JSX.Element {
   return (
     <div class="empty">
@@ -66,7 +66,7 @@ export function Loading({ lines = 3 }: { lines?: number }): JSX.Element {
   );
 }
 
-/** Shows a resource when it is there, and what is the matter when not. */
+/** Shows a resource, or that it is loading, or the error. */
 export function Show<T>({ of, children, lines }: {
   of: Resource<T>;
   children: (value: T) => ComponentChildren;
@@ -82,7 +82,7 @@ export interface Option<T extends string> {
   label: string;
 }
 
-/** A choice among few, all visible. */
+/** A choice among a few visible options. */
 export function Segmented<T extends string>({ label, value, options, onChange }: {
   label: string;
   value: T;
@@ -158,7 +158,7 @@ export function Slider({ label, value, min, max, step, text, onInput }: {
   );
 }
 
-/** One figure with its name. */
+/** A figure with its name. */
 export function Figure({ label, value, note }: { label: string; value: string; note?: string | undefined }): JSX.Element {
   return (
     <div class="figure">
@@ -224,7 +224,7 @@ export function IconButton({ icon, label, pressed, onClick, disabled }: {
   );
 }
 
-/** A state in words, with a shape and a colour that say the same. */
+/** A state as a word, a shape and a colour. */
 export function State({ state }: { state: string }): JSX.Element {
   return (
     <span class={`state state-${state}`}>

@@ -14,11 +14,11 @@ import { useSize, useVisible } from './use';
 export interface Line extends Curve {
   key: string;
   label: string;
-  /** Of the design system: "series-1". */
+  /** A colour of the design system: "series-1". */
   colour: string;
   faint?: boolean;
   dashed?: boolean;
-  /** Spread about the line, drawn as an area. */
+  /** Spread around the line, drawn as an area. */
   band?: { low: readonly (number | null)[]; high: readonly (number | null)[] };
 }
 
@@ -34,16 +34,16 @@ interface ChartProps {
   xLabel: string;
   lines: readonly Line[];
   references?: readonly Reference[];
-  /** Of what stands in the files' names: the page or the run. */
+  /** Part of the names of saved files: the page or the run. */
   name: string;
   format?: (value: number) => string;
   xFormat?: (value: number) => string;
   height?: number;
   legend?: boolean;
-  /** Part of the x axis to show, and what is called when the reader marks one or wants all again (null). */
+  /** Part of the x axis to show. `onZoom` is called when the user selects a part, or all of it (null). */
   zoom?: Range | null;
   onZoom?: (range: Range | null) => void;
-  /** Charts of one name have one cursor. */
+  /** Charts with the same name share one cursor. */
   sync?: string;
   xRange?: [number, number];
   yRange?: [number, number];
@@ -52,7 +52,7 @@ interface ChartProps {
 
 const TABLE_ROWS = 40;
 
-/** Lines over x: as a chart, as a table, and as CSV. */
+/** Shows lines over x as a chart, as a table, and as CSV. */
 export function Chart(props: ChartProps): JSX.Element {
   const { title, hint, xLabel, lines, references = [], name, zoom = null } = props;
   const [asTable, setAsTable] = useState(false);
@@ -95,7 +95,7 @@ export function Chart(props: ChartProps): JSX.Element {
   );
 }
 
-/** What is drawn, one row an x: a column a line, for a spread its lowest and highest too, for a reference its value. */
+/** Returns what is drawn as a table, one row per x: a column per line, two more per spread, one per reference. */
 export function chartCsv(xLabel: string, lines: readonly Line[], references: readonly Reference[]): string {
   const curves: { label: string; curve: Curve }[] = [];
   for (const line of lines) {
@@ -187,7 +187,7 @@ function lastOf(line: Line, format: (value: number) => string): string {
 
 type PlotProps = ChartProps & { references: readonly Reference[]; zoom: Range | null };
 
-// What a plot reads while it draws: it outlives many renderings.
+// What a plot reads while it draws. It outlives many renderings.
 interface Current extends PlotProps {
   data: uPlot.AlignedData;
 }
@@ -390,7 +390,7 @@ function drawReferences(u: uPlot, references: readonly Reference[], stroke: stri
   ctx.restore();
 }
 
-/** What the dashed lines are. */
+/** Names the dashed lines. */
 function References({ list, format }: { list: readonly Reference[]; format: (value: number) => string }): JSX.Element {
   return (
     <ul class="legend references">
@@ -407,14 +407,14 @@ function References({ list, format }: { list: readonly Reference[]; format: (val
   );
 }
 
-/** A colour as "#rrggbb" with an alpha. */
+/** Returns a colour "#rrggbb" with an alpha. */
 function alpha(colour: string, opacity: number): string {
   return colour + Math.round(255 * opacity).toString(16).padStart(2, '0');
 }
 
 const TOOLTIP_LINES = 8;
 
-/** Values of the lines at the cursor. */
+/** Shows the values of the lines at the cursor. */
 function tooltip(current: { current: Current | null }): uPlot.Plugin {
   const box = document.createElement('div');
   box.className = 'tooltip';
@@ -462,7 +462,7 @@ function tooltipRow(line: Line, value: number, format: (value: number) => string
   return row;
 }
 
-/** Value of the point of a line that is nearest to x; null beyond its ends. */
+/** Returns the value of a line's point nearest to x; null beyond its ends. */
 function nearestValue(line: Line, x: number): number | null {
   const after = lowerBound(line.x, x);
   const last = line.x.length - 1;

@@ -8,7 +8,7 @@ export type Picture =
   | { state: 'waiting' }
   | { state: 'ready'; src: string; frame: number };
 
-/** The picture of a frame, and which; the one before stays until the next is there. One request at a time, the newest wins. */
+/** Fetches the picture of a frame; the previous one stays until it is there. One request at a time, the newest wins. */
 export function useFrame(hash: string | null, frame: number | null, visible: boolean): Picture {
   const [picture, setPicture] = useState<Picture>({ state: 'waiting' });
   const wanted = useRef<{ hash: string; frame: number } | null>(null);
@@ -40,7 +40,7 @@ export function useFrame(hash: string | null, frame: number | null, visible: boo
         show({ state: 'none', text: `The picture did not come (${response.status}).` });
       }
     } catch {
-      // No connection: the page says so already.
+      // No connection: the banner reports it.
     }
     busy.current = false;
     const next = wanted.current;
@@ -68,7 +68,7 @@ export function useFrame(hash: string | null, frame: number | null, visible: boo
   return picture;
 }
 
-/** What an agent sees, live. `topic` null: nothing to watch. */
+/** Returns what an agent sees, live. With a null `topic` it watches nothing. */
 export function useLivePicture(topic: string | null): Picture {
   const [picture, setPicture] = useState<Picture>({ state: 'waiting' });
   useEffect(() => {
@@ -79,7 +79,7 @@ export function useLivePicture(topic: string | null): Picture {
       const old = url;
       url = URL.createObjectURL(new Blob([new Uint8Array(frame.payload)], { type: String(frame.header.type ?? 'image/jpeg') }));
       setPicture({ state: 'ready', src: url, frame: Number(frame.header.frame) });
-      // The one before is still on the screen until the new one is decoded.
+      // The previous one stays on the screen until the new one is decoded.
       if (old) setTimeout(() => URL.revokeObjectURL(old), 500);
     });
     return () => {

@@ -8,7 +8,7 @@ import { colour, shown } from '../state/theme';
 import { IconButton } from './basics';
 import { useSize } from './use';
 
-/** Somebody on the route. Frames are indices on the traversal. */
+/** An agent on the route. Frames are indices on the traversal. */
 export interface Walker {
   label: string;
   position: number;
@@ -24,7 +24,7 @@ interface RouteMapProps {
   count: number;
   walkers: readonly Walker[];
   selected: number;
-  /** Positions of the selected one since its start. */
+  /** Positions of the selected agent since its start. */
   path: readonly number[];
   onSelect?: (walker: number) => void;
   whole: boolean;
@@ -39,23 +39,23 @@ export function walkerColour(walker: number): string {
   return `series-${(walker % SERIES) + 1}`;
 }
 
-/** Points of the plane for each frame: where it was recorded, or along a straight ruler of one unit a frame. */
+/** Returns a point of the plane for each frame: where it was recorded, or on a straight ruler with one unit per frame. */
 function placesOf(map: TraversalMap | null, frames: number): { points: (Point | null)[]; gps: boolean } {
   const places = map?.latitude && map.longitude ? project(map.latitude, map.longitude) : null;
   if (places) return { points: places, gps: true };
   return { points: Array.from({ length: frames }, (_, i) => ({ x: i, y: 0 })), gps: false };
 }
 
-/** The route with its agents: a map, north up, where positions are known; else a ruler with a lane an agent. */
+/** Draws the route with its agents: a map, north up, where positions are known; else a ruler with a lane per agent. */
 export function RouteMap(props: RouteMapProps): JSX.Element {
   const { map, first, count, walkers, whole, label } = props;
   const [room, size] = useSize<HTMLDivElement>();
   const canvas = useRef<HTMLCanvasElement>(null);
   const frames = Math.max(map?.frames ?? 0, first + count);
   const { points, gps } = useMemo(() => placesOf(map, frames), [map, frames]);
-  // A ruler needs no more than a lane for each.
+  // A ruler needs one lane per agent.
   const height = props.height ?? (gps ? (size.width > 1100 ? 640 : 440) : Math.min(560, 90 + 22 * walkers.length));
-  const [view, setView] = useState<View | null>(null); // null: all that is to be seen fits
+  const [view, setView] = useState<View | null>(null); // null: everything fits
   const from = whole ? 0 : first;
   const to = whole ? frames : first + count;
   useEffect(() => setView(null), [points, from, to, size.width]);
@@ -72,7 +72,7 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
     const request = requestAnimationFrame(() => draw(element, { ...props, height, points, gps, frames, view: current, width: size.width }));
     return () => cancelAnimationFrame(request);
   });
-  void shown.value; // another theme, other colours
+  void shown.value; // the theme determines the colours
 
   const zoom = (factor: number, about: Point = { x: size.width / 2, y: height / 2 }): void => setView(zoomAt(current, about, factor));
   const pan = (x: number, y: number): void => setView({ ...current, x: current.x + x, y: current.y + (gps ? y : 0) });
@@ -147,7 +147,7 @@ function laneOf(index: number, { height, walkers }: Layout): number {
   return top + ((height - RULER - top) * (index + 0.5)) / Math.max(walkers.length, 1);
 }
 
-/** Where a frame is on the screen; on a ruler in the lane of the agent that is meant. */
+/** Returns where a frame is on the screen; on a ruler, in the lane of the given agent. */
 function frameAt(frame: number, lane: number, layout: Layout): Point | null {
   const point = layout.points[frame];
   if (!point) return null;
@@ -246,7 +246,7 @@ function drawRuler(ctx: CanvasRenderingContext2D, d: Drawing): void {
   });
   ctx.fillStyle = soft;
   for (const frame of ticks(from, to, d.width / 110)) {
-    if (at(frame) < 20 || at(frame) > d.width - 24) continue; // its words would be cut
+    if (at(frame) < 20 || at(frame) > d.width - 24) continue; // its label would be cut
     line(ctx, [{ x: at(frame), y: base }, { x: at(frame), y: base + 7 }], soft, 1);
     text(ctx, integer(frame), at(frame), base + 20, 'center');
     const along = d.map?.position[frame] ?? null;
@@ -276,7 +276,7 @@ function drawWalker(ctx: CanvasRenderingContext2D, d: Drawing, walker: Walker, i
   const goal = frameAt(walker.goal, index, d);
   const here = placeOf(walker, index, d);
   ctx.lineWidth = 2;
-  // On a map only the chosen one's start and goal: others' would hide the route.
+  // A map shows only the selected agent's start and goal: others would hide the route.
   if (start && (mine || !d.gps)) {
     const half = mine ? 5 : 3;
     ctx.fillStyle = surface;
@@ -311,7 +311,7 @@ function label(ctx: CanvasRenderingContext2D, word: string, at: Point, width: nu
   ctx.font = `600 12px ${FONT}`;
   ctx.strokeStyle = halo;
   ctx.lineWidth = 4;
-  const left = at.x + 12 + ctx.measureText(word).width < width; // else it stands on the other side
+  const left = at.x + 12 + ctx.measureText(word).width < width; // else the label is on the other side
   ctx.textAlign = left ? 'left' : 'right';
   const x = left ? at.x + 12 : at.x - 12;
   ctx.strokeText(word, x, at.y - 8);

@@ -3,25 +3,25 @@ import type { JSX } from 'preact';
 import { useState } from 'preact/hooks';
 import type { Run } from '../api/types';
 import { dateTime, fixed, plural } from '../maths/format';
-import type { Group, GroupBy } from '../maths/groups';
+import type { Group } from '../maths/groups';
 import { setParams } from '../state/router';
-import { Card, Segmented, State, Swatch } from './basics';
+import { Card, State, Swatch } from './basics';
+import { Choice, GROUPS } from './choice';
 
 interface RunPickerProps {
   groups: readonly Group[];
-  by: GroupBy;
-  /** Keys of groups that are drawn. */
+  /** Keys of the groups that are drawn. */
   shown: ReadonlySet<string>;
-  /** IDs of runs whose own lines are not. */
+  /** IDs of the runs whose own lines are hidden. */
   hidden: ReadonlySet<string>;
   /** Run ID -> colour. */
   colours: ReadonlyMap<string, string>;
-  /** Groups that were asked for and are not drawn, as they would be too many. */
+  /** Number of chosen groups that are not drawn, as they would be too many. */
   omitted: number;
 }
 
-/** Which groups of seeds are drawn, and which of their seeds each for itself. */
-export function RunPicker({ groups, by, shown, hidden, colours, omitted }: RunPickerProps): JSX.Element {
+/** Chooses which groups of seeds are drawn, and which seeds have a line of their own. */
+export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPickerProps): JSX.Element {
   const [filter, setFilter] = useState('');
   const matching = groups.filter((group) =>
     `${group.label} ${group.runs.map((run) => run.id).join(' ')}`.toLowerCase().includes(filter.toLowerCase()),
@@ -37,23 +37,15 @@ export function RunPicker({ groups, by, shown, hidden, colours, omitted }: RunPi
     setParams({ hide: next.size ? [...next].join('\n') : null });
   };
   return (
-    <Card title="Runs" class="picker" hint="A mean counts every seed of its group, shown or hidden.">
-      <Segmented
-        label="Seeds belong together by"
-        value={by}
-        options={[
-          { value: 'sweep', label: 'Sweep' },
-          { value: 'agent', label: 'Agent' },
-        ]}
-        onChange={(value) => setParams({ by: value, groups: null, runs: null })}
-      />
+    <Card title="Runs" class="picker" hint="Means include every seed of a group, shown or hidden.">
+      <Choice of={GROUPS} />
       {groups.length > 5 && (
         <label class="field">
           <span>Find</span>
           <input type="search" value={filter} onInput={(event) => setFilter(event.currentTarget.value)} />
         </label>
       )}
-      {omitted > 0 && <p class="hint">{plural(omitted, 'group')} more would be too many curves at once.</p>}
+      {omitted > 0 && <p class="hint">{plural(omitted, 'further group')} not drawn: too many curves at once.</p>}
       <ul class="picker-list" tabIndex={0} aria-label="Groups of runs">
         {matching.map((group) => {
           const on = shown.has(group.key);

@@ -6,14 +6,14 @@ import { param, setParams } from '../state/router';
 import { Select } from './basics';
 
 export function runName(run: Run): string {
-  const parts = [run.agent || 'unknown agent', run.learner, run.seed !== null && `seed ${run.seed}`, run.run];
+  const parts = [run.agent || 'unknown agent', run.learner, run.seed !== null && `seed ${run.seed}`, run.session];
   return parts.filter(Boolean).join(' · ');
 }
 
-/** The run that the address names, or the newest: one that runs before one that has ended. */
-export function chosenRun(runs: readonly Run[], prefer: (run: Run) => boolean): Run | undefined {
+/** Returns the run that the address names, else the first that `prefer` accepts, else the newest. `runs` must not be empty. */
+export function chosenRun(runs: readonly Run[], prefer: (run: Run) => boolean): Run {
   const wanted = param('run', '');
-  return runs.find((run) => run.id === wanted) ?? runs.find(prefer) ?? runs[0];
+  return runs.find((run) => run.id === wanted) ?? runs.find(prefer) ?? (runs[0] as Run);
 }
 
 export function RunSelect({ runs, chosen }: { runs: readonly Run[]; chosen: Run }): JSX.Element {

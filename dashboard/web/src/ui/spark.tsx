@@ -2,7 +2,7 @@
 import type { JSX } from 'preact';
 import type { Curve } from '../maths/seeds';
 
-/** A small line without axes. What it says must stand beside it in words. */
+/** A small line without axes. The same figures must be given in words beside it. */
 export function Spark({ curve, low, high }: { curve: Curve; low: number; high: number }): JSX.Element | null {
   const first = curve.x[0];
   const last = curve.x[curve.x.length - 1];

@@ -6,13 +6,13 @@ import { IconButton, classes } from './basics';
 export interface Column<T> {
   key: string;
   label: string;
-  /** How it is shown. */
+  /** Returns what a cell shows. */
   show: (row: T) => ComponentChildren;
-  /** How it stands in the CSV; not there without it. */
+  /** Returns the value for the CSV. Columns without it are not saved. */
   cell?: (row: T) => Cell;
   number?: boolean;
   wide?: boolean;
-  /** The label is for ears alone. */
+  /** The label is for screen readers only. */
   quiet?: boolean;
 }
 
@@ -25,7 +25,7 @@ interface TableProps<T> {
   showCaption?: boolean;
 }
 
-/** A table that scrolls by itself where there is no room for it. */
+/** A table that scrolls on its own where there is no room for it. */
 export function Table<T>({ caption, columns, rows, rowKey, rowClass, showCaption }: TableProps<T>): JSX.Element {
   return (
     <div class="table-room" role="group" aria-label={caption} tabIndex={0}>

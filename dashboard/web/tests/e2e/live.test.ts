@@ -85,7 +85,7 @@ describe.runIf(onMock)('what gets lost', () => {
     await page.locator('.event-alarm', { hasText: 'checkpoint' }).waitFor();
     stage.dashboard.alarm('policy', '');
     await row.locator('.alarm').waitFor({ state: 'detached' });
-    await page.locator('.event-alarm', { hasText: 'is well again' }).waitFor();
+    await page.locator('.event-alarm', { hasText: 'resolved' }).waitFor();
     await page.context().close();
   });
 
@@ -96,7 +96,7 @@ describe.runIf(onMock)('what gets lost', () => {
     await page.locator('.banner', { hasText: 'does not answer' }).waitFor();
     expect(await page.locator('[data-link]').getAttribute('data-link')).not.toBe('open');
     expect(await page.locator('.run-card').count()).toBe(1);
-    stage.dashboard.hear();
+    stage.dashboard.answer();
     await page.locator('[data-link="open"]').waitFor({ timeout: 15_000 });
     await page.locator('.banner').waitFor({ state: 'detached' });
     const first = await steps(page);
@@ -109,7 +109,7 @@ describe.runIf(onMock)('what gets lost', () => {
     await page.waitForSelector('.uplot');
     stage.dashboard.silence();
     await page.waitForSelector('.banner');
-    stage.dashboard.hear();
+    stage.dashboard.answer();
     await page.getByRole('button', { name: 'Try now' }).click();
     await page.locator('[data-link="open"]').waitFor();
     // A hole would be asked for again: the newest update is there within a moment of being made.

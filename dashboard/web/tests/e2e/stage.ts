@@ -64,7 +64,7 @@ export class Stage {
   }
 }
 
-/** Calls until what it returns satisfies, for 10 s. */
+/** Repeats a call until its result satisfies the condition, for at most 10 s. */
 export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 10_000): Promise<T> {
   const end = Date.now() + limit;
   for (;;) {
@@ -75,7 +75,7 @@ export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T
   }
 }
 
-/** Of an open page: what axe finds wrong, one line a rule with the elements. */
+/** Returns what axe finds wrong with an open page, one line per rule. */
 export async function violations(page: Page): Promise<string[]> {
   const source = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
   // As a script of the debugger: the page's CSP forbids any of its own.

@@ -9,7 +9,7 @@ import { extend, Trails } from '../../src/maths/trail';
 function run(name: string, seed: number, agent: string): Run {
   return {
     id: `${name}/policy/${seed}`,
-    run: name,
+    session: name,
     policy: 'policy',
     seed,
     agent,

@@ -4,8 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include "dashboard/store/database.h"
 #include "dashboard/store/recorder.h"
-#include "dashboard/store/sqlite.h"
 #include "dashboard/store/store_reader.h"
 #include "tests/support/recordings.h"
 #include "tests/support/records.h"
@@ -36,13 +36,13 @@ class Watcher {
       : store({path, 0}), node(options(domain)), recorder(node, store) {}
   void spin() {
     const auto hand_on = [this](auto message) {
-      while (node.take(message)) recorder.hear(message);
+      while (node.take(message)) recorder.on_message(message);
     };
     hand_on(msg::ServiceStatus());
     hand_on(msg::TraversalInfo());
     hand_on(msg::RunInfo());
     hand_on(msg::TrainingStat());
-    recorder.turn();
+    recorder.poll();
   }
   static Node::Options options(std::uint32_t domain) {
     Node::Options options;
@@ -90,7 +90,7 @@ void write_run(const std::string& path, std::uint64_t updates, std::uint64_t epi
 }
 
 std::int64_t count(const std::string& store, const std::string& what) {
-  return Database(store, Database::Mode::kRead).number("SELECT COUNT(*) FROM " + what);
+  return open_database(store).execAndGet("SELECT COUNT(*) FROM " + what).getInt64();
 }
 
 TEST(Replay, ARecorderGetsEverythingAtAnySpeed) {

@@ -28,7 +28,8 @@ class FakeLive : public LiveView {
  public:
   Json services() override { return {{"now", 5.0}, {"services", {{{"id", "env-summer"}}}}}; }
   Json events(std::size_t) override {
-    return {{{"time", 2.0}, {"run", "demo"}, {"service", "env-summer"}, {"kind", "lost"}, {"text", "no heartbeat"}}};
+    return {
+        {{"time", 2.0}, {"session", "demo"}, {"service", "env-summer"}, {"kind", "lost"}, {"text", "no heartbeat"}}};
   }
   Json traversals(const std::string& run) override {
     if (run != "demo") return Json::array();
@@ -58,7 +59,7 @@ class ApiTest : public ::testing::Test {
   Api::Options options_ = [this] {
     Api::Options options;
     options.vendor = "cyclonedds";
-    options.run = "demo";
+    options.session = "demo";
     options.domain = 42;
     options.recognition = folder_ / "recognition";
     return options;
@@ -102,7 +103,7 @@ std::vector<std::string> sorted(std::vector<std::string> names) {
 }
 
 const std::vector<std::string> kRunFields =
-    sorted({"id", "run", "policy", "seed", "agent", "learner", "state", "started", "last", "updates", "steps",
+    sorted({"id", "session", "policy", "seed", "agent", "learner", "state", "started", "last", "updates", "steps",
             "episodes", "recorded_episodes", "reward", "spl", "wall", "steps_per_second"});
 const std::vector<std::string> kEpisodeFields =
     sorted({"rowid", "environment", "incarnation", "episode", "agent", "evaluation", "task", "traversal", "policy",
@@ -110,7 +111,7 @@ const std::vector<std::string> kEpisodeFields =
 
 TEST_F(ApiTest, Runs) {
   EXPECT_EQ(json({"runs"}).dump(), R"({"runs":[]})");
-  store_.heard(run_info());
+  store_.record(run_info());
   store_.record(std::vector{episode(1, "env-summer", 7, kJob + 9)});
   Json runs = json({"runs"})["runs"];
   ASSERT_EQ(runs.size(), 2u);
@@ -125,7 +126,7 @@ TEST_F(ApiTest, Runs) {
   store_.record(training_stats(1, 4));
   msg::RunInfo end = run_info(6, 500, 2);
   end.ended(true);
-  store_.heard(end);
+  store_.record(end);
   const Json ended = json({"runs", id_});
   EXPECT_EQ(ended["state"], "ended");
   EXPECT_EQ(ended["updates"], 6);
@@ -137,14 +138,14 @@ TEST_F(ApiTest, Runs) {
 }
 
 TEST_F(ApiTest, ARunNobodyHearsOfIsLost) {
-  store_.heard(run_info());
+  store_.record(run_info());
   options_.silence = -1;
   Api impatient(options_, store_, nullptr);
   EXPECT_EQ(impatient.runs()["runs"][0]["state"], "lost");
 }
 
 TEST_F(ApiTest, ARunsTraversals) {
-  store_.heard(run_info());
+  store_.record(run_info());
   store_.describe(traversal_info());
   store_.describe(traversal_info("env-summer", 8));
   store_.describe(traversal_info("env-of-others", 8));
@@ -157,12 +158,12 @@ TEST_F(ApiTest, ARunsTraversals) {
   EXPECT_EQ(running[1]["environment"], "env-fall");
   msg::RunInfo end = run_info(0, 500, 2);
   end.ended(true);
-  store_.heard(end);
+  store_.record(end);
   EXPECT_EQ(json({"runs", id_})["traversals"], Json::array({summer})) << "what its episodes were on";
 }
 
 TEST_F(ApiTest, TrainingWhole) {
-  store_.heard(run_info());
+  store_.record(run_info());
   store_.record(training_stats(1, 20));
   const Json all = json({"runs", id_, "training"}, {{"columns", "reward,spl,policy_lag"}, {"x", "steps"}});
   EXPECT_EQ(sorted(keys(all)), sorted({"id", "x", "total", "columns", "decimated"}));
@@ -179,7 +180,7 @@ TEST_F(ApiTest, TrainingWhole) {
 }
 
 TEST_F(ApiTest, TrainingDecimatedLosesNoPeak) {
-  store_.heard(run_info());
+  store_.record(run_info());
   std::vector<msg::TrainingStat> stats = training_stats(1, 30'000);
   std::mt19937 random(1);
   for (msg::TrainingStat& stat : stats) stat.reward(static_cast<float>(random() % 1000) / 1000);
@@ -208,13 +209,13 @@ TEST_F(ApiTest, TrainingDecimatedLosesNoPeak) {
   EXPECT_EQ(part["decimated"], false);
   // All columns at once in few points.
   std::string every;
-  for (const TrainingColumn& column : training_columns())
+  for (const TrainingFigure& column : training_figures())
     every += (every.empty() ? "" : ",") + std::string(column.name);
   EXPECT_LE(json({"runs", id_, "training"}, {{"columns", every}, {"points", "10"}})["columns"]["x"].size(), 10u);
 }
 
 TEST_F(ApiTest, TrainingExports) {
-  store_.heard(run_info());
+  store_.record(run_info());
   store_.record(training_stats(1, 3));
   const Answer csv = ask({"runs", id_, "training.csv"});
   EXPECT_EQ(csv.type, "text/csv; charset=utf-8");
@@ -233,7 +234,7 @@ TEST_F(ApiTest, TrainingExports) {
 }
 
 TEST_F(ApiTest, Episodes) {
-  store_.heard(run_info());
+  store_.record(run_info());
   std::vector<msg::EpisodeStat> all = episodes(1, 10);
   for (std::uint64_t i = 0; i < 6; ++i)
     all.push_back(task(11 + i, static_cast<std::uint32_t>(i), i % 2 == 0, 40 + static_cast<std::uint32_t>(i)));
@@ -303,7 +304,7 @@ TEST_F(ApiTest, AnEpisodeStepByStep) {
 }
 
 TEST_F(ApiTest, Evaluations) {
-  store_.heard(run_info());
+  store_.record(run_info());
   std::vector<msg::EpisodeStat> all;
   for (std::uint32_t i = 0; i < 400; ++i) all.push_back(task(1 + i, i, i % 4 != 0, 20 + i % 30));
   // Interrupted and done again: only the last one of each task counts.
@@ -409,7 +410,7 @@ TEST_F(ApiTest, EventsOfBothNewestFirst) {
   store_.record(Event{2, "demo", "env-summer", "lost", "no heartbeat"});  // as the live one
   const Json events = json({"events"})["events"];
   ASSERT_EQ(events.size(), 3u);
-  EXPECT_EQ(sorted(keys(events[0])), sorted({"time", "run", "service", "kind", "text"}));
+  EXPECT_EQ(sorted(keys(events[0])), sorted({"time", "session", "service", "kind", "text"}));
   EXPECT_EQ(events[0]["kind"], "alarm");
   EXPECT_EQ(events[2]["kind"], "run");
   EXPECT_EQ(json({"events"}, {{"limit", "1"}})["events"].size(), 1u);
@@ -418,7 +419,7 @@ TEST_F(ApiTest, EventsOfBothNewestFirst) {
 TEST_F(ApiTest, About) {
   store_.record(episodes(1, 3));
   const Json about = json({"about"});
-  EXPECT_EQ(sorted(keys(about)), sorted({"version", "vendor", "run", "domain", "store", "recording"}));
+  EXPECT_EQ(sorted(keys(about)), sorted({"version", "vendor", "session", "domain", "store", "recording"}));
   EXPECT_EQ(about["vendor"], "cyclonedds");
   EXPECT_EQ(about["domain"], 42);
   EXPECT_EQ(about["recording"], true);
@@ -428,11 +429,11 @@ TEST_F(ApiTest, About) {
 }
 
 TEST_F(ApiTest, DeletesARun) {
-  store_.heard(run_info());
+  store_.record(run_info());
   expect_error(409, "is running", {"runs", id_}, {}, "DELETE");
   msg::RunInfo end = run_info(0, 500, 2);
   end.ended(true);
-  store_.heard(end);
+  store_.record(end);
   const Answer answer = ask({"runs", id_}, {}, "DELETE");
   EXPECT_EQ(answer.status, 204);
   EXPECT_EQ(answer.body, "");
@@ -441,7 +442,7 @@ TEST_F(ApiTest, DeletesARun) {
 }
 
 TEST_F(ApiTest, WrongRequestsAreToldWhatIsWrong) {
-  store_.heard(run_info());
+  store_.record(run_info());
   store_.record(training_stats(1, 3));
   const std::vector<std::string> training = {"runs", id_, "training"}, episodes = {"runs", id_, "episodes"};
   expect_error(400, "'points'", training, {{"points", "9"}});
@@ -477,7 +478,7 @@ TEST_F(ApiTest, WrongRequestsAreToldWhatIsWrong) {
 }
 
 TEST_F(ApiTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
-  store_.heard(run_info());
+  store_.record(run_info());
   store_.record(training_stats(1, 50));
   store_.record(episodes(1, 50));
   const std::vector<std::string> words = {"runs",
@@ -538,7 +539,7 @@ TEST_F(ApiTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
 }
 
 TEST_F(ApiTest, ManyAskAtOnceWhileItIsWritten) {
-  store_.heard(run_info());
+  store_.record(run_info());
   std::atomic<bool> done = false;
   std::vector<std::thread> readers;
   std::atomic<int> wrong = 0, answers = 0;

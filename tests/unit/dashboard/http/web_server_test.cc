@@ -90,15 +90,15 @@ TEST(AccessNames, HostAndOriginMustBeOurs) {
   const Access access(on("127.0.0.1"));
   for (const std::string host :
        {"localhost", "localhost:8080", "LOCALHOST:9", "127.0.0.1:8080", "[::1]:8080", "gpu7.example.org"})
-    EXPECT_FALSE(access.stranger({host, "", "", ""})) << host;
+    EXPECT_FALSE(access.foreign({host, "", "", ""})) << host;
   for (const std::string host : {"", "evil.example", "localhost.evil.example", "127.0.0.1.evil.example:8080", "[::1",
                                  "10.0.0.1:8080", "localhost:80a", "localhost:8080@evil.example", "[::1]evil"})
-    EXPECT_TRUE(access.stranger({host, "", "", ""})) << host;
-  EXPECT_FALSE(access.stranger({"localhost:8080", "http://localhost:8080", "", ""}));
-  EXPECT_FALSE(access.stranger({"gpu7.example.org", "https://gpu7.example.org", "", ""})) << "a proxy speaks TLS";
+    EXPECT_TRUE(access.foreign({host, "", "", ""})) << host;
+  EXPECT_FALSE(access.foreign({"localhost:8080", "http://localhost:8080", "", ""}));
+  EXPECT_FALSE(access.foreign({"gpu7.example.org", "https://gpu7.example.org", "", ""})) << "a proxy speaks TLS";
   for (const std::string origin : {"null", "http://evil.example", "http://localhost", "http://localhost:8081",
                                    "http://127.0.0.1:8080", "localhost:8080", "http://localhost:8080/"})
-    EXPECT_TRUE(access.stranger({"localhost:8080", origin, "", ""})) << origin;
+    EXPECT_TRUE(access.foreign({"localhost:8080", origin, "", ""})) << origin;
   Access::Options encrypted = on("127.0.0.1");
   encrypted.tls = true;
   EXPECT_TRUE(Access(encrypted).stranger({"localhost", "http://localhost", "", ""}));
@@ -107,8 +107,8 @@ TEST(AccessNames, HostAndOriginMustBeOurs) {
 TEST(AccessNames, WhoListensEverywhereIsCalledByAnyAddressButNotByAnyName) {
   const Folder folder;
   const Access access(on("0.0.0.0", folder / "token"));
-  EXPECT_FALSE(access.stranger({"192.168.7.7:8080", "", "", ""}));
-  EXPECT_TRUE(access.stranger({"evil.example", "", "", ""}));
+  EXPECT_FALSE(access.foreign({"192.168.7.7:8080", "", "", ""}));
+  EXPECT_TRUE(access.foreign({"evil.example", "", "", ""}));
 }
 
 TEST(AccessToken, IsMadeOnceAndOnlyForItsOwner) {
@@ -126,7 +126,7 @@ TEST(AccessToken, IsMadeOnceAndOnlyForItsOwner) {
   }
   for (const std::string& wrong : {std::string(), std::string("Bearer "), "Bearer " + token.substr(1), "Basic " + token,
                                    token, "Bearer " + token + "0", "Bearer  " + token})
-    EXPECT_FALSE(access.knows({"", "", wrong, ""})) << wrong;
+    EXPECT_FALSE(access.allows({"", "", wrong, ""})) << wrong;
 }
 
 TEST(AccessToken, ALinkWorksOnceAndItsCookieFromThenOn) {
@@ -144,10 +144,10 @@ TEST(AccessToken, ALinkWorksOnceAndItsCookieFromThenOn) {
   const std::string cookie = access.cookie();
   EXPECT_NE(cookie.find("; HttpOnly; SameSite=Strict"), std::string::npos);
   const std::string pair = cookie.substr(0, cookie.find(';'));
-  EXPECT_TRUE(access.knows({"", "", "", pair}));
-  EXPECT_TRUE(access.knows({"", "", "", "a=b; " + pair + "; c"}));
-  EXPECT_FALSE(access.knows({"", "", "", pair + "0"}));
-  EXPECT_FALSE(access.knows({"", "", "", "x" + pair}));
+  EXPECT_TRUE(access.allows({"", "", "", pair}));
+  EXPECT_TRUE(access.allows({"", "", "", "a=b; " + pair + "; c"}));
+  EXPECT_FALSE(access.allows({"", "", "", pair + "0"}));
+  EXPECT_FALSE(access.allows({"", "", "", "x" + pair}));
   EXPECT_EQ(cookie.find(testing::contents(folder / "token").substr(0, 64)), std::string::npos);
 }
 
@@ -174,7 +174,7 @@ TEST(AccessToken, WhatIsWrongIsSaidInOneLine) {
   for (const std::string text : {"", "short", "0123456789 abcdef0", "0123456789abcdef\nsecond line"}) {
     std::ofstream(path) << text;
     ::chmod(path.c_str(), 0600);
-    EXPECT_TRUE(contains(refusal_of(on("127.0.0.1", path)), "holds no token")) << text;
+    EXPECT_TRUE(contains(refusal_of(on("127.0.0.1", path)), "holds no valid token")) << text;
   }
   std::ofstream(path) << "0123456789abcdef\n";
   EXPECT_EQ(refusal_of(on("127.0.0.1", path)), "");

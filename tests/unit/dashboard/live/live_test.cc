@@ -43,19 +43,19 @@ class Beats {
     status.service_state() = state;
     status.activity() = activity.c_str();
     std::vector<Event> events;
-    list.hear(status, now, events);
+    list.on_message(status, now, events);
     return kinds(events);
   }
   std::vector<std::string> after(milliseconds time) {
     now += time;
     std::vector<Event> events;
-    list.turn(now, events);
+    list.poll(now, events);
     return kinds(events);
   }
   std::string state(const std::string& id, const std::string& run = "demo") const {
     const Json all = list.json(now);
     for (const Json& service : all["services"])
-      if (service["id"] == id && service["run"] == run) return service["state"];
+      if (service["id"] == id && service["session"] == run) return service["state"];
     return "none";
   }
   static std::vector<std::string> kinds(const std::vector<Event>& events) {
@@ -75,10 +75,10 @@ TEST(ServiceList, AServiceThatFallsSilentIsLostAndMayComeBack) {
   EXPECT_EQ(beats.beat("env", msg::RUNNING), Kinds{});
   EXPECT_EQ(beats.state("env"), "running");
   EXPECT_EQ(beats.after(milliseconds(1999)), Kinds{});
-  EXPECT_TRUE(beats.list.lives("demo", "env"));
+  EXPECT_TRUE(beats.list.is_alive("demo", "env"));
   EXPECT_EQ(beats.after(milliseconds(1)), Kinds{"lost"});
   EXPECT_EQ(beats.state("env"), "lost");
-  EXPECT_FALSE(beats.list.lives("demo", "env"));
+  EXPECT_FALSE(beats.list.is_alive("demo", "env"));
   EXPECT_EQ(beats.after(seconds(60)), Kinds{}) << "told once";
   EXPECT_EQ(beats.beat("env", msg::RUNNING), Kinds{"back"});
   EXPECT_EQ(beats.state("env"), "running");
@@ -121,7 +121,7 @@ TEST(ServiceList, AnAlarmIsAnEventWhenItBeginsChangesAndEnds) {
     sign(status.header(), "policy", 7, 1, "demo");
     status.service_state() = msg::RUNNING;
     status.alarm(alarm);
-    beats.list.hear(status, beats.now, events);
+    beats.list.on_message(status, beats.now, events);
     return events;
   };
   const std::vector<Event> begins = sound("checkpoint: no room");
@@ -133,7 +133,7 @@ TEST(ServiceList, AnAlarmIsAnEventWhenItBeginsChangesAndEnds) {
   EXPECT_EQ(sound("store: no room").size(), 1u);
   const std::vector<Event> ends = sound("");
   ASSERT_EQ(ends.size(), 1u);
-  EXPECT_EQ(ends[0].text, "well again: store: no room");
+  EXPECT_EQ(ends[0].text, "resolved: store: no room");
 }
 
 TEST(ServiceList, TellsRunsApartAndForgetsInTheEnd) {
@@ -144,8 +144,8 @@ TEST(ServiceList, TellsRunsApartAndForgetsInTheEnd) {
   EXPECT_EQ(beats.state("env", "two"), "waiting");
   const Json service = beats.list.json(beats.now)["services"][0];
   for (const char* key :
-       {"id", "service", "run", "host", "process", "middleware", "incarnation", "state", "activity", "uptime", "rate",
-        "age", "received", "repeated", "resent", "rejected", "foreign", "alarm", "since"})
+       {"id", "service", "session", "host", "process", "middleware", "incarnation", "state", "activity", "uptime",
+        "rate", "age", "received", "repeated", "resent", "rejected", "foreign", "alarm", "since"})
     EXPECT_TRUE(service.contains(key)) << key;
   beats.after(std::chrono::minutes(61));
   EXPECT_TRUE(beats.list.json(beats.now)["services"].empty());
@@ -293,11 +293,11 @@ class LiveTest : public ::testing::Test {
   }
   void spin() {
     node.wait(std::min(live.due(), Clock::now() + milliseconds(20)));
-    while (node.take(status)) live.hear(status);
-    while (node.take(traversal)) live.hear(traversal);
-    while (node.take(info)) live.hear(info);
-    while (node.take(stat)) live.hear(stat);
-    live.turn();
+    while (node.take(status)) live.on_message(status);
+    while (node.take(traversal)) live.on_message(traversal);
+    while (node.take(info)) live.on_message(info);
+    while (node.take(stat)) live.on_message(stat);
+    live.poll();
   }
   bool until(const std::function<bool()>& condition, milliseconds patience = kPatience) {
     const Clock::time_point deadline = Clock::now() + patience;
@@ -313,7 +313,7 @@ class LiveTest : public ::testing::Test {
   Json service(const std::string& id) {
     const Json all = live.services();
     for (const Json& one : all["services"])
-      if (one["id"] == id && one["run"].get<std::string>().find(std::to_string(getpid())) != std::string::npos)
+      if (one["id"] == id && one["session"].get<std::string>().find(std::to_string(getpid())) != std::string::npos)
         return one;
     return {};
   }
@@ -387,7 +387,7 @@ TEST_F(LiveTest, HearsServicesOfAllRunsAndTellsWhoWatches) {
     return true;
   };
   ASSERT_TRUE(until([&] { return beat() && !service("env").is_null() && !service("policy").is_null(); }));
-  EXPECT_EQ(service("env")["run"], run + "-a");
+  EXPECT_EQ(service("env")["session"], run + "-a");
   ASSERT_TRUE(until([&] { return beat() && count("services") > 0; }));
   EXPECT_EQ(newest("services").merge, Hub::Merge::kReplace);
   EXPECT_TRUE(newest("services").json()["services"].is_array());
@@ -412,14 +412,14 @@ TEST_F(LiveTest, HearsServicesOfAllRunsAndTellsWhoWatches) {
 TEST_F(LiveTest, EventsGoToWhoTakesThemAndAreKeptWhereNobodyDoes) {
   std::vector<std::string> taken;
   bool disk_full = false;
-  live.told = [&](const Event& event) {
+  live.on_event = [&](const Event& event) {
     if (disk_full) throw Error("no space left");
     taken.push_back(event.service);
   };
   const auto start = [&](const std::string& id) {
     sign(status.header(), id, 9, 1, run);
     status.service_state() = msg::RUNNING;
-    live.hear(status);
+    live.on_message(status);
   };
   start("first");
   EXPECT_EQ(taken, std::vector<std::string>{"first"});

@@ -111,7 +111,7 @@ class Desk {
     node.create_reader<msg::TraversalInfo>();
     node.create_reader<msg::RunInfo>();
     node.create_reader<msg::TrainingStat>();
-    recorder.told = [this](const Event& event) { events.push_back(event); };
+    recorder.on_event = [this](const Event& event) { events.push_back(event); };
   }
   void spin() {
     node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(5)));
@@ -119,7 +119,7 @@ class Desk {
     take<msg::TraversalInfo>();
     take<msg::RunInfo>();
     take<msg::TrainingStat>();
-    recorder.turn();
+    recorder.poll();
   }
   bool told(const std::string& text) const {
     for (const Event& event : events)
@@ -135,7 +135,7 @@ class Desk {
   template <class Message>
   void take() {
     Message message;
-    while (node.take(message)) recorder.hear(message);
+    while (node.take(message)) recorder.on_message(message);
   }
 };
 
@@ -148,8 +148,8 @@ class RecorderTest : public ::testing::Test {
 
   RecorderTest() {
     store_options_.path = folder_ / "dashboard.sqlite";
-    hasty_.ask_after = std::chrono::milliseconds(20);
-    hasty_.again_after = std::chrono::milliseconds(50);
+    hasty_.request_after = std::chrono::milliseconds(20);
+    hasty_.retry_after = std::chrono::milliseconds(50);
   }
   std::unique_ptr<Desk> desk(const std::string& middleware = "inprocess") {
     return std::make_unique<Desk>(node_options(kDomain, middleware, "dashboard", "dashboard"), store_options_, hasty_);
@@ -157,9 +157,7 @@ class RecorderTest : public ::testing::Test {
   ScriptedEnvironment environment(const std::string& middleware = "inprocess") {
     return ScriptedEnvironment(node_options(kDomain, middleware, "env_service", "env-summer"));
   }
-  std::int64_t number(const std::string& sql) {
-    return Database(store_options_.path, Database::Mode::kRead).number(sql);
-  }
+  std::int64_t number(const std::string& sql) { return open_database(store_options_.path).execAndGet(sql).getInt64(); }
   template <class... Parties>
   bool until(const std::function<bool()>& condition, Parties&... parties) {
     const Clock::time_point deadline = Clock::now() + kPatience;
@@ -240,7 +238,7 @@ TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpac
   // An old run, to be removed when space is needed.
   msg::RunInfo old = run_info(0, 400, 1, 1, kJob - 1);
   old.ended(true);
-  dashboard->store.heard(old);
+  dashboard->store.record(old);
   std::vector<msg::EpisodeStat> past = episodes(1, 500, "env-past");
   for (msg::EpisodeStat& one : past) one.run_id(kJob - 1);
   dashboard->store.record(past);

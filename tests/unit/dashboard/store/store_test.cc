@@ -39,7 +39,7 @@ class StoreTest : public ::testing::Test {
     }
     return "";
   }
-  std::int64_t number(const std::string& sql) const { return Database(path_, Database::Mode::kRead).number(sql); }
+  std::int64_t number(const std::string& sql) const { return open_database(path_).execAndGet(sql).getInt64(); }
 };
 
 const Sender kEnvironment("demo", "env-summer", 7);
@@ -67,18 +67,18 @@ TEST_F(StoreTest, CountsUpToTheFirstGapAndKeepsWhatIsBehindIt) {
   all.erase(all.begin() + 3);
   {
     Store store(options());
-    EXPECT_EQ(store.recorded(kEnvironment), 0u);
+    EXPECT_EQ(store.recorded_up_to(kEnvironment), 0u);
     store.record(all);
-    EXPECT_EQ(store.recorded(kEnvironment), 3u);
+    EXPECT_EQ(store.recorded_up_to(kEnvironment), 3u);
   }
   Store store(options());
-  EXPECT_EQ(store.recorded(kEnvironment), 3u);
+  EXPECT_EQ(store.recorded_up_to(kEnvironment), 3u);
   EXPECT_EQ(store.record(std::vector{episode(4), episode(7)}), 1u);
-  EXPECT_EQ(store.recorded(kEnvironment), 10u);
+  EXPECT_EQ(store.recorded_up_to(kEnvironment), 10u);
   // Its next process counts anew.
   EXPECT_EQ(store.record(std::vector{episode(1, "env-summer", 8)}), 1u);
-  EXPECT_EQ(store.recorded(kEnvironment), 10u);
-  EXPECT_EQ(store.recorded(Sender("demo", "env-summer", 8)), 1u);
+  EXPECT_EQ(store.recorded_up_to(kEnvironment), 10u);
+  EXPECT_EQ(store.recorded_up_to(Sender("demo", "env-summer", 8)), 1u);
 }
 
 TEST_F(StoreTest, GoesOnFromWhatOthersRecordedAndSaysSo) {
@@ -91,13 +91,13 @@ TEST_F(StoreTest, GoesOnFromWhatOthersRecordedAndSaysSo) {
     ASSERT_EQ(lost.size(), 1u);
     EXPECT_EQ(lost[0].kind, "alarm");
     EXPECT_NE(lost[0].text.find("5 episodes up to number 5"), std::string::npos) << lost[0].text;
-    EXPECT_EQ(store.recorded(kEnvironment), 5u);
+    EXPECT_EQ(store.recorded_up_to(kEnvironment), 5u);
     EXPECT_EQ(store.events(10).size(), 1u);
   }
   Store store(options());
-  EXPECT_EQ(store.recorded(kEnvironment), 5u);
+  EXPECT_EQ(store.recorded_up_to(kEnvironment), 5u);
   EXPECT_EQ(store.record(std::vector{episode(6)}), 1u);
-  EXPECT_EQ(store.recorded(kEnvironment), 7u);
+  EXPECT_EQ(store.recorded_up_to(kEnvironment), 7u);
 }
 
 TEST_F(StoreTest, TakesNumbersThatCannotBeForNothing) {
@@ -105,9 +105,9 @@ TEST_F(StoreTest, TakesNumbersThatCannotBeForNothing) {
   msg::EpisodeStat zero = episode(0), huge = episode(~std::uint64_t{0}), strange = episode(1);
   strange.acknowledged(~std::uint64_t{0});
   EXPECT_EQ(store.record(std::vector{zero, huge, strange}), 0u);
-  EXPECT_EQ(store.recorded(kEnvironment), 0u);
+  EXPECT_EQ(store.recorded_up_to(kEnvironment), 0u);
   // Those of 64 bits that can be come back as they were.
-  store.heard(run_info(0, 500, 1, ~std::uint64_t{0}));
+  store.record(run_info(0, 500, 1, ~std::uint64_t{0}));
   EXPECT_EQ(StoreReader(path_).runs().at(0).seed, ~std::uint64_t{0});
 }
 
@@ -116,7 +116,7 @@ TEST_F(StoreTest, ClaimsEpisodesThatCameBeforeTheirRun) {
   store.record(episodes(1, 5));
   store.record(std::vector{episode(6, "env-summer", 7, kJob + 1)});
   EXPECT_EQ(StoreReader(path_).run("demo")->recorded, 6u);
-  EXPECT_TRUE(store.heard(run_info()));
+  EXPECT_TRUE(store.record(run_info()));
   StoreReader reader(path_);
   EXPECT_EQ(reader.run("demo")->recorded, 1u) << "of another job";
   const auto run = reader.run("demo/policy/1/1700000000000000");
@@ -133,28 +133,28 @@ TEST_F(StoreTest, ClaimsEpisodesThatCameBeforeTheirRun) {
 
 TEST_F(StoreTest, KnowsRunsByTheirJobThroughRestartsAndEnds) {
   Store store(options());
-  EXPECT_TRUE(store.heard(run_info()));
-  EXPECT_FALSE(store.heard(run_info(10, 500, 2))) << "goes on";
-  EXPECT_TRUE(store.heard(run_info(8, 900, 1))) << "resumed";
-  EXPECT_FALSE(store.heard(run_info(12, 500, 3))) << "kept for late joiners by the one that is gone";
-  EXPECT_TRUE(store.heard(run_info(0, 901, 1, 1, kJob + 5))) << "the same options again are another run";
+  EXPECT_TRUE(store.record(run_info()));
+  EXPECT_FALSE(store.record(run_info(10, 500, 2))) << "goes on";
+  EXPECT_TRUE(store.record(run_info(8, 900, 1))) << "resumed";
+  EXPECT_FALSE(store.record(run_info(12, 500, 3))) << "kept for late joiners by the one that is gone";
+  EXPECT_TRUE(store.record(run_info(0, 901, 1, 1, kJob + 5))) << "the same options again are another run";
   StoreReader reader(path_);
   ASSERT_EQ(reader.runs().size(), 2u);
-  EXPECT_EQ(store.pulse(reader.runs()[1].id).updates, 8u);
+  EXPECT_EQ(store.liveness(reader.runs()[1].id).updates, 8u);
   msg::RunInfo end = run_info(20, 900, 2);
   end.ended(true);
-  EXPECT_TRUE(store.heard(end));
+  EXPECT_TRUE(store.record(end));
   EXPECT_TRUE(reader.run("demo/policy/1/1700000000000000")->ended);
   EXPECT_FALSE(reader.run("demo/policy/1/1700000000000005")->ended);
-  store.ended(Sender("demo", "policy", 901));
+  store.mark_ended(Sender("demo", "policy", 901));
   EXPECT_TRUE(reader.run("demo/policy/1/1700000000000005")->ended);
 }
 
 TEST_F(StoreTest, FlushWritesWhatWasOnlyRemembered) {
   {
     Store store(options());
-    store.heard(run_info());
-    store.heard(run_info(77, 500, 2));
+    store.record(run_info());
+    store.record(run_info(77, 500, 2));
     EXPECT_EQ(number("SELECT updates FROM runs"), 0);
     store.flush(true);
   }
@@ -165,34 +165,35 @@ TEST_F(StoreTest, FlushWritesWhatWasOnlyRemembered) {
 std::vector<double> rewards(const std::string& path) {
   StoreReader reader(path);
   std::vector<double> all;
-  reader.training(reader.runs().at(0).id, [&](const Statement& row) { all.push_back(row.real(6)); });
+  reader.training(reader.runs().at(0).id, [&](std::span<const double> row) { all.push_back(row[6]); });
   return all;
 }
 
 TEST_F(StoreTest, AResumedRunReplacesTheUpdatesAfterItsCheckpoint) {
   {
     Store store(options());
-    store.heard(run_info());
+    store.record(run_info());
     EXPECT_EQ(store.record(training_stats(1, 10, 500, 0.25f)), 10u);
     EXPECT_EQ(store.record(std::vector{training_stat(3, 499)}), 0u) << "an older process than the one heard of";
   }
   Store store(options());
-  store.heard(run_info(6, 900, 1));
+  store.record(run_info(6, 900, 1));
   EXPECT_EQ(rewards(path_), std::vector<double>(6, 0.25)) << "it went back to update 6";
   EXPECT_EQ(store.record(training_stats(7, 8, 900, 0.75f)), 2u);
   EXPECT_EQ(store.record(std::vector{training_stat(9, 500)}), 0u) << "of the one that is gone";
   std::vector<double> expected(6, 0.25);
   expected.resize(8, 0.75);
   EXPECT_EQ(rewards(path_), expected);
-  EXPECT_EQ(store.updates(Sender("demo", "policy", 900), kJob).gap(10), std::pair(std::uint64_t{1}, std::uint64_t{6}));
+  EXPECT_EQ(store.recorded_updates(Sender("demo", "policy", 900), kJob).gap(10),
+            std::pair(std::uint64_t{1}, std::uint64_t{6}));
 }
 
 TEST_F(StoreTest, AResumedRunWhoseStartWasMissedReplacesThemToo) {
   Store store(options());
-  store.heard(run_info());
+  store.record(run_info());
   store.record(training_stats(1, 10, 500, 0.25f));
   // First heard of when it has come as far as its predecessor: it began after update 4.
-  store.heard(run_info(10, 900, 1));
+  store.record(run_info(10, 900, 1));
   EXPECT_EQ(rewards(path_).size(), 10u);
   std::vector<msg::TrainingStat> late = training_stats(5, 10, 900, 0.75f);
   std::reverse(late.begin(), late.end());
@@ -205,12 +206,12 @@ TEST_F(StoreTest, AResumedRunWhoseStartWasMissedReplacesThemToo) {
 TEST_F(StoreTest, StatsOfUnknownRunsAreLeftOut) {
   Store store(options());
   EXPECT_EQ(store.record(training_stats(1, 3)), 0u);
-  EXPECT_EQ(store.updates(kPolicy, kJob).reach(), 0u);
+  EXPECT_EQ(store.recorded_updates(kPolicy, kJob).reach(), 0u);
 }
 
 TEST_F(StoreTest, RemovesARunAndItsEpisodesButNotOneThatIsRunning) {
   Store store(options());
-  store.heard(run_info());
+  store.record(run_info());
   store.record(episodes(1, 20));
   store.record(training_stats(1, 20));
   const std::string name = run_id(run_info());
@@ -218,11 +219,11 @@ TEST_F(StoreTest, RemovesARunAndItsEpisodesButNotOneThatIsRunning) {
   EXPECT_EQ(store.remove(name), Store::Removal::kRunning);
   msg::RunInfo end = run_info(20, 500, 2);
   end.ended(true);
-  store.heard(end);
+  store.record(end);
   EXPECT_EQ(store.remove(name), Store::Removal::kDone);
   for (const std::string table : {"runs", "episodes", "training", "run_sources"})
     EXPECT_EQ(number("SELECT COUNT(*) FROM " + table), 0) << table;
-  EXPECT_EQ(store.recorded(kEnvironment), 20u) << "what was recorded is not asked for again";
+  EXPECT_EQ(store.recorded_up_to(kEnvironment), 20u) << "what was recorded is not asked for again";
   EXPECT_EQ(store.record(episodes(1, 21)), 1u);
 }
 
@@ -279,7 +280,7 @@ TEST_F(StoreTest, RefusesWhatIsNoStoreAndLeavesItAlone) {
   EXPECT_EQ(contents(path_), text);
 
   std::filesystem::remove(path_);
-  Database(path_, Database::Mode::kCreate).execute("CREATE TABLE friends (name TEXT)");
+  open_database(path_, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE).exec("CREATE TABLE friends (name TEXT)");
   const std::string foreign = contents(path_);
   EXPECT_NE(refusal().find("is an SQLite file of another program"), std::string::npos) << refusal();
   EXPECT_EQ(contents(path_), foreign);
@@ -292,7 +293,7 @@ TEST_F(StoreTest, RefusesWhatIsNoStoreAndLeavesItAlone) {
 
 TEST_F(StoreTest, RefusesANewerSchemaAndLeavesItAlone) {
   { Store store(options()); }
-  Database(path_, Database::Mode::kWrite).execute("PRAGMA user_version = 99");
+  open_database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 99");
   const std::string before = contents(path_);
   EXPECT_NE(refusal().find("has schema 99, this dashboard knows 1"), std::string::npos) << refusal();
   EXPECT_EQ(contents(path_), before);
@@ -324,15 +325,37 @@ TEST_F(StoreTest, BringsAnOlderSchemaUpToDateAndKeepsACopy) {
   prepare_file(path_, steps);
   EXPECT_EQ(number("SELECT x + y FROM a"), 47);
   EXPECT_EQ(number("PRAGMA user_version"), 2);
-  Database copy(path_ + ".schema-1", Database::Mode::kRead);
-  EXPECT_EQ(copy.number("PRAGMA user_version"), 1);
-  EXPECT_EQ(copy.number("SELECT x FROM a"), 42);
+  SQLite::Database copy = open_database(path_ + ".schema-1");
+  EXPECT_EQ(copy.execAndGet("PRAGMA user_version").getInt64(), 1);
+  EXPECT_EQ(copy.execAndGet("SELECT x FROM a").getInt64(), 42);
 
   // A step that fails changes nothing.
   steps.push_back("CREATE TABLE b (x INTEGER); INSERT INTO nowhere VALUES (1)");
   EXPECT_THROW(prepare_file(path_, steps), Error);
   EXPECT_EQ(number("PRAGMA user_version"), 2);
   EXPECT_EQ(number("SELECT COUNT(*) FROM sqlite_schema WHERE name = 'b'"), 0);
+}
+
+TEST_F(StoreTest, KeepsTheRecordsOfTheFirstSchema) {
+  prepare_file(path_, {schema_steps().front()});
+  open_database(path_, SQLite::OPEN_READWRITE)
+      .exec(
+          "INSERT INTO runs (id, name, run, job, policy, seed, started, last) VALUES (1, 'demo/policy/1/5', 'demo', 5, "
+          "'policy', 1, 0, 0); INSERT INTO training (key, incarnation, steps, episodes, lesson, divergence, clipped, "
+          "lag) "
+          "VALUES ((1 << 40) + 1, 7, 512, 3, 0, 0.25, 0.5, 2)");
+  const Store store(options());
+  StoreReader reader(path_);
+  const RunRow run = reader.runs().at(0);
+  EXPECT_EQ(run.session, "demo");
+  std::vector<double> row;
+  reader.training(run.id, [&](std::span<const double> values) { row.assign(values.begin(), values.end()); });
+  const auto figure = [&](const std::string& name) {
+    return row.at(static_cast<std::size_t>(find_training_figure(name) - training_figures().data()));
+  };
+  EXPECT_EQ(figure("approx_kl"), 0.25);
+  EXPECT_EQ(figure("clip_fraction"), 0.5);
+  EXPECT_EQ(figure("policy_lag"), 2);
 }
 
 TEST_F(StoreTest, AFullDiskLosesNothing) {
@@ -349,7 +372,7 @@ TEST_F(StoreTest, AFullDiskLosesNothing) {
       } catch (const Error& error) {
         fault = error.what();
       }
-      EXPECT_EQ(store.recorded(kEnvironment), recorded);
+      EXPECT_EQ(store.recorded_up_to(kEnvironment), recorded);
     }
     EXPECT_NE(fault.find("full"), std::string::npos) << fault;
     EXPECT_NE(fault.find("free some space"), std::string::npos) << fault;
@@ -359,7 +382,7 @@ TEST_F(StoreTest, AFullDiskLosesNothing) {
     EXPECT_THROW(store.record(episodes(recorded + 1, recorded + 500)), Error);
   }
   Store store(options());
-  EXPECT_EQ(store.recorded(kEnvironment), recorded);
+  EXPECT_EQ(store.recorded_up_to(kEnvironment), recorded);
   EXPECT_EQ(store.record(episodes(1, recorded + 500)), 500u);
   EXPECT_EQ(number("SELECT SUM(recorded) FROM runs"), static_cast<std::int64_t>(recorded + 500));
 }
@@ -375,7 +398,7 @@ TEST_F(StoreTest, KilledAtAnyTimeItHasWhatItAcknowledged) {
         Store store(options());
         for (std::uint64_t first = acknowledged + 1;; first += 20) {
           store.record(episodes(first, first + 19));
-          const std::uint64_t told = store.recorded(kEnvironment);
+          const std::uint64_t told = store.recorded_up_to(kEnvironment);
           if (::write(ends[1], &told, sizeof told) != sizeof told) _exit(1);
         }
       } catch (const std::exception&) {
@@ -397,7 +420,7 @@ TEST_F(StoreTest, KilledAtAnyTimeItHasWhatItAcknowledged) {
     close(ends[0]);
     ASSERT_GT(acknowledged, before);
     Store store(options());
-    const std::uint64_t kept = store.recorded(kEnvironment);
+    const std::uint64_t kept = store.recorded_up_to(kEnvironment);
     EXPECT_GE(kept, acknowledged);
     EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), static_cast<std::int64_t>(kept));
     EXPECT_EQ(number("SELECT COUNT(DISTINCT episode) FROM episodes"), static_cast<std::int64_t>(kept));

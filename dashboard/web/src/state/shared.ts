@@ -6,10 +6,10 @@ import { live } from '../api/live';
 import type { About, Run, ServiceEvent, Services } from '../api/types';
 import { failure, type Resource } from './resource';
 
-// What every page needs: who is there, which runs there are, what happened. Live from the first moment on.
+// What every page needs: services, runs and events, live from the start.
 
 export interface SeenServices extends Services {
-  /** When it came, milliseconds since 1970, by this machine's clock. */
+  /** When it arrived, milliseconds since 1970, by this machine's clock. */
   seen: number;
 }
 
@@ -17,7 +17,7 @@ export const about = signal<Resource<About>>({ state: 'loading' });
 export const services = signal<Resource<SeenServices>>({ state: 'loading' });
 export const runs = signal<Resource<Run[]>>({ state: 'loading' });
 export const events = signal<Resource<ServiceEvent[]>>({ state: 'loading' });
-/** Once a second: what counts seconds depends on it. Milliseconds since 1970. */
+/** The time, milliseconds since 1970, updated once a second. */
 export const now = signal(Date.now());
 
 export const lostServices = computed(() =>
@@ -60,12 +60,12 @@ export function start(): void {
   });
   live.onBack(reload);
   setInterval(() => (now.value = Date.now()), 1000);
-  // Who comes back to the page, or to the network, does not wait for the end of a back-off.
+  // When the page or the network is back, it reconnects at once instead of at the end of the back-off.
   window.addEventListener('online', () => live.retry());
   document.addEventListener('visibilitychange', () => {
     if (!document.hidden) live.retry();
   });
-  let refused = true; // the first load is the first turn of this
+  let refused = true; // so that the first run of the effect loads
   effect(() => {
     if (refused && !unauthorised.value) {
       reload();

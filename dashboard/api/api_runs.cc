@@ -1,0 +1,351 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+
+#include "core/task/path.h"
+#include "dashboard/api/api.h"
+#include "dashboard/api/parameters.h"
+#include "dashboard/api/tables.h"
+#include "dashboard/live/json.h"
+
+namespace citylearn {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr std::size_t kFiguresKept = 10000;
+
+double shortest(double value) {
+  if (!std::isfinite(value)) return value;
+  std::string text;
+  append_number(text, static_cast<float>(value));
+  return std::strtod(text.c_str(), nullptr);
+}
+
+Json number_or_null(double value) { return std::isfinite(value) ? Json(shortest(value)) : Json(nullptr); }
+
+/// An answer to be kept as a file.
+Answer file_answer(const std::string& run, const std::string& what, bool csv) {
+  Answer answer;
+  answer.type = csv ? "text/csv; charset=utf-8" : "application/json";
+  std::string name;
+  for (const char c : run + "-" + what) {
+    const bool plain =
+        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
+    name += plain ? c : '-';
+  }
+  if (csv) answer.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + name + "\"");
+  return answer;
+}
+
+/// Returns the frames stood at, the start's first, from the actions of EpisodeStat.path.
+Json positions_of(const StoreReader::Replay& replay) {
+  if (!replay.path || replay.path->size() < path_octets(replay.row.steps)) return nullptr;
+  Json positions = Json::array();
+  auto frame = static_cast<std::int64_t>(replay.row.start);
+  positions.push_back(frame);
+  for (std::uint64_t step = 0; step < replay.row.steps; ++step) {
+    const int action = action_at(*replay.path, step);
+    frame += action == kNext ? 1 : action == kPrevious ? -1 : 0;
+    positions.push_back(frame);
+  }
+  return positions;
+}
+
+}  // namespace
+
+Json Api::run_json(const RunRow& row) {
+  const Store::Liveness liveness = store_.liveness(row.id);
+  const double last = std::max(row.last, liveness.last);
+  const bool heard = now_seconds() - last < options_.silence;
+  const char* state = row.ended ? "ended" : heard ? "running" : row.policy ? "lost" : "ended";
+  Json json = {{"id", row.name},
+               {"session", row.session},
+               {"policy", row.policy ? Json(*row.policy) : Json(nullptr)},
+               {"seed", row.seed ? Json(*row.seed) : Json(nullptr)},
+               {"agent", row.agent.empty() ? Json(nullptr) : Json(row.agent)},
+               {"learner", row.learner.empty() ? Json(nullptr) : Json(row.learner)},
+               {"state", state},
+               {"started", row.started},
+               {"last", last},
+               {"updates", std::max(row.updates, liveness.updates)},
+               {"recorded_episodes", row.recorded}};
+  const char* const names[] = {"steps", "episodes", "reward", "spl", "wall", "steps_per_second"};
+  for (const char* name : names) json[name] = nullptr;
+  if (row.newest) {
+    json["updates"] = std::max({row.updates, liveness.updates, row.newest->update});
+    json["steps"] = row.newest->steps;
+    json["episodes"] = row.newest->episodes;
+    json["reward"] = number_or_null(row.newest->reward);
+    json["spl"] = number_or_null(row.newest->spl);
+    json["wall"] = row.newest->wall;
+    json["steps_per_second"] = number_or_null(row.newest->steps_per_second);
+  }
+  return json;
+}
+
+Json Api::runs() {
+  Json list = Json::array();
+  BorrowedReader reader(*this);
+  for (const RunRow& row : reader->runs())
+    // A row of unclaimed episodes that a run has claimed since is empty.
+    if (row.policy || row.recorded > 0) list.push_back(run_json(row));
+  return {{"runs", std::move(list)}};
+}
+
+Answer Api::answer_run(const Query& query) {
+  const std::string& name = query.path[1];
+  if (query.method == "DELETE") {
+    allow_only(query, {});
+    return remove(name);
+  }
+  std::optional<RunRow> row;
+  {
+    BorrowedReader reader(*this);
+    row = reader->run(name);
+  }
+  if (!row) not_found("there is no run '" + name + "' (GET /api/runs lists them)");
+  const std::string part = query.path.size() == 3 ? query.path[2] : "";
+  if (part == "training") return training(*row, query);
+  if (part == "episodes") return episodes(*row, query);
+  allow_only(query, {});
+  if (part.empty()) return run(*row);
+  if (part == "training.csv" || part == "training.json") return all_training(*row, part == "training.csv");
+  if (part == "episodes.csv" || part == "episodes.json") return all_episodes(*row, part == "episodes.csv");
+  if (part == "evaluations") return evaluations(*row);
+  not_found("a run has no '" + part +
+            "' (training, training.csv, training.json, episodes, episodes.csv, episodes.json, "
+            "evaluations)");
+}
+
+Answer Api::run(const RunRow& row) {
+  Json json = run_json(row);
+  BorrowedReader reader(*this);
+  const Json manifest = Json::parse(reader->manifest(row.id), nullptr, false);
+  json["manifest"] = manifest.is_object() ? manifest : Json(nullptr);
+  json["traversals"] = Json::array();
+  for (const TraversalRow& traversal : reader->traversals(row.id))
+    json["traversals"].push_back(traversal_json(traversal));
+  if (!live_ || json["state"] != "running") return json_answer(json);
+  // Those it has no episodes on yet: the siblings that it will be evaluated on.
+  for (Json& hosted : live_->traversals(row.session)) {
+    const auto same = [&](const Json& one) { return one["environment"] == hosted["environment"]; };
+    if (std::none_of(json["traversals"].begin(), json["traversals"].end(), same))
+      json["traversals"].push_back(std::move(hosted));
+  }
+  return json_answer(json);
+}
+
+Answer Api::remove(const std::string& name) {
+  switch (store_.remove(name)) {
+    case Store::Removal::kUnknown:
+      not_found("there is no run '" + name + "' (GET /api/runs lists them)");
+    case Store::Removal::kRunning:
+      throw RequestError(409, "run '" + name + "' is running: end it first");
+    case Store::Removal::kDone:
+      break;
+  }
+  Answer answer;
+  answer.status = 204;
+  return answer;
+}
+
+Answer Api::training(const RunRow& row, const Query& query) {
+  allow_only(query, {"columns", "points", "x", "from", "to"});
+  static const std::map<std::string, const char*> kOrders = {
+      {"updates", "update"}, {"episodes", "episodes"}, {"steps", "steps"}, {"wall", "wall"}};
+  const std::string x = text_parameter(query, "x").value_or("updates");
+  const auto order = kOrders.find(x);
+  if (order == kOrders.end())
+    throw RequestError(400, "parameter 'x' must be updates, episodes, steps or wall, is '" + x + "'");
+  StoreReader::TrainingQuery wanted;
+  wanted.run = row.id;
+  wanted.x = find_training_figure(order->second);
+  const std::string columns = text_parameter(query, "columns").value_or("reward,spl");
+  for (std::size_t begin = 0; begin <= columns.size();) {
+    const std::size_t end = std::min(columns.find(',', begin), columns.size());
+    const std::string name = columns.substr(begin, end - begin);
+    begin = end + 1;
+    const TrainingFigure* column = find_training_figure(name);
+    if (!column) {
+      std::string names;
+      for (const TrainingFigure& one : training_figures()) names += (names.empty() ? "" : ", ") + std::string(one.name);
+      throw RequestError(400, "parameter 'columns' names '" + name + "', which is none of " + names);
+    }
+    if (std::find(wanted.columns.begin(), wanted.columns.end(), column) != wanted.columns.end())
+      throw RequestError(400, "parameter 'columns' names '" + name + "' twice");
+    wanted.columns.push_back(column);
+  }
+  constexpr double kMost = 1e18;
+  wanted.from = number_parameter<double>(query, "from", -kMost, kMost);
+  wanted.to = number_parameter<double>(query, "to", -kMost, kMost);
+  const int points = number_parameter<int>(query, "points", 10, 20000).value_or(2000);
+  BorrowedReader reader(*this);
+  const Decimator rows = reader->training(wanted, static_cast<std::size_t>(points));
+  Answer answer;
+  std::string& text = answer.body;
+  text = "{\"id\":";
+  append_json(text, row.name);
+  text += ",\"x\":\"" + x + "\",\"total\":";
+  append_number(text, rows.total());
+  text += std::string(",\"decimated\":") + (rows.decimated() ? "true" : "false") + ",\"columns\":{";
+  const std::size_t width = wanted.columns.size() + 1;
+  for (std::size_t i = 0; i < width; ++i) {
+    const TrainingFigure& column = i == 0 ? *wanted.x : *wanted.columns[i - 1];
+    text += (i == 0 ? "\"" : ",\"") + std::string(i == 0 ? "x" : column.name) + "\":[";
+    for (std::size_t at = 0; at < rows.rows(); ++at) {
+      if (at > 0) text += ',';
+      append_figure(text, column, rows.values()[at * width + i], false);
+    }
+    text += ']';
+  }
+  text += "}}";
+  return answer;
+}
+
+Answer Api::all_training(const RunRow& row, bool csv) {
+  const std::span<const TrainingFigure> columns = training_figures();
+  Answer answer = file_answer(row.name, csv ? "training.csv" : "training.json", csv);
+  BorrowedReader reader(*this);
+  if (csv) {
+    for (const TrainingFigure& column : columns)
+      answer.body += (answer.body.empty() ? "" : ",") + std::string(column.name);
+    answer.body += '\n';
+    reader->training(row.id, [&](std::span<const double> values) {
+      for (std::size_t i = 0; i < columns.size(); ++i) {
+        if (i > 0) answer.body += ',';
+        append_figure(answer.body, columns[i], values[i], true);
+      }
+      answer.body += '\n';
+    });
+    return answer;
+  }
+  std::vector<std::string> texts(columns.size());
+  std::uint64_t total = 0;
+  reader->training(row.id, [&](std::span<const double> values) {
+    for (std::size_t i = 0; i < columns.size(); ++i) {
+      if (total > 0) texts[i] += ',';
+      append_figure(texts[i], columns[i], values[i], false);
+    }
+    ++total;
+  });
+  answer.body = "{\"id\":";
+  append_json(answer.body, row.name);
+  answer.body += ",\"total\":" + std::to_string(total) + ",\"columns\":{";
+  for (std::size_t i = 0; i < columns.size(); ++i)
+    answer.body += (i == 0 ? "\"" : ",\"") + std::string(columns[i].name) + "\":[" + texts[i] + "]";
+  answer.body += "}}";
+  return answer;
+}
+
+Answer Api::episodes(const RunRow& row, const Query& query) {
+  allow_only(query,
+             {"limit", "before", "evaluation", "traversal", "policy", "update", "shuffled", "completed", "order"});
+  constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+  EpisodeFilter filter;
+  filter.evaluation = flag_parameter(query, "evaluation");
+  filter.completed = flag_parameter(query, "completed");
+  filter.shuffled = flag_parameter(query, "shuffled");
+  filter.traversal = text_parameter(query, "traversal");
+  filter.policy = text_parameter(query, "policy");
+  if (const auto update = number_parameter<std::int64_t>(query, "update", 0, kMost))
+    filter.update = static_cast<std::uint64_t>(*update);
+  const auto before = number_parameter<std::int64_t>(query, "before", 0, kMost);
+  const int limit = number_parameter<int>(query, "limit", 1, 10000).value_or(100);
+  const std::string order = text_parameter(query, "order").value_or("newest");
+  if (order != "newest" && order != "worst")
+    throw RequestError(400, "parameter 'order' must be newest or worst, is '" + order + "'");
+  if (before && order == "worst") throw RequestError(400, "parameter 'before' goes with order=newest only");
+  BorrowedReader reader(*this);
+  const bool all = query.parameters.empty();
+  const std::uint64_t total = all ? row.recorded : reader->count(row.id, filter);
+  filter.before = before;
+  Answer answer;
+  answer.body = "{\"total\":" + std::to_string(total) + ",\"episodes\":[";
+  bool first = true;
+  for (const EpisodeRow& one : reader->episodes(row.id, filter, order == "worst", static_cast<std::size_t>(limit))) {
+    if (!first) answer.body += ',';
+    first = false;
+    append_json_episode(answer.body, one);
+  }
+  answer.body += "]}";
+  return answer;
+}
+
+Answer Api::all_episodes(const RunRow& row, bool csv) {
+  Answer answer = file_answer(row.name, csv ? "episodes.csv" : "episodes.json", csv);
+  std::string& text = answer.body;
+  BorrowedReader reader(*this);
+  if (csv) {
+    append_csv_episode_header(text);
+    text += '\n';
+    reader->episodes(row.id, [&](const EpisodeRow& one) {
+      append_csv_episode(text, one);
+      text += '\n';
+    });
+    return answer;
+  }
+  text = "{\"episodes\":[";
+  std::uint64_t total = 0;
+  reader->episodes(row.id, [&](const EpisodeRow& one) {
+    if (total++ > 0) text += ',';
+    append_json_episode(text, one);
+  });
+  text += "],\"total\":" + std::to_string(total) + "}";
+  return answer;
+}
+
+Answer Api::evaluations(const RunRow& row) {
+  Json list = Json::array();
+  BorrowedReader reader(*this);
+  for (const StoreReader::EvaluationGroup& group : reader->evaluations(row.id)) {
+    const std::pair key(row.id, group.key);
+    std::optional<EvaluationFigures> known;
+    {
+      std::lock_guard lock(mutex_);
+      const auto found = evaluations_.find(key);
+      if (found != evaluations_.end() && found->second.episodes == group.episodes &&
+          found->second.newest == group.newest)
+        known = found->second.figures;
+    }
+    if (!known) {
+      known = evaluate(reader->tasks(row.id, group.key));
+      std::lock_guard lock(mutex_);
+      if (evaluations_.size() >= kFiguresKept) evaluations_.clear();
+      evaluations_[key] = {group.episodes, group.newest, *known};
+    }
+    list.push_back({{"policy", group.key.policy},
+                    {"update", group.key.update},
+                    {"shuffled", group.key.shuffled},
+                    {"traversal", group.key.traversal},
+                    {"tasks", known->tasks},
+                    {"completed", known->completed},
+                    {"failed", known->failed},
+                    {"spl", known->spl},
+                    {"spl_low", known->spl_low},
+                    {"spl_high", known->spl_high},
+                    {"reward", known->reward},
+                    {"mean_steps", known->mean_steps},
+                    {"shortest_mean", known->shortest_mean},
+                    {"excess", std::isfinite(known->excess) ? Json(known->excess) : Json(nullptr)}});
+  }
+  return json_answer({{"evaluations", std::move(list)}});
+}
+
+Answer Api::episode(const Query& query) {
+  allow_only(query, {});
+  const auto rowid = parsed<std::int64_t>(query.path[1]);
+  if (!rowid) throw RequestError(400, "an episode is named by its rowid, a number; '" + query.path[1] + "' is none");
+  BorrowedReader reader(*this);
+  const auto replay = reader->episode(*rowid);
+  if (!replay) not_found("there is no episode " + query.path[1]);
+  Answer answer;
+  open_json_episode(answer.body, replay->row);
+  answer.body += ",\"positions\":" + positions_of(*replay).dump() +
+                 ",\"hash\":" + (replay->hash ? "\"" + hash_text(*replay->hash) + "\"" : std::string("null")) + "}";
+  return answer;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "dashboard/api/tables.h"
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "dashboard/api/parameters.h"
+
+namespace citylearn {
+namespace {
+
+void append_csv(std::string& text, const std::string& value) {
+  if (value.find_first_of(",\"\r\n") == value.npos) {
+    text += value;
+    return;
+  }
+  text += '"';
+  for (const char c : value) text += c == '"' ? "\"\"" : std::string(1, c);
+  text += '"';
+}
+
+/// Appends a float; nothing (CSV) or null (JSON) where there is none.
+void append_float(std::string& text, double value, bool csv) {
+  if (std::isfinite(value)) {
+    append_number(text, static_cast<float>(value));
+  } else if (!csv) {
+    text += "null";
+  }
+}
+
+struct JsonFields {
+  std::string& text;
+  bool first = true;
+  template <class Value>
+  void operator()(const char* name, const char*, const Value& value) {
+    text += first ? "{\"" : ",\"";
+    first = false;
+    text += name;
+    text += "\":";
+    if constexpr (std::is_same_v<Value, std::string>) {
+      append_json(text, value);
+    } else if constexpr (std::is_same_v<Value, bool>) {
+      text += value ? "true" : "false";
+    } else if constexpr (std::is_same_v<Value, float>) {
+      append_float(text, value, false);
+    } else {
+      append_number(text, value);
+    }
+  }
+};
+
+struct CsvFields {
+  std::string& text;
+  bool first = true;
+  template <class Value>
+  void operator()(const char*, const char*, const Value& value) {
+    if (!first) text += ',';
+    first = false;
+    if constexpr (std::is_same_v<Value, std::string>) {
+      append_csv(text, value);
+    } else if constexpr (std::is_same_v<Value, bool>) {
+      text += value ? '1' : '0';
+    } else if constexpr (std::is_same_v<Value, float>) {
+      append_float(text, value, true);
+    } else {
+      append_number(text, value);
+    }
+  }
+};
+
+}  // namespace
+
+void append_json(std::string& text, const std::string& value) {
+  using Json = nlohmann::json;
+  text += Json(value).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+void append_figure(std::string& text, const TrainingFigure& figure, double value, bool csv) {
+  if (std::isfinite(value) && figure.type == TrainingFigure::kCount)
+    append_number(text, static_cast<std::int64_t>(value));
+  else if (std::isfinite(value) && figure.type == TrainingFigure::kDouble)
+    append_number(text, value);
+  else
+    append_float(text, value, csv);
+}
+
+void open_json_episode(std::string& text, const EpisodeRow& row) { visit_episode(row, JsonFields{text}); }
+
+void append_json_episode(std::string& text, const EpisodeRow& row) {
+  open_json_episode(text, row);
+  text += '}';
+}
+
+void append_csv_episode(std::string& text, const EpisodeRow& row) { visit_episode(row, CsvFields{text}); }
+
+void append_csv_episode_header(std::string& text) {
+  const auto name_only = [&text, first = true](const char* name, const char*, const auto&) mutable {
+    text += (first ? "" : ",") + std::string(name);
+    first = false;
+  };
+  const EpisodeRow none;
+  visit_episode(none, name_only);
+}
+
+}  // namespace citylearn

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include "core/task/spl.h"
+#include "dashboard/store/store_impl.h"
+
+namespace citylearn {
+namespace {
+
+// Larger numbers cannot be: no process lives so long, and SQLite's integers have a sign.
+constexpr std::uint64_t kMostEpisodes = std::uint64_t{1} << 62;
+
+}  // namespace
+
+std::int64_t Store::Impl::add_source(const Sender& environment) {
+  run(statements->add_source, environment.session, environment.id, environment.incarnation);
+  return database.getLastInsertRowid();
+}
+
+Store::Impl::Source& Store::Impl::source(const Sender& environment) {
+  const auto known = sources.find(environment);
+  if (known != sources.end()) return known->second;
+  Source source;
+  SQLite::Statement& found =
+      bind_values(statements->find_source, environment.session, environment.id, environment.incarnation);
+  if (found.executeStep()) {
+    std::uint64_t contiguous = 0;
+    read_row(found, source.id, contiguous, source.described);
+    source.episodes.add(1, contiguous);
+    SQLite::Statement& episode = bind_values(statements->source_episodes, source.id, source.episodes.reach());
+    while (episode.executeStep()) source.episodes.add(value_at<std::uint64_t>(episode, 0));
+  }
+  found.reset();
+  return sources.emplace(environment, std::move(source)).first->second;
+}
+
+std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std::vector<Event>* lost) {
+  const double now = now_seconds();
+  // What is remembered changes only when the file has: first all happens to copies.
+  struct Change {
+    Source source;
+    std::uint64_t missed = 0;
+    bool changed = false;
+  };
+  std::map<Sender, Change> changes;
+  std::map<std::int64_t, std::int64_t> counts;  // new episodes, by row of `runs`
+  std::map<std::string, std::int64_t> new_rows;
+  std::set<std::pair<std::int64_t, std::int64_t>> new_run_sources;
+  std::vector<Event> events;
+  std::size_t fresh = 0;
+  SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
+  for (const msg::EpisodeStat& episode : episodes) {
+    if (episode.episode() == 0 || episode.episode() > kMostEpisodes || episode.acknowledged() >= kMostEpisodes)
+      continue;
+    const Sender sender(episode.header());
+    auto found = changes.find(sender);
+    if (found == changes.end()) found = changes.emplace(sender, Change{source(sender)}).first;
+    auto& [source, missed, changed] = found->second;
+    if (source.id == 0) source.id = add_source(sender);
+    if (const std::uint64_t given_up = episode.acknowledged(); given_up > source.episodes.reach()) {
+      // Others recorded these, and the env_service has forgotten them since.
+      const std::uint64_t first = source.episodes.reach() + 1;
+      const std::uint64_t number = given_up - first + 1 - source.episodes.count(first, given_up);
+      source.episodes.add(first, given_up);
+      changed = true;
+      if (number > 0) {
+        missed += number;
+        events.push_back({now, sender.session, sender.id, "alarm",
+                          std::to_string(number) + " episodes up to number " + std::to_string(given_up) +
+                              " were recorded only by others, before " + sender.id + " knew this dashboard"});
+        add(events.back());
+      }
+    }
+    if (!source.episodes.add(episode.episode())) continue;
+    changed = true;
+    const KnownRun* known = find(sender.session, episode.run_id());
+    std::int64_t row = known ? known->row : unclaimed_row(sender.session);
+    if (row == 0) {
+      std::int64_t& made = new_rows[sender.session];
+      if (made == 0) {
+        run(statements->add_unclaimed, run_id(sender.session), sender.session, now);
+        made = database.getLastInsertRowid();
+      }
+      row = made;
+    }
+    SQLite::Statement& add_episode = statements->add_episode;
+    bind_values(add_episode, row, source.id, episode.episode(), episode.run_id(), episode.agent(), episode.evaluation(),
+                episode.task(), episode.traversal().c_str(), episode.policy().c_str(), episode.update(),
+                episode.shuffled(), episode.start(), episode.goal(), episode.steps(), episode.shortest(),
+                episode.reward(), episode.completed(), spl_of(episode.completed(), episode.shortest(), episode.steps()),
+                now);
+    if (episode.steps() == 0)
+      add_episode.bind_values(20, "");  // an empty path is not an unknown one
+    else
+      bind_value(add_episode, 20, std::span<const std::uint8_t>(episode.path()));
+    if (add_episode.exec() == 0) continue;
+    ++fresh;
+    ++counts[row];
+    if (const std::pair pair(row, source.id); !run_sources.contains(pair) && new_run_sources.insert(pair).second)
+      run(statements->add_run_source, row, source.id);
+  }
+  for (const auto& [row, count] : counts) run(statements->count_episodes, row, count, now);
+  for (const auto& [sender, change] : changes)
+    if (change.changed)
+      run(statements->source_progress, change.source.id, change.source.episodes.reach(), change.missed);
+  all.commit();
+  for (auto& [sender, change] : changes) sources[sender] = std::move(change.source);
+  for (const auto& [session, row] : new_rows) unclaimed_rows[session] = row;
+  run_sources.merge(new_run_sources);
+  for (const auto& [row, count] : counts) liveness[row].last = std::max(liveness[row].last, now);
+  if (lost) lost->insert(lost->end(), events.begin(), events.end());
+  return fresh;
+}
+
+void Store::Impl::describe(const msg::TraversalInfo& info) {
+  const Sender sender(info.header());
+  Source described = source(sender);
+  if (described.described) return;
+  SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
+  if (described.id == 0) described.id = add_source(sender);
+  run(statements->describe_source, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(),
+      info.hash(), info.frames(), info.agents(), info.images(), described.id);
+  all.commit();
+  described.described = true;
+  sources[sender] = std::move(described);
+}
+
+}  // namespace citylearn

@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include "core/task/training_figures.h"
+#include "dashboard/store/store_impl.h"
+
+namespace citylearn {
+namespace {
+
+constexpr double kFlushEvery = 5;  // seconds
+
+}  // namespace
+
+void Store::Impl::load_runs() {
+  runs.clear();
+  unclaimed_rows.clear();
+  run_sources.clear();
+  SQLite::Statement all(database,
+                        "SELECT session, run_id, id, policy, incarnation, updates, ended, agent, learner, manifest "
+                        "FROM runs WHERE run_id IS NOT NULL");
+  while (all.executeStep()) {
+    RunKey key;
+    KnownRun known;
+    read_row(all, key.first, key.second, known.row, known.policy, known.incarnation, known.updates, known.ended,
+             known.agent, known.learner, known.manifest);
+    SQLite::Statement& least = bind_values(statements->least_update, training_key(known.row, 1),
+                                           training_key(known.row, kMostUpdates), known.incarnation);
+    if (least.executeStep()) known.least = update_of(value_at<std::int64_t>(least, 0));
+    least.reset();
+    runs[key] = std::move(known);
+  }
+}
+
+Store::Impl::KnownRun* Store::Impl::find(const std::string& session, std::uint64_t run_id) {
+  const auto known = runs.find({session, run_id});
+  return known == runs.end() ? nullptr : &known->second;
+}
+
+/// Returns 0 when there is no row for it yet.
+std::int64_t Store::Impl::unclaimed_row(const std::string& session) {
+  auto [known, fresh] = unclaimed_rows.try_emplace(session, 0);
+  if (!fresh) return known->second;
+  SQLite::Statement& found = bind_values(statements->find_unclaimed, session);
+  if (found.executeStep()) read_row(found, known->second);
+  found.reset();
+  return known->second;
+}
+
+/// Hands a new run the episodes that came before its RunInfo.
+void Store::Impl::claim_episodes(const std::string& session, std::uint64_t run_id, const KnownRun& known) {
+  const std::int64_t nobody = unclaimed_row(session);
+  if (nobody == 0) return;
+  const std::int64_t claimed = run(statements->claim_episodes, nobody, known.row, run_id);
+  if (claimed == 0) return;
+  run(statements->claim_sources, known.row);
+  run(statements->add_to_count, known.row, claimed);
+  run(statements->add_to_count, nobody, -claimed);
+}
+
+bool Store::Impl::record(const msg::RunInfo& info) {
+  const Sender sender(info.header());
+  const double now = now_seconds();
+  KnownRun* known = find(sender.session, info.run_id());
+  // One of a predecessor that the middleware kept for late joiners, or one that was overtaken on the way.
+  if (known && std::pair(sender.incarnation, info.header().message()) <= std::pair(known->incarnation, known->message))
+    return false;
+  KnownRun next;
+  if (known) next = *known;
+  const bool successor = !known || known->incarnation != sender.incarnation;
+  next.policy = sender.id;
+  next.incarnation = sender.incarnation;
+  next.message = info.header().message();
+  next.updates = std::min(info.updates(), kMostUpdates);
+  next.agent = info.agent().c_str();
+  next.learner = info.learner().c_str();
+  next.manifest.assign(info.manifest().begin(), info.manifest().end());
+  next.ended = info.ended() || (next.ended && !successor);
+  if (successor) next.least = 0;
+  if (!successor && next.agent == known->agent && next.learner == known->learner && next.manifest == known->manifest &&
+      next.ended == known->ended) {
+    *known = std::move(next);
+    liveness[known->row] = {now, known->updates};
+    unwritten.try_emplace(known->row, now);
+    return false;
+  }
+  SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
+  if (!known) {
+    run(statements->add_run, run_id(info), sender.session, info.run_id(), sender.id, info.seed(), now);
+    next.row = database.getLastInsertRowid();
+  }
+  run(statements->update_run, next.row, next.incarnation, next.agent, next.learner, next.updates, next.manifest, now,
+      next.ended);
+  // The process begins with the updates that it has. What its predecessors did beyond them is dropped.
+  if (successor && known)
+    run(statements->drop_training_beyond, training_key(next.row, next.updates), training_key(next.row, kMostUpdates));
+  if (!known) claim_episodes(sender.session, info.run_id(), next);
+  all.commit();
+  run_sources.clear();
+  liveness[next.row] = {now, next.updates};
+  unwritten.erase(next.row);
+  runs[{sender.session, info.run_id()}] = std::move(next);
+  return true;
+}
+
+void Store::Impl::mark_ended(const Sender& policy) {
+  for (auto& [key, known] : runs) {
+    if (known.ended || key.first != policy.session || known.policy != policy.id ||
+        known.incarnation != policy.incarnation)
+      continue;
+    run(statements->run_ended, known.row, now_seconds());
+    known.ended = true;
+  }
+}
+
+std::size_t Store::Impl::record(std::span<const msg::TrainingStat> stats) {
+  std::size_t taken = 0;
+  std::map<KnownRun*, std::uint64_t> leasts;  // of those that sent some
+  SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
+  for (const msg::TrainingStat& stat : stats) {
+    if (stat.update() == 0 || stat.update() > kMostUpdates) continue;
+    KnownRun* known = find(stat.header().session().c_str(), stat.run_id());
+    if (!known || known->incarnation != stat.header().incarnation()) continue;
+    const std::int64_t key = training_key(known->row, stat.update());
+    std::uint64_t& least = leasts.try_emplace(known, known->least).first->second;
+    if (least == 0 || stat.update() < least) {
+      // From here on the updates are this process's.
+      run(statements->drop_training_from, key, training_key(known->row, kMostUpdates), known->incarnation);
+      least = stat.update();
+    }
+    SQLite::Statement& row = bind_values(statements->add_training, key, known->incarnation);
+    int column = 2;
+    for (const TrainingFigure& figure : training_figures().subspan(1)) bind_value(row, ++column, figure.value(stat));
+    row.exec();
+    ++taken;
+  }
+  all.commit();
+  for (const auto& [known, least] : leasts) known->least = least;
+  return taken;
+}
+
+NumberSet Store::Impl::recorded_updates(const Sender& policy, std::uint64_t run_id) {
+  NumberSet updates;
+  const KnownRun* known = find(policy.session, run_id);
+  if (!known) return updates;
+  SQLite::Statement& row = bind_values(statements->process_updates, training_key(known->row, 1),
+                                       training_key(known->row, kMostUpdates), policy.incarnation);
+  while (row.executeStep()) updates.add(update_of(value_at<std::int64_t>(row, 0)));
+  return updates;
+}
+
+void Store::Impl::flush(bool at_once) {
+  const double now = now_seconds();
+  const bool due = std::any_of(unwritten.begin(), unwritten.end(), [&](const auto& entry) {
+    return at_once || now - entry.second >= kFlushEvery || entry.second > now;
+  });
+  if (!due) return;
+  SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
+  for (const auto& [row, since] : unwritten)
+    run(statements->run_liveness, row, liveness[row].last, liveness[row].updates);
+  all.commit();
+  unwritten.clear();
+}
+
+}  // namespace citylearn
