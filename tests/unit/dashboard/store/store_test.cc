@@ -358,6 +358,13 @@ TEST_F(StoreTest, KeepsTheRecordsOfTheFirstSchema) {
   EXPECT_EQ(figure("policy_lag"), 2);
 }
 
+TEST_F(StoreTest, AddsTheColumnOfAFigureThatIsNewerThanTheFile) {
+  { const Store store(options()); }
+  open_database(path_, SQLite::OPEN_READWRITE).exec("ALTER TABLE training DROP COLUMN entropy");
+  const Store store(options());
+  EXPECT_EQ(number("SELECT COUNT(*) FROM pragma_table_info('training') WHERE name = 'entropy'"), 1);
+}
+
 TEST_F(StoreTest, AFullDiskLosesNothing) {
   Store::Options small = options();
   small.most_bytes = 300'000;
