@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
-import { useEffect, useMemo, useRef } from 'preact/hooks';
+import { useMemo } from 'preact/hooks';
 import { runPath } from '../api/client';
 import type { Episode, Evaluation, Run, RunDetail } from '../api/types';
 import { byTraversal, checkpoints, evaluationKey, evaluationName, isControl } from '../maths/evaluations';
@@ -181,10 +181,6 @@ function Episodes({ run, evaluations, fresh }: {
   }
   if (goal !== 'all') query.set('completed', goal === 'reached' ? '1' : '0');
   const episodes = useJson<{ episodes: Episode[]; total: number }>(runPath(run.id, `/episodes?${query.toString()}`), fresh);
-  const last = useRef<{ episodes: Episode[]; total: number } | null>(null);
-  useEffect(() => {
-    if (episodes.state === 'ready') last.current = episodes.value;
-  }, [episodes]);
   const replayed = Number(place.value.params.get('episode') ?? 0);
   const columns: Column<Episode>[] = [
     {
