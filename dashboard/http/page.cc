@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/http/page.h"
 
-#include <openssl/sha.h>
-
 #include <filesystem>
 #include <regex>
 
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/sha256.h"
 
 namespace citylearn {
 namespace {
@@ -33,17 +32,6 @@ std::string type_of(const fs::path& path) {
   return found == types.end() ? "application/octet-stream" : found->second;
 }
 
-std::string tag_of(const std::string& body) {
-  unsigned char digest[SHA256_DIGEST_LENGTH];
-  SHA256(reinterpret_cast<const unsigned char*>(body.data()), body.size(), digest);
-  std::string tag = "\"";
-  for (int i = 0; i < 8; ++i) {
-    tag += "0123456789abcdef"[digest[i] >> 4];
-    tag += "0123456789abcdef"[digest[i] & 15];
-  }
-  return tag + "\"";
-}
-
 }  // namespace
 
 Page::Page(const std::string& folder) {
@@ -62,7 +50,7 @@ Page::Page(const std::string& folder) {
       compressed[name.substr(0, name.size() - 3)] = std::move(body);
       continue;
     }
-    const std::string tag = tag_of(body);
+    const std::string tag = "\"" + sha256(body).substr(0, 16) + "\"";
     files_[name] = {type_of(entry.path()), std::move(body), "", tag, std::regex_match(name, hashed)};
   }
   for (auto& [name, body] : compressed)

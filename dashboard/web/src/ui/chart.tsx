@@ -156,7 +156,7 @@ function ChartTable({ title, xLabel, lines, references, zoom, format = significa
           })),
         ]}
       />
-      <p class="hint table-note">{TABLE_ROWS} places along the axis, values between rows straight. The CSV has every point.</p>
+      <p class="hint table-note">{TABLE_ROWS} places along the axis, interpolated linearly. The CSV has every point.</p>
     </>
   );
 }
