@@ -90,7 +90,7 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
                 episode.reward(), episode.completed(), spl_of(episode.completed(), episode.shortest(), episode.steps()),
                 now);
     if (episode.steps() == 0)
-      add_episode.bind_values(20, "");  // an empty path is not an unknown one
+      add_episode.bind(20, "");  // an empty path is not an unknown one
     else
       bind_value(add_episode, 20, std::span<const std::uint8_t>(episode.path()));
     if (add_episode.exec() == 0) continue;

@@ -30,7 +30,7 @@ struct Store::Impl {
   /// Returns `work()` under the lock. A fault of SQLite becomes an Error that names the file.
   template <class Work>
   auto locked(Work work) {
-    const std::lock_guard lock(mutex);
+    const std::lock_guard guard(mutex);
     return with_file_errors(path, work);
   }
 
