@@ -101,7 +101,7 @@ TEST(AccessNames, HostAndOriginMustBeOurs) {
     EXPECT_TRUE(access.foreign({"localhost:8080", origin, "", ""})) << origin;
   Access::Options encrypted = on("127.0.0.1");
   encrypted.tls = true;
-  EXPECT_TRUE(Access(encrypted).stranger({"localhost", "http://localhost", "", ""}));
+  EXPECT_TRUE(Access(encrypted).foreign({"localhost", "http://localhost", "", ""}));
 }
 
 TEST(AccessNames, WhoListensEverywhereIsCalledByAnyAddressButNotByAnyName) {
