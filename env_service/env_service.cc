@@ -84,8 +84,14 @@ class EnvService {
   Clock::time_point next_due() const;
   void report();
   void leave();
+  /// Takes messages and ignores them.
   template <class... Messages>
-  void discard(Messages&... messages);
+  void discard(Messages&... messages) {
+    const auto all = [this](auto& message) {
+      while (node_.take(message)) continue;
+    };
+    (all(messages), ...);
+  }
 
   bool running() const { return awaiting_action_; }
 
@@ -199,14 +205,6 @@ void EnvService::take_messages() {
   while (traversal_.images && node_.take(image_request_)) server_.answer(image_request_);
   while (traversal_.images && node_.take(chunk_)) on_features(chunk_);
   while (node_.take(status_)) on_status(status_);
-}
-
-template <class... Messages>
-void EnvService::discard(Messages&... messages) {
-  const auto all = [this](auto& message) {
-    while (node_.take(message)) continue;
-  };
-  (all(messages), ...);
 }
 
 void EnvService::on_settings(const msg::TaskSettings& settings) {

@@ -75,12 +75,12 @@ bool web_request(Input input) {
   Access::Request who;
   for (std::string_view* field : {&who.host, &who.origin, &who.authorization, &who.cookie}) *field = line();
 
-  const auto stranger = dashboard.access.stranger(who);
+  const auto stranger = dashboard.access.foreign(who);
   require(!stranger || !stranger->empty(), "a stranger is told why");
   require(stranger || !who.host.empty(), "who calls us calls us something");
   const std::string cookie = dashboard.access.cookie();
   const std::string secret = cookie.substr(0, cookie.find(';'));
-  require(!dashboard.access.knows(who) || has(who.authorization, kToken) || has(who.cookie, secret),
+  require(!dashboard.access.allows(who) || has(who.authorization, kToken) || has(who.cookie, secret),
           "only who says a secret knows one");
 
   if (const auto topics = parse_watch(std::string(rest))) {

@@ -43,7 +43,7 @@ std::string sockets() {
 std::int64_t recorded(const std::string& store) {
   try {
     return open_database(store).execAndGet("SELECT COUNT(*) FROM episodes").getInt64();
-  } catch (const Error&) {  // not made yet
+  } catch (const std::exception&) {  // not made yet
     return 0;
   }
 }

@@ -121,8 +121,8 @@ TEST(AccessToken, IsMadeOnceAndOnlyForItsOwner) {
   const std::string token = testing::contents(path).substr(0, 64);
   const Access again(on("0.0.0.0", path));
   for (const Access* one : {static_cast<const Access*>(&access), &again}) {
-    EXPECT_TRUE(one->knows({"", "", "Bearer " + token, ""}));
-    EXPECT_TRUE(one->knows({"", "", "bearer " + token, ""}));
+    EXPECT_TRUE(one->allows({"", "", "Bearer " + token, ""}));
+    EXPECT_TRUE(one->allows({"", "", "bearer " + token, ""}));
   }
   for (const std::string& wrong : {std::string(), std::string("Bearer "), "Bearer " + token.substr(1), "Basic " + token,
                                    token, "Bearer " + token + "0", "Bearer  " + token})

@@ -6,6 +6,7 @@
 
 #include <deque>
 
+#include "dashboard/store/database.h"
 #include "dashboard/store/store_reader.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"

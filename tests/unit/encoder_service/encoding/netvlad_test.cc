@@ -201,7 +201,7 @@ TEST(NetvladFile, BadFilesGetOneLine) {
   EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 60), 15), "does not fit its 12 bytes"));
   EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 56), 13), "cut short?"));
   EXPECT_TRUE(has(with("conv.bias", tensor({2}, 56, 64), 16), "a hole of 8 bytes before tensor 'conv.bias'"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 24, 32), 12), "tensors 'conv.weight' and 'conv.bias' overlap"));
+  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 24, 32), 12), "tensors 'conv.bias' and 'conv.weight' overlap"));
   EXPECT_TRUE(has(with("conv.bias", tensor({2}, 40, 48), 12), "overlap"));
   EXPECT_TRUE(has(with("conv.bias", tensor({0}, 48, 48), 12), "side of 0"));
   EXPECT_TRUE(has(with("conv.bias", tensor({std::int64_t{1} << 62}, 48, 56), 14), "does not fit its 8 bytes"));

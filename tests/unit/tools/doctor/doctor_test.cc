@@ -105,7 +105,7 @@ TEST_F(Doctor, NobodyIsAProblem) {
   options_.domain = kDomain + 1;
   const Findings findings = examine(options_, "", 0.1);
   EXPECT_NE(problem_with("no participant was heard in domain 63 on lo", findings), "");
-  EXPECT_NE(as_text(findings).find("PROBLEM: nobody was heard"), std::string::npos);
+  EXPECT_NE(as_text(findings).find("PROBLEM: no participant was heard"), std::string::npos);
 }
 
 TEST_F(Doctor, AlarmsFailuresTypesAndProtocolsAreProblems) {
