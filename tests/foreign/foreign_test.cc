@@ -37,37 +37,29 @@ std::map<std::string, Result> results(const std::string& output) {
   return found;
 }
 
-class Foreign : public ::testing::TestWithParam<const char*> {
+class Foreign : public VendorTest {
  protected:
-  int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 196 : 198) + offset; }
-  static std::unique_ptr<Service> learner(const Trial& run, int domain, Arguments more) {
-    more.insert(more.begin(), {FOREIGN_LEARNER, "--domain", std::to_string(domain), "--max-steps", "96", "--tasks",
-                               "300", "--evaluate", "fall"});
+  static std::unique_ptr<Service> learner(const Trial& run, Arguments more) {
+    more.insert(more.begin(), {FOREIGN_LEARNER, "--domain", std::to_string(run.domain()), "--max-steps", "96",
+                               "--tasks", "300", "--evaluate", "fall"});
     return std::make_unique<Service>(more, run.folder() / "foreign.log");
   }
 };
-INSTANTIATE_TEST_SUITE_P(EnvServices, Foreign, ::testing::Values("fastdds", "cyclonedds"),
-                         [](const auto& vendor) { return std::string(vendor.param); });
-
-/// With 96 steps for 128 frames a blind sweep does not get everywhere.
-TEST_P(Foreign, LearnsFromOurEnvServicesAndLeavesTheBlindControlBehind) {
-  Trial run(GetParam(), domain(0));
-  const auto summer = run.env("summer"), fall = run.env("fall");
-  const auto foreign = learner(run, domain(0), {"--evaluate", "summer"});
-  ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output() << fall->output();
-  const std::map<std::string, Result> found = results(foreign->output());
-  ASSERT_EQ(found.size(), 4u) << foreign->output();
-  // The env_services are free for the next one.
-  const auto blind = run.policy({"--mode", "evaluate", "--agent", "blind", "--max-steps", "96", "--tasks", "300",
-                                 "--evaluate", "summer,fall", "--output", run.folder() / "blind"});
-  ASSERT_EQ(blind->wait(kLong), 0) << blind->output();
-  const Json controls = Json::parse(contents(run.folder() / "blind/summary.json"))["evaluate"];
-  for (const std::string traversal : {"summer", "fall"}) {
-    const Result& result = found.at(traversal);
-    EXPECT_GT(result.completed, controls[traversal]["completed"].get<double>()) << foreign->output();
-    EXPECT_GT(result.spl, controls[traversal]["spl"].get<double>() + 0.05) << foreign->output();
-    EXPECT_LT(found.at(traversal + ", shuffled").spl, result.spl - 0.3) << "it navigates by what it sees";
-  }
+CITYLEARN_EACH_VENDOR(Foreign);
+ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output() << fall->output();
+const std::map<std::string, Result> found = results(foreign->output());
+ASSERT_EQ(found.size(), 4u) << foreign->output();
+// The env_services are free for the next one.
+const auto blind = run.policy({"--mode", "evaluate", "--agent", "blind", "--max-steps", "96", "--tasks", "300",
+                               "--evaluate", "summer,fall", "--output", run.folder() / "blind"});
+ASSERT_EQ(blind->wait(kLong), 0) << blind->output();
+const Json controls = Json::parse(contents(run.folder() / "blind/summary.json"))["evaluate"];
+for (const std::string traversal : {"summer", "fall"}) {
+  const Result& result = found.at(traversal);
+  EXPECT_GT(result.completed, controls[traversal]["completed"].get<double>()) << foreign->output();
+  EXPECT_GT(result.spl, controls[traversal]["spl"].get<double>() + 0.05) << foreign->output();
+  EXPECT_LT(found.at(traversal + ", shuffled").spl, result.spl - 0.3) << "it navigates by what it sees";
+}
 }
 
 /// Each observation is answered and learned from exactly once, so what the wire does changes nothing.
@@ -75,9 +67,9 @@ TEST_P(Foreign, LearnsTheSameOverAWireThatLosesRepeatsAndReorders) {
   std::map<std::string, std::string> said;
   const std::string lossy = "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=3:";
   for (const std::string& middleware : {std::string(GetParam()), lossy + GetParam()}) {
-    Trial run(middleware, domain(1));
+    Trial run(middleware);
     const auto summer = run.env("summer"), fall = run.env("fall");
-    const auto foreign = learner(run, domain(1), {"--tasks", "50", "--ticks", "400", "--frames", "64"});
+    const auto foreign = learner(run, {"--tasks", "50", "--ticks", "400", "--frames", "64"});
     ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output();
     said[middleware] = foreign->output();
     const std::map<std::string, Result> found = results(foreign->output());
@@ -89,10 +81,10 @@ TEST_P(Foreign, LearnsTheSameOverAWireThatLosesRepeatsAndReorders) {
 }
 
 TEST_P(Foreign, WelcomesAnEnvServiceBackAndAcknowledgesEveryEpisode) {
-  Trial run(GetParam(), domain(1));
+  Trial run(GetParam());
   auto summer = run.env("summer");
   const auto fall = run.env("fall");
-  const auto foreign = learner(run, domain(1), {"--ticks", "10000"});
+  const auto foreign = learner(run, {"--ticks", "10000"});
   ASSERT_TRUE(summer->says("training", kLong)) << summer->output();
   summer->send(SIGKILL);
   summer->wait(seconds(5));

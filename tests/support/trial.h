@@ -12,16 +12,45 @@
 #include <utility>
 #include <vector>
 
+#include "tests/support/domain.h"
 #include "tests/support/service.h"
 
 namespace citylearn::testing {
 
 using Arguments = std::vector<std::string>;
 
+/// Runs the tests TEST_P(Suite, ...) once over each vendor.
+using VendorTest = ::testing::TestWithParam<const char*>;
+#define CITYLEARN_EACH_VENDOR(Suite)                                            \
+  INSTANTIATE_TEST_SUITE_P(, Suite, ::testing::Values("fastdds", "cyclonedds"), \
+                           [](const auto& vendor) { return std::string(vendor.param); })
+
 /// One run in a domain of its own: a folder, its env_services, its policy_service.
 class Trial {
  public:
-  Trial(std::string middleware, int domain) : middleware_(std::move(middleware)), domain_(domain) {}
+  explicit Trial(std::string middleware, std::uint32_t domain = own_domain())
+      : middleware_(std::move(middleware)), domain_(domain) {}
+
+  std::uint32_t domain() const { return domain_; }
+  MiddlewareOptions middleware() const {
+    MiddlewareOptions options;
+    options.name = middleware_;
+    options.domain = domain_;
+    return options;
+  }
+  /// Another program of the project; its log is NAME-n.log.
+  std::unique_ptr<Service> program(const std::string& path, const std::string& name, const Arguments& more) {
+    return start({path}, more, name + "-" + std::to_string(++count_) + ".log");
+  }
+  std::unique_ptr<Service> dashboard(const Arguments& more) { return program(CITYLEARN_DASHBOARD, "dashboard", more); }
+  /// A recorder with this store, once it records.
+  std::unique_ptr<Service> recorder(const std::string& store) {
+    auto recorder =
+        std::make_unique<Service>(Arguments{CITYLEARN_RECORDER_PROCESS, middleware_, std::to_string(domain_), store},
+                                  folder_ / ("recorder-" + std::to_string(++count_) + ".log"));
+    EXPECT_TRUE(recorder->says("records", std::chrono::seconds(60))) << recorder->output();
+    return recorder;
+  }
 
   std::unique_ptr<Service> env(const std::string& traversal, const Arguments& more = {}) {
     Arguments command = {CITYLEARN_ENV_SERVICE, "--traversal", traversal, "--agents", "8"};
@@ -65,7 +94,8 @@ class Trial {
   }
   Folder folder_;
   std::string middleware_;
-  int domain_, count_ = 0;
+  std::uint32_t domain_;
+  int count_ = 0;
 };
 
 /// By name: a policy_service's wrong arguments, and what its complaint must name.

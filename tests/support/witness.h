@@ -22,11 +22,11 @@ struct Source {
 /// Hears what the services of a domain say of themselves and acknowledge to one another, and says nothing.
 class Witness {
  public:
-  Witness(const std::string& middleware, int domain)
+  Witness(const std::string& middleware, std::uint32_t domain)
       : node([&] {
           Node::Options options;
           options.middleware.name = middleware;
-          options.middleware.domain = static_cast<std::uint32_t>(domain);
+          options.middleware.domain = domain;
           options.service = options.id = "witness";
           options.session = "";
           return options;

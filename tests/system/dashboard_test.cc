@@ -3,19 +3,18 @@
 #include <map>
 
 #include "core/util/random.h"
+#include "tests/support/domain.h"
 #include "tests/support/server_fixture.h"
 
 namespace citylearn::testing {
 namespace {
 
-constexpr int kDomain = 217;  // of the programs started here
-
 TEST(Dashboard, PrintsItsAddressServesAndEndsAtASignal) {
   const Folder folder;
+  const std::string domain = std::to_string(own_domain());
   const auto command = [&](const std::string& port, const std::string& store) {
-    return std::vector<std::string>{CITYLEARN_DASHBOARD,     "--port",    port,          "--domain",
-                                    std::to_string(kDomain), "--session", "server-test", "--store",
-                                    folder / store};
+    return std::vector<std::string>{CITYLEARN_DASHBOARD, "--port",      port,      "--domain",    domain,
+                                    "--session",         "server-test", "--store", folder / store};
   };
   Service dashboard(command("0", "new/first.sqlite"), folder / "log");
   ASSERT_TRUE(dashboard.says("dashboard: http://127.0.0.1:", 20s)) << dashboard.output();
@@ -41,10 +40,9 @@ TEST(Dashboard, ShowsATrainingWhileItRunsAndKeepsEachOfItsEpisodes) {
     for (int frame = 0; frame < 64; ++frame)
       for (int k = 0; k < 8; ++k) features << random.normal() << (k == 7 ? '\n' : ',');
   }
+  const std::string domain = std::to_string(own_domain());
   const auto service = [&](std::vector<std::string> command, const std::string& log) {
-    for (const std::string& word :
-         {std::string("--domain"), std::to_string(kDomain + 1), std::string("--session"), std::string("watched")})
-      command.push_back(word);
+    command.insert(command.end(), {"--domain", domain, "--session", "watched"});
     return std::make_unique<Service>(command, folder / log);
   };
   const auto dashboard = service({CITYLEARN_DASHBOARD, "--port", "0", "--store", folder / "store"}, "dashboard.log");

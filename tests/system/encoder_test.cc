@@ -28,15 +28,11 @@ int number_before(const std::string& text, const std::string& word) {
   return std::atoi(text.substr(from, at - from).c_str());
 }
 
-class Encoding : public ::testing::TestWithParam<const char*> {
- protected:
-  int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 110 : 120) + offset; }
-};
-INSTANTIATE_TEST_SUITE_P(, Encoding, ::testing::Values("fastdds", "cyclonedds"),
-                         [](const auto& vendor) { return std::string(vendor.param); });
+class Encoding : public VendorTest {};
+CITYLEARN_EACH_VENDOR(Encoding);
 
 TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
-  Trial run(GetParam(), domain(0));
+  Trial run(GetParam());
   const auto summer = run.env("summer", kDrawn), fall = run.env("fall", kDrawn);
   const auto encoder = run.encoder({});
   const auto policy = run.policy({"--agent", "place_filter", "--steps", "16384", "--output", run.folder() / "out",
@@ -60,7 +56,7 @@ TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
 }
 
 TEST_P(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
-  Trial run(GetParam(), domain(1));
+  Trial run(GetParam());
   const auto summer = run.env("summer", kDrawn);
   auto encoder = run.encoder({});
   constexpr int kUpdates = 300;
@@ -78,7 +74,7 @@ TEST_P(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
 }
 
 TEST_P(Encoding, TwoShareTheWorkAndOneTakesOver) {
-  Trial run(GetParam(), domain(2));
+  Trial run(GetParam());
   const Arguments drawn = {"--dataset", "synthetic", "--frames", "0:1000"};
   const auto one = run.encoder({"--id", "one"}), two = run.encoder({"--id", "two"});
   const auto summer = run.env("summer", drawn);
@@ -100,7 +96,7 @@ TEST_P(Encoding, TwoShareTheWorkAndOneTakesOver) {
 }
 
 TEST_P(Encoding, KilledInTheMiddleItLosesNothing) {
-  Trial run(GetParam(), domain(3));
+  Trial run(GetParam());
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--synthetic-frames", "4000"});
   auto encoder = run.encoder({"--encoder", "vlad"});
   ASSERT_TRUE(encoder->says("frames encoded, ", kLong)) << encoder->output();  // its progress, with the time left
@@ -116,7 +112,7 @@ TEST_P(Encoding, KilledInTheMiddleItLosesNothing) {
 }
 
 TEST_P(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
-  Trial run(GetParam(), domain(4));
+  Trial run(GetParam());
   const auto summer = run.env("summer", kDrawn);
   const auto hog = run.encoder({"--id", "hog", "--encoder", "hog"});
   ASSERT_TRUE(hog->says("serves 'env-summer'", kSoon)) << hog->output();
@@ -126,7 +122,7 @@ TEST_P(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
 }
 
 TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
-  Trial run(GetParam(), domain(6));
+  Trial run(GetParam());
   // 16 x 21,168 numbers: more than an observation can hold, and than the env_service takes over.
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:32", "--agents", "16"});
   auto encoder = run.encoder({"--encoder", "raw84", "--dimension", "0"});
@@ -153,7 +149,7 @@ TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
 }
 
 TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
-  Trial run("cyclonedds", 119);
+  Trial run("cyclonedds");
   // A route of 30 tiny pictures; one of them passes for a PNG file until it is decoded.
   const std::string route = run.folder() / "data/summer";
   std::filesystem::create_directories(route);
@@ -177,7 +173,7 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
 }
 
 TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
-  Trial run("cyclonedds", 115);
+  Trial run("cyclonedds");
   const auto summer = run.env("summer", kDrawn);
   const auto encoder = run.encoder({"--reference", "spring"});
   const auto policy = run.policy({"--wait", std::to_string(4 * kSlowness)});
@@ -187,7 +183,7 @@ TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
 }
 
 TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
-  Trial run("lossy:cyclonedds", 118);
+  Trial run("lossy:cyclonedds");
   const auto summer = run.env("summer", kDrawn);
   const auto encoder = run.encoder({});
   const auto policy = run.train(20, "out");
@@ -195,7 +191,7 @@ TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
 }
 
 TEST(EncodingFaults, WithoutAnEncoderServiceThePolicyServiceSaysWhatIsMissing) {
-  Trial run("cyclonedds", 117);
+  Trial run("cyclonedds");
   const auto summer = run.env("summer", kDrawn);
   const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
   ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();

@@ -22,7 +22,6 @@ constexpr seconds kLong{120}, kBack{10};
 
 struct Plan {
   std::string middleware;
-  int domain = 0;
   int kills = 5;          ///< of each service
   bool pictures = false;  ///< and an encoder_service
 };
@@ -30,13 +29,12 @@ struct Plan {
 /// Env_services, an encoder_service where there are pictures, a policy_service and a dashboard.
 class Town {
  public:
-  explicit Town(const Plan& plan)
-      : witness(plan.middleware, plan.domain), plan_(plan), trial_(plan.middleware, plan.domain) {
+  explicit Town(const Plan& plan) : plan_(plan), trial_(plan.middleware), witness_(plan.middleware, trial_.domain()) {
     if (plan_.pictures) start("encoder");
     for (const std::string id : {"dashboard", "one", "two", "policy"}) start(id);
   }
 
-  Witness witness;
+  Witness& witness() { return witness_; }
   std::vector<std::string> ids() const {
     std::vector<std::string> ids;
     for (const auto& [id, service] : services_) ids.push_back(id);
@@ -55,10 +53,7 @@ class Town {
       if (service) options.push_back("--resume");
       service = policy(options, "out");
     } else if (id == "dashboard") {
-      service = std::make_unique<Service>(
-          Arguments{CITYLEARN_DASHBOARD, "--store", store(), "--domain", std::to_string(plan_.domain), "--middleware",
-                    plan_.middleware, "--port", "0"},
-          trial_.folder() / ("dashboard-" + std::to_string(++starts_) + ".log"));
+      service = trial_.dashboard({"--store", store(), "--port", "0"});
     } else if (id == "encoder") {
       service = trial_.encoder({"--encoder", "hog", "--reference", "summer"});
     } else {
@@ -86,13 +81,13 @@ class Town {
  private:
   Plan plan_;
   Trial trial_;
-  int starts_ = 0;
+  Witness witness_;
   std::map<std::string, std::unique_ptr<Service>> services_;
 };
 
 void survive(const Plan& plan) {
   Town town(plan);
-  Witness& witness = town.witness;
+  Witness& witness = town.witness();
   ASSERT_TRUE(witness.until([&] { return witness.updates >= 10; }, kLong)) << town["policy"].output();
   std::vector<std::string> victims;
   for (const std::string& id : town.ids())
@@ -167,22 +162,18 @@ void survive(const Plan& plan) {
               entries(learned));
 }
 
-class Kills : public ::testing::TestWithParam<const char*> {};
-INSTANTIATE_TEST_SUITE_P(, Kills, ::testing::Values("fastdds", "cyclonedds"),
-                         [](const auto& vendor) { return std::string(vendor.param); });
+class Kills : public VendorTest {};
+CITYLEARN_EACH_VENDOR(Kills);
 
-int domain(const std::string& vendor, int offset) { return (vendor == "fastdds" ? 214 : 217) + offset; }
+TEST_P(Kills, TrainingGoesOnAndNothingIsLost) { survive({GetParam(), 5, false}); }
 
-TEST_P(Kills, TrainingGoesOnAndNothingIsLost) { survive({GetParam(), domain(GetParam(), 0), 5, false}); }
+TEST(KillsWithPictures, TrainingGoesOnAndNothingIsLost) { survive({"cyclonedds", 1, true}); }
 
-TEST(KillsWithPictures, TrainingGoesOnAndNothingIsLost) { survive({"cyclonedds", 220, 1, true}); }
+class LongKills : public VendorTest {};
+CITYLEARN_EACH_VENDOR(LongKills);
 
-class LongKills : public ::testing::TestWithParam<const char*> {};
-INSTANTIATE_TEST_SUITE_P(, LongKills, ::testing::Values("fastdds", "cyclonedds"),
-                         [](const auto& vendor) { return std::string(vendor.param); });
-
-TEST_P(LongKills, TrainingGoesOnAndNothingIsLost) { survive({GetParam(), domain(GetParam(), 1), 20, false}); }
-TEST_P(LongKills, TrainingOnPicturesGoesOnAndNothingIsLost) { survive({GetParam(), domain(GetParam(), 2), 20, true}); }
+TEST_P(LongKills, TrainingGoesOnAndNothingIsLost) { survive({GetParam(), 20, false}); }
+TEST_P(LongKills, TrainingOnPicturesGoesOnAndNothingIsLost) { survive({GetParam(), 20, true}); }
 
 }  // namespace
 }  // namespace citylearn::testing

@@ -16,7 +16,6 @@ using std::chrono::milliseconds;
 using std::chrono::seconds;
 
 constexpr seconds kLong{60};
-constexpr int kDomain = 223;
 
 bool any_temporary(const std::string& folder) {
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
@@ -26,13 +25,11 @@ bool any_temporary(const std::string& folder) {
 
 TEST(FullDisk, TrainingGoesOnWithAlarmsAndMakesUpForItWhenThereIsRoom) {
   if (!enter_private_machine()) GTEST_SKIP() << "only root may have a small disk of its own";
-  Trial run("cyclonedds", kDomain);
+  Trial run("cyclonedds");
   const std::string folder = run.folder() / "disk", out = folder + "/out", store = folder + "/dashboard.sqlite";
   const SmallDisk disk(folder, "16m");
-  Witness witness("cyclonedds", kDomain);
-  Service recorder({CITYLEARN_RECORDER_PROCESS, "cyclonedds", std::to_string(kDomain), store},
-                   run.folder() / "recorder.log");
-  ASSERT_TRUE(recorder.says("records", kLong)) << recorder.output();
+  Witness witness("cyclonedds", run.domain());
+  const auto recorder = run.recorder(store);
   const auto env = run.env("summer", {"--recorders", "dashboard", "--linger", "60"});
   const auto policy =
       run.policy({"--middleware", "lossy,drop=0.1,seed=3:cyclonedds", "--agent", "place_filter", "--steps",
@@ -76,8 +73,8 @@ TEST(FullDisk, TrainingGoesOnWithAlarmsAndMakesUpForItWhenThereIsRoom) {
   EXPECT_NE(env->output().find("all acknowledged"), std::string::npos) << env->output();
   policy->send(SIGTERM);
   EXPECT_EQ(policy->wait(kLong), 130) << policy->output();
-  recorder.send(SIGTERM);
-  EXPECT_EQ(recorder.wait(kLong), 0) << recorder.output();
+  recorder->send(SIGTERM);
+  EXPECT_EQ(recorder->wait(kLong), 0) << recorder->output();
   const Ledger recorded = in_store(store), learned = in_csv(out + "/episodes.csv");
   EXPECT_EQ(recorded, learned);
   ASSERT_EQ(recorded.size(), 1u);

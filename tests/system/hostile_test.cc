@@ -20,11 +20,10 @@ const float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinite = std::num
 /// Says what it likes, in whoever's name.
 class Stranger {
  public:
-  Stranger(const std::string& middleware, int domain)
+  explicit Stranger(const MiddlewareOptions& middleware)
       : options_([&] {
           Node::Options options;
-          options.middleware.name = middleware;
-          options.middleware.domain = static_cast<std::uint32_t>(domain);
+          options.middleware = middleware;
           options.service = "stranger";
           options.id = "stranger";
           return options;
@@ -87,11 +86,7 @@ std::function<void(Bytes&)> unknown_enumerator(const Message& one, const Message
 
 class Hostile : public ::testing::TestWithParam<const char*> {
  protected:
-  Hostile()
-      : domain_(std::string(GetParam()) == "fastdds" ? 227 : 228),
-        trial_(GetParam(), domain_),
-        witness_(GetParam(), domain_),
-        stranger_(GetParam(), domain_) {}
+  Hostile() : trial_(GetParam()), witness_(GetParam(), trial_.domain()), stranger_(trial_.middleware()) {}
 
   using Count = std::uint64_t (*)(const msg::ServiceStatus&);
   static std::uint64_t rejected(const msg::ServiceStatus& status) { return status.rejected(); }
@@ -117,7 +112,6 @@ class Hostile : public ::testing::TestWithParam<const char*> {
   }
   bool matched(const std::function<bool()>& condition) { return witness_.until(condition, kLong); }
 
-  const int domain_;
   Trial trial_;
   Witness witness_;
   Stranger stranger_;

@@ -63,18 +63,16 @@ TEST_P(Leftovers, AllServicesKilledTenTimesLeaveNothing) {
     const std::string before = run.checkpoint("out").first;
     const std::int64_t rows = recorded(store);
     // The same port each time.
-    Service dashboard(
-        {CITYLEARN_DASHBOARD, "--store", store, "--port", "18080", "--domain", "0", "--middleware", GetParam()},
-        run.folder() / "dashboard.log");
+    const auto dashboard = run.dashboard({"--store", store, "--port", "18080"});
     const auto encoder = run.encoder({"--encoder", "hog"});
     const auto env = run.env("summer", {"--recorders", "dashboard", "--dataset", "synthetic", "--frames", "0:80"});
     const auto policy = run.policy({"--agent", "place_filter", "--steps", "1000000000", "--checkpoint-every", "2",
                                     "--output", out, "--evaluate", "summer", "--frames", "80", "--resume"});
-    const std::vector<Service*> all = {&dashboard, encoder.get(), env.get(), policy.get()};
+    const std::vector<Service*> all = {dashboard.get(), encoder.get(), env.get(), policy.get()};
     const auto works = [&] { return run.checkpoint("out").first != before && recorded(store) > rows; };
     ASSERT_TRUE(poll_until(works, round == 0 ? kLong : kAtOnce))
         << "start " << round << "\n"
-        << dashboard.output() << encoder->output() << env->output() << policy->output();
+        << dashboard->output() << encoder->output() << env->output() << policy->output();
     for (Service* service : all) service->send(SIGKILL);
     for (Service* service : all) ASSERT_EQ(service->wait(kLong), 128 + SIGKILL) << service->output();
     EXPECT_EQ(sockets(), "") << "after start " << round;

@@ -35,15 +35,11 @@ std::size_t count(const std::string& text, const std::string& part) {
   return found;
 }
 
-class Vendors : public ::testing::TestWithParam<const char*> {
- protected:
-  int domain(int offset) const { return (std::string(GetParam()) == "fastdds" ? 70 : 80) + offset; }
-};
-INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"),
-                         [](const auto& vendor) { return std::string(vendor.param); });
+class Vendors : public VendorTest {};
+CITYLEARN_EACH_VENDOR(Vendors);
 
 TEST_P(Vendors, TrainEvaluateAndReport) {
-  Trial run(GetParam(), domain(0));
+  Trial run(GetParam());
   const auto summer = run.env("summer"), fall = run.env("fall");
   const auto policy = run.policy({"--agent", "place_filter", "--steps", "4096", "--output", run.folder() / "out",
                                   "--tasks", "300", "--evaluate", "summer,fall", "--controls", "all", "--seed", "3"});
@@ -90,7 +86,7 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
 }
 
 TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
-  Trial run(GetParam(), domain(1));
+  Trial run(GetParam());
   const auto summer = run.env("summer");
   constexpr int kUpdates = 300;  // some seconds, so that the first checkpoint is far from the end
   const auto straight = run.train(kUpdates, "straight");
@@ -133,7 +129,7 @@ std::set<std::uint64_t> recorded_episodes(const std::string& path) {
 
 /// What is kept for a dashboard that is not there comes to every policy_service too.
 TEST_P(Vendors, ALaggingRecorderDisturbsNobodysRecords) {
-  Trial run(GetParam(), domain(6));
+  Trial run(GetParam());
   const auto summer = run.env("summer", {"--recorders", "dashboard"});
   const auto one = run.train(8, "one");
   ASSERT_EQ(one->wait(kLong), 0) << one->output();
@@ -151,11 +147,8 @@ TEST_P(Vendors, ALaggingRecorderDisturbsNobodysRecords) {
   EXPECT_GT(*second.begin(), *first.rbegin()) << "those of its predecessor are none of its own";
   EXPECT_EQ(*second.rbegin() - *second.begin() + 1, second.size()) << "none is missing";
   // The dashboard gets all, and knows what belongs together.
-  MiddlewareOptions options;
-  options.name = GetParam();
-  options.domain = static_cast<std::uint32_t>(domain(6));
   EpisodeStore store;
-  Recorder dashboard(options, "default", "dashboard", store);
+  Recorder dashboard(run.middleware(), "default", "dashboard", store);
   ASSERT_TRUE(dashboard.until([&] { return dashboard.recorded["env-summer"] >= *second.rbegin(); }));
   const auto job = [&](const std::string& output) {
     return Json::parse(contents(run.folder() / (output + "/manifest.json")))["job"].get<std::uint64_t>();
@@ -171,7 +164,7 @@ TEST_P(Vendors, ALaggingRecorderDisturbsNobodysRecords) {
 }
 
 TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {
-  Trial run(GetParam(), domain(2));
+  Trial run(GetParam());
   auto summer = run.env("summer");
   const auto policy = run.train(1500, "out");
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
@@ -184,7 +177,7 @@ TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {
 }
 
 TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
-  Trial run(GetParam(), domain(3));
+  Trial run(GetParam());
   auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
   const auto policy = run.train(1500, "out", {"--environments", "2"});
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
@@ -194,7 +187,7 @@ TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
 }
 
 TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
-  Trial run(GetParam(), domain(4));
+  Trial run(GetParam());
   const auto waiting = run.policy({"--session", "nobody"});
   ASSERT_TRUE(waiting->says("waiting for env_services", seconds(20))) << waiting->output();
   waiting->send(SIGTERM);
@@ -209,10 +202,8 @@ TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
 }
 
 TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
-  Trial run(GetParam(), domain(5));
-  MiddlewareOptions options;
-  options.name = GetParam();
-  options.domain = static_cast<std::uint32_t>(domain(5));
+  Trial run(GetParam());
+  MiddlewareOptions options = run.middleware();
   options.participant = "stranger";
   const auto stranger = create_middleware(options);
   Topic topic = topic_of<msg::Observation>();
@@ -226,28 +217,27 @@ TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
 
 TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
   std::map<std::string, std::string> bytes;
-  int domain = 90;
   const std::string lossy = "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:cyclonedds";
   for (const auto& [middleware, observations] : {std::pair<std::string, std::string>{"fastdds", "whole"},
                                                  {"cyclonedds", "whole"},
                                                  {lossy, "whole"},
                                                  {"fastdds", "by_reference"},
                                                  {lossy, "by_reference"}}) {
-    Trial run(middleware, ++domain);
+    Trial run(middleware);
     const auto summer = run.env("summer");
     const auto policy = run.train(50, "out", {"--lockstep", "--seed", "5", "--observations", observations});
     ASSERT_EQ(policy->wait(kLong), 0) << middleware << "\n" << policy->output();
     bytes[middleware + " " + observations] = run.checkpoint("out").second;
   }
   {
-    Trial run("inprocess", ++domain);
+    Trial run("inprocess");
     Service both({CITYLEARN_INPROCESS_RUN, run.folder() / "out"}, run.folder() / "log");
     ASSERT_EQ(both.wait(kLong), 0) << both.output();
     bytes["inprocess"] = run.checkpoint("out").second;
   }
   ASSERT_FALSE(bytes["inprocess"].empty());
   for (const auto& [name, found] : bytes) EXPECT_TRUE(found == bytes["inprocess"]) << name << " differs from inprocess";
-  Trial run("cyclonedds", ++domain);
+  Trial run("cyclonedds");
   const auto summer = run.env("summer");
   const auto policy = run.train(50, "out", {"--lockstep", "--seed", "6"});
   ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
@@ -256,7 +246,7 @@ TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
 
 /// However many steps it might have done: else it ends at the learning rate that it began with.
 TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
-  Trial run("cyclonedds", 98);
+  Trial run("cyclonedds");
   const auto summer = run.env("summer");
   const auto policy = run.policy({"--agent", "place_filter", "--steps", "1000000000", "--time-limit", "2", "--tasks",
                                   "20", "--output", run.folder() / "out"});
@@ -272,7 +262,7 @@ TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
 }
 
 TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
-  Trial run("cyclonedds", 100);
+  Trial run("cyclonedds");
   const auto summer = run.env("summer");
   const auto trained = run.train(4, "out");
   ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
@@ -298,7 +288,7 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
 }
 
 TEST(CommandLine, WrongInputIsOneClearLine) {
-  Trial run("cyclonedds", 101);
+  Trial run("cyclonedds");
   std::filesystem::create_directories(run.folder() / "used" + "/checkpoints");
   std::ofstream(run.folder() / "used" + "/checkpoints/checkpoint-7.clk") << "of yesterday";
   const WrongInputs cases = {

@@ -38,44 +38,21 @@ std::set<std::string> updates_in(const std::string& path) {
   return all;
 }
 
-/// Services of one domain, each with its log in the trial's folder.
-struct Wire {
-  std::string vendor;
-  int domain;
-  const Folder& folder;
-
-  std::unique_ptr<Service> recorder(const std::string& store) const {
-    auto service = std::make_unique<Service>(
-        Arguments{CITYLEARN_RECORDER_PROCESS, vendor, std::to_string(domain), folder / store}, folder / store + ".log");
-    EXPECT_TRUE(service->says("records", kLong)) << service->output();
-    return service;
-  }
-  std::unique_ptr<Service> run(const std::string& program, const std::string& log, Arguments arguments) const {
-    arguments.insert(arguments.begin(), {program, "--middleware", vendor, "--domain", std::to_string(domain)});
-    return std::make_unique<Service>(arguments, folder / log);
-  }
-};
-
 int end(Service& service, int signal = SIGTERM) {
   service.send(signal);
   return service.wait(kLong).value_or(-1);
 }
 
-class Vendors : public ::testing::TestWithParam<const char*> {
- protected:
-  int domain(int test) const { return 220 + 2 * test + (std::string(GetParam()) == "fastdds" ? 0 : 1); }
-};
-INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"),
-                         [](const auto& vendor) { return std::string(vendor.param); });
+class Vendors : public VendorTest {};
+CITYLEARN_EACH_VENDOR(Vendors);
 
 TEST_P(Vendors, AReplayedRunIsTheRun) {
-  Trial trial(GetParam(), domain(0));
-  const Wire wire{GetParam(), domain(0), trial.folder()};
+  Trial trial(GetParam());
   const std::string file = trial.folder() / "run.mcap";
-  const auto record = wire.run(CITYLEARN_RECORD, "record.log", {"--output", file});
+  const auto record = trial.program(CITYLEARN_RECORD, "record", {"--output", file});
   ASSERT_TRUE(record->says("records to", kLong)) << record->output();
   {
-    const auto recorder = wire.recorder("original.sqlite");
+    const auto recorder = trial.recorder(trial.folder() / "original.sqlite");
     const auto env = trial.env("summer", {"--recorders", "dashboard", "--linger", "60"});
     const auto policy = trial.train(40, "out");
     ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
@@ -89,8 +66,8 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   EXPECT_EQ(missing, "");
 
   // To the next recorder that comes: what the first one has, it has too.
-  const auto recorder = wire.recorder("replayed.sqlite");
-  const auto replay = wire.run(CITYLEARN_REPLAY, "replay.log", {file, "--speed", "max"});
+  const auto recorder = trial.recorder(trial.folder() / "replayed.sqlite");
+  const auto replay = trial.program(CITYLEARN_REPLAY, "replay", {file, "--speed", "max"});
   ASSERT_EQ(replay->wait(kLong), 0) << replay->output();
   ASSERT_EQ(end(*recorder), 0) << recorder->output();
   const auto original = episodes_in(trial.folder() / "original.sqlite");
@@ -100,8 +77,7 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
 
   // The dashboard opens it by itself.
   const auto dashboard =
-      wire.run(CITYLEARN_DASHBOARD, "dashboard.log",
-               {"--open", file, "--speed", "max", "--port", "0", "--store", trial.folder() / "opened.sqlite"});
+      trial.dashboard({"--open", file, "--speed", "max", "--port", "0", "--store", trial.folder() / "opened.sqlite"});
   ASSERT_TRUE(dashboard->says("the recording has ended", kLong)) << dashboard->output();
   ASSERT_EQ(end(*dashboard), 0) << dashboard->output();
   EXPECT_EQ(episodes_in(trial.folder() / "opened.sqlite"), original) << dashboard->output();
@@ -109,11 +85,10 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
 }
 
 TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
-  Trial trial(GetParam(), domain(1));
-  const Wire wire{GetParam(), domain(1), trial.folder()};
+  Trial trial(GetParam());
   const std::string file = trial.folder() / "run.mcap";
   const auto record =
-      wire.run(CITYLEARN_RECORD, "record.log", {"--output", file, "--topics", "trajectory,learner_info"});
+      trial.program(CITYLEARN_RECORD, "record", {"--output", file, "--topics", "trajectory,learner_info"});
   ASSERT_TRUE(record->says("records to", kLong)) << record->output();
   const auto env = trial.env("summer");
   const auto learner = [&](int updates, const std::string& output) {
@@ -135,7 +110,7 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   ASSERT_EQ(record->wait(kLong), 128 + SIGKILL);
 
   const auto second = learner(25, "second");
-  const auto replay = wire.run(CITYLEARN_REPLAY, "replay.log", {file, "--learner"});
+  const auto replay = trial.program(CITYLEARN_REPLAY, "replay", {file, "--learner"});
   ASSERT_EQ(second->wait(kLong), 0) << second->output() << replay->output();
   ASSERT_EQ(replay->wait(kLong), 0) << replay->output();
   EXPECT_NE(replay->output().find("trajectories accepted"), std::string::npos) << replay->output();
@@ -145,7 +120,7 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   // A learner for other trajectories is not what they are played to.
   const auto other =
       trial.train(25, "other", {"--role", "learner", "--trainer-agents", "8", "--trainer-sequence", "32"});
-  const auto wrong = wire.run(CITYLEARN_REPLAY, "wrong.log", {file, "--learner"});
+  const auto wrong = trial.program(CITYLEARN_REPLAY, "wrong", {file, "--learner"});
   ASSERT_EQ(wrong->wait(kLong), 1) << wrong->output() << other->output();
   EXPECT_NE(wrong->output().find("has 64 steps a trajectory, the learner wants 32"), std::string::npos)
       << wrong->output();

@@ -32,7 +32,9 @@ std::vector<std::string> lines_of(const std::string& path) {
 /// A learner's run: what is in its folder tells how far it is.
 class Learning {
  public:
-  Learning(const std::string& middleware, int domain) : trial(middleware, domain) {}
+  explicit Learning(const std::string& middleware) : trial(middleware) {}
+  /// Of the same domain, over another vendor.
+  Learning(const std::string& middleware, const Learning& other) : trial(middleware, other.trial.domain()) {}
 
   std::unique_ptr<Service> learner(int updates, Arguments more = {}) {
     more.insert(more.end(), {"--role", "learner", "--steps", std::to_string(updates * 512), "--trainer-agents", "8",
@@ -78,7 +80,7 @@ class Learning {
 /// Hears what actors say of themselves.
 class Listener {
  public:
-  Listener(const std::string& middleware, int domain) : node_(options(middleware, domain)) {
+  explicit Listener(const Trial& trial) : node_(options(trial)) {
     node_.create_reader<msg::ActorStatus>();
     node_.create_reader<msg::ServiceStatus>();
   }
@@ -97,10 +99,9 @@ class Listener {
   std::string activity(const std::string& id) { return activities_[id]; }
 
  private:
-  static Node::Options options(const std::string& middleware, int domain) {
+  static Node::Options options(const Trial& trial) {
     Node::Options options;
-    options.middleware.name = middleware;
-    options.middleware.domain = static_cast<std::uint32_t>(domain);
+    options.middleware = trial.middleware();
     options.service = options.id = "listener";
     return options;
   }
@@ -122,7 +123,7 @@ INSTANTIATE_TEST_SUITE_P(, Pairings,
                          [](const auto& pair) { return std::string(pair.param.first) + "_" + pair.param.second; });
 
 TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
-  Learning run(here(), 180), other(there(), 180);
+  Learning run(here()), other(there(), run);
   const auto one = run.trial.env("summer", {"--id", "one"}), two = other.trial.env("summer", {"--id", "two"});
   // Both are there when the learner comes, so that they share from the start.
   const auto a = other.actor("a"), b = other.actor("b");
@@ -143,15 +144,14 @@ TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
   run.expect_whole_records();
 }
 
-class Vendors : public ::testing::TestWithParam<const char*> {};
-INSTANTIATE_TEST_SUITE_P(, Vendors, ::testing::Values("fastdds", "cyclonedds"),
-                         [](const auto& vendor) { return std::string(vendor.param); });
+class Vendors : public VendorTest {};
+CITYLEARN_EACH_VENDOR(Vendors);
 
 TEST_P(Vendors, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
-  Learning run(GetParam(), 181);
+  Learning run(GetParam());
   const auto one = run.trial.env("summer", {"--id", "one"}), two = run.trial.env("summer", {"--id", "two"});
   const auto learner = run.learner(100000, {"--environments", "2"});
-  Listener listener(GetParam(), 181);
+  Listener listener(run.trial);
   const auto a = run.actor("a");
   auto b = run.actor("b");
   const auto serves = [&](const char* actor, std::size_t count) {
@@ -179,7 +179,7 @@ TEST_P(Vendors, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
 }
 
 TEST_P(Vendors, AKilledLearnerGoesOnWithTheSameActors) {
-  Learning run(GetParam(), 182);
+  Learning run(GetParam());
   const auto summer = run.trial.env("summer");
   auto learner = run.learner(300);  // some seconds: the first checkpoint is far from the end
   const auto actor = run.actor("a");
@@ -196,12 +196,12 @@ TEST_P(Vendors, AKilledLearnerGoesOnWithTheSameActors) {
 }
 
 TEST_P(Vendors, ALateActorGetsTheNewestParametersAtOnce) {
-  Learning run(GetParam(), 183);
+  Learning run(GetParam());
   const auto one = run.trial.env("summer", {"--id", "one"});
   const auto learner = run.learner(100000);
   const auto a = run.actor("a");
   ASSERT_TRUE(run.reaches(5)) << learner->output();
-  Listener listener(GetParam(), 183);
+  Listener listener(run.trial);
   // Nothing new comes while nobody acts: what the late one gets is what it asks for.
   a->send(SIGKILL);
   ASSERT_TRUE(a->wait(seconds(5)).has_value());
@@ -217,12 +217,12 @@ TEST_P(Vendors, ALateActorGetsTheNewestParametersAtOnce) {
 }
 
 TEST_P(Vendors, ActorsWaitForALearnerThatIsSlow) {
-  Learning run(GetParam(), 184);
+  Learning run(GetParam());
   const auto summer = run.trial.env("summer");
   const auto learner = run.learner(100000, {"--window", "3"});
   const auto actor = run.actor("a");
   ASSERT_TRUE(run.reaches(2)) << learner->output();
-  Listener listener(GetParam(), 184);
+  Listener listener(run.trial);
   learner->send(SIGSTOP);
   std::uint32_t kept = 0;
   double waited = 0;
@@ -246,7 +246,7 @@ TEST_P(Vendors, ActorsWaitForALearnerThatIsSlow) {
 }
 
 TEST(Lossy, NothingIsLostAndNothingIsDoubled) {
-  Learning run("lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:cyclonedds", 185);
+  Learning run("lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:cyclonedds");
   const auto summer = run.trial.env("summer");
   // A network of several chunks.
   const auto learner = run.learner(8, {"--agent", "features", "--features-hidden", "96", "--features-cells", "64",
@@ -259,7 +259,7 @@ TEST(Lossy, NothingIsLostAndNothingIsDoubled) {
 }
 
 TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
-  Learning run("cyclonedds", 187);
+  Learning run("cyclonedds");
   const auto summer = run.trial.env("summer");
   const auto actor = run.actor("a", {"--stay"});
   auto learner = run.learner(100000, {"--curriculum"});
@@ -288,7 +288,7 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
 }
 
 TEST(CommandLine, WrongRolesAreOneClearLine) {
-  Learning run("cyclonedds", 186);
+  Learning run("cyclonedds");
   const auto summer = run.trial.env("summer");
   const WrongInputs cases = {
       {"unknown role", {{"--role", "critic"}, "--role"}},

@@ -16,8 +16,8 @@
 #include <filesystem>
 #include <mutex>
 
-#include "core/util/error.h"
 #include "core/dds/middleware.h"
+#include "core/util/error.h"
 #include "tests/support/child.h"
 #include "tests/support/keystore.h"
 #include "tests/support/trial.h"
@@ -27,10 +27,7 @@ namespace {
 
 using std::chrono::seconds;
 
-constexpr int kDomain = 61;  // and some for each vendor
 constexpr seconds kLong{60};
-
-int domain_of(const std::string& vendor, int number) { return kDomain + 2 * number + (vendor == "fastdds" ? 1 : 0); }
 
 /// What this process logs while it lives.
 class Log {
@@ -74,7 +71,7 @@ const char* const kAction = "citylearn/action";
 /// An env_service's part, through all checks: publishes observations and reads actions.
 class Victim {
  public:
-  Victim(const std::string& vendor, int domain, const std::string& keys)
+  Victim(const std::string& vendor, std::uint32_t domain, const std::string& keys)
       : middleware_(create_middleware(options(vendor, domain, keys))) {
     publisher_ = middleware_->create_publisher(text_topic(kObservation));
     subscription_ = middleware_->create_subscription(text_topic(kAction));
@@ -110,10 +107,10 @@ class Victim {
   }
 
  private:
-  static MiddlewareOptions options(const std::string& vendor, int domain, const std::string& keys) {
+  static MiddlewareOptions options(const std::string& vendor, std::uint32_t domain, const std::string& keys) {
     MiddlewareOptions options;
     options.name = vendor;
-    options.domain = static_cast<std::uint32_t>(domain);
+    options.domain = domain;
     options.security = keys;
     options.participant = "env-1";
     return options;
@@ -126,7 +123,7 @@ class Victim {
 };
 
 /// A participant of another process, that nobody has checked: publishes actions and reads observations.
-Arguments peer(const std::string& vendor, int domain, const std::string& keys, const std::string& name) {
+Arguments peer(const std::string& vendor, std::uint32_t domain, const std::string& keys, const std::string& name) {
   return {SECURITY_PEER, vendor, std::to_string(domain), keys, name, kAction, kObservation};
 }
 
@@ -149,7 +146,7 @@ TEST_P(Secured, TrainsAndEvaluatesAsAnOpenRunDoes) {
                     policy_keys = keys.add("policy_service", "policy");
   std::map<bool, std::pair<std::string, std::string>> checkpoints;
   for (const bool secured : {false, true}) {
-    Trial run(GetParam(), domain_of(GetParam(), 0));
+    Trial run(GetParam());
     const auto env = run.env("summer", secured ? Arguments{"--security", env_keys} : Arguments{});
     const auto policy = run.train(40, "out", secured ? Arguments{"--security", policy_keys} : Arguments{});
     ASSERT_EQ(policy->wait(kLong).value_or(-1), 0) << policy->output() << env->output();
@@ -162,7 +159,7 @@ TEST_P(Secured, TrainsAndEvaluatesAsAnOpenRunDoes) {
 /// A learner and an actor, each as its own kind, and a policy_service's env_service: none lacks a permission.
 TEST_P(Secured, ALearnerAndItsActorHaveThePermissionsTheyNeed) {
   Keystore keys;
-  Trial run(GetParam(), domain_of(GetParam(), 1));
+  Trial run(GetParam());
   const auto with = [&](const std::string& kind, const std::string& id, Arguments more) {
     more.insert(more.end(), {"--id", id, "--security", keys.add(kind, id)});
     return more;
@@ -219,7 +216,7 @@ std::pair<std::string, Arguments> arm(const std::string& name, Keystore& keys, K
 
 TEST_P(Intruders, GetNothingInOrOutAndAreLogged) {
   const auto& [vendor, intruder] = GetParam();
-  const int domain = domain_of(vendor, 2);
+  const std::uint32_t domain = own_domain();
   Keystore keys, other;
   const std::string friend_keys = keys.add("policy_service", "friend");
   const auto [intruder_keys, environment] = arm(intruder.name, keys, other);
@@ -244,7 +241,7 @@ TEST_P(Secured, AServiceCannotPublishWhatItsKindMayNot) {
   Keystore keys;
   MiddlewareOptions options;
   options.name = GetParam();
-  options.domain = static_cast<std::uint32_t>(domain_of(GetParam(), 3));
+  options.domain = own_domain();
   options.participant = "encoder";
   options.security = keys.add("encoder_service", "encoder");
   const auto middleware = create_middleware(options);
@@ -253,7 +250,7 @@ TEST_P(Secured, AServiceCannotPublishWhatItsKindMayNot) {
 }
 
 TEST_P(Secured, WhoeverWasRevokedIsKeptOut) {
-  const int domain = domain_of(GetParam(), 4);
+  const std::uint32_t domain = own_domain();
   Keystore keys;
   const std::string friend_keys = keys.add("policy_service", "friend"),
                     revoked_keys = keys.add("policy_service", "lost");
@@ -276,7 +273,7 @@ TEST(SecuredMixed, WorksWhereCycloneAsksFirstAndIsToldWhereFastDoes) {
   Keystore keys;
   const std::string env_keys = keys.add("env_service", "env-1"), friend_keys = keys.add("policy_service", "policy");
   for (const std::string vendor : {"cyclonedds", "fastdds"}) {
-    const int domain = domain_of(vendor, 5);
+    const std::uint32_t domain = own_domain();
     Log log;
     Victim victim(vendor, domain, env_keys);  // 'env-1' has the lower number, and asks
     Child other(peer(vendor == "fastdds" ? "cyclonedds" : "fastdds", domain, friend_keys, "policy"));
@@ -317,8 +314,9 @@ Seen listen_in(const std::string& vendor, const std::string& env_keys, const std
   const int room = 8 << 20;
   setsockopt(ear, SOL_SOCKET, SO_RCVBUFFORCE, &room, sizeof room);
   Log log;
-  Victim victim(vendor, kDomain, env_keys);
-  Child friendly(peer(vendor, kDomain, friend_keys, secret));
+  const std::uint32_t domain = own_domain();
+  Victim victim(vendor, domain, env_keys);
+  Child friendly(peer(vendor, domain, friend_keys, secret));
   std::size_t packets = 0;
   bool clear = false;
   std::vector<char> packet(1 << 17);

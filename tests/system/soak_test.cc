@@ -18,7 +18,6 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr int kDomain = 225;
 constexpr int kEnvironments = 16, kMortal = 8;  // the others live through all of it
 constexpr seconds kLong{120}, kBack{10}, kLook{5};
 constexpr double kMostSlope = 1;  // MB a minute
@@ -36,12 +35,10 @@ int ended(Service& service) {
 
 TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
   const double minutes = soak_minutes();
-  Trial run("cyclonedds", kDomain);
+  Trial run("cyclonedds");
   const std::string store = run.folder() / "dashboard.sqlite", out = run.folder() / "out";
-  Witness witness("cyclonedds", kDomain);
-  Service recorder({CITYLEARN_RECORDER_PROCESS, "cyclonedds", std::to_string(kDomain), store},
-                   run.folder() / "recorder.log");
-  ASSERT_TRUE(recorder.says("records", kLong)) << recorder.output();
+  Witness witness("cyclonedds", run.domain());
+  const auto recorder = run.recorder(store);
   const auto id = [](int number) { return "env-" + std::to_string(number); };
   const auto environment = [&](int number) {
     return run.env("summer", {"--agents", "16", "--id", id(number), "--recorders", "dashboard", "--linger", "60"});
@@ -55,7 +52,7 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
                   std::to_string(kEnvironments), "--output", out, "--evaluate", "summer"});
   ASSERT_TRUE(witness.until([&] { return witness.updates >= 3; }, kLong)) << policy->output();
 
-  std::vector<ProcessWatch> watches{{"policy", policy->process()}, {"recorder", recorder.process()}};
+  std::vector<ProcessWatch> watches{{"policy", policy->process()}, {"recorder", recorder->process()}};
   for (int number = kMortal; number < kEnvironments; ++number)
     watches.emplace_back(id(number), environments[static_cast<std::size_t>(number)]->process());
   const Clock::time_point begin = Clock::now();
@@ -101,7 +98,7 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
     for (std::uint64_t episode = 1; episode <= count; ++episode) episodes.insert(episodes.end(), episode);
   }
   EXPECT_EQ(ended(*policy), 130) << policy->output();
-  EXPECT_EQ(ended(recorder), 0) << recorder.output();
+  EXPECT_EQ(ended(*recorder), 0) << recorder->output();
 
   const Ledger recorded = in_store(store), learned = in_csv(out + "/episodes.csv");
   for (const auto& [source, episodes] : counted) {

@@ -5,6 +5,7 @@
 
 #include "core/wire/node.h"
 #include "tests/support/child.h"
+#include "tests/support/domain.h"
 #include "tests/support/samples.h"
 #include "tests/support/wait.h"
 
@@ -16,8 +17,6 @@ using testing::equal;
 using testing::for_each_message;
 using testing::sample_of;
 using testing::Size;
-
-constexpr std::uint32_t kDomain = 110;  // and one for each pairing
 
 /// Names as long as they may be.
 std::string longest(const std::string& begin) {
@@ -31,15 +30,13 @@ class Vendors : public ::testing::TestWithParam<std::tuple<std::string, std::str
   Node::Options options() {
     Node::Options options;
     options.middleware.name = std::get<0>(GetParam());
-    options.middleware.domain = domain();
+    options.middleware.domain = domain_;
     options.service = "vendors_test";
     options.id = longest("test");
     options.session = longest("run");
     return options;
   }
-  std::uint32_t domain() {
-    return kDomain + (std::get<0>(GetParam()) == "fastdds" ? 2 : 0) + (std::get<1>(GetParam()) == "fastdds" ? 1 : 0);
-  }
+  const std::uint32_t domain_ = testing::own_domain();
 };
 
 const auto kVendors = ::testing::Values("cyclonedds", "fastdds");
@@ -72,7 +69,7 @@ void expect_echo(Node& node, const Message& sent) {
 
 TEST_P(Vendors, EveryMessageGoesThereAndBack) {
   Node node(options());
-  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain()), longest("run"), longest("peer"), "0"});
+  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain_), longest("run"), longest("peer"), "0"});
   for_each_message([&]<class Message>() {
     node.create_reader<Message>();
     node.create_writer<Message>();
@@ -86,7 +83,7 @@ TEST_P(Vendors, EveryMessageGoesThereAndBack) {
 
 TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
   Node node(options());
-  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain()), longest("run"), longest("peer"), "1"});
+  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain_), longest("run"), longest("peer"), "1"});
   MiddlewareOptions raw = options().middleware;
   raw.participant = "raw";
   const auto middleware = create_middleware(raw);

@@ -10,6 +10,7 @@
 #include <sstream>
 #include <vector>
 
+#include "tests/support/domain.h"
 #include "tests/support/service.h"
 
 namespace citylearn::testing {
@@ -18,8 +19,6 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::seconds;
 using Json = nlohmann::json;
-
-constexpr int kDomain = 195;
 
 struct Block {
   std::string language, file, text;
@@ -62,7 +61,7 @@ TEST_F(Tutorial, KeepsItsPromises) {
   // Our own warnings too: the page ends with the file in this repository.
   script += "export CXX='" CITYLEARN_CXX "' CXXFLAGS='" CITYLEARN_CXX_FLAGS "'\n";
   script += "export PATH=\"$(dirname '" CITYLEARN_CMAKE "'):$PATH\"\n";
-  script += "export CITYLEARN_SESSION=tutorial CITYLEARN_DOMAIN=" + std::to_string(kDomain) + "\n";
+  script += "export CITYLEARN_SESSION=tutorial CITYLEARN_DOMAIN=" + std::to_string(own_domain()) + "\n";
   int commands = 0, files = 0;
   for (const Block& block : blocks_) {
     if (block.language == "sh") {

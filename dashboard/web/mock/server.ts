@@ -200,7 +200,7 @@ export class Mock {
     this.clients.add(client);
     socket.on('close', () => this.clients.delete(client));
     socket.on('message', (data) => {
-      const { watch } = JSON.parse(String(data)) as { watch: string[] };
+      const { watch } = JSON.parse((data as Buffer).toString()) as { watch: string[] };
       client.topics = new Set(watch);
     });
   }

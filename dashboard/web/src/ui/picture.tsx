@@ -77,7 +77,8 @@ export function useLivePicture(topic: string | null): Picture {
     let url: string | null = null;
     const stop = live.watch(topic, (frame) => {
       const old = url;
-      url = URL.createObjectURL(new Blob([new Uint8Array(frame.payload)], { type: String(frame.header.type ?? 'image/jpeg') }));
+      const { type } = frame.header;
+      url = URL.createObjectURL(new Blob([new Uint8Array(frame.payload)], { type: typeof type === 'string' ? type : 'image/jpeg' }));
       setPicture({ state: 'ready', src: url, frame: Number(frame.header.frame) });
       // The previous one stays on the screen until the new one is decoded.
       if (old) setTimeout(() => URL.revokeObjectURL(old), 500);

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// ./run demo starts and stops its services, and says what went wrong.
+#include <gtest/gtest.h>
+#include <signal.h>
+
+#include <filesystem>
+#include <regex>
+
+#include "tests/support/domain.h"
+#include "tests/support/service.h"
+#include "tests/support/witness.h"
+
+namespace citylearn::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::seconds;
+using Arguments = std::vector<std::string>;
+
+constexpr seconds kLong{120};
+
+/// A demo in a process group of its own, as a terminal starts it; whatever is left of it ends with the test.
+class Demo {
+ public:
+  explicit Demo(const Arguments& arguments, std::uint32_t domain = own_domain()) : output_(folder_ / "demo/out put") {
+    Arguments command = {"/usr/bin/env",
+                         "CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR,
+                         "CITYLEARN_RUNS=" + (folder_ / "all runs"),
+                         "CITYLEARN_DOMAIN=" + std::to_string(domain),
+                         "/usr/bin/setsid",
+                         CITYLEARN_SOURCE_DIR "/run",
+                         "demo",
+                         "--frames",
+                         "0:80",
+                         "--output",
+                         output_};
+    command.insert(command.end(), arguments.begin(), arguments.end());
+    shell_.emplace(command, folder_ / "log");
+  }
+  ~Demo() { ::kill(-shell_->process(), SIGKILL); }
+  Service* operator->() { return &*shell_; }
+  /// A signal to all processes of the demo, as Ctrl-C sends it.
+  void interrupt() const { ::kill(-shell_->process(), SIGINT); }
+  const std::string& output() const { return output_; }
+
+ private:
+  Folder folder_;
+  std::string output_;
+  std::optional<Service> shell_;
+};
+
+/// Waits until the agent learns, and checks that every service of a run with images is there.
+void expect_training(Demo& demo, Witness& witness) {
+  ASSERT_TRUE(witness.until([&] { return witness.updates >= 3; }, kLong)) << demo->output();
+  for (const char* id : {"env-summer", "encoder", "policy", "dashboard"})
+    ASSERT_TRUE(witness.status.contains(id)) << id << demo->output();
+}
+
+void expect_none_left(const Witness& witness) {
+  for (const auto& [id, status] : witness.status)
+    EXPECT_NE(::kill(static_cast<pid_t>(status.process()), 0), 0) << id << " still runs";
+}
+
+const Arguments kEndless = {"--evaluate", "summer", "--steps", "1000000000"};
+
+TEST(Demo, PrintsItsTable) {
+  Demo demo({"--evaluate", "summer,fall", "--steps", "2048", "--tasks", "4", "--no-dashboard"});
+  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  for (const char* row :
+       {"place_filter +summer +[0-9.]+ %", "place_filter +fall +[0-9.]+ %", "shortest_path +fall +100.0 %"})
+    EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
+  EXPECT_TRUE(fs::exists(demo.output() + "/summary.json")) << "a folder with a blank";
+}
+
+TEST(Demo, CtrlCStopsAllWithinTwoSeconds) {
+  const std::uint32_t domain = own_domain();
+  Witness witness("cyclonedds", domain);
+  Demo demo(kEndless, domain);
+  expect_training(demo, witness);
+  demo.interrupt();
+  EXPECT_EQ(demo->wait(seconds(2)), 130) << demo->output();
+  expect_none_left(witness);
+}
+
+TEST(Demo, SigtermStopsAllWithinTwoSeconds) {
+  const std::uint32_t domain = own_domain();
+  Witness witness("cyclonedds", domain);
+  Demo demo(kEndless, domain);
+  expect_training(demo, witness);
+  demo->send(SIGTERM);
+  EXPECT_EQ(demo->wait(seconds(2)), 143) << demo->output();
+  expect_none_left(witness);
+}
+
+TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {
+  const std::uint32_t domain = own_domain();
+  Witness witness("cyclonedds", domain);
+  Demo demo(kEndless, domain);
+  expect_training(demo, witness);
+  const auto kill = [&](const std::string& id) {
+    ASSERT_EQ(::kill(static_cast<pid_t>(witness.status[id].process()), SIGKILL), 0) << id;
+  };
+  kill("dashboard");  // the run does not need it
+  EXPECT_TRUE(demo->says("the dashboard ended early", seconds(5))) << demo->output();
+  EXPECT_NE(demo->output().find(demo.output() + "/logs/dashboard.log"), std::string::npos) << demo->output();
+  const std::uint64_t updates = witness.updates;
+  EXPECT_TRUE(witness.until([&] { return witness.updates > updates; }, seconds(10))) << demo->output();
+  kill("env-summer");
+  EXPECT_EQ(demo->wait(seconds(5)), 1) << demo->output();
+  EXPECT_NE(demo->output().find("run: env-summer ended early (status 137); its log is " + demo.output() +
+                                "/logs/env-summer.log\n"),
+            std::string::npos)
+      << demo->output();
+  expect_none_left(witness);
+}
+
+TEST(Demo, WrongOptionsEndItAtOnce) {
+  for (const auto& [wrong, complaint] : {std::pair<Arguments, std::string>{{"--frames", "9:3"}, "is not FIRST:END"},
+                                         {{"--data", "/no where"}, "'/no where' is not a folder"},
+                                         {{"--agent", "no such"}, "no such"}}) {
+    Demo demo(wrong);
+    const auto status = demo->wait(seconds(10));
+    EXPECT_TRUE(status == 1 || status == 2) << wrong[0] << status.value_or(-1) << demo->output();
+    EXPECT_NE(demo->output().find(complaint), std::string::npos) << demo->output();
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing
