@@ -8,9 +8,12 @@
 
 #include "tests/support/env.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
+
+using testing::contains;
 
 using Entry = DatasetRegistry::Entry;
 
@@ -45,7 +48,7 @@ class Datasets : public ::testing::TestWithParam<const Entry*> {};
 TEST_P(Datasets, TellWhatTheyAre) {
   const Entry& entry = *GetParam();
   EXPECT_FALSE(entry.help.empty());
-  EXPECT_EQ(entry.help.find('\n'), entry.help.npos);
+  EXPECT_FALSE(contains(entry.help, "\n"));
   EXPECT_TRUE(std::all_of(entry.name.begin(), entry.name.end(),
                           [](unsigned char c) { return std::islower(c) || std::isdigit(c) || c == '_'; }));
   for (const ParameterSpec& parameter : entry.parameters) EXPECT_FALSE(parameter.help.empty()) << parameter.name;
@@ -65,7 +68,7 @@ TEST_P(Datasets, AskForDataWhenNoneAreGiven) {
   try {
     EXPECT_FALSE(create(entry, "")->names().empty());
   } catch (const Error& error) {
-    EXPECT_NE(std::string(error.what()).find("--data"), std::string::npos) << error.what();
+    EXPECT_TRUE(contains(error.what(), "--data"));
   }
 }
 
@@ -79,8 +82,8 @@ TEST_P(DatasetsOfFiles, KnowAnEmptyFolderIsNotTheirs) {
       EXPECT_TRUE(takes_any_folder(entry)) << "took " << folder;
     } catch (const Error& error) {
       const std::string line = error.what();
-      EXPECT_NE(line.find(folder), line.npos) << line;
-      EXPECT_EQ(line.find('\n'), line.npos) << line;
+      EXPECT_TRUE(contains(line, folder));
+      EXPECT_FALSE(contains(line, "\n"));
     }
     EXPECT_THROW(dataset->load("anything"), Error);
     EXPECT_THROW(dataset->load(""), Error);

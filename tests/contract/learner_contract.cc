@@ -12,6 +12,7 @@
 #include "core/util/error.h"
 #include "policy_service/learning/learner.h"
 #include "tests/contract/random_rollout.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -92,7 +93,7 @@ INSTANTIATE_TEST_SUITE_P(, LearnerContract, ::testing::ValuesIn(learners()),
 TEST_P(LearnerContract, TellsWhatItIs) {
   const std::string &help = entry().help, &name = entry().name;
   EXPECT_FALSE(help.empty());
-  EXPECT_EQ(help.find('\n'), help.npos);
+  EXPECT_FALSE(contains(help, "\n"));
   EXPECT_TRUE(std::all_of(name.begin(), name.end(),
                           [](unsigned char c) { return std::islower(c) || std::isdigit(c) || c == '_'; }));
 }
@@ -106,7 +107,7 @@ TEST_P(LearnerContract, ParametersHaveDefaultsWithinTheirRanges) {
         make(1, {{spec.name, value}});
         ADD_FAILURE() << spec.name << " = " << value << " was taken";
       } catch (const Error& error) {
-        EXPECT_NE(std::string(error.what()).find(spec.name), std::string::npos) << error.what();
+        EXPECT_TRUE(contains(error.what(), spec.name));
       }
     }
   }
@@ -183,7 +184,7 @@ TEST_P(LearnerContract, RefusesWhatIsNotItsOwnAndIsAsBefore) {
       learner->load(state);
       ADD_FAILURE() << what << " was taken";
     } catch (const Error& error) {
-      EXPECT_NE(std::string(error.what()).find(GetParam()), std::string::npos) << error.what();
+      EXPECT_TRUE(contains(error.what(), GetParam()));
     }
     EXPECT_TRUE(same(good, saved(*learner))) << what;
   };

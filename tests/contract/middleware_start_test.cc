@@ -9,10 +9,13 @@
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
 #include "core/wire/node.h"
+#include "tests/support/text.h"
 #include "tests/support/wait.h"
 
 namespace citylearn {
 namespace {
+
+using testing::contains;
 
 constexpr std::uint32_t kDomain = 103;
 constexpr std::uint32_t kFullDomain = 104;
@@ -27,7 +30,7 @@ std::string start_error(MiddlewareOptions options) {
     line = error.what();
   }
   EXPECT_LT(Clock::now() - begin, std::chrono::seconds(5 * testing::kSlowness));
-  EXPECT_EQ(line.find('\n'), std::string::npos);
+  EXPECT_FALSE(contains(line, "\n"));
   return line;
 }
 

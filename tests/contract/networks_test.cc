@@ -5,9 +5,12 @@
 #include "core/util/error.h"
 #include "policy_service/network/agent_network.h"
 #include "tests/support/small_networks.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
+
+using testing::contains;
 
 using Entry = NetworkRegistry<double>::Entry;
 
@@ -134,7 +137,7 @@ TEST_P(Networks, SayWhatTheyCannotWorkWith) {
       built->forward(numbers, inputs, Matrix<double>::Zero(built->state_size(), inputs.agents), *work);
       EXPECT_TRUE(work->heads.values.allFinite());
     } catch (const Error& error) {
-      EXPECT_NE(std::string(error.what()).find("features"), std::string::npos) << error.what();
+      EXPECT_TRUE(contains(error.what(), "features"));
     }
   }
 }
@@ -146,9 +149,9 @@ TEST(RawImages, RefusesWhatIsNoPicture) {
     FAIL() << "was not refused";
   } catch (const Error& error) {
     const std::string what = error.what();
-    EXPECT_NE(what.find("are 64"), std::string::npos) << what;
-    EXPECT_NE(what.find("84 x 84 pixels in colour has 21168"), std::string::npos) << what;
-    EXPECT_NE(what.find("raw84"), std::string::npos) << what;
+    EXPECT_TRUE(contains(what, "are 64"));
+    EXPECT_TRUE(contains(what, "84 x 84 pixels in colour has 21168"));
+    EXPECT_TRUE(contains(what, "raw84"));
   }
 }
 

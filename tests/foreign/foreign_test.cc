@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 
 namespace citylearn::testing {
@@ -95,7 +96,7 @@ TEST_P(Foreign, WelcomesAnEnvServiceBackAndAcknowledgesEveryEpisode) {
   for (Service* env : {summer.get(), fall.get()}) {
     env->send(SIGTERM);
     ASSERT_EQ(env->wait(seconds(5)), 0);
-    EXPECT_NE(env->output().find("all acknowledged"), std::string::npos) << env->output();
+    EXPECT_TRUE(contains(env->output(), "all acknowledged"));
   }
 }
 
@@ -111,7 +112,7 @@ TEST(ForeignAlone, WrongInputIsOneClearLine) {
     command.insert(command.end(), arguments.begin(), arguments.end());
     Service learner(command, folder / "log");
     EXPECT_EQ(learner.wait(seconds(20)), 1) << wanted;
-    EXPECT_NE(learner.output().find(wanted), std::string::npos) << learner.output();
+    EXPECT_TRUE(contains(learner.output(), wanted));
   }
 }
 

@@ -8,6 +8,7 @@
 
 #include "tests/support/domain.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/witness.h"
 
 namespace citylearn::testing {
@@ -102,15 +103,13 @@ TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {
   };
   kill("dashboard");  // the run does not need it
   EXPECT_TRUE(demo->says("the dashboard ended early", seconds(5))) << demo->output();
-  EXPECT_NE(demo->output().find(demo.output() + "/logs/dashboard.log"), std::string::npos) << demo->output();
+  EXPECT_TRUE(contains(demo->output(), demo.output() + "/logs/dashboard.log"));
   const std::uint64_t updates = witness.updates;
   EXPECT_TRUE(witness.until([&] { return witness.updates > updates; }, seconds(10))) << demo->output();
   kill("env-summer");
   EXPECT_EQ(demo->wait(seconds(5)), 1) << demo->output();
-  EXPECT_NE(demo->output().find("run: env-summer ended early (status 137); its log is " + demo.output() +
-                                "/logs/env-summer.log\n"),
-            std::string::npos)
-      << demo->output();
+  EXPECT_TRUE(contains(demo->output(), "run: env-summer ended early (status 137); its log is " + demo.output() +
+                                           "/logs/env-summer.log\n"));
   expect_none_left(witness);
 }
 
@@ -121,7 +120,7 @@ TEST(Demo, WrongOptionsEndItAtOnce) {
     Demo demo(wrong);
     const auto status = demo->wait(seconds(10));
     EXPECT_TRUE(status == 1 || status == 2) << wrong[0] << status.value_or(-1) << demo->output();
-    EXPECT_NE(demo->output().find(complaint), std::string::npos) << demo->output();
+    EXPECT_TRUE(contains(demo->output(), complaint));
   }
 }
 

@@ -6,6 +6,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 
 namespace citylearn::testing {
@@ -118,7 +119,7 @@ TEST_P(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
   ASSERT_TRUE(hog->says("serves 'env-summer'", kSoon)) << hog->output();
   const auto other = run.encoder({"--id", "other", "--encoder", "patchnorm"});
   ASSERT_EQ(other->wait(kSoon), 1) << other->output();
-  EXPECT_NE(other->output().find("'hog' already encodes with"), std::string::npos) << other->output();
+  EXPECT_TRUE(contains(other->output(), "'hog' already encodes with"));
 }
 
 TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
@@ -139,7 +140,7 @@ TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
   EXPECT_GT(seen["spl"], 0.95);
   const auto whole = with({"--mode", "evaluate", "--agent", "blind", "--observations", "whole"}, "whole");
   EXPECT_EQ(whole->wait(kLong), 1) << whole->output();
-  EXPECT_NE(whole->output().find("16 agents x 21168 do not fit one observation"), std::string::npos) << whole->output();
+  EXPECT_TRUE(contains(whole->output(), "16 agents x 21168 do not fit one observation"));
   // In the middle of a training the encoder_service is killed: the features are here, nobody misses it.
   const auto training = with({"--agent", "place_filter", "--steps", "8192", "--checkpoint-every", "1"}, "out");
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << training->output();
@@ -162,10 +163,10 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
   const auto summer = run.env("summer", {"--dataset", "plain", "--data", run.folder() / "data"});
   const auto strict = run.encoder({"--dimension", "8"});
   ASSERT_TRUE(strict->says("summer is refused", kSoon)) << strict->output() << summer->output();
-  EXPECT_NE(strict->output().find("007.ppm"), std::string::npos) << strict->output();
+  EXPECT_TRUE(contains(strict->output(), "007.ppm"));
   const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
   ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
-  EXPECT_NE(policy->output().find("summer is refused: frame 7"), std::string::npos) << policy->output();
+  EXPECT_TRUE(contains(policy->output(), "summer is refused: frame 7"));
   strict->send(SIGTERM);
   ASSERT_EQ(strict->wait(seconds(5)), 0);
   const auto lenient = run.encoder({"--dimension", "8", "--on-bad-frame", "skip"});
@@ -178,8 +179,7 @@ TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
   const auto encoder = run.encoder({"--reference", "spring"});
   const auto policy = run.policy({"--wait", std::to_string(4 * kSlowness)});
   ASSERT_EQ(policy->wait(kSoon), 1) << policy->output() << encoder->output();
-  EXPECT_NE(policy->output().find("summer waits for an env_service on the reference 'spring'"), std::string::npos)
-      << policy->output();
+  EXPECT_TRUE(contains(policy->output(), "summer waits for an env_service on the reference 'spring'"));
 }
 
 TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
@@ -195,7 +195,7 @@ TEST(EncodingFaults, WithoutAnEncoderServiceThePolicyServiceSaysWhatIsMissing) {
   const auto summer = run.env("summer", kDrawn);
   const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
   ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
-  EXPECT_NE(policy->output().find("whose images wait for an encoder_service"), std::string::npos) << policy->output();
+  EXPECT_TRUE(contains(policy->output(), "whose images wait for an encoder_service"));
 }
 
 }  // namespace

@@ -8,6 +8,7 @@
 #include "tests/support/env.h"
 #include "tests/support/scripted_policy.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -51,14 +52,14 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
   const std::string list = output({"--list"}, 0);
   for (const char* word : {"plain", "synthetic", "--synthetic-frames", "--synthetic-dimension", "--synthetic-seed",
                            "cyclonedds", "fastdds", "inprocess"})
-    EXPECT_NE(list.find(word), list.npos) << word;
+    EXPECT_TRUE(contains(list, word));
   EXPECT_EQ(output({"--list-traversals"}, 0), "summer\nfall\nwinter\nnight\novercast\nrain\nshifted\n");
   EXPECT_EQ(output({"--list-traversals", "--synthetic-images", "0"}, 0), "summer\nfall\nwinter\nnight\n");
   EXPECT_EQ(output({"--show", "--frames", "3:20"}, 0), "traversal summer\nframes 17\nimages yes\nfeatures 0\n");
   write("b.csv", "1\n2\n");
   write("a.csv", "1\n2\n");
   EXPECT_EQ(output({"--list-traversals", "--dataset", "plain", "--data", folder_.path()}, 0), "a\nb\n");
-  EXPECT_NE(output({"--help"}, 0).find("--synthetic-frames"), std::string::npos);
+  EXPECT_TRUE(contains(output({"--help"}, 0), "--synthetic-frames"));
   EXPECT_FALSE(output({"--version"}, 0).empty());
 }
 
@@ -77,20 +78,20 @@ TEST_F(EnvProcess, BadDataEndWithOneLineThatNamesFileAndLine) {
 }
 
 TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
-  EXPECT_NE(complaint({"--traversal", "spring"}).find("there are: summer, fall, winter, night"), std::string::npos);
+  EXPECT_TRUE(contains(complaint({"--traversal", "spring"}), "there are: summer, fall, winter, night"));
   const std::string unknown = complaint({"--dataset", "oxford"});
-  EXPECT_NE(unknown.find("unknown dataset 'oxford' (known: "), std::string::npos);
-  EXPECT_NE(unknown.find("oxford_robotcar"), std::string::npos);
-  EXPECT_NE(complaint({"--data", folder_.path()}).find("dataset synthetic: reads no folder"), std::string::npos);
+  EXPECT_TRUE(contains(unknown, "unknown dataset 'oxford' (known: "));
+  EXPECT_TRUE(contains(unknown, "oxford_robotcar"));
+  EXPECT_TRUE(contains(complaint({"--data", folder_.path()}), "dataset synthetic: reads no folder"));
   EXPECT_EQ(complaint({"--dataset", "plain", "--data", folder_.path(), "--synthetic-seed", "3"}),
             "--synthetic-seed: is for dataset synthetic, but the dataset is plain");
-  EXPECT_NE(complaint({"--synthetic-frames", "1"}, 2).find("--synthetic-frames"), std::string::npos);
-  EXPECT_NE(complaint({"--synthetic-frames", "2.5"}).find("whole number"), std::string::npos);
-  EXPECT_NE(complaint({"--agents", "0"}, 2).find("--agents"), std::string::npos);
-  EXPECT_NE(complaint({"--agents", "257"}, 2).find("--agents"), std::string::npos);
-  EXPECT_NE(complaint({"--synthetic-colour", "3"}, 2).find("--synthetic-colour"), std::string::npos);
-  EXPECT_NE(complaint({"--middleware", "rtps"}).find("rtps"), std::string::npos);
-  EXPECT_NE(complaint({"--domain", "233"}, 2).find("--domain"), std::string::npos);
+  EXPECT_TRUE(contains(complaint({"--synthetic-frames", "1"}, 2), "--synthetic-frames"));
+  EXPECT_TRUE(contains(complaint({"--synthetic-frames", "2.5"}), "whole number"));
+  EXPECT_TRUE(contains(complaint({"--agents", "0"}, 2), "--agents"));
+  EXPECT_TRUE(contains(complaint({"--agents", "257"}, 2), "--agents"));
+  EXPECT_TRUE(contains(complaint({"--synthetic-colour", "3"}, 2), "--synthetic-colour"));
+  EXPECT_TRUE(contains(complaint({"--middleware", "rtps"}), "rtps"));
+  EXPECT_TRUE(contains(complaint({"--domain", "233"}, 2), "--domain"));
 }
 
 TEST_F(EnvProcess, ReadsAConfigurationFileAndRefusesUnknownKeys) {
@@ -102,8 +103,8 @@ TEST_F(EnvProcess, ReadsAConfigurationFileAndRefusesUnknownKeys) {
   service->send(SIGTERM);
   EXPECT_EQ(service->wait(seconds(2)), 0);
   const std::string bad = write("bad.toml", "agens = 3\n");
-  EXPECT_NE(complaint({"--config", bad}, 2).find("agens"), std::string::npos);
-  EXPECT_NE(complaint({"--config", folder_ / "missing.toml"}, 2).find("missing.toml"), std::string::npos);
+  EXPECT_TRUE(contains(complaint({"--config", bad}, 2), "agens"));
+  EXPECT_TRUE(contains(complaint({"--config", folder_ / "missing.toml"}, 2), "missing.toml"));
 }
 
 class EnvSignals : public EnvProcess, public ::testing::WithParamInterface<std::string> {
@@ -142,7 +143,7 @@ TEST_P(EnvSignals, TerminateAtWorkWithEpisodesNobodyAcknowledges) {
   ASSERT_TRUE(driver->until([&] { return driver->recorded > 20; }));
   service->send(SIGTERM);
   EXPECT_EQ(service->wait(seconds(2)), 0) << service->output();
-  EXPECT_NE(service->output().find("not acknowledged"), std::string::npos) << service->output();
+  EXPECT_TRUE(contains(service->output(), "not acknowledged"));
 }
 
 TEST_P(EnvSignals, TerminateWaitsShortlyForAcknowledgements) {
@@ -157,7 +158,7 @@ TEST_P(EnvSignals, TerminateWaitsShortlyForAcknowledgements) {
   ASSERT_TRUE(driver->until([&] { return driver->status.service_state() == msg::STOPPING; }));
   driver->send_acknowledgement(30);
   EXPECT_EQ(service->wait(seconds(2)), 0) << service->output();
-  EXPECT_NE(service->output().find("30 episodes, all acknowledged"), std::string::npos) << service->output();
+  EXPECT_TRUE(contains(service->output(), "30 episodes, all acknowledged"));
 }
 
 TEST_P(EnvSignals, KilledOneIsReplacedByAnother) {
@@ -186,9 +187,7 @@ TEST_P(EnvSignals, OfTwoWithOneIdTheLaterGivesWay) {
   ASSERT_TRUE(driver->until([&] { return driver->steps() > 10; }));
   const auto second = start(wire(), "second.log");
   EXPECT_EQ(second->wait(seconds(10)), 1);
-  EXPECT_NE(second->output().find("env_service: id 'env-summer': already runs in session '" + run_ + "'"),
-            std::string::npos)
-      << second->output();
+  EXPECT_TRUE(contains(second->output(), "env_service: id 'env-summer': already runs in session '" + run_ + "'"));
   const std::uint64_t steps = driver->steps();
   EXPECT_TRUE(driver->until([&] { return driver->steps() > steps + 10; })) << "the first goes on";
   EXPECT_FALSE(first->wait(milliseconds(0)).has_value());

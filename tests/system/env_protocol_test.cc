@@ -16,6 +16,7 @@
 #include "tests/support/recorder.h"
 #include "tests/support/scripted_policy.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -385,8 +386,7 @@ TEST_P(EnvProtocol, RefusedSettingsAreToldAndNotInForce) {
   ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 5; }));
   policy_->command(settings(msg::TRAIN, 201, 64));
   ASSERT_TRUE(policy_->until([&] { return policy_->status.service_state() == msg::FAILED; }));
-  EXPECT_NE(std::string(policy_->status.activity()).find("TaskSettings.frames: the route ends at frame 201"),
-            std::string::npos)
+  EXPECT_TRUE(contains(policy_->status.activity().c_str(), "TaskSettings.frames: the route ends at frame 201"))
       << policy_->status.activity();
   ASSERT_TRUE(policy_->until([&] { return policy_->info.settings().version() == 0; }));
   EXPECT_FALSE(policy_->in_force());

@@ -8,6 +8,7 @@
 
 #include "core/util/random.h"
 #include "tests/support/ledger.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 #include "tests/support/witness.h"
 
@@ -129,7 +130,7 @@ void survive(const Plan& plan) {
     ASSERT_TRUE(witness.until([&] { return town[id].wait(milliseconds(1)).has_value(); }, kLong)) << town[id].output();
     const std::string said = town[id].output(), words = "stops: ";
     const std::size_t at = said.find(words);
-    ASSERT_NE(said.find(" episodes, all acknowledged"), std::string::npos) << said;
+    ASSERT_TRUE(contains(said, " episodes, all acknowledged"));
     const auto count = std::stoull(said.substr(at + words.size()));
     for (std::uint64_t episode = 1; episode <= count; ++episode) counted[{id, witness.incarnation(id)}].insert(episode);
   }

@@ -6,6 +6,7 @@
 #include "policy_service/network/checkpoint.h"
 #include "tests/support/ledger.h"
 #include "tests/support/private_machine.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 #include "tests/support/witness.h"
 
@@ -70,7 +71,7 @@ TEST(FullDisk, TrainingGoesOnWithAlarmsAndMakesUpForItWhenThereIsRoom) {
 
   env->send(SIGTERM);
   ASSERT_TRUE(witness.until([&] { return env->wait(milliseconds(1)).has_value(); }, kLong)) << env->output();
-  EXPECT_NE(env->output().find("all acknowledged"), std::string::npos) << env->output();
+  EXPECT_TRUE(contains(env->output(), "all acknowledged"));
   policy->send(SIGTERM);
   EXPECT_EQ(policy->wait(kLong), 130) << policy->output();
   recorder->send(SIGTERM);
@@ -78,10 +79,10 @@ TEST(FullDisk, TrainingGoesOnWithAlarmsAndMakesUpForItWhenThereIsRoom) {
   const Ledger recorded = in_store(store), learned = in_csv(out + "/episodes.csv");
   EXPECT_EQ(recorded, learned);
   ASSERT_EQ(recorded.size(), 1u);
-  EXPECT_NE(env->output().find("stops: " + std::to_string(entries(recorded)) + " episodes"), std::string::npos);
+  EXPECT_TRUE(contains(env->output(), "stops: " + std::to_string(entries(recorded)) + " episodes"));
   expect_all_acknowledged(recorded, witness.acknowledged["dashboard"]);
   for (const std::string what : {"checkpoint", "episodes.csv"})
-    EXPECT_NE(policy->output().find(what + ": the problem is solved"), std::string::npos) << what;
+    EXPECT_TRUE(contains(policy->output(), what + ": the problem is solved")) << what;
 }
 
 }  // namespace

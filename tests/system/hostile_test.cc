@@ -4,6 +4,7 @@
 
 #include <limits>
 
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 #include "tests/support/witness.h"
 
@@ -171,7 +172,7 @@ TEST_P(Hostile, APolicyServiceBelievesEnvServicesAlone) {
   expect_training_goes_on();
   for (const std::string kind : {"Observation.features: not finite", "Observation.reward: not finite",
                                  "a message of another process", "an announcement that differs", "ServiceStatus.rate"})
-    EXPECT_NE(policy->output().find(kind), std::string::npos) << kind << "\n" << policy->output();
+    EXPECT_TRUE(contains(policy->output(), kind));
   const std::string said = policy->output();
   const std::size_t once = said.find("a message of another process");
   EXPECT_EQ(said.find("a message of another process", once + 1), std::string::npos) << "logged once";
@@ -201,7 +202,7 @@ TEST_P(Hostile, ALiarAmongTheEnvServicesIsLeftBehind) {
   observation.position()[0] = settings.first_frame() + settings.frames();
   expect_counted("a position beside the route", "policy", rejected, [&] { stranger_.node.publish(observation); });
   expect_training_goes_on();
-  EXPECT_NE(policy->output().find("with a position beside the route"), std::string::npos) << policy->output();
+  EXPECT_TRUE(contains(policy->output(), "with a position beside the route"));
 }
 
 TEST_P(Hostile, AnEnvServiceObeysWhoIsInCharge) {

@@ -9,12 +9,14 @@
 #include <utility>
 
 #include "tests/support/hosts.h"
+#include "tests/support/text.h"
 #include "tests/support/wait.h"
 
 namespace citylearn {
 namespace {
 
 using namespace std::chrono_literals;
+using testing::contains;
 using testing::Folder;
 using testing::Hosts;
 using testing::kPatience;
@@ -77,7 +79,7 @@ TEST_F(Network, HostsOfAKilledTestAreCleared) {
   ASSERT_TRUE(testing::poll_until([&] { return !testing::shell("ip netns pids " + name).empty(); }, 5s));
   const int process = std::stoi(testing::shell("ip netns pids " + name));
   const Hosts hosts(1);
-  EXPECT_EQ(testing::shell("ip netns list").find(name), std::string::npos);
+  EXPECT_FALSE(contains(testing::shell("ip netns list"), name));
   EXPECT_TRUE(
       testing::poll_until([&] { return !std::filesystem::exists("/proc/" + std::to_string(process) + "/exe"); }, 5s));
 }
@@ -91,7 +93,7 @@ TEST_P(Pairing, ThreeHostsMeetWithinThreeSeconds) {
   for (const auto& each : peers) {
     ASSERT_TRUE(each->says("met 2 in ", kPatience)) << each->output();
     EXPECT_LT(number_after(each->output(), "met 2 in "), 3) << each->output();
-    EXPECT_EQ(each->output().find("nobody answers"), std::string::npos) << each->output();
+    EXPECT_FALSE(contains(each->output(), "nobody answers"));
   }
 }
 
@@ -102,7 +104,7 @@ TEST_P(Vendor, AWrongPeerIsNamedWithinFiveSeconds) {
   const auto second = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
   EXPECT_TRUE(first->says("peer '10.77.0.99': nobody answers at 10.77.0.99", 5s)) << first->output();
   EXPECT_TRUE(first->says("peer '" + late + "': nobody answers", 1s)) << first->output();
-  EXPECT_EQ(first->output().find("peer '" + Hosts::address(1)), std::string::npos) << first->output();
+  EXPECT_FALSE(contains(first->output(), "peer '" + Hosts::address(1)));
   EXPECT_TRUE(first->says("met 1 in ", kPatience)) << first->output();
   const auto third = peer(hosts, 2, GetParam(), "meet", {"--peers", Hosts::address(0)});
   EXPECT_TRUE(first->says("peer '" + late + "': answers at " + late + " after all", kPatience)) << first->output();
@@ -161,8 +163,7 @@ TEST_P(Pairing, LargeSamplesArriveWholeThoughOnePacketInTwentyIsLost) {
   const auto reader = peer(hosts, 1, other(), "receive", {"--peers", Hosts::address(0)});
   const auto writer = peer(hosts, 0, one(), "send", {"--peers", Hosts::address(1)});
   ASSERT_TRUE(reader->says("received ", 60s)) << reader->output() << writer->output();
-  EXPECT_NE(reader->output().find("received 90 of 90 whole and in order, 0 not"), std::string::npos)
-      << reader->output();
+  EXPECT_TRUE(contains(reader->output(), "received 90 of 90 whole and in order, 0 not"));
   RecordProperty("delays", reader->output());
 }
 
@@ -179,15 +180,14 @@ std::string diagnosis(const Hosts& hosts, const Folder& folder, const std::strin
 TEST_P(Vendor, TheDoctorTellsAMissingHostASilentOneAndOneWithoutServices) {
   Hosts hosts(2);
   const std::string there = Hosts::address(1);
-  EXPECT_NE(diagnosis(hosts, folder_, GetParam(), "10.77.0.99").find("no host answers at 10.77.0.99"),
-            std::string::npos);
+  EXPECT_TRUE(contains(diagnosis(hosts, folder_, GetParam(), "10.77.0.99"), "no host answers at 10.77.0.99"));
   const std::string empty = diagnosis(hosts, folder_, GetParam(), there);
   EXPECT_NE(empty.find("nothing listens on its UDP port 7910"), std::string::npos) << empty;
   EXPECT_NE(empty.find("no participant was heard in domain 2"), std::string::npos) << empty;
   const auto service = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
   hosts.wall_off(1);
   const std::string walled = diagnosis(hosts, folder_, GetParam(), there);
-  EXPECT_NE(walled.find("a firewall between? open UDP ports 7910..8005"), std::string::npos) << walled;
+  EXPECT_TRUE(contains(walled, "a firewall between? open UDP ports 7910..8005"));
 }
 
 TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {

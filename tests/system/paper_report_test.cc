@@ -11,6 +11,7 @@
 
 #include "core/util/sha256.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tools/paper/work.h"
 
 namespace citylearn::testing {
@@ -124,7 +125,7 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
     const std::string stem = name.substr(0, name.rfind('.'));
     if (name.ends_with(".svg")) {
       ++charts;
-      EXPECT_NE(bytes.find("<path "), bytes.npos) << name;
+      EXPECT_TRUE(contains(bytes, "<path ")) << name;
       EXPECT_TRUE(bytes.ends_with("</svg>\n")) << name;
       EXPECT_TRUE(manifest["files"].contains(stem + ".png")) << name;
       EXPECT_TRUE(manifest["files"].contains(stem + "-lines.csv") || manifest["files"].contains(stem + "-bars.csv"))
@@ -155,8 +156,8 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
   // Once more: no work, the same report to the byte.
   const std::string again = run({});
   const std::string all = std::to_string(outcomes().size());
-  EXPECT_NE(again.find(all + " of " + all + " pieces of work are there"), again.npos) << again;
-  EXPECT_EQ(again.find("[1 of "), again.npos) << again;
+  EXPECT_TRUE(contains(again, all + " of " + all + " pieces of work are there"));
+  EXPECT_FALSE(contains(again, "[1 of "));
   EXPECT_EQ(Json::parse(file("manifest.json"))["files"], manifest["files"]);
 
   // From nothing, in another folder: the same outcomes.
@@ -176,7 +177,7 @@ TEST_F(PaperReport, GoesOnWhereItWasStopped) {
     ASSERT_TRUE(poll_until([&] { return !outcomes().empty(); }, kLong)) << program.output();
     program.send(SIGINT);
     EXPECT_EQ(program.wait(seconds(30)), 130);
-    EXPECT_NE(program.output().find("the same command goes on from here"), std::string::npos) << program.output();
+    EXPECT_TRUE(contains(program.output(), "the same command goes on from here"));
   }
   EXPECT_FALSE(fs::exists(folder_ / "report/report.html"));
   const std::vector<fs::path> before = outcomes();
@@ -186,9 +187,8 @@ TEST_F(PaperReport, GoesOnWhereItWasStopped) {
     times[path] = fs::last_write_time(path);
   }
   const std::string rest = run(part);
-  EXPECT_NE(rest.find(std::to_string(before.size()) + " of " + std::to_string(outcomes().size()) + " pieces of work"),
-            rest.npos)
-      << rest;
+  EXPECT_TRUE(
+      contains(rest, std::to_string(before.size()) + " of " + std::to_string(outcomes().size()) + " pieces of work"));
   EXPECT_GT(outcomes().size(), before.size());
   for (const auto& [path, time] : times) EXPECT_EQ(fs::last_write_time(path), time);
   EXPECT_TRUE(fs::exists(folder_ / "report/report.html"));
@@ -251,7 +251,7 @@ TEST_F(PaperReport, WrongInputIsOneLine) {
     const auto status = program.wait(kLong);
     EXPECT_TRUE(status == 1 || status == 2) << word;
     EXPECT_EQ(lines_of(program.output()).size(), 1u) << program.output();
-    EXPECT_NE(program.output().find(word), std::string::npos) << program.output();
+    EXPECT_TRUE(contains(program.output(), word));
     EXPECT_FALSE(fs::exists(folder_ / "report/report.html"));
   }
 }

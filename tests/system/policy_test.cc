@@ -13,6 +13,7 @@
 #include "core/wire/node.h"
 #include "tests/support/recorder.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 
 namespace citylearn::testing {
@@ -78,11 +79,11 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
   }
   EXPECT_EQ(evaluated, 5 * 300);
   EXPECT_TRUE(Json::parse(contents(run.folder() / "out/manifest.json"))["traversals"].contains("summer"));
-  EXPECT_NE(policy->output().find("SPL"), std::string::npos) << "the final table";
+  EXPECT_TRUE(contains(policy->output(), "SPL")) << "the final table";
   const auto events = files_in(run.folder() / "out/tensorboard");
   ASSERT_EQ(events.size(), 1u);
   for (const char* tag : {"Environment/Cumulative Reward", "Environment/Episode Length", "Policy/Entropy"})
-    EXPECT_NE(contents(events[0]).find(tag), std::string::npos) << tag;
+    EXPECT_TRUE(contains(contents(events[0]), tag));
 }
 
 TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
@@ -211,8 +212,8 @@ TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
   const auto publisher = stranger->create_publisher(topic);
   const auto policy = run.policy({});
   EXPECT_EQ(policy->wait(seconds(8)), 1);
-  EXPECT_NE(policy->output().find("other::Picture"), std::string::npos) << policy->output();
-  EXPECT_NE(policy->output().find("citylearn/observation"), std::string::npos) << policy->output();
+  EXPECT_TRUE(contains(policy->output(), "other::Picture"));
+  EXPECT_TRUE(contains(policy->output(), "citylearn/observation"));
 }
 
 TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
@@ -277,7 +278,7 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
     std::ofstream(file, std::ios::binary) << what;
     const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", file});
     EXPECT_EQ(policy->wait(seconds(10)), 1) << policy->output();
-    EXPECT_NE(policy->output().find(file), std::string::npos) << policy->output();
+    EXPECT_TRUE(contains(policy->output(), file));
   };
   std::string flipped = bytes;
   flipped[flipped.size() / 2] = static_cast<char>(flipped[flipped.size() / 2] ^ 1);
@@ -311,7 +312,7 @@ TEST(CommandLine, WrongInputIsOneClearLine) {
   std::ofstream(run.folder() / "wrong.toml") << "agent = \"baseline\"\ncolour = 3\n";
   const auto policy = run.policy({"--config", run.folder() / "wrong.toml"});
   EXPECT_EQ(policy->wait(seconds(8)), 2);
-  EXPECT_NE(policy->output().find("colour"), std::string::npos) << policy->output();
+  EXPECT_TRUE(contains(policy->output(), "colour"));
 }
 
 TEST(CommandLine, ListNamesEveryPlugin) {
@@ -320,7 +321,7 @@ TEST(CommandLine, ListNamesEveryPlugin) {
   ASSERT_EQ(list.wait(seconds(10)), 0);
   for (const char* name : {"baseline", "features", "place_filter", "ppo", "blind", "sequence_filter", "shortest_path",
                            "fastdds", "cyclonedds", "inprocess", "--ppo-gamma"})
-    EXPECT_NE(list.output().find(name), std::string::npos) << name;
+    EXPECT_TRUE(contains(list.output(), name));
 }
 
 }  // namespace

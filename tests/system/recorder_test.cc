@@ -15,6 +15,7 @@
 #include "tests/support/ledger.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 
 namespace citylearn::testing {

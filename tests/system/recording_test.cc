@@ -8,6 +8,7 @@
 #include "dashboard/store/database.h"
 #include "tests/support/recordings.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 
 namespace citylearn::testing {
@@ -60,7 +61,7 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
     ASSERT_EQ(end(*recorder), 0) << recorder->output();
   }
   ASSERT_EQ(end(*record, SIGINT), 0) << record->output();
-  EXPECT_NE(record->output().find("citylearn/episode_stat"), std::string::npos) << record->output();
+  EXPECT_TRUE(contains(record->output(), "citylearn/episode_stat"));
   std::string missing = "?";
   EXPECT_FALSE(all_of(file, &missing).empty());
   EXPECT_EQ(missing, "");
@@ -113,17 +114,15 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   const auto replay = trial.program(CITYLEARN_REPLAY, "replay", {file, "--learner"});
   ASSERT_EQ(second->wait(kLong), 0) << second->output() << replay->output();
   ASSERT_EQ(replay->wait(kLong), 0) << replay->output();
-  EXPECT_NE(replay->output().find("trajectories accepted"), std::string::npos) << replay->output();
-  EXPECT_NE(contents(trial.folder() / "second/summary.json").find("\"steps\": 12800"), std::string::npos)
-      << contents(trial.folder() / "second/summary.json");
+  EXPECT_TRUE(contains(replay->output(), "trajectories accepted"));
+  EXPECT_TRUE(contains(contents(trial.folder() / "second/summary.json"), "\"steps\": 12800"));
 
   // A learner for other trajectories is not what they are played to.
   const auto other =
       trial.train(25, "other", {"--role", "learner", "--trainer-agents", "8", "--trainer-sequence", "32"});
   const auto wrong = trial.program(CITYLEARN_REPLAY, "wrong", {file, "--learner"});
   ASSERT_EQ(wrong->wait(kLong), 1) << wrong->output() << other->output();
-  EXPECT_NE(wrong->output().find("has 64 steps a trajectory, the learner wants 32"), std::string::npos)
-      << wrong->output();
+  EXPECT_TRUE(contains(wrong->output(), "has 64 steps a trajectory, the learner wants 32"));
 }
 
 }  // namespace

@@ -11,6 +11,7 @@
 
 #include "core/wire/node.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 
 namespace citylearn::testing {

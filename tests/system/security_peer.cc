@@ -8,8 +8,8 @@
 
 #include <cstdio>
 
-#include "core/util/error.h"
 #include "core/dds/middleware_internal.h"
+#include "core/util/error.h"
 
 namespace citylearn {
 namespace {

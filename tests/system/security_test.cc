@@ -20,6 +20,7 @@
 #include "core/util/error.h"
 #include "tests/support/child.h"
 #include "tests/support/keystore.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 
 namespace citylearn::testing {
@@ -171,7 +172,7 @@ TEST_P(Secured, ALearnerAndItsActorHaveThePermissionsTheyNeed) {
   EXPECT_EQ(actor->wait(kLong).value_or(-1), 0) << actor->output();
   env->send(SIGTERM);
   EXPECT_EQ(env->wait(kLong).value_or(-1), 0) << env->output();
-  EXPECT_NE(env->output().find("all acknowledged"), std::string::npos) << env->output();
+  EXPECT_TRUE(contains(env->output(), "all acknowledged"));
 }
 
 /// Who tries to get in, by name; and what the log must then say.

@@ -8,6 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/trial.h"
 
 namespace citylearn::testing {
@@ -49,14 +50,14 @@ TEST(Sweep, EachSeedIsTheRunThatItWouldBeAlone) {
   EXPECT_EQ(joined["evaluate"]["summer"]["spl"]["median"], spl[1]);
   EXPECT_EQ(joined["evaluate"]["summer"]["spl"]["max"], spl[2]);
   EXPECT_EQ(joined["train"]["steps"]["median"], 8 * 512);
-  EXPECT_NE(sweep->output().find("| place_filter | ppo"), std::string::npos) << sweep->output();
+  EXPECT_TRUE(contains(sweep->output(), "| place_filter | ppo"));
 
   // The table of the sweep and of the lone run, which walked the tasks of seed 5.
   Service table({CITYLEARN_POLICY_SERVICE, "--mode", "table", run.folder() / "sweep", run.folder() / "alone"},
                 run.folder() / "table.log");
   ASSERT_EQ(table.wait(seconds(10)), 0) << table.output();
-  EXPECT_NE(table.output().find("| alone | place_filter"), std::string::npos) << table.output();
-  EXPECT_NE(table.output().find("3,5,4"), std::string::npos) << table.output();
+  EXPECT_TRUE(contains(table.output(), "| alone | place_filter"));
+  EXPECT_TRUE(contains(table.output(), "3,5,4"));
 }
 
 TEST(Sweep, GoesOnWithTheSeedThatWasInterrupted) {
@@ -76,7 +77,7 @@ TEST(Sweep, GoesOnWithTheSeedThatWasInterrupted) {
 
   const auto other = run.train(kUpdates, "sweep", {"--seeds", "1..3", "--resume", "--ppo-gamma", "0.5"});
   EXPECT_EQ(other->wait(seconds(10)), 1) << "seed 1 is of another run";
-  EXPECT_NE(other->output().find("gamma was "), std::string::npos) << other->output();
+  EXPECT_TRUE(contains(other->output(), "gamma was "));
 
   const auto resumed = run.train(kUpdates, "sweep", {"--seeds", "1..3", "--resume"});
   ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
@@ -94,7 +95,7 @@ TEST(Sweep, ASeedThatFailsIsNamedAndTheOthersGoOn) {
   std::ofstream(run.folder() / "out/seed-2") << "in the way";
   const auto sweep = run.train(4, "out", {"--seeds", "1..3"});
   EXPECT_EQ(sweep->wait(kLong), 1) << sweep->output();
-  EXPECT_NE(sweep->output().find("policy_service: seeds: 1 of 3 failed: 2: "), std::string::npos) << sweep->output();
+  EXPECT_TRUE(contains(sweep->output(), "policy_service: seeds: 1 of 3 failed: 2: "));
   const Json joined = json_of(run.folder() / "out/sweep.json");
   EXPECT_EQ(joined["seeds"], (std::vector<int>{1, 3}));
   ASSERT_EQ(joined["failed"].size(), 1u);

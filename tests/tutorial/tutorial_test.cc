@@ -12,6 +12,7 @@
 
 #include "tests/support/domain.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -84,13 +85,13 @@ TEST_F(Tutorial, KeepsItsPromises) {
   }
   const std::string said = reader.output();
   ASSERT_TRUE(status.has_value()) << said;
-  ASSERT_NE(said.find("followed to the end"), std::string::npos) << said;
+  ASSERT_TRUE(contains(said, "followed to the end"));
   // What the page says of what is to be seen.
-  EXPECT_NE(said.find("[       OK ] LearnerContract.GoesOnFromWhatItSavedBitForBit/a2c"), std::string::npos) << said;
-  EXPECT_EQ(said.find("[  FAILED  ]"), std::string::npos) << said;
+  EXPECT_TRUE(contains(said, "[ OK ] LearnerContract.GoesOnFromWhatItSavedBitForBit/a2c"));
+  EXPECT_FALSE(contains(said, "[ FAILED ]"));
   for (const char* parameter : {"learning-rate", "gamma", "lambda", "entropy", "value-weight"})
-    EXPECT_NE(said.find("--a2c-" + std::string(parameter)), std::string::npos) << said;
-  EXPECT_NE(said.find("| fast"), std::string::npos) << said;
+    EXPECT_TRUE(contains(said, "--a2c-" + std::string(parameter)));
+  EXPECT_TRUE(contains(said, "| fast"));
   std::smatch promised;
   const std::regex promise(
       R"(an\s+SPL\s+of\s+at\s+least\s+([0-9.]+)\s+on\s+summer\s+and\s+of\s+at\s+least\s+([0-9.]+)\s+on\s+fall)");
@@ -105,10 +106,10 @@ TEST_F(Tutorial, KeepsItsPromises) {
 /// The page's last step: the folder it names is where CMake looks for learners, and has no file of that name yet.
 TEST_F(Tutorial, TheFolderForThisRepositoryIsRight) {
   const std::string folder = "policy_service/learning/learners/", root = CITYLEARN_SOURCE_DIR "/";
-  EXPECT_NE(page_.find("cp a2c.cc $CITYLEARN/" + folder), std::string::npos);
+  EXPECT_TRUE(contains(page_, "cp a2c.cc $CITYLEARN/" + folder));
   EXPECT_TRUE(fs::exists(root + folder + "ppo.cc"));
   EXPECT_FALSE(fs::exists(root + folder + "a2c.cc"));
-  EXPECT_NE(contents(root + "policy_service/CMakeLists.txt").find("learning/*/*.cc"), std::string::npos);
+  EXPECT_TRUE(contains(contents(root + "policy_service/CMakeLists.txt"), "learning/*/*.cc"));
 }
 
 }  // namespace
