@@ -85,16 +85,16 @@ bool input_ended() {
 class Trips {
  public:
   explicit Trips(const Settings& settings) : warm_(settings.trips / 10), last_(warm_ + settings.trips) {
-    times_.reserve(static_cast<std::size_t>(settings.trips));
+    times.reserve(static_cast<std::size_t>(settings.trips));
   }
   std::uint32_t number() const { return static_cast<std::uint32_t>(number_); }
   bool finished() const { return number_ >= last_; }
   void begin() { begin_ = Clock::now(); }
   void end() {
-    if (number_ >= warm_) times_.push_back(bench::since(begin_) * 1e6);
+    if (number_ >= warm_) times.push_back(bench::since(begin_) * 1e6);
     ++number_;
   }
-  std::vector<double> times_;
+  std::vector<double> times;
 
  private:
   int warm_, last_, number_ = 0;
@@ -164,7 +164,7 @@ std::vector<double> ask_bare(const Settings& settings, const std::string& vendor
   }
   lock.unlock();
   port.reset();
-  return trips.times_;
+  return trips.times;
 }
 
 // --- This project
@@ -215,7 +215,7 @@ std::vector<double> ask_middleware(const Settings& settings, const std::string& 
     }
     trips.end();
   }
-  return trips.times_;
+  return trips.times;
 }
 
 Node::Options node_options(const Settings& settings, const std::string& vendor, const std::string& id) {
@@ -259,7 +259,7 @@ std::vector<double> ask_node(const Settings& settings, const std::string& vendor
     }
     trips.end();
   }
-  return trips.times_;
+  return trips.times;
 }
 
 // --- Measurement

@@ -252,7 +252,7 @@ Costs fit(const std::vector<Equation>& all, Costs costs, int first) {
     b[row] = 1 - all[i].terms.head(first).dot(known.head(first)) / all[i].seconds;
   }
   const Vector x = nonnegative_least_squares(a, b);
-  for (int i = 0; i < count; ++i) *to[static_cast<std::size_t>(first + i)] = x[i];
+  for (int i = 0; i < count; ++i) *to[first + i] = x[i];
   return costs;
 }
 

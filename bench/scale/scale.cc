@@ -322,7 +322,7 @@ std::vector<Row> observe(Scene& scene, const std::string& phase, int windows, bo
     looks.push_back({seconds_now(), scene.usage(), idle_processor_seconds(), scene.progress()});
   };
   look();
-  const auto before = scene.statuses();
+  auto before = scene.statuses();
   for (int window = 0; window < windows; ++window) {
     next();
     look();

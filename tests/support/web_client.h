@@ -46,7 +46,8 @@ class WebClient {
     sockaddr_in address = at(from, 0);
     const int at_once = 1;
     ::setsockopt(socket_, IPPROTO_TCP, TCP_NODELAY, &at_once, sizeof at_once);
-    ::bind(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address);
+    if (::bind(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+      throw Error("cannot bind", from);
     address = at("127.0.0.1", port);
     if (::connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
       throw Error("cannot connect", "port " + std::to_string(port));
