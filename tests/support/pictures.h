@@ -31,15 +31,4 @@ inline bool write_video(const std::string& path, int frames, const char* codec =
   return true;
 }
 
-/// The one line that `call` throws; "accepted" when it throws nothing.
-template <class Call>
-std::string complaint_of(Call call) {
-  try {
-    call();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "accepted";
-}
-
 }  // namespace citylearn::testing

@@ -5,6 +5,8 @@
 
 #include <string>
 
+#include "core/util/error.h"
+
 namespace citylearn::testing {
 
 /// Whether `part` stands somewhere in `text`; a failure shows the text.
@@ -12,6 +14,17 @@ inline ::testing::AssertionResult contains(const std::string& text, const std::s
   const bool found = text.find(part) != text.npos;
   return (found ? ::testing::AssertionSuccess() : ::testing::AssertionFailure())
          << (found ? "'" : "no '") << part << "' in '" << text << "'";
+}
+
+/// The line of the Error that `call` throws; empty when it throws none.
+template <class Call>
+std::string error_of(const Call& call) {
+  try {
+    call();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
 }
 
 }  // namespace citylearn::testing

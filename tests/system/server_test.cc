@@ -362,13 +362,8 @@ TEST_F(ServerTest, EndsAtOnceWhateverIsGoingOn) {
 }
 
 TEST_F(ServerTest, WhatKeepsItFromListeningIsSaidInOneLine) {
-  const auto refusal = [this](const ServerOptions& options) -> std::string {
-    try {
-      const Server server(options, hub_, {});
-      return "";
-    } catch (const Error& error) {
-      return error.what();
-    }
+  const auto refusal = [this](const ServerOptions& options) {
+    return testing::error_of([&] { const Server server(options, hub_, {}); });
   };
   const auto says = [&](const ServerOptions& options, const std::string& part) {
     const std::string text = refusal(options);

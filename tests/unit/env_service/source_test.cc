@@ -6,6 +6,7 @@
 
 #include "env_service/dataset_io/selection.h"
 #include "tests/support/pictures.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
@@ -56,9 +57,9 @@ TEST(Options, Alignment) {
 TEST(Options, OpenTheDataset) {
   const auto dataset = open_dataset(parsed("--dataset synthetic --synthetic-frames 40"));
   EXPECT_EQ(dataset->load(dataset->names().front()).frames, 40);
-  EXPECT_EQ(testing::complaint_of([] { open_dataset(parsed("--dataset plain --data x --synthetic-frames 40")); }),
+  EXPECT_EQ(testing::error_of([] { open_dataset(parsed("--dataset plain --data x --synthetic-frames 40")); }),
             "--synthetic-frames: is for dataset synthetic, but the dataset is plain");
-  EXPECT_NE(testing::complaint_of([] { open_dataset(parsed("--dataset none")); }).find("unknown dataset 'none'"),
+  EXPECT_NE(testing::error_of([] { open_dataset(parsed("--dataset none")); }).find("unknown dataset 'none'"),
             std::string::npos);
 }
 

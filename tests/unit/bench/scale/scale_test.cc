@@ -13,6 +13,7 @@
 #include "bench/scale/simulation.h"
 #include "core/util/error.h"
 #include "core/util/random.h"
+#include "tests/support/text.h"
 
 namespace citylearn::scale {
 namespace {
@@ -230,12 +231,7 @@ TEST(Measured, WrongFilesAreNamedWithTheirLine) {
   const std::string path = testing::TempDir() + "scale_test_" + std::to_string(getpid()) + ".csv";
   const auto complaint = [&](const std::string& text) -> std::string {
     std::ofstream(path) << text;
-    try {
-      read_measured({path});
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "";
+    return testing::error_of([&] { read_measured({path}); });
   };
   EXPECT_NE(complaint("a,b\n1\n").find(path + ":2"), std::string::npos);
   EXPECT_NE(complaint("a,b\n1,x\n").find("'x' is no number"), std::string::npos);

@@ -14,6 +14,7 @@
 #include "core/util/error.h"
 #include "core/wire/messages.h"
 #include "tests/support/keystore.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
@@ -24,13 +25,10 @@ using testing::Keystore;
 
 /// What --security says to a folder; empty when it accepts it.
 std::string complaint(const std::string& folder, const std::string& id = "env-1") {
-  try {
+  return testing::error_of([&] {
     const std::string path = internal::check_security(folder, id);
     EXPECT_EQ(path, fs::canonical(folder).string());
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
+  });
 }
 
 void expect_complaint(const std::string& folder, const std::string& file, const std::string& text,
@@ -199,12 +197,7 @@ TEST(Security, IsEnforcedOrRefused) {
     options.name = middleware;
     options.domain = domain;
     options.security = "/nowhere";
-    try {
-      create_middleware(options);
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "";
+    return testing::error_of([&] { create_middleware(options); });
   };
   EXPECT_NE(start_error("inprocess", 0).find("no wire to protect"), std::string::npos);
   EXPECT_NE(start_error("lossy:inprocess", 0).find("no wire to protect"), std::string::npos);

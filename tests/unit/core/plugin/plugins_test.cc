@@ -9,6 +9,7 @@
 #include "core/util/files.h"
 #include "tests/support/service.h"
 #include "tests/support/small_city.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
@@ -17,12 +18,7 @@ using testing::Folder;
 using testing::Service;
 
 std::string refusal_of(const std::string& file) {
-  try {
-    load_plugin(file);
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "was loaded";
+  return testing::error_of([&] { load_plugin(file); });
 }
 
 void expect_part(const std::string& text, const std::string& part) {

@@ -5,6 +5,8 @@
 
 #include <cmath>
 
+#include "tests/support/text.h"
+
 namespace citylearn {
 namespace {
 
@@ -15,12 +17,7 @@ const std::vector<ParameterSpec> kSpecs = {
 };
 
 std::string error_of(const std::map<std::string, double>& values) {
-  try {
-    Parameters("network 'mlp'", kSpecs, values);
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
+  return testing::error_of([&] { Parameters("network 'mlp'", kSpecs, values); });
 }
 
 TEST(Parameters, DefaultsAndGivenValues) {
@@ -78,12 +75,8 @@ TEST(Registry, FindsSortsAndCreates) {
 }
 
 TEST(Registry, UnknownListsTheKnown) {
-  try {
-    Shapes::instance().find("shape", "cube");
-    FAIL();
-  } catch (const Error& error) {
-    EXPECT_STREQ(error.what(), "unknown shape 'cube' (known: circle, square)");
-  }
+  EXPECT_EQ(testing::error_of([&] { Shapes::instance().find("shape", "cube"); }),
+            "unknown shape 'cube' (known: circle, square)");
 }
 
 }  // namespace

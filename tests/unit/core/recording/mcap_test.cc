@@ -15,9 +15,12 @@
 #include "tests/support/recordings.h"
 #include "tests/support/samples.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
+
+using testing::error_of;
 
 using namespace testing;
 
@@ -40,17 +43,6 @@ Number number_at(const std::string& text, std::size_t at) {
 
 std::uint32_t crc_of(const std::string& text) {
   return static_cast<std::uint32_t>(::crc32_z(0, reinterpret_cast<const unsigned char*>(text.data()), text.size()));
-}
-
-/// The whole error of an action that must have one.
-template <class Action>
-std::string error_of(const Action& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "no error";
 }
 
 const McapChannel kOne{"one", "pkg::One", "omgidl", "struct One {};", "cdr", {{"profile", "state"}}};

@@ -7,10 +7,11 @@
 #include <sys/resource.h>
 
 #include "core/util/error.h"
-#include "policy_service/run/episode_log.h"
 #include "policy_service/interchange/event_log.h"
+#include "policy_service/run/episode_log.h"
 #include "policy_service/run/metrics_log.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -80,12 +81,7 @@ TEST(GrowingFile, GoesOnBehindWhatIsThereOrBeginsAnew) {
   EXPECT_EQ(contents(path), "one\ntwo\n");
   { GrowingFile(path, false).add("three\n"); }
   EXPECT_EQ(contents(path), "three\n");
-  try {
-    GrowingFile(folder / "nowhere/log");
-    FAIL();
-  } catch (const Error& error) {
-    EXPECT_NE(std::string(error.what()).find("nowhere/log: No such file"), std::string::npos) << error.what();
-  }
+  EXPECT_TRUE(contains(error_of([&] { GrowingFile(folder / "nowhere/log"); }), "nowhere/log: No such file"));
 }
 
 TEST(EpisodeLog, AFullDiskAcknowledgesNothingNewAndLosesNothing) {

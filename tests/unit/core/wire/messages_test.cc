@@ -11,6 +11,7 @@
 #include <set>
 
 #include "tests/support/samples.h"
+#include "tests/support/text.h"
 
 // The largest single request, to see that hostile lengths do not make decode allocate.
 static std::atomic<std::size_t> largest_request{0};
@@ -28,19 +29,17 @@ namespace {
 
 using testing::encoded;
 using testing::equal;
+using testing::error_of;
 using testing::for_each_message;
 using testing::sample_of;
 using testing::Size;
 
 template <class Message>
 std::string decode_error(const Bytes& bytes) {
-  try {
+  return testing::error_of([&] {
     Message message;
     decode(std::span<const std::byte>(bytes), message);
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
+  });
 }
 
 TEST(Messages, EveryTypeGoesRoundAtEverySize) {
@@ -159,12 +158,8 @@ TEST(Messages, OverBoundIsNotEncoded) {
   auto message = sample_of<msg::Action>(Size::kMost);
   message.choice().push_back(0);
   Bytes bytes;
-  try {
-    encode(message, bytes);
-    FAIL();
-  } catch (const Error& error) {
-    EXPECT_STREQ(error.what(), "citylearn::msg::Action.choice: 257 entries, at most 256 are allowed");
-  }
+  EXPECT_EQ(error_of([&] { encode(message, bytes); }),
+            "citylearn::msg::Action.choice: 257 entries, at most 256 are allowed");
 }
 
 template <class Message, class Change>

@@ -13,6 +13,7 @@
 #include "dashboard/http/page.h"
 #include "dashboard/http/target.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
@@ -153,12 +154,7 @@ TEST(AccessToken, ALinkWorksOnceAndItsCookieFromThenOn) {
 
 /// The message of the Error, or "" when there was none.
 std::string refusal_of(const Access::Options& options) {
-  try {
-    const Access access(options);
-    return "";
-  } catch (const Error& error) {
-    return error.what();
-  }
+  return testing::error_of([&] { const Access access(options); });
 }
 
 TEST(AccessToken, WhatIsWrongIsSaidInOneLine) {

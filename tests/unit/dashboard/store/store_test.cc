@@ -17,6 +17,7 @@
 #include "dashboard/store/store_reader.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
@@ -34,12 +35,7 @@ class StoreTest : public ::testing::Test {
     return options;
   }
   std::string refusal() const {
-    try {
-      Store store(options());
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "";
+    return testing::error_of([&] { Store store(options()); });
   }
   std::int64_t number(const std::string& sql) const { return open_database(path_).execAndGet(sql).getInt64(); }
 };

@@ -9,11 +9,14 @@
 #include "encoder_service/encoding/encoder.h"
 #include "encoder_service/encoding/netvlad_head.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/tiny_onnx.h"
 
 namespace citylearn {
 namespace {
 
+using testing::contains;
+using testing::error_of;
 using testing::Folder;
 using testing::network;
 using testing::tiny_convolution;
@@ -68,17 +71,6 @@ std::vector<double> equation_4(const NetvladHead& head, const Eigen::MatrixXf& f
   return sum;
 }
 
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
-
-bool has(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
-
 TEST(NetvladHead, IsEquationFour) {
   for (const auto& [channels, clusters, positions] : {std::array{16, 8, 30}, {512, 64, 50}, {3, 1, 1}, {5, 4, 1}}) {
     const NetvladHead head = random_head(channels, clusters);
@@ -128,8 +120,8 @@ TEST(NetvladHead, LearnsCentresAndSharpness) {
   }
   EXPECT_NEAR(ratios, std::log(100.0), 0.05);
   EXPECT_EQ(NetvladHead::learn(features, 4).save(), head.save());
-  EXPECT_TRUE(has(error_of([&] { NetvladHead::learn(features.leftCols(3), 4); }), "only 3 local features"));
-  EXPECT_TRUE(has(error_of([&] { NetvladHead::learn(Eigen::MatrixXf::Ones(8, 9), 4); }), "too similar"));
+  EXPECT_TRUE(contains(error_of([&] { NetvladHead::learn(features.leftCols(3), 4); }), "only 3 local features"));
+  EXPECT_TRUE(contains(error_of([&] { NetvladHead::learn(Eigen::MatrixXf::Ones(8, 9), 4); }), "too similar"));
   EXPECT_NO_THROW(NetvladHead::learn(features, 1));
 }
 
@@ -190,35 +182,35 @@ TEST(NetvladFile, BadFilesGetOneLine) {
     Json header = {{name, tensor({2, 3}, 0, 24)}};
     return parse_error(file_of(header.dump(), 6));
   };
-  EXPECT_TRUE(has(without("centroids"), "no tensor 'conv.weight'"));
-  EXPECT_TRUE(has(without("conv.weight"), "no tensor 'centroids'"));
-  EXPECT_TRUE(has(with("conv.biass", tensor({2}, 48, 56), 14), "unknown tensor 'conv.biass' (known: centroids"));
-  EXPECT_TRUE(has(with("line\nbreak", tensor({2}, 48, 56), 14), "unknown tensor 'line break'"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({3}, 48, 60), 15), "'conv.bias' is 3 x 1, it has to be 2 x 1"));
-  EXPECT_TRUE(has(with("wpca.weight", tensor({4, 5}, 48, 128), 32), "it has to be any x 6"));
-  EXPECT_TRUE(has(with("wpca.bias", tensor({4}, 48, 64), 16), "without 'wpca.weight'"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 52, "F16"), 13), "dtype \"F16\", must be \"F32\""));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 60), 15), "does not fit its 12 bytes"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 48, 56), 13), "cut short?"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 56, 64), 16), "a hole of 8 bytes before tensor 'conv.bias'"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 24, 32), 12), "tensors 'conv.bias' and 'conv.weight' overlap"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, 40, 48), 12), "overlap"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({0}, 48, 48), 12), "side of 0"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({std::int64_t{1} << 62}, 48, 56), 14), "does not fit its 8 bytes"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({1 << 20, 1 << 20}, 48, 56), 14), "does not fit its 8 bytes"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2}, -8, 56), 14), "data_offsets must be whole numbers"));
-  EXPECT_TRUE(has(with("conv.bias", 5, 14), "'conv.bias' is not a JSON object"));
-  EXPECT_TRUE(has(with("conv.bias", tensor({2, 3, 4}, 48, 144), 36), "neither a vector nor a matrix"));
-  EXPECT_TRUE(has(parse_error(file_of(good.dump(), 13)), "belong to no tensor"));
-  EXPECT_TRUE(has(parse_error(file_of(good.dump(), 12, NAN)), "not finite"));
-  EXPECT_TRUE(has(parse_error(file_of("[1,2]", 0)), "not a JSON object"));
-  EXPECT_TRUE(has(parse_error(file_of(std::string(100000, '['), 0)), "nested too deeply"));
+  EXPECT_TRUE(contains(without("centroids"), "no tensor 'conv.weight'"));
+  EXPECT_TRUE(contains(without("conv.weight"), "no tensor 'centroids'"));
+  EXPECT_TRUE(contains(with("conv.biass", tensor({2}, 48, 56), 14), "unknown tensor 'conv.biass' (known: centroids"));
+  EXPECT_TRUE(contains(with("line\nbreak", tensor({2}, 48, 56), 14), "unknown tensor 'line break'"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({3}, 48, 60), 15), "'conv.bias' is 3 x 1, it has to be 2 x 1"));
+  EXPECT_TRUE(contains(with("wpca.weight", tensor({4, 5}, 48, 128), 32), "it has to be any x 6"));
+  EXPECT_TRUE(contains(with("wpca.bias", tensor({4}, 48, 64), 16), "without 'wpca.weight'"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({2}, 48, 52, "F16"), 13), "dtype \"F16\", must be \"F32\""));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({2}, 48, 60), 15), "does not fit its 12 bytes"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({2}, 48, 56), 13), "cut short?"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({2}, 56, 64), 16), "a hole of 8 bytes before tensor 'conv.bias'"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({2}, 24, 32), 12), "tensors 'conv.bias' and 'conv.weight' overlap"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({2}, 40, 48), 12), "overlap"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({0}, 48, 48), 12), "side of 0"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({std::int64_t{1} << 62}, 48, 56), 14), "does not fit its 8 bytes"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({1 << 20, 1 << 20}, 48, 56), 14), "does not fit its 8 bytes"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({2}, -8, 56), 14), "data_offsets must be whole numbers"));
+  EXPECT_TRUE(contains(with("conv.bias", 5, 14), "'conv.bias' is not a JSON object"));
+  EXPECT_TRUE(contains(with("conv.bias", tensor({2, 3, 4}, 48, 144), 36), "neither a vector nor a matrix"));
+  EXPECT_TRUE(contains(parse_error(file_of(good.dump(), 13)), "belong to no tensor"));
+  EXPECT_TRUE(contains(parse_error(file_of(good.dump(), 12, NAN)), "not finite"));
+  EXPECT_TRUE(contains(parse_error(file_of("[1,2]", 0)), "not a JSON object"));
+  EXPECT_TRUE(contains(parse_error(file_of(std::string(100000, '['), 0)), "nested too deeply"));
   Bytes hostile = file_of(good.dump(), 12);
   std::fill_n(hostile.begin(), 8, std::byte{0xFF});
-  EXPECT_TRUE(has(parse_error(hostile), "its header would have 18446744073709551615 bytes"));
+  EXPECT_TRUE(contains(parse_error(hostile), "its header would have 18446744073709551615 bytes"));
   const Bytes whole = file_of(good.dump(), 12);
   for (std::size_t size = 0; size < whole.size(); ++size)
-    EXPECT_TRUE(has(parse_error(Bytes(whole.begin(), whole.begin() + size)), "head.safetensors: ")) << size;
+    EXPECT_TRUE(contains(parse_error(Bytes(whole.begin(), whole.begin() + size)), "head.safetensors: ")) << size;
 }
 
 std::unique_ptr<Encoder> make(const EncoderFiles& files, const Values& values = {}) {
@@ -243,8 +235,8 @@ TEST(Netvlad, LearnsRestoresAndNamesItsHead) {
   const auto first = make(files, {{"clusters", 4}});
   EXPECT_EQ(first->training_sample_count(), 100);
   EXPECT_TRUE(first->state().empty());
-  EXPECT_TRUE(has(error_of([&] { first->encode(pictures); }), "no centres yet"));
-  EXPECT_TRUE(has(error_of([&] { first->spec(); }), "no centres yet"));
+  EXPECT_TRUE(contains(error_of([&] { first->encode(pictures); }), "no centres yet"));
+  EXPECT_TRUE(contains(error_of([&] { first->spec(); }), "no centres yet"));
   first->learn(pictures);
   EXPECT_EQ(first->spec().dimension, 24);
   const Eigen::MatrixXf descriptors = first->encode(pictures);
@@ -278,7 +270,7 @@ TEST(Netvlad, LearnsRestoresAndNamesItsHead) {
   other->learn(std::span(pictures).subspan(1));
   EXPECT_NE(other->spec().name, first->spec().name);
 
-  EXPECT_TRUE(has(error_of([&] { make(files, {{"clusters", 5}})->restore(state); }), "other parameters"));
+  EXPECT_TRUE(contains(error_of([&] { make(files, {{"clusters", 5}})->restore(state); }), "other parameters"));
   EXPECT_THROW(again->restore(std::span(state).first(20)), Error);
   EXPECT_EQ(again->encode(pictures), descriptors) << "a failed restore changes nothing";
 }
@@ -291,12 +283,12 @@ TEST(Netvlad, RefusesWhatDoesNotFit) {
                                .node("GlobalAveragePool", "pool")
                                .node("Flatten", "flat", {}, {}, {{"axis", 1}})
                                .save(folder / "flat.onnx");
-  EXPECT_TRUE(has(error_of([&] { make(network(flat)); }), "feature map"));
+  EXPECT_TRUE(contains(error_of([&] { make(network(flat)); }), "feature map"));
   const Bytes head = random_head(7, 4).save();
   std::ofstream(folder / "head", std::ios::binary).write(reinterpret_cast<const char*>(head.data()), std::ssize(head));
-  EXPECT_TRUE(has(error_of([&] { make(network(model, "relu", "", folder / "head")); }),
-                  "is made for 7 channels, the network's layer has 6"));
-  EXPECT_TRUE(has(error_of([&] { make(network(model, "relu", "", folder / "none")); }), "No such file"));
+  EXPECT_TRUE(contains(error_of([&] { make(network(model, "relu", "", folder / "head")); }),
+                       "is made for 7 channels, the network's layer has 6"));
+  EXPECT_TRUE(contains(error_of([&] { make(network(model, "relu", "", folder / "none")); }), "No such file"));
 }
 
 }  // namespace

@@ -9,11 +9,13 @@
 #include "encoder_service/onnx/onnx_file.h"
 #include "encoder_service/onnx/onnx_network.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/tiny_onnx.h"
 
 namespace citylearn {
 namespace {
 
+using testing::contains;
 using testing::Folder;
 using testing::network;
 using testing::tiny_convolution;
@@ -26,15 +28,8 @@ std::unique_ptr<Encoder> make(const EncoderFiles& files, const Values& values = 
 }
 
 std::string error_of(const EncoderFiles& files, const Values& values = {}) {
-  try {
-    make(files, values);
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
+  return testing::error_of([&] { make(files, values); });
 }
-
-bool has(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
 cv::Mat noise(int width, int height, int seed) {
   cv::Mat picture(height, width, CV_8UC3);
@@ -162,22 +157,24 @@ TEST(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
     const std::string name = make(files, values)->spec().name;
     return name.substr(name.find("layer="));
   };
-  EXPECT_TRUE(has(size(network(fixed)), " 8x6 "));
-  EXPECT_TRUE(has(size(network(fixed, "", "resnet50")), " 8x6 ")) << "a preset only fills what is open";
-  EXPECT_TRUE(has(size(network(open, "", "resnet50")), " 224x224 "));
-  EXPECT_TRUE(has(size(network(open, "", "resnet50"), {{"width", 32}, {"height", 24}}), " 32x24 "));
-  EXPECT_TRUE(has(error_of(network(open)), "leaves the height of its input open")) << error_of(network(open));
-  EXPECT_TRUE(has(error_of(network(fixed), {{"width", 10}}), "width of 8, not 10"));
+  EXPECT_TRUE(contains(size(network(fixed)), " 8x6 "));
+  EXPECT_TRUE(contains(size(network(fixed, "", "resnet50")), " 8x6 ")) << "a preset only fills what is open";
+  EXPECT_TRUE(contains(size(network(open, "", "resnet50")), " 224x224 "));
+  EXPECT_TRUE(contains(size(network(open, "", "resnet50"), {{"width", 32}, {"height", 24}}), " 32x24 "));
+  EXPECT_TRUE(contains(error_of(network(open)), "leaves the height of its input open")) << error_of(network(open));
+  EXPECT_TRUE(contains(error_of(network(fixed), {{"width", 10}}), "width of 8, not 10"));
 }
 
 TEST(Onnx, LayersAreFoundByNameOrSuggested) {
   const Folder folder;
   const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
-  EXPECT_TRUE(has(make(network(path, "relu"))->spec().name, "layer=onnx_node!relu "));
-  EXPECT_TRUE(has(make(network(path, "", "resnet50"))->spec().name, "layer=onnx_node!pool "));
-  EXPECT_TRUE(has(error_of(network(path, "REL")), "it has onnx_node!relu"));
+  EXPECT_TRUE(contains(make(network(path, "relu"))->spec().name, "layer=onnx_node!relu "));
+  EXPECT_TRUE(contains(make(network(path, "", "resnet50"))->spec().name, "layer=onnx_node!pool "));
+  EXPECT_TRUE(contains(error_of(network(path, "REL")), "it has onnx_node!relu"));
   const std::string none = error_of(network(path, "fc"));
-  EXPECT_TRUE(has(none, "has no layer 'fc'") && has(none, "its last are ") && has(none, "onnx_node!pool")) << none;
+  EXPECT_TRUE(contains(none, "has no layer 'fc'") && contains(none, "its last are ") &&
+              contains(none, "onnx_node!pool"))
+      << none;
 }
 
 TEST(Onnx, NamesSayWhatChangesNumbers) {
@@ -219,34 +216,36 @@ TEST(Onnx, BadFilesGetOneLine) {
     std::ofstream(folder / "bad.onnx", std::ios::binary) << bytes;
     return folder / "bad.onnx";
   };
-  EXPECT_TRUE(has(error_of(network("")), "--model"));
-  EXPECT_TRUE(has(error_of(network(folder / "none.onnx")), "No such file"));
-  EXPECT_TRUE(has(error_of(network(folder.path())), "is not a file"));
-  EXPECT_TRUE(has(error_of(network(write(""))), "empty file"));
-  EXPECT_TRUE(has(error_of(network(write("hello, I am no model at all"))), "not an ONNX model"));
-  EXPECT_TRUE(has(error_of(network(write("version https://git-lfs.github.com/spec/v1\n"))), "git lfs pull"));
-  EXPECT_TRUE(has(error_of(network(write(good), "", "vgg")), "known: cosplace"));
+  EXPECT_TRUE(contains(error_of(network("")), "--model"));
+  EXPECT_TRUE(contains(error_of(network(folder / "none.onnx")), "No such file"));
+  EXPECT_TRUE(contains(error_of(network(folder.path())), "is not a file"));
+  EXPECT_TRUE(contains(error_of(network(write(""))), "empty file"));
+  EXPECT_TRUE(contains(error_of(network(write("hello, I am no model at all"))), "not an ONNX model"));
+  EXPECT_TRUE(contains(error_of(network(write("version https://git-lfs.github.com/spec/v1\n"))), "git lfs pull"));
+  EXPECT_TRUE(contains(error_of(network(write(good), "", "vgg")), "known: cosplace"));
   for (std::size_t size = 1; size < good.size(); size += 5) {
     const std::string error = error_of(network(write(good.substr(0, size))));
-    EXPECT_TRUE(has(error, "bad.onnx: ") && error.find('\n') == std::string::npos) << size << ": " << error;
+    EXPECT_TRUE(contains(error, "bad.onnx: ") && error.find('\n') == std::string::npos) << size << ": " << error;
   }
 }
 
 TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
   const Folder folder;
   const auto error = [&](const TinyOnnx& model) { return error_of(network(model.save(folder / "a.onnx"))); };
-  EXPECT_TRUE(has(error(TinyOnnx().input({1, 1, 6, 8}).node("Relu", "relu")), "picture of 3 channels"));
-  EXPECT_TRUE(has(error(TinyOnnx().input({1, 192}).node("Relu", "relu")), "picture of 3 channels"));
-  EXPECT_TRUE(has(error(TinyOnnx().input({1, 3, 6, 8}).input({1, 2}, "more").node("Relu", "relu")), "has 2 inputs"));
-  EXPECT_TRUE(has(error(TinyOnnx().input({1, 3, 9999, 8}).node("Relu", "relu")), "height of 9999"));
-  EXPECT_TRUE(has(error(TinyOnnx().input({1, 3, 6, 8}).weights("w", {1}, {1}, true).node("Add", "add", {"w"})),
-                  "weights in other files"));
-  EXPECT_TRUE(has(error(TinyOnnx().input({1, 3, 6, 8})), "no operators"));
+  EXPECT_TRUE(contains(error(TinyOnnx().input({1, 1, 6, 8}).node("Relu", "relu")), "picture of 3 channels"));
+  EXPECT_TRUE(contains(error(TinyOnnx().input({1, 192}).node("Relu", "relu")), "picture of 3 channels"));
+  EXPECT_TRUE(
+      contains(error(TinyOnnx().input({1, 3, 6, 8}).input({1, 2}, "more").node("Relu", "relu")), "has 2 inputs"));
+  EXPECT_TRUE(contains(error(TinyOnnx().input({1, 3, 9999, 8}).node("Relu", "relu")), "height of 9999"));
+  EXPECT_TRUE(contains(error(TinyOnnx().input({1, 3, 6, 8}).weights("w", {1}, {1}, true).node("Add", "add", {"w"})),
+                       "weights in other files"));
+  EXPECT_TRUE(contains(error(TinyOnnx().input({1, 3, 6, 8})), "no operators"));
 
   ::testing::internal::CaptureStderr();
   const std::string unknown = error(TinyOnnx().input({1, 3, 6, 8}).node("Relu", "relu").node("Frobnicate", "strange"));
   EXPECT_EQ(::testing::internal::GetCapturedStderr(), "") << "OpenCV's own log";
-  EXPECT_TRUE(has(unknown, "no such operator") && has(unknown, "strange") && has(unknown, "Frobnicate")) << unknown;
+  EXPECT_TRUE(contains(unknown, "no such operator") && contains(unknown, "strange") && contains(unknown, "Frobnicate"))
+      << unknown;
   EXPECT_EQ(unknown.find('\n'), std::string::npos);
 
   ::testing::internal::CaptureStderr();
@@ -255,20 +254,21 @@ TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
                                       .weights("kernel", {2, 5, 3, 3}, std::vector<float>(90))  // 5 channels, not 3
                                       .node("Conv", "conv", {"kernel"}, {{"kernel_shape", {3, 3}}}));
   EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
-  EXPECT_TRUE(has(wrong, "a.onnx: ") && wrong.find('\n') == std::string::npos) << wrong;
+  EXPECT_TRUE(contains(wrong, "a.onnx: ") && wrong.find('\n') == std::string::npos) << wrong;
 
   // OpenCV 4.6 wants the bounds of Clip as attributes (opset 10), not as inputs (docs/how-to/use-an-onnx-encoder.md).
   const std::string clip =
       error(TinyOnnx().input({1, 3, 6, 8}).weights("least", {}, {0}).node("Clip", "clip", {"least"}));
-  EXPECT_TRUE(has(clip, "clip', operator Clip: ") && has(clip, "input_size") && clip.find('\n') == std::string::npos)
+  EXPECT_TRUE(contains(clip, "clip', operator Clip: ") && contains(clip, "input_size") &&
+              clip.find('\n') == std::string::npos)
       << clip;
 }
 
 TEST(Onnx, NumbersAreFiniteOrAnError) {
   const Folder folder;
   const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
-  EXPECT_TRUE(has(error_of(network(path), {{"deviation-red", 1e-40}}), "not finite"));
-  EXPECT_TRUE(has(error_of(network(path), {{"deviation-red", 1e-60}}), "not finite"));
+  EXPECT_TRUE(contains(error_of(network(path), {{"deviation-red", 1e-40}}), "not finite"));
+  EXPECT_TRUE(contains(error_of(network(path), {{"deviation-red", 1e-60}}), "not finite"));
 }
 
 TEST(Onnx, PicturesOfAnotherKindAreRefused) {
@@ -329,7 +329,7 @@ TEST(OnnxNets, ResnetIsCutAtItsPooledLayer) {
     EXPECT_LT((got.col(0) - expected).norm(), 1e-4f * expected.norm());
   }
   EXPECT_EQ(make(network(path))->spec().dimension, 10);
-  EXPECT_TRUE(has(error_of(network(path), {{"width", 64}}), "width of 32, not 64"));
+  EXPECT_TRUE(contains(error_of(network(path), {{"width", 64}}), "width of 32, not 64"));
 }
 
 }  // namespace

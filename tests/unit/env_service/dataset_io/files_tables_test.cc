@@ -10,11 +10,12 @@
 #include "env_service/dataset_io/text_table.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
 
-using testing::complaint_of;
+using testing::error_of;
 using testing::Folder;
 using testing::write_file;
 
@@ -28,7 +29,7 @@ TEST(Files, ListsInNaturalOrder) {
   EXPECT_EQ(files_in(folder.path(), image_suffixes()),
             (std::vector<std::string>{"img1.png", "img02.jpg", "img2.png", "img10.PNG"}));
   EXPECT_EQ(folders_in(folder.path()), std::vector<std::string>{"img4.png"});
-  EXPECT_EQ(complaint_of([&] { files_in(folder / "no", {".png"}); }), folder / "no: No such file or directory");
+  EXPECT_EQ(error_of([&] { files_in(folder / "no", {".png"}); }), folder / "no: No such file or directory");
 }
 
 TEST(Files, NamesOfLongNumbers) {
@@ -54,9 +55,9 @@ TEST(Files, ReadsAWholeFile) {
   const std::string text = std::string(100'000, 'a') + '\0' + "b";
   write_file(folder / "x", text);
   EXPECT_EQ(read_text(folder / "x"), text);
-  EXPECT_EQ(complaint_of([&] { read_text(folder / "x", 1000); }), folder / "x: is larger than 1000 bytes");
-  EXPECT_EQ(complaint_of([&] { read_text(folder / "y"); }), folder / "y: No such file or directory");
-  EXPECT_EQ(complaint_of([&] { read_text(folder.path()); }), folder.path() + ": is a folder, not a file");
+  EXPECT_EQ(error_of([&] { read_text(folder / "x", 1000); }), folder / "x: is larger than 1000 bytes");
+  EXPECT_EQ(error_of([&] { read_text(folder / "y"); }), folder / "y: No such file or directory");
+  EXPECT_EQ(error_of([&] { read_text(folder.path()); }), folder.path() + ": is a folder, not a file");
 }
 
 TEST(Table, AnyLineEndsAndAHeader) {
@@ -72,7 +73,7 @@ TEST(Table, AnyLineEndsAndAHeader) {
     EXPECT_EQ(table.number(0, "x"), 2.5);
     EXPECT_EQ(table.text(0, "name"), "a b");
     EXPECT_EQ(table.number(1, 0), -30);
-    EXPECT_EQ(complaint_of([&] { table.fail(1, "odd", "mend it"); }), folder / "t.csv:5: odd (mend it)");
+    EXPECT_EQ(error_of([&] { table.fail(1, "odd", "mend it"); }), folder / "t.csv:5: odd (mend it)");
   }
 }
 
@@ -91,15 +92,15 @@ TEST(Table, NamesFileLineAndColumnOfWhatIsWrong) {
   const std::string path = folder / "t.csv";
   write_file(path, "a,b\n1,x\n2\n3,\n4,nan\n5,1e999\n");
   const TextTable table(path, {});
-  EXPECT_EQ(complaint_of([&] { table.number(0, "b"); }), path + ":2: 'x' in column 'b' is not a number");
-  EXPECT_EQ(complaint_of([&] { table.number(1, "b"); }), path + ":3: nothing in column 'b'");
-  EXPECT_EQ(complaint_of([&] { table.number(2, 1); }), path + ":4: nothing in column 'b'");
-  EXPECT_EQ(complaint_of([&] { table.number(3, "b"); }), path + ":5: a number that is not finite in column 'b'");
-  EXPECT_EQ(complaint_of([&] { table.number(4, "b"); }), path + ":6: a number that is not finite in column 'b'");
-  EXPECT_EQ(complaint_of([&] { table.number(0, "c"); }), path + ": no column 'c' (there are: a, b)");
-  EXPECT_EQ(complaint_of([&] { table.text(0, 2); }), path + ":2: no column 3, there are 2");
+  EXPECT_EQ(error_of([&] { table.number(0, "b"); }), path + ":2: 'x' in column 'b' is not a number");
+  EXPECT_EQ(error_of([&] { table.number(1, "b"); }), path + ":3: nothing in column 'b'");
+  EXPECT_EQ(error_of([&] { table.number(2, 1); }), path + ":4: nothing in column 'b'");
+  EXPECT_EQ(error_of([&] { table.number(3, "b"); }), path + ":5: a number that is not finite in column 'b'");
+  EXPECT_EQ(error_of([&] { table.number(4, "b"); }), path + ":6: a number that is not finite in column 'b'");
+  EXPECT_EQ(error_of([&] { table.number(0, "c"); }), path + ": no column 'c' (there are: a, b)");
+  EXPECT_EQ(error_of([&] { table.text(0, 2); }), path + ":2: no column 3, there are 2");
   write_file(path, "");
-  EXPECT_EQ(complaint_of([&] { TextTable(path, {}); }), path + ": is empty (its first line should name the columns)");
+  EXPECT_EQ(error_of([&] { TextTable(path, {}); }), path + ": is empty (its first line should name the columns)");
   EXPECT_EQ(TextTable(path, {',', false}).rows(), 0);
 }
 

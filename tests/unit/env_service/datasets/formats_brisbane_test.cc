@@ -5,12 +5,13 @@
 #include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "tests/support/layouts.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::complaint_of;
+using testing::error_of;
 using testing::Folder;
 using testing::holds;
 using testing::kDegree;
@@ -35,7 +36,7 @@ TEST(Layout, HolesAreMissingFilesUnlessTheFolderWasThinned) {
     if (i % 3) fs::remove(folder / numbered("Image", i, 5, ".jpg"));
   EXPECT_EQ(numbered_files(folder.path(), {".jpg"}).size(), 5u);  // 1 3 6 9 12
   write_file(folder / "other00012.jpg", "x");
-  EXPECT_TRUE(holds(complaint_of([&] { numbered_files(folder.path(), {".jpg"}); }), "other00012.jpg"));
+  EXPECT_TRUE(holds(error_of([&] { numbered_files(folder.path(), {".jpg"}); }), "other00012.jpg"));
 }
 
 TEST(Layout, FormsAndNumbers) {
@@ -57,9 +58,9 @@ TEST(Layout, LogsOfPositions) {
   write_file(folder / "b.txt", "-27.5 153.0\n-27.6\t153.1\n");
   EXPECT_EQ(read_gps_rows(folder / "b.txt").latitude[1], -27.6);
   write_file(folder / "c.txt", "-27.5,153.0\n2730.1,15300.2\n");
-  EXPECT_TRUE(holds(complaint_of([&] { read_gps_rows(folder / "c.txt"); }), "c.txt:2"));
+  EXPECT_TRUE(holds(error_of([&] { read_gps_rows(folder / "c.txt"); }), "c.txt:2"));
   write_file(folder / "d.txt", "");
-  EXPECT_TRUE(holds(complaint_of([&] { read_gps_rows(folder / "d.txt"); }), "d.txt"));
+  EXPECT_TRUE(holds(error_of([&] { read_gps_rows(folder / "d.txt"); }), "d.txt"));
   // Three rows over five frames.
   const GpsRows wide = spread({{1, 2, 4}, {10, 20, 40}}, 5);
   EXPECT_EQ(wide.latitude, (std::vector<double>{1, 1.5, 2, 3, 4}));
@@ -108,13 +109,13 @@ TEST_F(Alderley, MatchesAreOfTheNightThenOfTheDayAndCountFromOne) {
   fs::remove(folder_ / "FRAMESA/Image00002.jpg");
   EXPECT_EQ(dataset->matches("night", "day"), (std::vector<std::pair<int, int>>{{0, 1}, {1, 3}}));
   write_file(folder_ / "framematches.csv", "1,2\n2,three\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->matches("night", "day"); }), "framematches.csv:2"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->matches("night", "day"); }), "framematches.csv:2"));
   write_file(folder_ / "framematches.csv", "1,2\n2,2.5\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->matches("night", "day"); }), "framematches.csv:2"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->matches("night", "day"); }), "framematches.csv:2"));
   write_file(folder_ / "framematches.csv", "100,200\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->matches("night", "day"); }), "framematches.csv"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->matches("night", "day"); }), "framematches.csv"));
   fs::remove(folder_ / "framematches.csv");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->matches("night", "day"); }), "framematches.csv"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->matches("night", "day"); }), "framematches.csv"));
 }
 
 TEST_F(Alderley, TellsWhatIsMissingOrBroken) {
@@ -128,7 +129,7 @@ TEST_F(Alderley, TellsWhatIsMissingOrBroken) {
   EXPECT_NE(day.images->fault(7), "");
   EXPECT_TRUE(holds(day.images->name(6), "Image00007.jpg"));
   const Folder other;
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("alderley", other.path())->names(); }), "FRAMESA"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("alderley", other.path())->names(); }), "FRAMESA"));
 }
 
 class UqStLucia : public ::testing::Test {
@@ -190,13 +191,13 @@ TEST_F(UqStLucia, TellsWhatIsMissingOrBroken) {
   EXPECT_NE(load().images->fault(2), "");
   EXPECT_TRUE(holds(load().images->name(1), "cam0_image00001.bmp"));
   write_file(folder_ / "101215_153851_Ins0.log", "1292391531 0 -27.5 153.0\n1292391531 200000 -127.5 153.0\n");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "Ins0.log:2"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "Ins0.log:2"));
   write_file(folder_ / "101215_153851_MultiCamera0.log", "header\n1 2 3\n");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "MultiCamera0.log:2"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "MultiCamera0.log:2"));
   fs::remove(folder_ / "101215_153851_MultiCamera0.log");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "MultiCamera0.log"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "MultiCamera0.log"));
   const Folder other;
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("st_lucia", other.path())->names(); }), "MultiCamera0"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("st_lucia", other.path())->names(); }), "MultiCamera0"));
 }
 
 TEST(StLuciaMultipleTimes, ReadsVideosWithARowOfGpsAFrame) {
@@ -238,16 +239,15 @@ TEST(StLuciaMultipleTimes, ThinnedPicturesTakeTheRowOfTheirNumber) {
 TEST(StLuciaMultipleTimes, TellsWhatIsMissingOrBroken) {
   const Folder folder;
   EXPECT_TRUE(
-      holds(complaint_of([&] { make_dataset("st_lucia_multiple_times", folder.path())->names(); }), "<ddmmyy_hhmm>"));
+      holds(error_of([&] { make_dataset("st_lucia_multiple_times", folder.path())->names(); }), "<ddmmyy_hhmm>"));
   fs::create_directories(folder / "180809_1545");
   const auto dataset = make_dataset("st_lucia_multiple_times", folder.path());
-  EXPECT_TRUE(
-      holds(complaint_of([&] { dataset->load("180809_1545"); }), "180809_1545: has neither a video nor pictures"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "180809_1545: has neither a video nor pictures"));
   write_file(folder / "180809_1545/webcam_video.avi", "not a video");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->load("180809_1545"); }), "webcam_video.avi"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "webcam_video.avi"));
   testing::write_avi(folder / "180809_1545/webcam_video.avi", 3, 15);
   write_file(folder / "180809_1545/fGPS.txt", "27.5,153.0\n27.5;153.0\n27.5,153.0\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->load("180809_1545"); }), "fGPS.txt:2"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "fGPS.txt:2"));
 }
 
 TEST(MultilaneRoad, ReadsWhatIsBelowTheNamesOfTheRoads) {
@@ -272,15 +272,15 @@ TEST(MultilaneRoad, ReadsWhatIsBelowTheNamesOfTheRoads) {
   EXPECT_NE(dataset->load("data-highway-day_lane1").images->fault(1), "");
   EXPECT_NE(dataset->load("data-highway-day_lane1").hash(), hash);
   write_file(folder / "data/highway/day_lane1/gps.csv", "a,b\n1,2\n3,x\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->load("data-highway-day_lane1"); }), "gps.csv:3"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->load("data-highway-day_lane1"); }), "gps.csv:3"));
   const Folder other;
   testing::write_avi(other / "unrelated.avi", 3, 15);
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("multilane_road", other.path())->names(); }), "highway"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("multilane_road", other.path())->names(); }), "highway"));
 }
 
 TEST(GoldCoastDrive, ReadsItsVideos) {
   const Folder folder;
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("gold_coast_drive", folder.path())->names(); }), "gold_coast"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("gold_coast_drive", folder.path())->names(); }), "gold_coast"));
   testing::write_avi(folder / "gold_coast_compressed.mp4", 5, 30);
   testing::write_avi(folder / "holiday.mp4", 5, 30);
   for (int i = 1; i <= 3; ++i) write_picture(folder / numbered("GoldCoast frames/", i, 6, ".png"));
@@ -296,7 +296,7 @@ TEST(GoldCoastDrive, ReadsItsVideos) {
   write_file(folder / "GoldCoast frames/000003.png", "");
   EXPECT_NE(dataset->load("GoldCoast frames").images->fault(1), "");
   write_file(folder / "gold_coast_compressed.mp4", "not a video");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->load("gold_coast_compressed"); }), "gold_coast_compressed.mp4"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->load("gold_coast_compressed"); }), "gold_coast_compressed.mp4"));
 }
 
 }  // namespace

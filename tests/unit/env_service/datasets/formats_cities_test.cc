@@ -4,12 +4,13 @@
 
 #include "env_service/dataset_io/panorama.h"
 #include "tests/support/layouts.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::complaint_of;
+using testing::error_of;
 using testing::Folder;
 using testing::holds;
 using testing::kDegree;
@@ -60,31 +61,31 @@ TEST_F(Bdd, ConditionsComeFromLabels) {
   EXPECT_EQ(make_dataset("bdd100k", folder_.path())->condition(kRide), "daytime");
   fs::remove_all(folder_ / "labels/100k");
   write_file(folder_ / "labels/bdd100k_labels_images_train.json", R"([{"name": )");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "bdd100k_labels_images_train.json"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "bdd100k_labels_images_train.json"));
 }
 
 TEST_F(Bdd, TellsWhatIsMissingOrBroken) {
   const std::uint64_t hash = load().hash();
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("bdd100k", folder_.path())->load(kRide); }), "--bdd100k-seconds"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("bdd100k", folder_.path())->load(kRide); }), "--bdd100k-seconds"));
   write_file(info_, R"({"startTime": 1, "locations": []})");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "0000f77c-6257be58.json: 0 locations"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.json: 0 locations"));
   write_file(info_, R"({"startTime": 1, "locations": [{"timestamp": 1, "latitude": "north"}]})");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), R"(0000f77c-6257be58.json: "latitude")"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), R"(0000f77c-6257be58.json: "latitude")"));
   write_file(info_, R"({"locations": []})");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), R"(no "startTime")"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), R"(no "startTime")"));
   write_file(info_, R"([1, 2])");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "0000f77c-6257be58.json"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.json"));
   write_file(info_, R"({"startTime": 15038)");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "0000f77c-6257be58.json: is not JSON"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.json: is not JSON"));
   SetUp();
   EXPECT_EQ(load().hash(), hash);
   testing::write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 61, 30);
   EXPECT_NE(load().hash(), hash);
   write_file(folder_ / "videos/100k/train/0000f77c-6257be58.mov", "not a video");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "0000f77c-6257be58.mov"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.mov"));
   const Folder other;
   testing::write_avi(other / "videos/train/a.mov", 3, 30);
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("bdd100k", other.path())->names(); }), "info"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("bdd100k", other.path())->names(); }), "info"));
 }
 
 /// Three frames of a snippet, 60 ms apart, at 10, 12 and 14 m/s.
@@ -139,16 +140,16 @@ TEST_F(Cityscapes, TellsWhatIsMissingOrBroken) {
   EXPECT_TRUE(holds(load().images->name(1), "aachen_000000_000001_leftImg8bit.png"));
   const std::string vehicle = folder_ / "vehicle_sequence/train/aachen/aachen_000000_000001_vehicle.json";
   write_file(vehicle, R"({"gpsLatitude": 50.78, "gpsLongitude": 6.06})");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), R"(aachen_000000_000001_vehicle.json: has no "speed")"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), R"(aachen_000000_000001_vehicle.json: has no "speed")"));
   write_file(vehicle, "{");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "aachen_000000_000001_vehicle.json: is not JSON"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "aachen_000000_000001_vehicle.json: is not JSON"));
   fs::remove(vehicle);
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "aachen_000000_000001_vehicle.json"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "aachen_000000_000001_vehicle.json"));
   write_vehicle(1, 50, 10);
   write_file(folder_ / "timestamp_sequence/train/aachen/aachen_000000_000001_timestamp.txt", "5");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "aachen_000000_000001_timestamp.txt"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "aachen_000000_000001_timestamp.txt"));
   const Folder other;
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("cityscapes", other.path())->names(); }), "leftImg8bit_sequence"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("cityscapes", other.path())->names(); }), "leftImg8bit_sequence"));
 }
 
 /// A panorama of 8 sectors of 45 degrees: sector s, whose middle is s x 45 degrees right of the middle column, has the
@@ -260,29 +261,29 @@ TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
   EXPECT_NE(street.images->fault(1), "");
   EXPECT_NE(street.images->fault(2), "");
   Bytes bytes;
-  EXPECT_TRUE(holds(complaint_of([&] { street.images->read(2, bytes); }), "panos/c.png"));
+  EXPECT_TRUE(holds(error_of([&] { street.images->read(2, bytes); }), "panos/c.png"));
 
   write_file(folder_ / "routes.txt", "street,a,d\nother,a,z\n");
   const auto one = dataset();
-  for (int again = 0; again < 2; ++again) EXPECT_TRUE(holds(complaint_of([&] { one->names(); }), "routes.txt:2: id z"));
+  for (int again = 0; again < 2; ++again) EXPECT_TRUE(holds(error_of([&] { one->names(); }), "routes.txt:2: id z"));
   write_file(folder_ / "routes.txt", "street,a,d\nstreet,d,a\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "routes.txt:2: a second route street"));
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "routes.txt:2: a second route street"));
   write_file(folder_ / "routes.txt", "street,a,a\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->load("street"); }), "has 0 frames"));
+  EXPECT_TRUE(holds(error_of([&] { dataset()->load("street"); }), "has 0 frames"));
   fs::remove(folder_ / "routes.txt");
   write_file(folder_ / "links.txt", "a,90,b\nb,east,c\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "links.txt:2"));
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "links.txt:2"));
   write_file(folder_ / "links.txt", "a,90,b\nb,90,q\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "links.txt:2: id q"));
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "links.txt:2: id q"));
   write_file(folder_ / "links.txt", "a,90,b\n");
   write_file(folder_ / "routes.txt", "back,b,a\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->load("back"); }), "no way from b to a"));
+  EXPECT_TRUE(holds(error_of([&] { dataset()->load("back"); }), "no way from b to a"));
   write_file(folder_ / "nodes.txt", "a,180,0.0,0.000\na,180,0.0,0.001\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "nodes.txt:2"));
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "nodes.txt:2"));
   fs::remove_all(folder_ / "panos");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "panos"));
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "panos"));
   fs::remove(folder_ / "links.txt");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset()->names(); }), "links.txt"));
+  EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "links.txt"));
 }
 
 }  // namespace

@@ -4,12 +4,13 @@
 #include <cmath>
 
 #include "tests/support/layouts.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::complaint_of;
+using testing::error_of;
 using testing::Folder;
 using testing::holds;
 using testing::kDegree;
@@ -141,7 +142,7 @@ TEST_F(Robotcar, TellsWhatIsMissingOrBroken) {
   EXPECT_NE(traversal.images->fault(2), "");
   Bytes bytes;
   for (const int frame : {1, 2})
-    EXPECT_TRUE(holds(complaint_of([&] {
+    EXPECT_TRUE(holds(error_of([&] {
                         traversal.images->read(frame, bytes);
                         decode_image(bytes, traversal.images->name(frame));
                       }),
@@ -149,9 +150,9 @@ TEST_F(Robotcar, TellsWhatIsMissingOrBroken) {
 
   write_file(drive_ + "/gps/ins.csv",
              std::string(kInsHeader) + "1400075172000000,GOOD,here,-1,0,0,0,0,30U,0,0,0,0,0,0\n");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "gps/ins.csv:2"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "gps/ins.csv:2"));
   write_file(drive_ + "/gps/ins.csv", "timestamp,latitude\n1,2\n");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "gps/ins.csv"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "gps/ins.csv"));
 }
 
 TEST_F(Robotcar, ThinnedPicturesAreNotMissing) {
@@ -163,20 +164,20 @@ TEST_F(Robotcar, ThinnedPicturesAreNotMissing) {
   fs::remove(drive_ + "/stereo.timestamps");
   EXPECT_EQ(load().frames, 3);
   write_file(drive_ + "/stereo.timestamps", "1400075172000000 1\n14000751721 1\n");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "stereo.timestamps:2"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "stereo.timestamps:2"));
   write_file(drive_ + "/stereo.timestamps", "1400075172000000 1\n1400075172000000 1\n");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "stereo.timestamps:2"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "stereo.timestamps:2"));
 }
 
 TEST_F(Robotcar, OtherFoldersAreNotIt) {
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("oxford_robotcar", folder_.path())->names(); }), "stereo/centre"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("oxford_robotcar", folder_.path())->names(); }), "stereo/centre"));
   write_frames("stereo/centre", "stereo.timestamps");
-  EXPECT_TRUE(holds(complaint_of([&] {
+  EXPECT_TRUE(holds(error_of([&] {
                       make_dataset("oxford_robotcar", folder_.path(), {{"camera", 5}})->names();
                     }),
                     "mono_rear"));
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("oxford_robotcar", folder_.path())->load("2014"); }), kDrive));
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("oxford_robotcar"); }), "--data"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("oxford_robotcar", folder_.path())->load("2014"); }), kDrive));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("oxford_robotcar"); }), "--data"));
 }
 
 TEST(RobotcarReal, TagsOfTheSdk) {
@@ -265,24 +266,21 @@ TEST_F(KittiRaw, TellsWhatIsMissingOrBroken) {
   EXPECT_NE(traversal.images->fault(2), "");
   EXPECT_TRUE(holds(traversal.images->name(1), "0000000001.png"));
   fs::remove(drive_ + "/oxts/data/0000000002.txt");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "oxts/data/0000000002.txt"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "oxts/data/0000000002.txt"));
   write_file(drive_ + "/oxts/data/0000000002.txt", "north east\n");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "oxts/data/0000000002.txt:1"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "oxts/data/0000000002.txt:1"));
   write_file(drive_ + "/image_02/timestamps.txt", "2011-09-26 13:02:25.9\n26.9.2011 1 p.m.\n");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "image_02/timestamps.txt:2"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "image_02/timestamps.txt:2"));
   fs::remove_all(drive_ + "/oxts");
   fs::remove(drive_ + "/image_02/timestamps.txt");
-  EXPECT_TRUE(holds(complaint_of([&] { load(); }), "image_02/timestamps.txt"));
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "image_02/timestamps.txt"));
 }
 
 TEST_F(KittiRaw, OtherFoldersAreNotIt) {
   const Folder other;
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("kitti", other.path())->names(); }), "image_2"));
-  EXPECT_TRUE(holds(complaint_of([&] { make_dataset("kitti", other / "none")->names(); }), "no such folder"));
-  EXPECT_TRUE(holds(complaint_of([&] {
-                      make_dataset("kitti", folder_.path(), {{"camera", 0}})->names();
-                    }),
-                    "image_00"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("kitti", other.path())->names(); }), "image_2"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("kitti", other / "none")->names(); }), "no such folder"));
+  EXPECT_TRUE(holds(error_of([&] { make_dataset("kitti", folder_.path(), {{"camera", 0}})->names(); }), "image_00"));
 }
 
 TEST(KittiOdometry, ReadsASequence) {
@@ -302,9 +300,9 @@ TEST(KittiOdometry, ReadsASequence) {
   EXPECT_NE(make_dataset("kitti", folder.path())->load("04").hash(), hash);
 
   write_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->load("04"); }), "poses/04.txt: has 1 poses"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->load("04"); }), "poses/04.txt: has 1 poses"));
   write_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0\n1 0 0 0 0 1 0 0 0 0 1 0\n");
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->load("04"); }), "poses/04.txt:2"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->load("04"); }), "poses/04.txt:2"));
   fs::remove(folder / "poses/04.txt");
   EXPECT_TRUE(std::isnan(dataset->load("04").positions[2]));
 }
@@ -330,7 +328,7 @@ TEST(KittiReal, TimesAndAPacketOfARawDrive) {
   const auto dataset = make_dataset("kitti", samples);
   EXPECT_EQ(dataset->names(), std::vector<std::string>{name});
   // The sample holds one packet of 108.
-  EXPECT_TRUE(holds(complaint_of([&] { dataset->load(name); }), "oxts/data/0000000001.txt"));
+  EXPECT_TRUE(holds(error_of([&] { dataset->load(name); }), "oxts/data/0000000001.txt"));
 
   const Folder folder;
   const std::string drive = samples + "/2011_09_26/" + name;

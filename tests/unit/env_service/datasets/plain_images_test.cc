@@ -7,11 +7,12 @@
 #include "tests/support/env.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
 
-using testing::complaint_of;
+using testing::error_of;
 using testing::write_file;
 using testing::write_grey;
 
@@ -24,7 +25,7 @@ class PlainImages : public ::testing::Test {
   Traversal load(const std::string& name) const { return plain()->load(name); }
   /// Less the folder.
   std::string complaint(const std::string& name) const {
-    const std::string line = complaint_of([&] { load(name); });
+    const std::string line = error_of([&] { load(name); });
     return line.starts_with(folder_.path() + "/") ? line.substr(folder_.path().size() + 1) : line;
   }
 
@@ -77,14 +78,14 @@ TEST_F(PlainImages, AVideoATraversal) {
 TEST_F(PlainImages, OneNameTwice) {
   write_drive("day");
   write_file(folder_ / "day.csv", "1\n2\n");
-  EXPECT_EQ(complaint_of([&] { plain()->names(); }),
+  EXPECT_EQ(error_of([&] { plain()->names(); }),
             folder_.path() + ": traversal 'day' is both day and day.csv (rename or remove one of them)");
 }
 
 TEST_F(PlainImages, PicturesWhereFoldersShouldBe) {
   write_drive("day");
   EXPECT_EQ(
-      complaint_of([&] { testing::make_dataset("plain", folder_ / "day")->names(); }),
+      error_of([&] { testing::make_dataset("plain", folder_ / "day")->names(); }),
       folder_ / "day: holds pictures itself (--data names the folder above, in which each folder is a traversal)");
   write_grey(folder_ / "one/a.png", 1);
   EXPECT_EQ(complaint("one"), "one: has only one frame, a route needs two");
@@ -144,17 +145,17 @@ TEST_F(PlainImages, WrongPoses) {
 TEST_F(PlainImages, Matches) {
   write_drive("day");
   write_drive("night");
-  EXPECT_NE(complaint_of([&] { plain()->matches("day", "night"); }), "accepted");
+  EXPECT_NE(error_of([&] { plain()->matches("day", "night"); }), "");
   write_file(folder_ / "matches.csv", "day,night\n0,2\n5,7\n");
   EXPECT_EQ(plain()->correspondence(), Correspondence::kMatches);
   EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "night"}));
   const std::vector<std::pair<int, int>> pairs{{0, 2}, {5, 7}}, turned{{2, 0}, {7, 5}};
   EXPECT_EQ(plain()->matches("day", "night"), pairs);
   EXPECT_EQ(plain()->matches("night", "day"), turned);
-  EXPECT_EQ(complaint_of([&] { plain()->matches("day", "dusk"); }),
+  EXPECT_EQ(error_of([&] { plain()->matches("day", "dusk"); }),
             folder_ / "matches.csv: no column 'dusk' (its header names traversals, its rows hold their frames)");
   write_file(folder_ / "matches.csv", "day,night\n0,2.5\n");
-  EXPECT_EQ(complaint_of([&] { plain()->matches("day", "night"); }),
+  EXPECT_EQ(error_of([&] { plain()->matches("day", "night"); }),
             folder_ / "matches.csv:2: not the number of a frame in column 'night' (frames begin with 0)");
 }
 

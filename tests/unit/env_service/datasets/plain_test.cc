@@ -6,9 +6,12 @@
 #include <fstream>
 
 #include "tests/support/env.h"
+#include "tests/support/text.h"
 
 namespace citylearn {
 namespace {
+
+using testing::error_of;
 
 namespace fs = std::filesystem;
 
@@ -122,30 +125,18 @@ TEST_F(Plain, ListsTraversalsAndNamesThemWhenOneIsMissing) {
   fs::create_directory(folder_ / "folder.csv");
   const auto dataset = testing::make_dataset("plain", folder_.string());
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"day", "night"}));
-  for (const std::string name : {"summer", "", "../day", "folder"}) try {
-      dataset->load(name);
-      ADD_FAILURE() << name;
-    } catch (const Error& error) {
-      EXPECT_EQ(error.what(), folder_.string() + ": no traversal '" + name + "' (there are: day, night)");
-    }
+  for (const std::string name : {"summer", "", "../day", "folder"})
+    EXPECT_EQ(error_of([&] { dataset->load(name); }),
+              folder_.string() + ": no traversal '" + name + "' (there are: day, night)");
 }
 
 TEST_F(Plain, MissingFolder) {
   EXPECT_THROW(testing::make_dataset("plain"), Error);
   const std::string missing = (folder_ / "missing").string();
-  try {
-    testing::make_dataset("plain", missing)->names();
-    ADD_FAILURE();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.what(),
-              missing + ": No such file or directory (--data names the folder that holds the NAME.csv files)");
-  }
-  try {
-    testing::make_dataset("plain", folder_.string())->load("x");
-    ADD_FAILURE();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.what(), folder_.string() + ": no traversals found; expected NAME/, NAME.mp4 or NAME.csv");
-  }
+  EXPECT_EQ(error_of([&] { testing::make_dataset("plain", missing)->names(); }),
+            missing + ": No such file or directory (--data names the folder that holds the NAME.csv files)");
+  EXPECT_EQ(error_of([&] { testing::make_dataset("plain", folder_.string())->load("x"); }),
+            folder_.string() + ": no traversals found; expected NAME/, NAME.mp4 or NAME.csv");
 }
 
 TEST(PlainReal, NordlandFeatures) {
