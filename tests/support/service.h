@@ -8,6 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -17,8 +18,8 @@
 #include <string>
 #include <vector>
 
-#include "core/util/error.h"
 #include "core/dds/middleware.h"
+#include "core/util/error.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
@@ -58,39 +59,38 @@ inline bool poll_until(const std::function<bool()>& condition, std::chrono::mill
   return true;
 }
 
-/// A program of the project, its output caught in a file. Killed when the test leaves it.
-class Service {
+/// Another program. Killed when the test leaves it.
+class Process {
  public:
-  Service(std::vector<std::string> command, const std::string& output) : output_(output) {
+  /// Takes over two descriptors that become its standard input and its outputs; -1 is this process's own.
+  Process(std::vector<std::string> command, int input, int output) {
     std::vector<char*> arguments;
     for (std::string& argument : command) arguments.push_back(argument.data());
     arguments.push_back(nullptr);
-    const int file = ::open(output.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
     process_ = ::fork();
     if (process_ == 0) {
-      const int nothing = ::open("/dev/null", O_RDONLY);
-      ::dup2(nothing, STDIN_FILENO);
-      ::dup2(file, STDOUT_FILENO);
-      ::dup2(file, STDERR_FILENO);
+      if (input >= 0) ::dup2(input, STDIN_FILENO);
+      if (output >= 0) ::dup2(output, STDOUT_FILENO), ::dup2(output, STDERR_FILENO);
       ::execv(arguments[0], arguments.data());
       ::_exit(127);
     }
-    ::close(file);
+    for (const int file : {input, output})
+      if (file >= 0) ::close(file);
     if (process_ < 0) throw Error("cannot fork", command[0]);
   }
-  ~Service() {
+  ~Process() {
     if (process_ <= 0) return;
     ::kill(process_, SIGKILL);
     ::waitpid(process_, nullptr, 0);
   }
-  Service(const Service&) = delete;
-  Service& operator=(const Service&) = delete;
+  Process(const Process&) = delete;
+  Process& operator=(const Process&) = delete;
 
   void send(int signal) const {
     if (process_ > 0) ::kill(process_, signal);
   }
-  /// Exit status (128 + signal when killed by one), or nothing when it still runs after `patience` (x
-  /// kSlowness).
+  /// Returns the exit status (128 + signal when killed by one), or nothing when it still runs after `patience`
+  /// (x kSlowness).
   std::optional<int> wait(std::chrono::milliseconds patience) {
     if (process_ <= 0) return status_;
     pollfd ended{static_cast<int>(::syscall(SYS_pidfd_open, process_, 0)), POLLIN, 0};
@@ -103,6 +103,20 @@ class Service {
     return status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   }
   pid_t process() const { return process_; }
+
+ private:
+  pid_t process_ = 0;
+  int status_ = -1;
+};
+
+/// A program of the project, its output caught in a file.
+class Service : public Process {
+ public:
+  Service(std::vector<std::string> command, const std::string& output)
+      : Process(std::move(command), ::open("/dev/null", O_RDONLY | O_CLOEXEC),
+                ::open(output.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)),
+        output_(output) {}
+
   std::string output() const { return contents(output_); }
   bool says(const std::string& text, std::chrono::milliseconds patience) const {
     return poll_until([&] { return output().find(text) != std::string::npos; }, patience);
@@ -110,8 +124,30 @@ class Service {
 
  private:
   std::string output_;
-  pid_t process_ = 0;
-  int status_ = -1;
+};
+
+/// A program that ends when its standard input does.
+class Child : public Process {
+ public:
+  explicit Child(std::vector<std::string> command) : Child(std::move(command), make_pipe()) {}
+  ~Child() { finish(std::chrono::seconds(5)); }
+
+  /// Lets it end and returns its exit status; -1 when it still runs after `patience` (x kSlowness).
+  int finish(std::chrono::milliseconds patience) {
+    if (input_ >= 0) ::close(input_);
+    input_ = -1;
+    return wait(patience).value_or(-1);
+  }
+
+ private:
+  Child(std::vector<std::string> command, std::array<int, 2> ends)
+      : Process(std::move(command), ends[0], -1), input_(ends[1]) {}
+  static std::array<int, 2> make_pipe() {
+    std::array<int, 2> ends{};
+    if (::pipe2(ends.data(), O_CLOEXEC) != 0) throw Error("no pipe");
+    return ends;
+  }
+  int input_;
 };
 
 }  // namespace citylearn::testing

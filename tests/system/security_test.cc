@@ -18,8 +18,8 @@
 
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
-#include "tests/support/child.h"
 #include "tests/support/keystore.h"
+#include "tests/support/service.h"
 #include "tests/support/text.h"
 #include "tests/support/trial.h"
 

@@ -4,9 +4,9 @@
 #include <unistd.h>
 
 #include "core/wire/node.h"
-#include "tests/support/child.h"
 #include "tests/support/domain.h"
 #include "tests/support/samples.h"
+#include "tests/support/service.h"
 #include "tests/support/wait.h"
 
 namespace citylearn {
