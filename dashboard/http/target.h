@@ -21,7 +21,8 @@ struct Target {
 /// twice.
 std::optional<Target> parse_target(std::string_view text);
 
-/// Returns the topics that a client of /api/live sends: {"watch": [at most 64 topics]}. Returns nothing for other texts.
+/// Returns the topics that a client of /api/live sends: {"watch": [at most 64 topics]}. Returns nothing for other
+/// texts.
 std::optional<std::set<std::string>> parse_watch(const std::string& text);
 
 /// Returns whether `text` is well-formed UTF-8 without zero bytes (RFC 3629: no overlong forms, no surrogates).

@@ -24,7 +24,7 @@ struct Rollout {
   std::vector<float> reward;           ///< TA, of the action
   std::vector<std::uint8_t> ended;     ///< TA, Ended by the action
   std::vector<float> final_value;      ///< TA, where truncated: value of the observation that would have followed
-  std::vector<float> last_value;       ///< A, value of the observation after the last action, where the episode continues
+  std::vector<float> last_value;  ///< A, value of the observation after the last action, where the episode continues
   std::vector<float> advantage, target;  ///< TA, see estimate_advantages
 
   void resize(int feature_dimension, int state_size, int steps, int agents, int sequence_length);

@@ -31,8 +31,8 @@ struct TrainingReport {
 std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training,
                          const std::vector<ScoreRow>& rows);
 
-/// Returns the text of manifest.json: everything needed to repeat the run. `agent` holds the effective parameters of network,
-/// learner and trainer; `traversals` what the env_services announced, by name; `job` the run's, as in RunInfo.
+/// Returns the text of manifest.json: everything needed to repeat the run. `agent` holds the effective parameters of
+/// network, learner and trainer; `traversals` what the env_services announced, by name; `job` the run's, as in RunInfo.
 std::string manifest_json(const PolicyServiceOptions& options,
                           const std::map<std::string, std::map<std::string, double>>& agent,
                           const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,

@@ -16,7 +16,7 @@ using Entry = NetworkRegistry<double>::Entry;
 
 std::vector<const Entry*> all() { return NetworkRegistry<double>::instance().entries(); }
 
-class Networks : public testing::TestWithParam<const Entry*> {
+class Networks : public ::testing::TestWithParam<const Entry*> {
  protected:
   Networks()
       : small(small_network(GetParam()->name)),
@@ -53,7 +53,7 @@ class Networks : public testing::TestWithParam<const Entry*> {
   Vector<double> parameters;
 };
 
-INSTANTIATE_TEST_SUITE_P(All, Networks, testing::ValuesIn(all()),
+INSTANTIATE_TEST_SUITE_P(All, Networks, ::testing::ValuesIn(all()),
                          [](const auto& tested) { return tested.param->name; });
 
 /// B agents over T steps are as each agent and step alone.

@@ -47,20 +47,26 @@ class Foreign : public VendorTest {
   }
 };
 CITYLEARN_EACH_VENDOR(Foreign);
-ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output() << fall->output();
-const std::map<std::string, Result> found = results(foreign->output());
-ASSERT_EQ(found.size(), 4u) << foreign->output();
-// The env_services are free for the next one.
-const auto blind = run.policy({"--mode", "evaluate", "--agent", "blind", "--max-steps", "96", "--tasks", "300",
-                               "--evaluate", "summer,fall", "--output", run.folder() / "blind"});
-ASSERT_EQ(blind->wait(kLong), 0) << blind->output();
-const Json controls = Json::parse(contents(run.folder() / "blind/summary.json"))["evaluate"];
-for (const std::string traversal : {"summer", "fall"}) {
-  const Result& result = found.at(traversal);
-  EXPECT_GT(result.completed, controls[traversal]["completed"].get<double>()) << foreign->output();
-  EXPECT_GT(result.spl, controls[traversal]["spl"].get<double>() + 0.05) << foreign->output();
-  EXPECT_LT(found.at(traversal + ", shuffled").spl, result.spl - 0.3) << "it navigates by what it sees";
-}
+
+/// With 96 steps for 128 frames a blind sweep does not get everywhere.
+TEST_P(Foreign, LearnsFromOurEnvServicesAndLeavesTheBlindControlBehind) {
+  Trial run(GetParam());
+  const auto summer = run.env("summer"), fall = run.env("fall");
+  const auto foreign = learner(run, {"--evaluate", "summer"});
+  ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output() << fall->output();
+  const std::map<std::string, Result> found = results(foreign->output());
+  ASSERT_EQ(found.size(), 4u) << foreign->output();
+  // The env_services are free for the next one.
+  const auto blind = run.policy({"--mode", "evaluate", "--agent", "blind", "--max-steps", "96", "--tasks", "300",
+                                 "--evaluate", "summer,fall", "--output", run.folder() / "blind"});
+  ASSERT_EQ(blind->wait(kLong), 0) << blind->output();
+  const Json controls = Json::parse(contents(run.folder() / "blind/summary.json"))["evaluate"];
+  for (const std::string traversal : {"summer", "fall"}) {
+    const Result& result = found.at(traversal);
+    EXPECT_GT(result.completed, controls[traversal]["completed"].get<double>()) << foreign->output();
+    EXPECT_GT(result.spl, controls[traversal]["spl"].get<double>() + 0.05) << foreign->output();
+    EXPECT_LT(found.at(traversal + ", shuffled").spl, result.spl - 0.3) << "it navigates by what it sees";
+  }
 }
 
 /// Each observation is answered and learned from exactly once, so what the wire does changes nothing.

@@ -276,7 +276,8 @@ Seat* session_find(Session* session, const char* traversal, double seconds) {
     for (int i = 0; i < session->count; ++i)
       if (strcmp(session->seats[i].traversal, traversal) == 0) return &session->seats[i];
     if (dds_time() > deadline)
-      fail("no env_service with features on '%s' in session '%s': same --domain and --session there?", traversal, session->name);
+      fail("no env_service with features on '%s' in session '%s': same --domain and --session there?", traversal,
+           session->name);
     session_spin(session);
   }
 }

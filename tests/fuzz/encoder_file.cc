@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "encoder_service/encoding/netvlad_head.h"
-#include "encoder_service/onnx/onnx_file.h"
 #include "encoder_service/encoding/reduction.h"
+#include "encoder_service/onnx/onnx_file.h"
 #include "tests/fuzz/targets.h"
 
 namespace citylearn::fuzz {

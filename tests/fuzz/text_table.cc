@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "env_service/dataset_io/text_table.h"
+
 #include <algorithm>
 #include <cmath>
 #include <fstream>
 
-#include "env_service/dataset_io/text_table.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/service.h"
 

@@ -6,9 +6,9 @@
 #include <utility>
 #include <vector>
 
-#include "core/wire/messages.h"
 #include "core/recording/idl_text.h"
 #include "core/recording/mcap_writer.h"
+#include "core/wire/messages.h"
 
 namespace citylearn::testing {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A learner that a test sees through, built as a plug-in (tests/unit/core/plugin/plugins_test.cc): every update adds `rate` to
-// every parameter.
+// A learner that a test sees through, built as a plug-in (tests/unit/core/plugin/plugins_test.cc): every update adds
+// `rate` to every parameter.
 #include "policy_service/learning/learner.h"
 
 #ifndef SAMPLE_NAME

@@ -4,8 +4,8 @@
 #include <map>
 #include <string>
 
-#include "core/wire/messages.h"
 #include "core/util/random.h"
+#include "core/wire/messages.h"
 #include "env_service/dataset_io/traversal.h"
 #include "policy_service/network/agent_network.h"
 #include "tests/support/small_city.h"

@@ -4,9 +4,9 @@
 #include <map>
 #include <string>
 
-#include "policy_service/network/checkpoint.h"
 #include "policy_service/learning/learner.h"
 #include "policy_service/learning/trainer.h"
+#include "policy_service/network/checkpoint.h"
 
 namespace citylearn::testing {
 

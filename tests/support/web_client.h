@@ -18,8 +18,8 @@
 #include <string>
 #include <string_view>
 
-#include "core/util/error.h"
 #include "core/dds/middleware.h"
+#include "core/util/error.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {

@@ -325,8 +325,9 @@ TEST_P(Hostile, LearnerAndActorBelieveEachOtherAlone) {
   expect_counted("an acknowledgement of another", "actor", rejected, [&] { stranger_.say(taken); });
   expect_training_goes_on();
   for (const std::string kind :
-       {"a learner with an invalid noise", "an announcement from another service than the learner", "parameters from another service than the learner",
-        "damaged parameters", "an acknowledgement of trajectories that were never sent"})
+       {"a learner with an invalid noise", "an announcement from another service than the learner",
+        "parameters from another service than the learner", "damaged parameters",
+        "an acknowledgement of trajectories that were never sent"})
     EXPECT_NE(actor->output().find(kind), std::string::npos) << kind << "\n" << actor->output();
 }
 

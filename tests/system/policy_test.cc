@@ -293,7 +293,8 @@ TEST(CommandLine, WrongInputIsOneClearLine) {
   std::filesystem::create_directories(run.folder() / "used" + "/checkpoints");
   std::ofstream(run.folder() / "used" + "/checkpoints/checkpoint-7.clk") << "of yesterday";
   const WrongInputs cases = {
-      {"output of an earlier run", {{"--output", run.folder() / "used"}, "checkpoint-7.clk: belongs to an earlier run"}},
+      {"output of an earlier run",
+       {{"--output", run.folder() / "used"}, "checkpoint-7.clk: belongs to an earlier run"}},
       {"unknown middleware", {{"--middleware", "zeromq"}, "cyclonedds"}},
       {"negative time limit", {{"--time-limit", "-1"}, "--time-limit: '-1' must be 0 or more (try --help)"}},
       {"never a checkpoint", {{"--checkpoint-every", "0"}, "--checkpoint-every: '0' must be 1 or more (try --help)"}},

@@ -7,6 +7,7 @@
 
 #include "core/util/random.h"
 #include "tests/support/server_fixture.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {

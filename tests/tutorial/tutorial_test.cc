@@ -87,8 +87,8 @@ TEST_F(Tutorial, KeepsItsPromises) {
   ASSERT_TRUE(status.has_value()) << said;
   ASSERT_TRUE(contains(said, "followed to the end"));
   // What the page says of what is to be seen.
-  EXPECT_TRUE(contains(said, "[ OK ] LearnerContract.GoesOnFromWhatItSavedBitForBit/a2c"));
-  EXPECT_FALSE(contains(said, "[ FAILED ]"));
+  EXPECT_TRUE(contains(said, "[       OK ] LearnerContract.GoesOnFromWhatItSavedBitForBit/a2c"));
+  EXPECT_FALSE(contains(said, "[  FAILED  ]"));
   for (const char* parameter : {"learning-rate", "gamma", "lambda", "entropy", "value-weight"})
     EXPECT_TRUE(contains(said, "--a2c-" + std::string(parameter)));
   EXPECT_TRUE(contains(said, "| fast"));

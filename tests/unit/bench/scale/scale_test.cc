@@ -194,8 +194,8 @@ std::vector<Measured> measured(const std::string& middleware) {
   return read_measured(files);
 }
 
-class Vendors : public testing::TestWithParam<std::string> {};
-INSTANTIATE_TEST_SUITE_P(Calibration, Vendors, testing::Values("cyclonedds", "fastdds"),
+class Vendors : public ::testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Calibration, Vendors, ::testing::Values("cyclonedds", "fastdds"),
                          [](const auto& each) { return each.param; });
 
 TEST_P(Vendors, AMeasuredCaseFollowsFromTheOthers) {
@@ -228,7 +228,7 @@ TEST_P(Vendors, AMeasuredCaseFollowsFromTheOthers) {
 }
 
 TEST(Measured, WrongFilesAreNamedWithTheirLine) {
-  const std::string path = testing::TempDir() + "scale_test_" + std::to_string(getpid()) + ".csv";
+  const std::string path = ::testing::TempDir() + "scale_test_" + std::to_string(getpid()) + ".csv";
   const auto complaint = [&](const std::string& text) -> std::string {
     std::ofstream(path) << text;
     return testing::error_of([&] { read_measured({path}); });

@@ -16,7 +16,7 @@ namespace {
 using testing::contains;
 using testing::error_of;
 
-class TorchPpo : public testing::Test {
+class TorchPpo : public ::testing::Test {
  protected:
   void SetUp() override {
 #ifdef CITYLEARN_TORCH_PPO

@@ -33,9 +33,9 @@ TrainerOptions small(const std::string& agent, std::uint64_t seed = 1) {
   return options;
 }
 
-class EachNetwork : public testing::TestWithParam<std::string> {};
+class EachNetwork : public ::testing::TestWithParam<std::string> {};
 INSTANTIATE_TEST_SUITE_P(Networks, EachNetwork,
-                         testing::Values("baseline", "features", "place_filter", "place_memory", "raw_images"),
+                         ::testing::Values("baseline", "features", "place_filter", "place_memory", "raw_images"),
                          [](const auto& tested) { return tested.param; });
 
 TEST_P(EachNetwork, SameSeedSameBitsWhoeverComesFirst) {
@@ -55,7 +55,7 @@ TEST_P(EachNetwork, SameSeedSameBitsWhoeverComesFirst) {
 
 TEST_P(EachNetwork, GoesOnFromACheckpointByteForByte) {
   const Traversal city = small_city_for(GetParam());
-  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / ("go_on_" + GetParam());
+  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / ("go_on_" + GetParam());
   std::filesystem::create_directories(folder);
   const std::string middle = folder / "middle", straight = folder / "straight", resumed = folder / "resumed";
   Loop loop(city, small(GetParam()), 2);
@@ -114,8 +114,8 @@ TEST_P(EachNetwork, BeginsWithATrainedAgentOnAnotherRoute) {
   EXPECT_NE(again.trainer.agent().parameters, loop.trainer.agent().parameters);
 }
 
-class EachDescent : public testing::TestWithParam<std::string> {};
-INSTANTIATE_TEST_SUITE_P(Learners, EachDescent, testing::Values("ppo", "vtrace", "relabel"),
+class EachDescent : public ::testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Learners, EachDescent, ::testing::Values("ppo", "vtrace", "relabel"),
                          [](const auto& tested) { return tested.param; });
 
 TEST_P(EachDescent, FrozenTensorsStayBitForBitAlsoWhenItGoesOn) {
@@ -203,7 +203,7 @@ TEST(Trainer, KeepsItsMapInCheckpoints) {
   const Traversal map = crossed(small_city());
   Loop loop(map, small("place_filter"));
   loop.update();
-  const std::string path = std::filesystem::path(testing::TempDir()) / "map.clk";
+  const std::string path = std::filesystem::path(::testing::TempDir()) / "map.clk";
   const Checkpoint checkpoint = loop.trainer.checkpoint();
   write_checkpoint(path, checkpoint);
   const TrainedAgent agent = trained_agent(read_checkpoint(path));
