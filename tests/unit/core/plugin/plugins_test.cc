@@ -7,6 +7,7 @@
 #include <algorithm>
 
 #include "core/util/files.h"
+#include "policy_service/network/checkpoint.h"
 #include "tests/support/service.h"
 #include "tests/support/small_city.h"
 #include "tests/support/text.h"

@@ -167,7 +167,8 @@ TEST(Trainer, ACheckpointGoesOnWithTheSameFrozenTensorsAlone) {
   EXPECT_NO_THROW(with.trainer.load(made_with));
   for (const auto& [trainer, checkpoint] :
        {std::pair{&without.trainer, &made_with}, std::pair{&with.trainer, &made_without}}) {
-    const std::string refusal = error_of([&] { trainer->load(*checkpoint); });
+    const std::string refusal =
+        error_of([&trainer = trainer, &checkpoint = checkpoint] { trainer->load(*checkpoint); });
     EXPECT_TRUE(contains(refusal, "frozen was "));
     EXPECT_TRUE(contains(refusal, "lstm.recurrent"));
   }

@@ -45,7 +45,7 @@ TrajectoryBatch<double> some_trajectories(const Heads<double>& heads, double far
       trajectories.log_probability[i] =
           acts ? log_p(heads, static_cast<std::ptrdiff_t>(i), trajectories.action[i]) + far * random.normal() : 0;
     }
-  return walk;
+  return trajectories;
 }
 
 /// The definition, term by term: v_s = V(x_s) + sum over t >= s of gamma^(t-s) (c_s .. c_(t-1)) rho_t (r_t + gamma

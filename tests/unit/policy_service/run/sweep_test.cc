@@ -49,7 +49,8 @@ TEST(Seeds, WrongOnesAreNamed) {
                                                     {"0..1000", "1000"},
                                                     {"0..18446744073709551615", "1000"},
                                                     {"18446744073709551616", "number"}};
-  for (const auto& [text, wanted] : cases) EXPECT_TRUE(contains(error_of([&] { parse_seeds(text); }), wanted));
+  for (const auto& [text, wanted] : cases)
+    EXPECT_TRUE(contains(error_of([&text = text] { parse_seeds(text); }), wanted));
 }
 
 TEST(Spread, IsWhatItsNamesSay) {
