@@ -64,16 +64,14 @@ using NetworkRegistry = Registry<AgentNetwork<S>, const NetworkTask&>;
 
 /// Registers `Network`, as the last lines of its file. `recommended` holds parameters of learner and trainer with which
 /// this network learns well; "relabel.epochs" is for the learner relabel alone, over "epochs".
-template <template <class> class Network>
+template <template <class> class Network, class S = NetworkScalar>
 struct NetworkRegistration {
   NetworkRegistration(const std::string& name, const std::string& help, const std::vector<ParameterSpec>& parameters,
                       const std::map<std::string, double>& recommended) {
-    using Networks = NetworkRegistry<NetworkScalar>;
-    typename Networks::Registration{{name, help, parameters,
-                                     [](const Parameters& given, const NetworkTask& task) {
-                                       return std::make_unique<Network<NetworkScalar>>(given, task);
-                                     },
-                                     recommended}};
+    typename NetworkRegistry<S>::Registration{
+        {name, help, parameters,
+         [](const Parameters& given, const NetworkTask& task) { return std::make_unique<Network<S>>(given, task); },
+         recommended}};
   }
 };
 

@@ -149,7 +149,7 @@ TEST_F(Doctor, TakenPortsHaveANameAndAProcess) {
   const std::vector<Port> taken = ports_taken(port, port, 0);
   ASSERT_EQ(taken.size(), 1u);
   EXPECT_EQ(taken[0].process, getpid());
-  EXPECT_EQ(taken[0].program, "doctor_test");
+  EXPECT_EQ(taken[0].program, "unit_tools");
   EXPECT_TRUE(ports_taken(port, port, getpid()).empty());
   close(handle);
   EXPECT_TRUE(ports_taken(port, port, 0).empty());
