@@ -122,10 +122,10 @@ TEST(SafetensorsFile, ABadOneIsRefusedInOneLine) {
   std::string endless = raw("{" + a + "}", 8);
   endless[7] = '\x7F';
   expect_refused(endless, "its header would have");
-  expect_refused(raw("{" + a, 8), "no JSON object");
-  expect_refused(raw("[" + a + "]", 8), "no JSON object");
-  expect_refused(raw("[1]", 0), "no JSON object");
-  expect_refused(raw("", 0), "no JSON object");
+  expect_refused(raw("{" + a, 8), "its header is not a JSON object");
+  expect_refused(raw("[" + a + "]", 8), "its header is not a JSON object");
+  expect_refused(raw("[1]", 0), "its header is not a JSON object");
+  expect_refused(raw("", 0), "its header is not a JSON object");
   expect_refused(raw(std::string(100000, '['), 0), "nested too deeply");
   expect_refused(raw("{\"a\":1}", 0), "tensor 'a' is not a JSON object");
   expect_refused(raw("{\"a\":{\"dtype\":\"F32\",\"shape\":[2]}}", 8), "has no data_offsets");
