@@ -25,6 +25,7 @@ class Demo {
  public:
   explicit Demo(const Arguments& arguments, std::uint32_t domain = own_domain()) : output_(folder_ / "demo/out put") {
     Arguments command = {"/usr/bin/env",
+                         "--default-signal=INT",  // a shell in the background ignores it, and its children inherit that
                          "CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR,
                          "CITYLEARN_RUNS=" + (folder_ / "all runs"),
                          "CITYLEARN_DOMAIN=" + std::to_string(domain),
@@ -37,17 +38,19 @@ class Demo {
                          output_};
     command.insert(command.end(), arguments.begin(), arguments.end());
     shell_.emplace(command, folder_ / "log");
+    group_ = shell_->process();
   }
-  ~Demo() { ::kill(-shell_->process(), SIGKILL); }
+  ~Demo() { ::kill(-group_, SIGKILL); }
   Service* operator->() { return &*shell_; }
   /// A signal to all processes of the demo, as Ctrl-C sends it.
-  void interrupt() const { ::kill(-shell_->process(), SIGINT); }
+  void interrupt() const { ::kill(-group_, SIGINT); }
   const std::string& output() const { return output_; }
 
  private:
   Folder folder_;
   std::string output_;
   std::optional<Service> shell_;
+  pid_t group_ = 0;  // of the demo, also once its shell has ended
 };
 
 /// Waits until the agent learns, and checks that every service of a run with images is there.
