@@ -26,7 +26,7 @@ class Demo {
   explicit Demo(const Arguments& arguments, std::uint32_t domain = own_domain()) : output_(folder_ / "demo/out put") {
     Arguments command = {"/usr/bin/env",
                          "--default-signal=INT",  // a shell in the background ignores it, and its children inherit that
-                         "CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR,
+                         std::string("CITYLEARN_BUILD=") + CITYLEARN_BINARY_DIR,
                          "CITYLEARN_RUNS=" + (folder_ / "all runs"),
                          "CITYLEARN_DOMAIN=" + std::to_string(domain),
                          "/usr/bin/setsid",
