@@ -30,7 +30,7 @@ class Demo {
                          "CITYLEARN_RUNS=" + (folder_ / "all runs"),
                          "CITYLEARN_DOMAIN=" + std::to_string(domain),
                          "/usr/bin/setsid",
-                         CITYLEARN_SOURCE_DIR "/run",
+                         CITYLEARN_SOURCE_DIR + std::string("/run"),
                          "demo",
                          "--frames",
                          "0:80",
@@ -105,12 +105,12 @@ TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {
     ASSERT_EQ(::kill(static_cast<pid_t>(witness.status[id].process()), SIGKILL), 0) << id;
   };
   kill("dashboard");  // the run does not need it
-  EXPECT_TRUE(demo->says("the dashboard ended early", seconds(5))) << demo->output();
+  EXPECT_TRUE(demo->says("the dashboard ended early", seconds(30))) << demo->output();
   EXPECT_TRUE(contains(demo->output(), demo.output() + "/logs/dashboard.log"));
   const std::uint64_t updates = witness.updates;
-  EXPECT_TRUE(witness.until([&] { return witness.updates > updates; }, seconds(10))) << demo->output();
+  EXPECT_TRUE(witness.until([&] { return witness.updates > updates; }, seconds(30))) << demo->output();
   kill("env-summer");
-  EXPECT_EQ(demo->wait(seconds(5)), 1) << demo->output();
+  EXPECT_EQ(demo->wait(seconds(30)), 1) << demo->output();
   EXPECT_TRUE(contains(demo->output(), "run: env-summer ended early (status 137); its log is " + demo.output() +
                                            "/logs/env-summer.log\n"));
   expect_none_left(witness);
