@@ -127,7 +127,7 @@ class EnvSignals : public EnvProcess, public ::testing::WithParamInterface<std::
 TEST_P(EnvSignals, TerminateWhileNobodyIsThere) {
   for (const int signal : {SIGTERM, SIGINT}) {
     const auto service = start(wire());
-    ASSERT_TRUE(service->says("'env-summer' in run", seconds(10)));
+    ASSERT_TRUE(service->says("'env-summer' in session", seconds(10)));
     service->send(signal);
     EXPECT_EQ(service->wait(seconds(2)), 0) << service->output();
   }
