@@ -9,8 +9,8 @@
 #include "policy_service/learning/learner.h"
 #include "policy_service/learning/trainer.h"
 #include "policy_service/network/agent_network.h"
+#include "policy_service/records/comparison.h"
 #include "policy_service/rollout/control.h"
-#include "policy_service/run/comparison.h"
 #include "policy_service/run/policy_service.h"
 #include "policy_service/run/sweep.h"
 

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "core/util/error.h"
-#include "env_service/dataset_io/plane.h"
+#include "env_service/geometry/plane.h"
 
 namespace citylearn {
 namespace {

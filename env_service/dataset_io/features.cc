@@ -8,8 +8,8 @@
 
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/dataset_io/files.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/files.h"
+#include "env_service/files/text_table.h"
 
 namespace citylearn {
 namespace {

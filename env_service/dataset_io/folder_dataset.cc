@@ -7,10 +7,10 @@
 #include <limits>
 
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/files.h"
-#include "env_service/dataset_io/geometry.h"
-#include "env_service/dataset_io/image_sources.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/files.h"
+#include "env_service/files/text_table.h"
+#include "env_service/geometry/geometry.h"
+#include "env_service/images/image_sources.h"
 
 namespace citylearn {
 namespace {

@@ -8,8 +8,8 @@
 
 #include "core/util/error.h"
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/geometry.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/text_table.h"
+#include "env_service/geometry/geometry.h"
 
 namespace citylearn {
 namespace {

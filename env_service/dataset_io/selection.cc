@@ -9,7 +9,7 @@
 
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/alignment.h"
-#include "env_service/dataset_io/image_sources.h"
+#include "env_service/images/image_sources.h"
 
 namespace citylearn {
 namespace {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "env_service/dataset_io/images.h"
+#include "env_service/images/images.h"
 
 namespace citylearn {
 

@@ -6,9 +6,9 @@
 #include <optional>
 #include <set>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/json_file.h"
+#include "env_service/files/files.h"
+#include "env_service/files/json_file.h"
 
 namespace citylearn {
 namespace {

@@ -4,11 +4,11 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/geometry.h"
-#include "env_service/dataset_io/json_file.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/files.h"
+#include "env_service/files/json_file.h"
+#include "env_service/files/text_table.h"
+#include "env_service/geometry/geometry.h"
 
 namespace citylearn {
 namespace {

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <map>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/files.h"
+#include "env_service/files/text_table.h"
 
 namespace citylearn {
 namespace {

@@ -3,8 +3,8 @@
 #include <filesystem>
 #include <map>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/files/files.h"
 
 namespace citylearn {
 namespace {

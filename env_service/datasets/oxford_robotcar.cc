@@ -6,11 +6,11 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/geometry.h"
-#include "env_service/dataset_io/image_sources.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/files.h"
+#include "env_service/files/text_table.h"
+#include "env_service/geometry/geometry.h"
+#include "env_service/images/image_sources.h"
 
 namespace citylearn {
 namespace {

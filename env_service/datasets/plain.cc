@@ -7,9 +7,9 @@
 #include <map>
 
 #include "env_service/dataset_io/features.h"
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/dataset_io/poses.h"
+#include "env_service/files/files.h"
 
 namespace citylearn {
 namespace {

@@ -3,10 +3,10 @@
 #include <map>
 #include <opencv2/imgproc.hpp>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/image_sources.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/files.h"
+#include "env_service/files/text_table.h"
+#include "env_service/images/image_sources.h"
 
 namespace citylearn {
 namespace {

@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/files/files.h"
 
 namespace citylearn {
 namespace {

@@ -6,12 +6,12 @@
 #include <map>
 #include <queue>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
-#include "env_service/dataset_io/geometry.h"
-#include "env_service/dataset_io/image_sources.h"
-#include "env_service/dataset_io/panorama.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/files.h"
+#include "env_service/files/text_table.h"
+#include "env_service/geometry/geometry.h"
+#include "env_service/images/image_sources.h"
+#include "env_service/images/panorama.h"
 
 namespace citylearn {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "env_service/dataset_io/images.h"
+#include "env_service/images/images.h"
 
 // A drive through a generated city and its countryside, drawn frame by frame. The world follows from the seed and the
 // place along the route; season, weather, parked cars and lit windows follow from the look of the recording.

@@ -4,10 +4,10 @@
 #include <memory>
 #include <string>
 
-#include "policy_service/distributed/env_client.h"
 #include "policy_service/distributed/parameter_chunks.h"
 #include "policy_service/distributed/parameter_requester.h"
 #include "policy_service/distributed/trajectory_outbox.h"
+#include "policy_service/env_client/env_client.h"
 #include "policy_service/rollout/collector.h"
 
 namespace citylearn {

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "policy_service/distributed/env_client.h"
+#include "policy_service/env_client/env_client.h"
+#include "policy_service/records/score.h"
 #include "policy_service/rollout/policy.h"
-#include "policy_service/run/score.h"
 
 namespace citylearn {
 

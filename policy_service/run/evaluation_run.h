@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "policy_service/network/checkpoint.h"
+#include "policy_service/records/score.h"
 #include "policy_service/run/evaluation.h"
 #include "policy_service/run/run_context.h"
-#include "policy_service/run/score.h"
 
 namespace citylearn {
 

@@ -6,10 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "policy_service/distributed/env_client.h"
+#include "policy_service/env_client/env_client.h"
+#include "policy_service/records/run_records.h"
 #include "policy_service/run/policy_service.h"
 #include "policy_service/run/progress_bar.h"
-#include "policy_service/run/run_records.h"
 
 namespace citylearn {
 

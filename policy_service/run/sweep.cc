@@ -13,10 +13,10 @@
 
 #include "core/util/error.h"
 #include "core/util/files.h"
-#include "policy_service/distributed/env_client.h"
 #include "policy_service/distributed/final_status_guard.h"
-#include "policy_service/run/comparison.h"
-#include "policy_service/run/report.h"
+#include "policy_service/env_client/env_client.h"
+#include "policy_service/records/comparison.h"
+#include "policy_service/records/report.h"
 
 namespace citylearn {
 namespace {

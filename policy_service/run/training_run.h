@@ -8,8 +8,8 @@
 
 #include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/learning/trainer.h"
+#include "policy_service/records/report.h"
 #include "policy_service/run/evaluation_run.h"
-#include "policy_service/run/report.h"
 #include "policy_service/run/run_context.h"
 
 namespace citylearn {

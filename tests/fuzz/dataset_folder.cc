@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/selection.h"
+#include "env_service/files/files.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/service.h"
 

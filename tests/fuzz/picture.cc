@@ -3,7 +3,7 @@
 
 #include "core/util/image_header.h"
 #include "encoder_service/encoding/encoder.h"
-#include "env_service/dataset_io/image_sources.h"
+#include "env_service/images/image_sources.h"
 #include "tests/fuzz/targets.h"
 
 namespace citylearn::fuzz {

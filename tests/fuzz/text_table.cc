@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/text_table.h"
 
 #include <algorithm>
 #include <cmath>

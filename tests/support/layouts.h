@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
-#include "env_service/dataset_io/image_sources.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/text_table.h"
+#include "env_service/images/image_sources.h"
 #include "tests/support/env.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"

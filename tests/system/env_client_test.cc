@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A policy_service's EnvClient and env_services in one process: observations by reference are those with features.
-#include "policy_service/distributed/env_client.h"
+#include "policy_service/env_client/env_client.h"
 
 #include <gtest/gtest.h>
 #include <spdlog/spdlog.h>

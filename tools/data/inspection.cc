@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/util/image_header.h"
-#include "env_service/dataset_io/image_sources.h"
+#include "env_service/images/image_sources.h"
 
 namespace citylearn {
 namespace {

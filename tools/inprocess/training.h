@@ -8,8 +8,8 @@
 
 #include "env_service/environment.h"
 #include "policy_service/learning/trainer.h"
+#include "policy_service/records/score.h"
 #include "policy_service/rollout/policy.h"
-#include "policy_service/run/score.h"
 
 namespace citylearn {
 

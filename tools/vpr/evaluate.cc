@@ -10,7 +10,7 @@
 
 #include "core/util/files.h"
 #include "core/wire/service.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/text_table.h"
 #include "tools/vpr/descriptors.h"
 #include "tools/vpr/progress.h"
 #include "tools/vpr/python.h"

@@ -20,12 +20,14 @@ const std::vector<std::string> kProduct = {"core",           "env_service", "enc
 /// The sub-folders of each part, from the lowest floor to the highest. A file includes its own folder and lower ones.
 const std::vector<std::vector<std::string>> kOrders = {
     {"core/util", "core/task", "core/dds", "core/plugin", "core/wire", "core/recording"},
-    {"env_service/dataset_io", "env_service/drawn_city", "env_service/datasets", "env_service"},
+    {"env_service/files", "env_service/images", "env_service/geometry", "env_service/dataset_io",
+     "env_service/drawn_city", "env_service/datasets", "env_service"},
     {"encoder_service/encoding", "encoder_service/onnx", "encoder_service/encoders", "encoder_service/recognition",
      "encoder_service"},
     {"policy_service/network", "policy_service/rollout", "policy_service/learning",
      "policy_service/learning/optimization", "policy_service/learning/learners", "policy_service/interchange",
-     "policy_service/interchange/exporters", "policy_service/distributed", "policy_service/run", "policy_service"},
+     "policy_service/interchange/exporters", "policy_service/env_client", "policy_service/distributed",
+     "policy_service/records", "policy_service/run", "policy_service"},
     {"dashboard/store", "dashboard/http", "dashboard/live", "dashboard/api", "dashboard"},
 };
 

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "env_service/dataset_io/crossings.h"
+#include "env_service/geometry/crossings.h"
 #include "tools/paper/sections/transfer_agent.h"
 #include "tools/paper/studies/map_study.h"
 

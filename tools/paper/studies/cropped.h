@@ -3,7 +3,7 @@
 
 #include <memory>
 
-#include "env_service/dataset_io/images.h"
+#include "env_service/images/images.h"
 
 namespace citylearn::paper {
 

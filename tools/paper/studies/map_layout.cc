@@ -6,8 +6,8 @@
 #include <numbers>
 
 #include "core/task/route_map.h"
-#include "env_service/dataset_io/crossings.h"
-#include "env_service/dataset_io/plane.h"
+#include "env_service/geometry/crossings.h"
+#include "env_service/geometry/plane.h"
 
 namespace citylearn::paper {
 namespace {

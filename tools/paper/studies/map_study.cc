@@ -9,7 +9,7 @@
 #include "core/task/route_map.h"
 #include "core/task/spl.h"
 #include "core/wire/service.h"
-#include "env_service/dataset_io/crossings.h"
+#include "env_service/geometry/crossings.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 #include "tools/inprocess/training.h"

@@ -285,8 +285,8 @@ void expect_rights(const std::string& kind, const Rights& expected) {
 }
 
 TEST(Permissions, AreWhatTheServicesDo) {
-  const std::vector<std::string> policy = {"policy_service/distributed/env_client.cc",
-                                           "policy_service/run/run_announcer.cc"};
+  const std::vector<std::string> policy = {"policy_service/env_client/env_client.cc",
+                                           "policy_service/records/run_announcer.cc"};
   expect_rights("env_service", done({"env_service"}));
   expect_rights("encoder_service", done({"encoder_service"}));
   Rights both = done(policy), learner = done({policy[0], policy[1], "policy_service/distributed/learner_server.cc"});

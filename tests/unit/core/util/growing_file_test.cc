@@ -8,8 +8,8 @@
 
 #include "core/util/error.h"
 #include "policy_service/interchange/event_log.h"
-#include "policy_service/run/episode_log.h"
-#include "policy_service/run/metrics_log.h"
+#include "policy_service/records/episode_log.h"
+#include "policy_service/records/metrics_log.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 

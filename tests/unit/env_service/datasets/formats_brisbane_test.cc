@@ -2,8 +2,8 @@
 // Alderley, UQ St Lucia, St Lucia Multiple Times of Day, Multi-Lane Road, Gold Coast drive.
 #include <cmath>
 
-#include "env_service/dataset_io/files.h"
 #include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/files/files.h"
 #include "tests/support/layouts.h"
 #include "tests/support/text.h"
 

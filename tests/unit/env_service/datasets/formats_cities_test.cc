@@ -2,7 +2,7 @@
 // BDD100K, Cityscapes, StreetLearn.
 #include <cmath>
 
-#include "env_service/dataset_io/panorama.h"
+#include "env_service/images/panorama.h"
 #include "tests/support/layouts.h"
 #include "tests/support/text.h"
 

@@ -4,7 +4,7 @@
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
 
-#include "env_service/dataset_io/images.h"
+#include "env_service/images/images.h"
 
 namespace citylearn::paper {
 

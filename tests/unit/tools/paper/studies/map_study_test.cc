@@ -6,7 +6,7 @@
 
 #include <cmath>
 
-#include "env_service/dataset_io/crossings.h"
+#include "env_service/geometry/crossings.h"
 #include "tests/unit/tools/paper/looped_recording.h"
 #include "tools/inprocess/training.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/run/comparison.h"
+#include "policy_service/records/comparison.h"
 
 #include <spdlog/fmt/fmt.h>
 

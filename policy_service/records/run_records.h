@@ -8,13 +8,13 @@
 #include <string>
 #include <vector>
 
-#include "policy_service/distributed/env_client.h"
+#include "policy_service/env_client/env_client.h"
 #include "policy_service/interchange/event_log.h"
 #include "policy_service/network/checkpoint.h"
-#include "policy_service/run/episode_log.h"
-#include "policy_service/run/metrics_log.h"
-#include "policy_service/run/policy_service.h"
-#include "policy_service/run/run_announcer.h"
+#include "policy_service/records/episode_log.h"
+#include "policy_service/records/metrics_log.h"
+#include "policy_service/records/policy_service_options.h"
+#include "policy_service/records/run_announcer.h"
 
 namespace citylearn {
 

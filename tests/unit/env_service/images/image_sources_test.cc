@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Pictures in files and in videos.
-#include "env_service/dataset_io/image_sources.h"
+#include "env_service/images/image_sources.h"
 
 #include <gtest/gtest.h>
 
 #include <chrono>
 #include <set>
 
-#include "env_service/dataset_io/files.h"
+#include "env_service/files/files.h"
 #include "tests/support/env.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"

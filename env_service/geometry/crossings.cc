@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/crossings.h"
+#include "env_service/geometry/crossings.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include <tuple>
 
 #include "core/util/error.h"
-#include "env_service/dataset_io/plane.h"
+#include "env_service/geometry/plane.h"
 
 namespace citylearn {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/distributed/encoder_monitor.h"
+#include "policy_service/env_client/encoder_monitor.h"
 
 namespace citylearn {
 

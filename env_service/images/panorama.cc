@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/panorama.h"
+#include "env_service/images/panorama.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/distributed/env_client.h"
+#include "policy_service/env_client/env_client.h"
 
 #include <spdlog/spdlog.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/run/metrics_log.h"
+#include "policy_service/records/metrics_log.h"
 
 #include <spdlog/fmt/fmt.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/text_table.h"
 
 #include <charconv>
 #include <cmath>
@@ -9,7 +9,7 @@
 
 #include "core/util/error.h"
 #include "core/util/text.h"
-#include "env_service/dataset_io/files.h"
+#include "env_service/files/files.h"
 
 namespace citylearn {
 namespace {

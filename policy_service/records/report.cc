@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/run/report.h"
+#include "policy_service/records/report.h"
 
 #include <spdlog/fmt/fmt.h>
 

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/json_file.h"
+#include "env_service/files/json_file.h"
 
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "core/util/error.h"
-#include "env_service/dataset_io/files.h"
+#include "env_service/files/files.h"
 
 namespace citylearn {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/geometry.h"
+#include "env_service/geometry/geometry.h"
 
 #include <algorithm>
 #include <cmath>

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "env_service/dataset_io/images.h"
+#include "env_service/images/images.h"
 
 namespace cv {
 class Mat;

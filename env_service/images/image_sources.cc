@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/image_sources.h"
+#include "env_service/images/image_sources.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -16,7 +16,7 @@
 #include "core/util/error.h"
 #include "core/util/image_header.h"
 #include "core/util/sha256.h"
-#include "env_service/dataset_io/files.h"
+#include "env_service/files/files.h"
 
 namespace citylearn {
 namespace {

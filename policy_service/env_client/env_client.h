@@ -9,8 +9,8 @@
 
 #include "core/wire/node.h"
 #include "core/wire/rejections.h"
-#include "policy_service/distributed/encoder_monitor.h"
-#include "policy_service/distributed/env_handle.h"
+#include "policy_service/env_client/encoder_monitor.h"
+#include "policy_service/env_client/env_handle.h"
 
 namespace citylearn {
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/run/run_records.h"
+#include "policy_service/records/run_records.h"
 
 #include <filesystem>
 
 #include "core/util/files.h"
-#include "policy_service/run/report.h"
+#include "policy_service/records/report.h"
 
 namespace citylearn {
 

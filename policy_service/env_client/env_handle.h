@@ -6,7 +6,7 @@
 
 #include "core/wire/node.h"
 #include "core/wire/presence.h"
-#include "policy_service/distributed/feature_cache.h"
+#include "policy_service/env_client/feature_cache.h"
 
 namespace citylearn {
 

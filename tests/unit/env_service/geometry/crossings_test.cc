@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where a recorded route crosses itself, and ways on the map that this makes.
-#include "env_service/dataset_io/crossings.h"
+#include "env_service/geometry/crossings.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "env_service/dataset_io/files.h"
+#include "env_service/files/files.h"
 
 #include <strings.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/run/score.h"
+#include "policy_service/records/score.h"
 
 #include <spdlog/fmt/fmt.h>
 

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "policy_service/run/policy_service.h"
-#include "policy_service/run/score.h"
+#include "policy_service/records/policy_service_options.h"
+#include "policy_service/records/score.h"
 
 namespace citylearn {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/distributed/feature_cache.h"
+#include "policy_service/env_client/feature_cache.h"
 
 #include <algorithm>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/run/run_announcer.h"
+#include "policy_service/records/run_announcer.h"
 
 #include <spdlog/spdlog.h>
 

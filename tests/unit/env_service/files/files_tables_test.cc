@@ -5,9 +5,9 @@
 #include <cmath>
 #include <limits>
 
-#include "env_service/dataset_io/files.h"
-#include "env_service/dataset_io/geometry.h"
-#include "env_service/dataset_io/text_table.h"
+#include "env_service/files/files.h"
+#include "env_service/files/text_table.h"
+#include "env_service/geometry/geometry.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"

@@ -11,8 +11,8 @@
 #include "core/util/image_header.h"
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
-#include "env_service/dataset_io/files.h"
-#include "env_service/dataset_io/image_sources.h"
+#include "env_service/files/files.h"
+#include "env_service/images/image_sources.h"
 
 namespace citylearn {
 namespace {

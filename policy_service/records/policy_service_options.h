@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "core/wire/node.h"
+#include "policy_service/env_client/env_client.h"
+
+namespace citylearn {
+
+struct PolicyServiceOptions {
+  Node::Options node;
+
+  // What to do.
+  std::string mode = "train";          ///< "train" (then evaluate), or "evaluate"
+  std::string agent = "place_filter";  ///< a network, or with mode "evaluate" a control
+  std::string learner = "ppo";
+  std::map<std::string, double> network_parameters, learner_parameters, trainer_parameters;  ///< those given
+  std::string checkpoint;     ///< mode "evaluate": the file to act from
+  std::string parameters;     ///< with `checkpoint`: safetensors file whose parameters go before its own
+  std::string role = "both";  ///< "both", "actor" or "learner" (docs/decisions/0008-roles.md)
+  bool resume = false;        ///< continue from the newest checkpoint of `output`; start anew where there is none
+  std::uint64_t seed = 1;
+
+  // What training begins with.
+  std::string initial;              ///< a checkpoint whose agent gives the parameters; empty: random ones
+  std::vector<std::string> frozen;  ///< tensors, or prefixes of their names, that are not trained
+
+  // Where.
+  std::string train = "summer";       ///< traversal learned from
+  std::vector<std::string> evaluate;  ///< traversals evaluated on; empty: all that are found
+  int environments = 1;               ///< env_services on `train` to begin with
+  bool lockstep = false;              ///< wait for lost ones instead of continuing without them
+  EnvClientOptions client;
+  double wait = 0;  ///< seconds until missing env_services are an error; 0 = for ever
+
+  // Roles.
+  int window = 2;             ///< learner: segments of one env_service that an actor may have unacknowledged
+  std::uint64_t max_lag = 0;  ///< learner: trajectories of parameters older than so many updates are dropped; 0 = none
+  bool stay = false;          ///< actor: wait for the next learner when one has ended
+
+  // The task.
+  int first_frame = 0;
+  int frames = 128;         ///< N
+  int max_steps = 0;        ///< 0 = N
+  bool curriculum = false;  ///< the paper's lessons, ending with N = 128
+
+  // How long.
+  std::uint64_t steps = 0;    ///< environment steps to learn from; 0 = the agent's recommendation
+  double time_limit = 0;      ///< seconds of training; 0 = none
+  int checkpoint_every = 50;  ///< updates
+  int evaluate_every = 0;     ///< updates; 0 = at the end only
+
+  // Evaluation.
+  int tasks = 2000;                   ///< on each traversal
+  std::vector<std::string> controls;  ///< evaluated on the same tasks; "shuffled" is the agent on shuffled frames
+  std::map<std::string, std::map<std::string, double>> control_parameters;
+
+  /// Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/, tensorboard/.
+  std::string output;
+};
+
+}  // namespace citylearn
