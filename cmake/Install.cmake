@@ -13,5 +13,6 @@ install(FILES ${CMAKE_SOURCE_DIR}/tools/vpr/charts.py ${CMAKE_SOURCE_DIR}/tools/
   DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/tools/vpr)
 file(GLOB units ${CMAKE_SOURCE_DIR}/compose/systemd/*.service ${CMAKE_SOURCE_DIR}/compose/systemd/*.target)
 install(FILES ${units} DESTINATION lib/systemd/system)
+install(DIRECTORY ${CMAKE_SOURCE_DIR}/compose/systemd/citylearn-.service.d DESTINATION lib/systemd/system)
 install(FILES ${CMAKE_SOURCE_DIR}/compose/systemd/citylearn.sysusers DESTINATION lib/sysusers.d RENAME citylearn.conf)
 install(FILES ${CMAKE_SOURCE_DIR}/compose/systemd/citylearn.env DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn)

@@ -185,7 +185,8 @@ class Units(unittest.TestCase):
             self.skipTest("systemd-analyze is missing (package systemd)")
         self.assertEqual(len(UNITS), 5)
         with tempfile.TemporaryDirectory() as folder:
-            for unit in [*UNITS, COMPOSE / "systemd/citylearn.target"]:
+            shutil.copytree(COMPOSE / "systemd", folder, dirs_exist_ok=True)
+            for unit in UNITS:
                 text = unit.read_text().replace("/usr/local/bin/", f"{PREFIX}/bin/")
                 (Path(folder) / unit.name).write_text(text)
             for unit in UNITS:
@@ -208,8 +209,9 @@ class Units(unittest.TestCase):
                     self.assertIn(word[1:], variables, command)
 
     def test_each_is_restarted_and_shut_in(self):
+        common = (COMPOSE / "systemd/citylearn-.service.d/common.conf").read_text()
         for unit in UNITS:
-            text = unit.read_text()
+            text = common + unit.read_text()
             for line in ("Restart=on-failure", "RestartPreventExitStatus=2", "NoNewPrivileges=yes", "ProtectSystem=strict",
                          "CapabilityBoundingSet=", "User=citylearn"):
                 self.assertRegex(text, rf"(?m)^{re.escape(line)}$", unit.name)
