@@ -172,7 +172,7 @@ void EncoderService::on_observation(msg::Observation& observation) {
   Environment& environment = found->second;
   if (observation.header().incarnation() != environment.info.header().incarnation()) return;
   environment.presence.heard(now_);
-  // Some are complete: from another encoder_service, or from an env_service that has its features by now.
+  // One may be complete already: another encoder_service has sent it.
   if (observation.by_reference() || observation.feature_dimension() != 0 || !serving(environment)) return;
   const EncodedTraversal* traversal = pipeline_.find(observation.traversal_hash());
   if (!traversal || !traversal->ready) return;
@@ -207,9 +207,7 @@ void EncoderService::on_request(const msg::TraversalRequest& request) {
   const EncodedTraversal* traversal = pipeline_.find(request.hash());
   if (!traversal || !traversal->ready) return;
   const auto dimension = static_cast<std::size_t>(traversal->features.rows());
-  if (request.feature_dimension() != dimension && request.feature_dimension() != msg::ANY_DIMENSION) return;
-  // An env_service that has them by now answers itself.
-  if (found->second.info.feature_dimension() != 0) return;
+  if (request.feature_dimension() != dimension) return;
   const ChunkLayout layout(static_cast<std::uint32_t>(traversal->frames), static_cast<std::uint32_t>(dimension));
   send_info(found->second);
   for (const std::uint32_t index : request.chunks()) {
@@ -279,13 +277,13 @@ void EncoderService::begin_to_serve(const std::string& id, Environment& environm
   send_info(environment);
 }
 
-/// Stops listening to observations once all env_services have their features themselves or observe by reference: taking
-/// in thousands a second would cost them and this service time.
+/// Stops listening to observations while all env_services send them by reference: taking in thousands a second would
+/// cost them and this service time.
 void EncoderService::listen_when_needed() {
   const bool needed =
       environments_.empty() || std::any_of(environments_.begin(), environments_.end(), [this](const auto& entry) {
         const msg::TraversalInfo& info = entry.second.info;
-        return alive(entry.second) && info.feature_dimension() == 0 && !info.by_reference();
+        return alive(entry.second) && !info.by_reference();
       });
   if (needed == listening_) return;
   listening_ = needed;

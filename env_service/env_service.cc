@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -31,7 +30,6 @@ constexpr milliseconds kSceneInterval{100};
 constexpr milliseconds kUnheardLinger{500};  // at the end, for acknowledgements of recorders that were never heard
 constexpr milliseconds kStopCheck{50};
 constexpr std::uint64_t kClockTolerance = 24ull * 3600 * 1'000'000;  // microseconds between two hosts' clocks
-constexpr std::size_t kLargestFeatures = std::size_t{64} << 20;  // bytes kept here; more stay with the encoder_service
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
   for (const auto& [what, text] : {std::pair{"name", traversal.name}, {"condition", traversal.condition}})
@@ -71,7 +69,6 @@ class EnvService {
   bool start_task(const msg::TaskSettings& settings);
   void on_action(const msg::Action& action);
   void on_request(const msg::TraversalRequest& request);
-  void on_features(const msg::TraversalChunk& chunk);
   void on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement);
   void on_status(const msg::ServiceStatus& status);
 
@@ -121,15 +118,10 @@ class EnvService {
   std::uint64_t steps_ = 0;  // of agents since last_report_
   std::uint64_t tasks_done_ = 0;
 
-  // Features that an encoder_service made of the images: fetched once, so that observations need not pass by it. Its
-  // dimension is ANY_DIMENSION until the first chunk gives D.
-  std::optional<Transfer> features_;
-
   // Members, so that a tick allocates nothing.
   msg::Action action_;
   msg::TaskSettings taken_settings_;
-  msg::TraversalRequest request_, features_request_;
-  msg::TraversalChunk chunk_;
+  msg::TraversalRequest request_;
   msg::ImageRequest image_request_;
   msg::EpisodeAcknowledgement acknowledgement_;
   msg::EpisodeStat episode_;
@@ -166,11 +158,8 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   node_.create_reader<msg::EpisodeAcknowledgement>();
   node_.create_reader<msg::MapRequest>();
   if (traversal_.images) {
-    features_.emplace(Transfer::What{info_.hash(), info_.frames(), msg::ANY_DIMENSION});
     node_.create_reader<msg::ImageRequest>();
-    node_.create_reader<msg::TraversalChunk>();
     node_.create_writer<msg::ImageChunk>();
-    node_.create_writer<msg::TraversalRequest>();
   }
   node_.create_writer<msg::TraversalInfo>();
   node_.create_writer<msg::TraversalChunk>();
@@ -203,7 +192,6 @@ void EnvService::take_messages() {
   while (node_.take(request_)) on_request(request_);
   while (node_.take(map_request_)) server_.answer(map_request_);
   while (traversal_.images && node_.take(image_request_)) server_.answer(image_request_);
-  while (traversal_.images && node_.take(chunk_)) on_features(chunk_);
   while (node_.take(status_)) on_status(status_);
 }
 
@@ -303,29 +291,6 @@ void EnvService::on_request(const msg::TraversalRequest& request) {
   server_.answer(request);
 }
 
-/// Takes features of the images, chunk by chunk. Once all are here, this env_service is like one with a features file.
-void EnvService::on_features(const msg::TraversalChunk& chunk) {
-  const std::uint32_t dimension = chunk.feature_dimension();
-  if (!features_ || chunk.hash() != environment_.traversal_hash() || dimension == 0) return;
-  if (features_->what().dimension == msg::ANY_DIMENSION) {
-    if (std::size_t{info_.frames()} * dimension * sizeof(float) > kLargestFeatures ||
-        std::size_t{info_.agents()} * dimension > msg::MAX_FEATURES) {
-      features_.reset();
-      return;
-    }
-    features_.emplace(Transfer::What{info_.hash(), info_.frames(), dimension});
-  }
-  if (features_->take(chunk) == Transfer::Taken::kDamaged) rejections_.add(chunk.header(), "damaged features");
-  if (!features_->complete()) return;
-  environment_.set_features(static_cast<int>(dimension), std::move(features_->features));
-  features_.reset();
-  info_.feature_dimension() = dimension;
-  info_.chunks() = ChunkLayout(info_.frames(), dimension).chunks();
-  spdlog::info("received {} features of each image", dimension);
-  send_info();
-  if (running()) send_observation();
-}
-
 void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowledgement) {
   if (acknowledgement.environment() != node_.options().id ||
       acknowledgement.environment_incarnation() != node_.incarnation())
@@ -422,17 +387,12 @@ void EnvService::do_due_work() {
   if ((!running() || policy_silent_) && now_ >= next_info_) send_info();
   send_episodes();
   if (now_ >= next_scene_) send_scene();
-  if (features_ && features_->ask(now_, features_request_)) {
-    features_request_.environment() = node_.options().id.c_str();
-    node_.publish(features_request_);
-  }
   if (now_ >= next_report_) report();
 }
 
 Clock::time_point EnvService::next_due() const {
   Clock::time_point due = next_report_;
   if (running()) due = std::min(due, next_observation_);
-  if (features_) due = std::min(due, features_->due());
   if (running() && !policy_silent_) due = std::min(due, policy_.gone_at());
   if (!running() || policy_silent_) due = std::min(due, next_info_);
   return std::min(due, outbox_.due());
@@ -482,7 +442,7 @@ void EnvService::leave() {
     while (node_.take(status_)) outbox_.heartbeat(status_.header(), status_.service_state() == msg::STOPPING, now_);
     // Messages that are not taken would wake the wait again and again.
     discard(action_, taken_settings_, request_, map_request_);
-    if (traversal_.images) discard(image_request_, chunk_);
+    if (traversal_.images) discard(image_request_);
   }
   if (outbox_.kept() == 0)
     spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, outbox_.episodes());

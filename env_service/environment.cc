@@ -18,19 +18,11 @@ constexpr std::uint32_t kMaxCount = 1u << 30;
 }  // namespace
 
 Environment::Environment(const Traversal& traversal, int agents)
-    : traversal_(traversal), traversal_hash_(traversal.hash()), dimension_(traversal.dimension) {
+    : traversal_(traversal), traversal_hash_(traversal.hash()) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
   check_turns(traversal.turns, traversal.frames);
   agents_.resize(agents);
-}
-
-void Environment::set_features(int dimension, std::vector<float> features) {
-  if (agents_.size() * static_cast<std::size_t>(dimension) > msg::MAX_FEATURES)
-    throw Error("agents x feature dimension is over " + std::to_string(msg::MAX_FEATURES) + " for one observation",
-                "agents", "host fewer agents in this env_service and start another one");
-  dimension_ = dimension;
-  encoded_ = std::move(features);
 }
 
 void Environment::reset(const msg::TaskSettings& settings) {
@@ -47,8 +39,8 @@ void Environment::reset(const msg::TaskSettings& settings) {
   require_count(settings.max_steps(), "TaskSettings.max_steps");
   if (settings.task_mode() == msg::IDLE) throw Error("there is no task in mode IDLE", "TaskSettings.task_mode");
   if (settings.task_mode() == msg::EVALUATE) require_count(settings.tasks(), "TaskSettings.tasks");
-  if (!settings.by_reference() && agents_.size() * static_cast<std::size_t>(dimension_) > msg::MAX_FEATURES)
-    throw Error("the features of " + std::to_string(agents()) + " agents x " + std::to_string(dimension_) +
+  if (!settings.by_reference() && agents_.size() * static_cast<std::size_t>(traversal_.dimension) > msg::MAX_FEATURES)
+    throw Error("the features of " + std::to_string(agents()) + " agents x " + std::to_string(traversal_.dimension) +
                     " do not fit one observation (at most " + std::to_string(msg::MAX_FEATURES) + ")",
                 "TaskSettings.by_reference", "ask for observations by reference, or host fewer agents");
   settings_ = settings;
@@ -168,7 +160,7 @@ void Environment::observe(msg::Observation& observation) const {
   observation.step() = step_;
   observation.traversal() = traversal_.name.c_str();
   observation.traversal_hash() = traversal_hash_;
-  const std::size_t dimension = settings_.by_reference() ? 0 : static_cast<std::size_t>(dimension_);
+  const std::size_t dimension = settings_.by_reference() ? 0 : static_cast<std::size_t>(traversal_.dimension);
   observation.by_reference() = settings_.by_reference();
   observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
   observation.frame().resize(count);

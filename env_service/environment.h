@@ -41,15 +41,10 @@ class Environment {
   /// looked up (by_reference).
   void reset(const msg::TaskSettings& settings);
 
-  /// From now on observations carry these features of the traversal's pictures: F x D, frame-major; unless the settings
-  /// say by_reference. Throws Error when agents x D do not fit one observation.
-  void set_features(int dimension, std::vector<float> features);
-  /// D, of the traversal or as set; 0 when there are none.
-  int dimension() const { return dimension_; }
   /// Features of a frame: D.
   std::span<const float> feature(int frame) const {
-    const std::vector<float>& all = encoded_.empty() ? traversal_.features : encoded_;
-    return std::span(all).subspan(static_cast<std::size_t>(frame) * dimension_, dimension_);
+    const auto dimension = static_cast<std::size_t>(traversal_.dimension);
+    return std::span(traversal_.features).subspan(static_cast<std::size_t>(frame) * dimension, dimension);
   }
 
   /// One action per agent. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
@@ -87,8 +82,6 @@ class Environment {
 
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;
-  int dimension_;
-  std::vector<float> encoded_;  ///< set_features
   msg::TaskSettings settings_;
   std::vector<int> turns_;  ///< of the route
   std::vector<Agent> agents_;

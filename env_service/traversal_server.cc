@@ -22,7 +22,7 @@ TraversalServer::TraversalServer(Node& node, const Environment& environment)
 bool TraversalServer::can_answer(const msg::TraversalRequest& request) const {
   const std::uint32_t dimension = request.feature_dimension();
   return addressed(request) &&
-         (dimension == static_cast<std::uint32_t>(environment_.dimension()) || (dimension == 0 && traversal_.images));
+         (dimension == static_cast<std::uint32_t>(traversal_.dimension) || (dimension == 0 && traversal_.images));
 }
 
 void TraversalServer::answer(const msg::TraversalRequest& request) {

@@ -134,7 +134,7 @@ int main(int argc, char** argv) {
     app.add_option(
            "--observations", options.client.observing,
            "whole: with features; by_reference: frames by name, their features are fetched once before; as_fits: "
-           "whole where they fit one datagram")
+           "whole where the env_service has the features and they fit one datagram")
         ->default_str("as_fits")
         ->transform(CLI::CheckedTransformer(std::map<std::string, Observing>{{"as_fits", Observing::kAsFits},
                                                                              {"whole", Observing::kWhole},

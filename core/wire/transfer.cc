@@ -45,13 +45,8 @@ void ChunkLayout::fill(std::uint32_t chunk, std::span<const float> positions,
   });
 }
 
-Transfer::Transfer(const What& what)
-    : what_(what),
-      layout_(what.frames, what.dimension == msg::ANY_DIMENSION ? 0 : what.dimension),
-      chunks_(1),
-      timer_(kAgain) {
+Transfer::Transfer(const What& what) : what_(what), layout_(what.frames, what.dimension), timer_(kAgain) {
   if (what_.count == 0) what_.count = what_.frames - what_.first;
-  if (what_.dimension == msg::ANY_DIMENSION) return;
   first_chunk_ = layout_.first_chunk(what_.first);
   chunks_ = ChunkSet(layout_.last_chunk(what_.first + what_.count - 1) - first_chunk_ + 1);
   positions.resize(what_.count);

@@ -60,10 +60,9 @@ class Transfer {
   struct What {
     std::uint64_t hash = 0;  ///< of the traversal
     std::uint32_t frames = 0;
-    std::uint32_t dimension =
-        0;                    ///< D. With ANY_DIMENSION it asks for chunk 0 and takes none: whoever sees one knows D
-    std::uint32_t first = 0;  ///< frames first .. first + count - 1 of the traversal
-    std::uint32_t count = 0;  ///< 0: up to the last frame
+    std::uint32_t dimension = 0;  ///< D
+    std::uint32_t first = 0;      ///< frames first .. first + count - 1 of the traversal
+    std::uint32_t count = 0;      ///< 0: up to the last frame
   };
   using Taken = citylearn::Taken;
 

@@ -135,10 +135,7 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
   if (!slot) slot = std::make_unique<EnvHandle>();
   EnvHandle& env = *slot;
   env.presence.heard(Clock::now());
-  // An env_service that received its features from an encoder_service does not name the encoder.
-  const std::string encoder = !fresh && info.images() ? env.info.encoder().c_str() : "";
   env.info = info;
-  if (env.info.encoder().size() == 0) env.info.encoder() = encoder.c_str();
   if (fresh) {
     spdlog::info("{} '{}' joins: traversal {} of {}, {} frames x {} features, {} agents",
                  env.settings.settings().version() == 0 ? "env_service" : "restarted env_service",
@@ -213,9 +210,8 @@ bool EnvClient::by_reference(const EnvHandle& env) const {
                     std::to_string(env.info.feature_dimension()) + " do not fit one observation (at most " +
                     std::to_string(msg::MAX_FEATURES) + ")",
                 "env_service '" + env.id + "'", "ask for observations by reference");
-  return options_.observing == Observing::kByReference
-             ? numbers > 0
-             : options_.observing == Observing::kAsFits && numbers * sizeof(float) > kLargestWhole;
+  if (options_.observing == Observing::kByReference) return numbers > 0;
+  return options_.observing == Observing::kAsFits && (env.info.images() || numbers * sizeof(float) > kLargestWhole);
 }
 
 void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) {

@@ -16,7 +16,8 @@ namespace citylearn {
 
 /// How env_services send what their agents see. Policies receive the same numbers either way.
 enum class Observing {
-  kAsFits,       ///< by reference where an observation with its features exceeds EnvClient::kLargestWhole
+  kAsFits,       ///< by reference where an encoder_service made the features, so that observations need not pass by
+                 ///< it, and where an observation with its features exceeds EnvClient::kLargestWhole
   kWhole,        ///< with features
   kByReference,  ///< frames by name; their features are fetched once, before
 };

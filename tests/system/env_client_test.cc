@@ -152,6 +152,21 @@ TEST_F(EnvClientTest, AsksForWhatFitsOneDatagramWholeAndForMoreByReference) {
     EXPECT_EQ(env->settings.by_reference(), id == "env-more");
     EXPECT_TRUE(player.until([&] { return player.shown[id].size() >= 3; }));
   }
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  info.frames() = 10;
+  info.feature_dimension() = 2;
+  info.images() = true;
+  Node::Options options;
+  options.middleware.name = "inprocess";
+  options.service = options.id = "pictures";
+  options.session = run_;
+  Node host(options);
+  host.create_writer<msg::TraversalInfo>();
+  host.publish(info);
+  EnvHandle* pictures = player.env("pictures");
+  ASSERT_TRUE(pictures);
+  player.client.command(*pictures, route(0, 10));
+  EXPECT_TRUE(pictures->settings.by_reference()) << "an encoder_service has them";
 }
 
 TEST_F(EnvClientTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {

@@ -218,7 +218,7 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
             "citylearn::msg::TraversalChunk.data: 2600 entries, should be 2860");
   EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.frames(0); }),
             "citylearn::msg::TraversalChunk.frames: must be 1..1048576");
-  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.feature_dimension(msg::ANY_DIMENSION); }),
+  EXPECT_EQ(error_after<msg::TraversalChunk>([](auto& m) { m.feature_dimension(msg::MAX_DIMENSION + 1); }),
             "citylearn::msg::TraversalChunk.feature_dimension: must be at most 262144");
   EXPECT_EQ(error_after<msg::ImageChunk>([](auto& m) { m.data().pop_back(); }),
             "citylearn::msg::ImageChunk.data: 4999 entries, should be 5000");

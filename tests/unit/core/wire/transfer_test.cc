@@ -186,16 +186,5 @@ TEST(Transfer, DamagedAndForeignChunksChangeNothing) {
   route.expect_whole(transfer);
 }
 
-TEST(Transfer, WhereTheDimensionIsUnknownItAsksForTheFirstChunk) {
-  const Route route(40, 4096);
-  Transfer transfer({7, 40, msg::ANY_DIMENSION});
-  msg::TraversalRequest request;
-  ASSERT_TRUE(transfer.ask(Clock::now(), request));
-  EXPECT_EQ(request.feature_dimension(), msg::ANY_DIMENSION);
-  EXPECT_EQ(request.chunks(), std::vector<std::uint32_t>{0});
-  EXPECT_EQ(transfer.take(route.chunks[0]), Taken::kNotWanted);
-  EXPECT_FALSE(transfer.complete());
-}
-
 }  // namespace
 }  // namespace citylearn
