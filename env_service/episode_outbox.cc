@@ -23,7 +23,7 @@ EpisodeOutbox::EpisodeOutbox(const std::vector<std::string>& required, std::size
 
 template <class Outbox, class Visit>
 void EpisodeOutbox::each_recorder(Outbox& outbox, Visit visit) {
-  if (outbox.registered_ == 0) visit(outbox.placeholder_);
+  if (outbox.registered_ == 0) visit(outbox.anonymous_recorder_);
   for (auto& [name, recorder] : outbox.recorders_)
     if (recorder.registered) visit(recorder);
 }
@@ -135,9 +135,9 @@ void EpisodeOutbox::discard(std::uint64_t up_to) {
   entries_.erase(entries_.begin(), entries_.begin() + static_cast<std::ptrdiff_t>(up_to - discarded_));
   discarded_ = up_to;
   sent_ = std::max(sent_, discarded_);
-  placeholder_.acknowledged = discarded_;
-  placeholder_.sent = std::max(placeholder_.sent, discarded_);
-  placeholder_.limit = std::max(placeholder_.limit, placeholder_.sent);
+  anonymous_recorder_.acknowledged = discarded_;
+  anonymous_recorder_.sent = std::max(anonymous_recorder_.sent, discarded_);
+  anonymous_recorder_.limit = std::max(anonymous_recorder_.limit, anonymous_recorder_.sent);
 }
 
 /// Gives up a recorder that does not come before it gives up memory, or the episodes of the others.

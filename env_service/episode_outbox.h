@@ -97,7 +97,7 @@ class EpisodeOutbox {
   std::shared_ptr<const EpisodeContext> context_ = std::make_shared<EpisodeContext>();
   std::map<std::string, Recorder> recorders_;  ///< with those that left, so that late messages do not bring them back
   std::size_t registered_ = 0;                 ///< recorders that have not left
-  Recorder placeholder_;                       ///< stands in while there are no recorders
+  Recorder anonymous_recorder_;                ///< sent to while no recorder is registered
   std::string problem_;
 };
 

@@ -157,26 +157,33 @@ class DiscoveryListener : public dds::DomainParticipantListener {
   DiscoveryMonitor& discovery_;
 };
 
+/// Returns what writers and readers have in common: nothing is lost of the last `depth` samples.
+template <class Qos>
+Qos reliable_qos(int depth) {
+  Qos qos;
+  qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
+  qos.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
+  qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
+  qos.history().depth = depth;
+  qos.resource_limits().max_instances = 1;
+  qos.resource_limits().max_samples = depth;
+  qos.resource_limits().max_samples_per_instance = depth;
+  qos.resource_limits().allocated_samples = 1;
+  qos.endpoint().history_memory_policy = rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+  qos.data_sharing().off();
+  return qos;
+}
+
 class FastPublisher : public Publisher {
  public:
   FastPublisher(dds::Publisher* publisher, dds::Topic* dds_topic, const Topic& topic, std::uint32_t heartbeat)
       : publisher_(publisher), topic_(topic) {
-    dds::DataWriterQos qos;
     const int depth = depth_of(topic.profile).writer;
-    qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
+    auto qos = reliable_qos<dds::DataWriterQos>(depth);
     qos.reliability().max_blocking_time = Duration_t(0, std::chrono::nanoseconds(kBlocking).count());
-    qos.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
     qos.durability_service().history_kind = dds::KEEP_LAST_HISTORY_QOS;
     qos.durability_service().history_depth = depth;
-    qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
-    qos.history().depth = depth;
-    qos.resource_limits().max_instances = 1;
-    qos.resource_limits().max_samples = depth;
-    qos.resource_limits().max_samples_per_instance = depth;
-    qos.resource_limits().allocated_samples = 1;
-    qos.endpoint().history_memory_policy = rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
     qos.publish_mode().kind = dds::SYNCHRONOUS_PUBLISH_MODE;
-    qos.data_sharing().off();
     // The defaults (3 s heartbeats, 5 ms answers) make each lost packet cost that much.
     qos.reliable_writer_qos().times.initialHeartbeatDelay = Duration_t(0, 0u);
     qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0, heartbeat);
@@ -225,18 +232,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
  public:
   FastSubscription(dds::Subscriber* subscriber, dds::Topic* dds_topic, const Topic& topic, Wakeup& wakeup)
       : subscriber_(subscriber), flag_(wakeup) {
-    dds::DataReaderQos qos;
-    const int depth = depth_of(topic.profile).reader;
-    qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
-    qos.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
-    qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
-    qos.history().depth = depth;
-    qos.resource_limits().max_instances = 1;
-    qos.resource_limits().max_samples = depth;
-    qos.resource_limits().max_samples_per_instance = depth;
-    qos.resource_limits().allocated_samples = 1;
-    qos.endpoint().history_memory_policy = rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
-    qos.data_sharing().off();
+    auto qos = reliable_qos<dds::DataReaderQos>(depth_of(topic.profile).reader);
     qos.reliable_reader_qos().times.initialAcknackDelay = Duration_t(0, 0u);
     qos.reliable_reader_qos().times.heartbeatResponseDelay = Duration_t(0, 0u);
     reader_ = subscriber_->create_datareader(dds_topic, qos, this, dds::StatusMask::data_available());

@@ -33,7 +33,7 @@ void check_stamp(const std::string& file) {
   const bool shared = contents.size() > sizeof(Elf64_Ehdr) && contents.starts_with(ELFMAG);
   const std::size_t found = shared ? contents.find(mark) : std::string::npos;
   if (found == std::string::npos)
-    throw Error("is no plug-in of this program", "plug-in " + file,
+    throw Error("is not a plug-in of this program", "plug-in " + file,
                 "docs/how-to/load-a-plugin.md tells how one is built");
   Elf64_Ehdr header;  // the table of sections stands last
   std::memcpy(&header, contents.data(), sizeof(header));

@@ -317,7 +317,7 @@ bool Replayer::settled(Clock::time_point now) {
   return false;
 }
 
-bool Replayer::turn() {
+bool Replayer::poll() {
   hear();
   Clock::time_point now = Clock::now();
   send_again(now);

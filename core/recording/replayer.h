@@ -30,7 +30,7 @@ class Replayer {
 
   /// Plays what is due; to be called when something may have come, and at due(). False when all is played and nobody
   /// waits for anything any more. Throws Error where a file is damaged, naming the byte; what is before it was played.
-  bool turn();
+  bool poll();
   Clock::time_point due() const { return due_; }
 
   struct Figures {

@@ -102,7 +102,7 @@ void add_node_options(CLI::App& app, Node::Options& options) {
       ->envname("CITYLEARN_DISCOVERY_SERVER")
       ->group(group);
   app.add_option("--security", middleware.security,
-                 "Folder with this service's keys (docs/how-to/secure-a-run.md): talks to nobody who has none")
+                 "Folder with this service's keys (docs/how-to/secure-a-run.md); services without keys are refused")
       ->envname("CITYLEARN_SECURITY")
       ->group(group);
   app.add_option_function<std::string>(

@@ -28,7 +28,7 @@ class Api {
     std::uint32_t domain = 0;         ///< likewise
     std::string recognition;          ///< folder of vpr's results; empty: none
     std::function<bool()> recording;  ///< whether episodes reach the store now; unset: they do
-    double silence = 5;               ///< seconds without news after which a run counts as lost
+    double silence = kRunSilence;     ///< seconds without news after which a run counts as lost
   };
   /// `store` and `live` must outlive it. `live` may be null: then no service is shown as alive.
   Api(const Options& options, Store& store, LiveView* live);

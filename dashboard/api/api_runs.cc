@@ -106,7 +106,7 @@ Answer Api::answer_run(const Query& query) {
     BorrowedReader reader(*this);
     row = reader->run(name);
   }
-  if (!row) not_found("there is no run '" + name + "' (GET /api/runs lists them)");
+  if (!row) not_found("run '" + name + "' not found (GET /api/runs lists them)");
   const std::string part = query.path.size() == 3 ? query.path[2] : "";
   if (part == "training") return training(*row, query);
   if (part == "episodes") return episodes(*row, query);
@@ -141,7 +141,7 @@ Answer Api::run(const RunRow& row) {
 Answer Api::remove(const std::string& name) {
   switch (store_.remove(name)) {
     case Store::Removal::kUnknown:
-      not_found("there is no run '" + name + "' (GET /api/runs lists them)");
+      not_found("run '" + name + "' not found (GET /api/runs lists them)");
     case Store::Removal::kRunning:
       throw RequestError(409, "run '" + name + "' is running: end it first");
     case Store::Removal::kDone:
@@ -340,7 +340,7 @@ Answer Api::episode(const Query& query) {
   if (!rowid) throw RequestError(400, "an episode is named by its rowid, a number; '" + query.path[1] + "' is none");
   BorrowedReader reader(*this);
   const auto replay = reader->episode(*rowid);
-  if (!replay) not_found("there is no episode " + query.path[1]);
+  if (!replay) not_found("episode " + query.path[1] + " not found");
   Answer answer;
   open_json_episode(answer.body, replay->row);
   answer.body += ",\"positions\":" + positions_of(*replay).dump() +

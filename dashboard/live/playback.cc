@@ -37,7 +37,7 @@ Playback::~Playback() {
 
 void Playback::play() {
   try {
-    while (replayer_.turn()) {
+    while (replayer_.poll()) {
       if (stop_) return;
       middleware_->wait(std::min(replayer_.due(), Clock::now() + kStopCheck));
     }

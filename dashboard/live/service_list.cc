@@ -56,19 +56,22 @@ void ServiceList::on_message(const msg::ServiceStatus& status, Clock::time_point
       alarm != earlier)
     events.push_back(event_of(status, "alarm", alarm.empty() ? "resolved: " + earlier : alarm));
   service.status = status;
-  service.heard = now;
+  service.presence.heard(now);
   service.silent = false;
   set(service, name_of(status.service_state()));
   if (services_.size() <= kMost) return;
-  const auto oldest = std::min_element(services_.begin(), services_.end(),
-                                       [](const auto& a, const auto& b) { return a.second.heard < b.second.heard; });
+  const auto oldest = std::min_element(services_.begin(), services_.end(), [](const auto& a, const auto& b) {
+    return a.second.presence < b.second.presence;
+  });
   services_.erase(oldest);
 }
 
 bool ServiceList::poll(Clock::time_point now, std::vector<Event>& events) {
-  bool changed = std::erase_if(services_, [&](const auto& entry) { return now - entry.second.heard > kForgotten; }) > 0;
+  bool changed = std::erase_if(services_, [&](const auto& entry) {
+                   return now - entry.second.presence.last_heard() > kForgotten;
+                 }) > 0;
   for (auto& [key, service] : services_) {
-    if (service.silent || now - service.heard < kSilence) continue;
+    if (service.silent || service.presence.here(now)) continue;
     service.silent = true;
     changed = true;
     const msg::State last = service.status.service_state();
@@ -102,7 +105,7 @@ nlohmann::json ServiceList::json(Clock::time_point now) const {
                         {"activity", status.activity().c_str()},
                         {"uptime", finite(status.uptime())},
                         {"rate", finite(status.rate())},
-                        {"age", std::chrono::duration<double>(now - service.heard).count()},
+                        {"age", std::chrono::duration<double>(now - service.presence.last_heard()).count()},
                         {"received", status.received()},
                         {"repeated", status.repeated()},
                         {"resent", status.resent()},

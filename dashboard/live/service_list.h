@@ -8,6 +8,7 @@
 
 #include "core/dds/middleware.h"
 #include "core/wire/messages.h"
+#include "core/wire/presence.h"
 #include "dashboard/store/store.h"
 
 namespace citylearn {
@@ -16,7 +17,6 @@ namespace citylearn {
 /// thread at a time.
 class ServiceList {
  public:
-  static constexpr std::chrono::seconds kSilence{2};  ///< after so long a service that did not announce its end is lost
   static constexpr std::chrono::minutes kForgotten{60};  ///< after its last heartbeat it is removed
   static constexpr std::size_t kMost = 1000;             ///< services; beyond, those silent for longest are removed
 
@@ -33,7 +33,7 @@ class ServiceList {
   struct Service {
     msg::ServiceStatus status;  ///< the newest
     const char* state = "starting";
-    Clock::time_point heard;
+    Presence presence;
     double since = 0;  ///< seconds since 1970, of the state
     bool silent = false;
   };

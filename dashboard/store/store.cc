@@ -17,7 +17,6 @@ namespace citylearn {
 namespace {
 
 constexpr std::int64_t kMostEvents = 100'000;  // older ones go
-constexpr double kSilence = 5;                 // seconds without a RunInfo: the run is not running
 
 std::string escaped(const std::string& name) {
   std::string text;
@@ -214,7 +213,7 @@ Store::Removal Store::remove(const std::string& name) {
     double last = 0;
     read_row(state, ended, last);
     if (heard != impl_->liveness.end()) last = std::max(last, heard->second.last);
-    return !ended && now_seconds() - last < kSilence;
+    return !ended && now_seconds() - last < kRunSilence;
   };
   const Removal possible = impl_->locked([&] {
     SQLite::Statement found(database, "SELECT id FROM runs WHERE name = ?");

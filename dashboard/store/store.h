@@ -38,6 +38,9 @@ std::string run_id(const msg::RunInfo& info);
 /// Returns the ID of the episodes of a session that no run has claimed: SESSION.
 std::string run_id(const std::string& session);
 
+/// Seconds without a RunInfo after which a run is not running. They come every second, but a long update delays one.
+inline constexpr double kRunSilence = 5;
+
 /// Keeps runs, episodes, training statistics and events for good, in one SQLite file that survives
 /// kill -9 and a full disk. This is its one writer; readers have connections of their own (store_reader.h). A method
 /// returns when what it was given is on the disk. Otherwise it throws Error, nothing of it is kept, and the call may be

@@ -33,24 +33,18 @@ class Baseline : public LstmNetwork<S> {
 };
 
 const NetworkRegistration<Baseline> registration{
-    "baseline",
-    "the paper's baseline: sees its position and the goal -> linear 512 -> LSTM 256",
+    "baseline", "the paper's baseline: sees its position and the goal -> linear 512 -> LSTM 256",
     Baseline<NetworkScalar>::parameters(),
-    {{"agents", 16},
-     {"segment", 64},
-     {"sequence", 64},
-     {"steps", 220000},
-     {"noise-frame", 0},
-     {"noise-episode", 0},
-     {"minibatch", 4},
-     {"epochs", 3},
-     {"learning-rate", 1e-3},
-     {"gamma", 0.9},
-     {"lambda", 0.9},
-     {"value-clip", 0},
-     {"entropy", 0.02},
-     {"entropy-until", 1},
-     {"orientation", 1}}};
+    Baseline<NetworkScalar>::recommended({{"agents", 16},
+                                          {"sequence", 64},
+                                          {"steps", 220000},
+                                          {"noise-frame", 0},
+                                          {"noise-episode", 0},
+                                          {"minibatch", 4},
+                                          {"epochs", 3},
+                                          {"learning-rate", 1e-3},
+                                          {"gamma", 0.9},
+                                          {"lambda", 0.9}})};
 
 }  // namespace
 }  // namespace citylearn

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <map>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "policy_service/network/layers.h"
@@ -23,6 +25,12 @@ class LstmNetwork : public AgentNetwork<S> {
             {"cells", "cells of the LSTM", 256, 1, 8192, true},
             {"relu", "nonlinearity of the linear layer: 1 relu, 0 tanh", 1, 0, 1, true},
             {"mask-input", "1: the agent sees which actions are not allowed", 1, 0, 1, true}};
+  }
+
+  /// Returns what an LSTM agent recommends (NetworkRegistration): `own`, and the values that most of them share.
+  static std::map<std::string, double> recommended(std::map<std::string, double> own) {
+    own.insert({{"segment", 64}, {"value-clip", 0}, {"entropy", 0.02}, {"entropy-until", 1}, {"orientation", 1}});
+    return own;
   }
 
   const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }

@@ -212,22 +212,17 @@ const NetworkRegistration<RawImages> registration{"raw_images",
                                                   "two convolutions, with the goal -> linear 512 -> "
                                                   "LSTM 256",
                                                   RawImages<NetworkScalar>::parameters(),
-                                                  {{"agents", 32},
-                                                   {"segment", 64},
-                                                   {"sequence", 64},
-                                                   {"steps", 200000},
-                                                   {"noise-frame", 0},
-                                                   {"noise-episode", 0},
-                                                   {"minibatch", 16},
-                                                   {"epochs", 2},
-                                                   {"learning-rate", 1e-3},
-                                                   {"gamma", 0.9},
-                                                   {"lambda", 0.8},
-                                                   {"value-clip", 0},
-                                                   {"entropy", 0.02},
-                                                   {"entropy-until", 1},
-                                                   {"localisation", 3},
-                                                   {"orientation", 1}}};
+                                                  RawImages<NetworkScalar>::recommended({{"agents", 32},
+                                                                                         {"sequence", 64},
+                                                                                         {"steps", 200000},
+                                                                                         {"noise-frame", 0},
+                                                                                         {"noise-episode", 0},
+                                                                                         {"minibatch", 16},
+                                                                                         {"epochs", 2},
+                                                                                         {"learning-rate", 1e-3},
+                                                                                         {"gamma", 0.9},
+                                                                                         {"lambda", 0.8},
+                                                                                         {"localisation", 3}})};
 
 }  // namespace
 }  // namespace citylearn

@@ -50,7 +50,7 @@ int replay(CommandLine& line) {
   const std::unique_ptr<Middleware> middleware = create_middleware(line.node.middleware);
   Replayer replayer(*middleware, line.replay);
   spdlog::info("plays {}", line.replay.files.front());
-  while (!stop_requested() && replayer.turn()) middleware->wait(replayer.due());
+  while (!stop_requested() && replayer.poll()) middleware->wait(replayer.due());
   const Replayer::Figures& figures = replayer.figures();
   for (const std::string& remark : figures.remarks) spdlog::warn("{}", remark);
   for (const auto& [what, count] : figures.skipped) spdlog::warn("{} messages skipped: {}", count, what);

@@ -251,7 +251,7 @@ export class Mock {
 
   private find(id: string | undefined): RunData {
     const run = this.world.runs.find((one) => one.id === id);
-    if (!run) throw new HttpError(404, `there is no run ${id}`);
+    if (!run) throw new HttpError(404, `run '${id}' not found`);
     return run;
   }
 
@@ -297,7 +297,7 @@ export class Mock {
       }
       case 'episodes': {
         const found = world.runs.flatMap((run) => run.episodes()).find((one) => one.rowid === Number(id));
-        if (!found) throw new HttpError(404, `there is no episode ${id}`);
+        if (!found) throw new HttpError(404, `episode ${id} not found`);
         return json(found);
       }
       case 'runs':

@@ -346,7 +346,7 @@ export class World {
   }
 
   lose(id: string): ServiceEvent | null {
-    return this.change(id, 'lost', 'no heartbeat for 2 s', { state: 'lost' });
+    return this.change(id, 'lost', 'no heartbeat for 3 s', { state: 'lost' });
   }
 
   bring(id: string): ServiceEvent | null {

@@ -81,8 +81,8 @@ TEST(Plugins, ThatAreNoneAreRefusedInOneLine) {
   expect_part(refusal_of(folder / "nowhere.so"), "nowhere.so: there is no such file");
   expect_part(refusal_of(folder.path()), "there is no such file");
   write_file(folder / "text.so", "citylearn plug-in: a text that only says so");
-  expect_part(refusal_of(folder / "text.so"), "text.so: is no plug-in of this program");
-  expect_part(refusal_of("/bin/sh"), "is no plug-in of this program");
+  expect_part(refusal_of(folder / "text.so"), "text.so: is not a plug-in of this program");
+  expect_part(refusal_of("/bin/sh"), "is not a plug-in of this program");
   expect_part(refusal_of(EMPTY_PLUGIN), "registers nothing");
   const std::string whole = read_file(SAMPLE_PLUGIN);
   write_file(folder / "half.so", whole.substr(0, whole.size() - 100));
@@ -93,7 +93,7 @@ TEST(Plugins, ThatAreNoneAreRefusedInOneLine) {
   expect_part(refusal_of(folder / "foreign.so"), "foreign.so: cannot be loaded: ");
 
   const std::string said = run({"--plugin", folder / "text.so", "--list"}, 1);
-  expect_part(said, "policy_service: plug-in " + folder / "text.so: is no plug-in");
+  expect_part(said, "policy_service: plug-in " + folder / "text.so: is not a plug-in");
   EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1) << said;
   expect_part(run({"--plugin", TAKEN_PLUGIN, "--list"}, 1), "registers 'ppo', which exists already");
 }

@@ -60,7 +60,7 @@ class Watcher {
 /// Until all is played; false when it never is.
 bool play(Middleware& wire, Replayer& replayer, Watcher* watcher = nullptr) {
   const Clock::time_point deadline = Clock::now() + std::chrono::seconds(60);
-  while (replayer.turn()) {
+  while (replayer.poll()) {
     if (watcher) watcher->spin();
     wire.wait(std::min(replayer.due(), Clock::now() + std::chrono::milliseconds(2)));
     if (Clock::now() >= deadline) return false;
@@ -172,7 +172,7 @@ TEST(Replay, TakesTheTimeThatItTook) {
     const Clock::time_point begin = Clock::now();
     Replayer replayer(*wire, {{folder / "a.mcap"}, speed, {}, ""});
     while (replayer.figures().played.empty() || replayer.figures().played.begin()->second < 5) {
-      replayer.turn();
+      replayer.poll();
       wire->wait(replayer.due());
     }
     return std::chrono::duration<double>(Clock::now() - begin).count();
@@ -204,11 +204,11 @@ TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
   request.environment("env-summer");
   request.hash(0xABD);
   node.publish(request);
-  replayer.turn();
+  replayer.poll();
   EXPECT_FALSE(node.take(taken)) << "of another traversal there is none";
   request.hash(0xABC);
   node.publish(request);
-  replayer.turn();
+  replayer.poll();
   ASSERT_TRUE(node.take(taken));
   EXPECT_EQ(taken.position(), map.position());
 }

@@ -298,7 +298,7 @@ TEST_F(ApiTest, AnEpisodeStepByStep) {
   EXPECT_EQ(e["positions"], Json::parse("[1,2,1,2,3,4,5,6]"));
   EXPECT_EQ(e["hash"], "fedcba9876543210");
   EXPECT_EQ(json({"episodes", "2"})["positions"], nullptr);
-  expect_error(404, "no episode 3", {"episodes", "3"});
+  expect_error(404, "episode 3 not found", {"episodes", "3"});
   expect_error(400, "'x'", {"episodes", "x"});
   expect_error(400, "rowid", {"episodes", "99999999999999999999"});
 }
@@ -471,7 +471,7 @@ TEST_F(ApiTest, WrongRequestsAreToldWhatIsWrong) {
   expect_error(404, "nothing of this name", {"passwd"});
   expect_error(404, "nothing of this name", {"runs", id_, "training", "more"});
   expect_error(404, "a run has no 'secrets'", {"runs", id_, "secrets"});
-  expect_error(404, "no run 'nobody'", {"runs", "nobody"});
+  expect_error(404, "run 'nobody' not found", {"runs", "nobody"});
   expect_error(405, "POST", {"runs"}, {}, "POST");
   expect_error(405, "DELETE", {"events"}, {}, "DELETE");
   EXPECT_EQ(ask({"runs", id_}, {}, "PUT").headers.at(0).second, "GET, DELETE");

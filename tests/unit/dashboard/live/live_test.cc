@@ -75,7 +75,7 @@ TEST(ServiceList, AServiceThatFallsSilentIsLostAndMayComeBack) {
   EXPECT_EQ(beats.beat("env", msg::WAITING), Kinds{"started"});
   EXPECT_EQ(beats.beat("env", msg::RUNNING), Kinds{});
   EXPECT_EQ(beats.state("env"), "running");
-  EXPECT_EQ(beats.after(milliseconds(1999)), Kinds{});
+  EXPECT_EQ(beats.after(kSilence - milliseconds(1)), Kinds{});
   EXPECT_TRUE(beats.list.is_alive("demo", "env"));
   EXPECT_EQ(beats.after(milliseconds(1)), Kinds{"lost"});
   EXPECT_EQ(beats.state("env"), "lost");
@@ -93,12 +93,12 @@ TEST(ServiceList, WhoSaysThatItStopsIsNotLost) {
   beats.beat("env", msg::RUNNING);
   EXPECT_EQ(beats.beat("env", msg::STOPPING), Kinds{});
   EXPECT_EQ(beats.state("env"), "stopping");
-  EXPECT_EQ(beats.after(seconds(2)), Kinds{"stopped"});
+  EXPECT_EQ(beats.after(kSilence), Kinds{"stopped"});
   EXPECT_EQ(beats.state("env"), "stopped");
   beats.beat("policy", msg::RUNNING);
   EXPECT_EQ(beats.beat("policy", msg::FAILED, 7, "demo", "no disk"), Kinds{"failed"});
   EXPECT_EQ(beats.beat("policy", msg::FAILED), Kinds{}) << "told once";
-  EXPECT_EQ(beats.after(seconds(2)), Kinds{});
+  EXPECT_EQ(beats.after(kSilence), Kinds{});
   EXPECT_EQ(beats.state("policy"), "failed");
 }
 
@@ -108,7 +108,7 @@ TEST(ServiceList, TheLaterOfTwoProcessesIsShownWhileItLives) {
   EXPECT_EQ(beats.beat("env", msg::STARTING, 8), Kinds{"restarted"});
   EXPECT_EQ(beats.beat("env", msg::RUNNING, 7), Kinds{});
   EXPECT_EQ(beats.state("env"), "starting");
-  beats.after(seconds(2));
+  beats.after(kSilence);
   EXPECT_EQ(beats.beat("env", msg::RUNNING, 7), Kinds{"back"}) << "the later one gave way";
   EXPECT_EQ(beats.state("env"), "running");
 }
@@ -392,7 +392,7 @@ TEST_F(LiveTest, HearsServicesOfAllRunsAndTellsWhoWatches) {
   const Clock::time_point died = Clock::now();
   one.reset();
   ASSERT_TRUE(until([&] { return beat() && service("env")["state"] == "lost"; }));
-  EXPECT_LT(Clock::now() - died, milliseconds(2500) * kSlowness);
+  EXPECT_LT(Clock::now() - died, (kSilence + milliseconds(500)) * kSlowness);
   EXPECT_NE(service("policy")["state"], "lost");
   EXPECT_EQ(newest("events").json()["kind"], "lost");
   EXPECT_EQ(newest("events").json()["service"], "env");
