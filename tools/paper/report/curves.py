@@ -4,8 +4,9 @@
 import math
 from typing import Any
 
+import numpy
 from charts import Line
-from estimates import BOUNDS, COUNTS, Bounds, Estimate, interpolated, mean_of, smoothed
+from estimates import BOUNDS, COUNTS, Bounds, Estimate, mean_of, smoothed, text_of
 from inputs import number, numbers
 
 LAST_EPISODES = 500  # whose mean is an agent's figure at the end of training
@@ -42,6 +43,14 @@ def reached(trainings: list[Any], field: str = "episodes") -> Estimate:
     return mean_of([number(t["spl95"][field]) if t["spl95"] else math.nan for t in trainings], COUNTS)
 
 
+def effort_cells(trainings: list[Any], *totals: str) -> list[str]:
+    """Returns the columns "seeds", "episodes to SPL 0.95", "seeds that reached it" and the totals asked for, of
+    "episodes", "steps", "seconds"."""
+    there = reached(trainings)
+    return [str(len(trainings)), text_of(there, 0), f"{there.n} of {len(trainings)}",
+            *(text_of(mean_field(trainings, field), 1 if field == "seconds" else 0) for field in totals)]
+
+
 def held(values: list[float]) -> list[float]:
     """Returns the values with the last finite one repeated to the end. Otherwise the mean would jump where a seed ends
     that has fewer episodes than the others, as those that fail do."""
@@ -61,6 +70,6 @@ def mean_curve(label: str, trainings: list[Any], figure: str, smoothing: float) 
     last = max(number(training["episodes"]) for training in trainings)
     x = [last * i / POINTS for i in range(1, POINTS + 1)]
     curves = [training["curve"] for training in trainings]
-    seeds = [interpolated(numbers(curve["episodes"]), smoothed(numbers(curve[figure]), smoothing), x)
-             for curve in curves]
+    seeds = [list(numpy.interp(x, numbers(curve["episodes"]), smoothed(numbers(curve[figure]), smoothing),
+                               left=math.nan, right=math.nan)) for curve in curves]
     return line_of_means(label, x, seeds, BOUNDS.get(figure, COUNTS))

@@ -2,9 +2,12 @@
 """Means and shares with the interval that holds the true value in 95 of 100 cases, and curves of them."""
 
 import math
-from bisect import bisect_left
+import statistics
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
+
+from inputs import number
 
 Bounds = tuple[float, float]
 SHARES: Bounds = (0, 1)
@@ -21,6 +24,11 @@ class Estimate:
     low: float = math.nan  # NaN: there is no interval
     high: float = math.nan
     n: int = 0  # values that it comes from
+
+    @classmethod
+    def of(cls, outcome: Any, mean: str, low: str, high: str, n: str) -> "Estimate":
+        """Returns the estimate that an outcome holds in these fields; none for a unit that failed."""
+        return cls(*(number(outcome[field]) for field in (mean, low, high)), outcome[n]) if outcome else cls()
 
 
 @lru_cache
@@ -44,15 +52,12 @@ def student_quantile(freedom: int) -> float:
 def mean_of(values: list[float], bounds: Bounds = (-math.inf, math.inf)) -> Estimate:
     """Returns the mean of independent values, such as seeds; its interval is cut to the bounds of the figure. Values
     that are not finite are left out."""
-    mean, squares, n = 0.0, 0.0, 0
-    for value in filter(math.isfinite, values):
-        n += 1
-        step = value - mean  # Welford's method: exact for equal values
-        mean += step / n
-        squares += step * (value - mean)
+    values = [value for value in values if math.isfinite(value)]
+    n = len(values)
+    mean = statistics.mean(values) if values else math.nan  # exact, so that equal values have no spread
     if n < 2:
-        return Estimate(mean if n else math.nan, n=n)
-    reach = student_quantile(n - 1) * math.sqrt(squares / (n - 1) / n)
+        return Estimate(mean, n=n)
+    reach = student_quantile(n - 1) * statistics.stdev(values, mean) / math.sqrt(n)
     return Estimate(mean, max(mean - reach, bounds[0]), min(mean + reach, bounds[1]), n)
 
 
@@ -76,20 +81,6 @@ def smoothed(values: list[float], weight: float) -> list[float]:
             total = weight * total + (1 - weight) * value
             count = weight * count + (1 - weight)
         result.append(total / count if count > 0 else math.nan)
-    return result
-
-
-def interpolated(x: list[float], y: list[float], at: list[float]) -> list[float]:
-    """Returns y at each of `at`, linear between the points (x rising); NaN outside of them."""
-    result = []
-    for where in at:
-        i = bisect_left(x, where)
-        if i < len(x) and x[i] == where:
-            result.append(y[i])
-        elif 0 < i < len(x):
-            result.append(y[i - 1] + (where - x[i - 1]) / (x[i] - x[i - 1]) * (y[i] - y[i - 1]))
-        else:
-            result.append(math.nan)
     return result
 
 

@@ -8,32 +8,30 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Published:
     """An agent at the end of its training: 128 places, 16 agents, mean of five seeds."""
-    reward: float  # mean of an episode; NaN: not given
-    steps: str  # an episode, in the paper's words
-    most_steps: float  # that these words still cover
+    reward: float = math.nan  # mean of an episode; NaN: not given
+    steps: str = "-"  # an episode, in the paper's words
+    most_steps: float = math.inf  # that these words still cover
+    minutes: int = 0  # of training; 0: not given
+
+    @property
+    def time(self) -> str:
+        hours, minutes = divmod(self.minutes, 60)
+        return (f"{hours} h " if hours else "") + f"{minutes} min" if self.minutes else "-"
 
 
-def published(agent: str, features: int) -> Published | None:
-    """Returns the figures of the paper's agent that is like ours, if there is one."""
-    if agent == "baseline":
-        return Published(0.99, "just under 50", 50)
-    if agent == "features" and features == 64:
-        return Published(0.92, "just over 50", 55)
-    if agent == "features" and features >= 512:
-        return Published(math.nan, "about 75", 80)
-    return None
-
-
-FEATURE_MINUTES = 11  # of training, 64 features
-RAW_IMAGE_MINUTES = 29 * 60 + 48
+BASELINE = Published(0.99, "just under 50", 50)
+FEATURES = Published(0.92, "just over 50", 55, minutes=11)  # 64 of them
+WIDE_FEATURES = Published(steps="about 75", most_steps=80)  # 512 and more
+RAW_IMAGES = Published(minutes=29 * 60 + 48)
 GIGABYTES = 2  # of memory per environment
 STREETLEARN_GIGABYTES = 12  # likewise, as the paper gives it
 
 
-def training_time(agent: str, features: int) -> str:
-    if agent == "raw_images":
-        return "29 h 48 min"
-    return f"{FEATURE_MINUTES} min" if agent == "features" and features == 64 else "-"
+def published(agent: str, features: int) -> Published:
+    """Returns the figures of the paper's agent that is like ours; without any where there is none."""
+    if agent == "features":
+        return FEATURES if features == 64 else WIDE_FEATURES if features >= 512 else Published()
+    return {"baseline": BASELINE, "raw_images": RAW_IMAGES}.get(agent, Published())
 
 
 # How the AUC of place recognition falls, as a share of the best condition's: a value to compare with, and the text.

@@ -77,6 +77,15 @@ def remark_failed(page: Page, who: str, succeeded: int, seeds: int) -> None:
         page.remark(f"{who}: {seeds - succeeded} of {seeds} trainings failed.")
 
 
-def short_cells(trials: Trials) -> list[str]:
-    """Returns the columns "seeds x tasks", "completed", "SPL", "excess"."""
-    return [trials.seeds_by_tasks, percent(trials.completed), text_of(trials.spl, 3), text_of(trials.excess, 2)]
+def short_rows(outcomes: list[Rows | None], traversals: list[str], *labels: str) -> list[list[str]]:
+    """Returns the labels and the columns "traversal", "seeds x tasks", "completed", "SPL", "excess", a row for each
+    traversal that was tried."""
+    found = [(name, trials_on(outcomes, name)) for name in traversals]
+    return [[*labels, name, trials.seeds_by_tasks, percent(trials.completed), text_of(trials.spl, 3),
+             text_of(trials.excess, 2)] for name, trials in found if trials.seeds]
+
+
+def shuffled_cell(outcomes: list[Rows | None], traversal: str) -> str:
+    """Returns the share of tasks completed when the frames were shown in a random order."""
+    trials = trials_on(outcomes, traversal, shuffled=True)
+    return percent(trials.completed) if trials.seeds else "-"

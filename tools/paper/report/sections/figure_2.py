@@ -5,12 +5,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import published
 from charts import Chart, Line, limits_around
 from curves import final_value, final_values, mean_field, reached
 from estimates import COUNTS, REWARDS, fixed, mean_of, smoothed, text_of
 from inputs import Inputs, number, numbers
 from page import Page
+from published import FEATURES, RAW_IMAGES, published
 
 COLUMNS = ["agent", "representation", "seeds", "seconds to SPL 0.95", "episodes to SPL 0.95", "seeds that reached it",
            "seconds in total", "steps/s", "paper: training", "reward", "paper: reward", "steps", "paper: steps"]
@@ -37,7 +37,7 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
     page.text(
         "How long an agent trains until its last 100 episodes have SPL 0.95, the threshold of this figure, and the "
         "reward that it has at the end. Seconds are wall time on the machine that made this report, with everything in "
-        f"one process. The paper trained for {published.FEATURE_MINUTES} minutes on 64 features and for 29 h 48 min on "
+        f"one process. The paper trained for {FEATURES.minutes} minutes on 64 features and for {RAW_IMAGES.time} on "
         "raw images, until its curves were flat: that is another threshold and another machine. Agents trained on more "
         "than 64 features are not tried on other traversals.")
     costs = [Cost(agent, inputs.outcomes(agent["units"])) for agent in data["agents"]]
@@ -54,7 +54,7 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
 def row_of(cost: Cost, page: Page) -> list[str]:
     agent, trainings = cost.agent, cost.trainings
     there = mean_of(cost.seconds_to_threshold(), COUNTS)
-    known = published.published(agent["agent"], agent["features"])
+    known = published(agent["agent"], agent["features"])
     if there.n < len(trainings):
         page.remark(f"{cost.label}: {len(trainings) - there.n} of {len(trainings)} seeds did not reach SPL 0.95.")
     rewards = [final_value(training, "reward") for training in trainings]
@@ -62,9 +62,8 @@ def row_of(cost: Cost, page: Page) -> list[str]:
     return [agent["label"], agent["representation"], str(len(trainings)), text_of(there, 1),
             text_of(reached(trainings), 0), f"{there.n} of {len(trainings)}",
             text_of(mean_field(trainings, "seconds"), 1), text_of(mean_of(rates, COUNTS), 0),
-            published.training_time(agent["agent"], agent["features"]),
-            text_of(mean_of(rewards, REWARDS), 3), fixed(known.reward, 2) if known else "-",
-            text_of(final_values(trainings, "length"), 1), known.steps if known else "-"]
+            known.time, text_of(mean_of(rewards, REWARDS), 3), fixed(known.reward, 2),
+            text_of(final_values(trainings, "length"), 1), known.steps]
 
 
 def draw(costs: list[Cost], page: Page) -> None:
@@ -86,7 +85,7 @@ def draw(costs: list[Cost], page: Page) -> None:
 
 
 def compare(features: Cost, raw: Cost, page: Page) -> None:
-    paper = published.RAW_IMAGE_MINUTES / published.FEATURE_MINUTES
+    paper = RAW_IMAGES.minutes / FEATURES.minutes
     step = mean_of(raw.seconds_per_step()).mean / mean_of(features.seconds_per_step()).mean
     threshold = mean_of(raw.seconds_to_threshold()).mean / mean_of(features.seconds_to_threshold()).mean
     effort = (f"reaching SPL 0.95 {fixed(threshold, 1)} times" if math.isfinite(threshold)
@@ -97,6 +96,6 @@ def compare(features: Cost, raw: Cost, page: Page) -> None:
     if step > paper or threshold > paper:
         page.remark("Raw images cost more here, compared with features, than in the paper.")
     minutes = mean_field(features.trainings, "seconds").mean / 60
-    if minutes > published.FEATURE_MINUTES:
+    if minutes > FEATURES.minutes:
         page.remark(f"Training on features took {fixed(minutes, 1)} minutes, longer than the paper's "
-                    f"{published.FEATURE_MINUTES}.")
+                    f"{FEATURES.minutes}.")

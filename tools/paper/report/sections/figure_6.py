@@ -43,9 +43,7 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
 
 
 def auc_of(outcome: Any) -> Estimate:
-    if outcome is None:
-        return Estimate()
-    return Estimate(number(outcome["auc"]), number(outcome["auc_low"]), number(outcome["auc_high"]), outcome["queries"])
+    return Estimate.of(outcome, "auc", "auc_low", "auc_high", "queries")
 
 
 def compare_conditions(conditions: dict[str, str], aucs: dict[str, dict[str, float]], page: Page) -> None:

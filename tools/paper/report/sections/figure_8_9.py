@@ -10,7 +10,7 @@ from estimates import SHARES, fixed, percent, text_of
 from inputs import Inputs, number
 from page import Page
 from published import RELEASED
-from trials import MEANS, rows_of, trials_on
+from trials import MEANS, rows_of, shuffled_cell, trials_on
 
 COLUMNS = ["policy", "traversal", "seeds x tasks", "completed", "failed", "SPL", "excess", "steps", "reward",
            "shuffled"]
@@ -23,14 +23,14 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
         "places. The paper gives the share of completed tasks. Completion alone cannot tell a navigator from an agent "
         "that sweeps the route without looking, so success weighted by path length (SPL) is shown beside it.")
     agents = [(agent, inputs.outcomes(agent["units"])) for agent in data["agents"]]
-    controls = [(control["label"], inputs.outcome(control["unit"])) for control in data["controls"]]
+    controls = inputs.controls(data)
     for traversal in inputs.recordings.names:
         for figure in ("completed", "spl"):
             draw(inputs, agents, controls, traversal, figure, page)
     rows = []
     for traversal in inputs.recordings.names:
-        rows += [row_of(agent["label"], rows_of(trainings), traversal, "shuffled") for agent, trainings in agents]
-        rows += [row_of(label, [outcome], traversal) for label, outcome in controls]
+        rows += [row_of(agent["label"], rows_of(trainings), traversal) for agent, trainings in agents]
+        rows += [row_of(label, outcomes, traversal) for label, outcomes in controls.items()]
     page.table("figure-8-9",
                f"After training: {MEANS}. Excess: steps / shortest path of completed tasks. Shuffled: completed when "
                "the frames are shown in a random order; an agent that looks must fail then.",
@@ -48,15 +48,15 @@ def deployments(trainings: list[Any], traversal: str, figure: str) -> tuple[list
     return checkpoints, [[seed.get(episodes, math.nan) for episodes in checkpoints] for seed in seeds]
 
 
-def draw(inputs: Inputs, agents: list[Any], controls: list[Any], traversal: str, figure: str, page: Page) -> None:
+def draw(inputs: Inputs, agents: list[Any], controls: dict[str, list[Any]], traversal: str, figure: str,
+         page: Page) -> None:
     label = "SPL" if figure == "spl" else "share of tasks completed"
     lines = [line_of_means(agent["label"], *deployments(trainings, traversal, figure), SHARES)
              for agent, trainings in agents]
     limits = limits_around([line.x[-1] for line in lines if line.x], from_zero=True)
-    for name, outcome in controls:
-        for row in outcome or []:
-            if row["traversal"] == traversal:
-                lines.append(Line(name, [0, limits[1]], [number(row[figure])] * 2, dashed=True))
+    for name, outcomes in controls.items():
+        if (trials := trials_on(outcomes, traversal)).seeds:
+            lines.append(Line(name, [0, limits[1]], [getattr(trials, figure).mean] * 2, dashed=True))
     chart = Chart(f"{traversal}{inputs.recordings.role(traversal)}: {label}", "episodes", label, lines, limits, (0, 1),
                   width=560, height=260)
     number_of_figure = 8 if traversal == inputs.recordings.train else 9
@@ -64,18 +64,18 @@ def draw(inputs: Inputs, agents: list[Any], controls: list[Any], traversal: str,
                f"{chart.title}, {MEAN_OF_SEEDS}; dashed: policies that learn nothing.")
 
 
-def row_of(label: str, outcomes: list[Any], traversal: str, *kinds: str) -> list[str] | None:
+def row_of(label: str, outcomes: list[Any], traversal: str) -> list[str] | None:
     trials = trials_on(outcomes, traversal)
     if not trials.seeds:
         return None
-    shuffled = percent(trials_on(outcomes, traversal, shuffled=True).completed) if "shuffled" in kinds else "-"
     return [label, traversal, trials.seeds_by_tasks, percent(trials.completed),
             f"{fixed(100 * (1 - trials.completed.mean), 1)} %", text_of(trials.spl, 3), text_of(trials.excess, 2),
-            text_of(trials.steps, 1), text_of(trials.reward, 3), shuffled]
+            text_of(trials.steps, 1), text_of(trials.reward, 3),
+            shuffled_cell(outcomes, traversal)]
 
 
-def remark_lower_than_controls(agents: list[Any], controls: list[Any], page: Page) -> None:
-    for name, outcome in controls:
+def remark_lower_than_controls(agents: list[Any], controls: dict[str, list[Any]], page: Page) -> None:
+    for name, (outcome,) in controls.items():
         if name == "shortest_path":  # no policy can be better
             continue
         lower = []

@@ -4,11 +4,11 @@
 from typing import Any
 
 from charts import Chart, Line
-from curves import mean_field, reached
-from estimates import percent, text_of
+from curves import effort_cells
 from inputs import Inputs
 from page import Page
-from trials import MEANS, remark_failed, remark_worse_than_controls, rows_of, short_cells, trials_on
+from trials import (MEANS, Rows, remark_failed, remark_worse_than_controls, rows_of, short_rows, shuffled_cell,
+                    trials_on)
 
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:
@@ -25,7 +25,7 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
         draw(inputs, data, traversal, page)
     tables(inputs, data, page)
     for route in data["routes"]:
-        controls = {control["label"]: [inputs.outcome(control["unit"])] for control in route["controls"]}
+        controls = inputs.controls(route)
         for agent in route["agents"]:
             trainings = inputs.outcomes(agent["units"])
             who = f"{agent['label']}, {route['frames']} places"
@@ -42,9 +42,9 @@ def draw(inputs: Inputs, data: Any, traversal: str, page: Page) -> None:
             spl = trials_on(rows_of(inputs.outcomes(agent["units"])), traversal).spl
             line = agents.setdefault(agent["label"], Line(agent["label"]))
             line.add(route["frames"], spl.mean, spl.low, spl.high)
-        for control in route["controls"]:
-            line = controls.setdefault(control["label"], Line(control["label"], dashed=True))
-            line.add(route["frames"], trials_on([inputs.outcome(control["unit"])], traversal).spl.mean)
+        for label, outcomes in inputs.controls(route).items():
+            line = controls.setdefault(label, Line(label, dashed=True))
+            line.add(route["frames"], trials_on(outcomes, traversal).spl.mean)
     chart = Chart(f"{traversal}{inputs.recordings.role(traversal)}: SPL by length of the route", "places on the route",
                   "SPL", [*agents.values(), *controls.values()], y_limits=(0, 1), x_logarithmic=True, height=260,
                   x_limits=(data["routes"][0]["frames"] * 0.9, data["routes"][-1]["frames"] * 1.1))
@@ -54,26 +54,20 @@ def draw(inputs: Inputs, data: Any, traversal: str, page: Page) -> None:
 
 def tables(inputs: Inputs, data: Any, page: Page) -> None:
     rows, training_rows = [], []
+
+    def add(places: str, label: str, outcomes: list[Rows | None]) -> None:
+        for row in short_rows(outcomes, inputs.recordings.names, places, label):
+            rows.append([*row, shuffled_cell(outcomes, traversal=row[2])])
+
     for route in data["routes"]:
         places = str(route["frames"])
         for agent in route["agents"]:
-            trainings = inputs.outcomes(agent["units"])
-            if not trainings:
-                continue
-            for traversal in inputs.recordings.names:
-                shuffled = trials_on(rows_of(trainings), traversal, shuffled=True).completed
-                rows.append([places, agent["label"], traversal, *short_cells(trials_on(rows_of(trainings), traversal)),
-                             percent(shuffled)])
-            there = reached(trainings)
-            training_rows.append([places, agent["label"], agent["learner"], str(len(trainings)), text_of(there, 0),
-                                  f"{there.n} of {len(trainings)}", text_of(mean_field(trainings, "episodes"), 0),
-                                  text_of(mean_field(trainings, "steps"), 0),
-                                  text_of(mean_field(trainings, "seconds"), 1)])
-        for control in route["controls"]:
-            for traversal in inputs.recordings.names:
-                trials = trials_on([inputs.outcome(control["unit"])], traversal)
-                if trials.seeds:
-                    rows.append([places, control["label"], traversal, *short_cells(trials), "-"])
+            if trainings := inputs.outcomes(agent["units"]):
+                add(places, agent["label"], rows_of(trainings))
+                training_rows.append([places, agent["label"], agent["learner"],
+                                      *effort_cells(trainings, "episodes", "steps", "seconds")])
+        for label, outcomes in inputs.controls(route).items():
+            add(places, label, outcomes)
     page.table("longer-routes",
                f"After training: {MEANS}. Shuffled: completed when the frames are shown in a random order.",
                ["places", "policy", "traversal", "seeds x tasks", "completed", "SPL", "excess", "shuffled"], rows)

@@ -25,8 +25,7 @@ class Policy:
         found = [row[name] for outcome in self.outcomes for row in outcome["trials"] if row["traversal"] == traversal]
         if len(found) > 1:
             return mean_of([number(one["mean"]) for one in found], BOUNDS.get(name, COUNTS))
-        return Estimate(number(found[0]["mean"]), number(found[0]["low"]), number(found[0]["high"]),
-                        found[0]["n"]) if found else Estimate()
+        return Estimate.of(found[0] if found else None, "mean", "low", "high", "n")
 
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:

@@ -4,11 +4,11 @@
 from typing import Any
 
 from charts import Chart, Line, limits_around
-from curves import MEAN_OF_SEEDS, mean_curve, mean_field, reached
-from estimates import fixed, text_of
+from curves import MEAN_OF_SEEDS, effort_cells, mean_curve, reached
+from estimates import fixed
 from inputs import Inputs
 from page import Page
-from trials import MEANS, Rows, is_worse, remark_failed, rows_of, short_cells, trials_on
+from trials import MEANS, Rows, is_worse, remark_failed, rows_of, short_rows, trials_on
 
 SMOOTHING = 0.5  # these trainings have few updates
 UNCHANGED = "unchanged, no training"
@@ -25,7 +25,7 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
         "by relabelling, on the second route with at most the same number of steps. place_filter is given the places "
         "of its route, so on the second one only that knowledge is exchanged; features has to learn what each place "
         f"looks like; the rest of it is memory (LSTM) and heads.{quick}")
-    controls = {control["label"]: [inputs.outcome(control["unit"])] for control in data["controls"]}
+    controls = inputs.controls(data)
     for agent in data["agents"]:
         draw(inputs, agent, controls, page)
     tables(inputs, data, controls, page)
@@ -53,27 +53,16 @@ def draw(inputs: Inputs, agent: Any, controls: dict[str, list[Rows | None]], pag
 
 
 def tables(inputs: Inputs, data: Any, controls: dict[str, list[Rows | None]], page: Page) -> None:
-    rows, training_rows = [], []
-
-    def add(agent: str, variant: str, outcomes: list[Rows | None]) -> None:
-        for traversal in inputs.recordings.names:
-            trials = trials_on(outcomes, traversal)
-            if trials.seeds:
-                rows.append([agent, variant, traversal, *short_cells(trials)])
-
+    names, rows, training_rows = inputs.recordings.names, [], []
     for agent in data["agents"]:
-        add(agent["label"], UNCHANGED, unchanged(inputs, agent))
+        rows += short_rows(unchanged(inputs, agent), names, agent["label"], UNCHANGED)
         for variant in agent["variants"]:
-            trainings = inputs.outcomes(variant["units"])
-            if not trainings:
-                continue
-            add(agent["label"], variant["label"], rows_of(trainings))
-            there = reached(trainings)
-            training_rows.append([agent["label"], variant["label"], str(len(trainings)), text_of(there, 0),
-                                  f"{there.n} of {len(trainings)}", text_of(mean_field(trainings, "episodes"), 0),
-                                  text_of(mean_field(trainings, "steps"), 0)])
+            if trainings := inputs.outcomes(variant["units"]):
+                labels = agent["label"], variant["label"]
+                rows += short_rows(rows_of(trainings), names, *labels)
+                training_rows.append([*labels, *effort_cells(trainings, "episodes", "steps")])
     for name, outcomes in controls.items():
-        add(name, "learns nothing", outcomes)
+        rows += short_rows(outcomes, names, name, "learns nothing")
     page.table("transfer",
                f"On the second route after training there, on each traversal: {MEANS}.",
                ["agent", "variant", "traversal", "seeds x tasks", "completed", "SPL", "excess"], rows)

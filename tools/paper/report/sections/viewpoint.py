@@ -7,7 +7,7 @@ from charts import Chart, Line, limits_around
 from estimates import Estimate, share_of, text_of
 from inputs import Inputs, Recordings, number
 from page import Page
-from trials import MEANS, Rows, remark_failed, remark_worse_than_controls, short_cells, trials_on
+from trials import MEANS, Rows, remark_failed, remark_worse_than_controls, short_rows, trials_on
 
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:
@@ -21,7 +21,7 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
             limits_around(list(shifts.values()), from_zero=True))
     recognition(inputs, data, recordings, shifts, axis, page)
     agents = {agent["label"]: [inputs.outcome(unit) for unit in agent["units"]] for agent in data["agents"]}
-    controls = {control["label"]: [inputs.outcome(control["unit"])] for control in data["controls"]}
+    controls = inputs.controls(data)
     navigation(data, recordings, shifts, axis, agents, controls, page)
     for label, outcomes in agents.items():
         remark_failed(page, label, len([rows for rows in outcomes if rows is not None]), len(outcomes))
@@ -51,12 +51,11 @@ def recognition(inputs: Inputs, data: Any, recordings: Recordings, shifts: dict[
         if outcome is None:
             page.remark(f"Recognition of {query} by {method} failed.")
             continue
-        queries = outcome["queries"]
-        auc = Estimate(number(outcome["auc"]), number(outcome["auc_low"]), number(outcome["auc_high"]), queries)
-        recall = share_of(number(outcome["recall"]) * queries, queries)
+        auc = Estimate.of(outcome, "auc", "auc_low", "auc_high", "queries")
+        recall = share_of(number(outcome["recall"]) * auc.n, auc.n)
         for name, estimate in (("AUC", auc), ("recall@1", recall)):
             lines[f"{method}, {name}"].add(shifts[query], estimate.mean, estimate.low, estimate.high)
-        rows.append([case["representation"], method, query, str(queries), text_of(auc, 3), text_of(recall, 3)])
+        rows.append([case["representation"], method, query, str(auc.n), text_of(auc, 3), text_of(recall, 3)])
     chart = Chart("Place recognition by shift of the camera", axis[0], "AUC, recall@1", list(lines.values()), axis[1],
                   (0, 1), width=560, height=260)
     page.chart("viewpoint-recognition", chart, f"{chart.title}, with 95 % intervals.")
@@ -70,10 +69,7 @@ def navigation(data: Any, recordings: Recordings, shifts: dict[str, float], axis
                agents: dict[str, list[Rows | None]], controls: dict[str, list[Rows | None]], page: Page) -> None:
     lines, rows = [], []
     for label, outcomes in {**agents, **controls}.items():
-        for name in recordings.names:
-            trials = trials_on(outcomes, name)
-            if trials.seeds:
-                rows.append([label, name, *short_cells(trials)])
+        rows += short_rows(outcomes, recordings.names, label)
         line = Line(label, dashed=label in controls)
         for name, shift in shifts.items():
             spl = trials_on(outcomes, name).spl

@@ -172,11 +172,6 @@ class Estimates(unittest.TestCase):
         for value in estimates.smoothed([5, 5, math.nan, 5], 0.9):
             self.assertAlmostEqual(value, 5, 12)
 
-    def test_interpolates_between_points_only(self) -> None:
-        y = estimates.interpolated([1, 3], [10, 30], [0, 1, 2, 3, 4])
-        self.assertTrue(math.isnan(y[0]) and math.isnan(y[4]))
-        self.assertEqual(y[1:4], [10, 20, 30])
-
 
 class Curves(unittest.TestCase):
     def test_final_values_are_of_the_last_episodes(self) -> None:
@@ -192,6 +187,12 @@ class Curves(unittest.TestCase):
         self.assertEqual(line.x[-1], 1000)
         for y in line.y:
             self.assertAlmostEqual(y, -0.25, 12)
+
+    def test_curves_go_from_the_first_point_to_the_last(self) -> None:
+        training = {"episodes": 200, "curve": {"episodes": [100, 200], "reward": [10, 30]}}
+        line = curves.mean_curve("one seed", [training], "reward", 0)
+        self.assertTrue(math.isnan(line.y[line.x.index(99)]))
+        self.assertEqual([line.y[line.x.index(x)] for x in (100, 150, 200)], [10, 20, 30])
 
 
 class TrialsOfSeeds(unittest.TestCase):
