@@ -14,6 +14,7 @@
 #include "tools/vpr/descriptors.h"
 #include "tools/vpr/progress.h"
 #include "tools/vpr/python.h"
+#include "tools/vpr/report.h"
 #include "tools/vpr/similarity_picture.h"
 
 namespace citylearn::vpr {
@@ -27,15 +28,6 @@ class Evaluation {
     create_folder();
     load();
     make_encoders();
-    setting_ = {options.command,
-                options.source.dataset,
-                options.source.folder,
-                options.source.traversal,
-                options.matches.empty() ? "frame i of the query shows the place of frame i of the reference"
-                                        : "pairs of " + options.matches,
-                options.matching.measure == Measure::kCosine ? "cosine"
-                : options.matching.measure == Measure::kL2   ? "l2"
-                                                             : "l1"};
   }
 
   int run() {
@@ -208,8 +200,6 @@ class Evaluation {
     const auto answerable = static_cast<double>(std::count(found.answerable.begin(), found.answerable.end(), true));
     row.recall_1_interval = wilson_interval(row.recall_1 * answerable, answerable);
     row.curve = precision_recall(found);
-    row.auc = row.curve.auc;
-    row.recall_at_full_precision = row.curve.recall_at_full_precision;
     row.auc_interval = auc_interval(found, options_.matching.seed);
     if (stop_requested()) throw Stopped{};
     if (options_.pictures)
@@ -217,15 +207,14 @@ class Evaluation {
                      row.centring + "-" + slug(row.query) + "-" + slug(row.method) + ".png",
                  matrix_png(result.similarity));
     spdlog::info("{} {} {} {} {}: recall@1 {:.3f}, AUC {:.3f}", row.encoder, row.dimension, row.centring, row.method,
-                 row.query, row.recall_1, row.auc);
+                 row.query, row.recall_1, row.curve.auc);
     rows_.push_back(std::move(row));
     write_file(options_.output + "/results.csv", results_csv(rows_));
-    write_file(options_.output + "/results.json", results_json(setting_, rows_));
+    write_file(options_.output + "/results.json", results_json(options_, rows_));
     write_file(options_.output + "/curves.json", curves_json(rows_));
   }
 
   const Options& options_;
-  Setting setting_;
   std::vector<Method> methods_;
   std::vector<std::unique_ptr<Encoder>> encoders_;
   Traversal reference_;

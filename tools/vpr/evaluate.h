@@ -9,7 +9,6 @@
 #include "encoder_service/encoding/reduction.h"
 #include "env_service/dataset_io/selection.h"
 #include "tools/vpr/methods.h"
-#include "tools/vpr/report.h"
 
 namespace citylearn::vpr {
 

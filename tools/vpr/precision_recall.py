@@ -2,16 +2,10 @@
 """Draws pr-QUERY-METHOD.svg, precision over recall, from the results.json and curves.json of ./run vpr."""
 
 import json
-import re
 import sys
 from pathlib import Path
 
 import charts
-
-
-def slug(text: str) -> str:
-    """Returns `text` as part of a file's name, as slug() in report.cc does."""
-    return re.sub(r"[^A-Za-z0-9_.]|^\.", "-", text)
 
 
 def line_of(curve: dict) -> charts.Line:
@@ -22,13 +16,13 @@ def line_of(curve: dict) -> charts.Line:
 
 def draw(folder: Path) -> None:
     reference = json.loads((folder / "results.json").read_text())["reference"]
-    plots: dict[tuple[str, str], list[charts.Line]] = {}
+    plots: dict[str, charts.Chart] = {}
     for curve in json.loads((folder / "curves.json").read_text())["curves"]:
-        plots.setdefault((curve["query"], curve["method"]), []).append(line_of(curve))
-    for (query, method), lines in plots.items():
-        chart = charts.Chart(f"{reference} as reference, {query} as query, {method}", "recall", "precision", lines,
-                             x_limits=(0, 1), y_limits=(0, 1))
-        charts.save(charts.draw_chart(chart), folder / f"pr-{slug(query)}-{slug(method)}.svg")
+        title = f"{reference} as reference, {curve['query']} as query, {curve['method']}"
+        chart = charts.Chart(title, "recall", "precision", x_limits=(0, 1), y_limits=(0, 1))
+        plots.setdefault(curve["file"], chart).lines.append(line_of(curve))
+    for name, chart in plots.items():
+        charts.save(charts.draw_chart(chart), folder / name)
 
 
 if __name__ == "__main__":

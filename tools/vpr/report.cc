@@ -12,6 +12,8 @@
 namespace citylearn::vpr {
 namespace {
 
+using Json = nlohmann::ordered_json;
+
 std::string number(double value, const char* format = "%.6g") {
   if (std::isnan(value)) return "nan";
   char text[32];
@@ -23,16 +25,51 @@ std::string share(double value) { return number(value, "%.3f"); }
 
 std::string interval(const Interval& interval) { return share(interval.low) + "-" + share(interval.high); }
 
-nlohmann::json json_of(double value) { return std::isnan(value) ? nlohmann::json() : nlohmann::json(value); }
+/// Not a number is null in files.
+Json json_of(const Row& row) {
+  return {{"encoder", row.encoder},
+          {"name", row.name},
+          {"dimension", row.dimension},
+          {"pca", row.reduced},
+          {"centring", row.centring},
+          {"whitening", row.whitening},
+          {"method", row.method},
+          {"query", row.query},
+          {"condition", row.condition},
+          {"references", row.references},
+          {"queries", row.queries},
+          {"tolerance", row.tolerance},
+          {"recall_1", row.recall_1},
+          {"recall_1_interval", {row.recall_1_interval.low, row.recall_1_interval.high}},
+          {"recall_5", row.recall_5},
+          {"recall_10", row.recall_10},
+          {"auc", row.curve.auc},
+          {"auc_interval", {row.auc_interval.low, row.auc_interval.high}},
+          {"recall_at_full_precision", row.curve.recall_at_full_precision},
+          {"encode_seconds", row.encode_seconds},
+          {"seconds", row.seconds}};
+}
 
-}  // namespace
-
-std::string csv_field(const std::string& text) {
+/// Returns text as a field of a CSV, quoted where it needs to be (RFC 4180).
+std::string cell(const std::string& text) {
   if (text.find_first_of(",\"\r\n") == text.npos) return text;
   std::string quoted = "\"";
   for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);
   return quoted + "\"";
 }
+
+std::string cell(const Json& value) {
+  if (value.is_string()) return cell(value.get<std::string>());
+  if (value.is_boolean()) return value ? "1" : "0";
+  return value.is_number_float() ? number(value) : value.dump();
+}
+
+/// Text that is not UTF-8 is shown with replacements.
+std::string dumped(const Json& json, int indent) {
+  return json.dump(indent, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace
 
 std::string table(const std::vector<Row>& rows) {
   std::vector<std::vector<std::string>> cells = {{"encoder", "dim", "centring", "method", "query", "R@1", "(95 %)",
@@ -40,7 +77,7 @@ std::string table(const std::vector<Row>& rows) {
   for (const Row& row : rows)
     cells.push_back({row.encoder, std::to_string(row.dimension), row.centring, row.method, row.query,
                      share(row.recall_1), interval(row.recall_1_interval), share(row.recall_5), share(row.recall_10),
-                     share(row.auc), interval(row.auc_interval), number(row.encode_seconds, "%.1f"),
+                     share(row.curve.auc), interval(row.auc_interval), number(row.encode_seconds, "%.1f"),
                      number(row.seconds, "%.1f")});
   std::vector<std::size_t> widths(cells[0].size());
   for (const auto& line : cells)
@@ -59,33 +96,40 @@ std::string table(const std::vector<Row>& rows) {
 }
 
 std::string results_csv(const std::vector<Row>& rows) {
-  std::string text =
-      "encoder,name,dimension,pca,centring,whitening,method,query,condition,references,queries,tolerance,recall_1,"
-      "recall_1_low,recall_1_high,recall_5,recall_10,auc,auc_low,auc_high,recall_at_full_precision,encode_seconds,"
-      "seconds\n";
+  std::string header, text;
   for (const Row& row : rows) {
-    text += csv_field(row.encoder) + "," + csv_field(row.name) + "," + std::to_string(row.dimension) + "," +
-            (row.reduced ? "1" : "0") + "," + row.centring + "," + number(row.whitening) + "," + row.method + "," +
-            csv_field(row.query) + "," + csv_field(row.condition) + "," + std::to_string(row.references) + "," +
-            std::to_string(row.queries) + "," + std::to_string(row.tolerance);
-    for (const double value :
-         {row.recall_1, row.recall_1_interval.low, row.recall_1_interval.high, row.recall_5, row.recall_10, row.auc,
-          row.auc_interval.low, row.auc_interval.high, row.recall_at_full_precision, row.encode_seconds, row.seconds})
-      text += "," + number(value);
-    text += "\n";
+    std::string names, values;
+    const auto add = [&](const std::string& name, const Json& value) {
+      names += (names.empty() ? "" : ",") + name;
+      values += (values.empty() ? "" : ",") + cell(value);
+    };
+    for (const auto& [name, value] : json_of(row).items())
+      if (value.is_array()) {
+        const std::string of = name.substr(0, name.rfind('_'));  // "auc_interval": auc_low, auc_high
+        add(of + "_low", value[0]);
+        add(of + "_high", value[1]);
+      } else {
+        add(name, value);
+      }
+    header = names;
+    text += values + "\n";
   }
-  return text;
+  return header + "\n" + text;
 }
 
-std::string results_json(const Setting& setting, const std::vector<Row>& rows) {
-  nlohmann::ordered_json json = {
+std::string results_json(const Options& options, const std::vector<Row>& rows) {
+  const Measure measure = options.matching.measure;
+  Json json = {
       {"program", "citylearn_vpr " + version()},
-      {"command", setting.command},
-      {"dataset", setting.dataset},
-      {"data", setting.folder},
-      {"reference", setting.reference},
-      {"ground_truth", setting.ground_truth},
-      {"measure", setting.measure},
+      {"command", options.command},
+      {"dataset", options.source.dataset},
+      {"data", options.source.folder},
+      {"reference", options.source.traversal},
+      {"ground_truth", options.matches.empty() ? "frame i of the query shows the place of frame i of the reference"
+                                               : "pairs of " + options.matches},
+      {"measure", measure == Measure::kCosine ? "cosine"
+                  : measure == Measure::kL2   ? "l2"
+                                              : "l1"},
       {"definitions",
        {{"recall_n",
          "share of the queries that have a true place with a right frame among the n most similar ones; "
@@ -95,35 +139,14 @@ std::string results_json(const Setting& setting, const std::vector<Row>& rows) {
          "area under precision over recall of the best answers, sorted by confidence, equal confidences one "
          "threshold, trapezoids from recall 0 (with the first precision) to the last recall"},
         {"auc_interval", "95 %, circular block bootstrap over queries, blocks of sqrt(Q), 500 resamples"}}},
-      {"rows", nlohmann::ordered_json::array()}};
-  for (const Row& row : rows)
-    json["rows"].push_back({{"encoder", row.encoder},
-                            {"name", row.name},
-                            {"dimension", row.dimension},
-                            {"pca", row.reduced},
-                            {"centring", row.centring},
-                            {"whitening", row.whitening},
-                            {"method", row.method},
-                            {"query", row.query},
-                            {"condition", row.condition},
-                            {"references", row.references},
-                            {"queries", row.queries},
-                            {"tolerance", row.tolerance},
-                            {"recall_1", json_of(row.recall_1)},
-                            {"recall_1_interval", {row.recall_1_interval.low, row.recall_1_interval.high}},
-                            {"recall_5", json_of(row.recall_5)},
-                            {"recall_10", json_of(row.recall_10)},
-                            {"auc", row.auc},
-                            {"auc_interval", {row.auc_interval.low, row.auc_interval.high}},
-                            {"recall_at_full_precision", row.recall_at_full_precision},
-                            {"encode_seconds", row.encode_seconds},
-                            {"seconds", row.seconds}});
-  return json.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+      {"rows", Json::array()}};
+  for (const Row& row : rows) json["rows"].push_back(json_of(row));
+  return dumped(json, 2);
 }
 
 std::string curves_json(const std::vector<Row>& rows) {
   constexpr std::size_t kMost = 2000;
-  nlohmann::ordered_json json = {{"curves", nlohmann::ordered_json::array()}};
+  Json json = {{"curves", Json::array()}};
   for (const Row& row : rows) {
     const std::size_t size = row.curve.recall.size(), kept = std::min(size, kMost);
     std::vector<double> recall(kept), precision(kept);
@@ -133,16 +156,13 @@ std::string curves_json(const std::vector<Row>& rows) {
       recall[i] = row.curve.recall[point];
       precision[i] = row.curve.precision[point];
     }
-    json["curves"].push_back({{"encoder", row.encoder},
-                              {"dimension", row.dimension},
-                              {"centring", row.centring},
-                              {"method", row.method},
-                              {"query", row.query},
-                              {"auc", row.auc},
-                              {"recall", recall},
-                              {"precision", precision}});
+    Json curve = {{"recall", recall}, {"precision", precision}};
+    const Json all = json_of(row);
+    for (const char* name : {"encoder", "dimension", "centring", "method", "query", "auc"}) curve[name] = all[name];
+    curve["file"] = "pr-" + slug(row.query) + "-" + slug(row.method) + ".svg";
+    json["curves"].push_back(std::move(curve));
   }
-  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+  return dumped(json, -1);
 }
 
 std::string slug(const std::string& text) {

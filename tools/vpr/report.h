@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "encoder_service/recognition/evaluation.h"
+#include "tools/vpr/evaluate.h"
 
 namespace citylearn::vpr {
 
@@ -20,27 +21,20 @@ struct Row {
   int references = 0, queries = 0, tolerance = 0;
   double recall_1 = 0, recall_5 = 0, recall_10 = 0;
   Interval recall_1_interval, auc_interval;
-  double auc = 0, recall_at_full_precision = 0;
   double encode_seconds = 0;  ///< for both traversals, of frames that were not in the store
   double seconds = 0;         ///< reduction, matching
   PrecisionRecall curve;
 };
 
-/// What is true of all rows.
-struct Setting {
-  std::string command, dataset, folder, reference, ground_truth, measure;
-};
-
 /// A table for people, columns aligned.
 std::string table(const std::vector<Row>& rows);
-/// As a field of a CSV: quoted where it needs to be (RFC 4180).
-std::string csv_field(const std::string& text);
 /// One line a row, with a header; fields that need it are quoted (RFC 4180).
 std::string results_csv(const std::vector<Row>& rows);
-/// The setting, what the figures mean, and the rows.
-std::string results_json(const Setting& setting, const std::vector<Row>& rows);
+/// What is true of all rows, what the figures mean, and the rows.
+std::string results_json(const Options& options, const std::vector<Row>& rows);
 
-/// Precision over recall, at most 2,000 points a row: {"curves": [{encoder .. query, recall, precision}]}.
+/// Precision over recall, at most 2,000 points a row: {"curves": [{encoder .. query, recall, precision, file}]}, with
+/// the name of the picture that shows the curve.
 std::string curves_json(const std::vector<Row>& rows);
 
 /// `text` as part of a file's name: everything but letters, digits, '.', '_' becomes '-'.

@@ -127,7 +127,7 @@ class ThePage(TemporaryFolder):
 
     def test_precision_recall_curves_have_a_file_for_each_query_and_method(self) -> None:
         curve = {"encoder": "hog", "dimension": 64, "centring": "own", "method": "csls+sequence", "query": "./night",
-                 "auc": 0.5, "recall": [0.5, 1], "precision": [1, 0.5]}
+                 "file": "pr---night-csls-sequence.svg", "auc": 0.5, "recall": [0.5, 1], "precision": [1, 0.5]}
         (self.folder / "results.json").write_text('{"reference": "day"}')
         empty = {**curve, "recall": [], "precision": []}
         (self.folder / "curves.json").write_text(json.dumps({"curves": [curve, empty]}))
