@@ -12,15 +12,12 @@
 
 namespace citylearn::bench {
 
-/// Seconds since `start`.
-inline double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
 /// Seconds that `work` takes.
 template <class Work>
 double seconds(const Work& work) {
   const Clock::time_point begin = Clock::now();
   work();
-  return since(begin);
+  return seconds_since(begin);
 }
 
 inline double median(std::vector<double> values) {

@@ -117,7 +117,7 @@ Rate publish_for(ClientHub& hub, std::chrono::microseconds period, std::chrono::
         std::max(rate.longest_ms, std::chrono::duration<double, std::milli>(Clock::now() - before).count());
     ++count;
   }
-  rate.each_second = count / bench::since(begin);
+  rate.each_second = count / seconds_since(begin);
   return rate;
 }
 
@@ -164,7 +164,7 @@ double bare_share(int clients, std::chrono::seconds duration) {
           ::send(one, picture.data(), picture.size(), MSG_NOSIGNAL) < 0)
         throw Error("cannot send");
   }
-  const double share = (processor_seconds() - before) / bench::since(begin);
+  const double share = (processor_seconds() - before) / seconds_since(begin);
   for (const int one : ours) ::close(one);
   for (const int one : theirs) ::close(one);
   return share;
@@ -186,7 +186,7 @@ void measure(int argc, char** argv) {
     const double before = processor_seconds();
     const auto begin = Clock::now();
     publish_for(hub, 100ms, duration);
-    const double seconds = bench::since(begin);
+    const double seconds = seconds_since(begin);
     const double share = (processor_seconds() - before) / seconds;
     const auto counts = hub.counts();
     std::printf("%d clients, 10 scenes and 10 pictures a second: %.0f frames/s, %llu dropped\n", clients,

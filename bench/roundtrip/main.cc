@@ -91,7 +91,7 @@ class Trips {
   bool finished() const { return number_ >= last_; }
   void begin() { begin_ = Clock::now(); }
   void end() {
-    if (number_ >= warm_) times.push_back(bench::since(begin_) * 1e6);
+    if (number_ >= warm_) times.push_back(seconds_since(begin_) * 1e6);
     ++number_;
   }
   std::vector<double> times;

@@ -21,7 +21,6 @@ namespace citylearn {
 namespace {
 
 using bench::median;
-using bench::since;
 
 /// Random numbers: what is in a rollout does not change how long an update takes.
 Rollout some_rollout(const NetworkTask& task, int state_size, int steps, int agents, int sequence) {
@@ -107,7 +106,7 @@ int compare_learners(int argc, char** argv) {
   }
   const Clock::time_point start = Clock::now();
   load_plugin(plugin);
-  std::printf("loading torch_ppo took %.2f s\n", since(start));
+  std::printf("loading torch_ppo took %.2f s\n", seconds_since(start));
   for (const int cells : {256, 64}) compare(cells, rounds);
   return 0;
 }

@@ -22,8 +22,6 @@
 namespace citylearn {
 namespace {
 
-using bench::since;
-
 struct Options {
   TrainerOptions trainer;
   std::string dataset = "plain", data, encoder, train = "summer";
@@ -100,18 +98,18 @@ void train(const Options& options) {
 
   double wall_to_spl90 = 0, wall_to_spl95 = 0, judging = 0;
   const Clock::time_point start = Clock::now();
-  while (!trainer.done() && (options.time_limit <= 0 || since(start) - judging < options.time_limit)) {
+  while (!trainer.done() && (options.time_limit <= 0 || seconds_since(start) - judging < options.time_limit)) {
     const UpdateFigures figures = training.update();
     const TrainingProgress& progress = trainer.progress();
     if (progress.episodes >= 100 && progress.spl >= 0.9 && wall_to_spl90 == 0) {
-      wall_to_spl90 = since(start) - judging;
+      wall_to_spl90 = seconds_since(start) - judging;
       std::printf("SPL of the last 100 training episodes reached 0.90 after %llu episodes, %llu steps, %.1f s\n",
                   static_cast<unsigned long long>(progress.episodes), static_cast<unsigned long long>(progress.steps),
                   wall_to_spl90);
     }
-    if (progress.episodes_to_spl95 && wall_to_spl95 == 0) wall_to_spl95 = since(start) - judging;
+    if (progress.episodes_to_spl95 && wall_to_spl95 == 0) wall_to_spl95 = seconds_since(start) - judging;
     if (progress.updates % static_cast<std::uint64_t>(options.print_every) == 0 || trainer.done()) {
-      const double wall = since(start) - judging;
+      const double wall = seconds_since(start) - judging;
       std::printf(
           "%6.1f s  steps %8llu  episodes %6llu  lesson %d  reward %.3f  SPL %.3f | policy %+.4f value %.5f entropy "
           "%.3f "
@@ -125,10 +123,10 @@ void train(const Options& options) {
     if (options.evaluate_every > 0 && progress.updates % static_cast<std::uint64_t>(options.evaluate_every) == 0) {
       const Clock::time_point pause = Clock::now();
       print_evaluation(trainer.agent(), others, options);
-      judging += since(pause);
+      judging += seconds_since(pause);
     }
   }
-  const double wall = since(start) - judging;
+  const double wall = seconds_since(start) - judging;
   const TrainingProgress& progress = trainer.progress();
   std::printf(
       "trained %s, seed %llu: %llu steps, %llu episodes, %.1f s, %.0f steps/s; acting %.0f %%, learning %.0f %% of "
@@ -154,8 +152,8 @@ void products() {
     do {
       work();
       ++times;
-    } while (since(start) < 0.3);
-    return operations * times / since(start) * 1e-9;
+    } while (seconds_since(start) < 0.3);
+    return operations * times / seconds_since(start) * 1e-9;
   };
   constexpr int kDimension = 64, kHidden = 512, kCells = 256;
   NetworkTask task;
@@ -291,13 +289,13 @@ void updates(const Options& options) {
     multiply();
     const Clock::time_point start = Clock::now();
     int times = 0;
-    for (; since(start) < 5; ++times) {  // by turns, so that both meet the same machine
+    for (; seconds_since(start) < 5; ++times) {  // by turns, so that both meet the same machine
       Clock::time_point begin = Clock::now();
       learner->update(rollouts);
-      update += since(begin);
+      update += seconds_since(begin);
       begin = Clock::now();
       multiply();
-      product += since(begin);
+      product += seconds_since(begin);
     }
     std::printf(
         "features, %3d cells, %d epochs of minibatches of %d: update %.1f ms, its products alone %.1f ms, ratio %.2f; "
@@ -349,8 +347,8 @@ void places() {
     const double memory = static_cast<double>(mallinfo2().uordblks + mallinfo2().hblkhd - before);
     const Clock::time_point start = Clock::now();
     int times = 0;
-    for (; since(start) < 0.5; ++times) pass();
-    const double time = since(start) / times / (kSteps * kAgents);
+    for (; seconds_since(start) < 0.5; ++times) pass();
+    const double time = seconds_since(start) / times / (kSteps * kAgents);
     if (first_time == 0) first_time = time, first_memory = memory;
     const double growth = places / 128.0;
     std::printf(

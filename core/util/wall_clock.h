@@ -14,6 +14,10 @@ inline std::uint64_t microseconds_since_epoch() {
   return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
 }
 
+inline double seconds_since_epoch() {
+  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
 /// Returns "2026-11-22 04:35:21 UTC".
 inline std::string date_of(std::time_t time) {
   std::tm parts{};

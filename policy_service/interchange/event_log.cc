@@ -18,6 +18,7 @@
 #include "core/task/training_figures.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
@@ -147,8 +148,6 @@ std::size_t kept_bytes(std::string_view bytes, std::uint64_t steps) {
   return at;
 }
 
-double now() { return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count(); }
-
 /// Seconds in an event file's name; none when it is not one.
 std::optional<std::uint64_t> seconds_of(const std::string& name) {
   if (!name.starts_with(kPrefix)) return std::nullopt;
@@ -173,7 +172,7 @@ EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
   std::filesystem::create_directories(folder, problem);
   if (problem) throw Error(problem.message(), folder, "choose another --output");
   // Readers take the files in the order of their names: the new one's must be the last, whatever the clock says.
-  std::uint64_t seconds = static_cast<std::uint64_t>(now());
+  std::uint64_t seconds = static_cast<std::uint64_t>(seconds_since_epoch());
   std::vector<std::filesystem::path> older;
   for (const auto& entry : std::filesystem::directory_iterator(folder))
     if (const auto found = seconds_of(entry.path().filename())) {
@@ -193,10 +192,10 @@ EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
   ::gethostname(host, sizeof host - 1);
   path_ = folder + "/" + std::string(kPrefix) + std::to_string(seconds) + "." + host + "." + std::to_string(::getpid());
   file_.emplace(path_, false);
-  record(Message().real(kWallTime, now()).text(kFileVersion, "brain.Event:2").bytes());
+  record(Message().real(kWallTime, seconds_since_epoch()).text(kFileVersion, "brain.Event:2").bytes());
   if (after_steps > 0)  // for whoever has read the points that are gone
     record(Message()
-               .real(kWallTime, now())
+               .real(kWallTime, seconds_since_epoch())
                .number(kStep, after_steps + 1)
                .text(kSessionLog, Message().number(kStatus, kStart).bytes())
                .bytes());
@@ -218,7 +217,11 @@ void EventLog::write(const msg::TrainingStat& s) {
   };
   for (const TrainingFigure& figure : training_figures()) add(figure.tag, static_cast<float>(figure.value(s)));
   add("Environment/Episode Length", length);
-  record(Message().real(kWallTime, now()).number(kStep, s.steps()).text(kSummary, summary.bytes()).bytes());
+  record(Message()
+             .real(kWallTime, seconds_since_epoch())
+             .number(kStep, s.steps())
+             .text(kSummary, summary.bytes())
+             .bytes());
   file_->flush();
 }
 

@@ -10,8 +10,6 @@
 
 namespace citylearn {
 
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
 RunContext::RunContext(const PolicyServiceOptions& given, Node& at, EnvClient& envs)
     : options(given), node(at), client(envs), records(options, node, client) {}
 

@@ -49,6 +49,4 @@ class RunContext {
   std::vector<float> reference_;
 };
 
-double seconds_since(Clock::time_point start);
-
 }  // namespace citylearn

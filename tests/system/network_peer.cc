@@ -24,8 +24,6 @@ struct CommandLine {
   std::size_t size = 1'000'000;
 };
 
-double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
-
 void say(const std::string& line) {
   fmt::print("{}\n", line);
   std::fflush(stdout);

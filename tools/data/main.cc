@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <unistd.h>
-
 #include <CLI/CLI.hpp>
-#include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <iomanip>
 #include <iostream>
+#include <optional>
 #include <sstream>
 
+#include "core/util/progress.h"
 #include "core/wire/service.h"
 #include "tools/data/inspection.h"
 
@@ -58,31 +56,14 @@ std::string dataset_of(const CommandLine& line) {
   return found.front();
 }
 
-/// Prints the progress to standard error, at most twice a second on a terminal, else every ten seconds.
-class Progress {
- public:
-  bool operator()(long done, long all) {
-    const auto now = std::chrono::steady_clock::now();
-    if (done == all || now - printed_ >= (terminal_ ? std::chrono::milliseconds(500) : std::chrono::seconds(10))) {
-      printed_ = now;
-      const double seconds = std::chrono::duration<double>(now - begin_).count();
-      std::fprintf(stderr, "%s%ld of %ld frames, %.0f s left%s", terminal_ ? "\r" : "", done, all,
-                   std::ceil(seconds / static_cast<double>(done) * static_cast<double>(all - done)),
-                   terminal_ && done < all ? "   " : "\n");
-    }
-    return !stop_requested();
-  }
-
- private:
-  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now(), printed_ = begin_;
-  bool terminal_ = ::isatty(STDERR_FILENO) == 1;
-};
-
 int check(const CommandLine& line) {
   const std::string name = dataset_of(line);
-  Progress progress;
-  const Inspection inspection =
-      inspect(*opened(name, line.folder), [&](long done, long all) { return progress(done, all); });
+  std::optional<Progress> progress;
+  const Inspection inspection = inspect(*opened(name, line.folder), [&](long done, long all) {
+    if (done == 1) progress.emplace("frames", static_cast<int>(all));
+    progress->done(1);
+    return !stop_requested();
+  });
   if (line.json) {
     std::cout << to_json(name, inspection) << "\n";
   } else {

@@ -11,6 +11,7 @@
 #include <optional>
 
 #include "core/util/text.h"
+#include "core/util/wall_clock.h"
 #include "core/wire/service.h"
 #include "core/wire/service_state.h"
 
@@ -20,10 +21,6 @@ namespace {
 constexpr int kProbePatience = 3500;   // ms: a host refuses once a second, and is asked for its address three times
 constexpr double kClockTolerance = 1;  // seconds
 constexpr double kStale = 5;           // seconds without a heartbeat
-
-double wall_clock() {
-  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
-}
 
 /// The sender's clock when it sent a heartbeat: an incarnation is the microsecond it started at.
 double sent_at(const msg::ServiceStatus& status) {
@@ -122,7 +119,7 @@ void Heartbeats::take() {
                               (header.incarnation() == known.incarnation() && header.message() <= known.message())))
       continue;
     // A late heartbeat seems to come from a clock that is behind, so the least late one is the best estimate.
-    const double ahead = sent_at(status_) - wall_clock();
+    const double ahead = sent_at(status_) - seconds_since_epoch();
     const bool again = service.heard > 0 && header.incarnation() == known.incarnation();
     service.ahead = again ? std::max(service.ahead, ahead) : ahead;
     service.heard = again ? service.heard + 1 : 1;

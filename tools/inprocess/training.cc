@@ -2,16 +2,10 @@
 #include "tools/inprocess/training.h"
 
 #include <algorithm>
-#include <chrono>
 
 #include "core/task/route_map.h"
 
 namespace citylearn {
-namespace {
-
-double since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
-
-}  // namespace
 
 NetworkTask network_task(const Traversal& route, int first, int frames) {
   if (first < 0 || frames < 2 || first + frames > route.frames)
@@ -55,21 +49,21 @@ UpdateFigures InprocessTraining::update() {
     } else {
       const Clock::time_point begin = Clock::now();
       trainer_.resume(number, choice_);
-      acting_ += since(begin);
+      acting_ += seconds_since(begin);
       step(environment);
     }
     while (true) {
       environment.observe(observation_);
       const Clock::time_point begin = Clock::now();
       const bool more = trainer_.act(number, observation_, choice_);
-      acting_ += since(begin);
+      acting_ += seconds_since(begin);
       if (!more) break;
       step(environment);
     }
   }
   const Clock::time_point begin = Clock::now();
   const UpdateFigures figures = trainer_.update();
-  learning_ += since(begin);
+  learning_ += seconds_since(begin);
   return figures;
 }
 

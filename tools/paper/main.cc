@@ -146,8 +146,7 @@ int make_report(CommandLine& line) {
                                                 {"measurements", work.measurements()}}
                                                    .dump() +
                                                "\n");
-  write_file(line.output + "/manifest.json",
-             manifest_of(context, line.text, begun, std::chrono::duration<double>(Clock::now() - start).count()));
+  write_file(line.output + "/manifest.json", manifest_of(context, line.text, begun, seconds_since(start)));
   spdlog::info("drawing the figures");
   vpr::run_python("paper/report", {line.output});
   std::cout << line.output << "/report.html" << std::endl;

@@ -11,9 +11,9 @@
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/progress.h"
 #include "core/util/sha256.h"
 #include "core/wire/service.h"
-#include "tools/vpr/progress.h"
 
 namespace citylearn::paper {
 
@@ -101,11 +101,11 @@ bool Work::run() {
       continue;
     }
     const double slowness = estimated > 0 ? taken / estimated : 1;
-    spdlog::info("[{} of {}, {} left] {}", i + 1, open.size(), vpr::clock_time(left * slowness), unit.name);
+    spdlog::info("[{} of {}, {} left] {}", i + 1, open.size(), clock_time(left * slowness), unit.name);
     const Clock::time_point start = Clock::now();
     try {
       const Json outcome = unit.compute();
-      const double seconds = vpr::seconds_since(start);
+      const double seconds = seconds_since(start);
       write_file(path, Json{{"spec", unit.spec}, {"outcome", outcome}, {"seconds", seconds}}.dump() + "\n");
       done = {outcome, seconds};
     } catch (const Error& error) {
@@ -114,7 +114,7 @@ bool Work::run() {
     }
     left -= unit.seconds;
     estimated += unit.seconds;
-    taken += vpr::seconds_since(start);
+    taken += seconds_since(start);
   }
   return well;
 }

@@ -6,9 +6,9 @@
 #include <optional>
 #include <vector>
 
+#include "core/util/progress.h"
 #include "core/wire/service.h"
 #include "encoder_service/feature_store.h"
-#include "tools/vpr/progress.h"
 
 namespace citylearn::vpr {
 namespace {

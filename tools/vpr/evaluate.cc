@@ -12,7 +12,6 @@
 #include "core/wire/service.h"
 #include "env_service/files/text_table.h"
 #include "tools/vpr/descriptors.h"
-#include "tools/vpr/progress.h"
 #include "tools/vpr/python.h"
 #include "tools/vpr/report.h"
 #include "tools/vpr/similarity_picture.h"

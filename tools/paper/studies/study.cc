@@ -13,7 +13,6 @@
 #include "policy_service/rollout/network_policy.h"
 #include "tools/paper/studies/stoppable.h"
 #include "tools/paper/studies/walk.h"
-#include "tools/vpr/progress.h"
 
 namespace citylearn::paper {
 namespace {
@@ -128,11 +127,11 @@ Json train(const Study& study, World& world) {
     if (stop_requested()) throw Stopped{};
     training.update();
     const TrainingProgress& progress = trainer.progress();
-    add_point(curve, progress, vpr::seconds_since(start) - judging, training.finished());
+    add_point(curve, progress, seconds_since(start) - judging, training.finished());
     if (spl95.is_null() && progress.episodes_to_spl95)
       spl95 = {{"episodes", *progress.episodes_to_spl95},
                {"steps", *progress.steps_to_spl95},
-               {"seconds", vpr::seconds_since(start) - judging}};
+               {"seconds", seconds_since(start) - judging}};
     if (study.deploy_every > 0 && progress.episodes >= deploy_at) {
       const Clock::time_point pause = Clock::now();
       while (deploy_at <= progress.episodes) deploy_at += static_cast<std::uint64_t>(study.deploy_every);
@@ -143,10 +142,10 @@ Json train(const Study& study, World& world) {
         row["episodes"] = progress.episodes;
         deployments.push_back(std::move(row));
       }
-      judging += vpr::seconds_since(pause);
+      judging += seconds_since(pause);
     }
   }
-  const double seconds = vpr::seconds_since(start) - judging;
+  const double seconds = seconds_since(start) - judging;
   for (const std::string& name : study.traversals)
     for (const bool shuffled : {false, true}) {
       Json row = tried(trainer.agent(), world.traversal(study.representation, name),

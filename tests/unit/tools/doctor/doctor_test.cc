@@ -8,6 +8,7 @@
 #include <future>
 #include <thread>
 
+#include "core/util/wall_clock.h"
 #include "core/wire/node.h"
 #include "tests/support/service.h"
 #include "tools/doctor/findings.h"
@@ -33,12 +34,11 @@ class Doctor : public ::testing::Test {
   }
   /// A heartbeat that its sender wrote so many seconds ago.
   static msg::ServiceStatus heartbeat(const std::string& id, double age, msg::State state = msg::RUNNING) {
-    const double now = std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
     msg::ServiceStatus status;
     status.header().protocol(msg::PROTOCOL);
     status.header().session("walk");
     status.header().sender(id);
-    status.header().incarnation(static_cast<std::uint64_t>((now - age - 10) * 1e6));
+    status.header().incarnation(static_cast<std::uint64_t>((seconds_since_epoch() - age - 10) * 1e6));
     status.header().message(1);
     status.service("env_service");
     status.service_state(state);

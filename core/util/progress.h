@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cstdint>
 #include <string>
 
-#include "core/dds/middleware.h"
+#include "core/util/types.h"
 
-namespace citylearn::vpr {
+namespace citylearn {
 
 /// "hog winter: 1200 of 3576, 0:42 left" on standard error: rewritten in place on a terminal, else a line every 10 s.
 /// Prints nothing for work of less than two seconds.
@@ -25,9 +24,7 @@ class Progress {
   Clock::time_point start_, spoke_;
 };
 
-double seconds_since(Clock::time_point start);
-
 /// "1:05:09", "3:20".
 std::string clock_time(double seconds);
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn

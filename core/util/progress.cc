@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/vpr/progress.h"
+#include "core/util/progress.h"
 
 #include <unistd.h>
 
@@ -7,8 +7,7 @@
 #include <cstdio>
 #include <iostream>
 
-namespace citylearn::vpr {
-double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+namespace citylearn {
 
 std::string clock_time(double seconds) {
   const long all = std::lround(std::ceil(seconds));
@@ -40,4 +39,4 @@ void Progress::done(int count) {
   shown_ = true;
 }
 
-}  // namespace citylearn::vpr
+}  // namespace citylearn
