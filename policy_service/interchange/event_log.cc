@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/interchange/event_log.h"
 
+#include <google/protobuf/unknown_field_set.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <bit>
+#include <boost/crc.hpp>
 #include <charconv>
 #include <chrono>
 #include <cmath>
@@ -33,49 +34,34 @@ enum SessionLog { kStatus = 1, kStart = 1 };  // readers drop what they know of 
 enum Summary { kValue = 1 };
 enum Value { kTag = 1, kSimpleValue = 2 };
 
-/// A protobuf message's bytes.
+/// A protobuf message: its fields, in the order in which they are written.
 class Message {
  public:
   Message& number(int field, std::uint64_t value) {
-    varint(static_cast<std::uint64_t>(field) << 3);
-    varint(value);
+    fields_.AddVarint(field, value);
     return *this;
   }
-  Message& real(int field, double value) { return raw(field, 1, value); }
-  Message& real(int field, float value) { return raw(field, 5, value); }
-  Message& text(int field, std::string_view value) {
-    varint(static_cast<std::uint64_t>(field) << 3 | 2);
-    varint(value.size());
-    bytes_ += value;
+  Message& real(int field, double value) {
+    fields_.AddFixed64(field, std::bit_cast<std::uint64_t>(value));
     return *this;
   }
-  const std::string& bytes() const { return bytes_; }
+  Message& real(int field, float value) {
+    fields_.AddFixed32(field, std::bit_cast<std::uint32_t>(value));
+    return *this;
+  }
+  Message& text(int field, const std::string& value) {
+    fields_.AddLengthDelimited(field, value);
+    return *this;
+  }
+  std::string bytes() const {
+    std::string bytes;
+    fields_.SerializeToString(&bytes);
+    return bytes;
+  }
 
  private:
-  template <class T>
-  Message& raw(int field, std::uint64_t type, T value) {
-    varint(static_cast<std::uint64_t>(field) << 3 | type);
-    char bytes[sizeof value];
-    std::memcpy(bytes, &value, sizeof value);
-    bytes_.append(bytes, sizeof value);
-    return *this;
-  }
-  void varint(std::uint64_t value) {
-    for (; value > 0x7F; value >>= 7) bytes_ += static_cast<char>(value | 0x80);
-    bytes_ += static_cast<char>(value);
-  }
-  std::string bytes_;
+  google::protobuf::UnknownFieldSet fields_;
 };
-
-constexpr std::array<std::uint32_t, 256> crc_table() {
-  std::array<std::uint32_t, 256> table{};
-  for (std::uint32_t i = 0; i < 256; ++i) {
-    std::uint32_t rest = i;
-    for (int bit = 0; bit < 8; ++bit) rest = rest >> 1 ^ (rest & 1 ? 0x82F63B78u : 0);
-    table[i] = rest;
-  }
-  return table;
-}
 
 /// As TFRecords have it, so that a record of records does not look like a checksum.
 std::uint32_t masked_crc(const void* bytes, std::size_t count) {
@@ -83,48 +69,15 @@ std::uint32_t masked_crc(const void* bytes, std::size_t count) {
   return (crc >> 15 | crc << 17) + 0xA282EAD8u;
 }
 
-/// The step of an event of ours; none where it is no such message. Events without one are of step 0.
+/// Returns the step of an event; nothing where it is not such a message. Events without one are of step 0.
 std::optional<std::uint64_t> step_of(std::string_view event) {
-  const auto varint = [&]() -> std::optional<std::uint64_t> {
-    std::uint64_t value = 0;
-    for (int shift = 0; shift < 64 && !event.empty(); shift += 7) {
-      const auto byte = static_cast<unsigned char>(event.front());
-      event.remove_prefix(1);
-      value |= static_cast<std::uint64_t>(byte & 0x7F) << shift;
-      if (byte < 0x80) return value;
-    }
-    return std::nullopt;
-  };
+  google::protobuf::UnknownFieldSet fields;
+  if (!fields.ParseFromArray(event.data(), static_cast<int>(event.size()))) return std::nullopt;
   std::uint64_t step = 0;
-  while (!event.empty()) {
-    const auto key = varint();
-    if (!key) return std::nullopt;
-    std::uint64_t skipped = 0;
-    switch (*key & 7) {
-      case 0: {
-        const auto value = varint();
-        if (!value) return std::nullopt;
-        if (*key >> 3 == kStep) step = *value;
-        break;
-      }
-      case 1:
-        skipped = 8;
-        break;
-      case 2: {
-        const auto length = varint();
-        if (!length) return std::nullopt;
-        skipped = *length;
-        break;
-      }
-      case 5:
-        skipped = 4;
-        break;
-      default:
-        return std::nullopt;
-    }
-    if (skipped > event.size()) return std::nullopt;
-    event.remove_prefix(skipped);
-  }
+  for (int i = 0; i < fields.field_count(); ++i)
+    if (const auto& field = fields.field(i);
+        field.number() == kStep && field.type() == google::protobuf::UnknownField::TYPE_VARINT)
+      step = field.varint();
   return step;
 }
 
@@ -160,11 +113,9 @@ std::optional<std::uint64_t> seconds_of(const std::string& name) {
 }  // namespace
 
 std::uint32_t crc32c(const void* bytes, std::size_t count) {
-  static constexpr std::array<std::uint32_t, 256> kTable = crc_table();
-  std::uint32_t rest = 0xFFFFFFFFu;
-  for (std::size_t i = 0; i < count; ++i)
-    rest = rest >> 8 ^ kTable[(rest ^ static_cast<const unsigned char*>(bytes)[i]) & 0xFF];
-  return ~rest;
+  boost::crc_optimal<32, 0x1EDC6F41, 0xFFFFFFFF, 0xFFFFFFFF, true, true> crc;
+  crc.process_bytes(bytes, count);
+  return crc.checksum();
 }
 
 EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
