@@ -16,13 +16,6 @@ constexpr auto kReported =
 /// Whoever floods a domain with participants is told this often, and costs no more memory.
 constexpr std::size_t kMostStrangers = 1000;
 
-/// Others choose their names freely, and these go into our log.
-std::string printable(std::string text) {
-  for (char& c : text)
-    if (static_cast<unsigned char>(c) < ' ' || c == '\x7F') c = '?';
-  return text;
-}
-
 std::string describe(const DiscoveryMonitor::Participant& participant) {
   std::string who = participant.name.empty() ? "an unnamed participant" : "'" + participant.name + "'";
   if (!participant.vendor.empty()) who += ", " + participant.vendor;
@@ -121,7 +114,7 @@ void DiscoveryMonitor::participant_found(const std::string& key, const Participa
   std::lock_guard lock(mutex_);
   Participant& found = participants_[key] = participant;
   expecting_ = !expected_.empty();
-  found.name = printable(found.name);
+  found.name = one_line(found.name);  // others choose their names freely, and these go into our log
   const auto known = [&](const auto& endpoint) { return endpoint.second.participant == key; };
   if (!identity_required_ || std::any_of(endpoints_.begin(), endpoints_.end(), known)) return;
   if (strangers_.size() >= kMostStrangers) std::erase_if(strangers_, [](const auto& item) { return item.second.told; });
@@ -140,8 +133,7 @@ void DiscoveryMonitor::participant_lost(const std::string& key) {
 void DiscoveryMonitor::endpoint_found(const std::string& key, const std::string& participant, bool writes,
                                       const std::string& topic, const std::string& type) {
   std::lock_guard lock(mutex_);
-  if (endpoints_.try_emplace(key, Remote{participant, writes, printable(topic), printable(type)}).second)
-    changed_ = true;
+  if (endpoints_.try_emplace(key, Remote{participant, writes, one_line(topic), one_line(type)}).second) changed_ = true;
   if (const auto stranger = strangers_.find(participant); stranger != strangers_.end()) {
     if (stranger->second.told)
       spdlog::info("security: {}: has shown a trusted identity after all", stranger->second.who);

@@ -262,8 +262,7 @@ std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) 
       return internal::create_lossy(values, create_middleware(inner));
     }
   }
-  std::string known;
-  for (const auto& [each, help] : list_middlewares()) known += (known.empty() ? "" : ", ") + each;
+  const std::string known = joined(list_middlewares(), &std::pair<std::string, std::string>::first);
   throw Error("unknown middleware '" + name + "'", "middleware", "known: " + known + ", and lossy:NAME");
 }
 

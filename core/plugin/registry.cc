@@ -22,16 +22,13 @@ Registrations& registrations() {
 
 Parameters::Parameters(const std::string& owner, const std::vector<ParameterSpec>& specs,
                        const std::map<std::string, double>& values) {
-  std::string known;
-  for (const ParameterSpec& spec : specs) {
-    values_[spec.name] = spec.default_value;
-    known += (known.empty() ? "" : ", ") + spec.name;
-  }
+  for (const ParameterSpec& spec : specs) values_[spec.name] = spec.default_value;
   for (const auto& [name, value] : values) {
     const auto spec =
         std::find_if(specs.begin(), specs.end(), [&wanted = name](const ParameterSpec& s) { return s.name == wanted; });
     if (spec == specs.end())
-      throw Error("unknown parameter '" + name + "'", owner, known.empty() ? "it has none" : "known: " + known);
+      throw Error("unknown parameter '" + name + "'", owner,
+                  specs.empty() ? "it has none" : "known: " + joined(specs, &ParameterSpec::name));
     if (!(value >= spec->minimum && value <= spec->maximum))  // so written, NaN is refused
       throw Error("is " + text_of(value) + ", must be " + text_of(spec->minimum) + ".." + text_of(spec->maximum),
                   owner + "." + name);

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/util/error.h"
+#include "core/util/text.h"
 
 namespace citylearn {
 
@@ -79,12 +80,9 @@ class Registry {
   }
   /// Throws Error that lists the known names when there is none. `kind` is for that message: "network".
   const Entry& find(const std::string& kind, const std::string& name) const {
-    std::string known;
-    for (const Entry* entry : entries()) {
-      if (entry->name == name) return *entry;
-      known += (known.empty() ? "" : ", ") + entry->name;
-    }
-    throw Error("unknown " + kind + " '" + name + "'", "", "known: " + known);
+    for (const Entry& entry : entries_)
+      if (entry.name == name) return entry;
+    throw Error("unknown " + kind + " '" + name + "'", "", "known: " + joined(entries(), &Entry::name));
   }
 
  private:

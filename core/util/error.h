@@ -4,6 +4,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "core/util/text.h"
+
 namespace citylearn {
 
 /// The one exception of this project. Its message is a single line for a person: what is wrong, where, and what to do.
@@ -14,17 +16,6 @@ class Error : public std::runtime_error {
   explicit Error(const std::string& what, const std::string& where = "", const std::string& remedy = "")
       : std::runtime_error(
             one_line((where.empty() ? "" : where + ": ") + what + (remedy.empty() ? "" : " (" + remedy + ")"))) {}
-
- private:
-  /// Replaces control characters: names and texts from files and libraries may hold any.
-  static std::string one_line(std::string text) {
-    for (char& c : text)
-      if (c == '\n' || c == '\r' || c == '\t')
-        c = ' ';
-      else if ((c >= 0 && c < ' ') || c == '\x7F')
-        c = '?';
-    return text;
-  }
 };
 
 }  // namespace citylearn

@@ -8,7 +8,6 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 
 #include "core/util/error.h"
 
@@ -43,13 +42,19 @@ void write_file(const std::string& path, std::string_view contents) {
   }
 }
 
-std::string read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) throw Error(std::strerror(errno), path);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) throw Error("cannot be read", path);
-  return std::move(text).str();
+std::string read_file(const std::string& path, std::size_t most) {
+  std::error_code error;
+  if (std::filesystem::is_directory(path, error)) throw Error("is a folder, not a file", path);
+  std::ifstream file(path, std::ios::binary);
+  if (!file) throw Error(std::strerror(errno), path);
+  std::string text;
+  char block[1 << 16];
+  while (file.read(block, sizeof block), file.gcount() > 0) {
+    text.append(block, static_cast<std::size_t>(file.gcount()));
+    if (text.size() > most) throw Error("is larger than " + std::to_string(most) + " bytes", path);
+  }
+  if (file.bad()) throw Error("cannot be read", path);
+  return text;
 }
 
 }  // namespace citylearn

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <span>
+#include <cstddef>
+#include <limits>
 #include <string>
 #include <string_view>
 
@@ -12,7 +13,7 @@ namespace citylearn {
 /// temporary gone.
 void write_file(const std::string& path, std::string_view contents);
 
-/// Returns the whole file. Throws Error naming it when it cannot be read.
-std::string read_file(const std::string& path);
+/// Returns the whole file. Throws Error naming it when it cannot be read, is a folder or is larger than `most` bytes.
+std::string read_file(const std::string& path, std::size_t most = std::numeric_limits<std::size_t>::max());
 
 }  // namespace citylearn

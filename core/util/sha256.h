@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -10,6 +11,9 @@
 struct evp_md_ctx_st;
 
 namespace citylearn {
+
+/// Returns two hexadecimal digits a byte, in lower case.
+std::string hexadecimal(std::span<const unsigned char> bytes);
 
 /// Returns the SHA-256 of `bytes` in hexadecimal, 64 characters.
 std::string sha256(std::string_view bytes);

@@ -17,4 +17,21 @@ std::string joined(const Parts& parts, Text text = {}) {
   return all;
 }
 
+/// Replaces control characters, for one line of a message or a header: names and texts from elsewhere may hold any.
+inline std::string one_line(std::string text) {
+  for (char& c : text)
+    if (c == '\n' || c == '\r' || c == '\t')
+      c = ' ';
+    else if ((c >= 0 && c < ' ') || c == '\x7F')
+      c = '?';
+  return text;
+}
+
+/// Returns the text with its ASCII letters in lower case.
+inline std::string lower(std::string text) {
+  for (char& c : text)
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  return text;
+}
+
 }  // namespace citylearn

@@ -45,12 +45,6 @@ std::string short_number(double value) {
   return text.str();
 }
 
-std::string one_line(std::string text) {
-  while (!text.empty() && (text.back() == '\n' || text.back() == ' ')) text.pop_back();
-  std::replace(text.begin(), text.end(), '\n', ' ');
-  return text;
-}
-
 }  // namespace
 
 std::string version() { return CITYLEARN_VERSION; }
@@ -60,8 +54,7 @@ bool stop_requested() { return stop_signal != 0; }
 void add_node_options(CLI::App& app, Node::Options& options) {
   const std::string group = "Service";
   MiddlewareOptions& middleware = options.middleware;
-  std::string names;
-  for (const auto& [name, help] : list_middlewares()) names += (names.empty() ? "" : ", ") + name;
+  const std::string names = joined(list_middlewares(), &std::pair<std::string, std::string>::first);
   const auto name_length = CLI::Validator(
       [](std::string& text) {
         return text.empty() || text.size() > 64 ? std::string("must have 1 to 64 characters") : std::string();
@@ -150,7 +143,8 @@ std::string describe(const std::string& name, const std::string& help, const std
 int service_main(int argc, char** argv, const std::string& summary, const std::function<void(CLI::App&)>& setup,
                  const std::function<int()>& body) {
   const std::string program = std::string(argv[0]).substr(std::string(argv[0]).find_last_of('/') + 1);
-  const auto complain = [&program](const std::string& text, int status) {
+  const auto complain = [&program](std::string text, int status) {
+    text.erase(text.find_last_not_of("\n ") + 1);
     std::cerr << program << ": " << one_line(text) << std::endl;
     return status;
   };

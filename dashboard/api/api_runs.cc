@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/task/path.h"
+#include "core/util/text.h"
 #include "dashboard/api/api.h"
 #include "dashboard/api/parameters.h"
 #include "dashboard/api/tables.h"
@@ -169,11 +170,9 @@ Answer Api::training(const RunRow& row, const Query& query) {
     const std::string name = columns.substr(begin, end - begin);
     begin = end + 1;
     const TrainingFigure* column = find_training_figure(name);
-    if (!column) {
-      std::string names;
-      for (const TrainingFigure& one : training_figures()) names += (names.empty() ? "" : ", ") + std::string(one.name);
-      throw RequestError(400, "parameter 'columns' names '" + name + "', which is none of " + names);
-    }
+    if (!column)
+      throw RequestError(400, "parameter 'columns' names '" + name + "', which is none of " +
+                                  joined(training_figures(), &TrainingFigure::name));
     if (std::find(wanted.columns.begin(), wanted.columns.end(), column) != wanted.columns.end())
       throw RequestError(400, "parameter 'columns' names '" + name + "' twice");
     wanted.columns.push_back(column);

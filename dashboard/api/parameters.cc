@@ -1,22 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/api/parameters.h"
 
+#include <algorithm>
+
+#include "core/util/text.h"
+
 namespace citylearn {
 
 void not_found(const std::string& what) { throw RequestError(404, what); }
 
 void allow_only(const Query& query, std::initializer_list<const char*> known) {
-  for (const auto& [name, value] : query.parameters) {
-    bool found = false;
-    std::string names;
-    for (const char* one : known) {
-      found = found || name == one;
-      names += (names.empty() ? "" : ", ") + std::string(one);
-    }
-    if (!found)
-      throw RequestError(
-          400, "parameter '" + name + "' is not known here (" + (names.empty() ? "there are none" : names) + ")");
-  }
+  for (const auto& [name, value] : query.parameters)
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw RequestError(400, "parameter '" + name + "' is not known here (" +
+                                  (known.size() == 0 ? "there are none" : joined(known)) + ")");
 }
 
 std::optional<std::string> text_parameter(const Query& query, const char* name) {

@@ -13,14 +13,9 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::size_t kMostFolders = 1000;
-constexpr std::uintmax_t kMostBytes = 32 << 20;  // of a file: what vpr writes is far smaller
+constexpr std::size_t kMostBytes = 32 << 20;  // of a file: what vpr writes is far smaller
 constexpr const char* kSummary = "results.json";
 constexpr const char* kCurves = "curves.json";
-
-std::string bounded_file(const std::string& path) {
-  if (fs::file_size(path) > kMostBytes) throw Error("is too large for a result of vpr", path);
-  return read_file(path);
-}
 
 }  // namespace
 
@@ -65,7 +60,7 @@ nlohmann::json RecognitionResults::list() const {
     const std::string path = folder.path + "/" + kSummary;
     nlohmann::json result = nlohmann::json::object();
     try {
-      const nlohmann::json summary = nlohmann::json::parse(bounded_file(path), nullptr, false);
+      const nlohmann::json summary = nlohmann::json::parse(read_file(path, kMostBytes), nullptr, false);
       if (!summary.is_object()) throw Error("is not what vpr writes", path, "run it again");
       result = summary;
     } catch (const std::exception& error) {
@@ -84,7 +79,7 @@ std::optional<std::string> RecognitionResults::curves(const std::string& name) c
   if (!folder) return std::nullopt;
   const std::string path = folder->path + "/" + kCurves;
   if (!fs::is_regular_file(path)) return std::nullopt;  // an older vpr wrote none
-  return bounded_file(path);
+  return read_file(path, kMostBytes);
 }
 
 std::optional<std::string> RecognitionResults::matrix(const std::string& name, const std::string& matrix) const {
@@ -93,7 +88,7 @@ std::optional<std::string> RecognitionResults::matrix(const std::string& name, c
   const auto found =
       matrix.empty() ? folder->matrices.begin() : std::find(folder->matrices.begin(), folder->matrices.end(), matrix);
   if (found == folder->matrices.end()) return std::nullopt;
-  return bounded_file(folder->path + "/" + *found);
+  return read_file(folder->path + "/" + *found, kMostBytes);
 }
 
 }  // namespace citylearn

@@ -5,7 +5,6 @@
 #include <openssl/crypto.h>
 #include <openssl/hmac.h>
 #include <openssl/rand.h>
-#include <openssl/sha.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -15,40 +14,24 @@
 #include <cstring>
 
 #include "core/util/error.h"
+#include "core/util/sha256.h"
+#include "core/util/text.h"
 
 namespace citylearn {
 namespace {
 
 constexpr std::size_t kShortestToken = 16, kLongestToken = 1024;
 
-std::string hexadecimal(const unsigned char* bytes, std::size_t count) {
-  std::string text;
-  for (std::size_t i = 0; i < count; ++i) {
-    text += "0123456789abcdef"[bytes[i] >> 4];
-    text += "0123456789abcdef"[bytes[i] & 15];
-  }
-  return text;
-}
-
 std::string random_text(std::size_t bytes) {
   unsigned char random[32];
   if (RAND_bytes(random, static_cast<int>(bytes)) != 1) throw Error("no random numbers for a secret", "OpenSSL");
-  return hexadecimal(random, bytes);
+  return hexadecimal({random, bytes});
 }
 
 /// Compares digests, so that the time it takes does not reveal even the length.
 bool same_secret(std::string_view a, std::string_view b) {
-  unsigned char first[SHA256_DIGEST_LENGTH], second[SHA256_DIGEST_LENGTH];
-  SHA256(reinterpret_cast<const unsigned char*>(a.data()), a.size(), first);
-  SHA256(reinterpret_cast<const unsigned char*>(b.data()), b.size(), second);
-  return CRYPTO_memcmp(first, second, sizeof first) == 0;
-}
-
-std::string lower(std::string_view text) {
-  std::string out(text);
-  for (char& c : out)
-    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
-  return out;
+  const std::string first = sha256(a), second = sha256(b);
+  return CRYPTO_memcmp(first.data(), second.data(), first.size()) == 0;
 }
 
 std::string create_token(const std::string& path) {
@@ -129,7 +112,7 @@ Access::Access(Options options) : options_(std::move(options)) {
   static const std::string purpose = "citylearn dashboard cookie";
   HMAC(EVP_sha256(), token_.data(), static_cast<int>(token_.size()),
        reinterpret_cast<const unsigned char*>(purpose.data()), purpose.size(), digest, &length);
-  cookie_value_ = hexadecimal(digest, length);
+  cookie_value_ = hexadecimal({digest, length});
 }
 
 bool Access::ours(std::string_view host) const {
@@ -148,7 +131,7 @@ std::optional<std::string> Access::foreign(const Request& request) const {
     return "Host '" + std::string(request.host) + "' is not a name of this dashboard (--allow-host NAME adds one)";
   if (request.origin.empty()) return std::nullopt;
   // A proxy in front of us may speak HTTPS for us.
-  const std::string origin = lower(request.origin), host = lower(request.host);
+  const std::string origin = lower(std::string(request.origin)), host = lower(std::string(request.host));
   if (origin == "https://" + host || (!options_.tls && origin == "http://" + host)) return std::nullopt;
   return "Origin '" + std::string(request.origin) + "' is not this dashboard's page";
 }
@@ -156,7 +139,7 @@ std::optional<std::string> Access::foreign(const Request& request) const {
 bool Access::allows(const Request& request) const {
   if (token_.empty()) return true;
   constexpr std::string_view scheme = "bearer ";
-  if (lower(request.authorization.substr(0, scheme.size())) == scheme)
+  if (lower(std::string(request.authorization.substr(0, scheme.size()))) == scheme)
     return same_secret(request.authorization.substr(scheme.size()), token_);
   for (std::string_view rest = request.cookie; !rest.empty();) {
     const std::size_t end = rest.find(';');

@@ -19,6 +19,7 @@
 #include <boost/beast/websocket.hpp>
 #include <ctime>
 
+#include "core/util/text.h"
 #include "dashboard/http/request_handler.h"
 #include "dashboard/http/server_context.h"
 #include "dashboard/http/transport.h"
@@ -56,13 +57,6 @@ std::string http_date() {
 }
 
 using Response = http::response<http::span_body<const char>>;
-
-/// No value can begin another header.
-std::string one_line(std::string text) {
-  for (char& c : text)
-    if ((c >= 0 && c < ' ') || c == '\x7F') c = '?';
-  return text;
-}
 
 /// Nothing of ours may be framed, sniffed, read by other sites, or fetch anything from elsewhere.
 void put_strict_headers(http::fields& fields) {
@@ -261,7 +255,8 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     response.result(static_cast<unsigned>(answer.status));
     put_strict_headers(response);
     response.set(http::field::date, http_date());
-    for (const auto& [name, value] : answer.headers) response.set(name, one_line(value));
+    for (const auto& [name, value] : answer.headers)
+      response.set(name, one_line(value));  // no value can begin another header
     if (!bodiless) {
       response.set(http::field::content_type, answer.type);
       response.content_length(body.size());

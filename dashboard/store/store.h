@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "core/util/number_set.h"
 #include "core/wire/messages.h"
-#include "dashboard/store/number_set.h"
 
 namespace citylearn {
 

@@ -2,6 +2,7 @@
 #include "dashboard/store/store_reader.h"
 
 #include "core/util/error.h"
+#include "core/util/text.h"
 #include "dashboard/store/database.h"
 #include "dashboard/store/store_impl.h"
 
@@ -59,12 +60,6 @@ std::string column_of(const TrainingFigure& figure) {
   return figure.name == std::string_view("update") ? "key & " + std::to_string(kMostUpdates) : figure.name;
 }
 
-std::string all_columns() {
-  std::string list;
-  for (const TrainingFigure& figure : training_figures()) list += (list.empty() ? "" : ", ") + column_of(figure);
-  return list;
-}
-
 /// Binds ?1 and ?2 to the first and the last training.key of a run.
 SQLite::Statement& bind_run(SQLite::Statement& statement, std::int64_t run) {
   return bind_values(statement, training_key(run, 0), training_key(run, kMostUpdates));
@@ -95,7 +90,8 @@ StoreReader::Impl::Impl(const std::string& file)
                  "SELECT s.environment, s.dataset, s.traversal, s.condition, s.hash, s.frames, s.agents, s.images, "
                  "MAX(s.incarnation) FROM run_sources r JOIN sources s ON s.id = r.source "
                  "WHERE r.run = ? AND s.dataset IS NOT NULL GROUP BY s.environment ORDER BY s.environment"),
-      training(database, "SELECT " + all_columns() + " FROM training WHERE key BETWEEN ? AND ? ORDER BY key"),
+      training(database, "SELECT " + joined(training_figures(), column_of) +
+                             " FROM training WHERE key BETWEEN ? AND ? ORDER BY key"),
       episodes(database, select_episodes() + "e.run = ? ORDER BY e.id"),
       episode(database, select_episodes(", e.path, s.hash") + "e.id = ?"),
       groups(database,

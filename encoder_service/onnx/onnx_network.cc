@@ -56,13 +56,6 @@ class Silence {
   cv::utils::logging::LogLevel before_;
 };
 
-/// Names inside a file may hold anything; messages are one line.
-std::string one_line(std::string text) {
-  for (char& c : text)
-    if (static_cast<unsigned char>(c) < ' ' || c == 127) c = ' ';
-  return text;
-}
-
 /// The innermost reason of an exception that OpenCV wrapped in others, in one line.
 std::string reason_of(const std::exception& exception) {
   const auto* own = dynamic_cast<const cv::Exception*>(&exception);
@@ -98,11 +91,6 @@ std::string shortest(float number) {
 
 std::string shortest(const std::array<float, 3>& numbers) {
   return shortest(numbers[0]) + "," + shortest(numbers[1]) + "," + shortest(numbers[2]);
-}
-
-std::string lower(std::string text) {
-  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return text;
 }
 
 }  // namespace
@@ -224,10 +212,8 @@ void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
   for (const std::string& name : names)
     if (lower(name).find(lower(wanted)) != std::string::npos) close.push_back(name);
   const std::vector<std::string>& shown = close.empty() ? names : close;
-  std::string list;
-  for (std::size_t i = shown.size() - std::min<std::size_t>(shown.size(), 5); i < shown.size(); ++i)
-    list += (list.empty() ? "" : ", ") + one_line(shown[i]);
-  throw Error("has no layer '" + wanted + "'", path_, (close.empty() ? "its last are " : "it has ") + list);
+  const std::span last = std::span(shown).last(std::min<std::size_t>(shown.size(), 5));
+  throw Error("has no layer '" + wanted + "'", path_, (close.empty() ? "its last are " : "it has ") + joined(last));
 }
 
 namespace {

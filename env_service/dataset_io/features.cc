@@ -6,9 +6,9 @@
 #include <cmath>
 #include <limits>
 
+#include "core/util/files.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
-#include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 
 namespace citylearn {
@@ -94,7 +94,7 @@ class Table {
 }  // namespace
 
 void read_features(const std::string& path, Traversal& traversal) {
-  const std::string text = read_text(path, std::numeric_limits<std::size_t>::max());
+  const std::string text = read_file(path);
   traversal.features.reserve(text.size() / 8);
   Table(path, traversal).parse(text);
   traversal.features.shrink_to_fit();

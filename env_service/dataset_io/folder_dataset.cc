@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/util/files.h"
 #include "core/wire/messages.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
@@ -97,7 +98,7 @@ void locate(Traversal& traversal, const GpsRows& rows, double reach) {
 GpsRows read_gps_rows(const std::string& path) {
   TextTable::Options options;
   options.header = false;
-  if (read_text(path).find(',') == std::string::npos) options.separator = ' ';
+  if (read_file(path, kLargestText).find(',') == std::string::npos) options.separator = ' ';
   const TextTable table(path, options);
   GpsRows gps;
   for (int row = 0; row < table.rows(); ++row) {

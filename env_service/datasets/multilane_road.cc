@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <map>
 
+#include "core/util/text.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/files/files.h"
 

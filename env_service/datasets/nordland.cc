@@ -3,6 +3,7 @@
 #include <cmath>
 #include <map>
 
+#include "core/util/text.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"

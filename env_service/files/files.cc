@@ -4,11 +4,7 @@
 #include <strings.h>
 
 #include <algorithm>
-#include <cctype>
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
-#include <fstream>
 
 #include "core/util/error.h"
 
@@ -64,21 +60,6 @@ std::vector<std::string> entries_in(const std::string& folder, Wanted wanted) {
 }
 
 }  // namespace
-
-std::string read_text(const std::string& path, std::size_t most) {
-  std::error_code error;
-  if (fs::is_directory(path, error)) throw Error("is a folder, not a file", path);
-  std::ifstream file(path, std::ios::binary);
-  if (!file) throw Error(std::strerror(errno), path);
-  std::string text;
-  char block[1 << 16];
-  while (file.read(block, sizeof block), file.gcount() > 0) {
-    text.append(block, static_cast<std::size_t>(file.gcount()));
-    if (text.size() > most) throw Error("is larger than " + std::to_string(most) + " bytes", path);
-  }
-  if (file.bad()) throw Error("cannot be read", path);
-  return text;
-}
 
 std::vector<std::string> files_in(const std::string& folder, const std::vector<std::string>& suffixes) {
   return entries_in(folder, [&](const std::string& name, const fs::directory_entry& entry) {
@@ -139,11 +120,6 @@ std::string first_file(const std::string& folder, const std::vector<std::string>
 }
 
 std::string stem_of(const std::string& file) { return fs::path(file).stem().string(); }
-
-std::string lower(std::string text) {
-  for (char& c : text) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
-  return text;
-}
 
 bool has_form(const std::string& text, const std::string& pattern) {
   return std::equal(text.begin(), text.end(), pattern.begin(), pattern.end(),

@@ -8,8 +8,8 @@
 
 namespace citylearn {
 
-/// Reads the whole file. Throws Error when it cannot be read or is larger than `most` bytes.
-std::string read_text(const std::string& path, std::size_t most = std::size_t{1} << 30);
+/// Bytes of the largest table or JSON file.
+inline constexpr std::size_t kLargestText = std::size_t{1} << 30;
 
 /// Returns the names (not paths) of a folder's files that end in one of `suffixes`, whatever the letter case, without
 /// hidden files, in natural order: "img2" before "img10". Throws Error when the folder cannot be read.
@@ -33,8 +33,6 @@ std::string first_file(const std::string& folder, const std::vector<std::string>
 
 /// "frame10.png" becomes "frame10".
 std::string stem_of(const std::string& file);
-/// Returns the text in lower case.
-std::string lower(std::string text);
 /// Returns whether `text` looks like `pattern`, in which '0' stands for any digit.
 bool has_form(const std::string& text, const std::string& pattern);
 /// Returns the last run of digits in `text`, or -1 when there is none or it is too long.

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/util/error.h"
+#include "core/util/files.h"
 #include "env_service/files/files.h"
 
 namespace citylearn {
@@ -15,7 +16,7 @@ using nlohmann::json;
 json read_json(const std::string& path) { return read_json_without(path, {}); }
 
 json read_json_without(const std::string& path, const std::vector<std::string>& members) {
-  const std::string text = read_text(path);
+  const std::string text = read_file(path, kLargestText);
   try {
     if (members.empty()) return json::parse(text);
     return json::parse(text, [&](int, json::parse_event_t event, json& value) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "core/util/error.h"
+#include "core/util/files.h"
 #include "core/util/text.h"
 #include "env_service/files/files.h"
 
@@ -91,7 +92,7 @@ struct TextTable::Parts {
 TextTable::TextTable(const std::string& path, const Options& options) {
   auto parts = std::make_shared<Parts>();
   parts->path = path;
-  parts->text = read_text(path);
+  parts->text = read_file(path, kLargestText);
   parts->separator = options.separator;
   bool header = options.header;
   each_line(parts->text, [&](std::string_view row, int line) {

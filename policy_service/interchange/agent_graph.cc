@@ -66,13 +66,12 @@ std::unique_ptr<AgentGraph> export_graph(const TrainedAgent& agent, const Parame
   if (!agent.task.turns.empty())
     throw Error("learned a route that crosses itself, and a model cannot tell its crossings",
                 "network '" + agent.name + "'", "let its parameters leave as safetensors");
-  std::string known;
-  for (const auto* entry : AgentGraphRegistry::instance().entries()) {
+  const auto entries = AgentGraphRegistry::instance().entries();
+  for (const auto* entry : entries)
     if (entry->name == agent.name) return entry->create(parameters, agent);
-    known += (known.empty() ? "" : ", ") + entry->name;
-  }
   throw Error("network '" + agent.name + "' has no ONNX exporter", "",
-              "known: " + known + "; any network's parameters can leave as safetensors");
+              "known: " + joined(entries, &AgentGraphRegistry::Entry::name) +
+                  "; any network's parameters can leave as safetensors");
 }
 
 }  // namespace citylearn

@@ -68,12 +68,6 @@ namespace {
 
 std::string shape(const Tensor& tensor) { return std::to_string(tensor.rows) + " x " + std::to_string(tensor.cols); }
 
-std::string names(const std::vector<Tensor>& tensors) {
-  std::string all;
-  for (const Tensor& tensor : tensors) all += (all.empty() ? "" : ", ") + tensor.name;
-  return all;
-}
-
 }  // namespace
 
 /// Gives the learner the agent's parameters, as if it had just reached them.
@@ -84,7 +78,8 @@ void Trainer::Impl::start_from(const TrainedAgent& agent) {
   const std::vector<Tensor>&theirs = agent.network->tensors(), &ours = network->tensors();
   for (std::size_t i = 0; i < std::max(theirs.size(), ours.size()); ++i) {
     if (i >= ours.size() || i >= theirs.size() || theirs[i].name != ours[i].name)
-      throw Error("has the tensors " + names(theirs) + "; needed are " + names(ours), where);
+      throw Error("has the tensors " + joined(theirs, &Tensor::name) + "; needed are " + joined(ours, &Tensor::name),
+                  where);
     if (theirs[i].rows != ours[i].rows || theirs[i].cols != ours[i].cols)
       throw Error("tensor '" + ours[i].name + "' is " + shape(theirs[i]) + ", here it must be " + shape(ours[i]), where,
                   "train with the same features and network parameters as it was");
@@ -110,9 +105,9 @@ void Trainer::Impl::freeze() {
     if (beginning.empty() ||
         std::none_of(all.begin(), all.end(), [&](const Tensor& tensor) { return tensor.name.starts_with(beginning); }))
       throw Error("no tensor of network '" + options.agent + "' begins with '" + beginning + "'", "tensors to freeze",
-                  "it has " + names(all));
+                  "it has " + joined(all, &Tensor::name));
   if (chosen.size() == all.size())
-    throw Error("nothing is left to learn", "tensors to freeze", "freeze fewer of " + names(all));
+    throw Error("nothing is left to learn", "tensors to freeze", "freeze fewer of " + joined(all, &Tensor::name));
   if (!learner->freeze(chosen))
     throw Error("learner '" + options.learner + "' cannot keep tensors as they are", "tensors to freeze",
                 "choose another learner");

@@ -15,20 +15,6 @@ constexpr const char* kHeader =
 
 }  // namespace
 
-void EpisodeLog::Received::add(std::uint64_t episode) {
-  beyond[episode] = true;
-  skip_to(contiguous);
-}
-
-void EpisodeLog::Received::skip_to(std::uint64_t episode) {
-  contiguous = std::max(contiguous, episode);
-  beyond.erase(beyond.begin(), beyond.upper_bound(contiguous));
-  while (!beyond.empty() && beyond.begin()->first == contiguous + 1) {
-    ++contiguous;
-    beyond.erase(beyond.begin());
-  }
-}
-
 EpisodeLog::EpisodeLog(const std::string& path) : path_(path) {
   if (path_.empty()) return;
   load();
@@ -49,7 +35,7 @@ void EpisodeLog::load() {
       std::uint64_t incarnation, episode;
       if (std::sscanf(line.c_str(), "%64[^,],%" SCNu64 ",%" SCNu64, environment, &incarnation, &episode) != 3)
         throw Error("is not an episode log: " + line.substr(0, 40), path_, "choose another --output");
-      received_[{environment, incarnation}].add(episode);
+      received_[{environment, incarnation}].episodes.add(episode);
       ++total_;
     }
     first = false;
@@ -61,17 +47,15 @@ void EpisodeLog::load() {
 
 EpisodeLog::Received& EpisodeLog::received_from(const msg::EpisodeStat& episode) {
   Received& received = received_[{episode.header().sender().c_str(), episode.header().incarnation()}];
-  received.skip_to(episode.acknowledged());
+  received.episodes.add(1, episode.acknowledged());
   return received;
 }
 
-void EpisodeLog::skip(const msg::EpisodeStat& episode) { received_from(episode).add(episode.episode()); }
+void EpisodeLog::skip(const msg::EpisodeStat& episode) { received_from(episode).episodes.add(episode.episode()); }
 
 bool EpisodeLog::record(const msg::EpisodeStat& episode) {
   if (file_ && file_->waiting() > kMostWaiting) return false;
-  Received& received = received_from(episode);
-  if (episode.episode() <= received.contiguous || received.beyond.contains(episode.episode())) return false;
-  received.add(episode.episode());
+  if (!received_from(episode).episodes.add(episode.episode())) return false;
   ++total_;
   if (file_)
     file_->add(fmt::format("{},{},{},{},{},{},{},{},{},{},{},{:.6f},{}\n", episode.header().sender().c_str(),
@@ -86,7 +70,7 @@ std::uint64_t EpisodeLog::recorded(const std::string& environment, std::uint64_t
   const bool handed_on = !file_ || file_->flush();
   const auto found = received_.find({environment, incarnation});
   if (found == received_.end()) return 0;
-  if (handed_on) found->second.handed_on = found->second.contiguous;
+  if (handed_on) found->second.handed_on = found->second.episodes.reach();
   return found->second.handed_on;
 }
 

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "core/util/growing_file.h"
+#include "core/util/number_set.h"
 #include "core/wire/messages.h"
 
 namespace citylearn {
@@ -33,11 +34,8 @@ class EpisodeLog {
 
  private:
   struct Received {
-    std::uint64_t contiguous = 0;          ///< all episodes up to this one are recorded, or wait for the disk
-    std::uint64_t handed_on = 0;           ///< up to this one none waits
-    std::map<std::uint64_t, bool> beyond;  ///< recorded ones after a gap
-    void add(std::uint64_t episode);
-    void skip_to(std::uint64_t episode);
+    NumberSet episodes;           ///< recorded, or waiting for the disk
+    std::uint64_t handed_on = 0;  ///< up to this one none waits
   };
   static constexpr std::size_t kMostWaiting = 16 << 20;
   void load();

@@ -129,12 +129,8 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
     }
   }
   std::vector<RunGroup> runs;
-  std::string names;
   for (const std::uint64_t seed : seeds)
-    if (failed.contains(seed))
-      names += (names.empty() ? "" : ", ") + std::to_string(seed);
-    else
-      runs.push_back(read_summary(of_seed(seed).output + "/summary.json"));
+    if (!failed.contains(seed)) runs.push_back(read_summary(of_seed(seed).output + "/summary.json"));
   if (!runs.empty()) {
     RunGroup group = join(runs);
     group.name = fs::path(options.output + "/").parent_path().filename().string();
@@ -143,8 +139,10 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
     spdlog::info("wrote {}/sweep.json", options.output);
   }
   if (!failed.empty())
-    throw Error(fmt::format("{} of {} failed: {}: {}", failed.size(), seeds.size(), names, failed.begin()->second),
-                "seeds", "--resume tries them again");
+    throw Error(
+        fmt::format("{} of {} failed: {}: {}", failed.size(), seeds.size(),
+                    joined(failed, [](const auto& one) { return std::to_string(one.first); }), failed.begin()->second),
+        "seeds", "--resume tries them again");
   return 0;
 }
 

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/util/files.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
@@ -54,10 +55,10 @@ TEST(Files, ReadsAWholeFile) {
   const Folder folder;
   const std::string text = std::string(100'000, 'a') + '\0' + "b";
   write_file(folder / "x", text);
-  EXPECT_EQ(read_text(folder / "x"), text);
-  EXPECT_EQ(error_of([&] { read_text(folder / "x", 1000); }), folder / "x: is larger than 1000 bytes");
-  EXPECT_EQ(error_of([&] { read_text(folder / "y"); }), folder / "y: No such file or directory");
-  EXPECT_EQ(error_of([&] { read_text(folder.path()); }), folder.path() + ": is a folder, not a file");
+  EXPECT_EQ(read_file(folder / "x"), text);
+  EXPECT_EQ(error_of([&] { read_file(folder / "x", 1000); }), folder / "x: is larger than 1000 bytes");
+  EXPECT_EQ(error_of([&] { read_file(folder / "y"); }), folder / "y: No such file or directory");
+  EXPECT_EQ(error_of([&] { read_file(folder.path()); }), folder.path() + ": is a folder, not a file");
 }
 
 TEST(Table, AnyLineEndsAndAHeader) {
