@@ -14,11 +14,6 @@
 extern char** environ;
 
 namespace citylearn::vpr {
-namespace {
-
-int status_of(int status) { return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status); }
-
-}  // namespace
 
 Child::Child(std::vector<std::string> command, const std::string& log) {
   std::vector<char*> words;
@@ -35,28 +30,17 @@ Child::Child(std::vector<std::string> command, const std::string& log) {
 }
 
 Child::~Child() {
-  if (ended()) return;
+  if (status()) return;
   ::kill(id_, SIGKILL);
-  wait();
+  while (::waitpid(id_, nullptr, 0) < 0 && errno == EINTR) {
+  }
 }
 
-int Child::wait() {
+std::optional<int> Child::status() {
   int status = 0;
-  while (!ended_) {
-    if (::waitpid(id_, &status, 0) < 0 && errno == EINTR) continue;
-    status_ = status_of(status);
-    ended_ = true;
-  }
+  if (!status_ && ::waitpid(id_, &status, WNOHANG) == id_)
+    status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   return status_;
-}
-
-bool Child::ended() {
-  int status = 0;
-  if (!ended_ && ::waitpid(id_, &status, WNOHANG) == id_) {
-    status_ = status_of(status);
-    ended_ = true;
-  }
-  return ended_;
 }
 
 }  // namespace citylearn::vpr

@@ -3,6 +3,7 @@
 
 #include <sys/types.h>
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,16 +19,13 @@ class Child {
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
 
-  /// Waits for its end: exit status, 128 + signal when one ended it.
-  int wait();
-  /// Whether it has ended by now.
-  bool ended();
+  /// Returns its exit status once it has ended, 128 + signal when one ended it; nothing while it runs.
+  std::optional<int> status();
   pid_t id() const { return id_; }
 
  private:
   pid_t id_ = -1;
-  int status_ = 0;
-  bool ended_ = false;
+  std::optional<int> status_;
 };
 
 }  // namespace citylearn::vpr

@@ -44,13 +44,13 @@ void run_python(const std::string& program, const std::vector<std::string>& argu
   const std::string log = fs::temp_directory_path() / ("citylearn-python-" + std::to_string(getpid()) + ".log");
   const bool stopped_before = stop_requested();
   Child child(command, log);
-  while (!child.ended()) {
+  while (!child.status()) {
     if (stop_requested() && !stopped_before) throw Stopped{};
     ::poll(nullptr, 0, 20);
   }
   const std::string output = read_file(log);
   fs::remove(log);
-  if (child.wait() == 0) return;
+  if (child.status() == 0) return;
   if (stop_requested() && !stopped_before) throw Stopped{};
   const bool incomplete = output.find("No module named") != output.npos;
   throw Error(last_line(output), path, incomplete ? "apt-get install python3-matplotlib python3-jinja2" : "");

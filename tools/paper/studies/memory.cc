@@ -71,7 +71,7 @@ double of_process(const std::string& program, const World& world) {
   const Clock::time_point deadline = Clock::now() + kPatience;
   // It logs what it hosts once it is ready.
   while (read_file(log).find(" agents, hash ") == std::string::npos) {
-    if (child.ended() || Clock::now() > deadline)
+    if (child.status() || Clock::now() > deadline)
       throw Error("did not begin: " + take_log(), "'" + program + "'", "try it by hand");
     if (stop_requested()) throw Stopped{};
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
