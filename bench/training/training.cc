@@ -17,7 +17,7 @@
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/worker.h"
-#include "tools/inprocess/pictures.h"
+#include "tools/vpr/descriptors.h"
 
 namespace citylearn {
 namespace {
@@ -83,9 +83,17 @@ void train(const Options& options) {
   std::vector<Traversal> others;
   for (const std::string& name : options.evaluate) others.push_back(source->load(name));
   if (!options.encoder.empty()) {
-    Pictures pictures(options.encoder, route, options.trainer.first_frame, options.frames);
-    route = pictures.encode(route);
-    for (Traversal& other : others) other = pictures.encode(other);
+    const auto& entry = EncoderRegistry::instance().find("encoder", options.encoder);
+    const auto encoder = entry.create(Parameters("encoder " + options.encoder, entry.parameters, {}), {});
+    const auto encode = [&](Traversal& traversal) {
+      if (!traversal.images)
+        throw Error("has no pictures", "traversal '" + traversal.name + "'", "leave --encoder out");
+      traversal.frames = std::min(traversal.frames, options.trainer.first_frame + options.frames);
+      if (&traversal == &route) vpr::fit_encoder(*encoder, route);
+      traversal = vpr::with_features(traversal, vpr::encode(*encoder, traversal, options.encoder, "").matrix);
+    };
+    encode(route);
+    for (Traversal& other : others) encode(other);
   }
 
   InprocessTraining training(options.trainer, route, options.frames, options.environments, options.agents);

@@ -27,9 +27,16 @@ std::uint64_t Context::steps(const std::string& agent, const std::string& learne
   return static_cast<std::uint64_t>(std::max(1.0, all * effort));
 }
 
+std::vector<std::uint64_t> Context::few_seeds() const {
+  std::vector<std::uint64_t> few = seeds;
+  few.resize(std::min<std::size_t>(few.size(), quick ? 1 : 3));
+  return few;
+}
+
 Study Context::study(const Agent& agent, std::uint64_t seed) const {
   Study study;
   study.agent = agent.agent;
+  study.learner = agent.learner;
   study.representation = agent.representation;
   study.frames = frames;
   study.seed = seed;
@@ -49,18 +56,15 @@ int Context::features(const Agent& agent) const {
 }
 
 Json Context::description(const Agent& agent, Json units) const {
-  return {{"agent", agent.agent},
-          {"label", agent.label},
-          {"representation", agent.representation},
-          {"features", features(agent)},
-          {"units", std::move(units)}};
+  return {{"agent", agent.agent},        {"label", label_of(agent.agent)},
+          {"learner", agent.learner},    {"representation", agent.representation},
+          {"features", features(agent)}, {"units", std::move(units)}};
 }
 
 Json Context::add_agents() const {
   Json all = Json::array();
   for (const Agent& agent : agents)
-    all.push_back(description(
-        agent, add_units(agent.seeds, [&](std::uint64_t seed) { return unit_of(study(agent, seed), world); })));
+    all.push_back(add_agent(agent, [&](std::uint64_t seed) { return unit_of(study(agent, seed), world); }));
   return all;
 }
 
@@ -71,6 +75,15 @@ Json Context::add_controls(World& where, const std::vector<std::string>& names, 
     all.push_back({{"label", name}, {"unit", work.add(unit_of(study, where))}});
   }
   return all;
+}
+
+std::string label_of(const std::string& agent) {
+  static const std::map<std::string, std::string> labels = {{"baseline", "baseline (sees its position)"},
+                                                            {"features", "features (the paper's)"},
+                                                            {"raw_images", "raw images"},
+                                                            {"place_filter", "place_filter (ours)"}};
+  const auto found = labels.find(agent);
+  return found == labels.end() ? agent : found->second;
 }
 
 }  // namespace citylearn::paper

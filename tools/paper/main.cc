@@ -83,10 +83,9 @@ void add_options(CLI::App& app, CommandLine& line) {
 std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint64_t>& seeds, bool quick) {
   const std::string features = world.representations({64}).front();
   const std::vector<std::uint64_t> few = quick ? std::vector{seeds.front()} : seeds;
-  std::vector<Context::Agent> agents = {{"baseline", "baseline (sees its position)", features, seeds, 40},
-                                        {"features", "features (the paper's)", features, few, 90}};
-  if (world.pictures()) agents.push_back({"raw_images", "raw images", "raw84", few, 150});
-  agents.push_back({"place_filter", "place_filter (ours)", features, seeds, 6});
+  std::vector<Context::Agent> agents = {{"baseline", features, seeds, 40}, {"features", features, few, 90}};
+  if (world.pictures()) agents.push_back({"raw_images", "raw84", few, 150});
+  agents.push_back({"place_filter", features, seeds, 6});
   return agents;
 }
 

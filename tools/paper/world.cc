@@ -7,7 +7,6 @@
 #include <algorithm>
 
 #include "core/util/error.h"
-#include "tools/inprocess/pictures.h"
 #include "tools/paper/studies/cropped.h"
 #include "tools/vpr/descriptors.h"
 
@@ -153,9 +152,11 @@ const Traversal& World::traversal(const std::string& representation, const std::
   if (representation == kAsRead) return recordings_.at(name);
   Traversal& result = traversals_[{representation, name}];
   if (result.frames > 0) return result;
-  if (representation == kRaw)
-    return result = Pictures(kRaw, recordings_.at(train()), 0, std::min(options_.raw_frames, frames()))
-                        .encode(recordings_.at(name));
+  if (representation == kRaw) {
+    Traversal route = recordings_.at(name);
+    route.frames = std::min(options_.raw_frames, frames());
+    return result = vpr::with_features(route, vpr::encode(*encoded(kRaw).encoder, route, kRaw, "").matrix);
+  }
   const std::size_t dash = representation.rfind('-');
   const std::string encoder = representation.substr(0, dash);
   Encoded& parts = encoded(encoder);
@@ -169,12 +170,7 @@ const Traversal& World::traversal(const std::string& representation, const std::
   if (fresh)
     reduction->second =
         Reduction::learn(descriptors(train()), {.dimension = std::stoi(representation.substr(dash + 1))});
-  const Eigen::MatrixXf features = reduction->second.apply(descriptors(name));
-  Traversal made = recordings_.at(name);
-  made.images.reset();
-  made.dimension = static_cast<int>(features.rows());
-  made.features.assign(features.data(), features.data() + features.size());
-  return result = std::move(made);
+  return result = vpr::with_features(recordings_.at(name), reduction->second.apply(descriptors(name)));
 }
 
 }  // namespace citylearn::paper

@@ -71,6 +71,15 @@ Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::stri
   return result;
 }
 
+Traversal with_features(Traversal traversal, const Eigen::MatrixXf& features) {
+  traversal.images.reset();
+  traversal.frames = static_cast<int>(features.cols());
+  traversal.positions.resize(static_cast<std::size_t>(traversal.frames));
+  traversal.dimension = static_cast<int>(features.rows());
+  traversal.features.assign(features.data(), features.data() + features.size());
+  return traversal;
+}
+
 Descriptors features_of(const Traversal& traversal) {
   Descriptors result;
   result.matrix = Eigen::MatrixXf::Map(traversal.features.data(), traversal.dimension, traversal.frames);

@@ -26,6 +26,9 @@ void fit_encoder(Encoder& encoder, const Traversal& reference);
 /// written. Throws Error, Stopped.
 Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::string& label, const std::string& store);
 
+/// Returns the traversal with features, D x F, in place of its pictures; it ends with them.
+Traversal with_features(Traversal traversal, const Eigen::MatrixXf& features);
+
 /// Features that a traversal has already.
 Descriptors features_of(const Traversal& traversal);
 

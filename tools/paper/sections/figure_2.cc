@@ -36,12 +36,12 @@ std::vector<Context::Agent> wide_agents(const Context& context) {
 Json plan_figure_2(const Context& context) {
   Json agents = context.add_agents();
   for (const Context::Agent& agent : wide_agents(context))
-    agents.push_back(context.description(agent, context.add_units(agent.seeds, [&](std::uint64_t seed) {
+    agents.push_back(context.add_agent(agent, [&](std::uint64_t seed) {
       Study study = context.study(agent, seed);
       study.deploy_every = 0;
       study.traversals = {context.world.train()};
       return unit_of(study, context.world);
-    })));
+    }));
   return {{"agents", agents}};
 }
 

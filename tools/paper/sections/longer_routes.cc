@@ -6,13 +6,6 @@
 namespace citylearn::paper {
 namespace {
 
-/// An agent on routes of several lengths.
-struct RouteAgent {
-  std::string agent, learner, label;
-  std::vector<std::uint64_t> seeds;
-  double seconds = 0;  ///< estimate for one training on 128 places
-};
-
 std::vector<int> route_lengths(const Context& context) {
   std::vector<int> all = {context.frames};
   for (const int frames : {512, context.world.frames()})
@@ -23,10 +16,10 @@ std::vector<int> route_lengths(const Context& context) {
 /// Beyond so many places `features` would take hours.
 int most_for_features(const Context& context) { return context.quick ? 128 : 512; }
 
-std::vector<RouteAgent> route_agents(const Context& context, int frames) {
-  std::vector<RouteAgent> all = {{"place_filter", "relabel", "place_filter (ours)", context.seeds, 2}};
-  if (frames <= most_for_features(context))
-    all.push_back({"features", "ppo", "features (the paper's)", few_seeds(context), 60});
+std::vector<Context::Agent> route_agents(const Context& context, int frames) {
+  const std::string representation = common_representation(context.world);
+  std::vector<Context::Agent> all = {{"place_filter", representation, context.seeds, 2, "relabel"}};
+  if (frames <= most_for_features(context)) all.push_back({"features", representation, context.few_seeds(), 60});
   return all;
 }
 
@@ -35,20 +28,13 @@ int tasks(const Context& context, int frames) {
   return frames <= 256 ? context.tasks() : std::max(10, context.tasks() * 256 / frames);
 }
 
-Study study_of(const Context& context, const RouteAgent& agent, int frames, std::uint64_t seed) {
-  Study study;
-  study.agent = agent.agent;
-  study.learner = agent.learner;
-  study.representation = common_representation(context.world);
+Study study_of(const Context& context, const Context::Agent& agent, int frames, std::uint64_t seed) {
+  Study study = context.study(agent, seed);
   study.frames = frames;
-  study.seed = seed;
-  study.steps = context.steps(agent.agent, agent.learner);
   study.tasks = tasks(context, frames);
-  study.tasks_between = context.tasks_between();
-  study.traversals = context.world.names();
   // A filter over places costs as much as there are places.
-  study.seconds = agent.seconds * context.effort * (agent.agent == "place_filter" ? std::max(1.0, frames / 200.0) : 1);
-  if (agent.learner == "ppo" && frames == context.frames) study.deploy_every = 100;  // as in the other sections
+  if (agent.agent == "place_filter") study.seconds *= std::max(1.0, frames / 200.0);
+  if (agent.learner != "ppo" || frames != context.frames) study.deploy_every = 0;  // else as in the other sections
   return study;
 }
 
@@ -59,12 +45,9 @@ Json plan_longer_routes(const Context& context) {
   Json routes = Json::array();
   for (const int frames : route_lengths(context)) {
     Json agents = Json::array();
-    for (const RouteAgent& agent : route_agents(context, frames))
-      agents.push_back({{"label", agent.label},
-                        {"learner", agent.learner},
-                        {"units", context.add_units(agent.seeds, [&](std::uint64_t seed) {
-                           return unit_of(study_of(context, agent, frames, seed), world);
-                         })}});
+    for (const Context::Agent& agent : route_agents(context, frames))
+      agents.push_back(context.add_agent(
+          agent, [&](std::uint64_t seed) { return unit_of(study_of(context, agent, frames, seed), world); }));
     const ControlStudy control{"", common_representation(world), 0, frames, tasks(context, frames), world.names()};
     routes.push_back(
         {{"frames", frames},

@@ -13,7 +13,7 @@ constexpr std::size_t kTraversals = 3;  // the one learned from and two others
 
 /// A row of the table: a policy, and whether it has the junctions.
 struct MapPolicy {
-  std::string policy, label;
+  std::string policy;
   bool learns, junctions;
   std::vector<std::uint64_t> seeds;
   double seconds;
@@ -22,13 +22,12 @@ struct MapPolicy {
 std::vector<MapPolicy> map_policies(const Context& context) {
   std::vector<MapPolicy> all;
   for (const bool junctions : {true, false}) {
-    all.push_back({"place_filter", "place_filter (ours)", true, junctions, context.seeds, context.quick ? 8.0 : 20.0});
-    all.push_back(
-        {"features", "features (the paper's)", true, junctions, few_seeds(context), context.quick ? 25.0 : 120.0});
-    all.push_back({"sequence_filter", "sequence_filter", false, junctions, {1}, 1});
-    all.push_back({"shortest_path", "shortest_path", false, junctions, {1}, 1});
+    all.push_back({"place_filter", true, junctions, context.seeds, context.quick ? 8.0 : 20.0});
+    all.push_back({"features", true, junctions, context.few_seeds(), context.quick ? 25.0 : 120.0});
+    all.push_back({"sequence_filter", false, junctions, {1}, 1});
+    all.push_back({"shortest_path", false, junctions, {1}, 1});
   }
-  all.push_back({"blind", "blind", false, false, {1}, 1});
+  all.push_back({"blind", false, false, {1}, 1});
   return all;
 }
 
@@ -77,7 +76,7 @@ Json plan_map(const Context& context) {
     study.steps = policy.learns ? training_steps(context, policy.policy) : 0;
     study.seconds = policy.seconds * (policy.learns ? context.effort : 1);
     policies.push_back({{"policy", policy.policy},
-                        {"label", policy.label},
+                        {"label", label_of(policy.policy)},
                         {"learns", policy.learns},
                         {"junctions", policy.junctions},
                         {"steps", study.steps},

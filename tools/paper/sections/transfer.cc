@@ -25,12 +25,12 @@ std::vector<Variant> variants_of(const std::string& agent) {
           {"trained from scratch", false}};
 }
 
-Study second_training(const Context& context, const Study& first, const TransferAgent& agent, const Variant& variant) {
+Study second_training(const Context& context, const Study& first, const Context::Agent& agent, const Variant& variant) {
   const double share = context.quick ? 0.25 : 1;
   Study study = first;
   study.save_parameters = false;
   study.first = first.frames;
-  study.steps = transfer_steps(context, agent.agent, share);
+  study.steps = transfer_steps(context, agent, share);
   study.seconds = agent.seconds * share * context.effort;
   study.traversals = context.world.names();
   if (variant.pretrained) study.initial = saved_agent(first, context.world, context.work);
@@ -44,7 +44,7 @@ Json plan_transfer(const Context& context) {
   World& world = context.world;
   const int frames = std::min(context.frames, world.frames() / 2);  // of each of the two routes
   Json agents = Json::array();
-  for (const TransferAgent& agent : transfer_agents(context)) {
+  for (const Context::Agent& agent : transfer_agents(context, world)) {
     const std::vector<Variant> variants = variants_of(agent.agent);
     Json unchanged = Json::array(), trained = Json::array();
     for (const Variant& variant : variants)
@@ -60,7 +60,8 @@ Json plan_transfer(const Context& context) {
         trained[i]["units"].push_back(
             context.work.add(unit_of(second_training(context, first, agent, variants[i]), world)));
     }
-    agents.push_back({{"agent", agent.agent}, {"label", agent.label}, {"unchanged", unchanged}, {"variants", trained}});
+    agents.push_back(
+        {{"agent", agent.agent}, {"label", label_of(agent.agent)}, {"unchanged", unchanged}, {"variants", trained}});
   }
   const ControlStudy control{"", common_representation(world), frames, frames, context.tasks(), world.names()};
   return {{"frames", frames},

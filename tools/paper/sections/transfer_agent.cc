@@ -7,15 +7,10 @@
 
 namespace citylearn::paper {
 
-std::vector<std::uint64_t> few_seeds(const Context& context) {
-  std::vector<std::uint64_t> seeds = context.seeds;
-  seeds.resize(std::min<std::size_t>(seeds.size(), context.quick ? 1 : 3));
-  return seeds;
-}
-
-std::vector<TransferAgent> transfer_agents(const Context& context) {
-  return {{"features", "features (the paper's)", few_seeds(context), 60},
-          {"place_filter", "place_filter (ours)", context.seeds, 1.5}};
+std::vector<Context::Agent> transfer_agents(const Context& context, World& world) {
+  const std::string representation = common_representation(world);
+  return {{"features", representation, context.few_seeds(), 60, "relabel"},
+          {"place_filter", representation, context.seeds, 1.5, "relabel"}};
 }
 
 std::string common_representation(World& world) {
@@ -26,22 +21,18 @@ std::string common_representation(World& world) {
   return world.representations({}).front();
 }
 
-std::uint64_t transfer_steps(const Context& context, const std::string& agent, double share) {
-  const double all = Trainer::recommended_parameters(agent, kTransferLearner).at("trainer").at("steps");
+std::uint64_t transfer_steps(const Context& context, const Context::Agent& agent, double share) {
+  const double all = Trainer::recommended_parameters(agent.agent, agent.learner).at("trainer").at("steps");
   return static_cast<std::uint64_t>(std::max(1.0, all * share * context.effort));
 }
 
-Study first_training(const Context& context, World& world, const TransferAgent& agent, std::uint64_t seed, int frames) {
+Study first_training(const Context& context, World& world, const Context::Agent& agent, std::uint64_t seed,
+                     int frames) {
   const double share = context.quick ? 0.5 : 1;
-  Study study;
-  study.agent = agent.agent;
-  study.learner = kTransferLearner;
-  study.representation = common_representation(world);
+  Study study = context.study(agent, seed);
   study.frames = frames;
-  study.seed = seed;
-  study.steps = transfer_steps(context, agent.agent, share);
-  study.tasks = context.tasks();
-  study.tasks_between = context.tasks_between();
+  study.steps = transfer_steps(context, agent, share);
+  study.deploy_every = 0;
   study.traversals = {world.train()};
   study.seconds = agent.seconds * share * context.effort;
   study.save_parameters = true;

@@ -19,15 +19,14 @@ Json plan_viewpoint(const Context& context) {
   for (const std::string& method : methods)
     for (const Json& shift : shifts)
       cases.push_back(add_case({representation, method, shift["name"]}, context.work, world));
-  for (const TransferAgent& agent : transfer_agents(context))
-    agents.push_back({{"label", agent.label},
-                      {"units", context.add_units(agent.seeds, [&](std::uint64_t seed) {
-                         const Study first = first_training(context, world, agent, seed, frames);
-                         context.work.add(unit_of(first, world));
-                         return unit_of(TransferTrial{saved_agent(first, world, context.work), representation, 0,
-                                                      frames, context.tasks(), world.names()},
-                                        world);
-                       })}});
+  for (const Context::Agent& agent : transfer_agents(context, world))
+    agents.push_back(context.add_agent(agent, [&](std::uint64_t seed) {
+      const Study first = first_training(context, world, agent, seed, frames);
+      context.work.add(unit_of(first, world));
+      return unit_of(TransferTrial{saved_agent(first, world, context.work), representation, 0, frames, context.tasks(),
+                                   world.names()},
+                     world);
+    }));
   const ControlStudy control{"", representation, 0, frames, context.tasks(), world.names()};
   return {{"recordings", world.description()},
           {"substitute", &straight != &context.world},
