@@ -36,6 +36,8 @@ std::span<const Byte> chunk_of(std::span<const Byte> bytes, std::uint32_t chunk)
 /// `retry` without an answer.
 class RequestTimer {
  public:
+  static constexpr int kUsualTries = 6;  ///< for what somebody waits for
+
   /// `most_tries`: requests in a row without an answer before it gives up; 0: it never does.
   explicit RequestTimer(std::chrono::milliseconds retry, int most_tries = 0) : retry_(retry), most_tries_(most_tries) {}
 

@@ -8,9 +8,7 @@
 #include <csignal>
 #include <iostream>
 
-#ifndef CITYLEARN_VERSION
-#error "the build defines CITYLEARN_VERSION"
-#endif
+#include "core/util/version.h"
 
 namespace citylearn {
 namespace {
@@ -46,8 +44,6 @@ std::string short_number(double value) {
 }
 
 }  // namespace
-
-std::string version() { return CITYLEARN_VERSION; }
 
 bool stop_requested() { return stop_signal != 0; }
 

@@ -15,9 +15,6 @@ class App;
 
 namespace citylearn {
 
-/// Returns the version of the programs, with the git revision they were built from: "0.1.0 (abc1234)".
-std::string version();
-
 /// Options that every service has: --session, --id, --middleware, --domain, --interface, --peers, --discovery-server,
 /// --security, --config, --log-level, --log-format. Precedence: command line, then --config FILE (TOML, the same names
 /// without dashes), then environment (CITYLEARN_SESSION, CITYLEARN_MIDDLEWARE, CITYLEARN_DOMAIN, CITYLEARN_INTERFACE,

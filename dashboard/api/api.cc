@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <exception>
 
-#include "core/wire/service.h"
+#include "core/util/version.h"
 #include "dashboard/api/parameters.h"
 #include "dashboard/live/json.h"
 

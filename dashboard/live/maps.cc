@@ -9,7 +9,6 @@ namespace citylearn {
 namespace {
 
 constexpr std::chrono::milliseconds kAgain{500};
-constexpr int kTries = 6;  // requests without an answer before it gives up
 
 }  // namespace
 
@@ -22,7 +21,8 @@ std::shared_ptr<const RouteMap> Maps::find(std::uint64_t hash) {
 
 void Maps::fetch(std::uint64_t hash, const std::string& session, const std::string& environment) {
   if (maps_.contains(hash) || fetches_.contains(hash) || fetches_.size() >= kMost) return;
-  fetches_.try_emplace(hash, Fetch{session, environment, std::make_shared<RouteMap>(), RequestTimer(kAgain, kTries)});
+  fetches_.try_emplace(
+      hash, Fetch{session, environment, std::make_shared<RouteMap>(), RequestTimer(kAgain, RequestTimer::kUsualTries)});
 }
 
 void Maps::poll(Clock::time_point now) {

@@ -12,7 +12,6 @@ namespace {
 
 constexpr std::size_t kMostFetches = 4;    // at once: a picture may have 64 MiB
 constexpr std::size_t kMostOriginals = 4;  // that wait to be made small
-constexpr int kTries = 6;                  // requests without an answer before it gives up
 
 }  // namespace
 
@@ -66,7 +65,8 @@ void Pictures::poll(Clock::time_point now) {
   const auto [key, source] = newest_next_ ? waiting_.back() : waiting_.front();
   newest_next_ ? waiting_.pop_back() : waiting_.pop_front();
   next_ = now + options_.between;
-  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, RequestTimer(options_.patience, kTries)}).first->second;
+  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, RequestTimer(options_.patience, RequestTimer::kUsualTries)})
+                     .first->second;
   request(key, fetch, now);
 }
 

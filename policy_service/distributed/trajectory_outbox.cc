@@ -8,14 +8,14 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kInterval{200}, kLongestInterval{2000};
+constexpr milliseconds kFirstInterval{200}, kLongestInterval{2000};
 constexpr std::size_t kResentAtOnce = 16;
 constexpr std::uint64_t kMostInFlight = 48;  // a writer's history is little deeper
 
 }  // namespace
 
 void TrajectoryOutbox::schedule_resend() {
-  interval_ = kInterval;
+  interval_ = kFirstInterval;
   resend_ = Clock::now() + interval_;
 }
 

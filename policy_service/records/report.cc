@@ -7,7 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/plugin/plugins.h"
-#include "core/wire/service.h"
+#include "core/util/version.h"
 
 namespace citylearn {
 namespace {

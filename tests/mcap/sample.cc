@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/util/error.h"
-#include "core/wire/service.h"
+#include "core/util/version.h"
 #include "tests/support/recordings.h"
 #include "tests/support/samples.h"
 

@@ -18,13 +18,25 @@ changed() {
   { git diff --name-only --diff-filter=d "$base"; git ls-files --others --exclude-standard; } | sort -u
 }
 
-# Clang reads neither GCC's precompiled headers nor all of its warnings.
+# database BUILD: writes BUILD/tests/tidy/compile_commands.json, one command for each file. Those that the build merges into one
+# are listed each by itself.
+database() {
+  mkdir -p "$1/tests/tidy"
+  python3 - "$1/compile_commands.json" >"$1/tests/tidy/compile_commands.json" <<'PYTHON'
+import json, re, sys
+
+commands = []
+for entry in json.load(open(sys.argv[1])):
+    merged = re.findall(r'#include "(.*)"', open(entry['file']).read()) if '/Unity/' in entry['file'] else [entry['file']]
+    commands += [{**entry, 'file': file, 'command': entry['command'].replace(entry['file'], file)} for file in merged]
+json.dump(commands, sys.stdout, indent=0)
+PYTHON
+}
+
 tidy() {
   need clang-tidy
   local build=$1/tests/tidy; shift
   [ $# -gt 0 ] || { echo 'no source has changed'; return 0; }
-  mkdir -p "$build"
-  sed -E 's/-Winvalid-pch//; s/-include [^ ]*cmake_pch\.hxx//' "$build/../../compile_commands.json" >"$build/compile_commands.json"
   printf '%s\n' "$@"
   printf '%s\0' "$@" |
     xargs -0 -P "$(nproc)" -n 1 clang-tidy --quiet -p "$build" --extra-arg=-Wno-unknown-warning-option 2> >(grep -v 'warnings\? ' >&2)
@@ -40,12 +52,14 @@ case $1 in
   tidy)
     # Those that the build compiles. A dozen takes a minute or two on two cores.
     list=$(changed)
+    database "$2"
     mapfile -t files < <(grep -E '\.cc$' <<<"$list" | while read -r file; do
-      ! grep -q "\"file\": \".*/$file\"" "$2/compile_commands.json" || echo "$file"; done)
+      ! grep -q "\"file\": \".*/$file\"" "$2/tests/tidy/compile_commands.json" || echo "$file"; done)
     [ ${#files[@]} -le 12 ] || echo "12 of ${#files[@]} changed files (tidy_all checks every one)"
     tidy "$2" "${files[@]:0:12}" ;;
   tidy_all)
-    mapfile -t files < <(sed -n 's/.*"file": "\(.*\)".*/\1/p' "$2/compile_commands.json" | grep -E '\.cc$' | grep -v "^$2/" | sort -u)
+    database "$2"
+    mapfile -t files < <(sed -n 's/.*"file": "\(.*\)".*/\1/p' "$2/tests/tidy/compile_commands.json" | grep -E '\.cc$' | grep -v "^$2/" | sort -u)
     tidy "$2" "${files[@]}" ;;
   *) echo "check.sh: unknown check '$1'"; exit 1 ;;
 esac

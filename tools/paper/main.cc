@@ -9,6 +9,7 @@
 
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/version.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "policy_service/run/sweep.h"

@@ -9,8 +9,8 @@
 #include <thread>
 
 #include "core/plugin/plugins.h"
+#include "core/util/version.h"
 #include "core/util/wall_clock.h"
-#include "core/wire/service.h"
 
 namespace citylearn::paper {
 namespace {

@@ -5,6 +5,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
+#include "core/util/version.h"
 #include "core/wire/service.h"
 #include "tools/record/recording.h"
 

@@ -7,7 +7,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "core/wire/service.h"
+#include "core/util/version.h"
 
 namespace citylearn::vpr {
 namespace {

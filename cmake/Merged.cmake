@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+# Most of the compiler's time goes into headers, so files without heavy arithmetic are compiled several at once (CMake calls this
+# a unity build). Numeric code stays out: together, the compiler would inline and fuse multiply-adds otherwise, and the same seed
+# would not give the same bytes as before.
+option(CITYLEARN_MERGED "Compile several files at once: a whole build is faster, one after a small change slower" ON)
+
+# citylearn_merged(TARGET [EXCEPT pattern...]): all files of the target but those whose path matches a pattern.
+function(citylearn_merged target)
+  cmake_parse_arguments(PARSE_ARGV 1 merged "" "" "EXCEPT")
+  if(NOT CITYLEARN_MERGED)
+    return()
+  endif()
+  set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 8)
+  get_target_property(sources ${target} SOURCES)
+  foreach(pattern ${merged_EXCEPT})
+    set(except ${sources})
+    list(FILTER except INCLUDE REGEX "${pattern}")
+    set_source_files_properties(${except} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
+  endforeach()
+endfunction()
