@@ -61,9 +61,7 @@ EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& opti
     spdlog::info("encoder {}: {} numbers a picture", spec_.name, spec_.dimension);
   }
   if (options_.store.empty()) return;
-  std::error_code error;
-  std::filesystem::create_directories(options_.store, error);
-  if (error) throw Error(error.message(), options_.store, "choose another --store");
+  create_folder(options_.store, "choose another --store");
 }
 
 void EncodingPipeline::add(const msg::TraversalInfo& info) {

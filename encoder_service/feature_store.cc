@@ -16,6 +16,7 @@
 #include <string_view>
 
 #include "core/util/error.h"
+#include "core/util/files.h"
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
 
@@ -265,9 +266,7 @@ struct FeatureStore::Parts {
 
 FeatureStore::FeatureStore(const std::string& folder, const Key& key) : parts_(std::make_shared<Parts>()) {
   check_key(key, folder);
-  std::error_code problem;
-  std::filesystem::create_directories(folder, problem);
-  if (problem) throw Error("this folder cannot be made: " + problem.message(), folder);
+  create_folder(folder);
   Parts& parts = *parts_;
   parts.key = key;
   parts.path = (std::filesystem::path(folder) / file_name(key)).string();

@@ -42,6 +42,12 @@ void write_file(const std::string& path, std::string_view contents) {
   }
 }
 
+void create_folder(const std::string& path, const std::string& remedy) {
+  std::error_code error;
+  std::filesystem::create_directories(path, error);
+  if (error) throw Error("this folder cannot be created: " + error.message(), path, remedy);
+}
+
 std::string read_file(const std::string& path, std::size_t most) {
   std::error_code error;
   if (std::filesystem::is_directory(path, error)) throw Error("is a folder, not a file", path);

@@ -13,6 +13,9 @@ namespace citylearn {
 /// temporary gone.
 void write_file(const std::string& path, std::string_view contents);
 
+/// Creates a folder and those above it, unless they are there. Throws Error naming it.
+void create_folder(const std::string& path, const std::string& remedy = "");
+
 /// Returns the whole file. Throws Error naming it when it cannot be read, is a folder or is larger than `most` bytes.
 std::string read_file(const std::string& path, std::size_t most = std::numeric_limits<std::size_t>::max());
 

@@ -119,9 +119,7 @@ std::uint32_t crc32c(const void* bytes, std::size_t count) {
 }
 
 EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
-  std::error_code problem;
-  std::filesystem::create_directories(folder, problem);
-  if (problem) throw Error(problem.message(), folder, "choose another --output");
+  create_folder(folder, "choose another --output");
   // Readers take the files in the order of their names: the new one's must be the last, whatever the clock says.
   std::uint64_t seconds = static_cast<std::uint64_t>(seconds_since_epoch());
   std::vector<std::filesystem::path> older;

@@ -144,15 +144,14 @@ Checkpoint read_checkpoint(const std::string& path) {
 
 std::string write_checkpoint_of_update(const std::string& folder, std::uint64_t update, const Checkpoint& checkpoint,
                                        int keep) {
-  std::error_code problem;
-  std::filesystem::create_directories(folder, problem);
-  if (problem) throw Error("cannot be made: " + problem.message(), folder);
+  create_folder(folder);
   const std::string path =
       (std::filesystem::path(folder) / (std::string(kPrefix) + std::to_string(update) + std::string(kSuffix))).string();
   write_checkpoint(path, checkpoint);
   const auto all = checkpoints_in(folder);
+  std::error_code ignored;
   for (std::size_t i = static_cast<std::size_t>(keep); i < all.size(); ++i)
-    std::filesystem::remove(all[i].second, problem);  // one that stays does no harm
+    std::filesystem::remove(all[i].second, ignored);  // one that stays does no harm
   return path;
 }
 

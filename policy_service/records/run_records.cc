@@ -15,9 +15,8 @@ RunRecords::RunRecords(const PolicyServiceOptions& options, Node& node, EnvClien
     if (const auto earlier = newest_checkpoint(checkpoint_folder());
         earlier && options_.mode == "train" && !options_.resume)
       throw Error("belongs to an earlier run", *earlier, "continue it with --resume, or choose another --output");
+    create_folder(checkpoint_folder(), "choose another --output");
     std::error_code error;
-    std::filesystem::create_directories(checkpoint_folder(), error);
-    if (error) throw Error(error.message(), options_.output, "choose another --output");
     // Removes what a killed process left half-written.
     for (const std::string& folder : {options_.output, checkpoint_folder()})
       for (const auto& entry : std::filesystem::directory_iterator(folder, error))

@@ -109,7 +109,7 @@ int make_report(CommandLine& line) {
   World world(line.world);
   std::optional<World> city;
   if (!world.drawn() || !world.pictures()) city.emplace(drawn_city(line));
-  make_folder(line.output, "--output");
+  create_folder(line.output, "choose another --output");
   Work work(line.work.empty() ? line.output + "/work" : line.work);
   const Context context{.world = world,
                         .drawn = city ? *city : world,

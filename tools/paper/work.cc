@@ -17,12 +17,6 @@
 
 namespace citylearn::paper {
 
-void make_folder(const std::string& folder, const std::string& option) {
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (error) throw Error("cannot create '" + folder + "': " + error.message(), option);
-}
-
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 Json repeatable(const Json& outcome) {
@@ -48,7 +42,7 @@ Json measured(const Json& outcome) {
   return found;
 }
 
-Work::Work(std::string folder) : folder_(std::move(folder)) { make_folder(folder_, "--work"); }
+Work::Work(std::string folder) : folder_(std::move(folder)) { create_folder(folder_, "choose another --work"); }
 
 std::string Work::path_of(const Json& spec) const {
   return folder_ + "/" + sha256(spec.dump() + "#" + std::to_string(kVersion)).substr(0, 20) + ".json";

@@ -16,9 +16,6 @@ using Json = nlohmann::json;
 /// Ctrl-C or SIGTERM arrived: complete units are kept, the rest is abandoned.
 using vpr::Stopped;
 
-/// Creates the folder. Throws Error that names the option it was given by.
-void make_folder(const std::string& folder, const std::string& option);
-
 /// Returns null for NaN and infinity.
 Json number(double value);
 

@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <filesystem>
 #include <iostream>
 #include <memory>
 
@@ -24,7 +23,7 @@ class Evaluation {
   explicit Evaluation(const Options& options) : options_(options) {
     for (const std::string& chain : options.methods) methods_.emplace_back(chain);
     for (const std::string& name : options.centrings) centring_of(name);
-    create_folder();
+    create_folder(options.output, "choose another --output");
     load();
     make_encoders();
   }
@@ -57,12 +56,6 @@ class Evaluation {
     } catch (const Error& error) {
       spdlog::warn("pr-*.svg not drawn: {}", error.what());
     }
-  }
-
-  void create_folder() {
-    std::error_code error;
-    std::filesystem::create_directories(options_.output, error);
-    if (error) throw Error("cannot create '" + options_.output + "': " + error.message(), "--output");
   }
 
   void load() {
