@@ -45,35 +45,28 @@ std::string page_of_program() {
 }
 
 void add_options(CLI::App& app, CommandLine& line) {
-  const std::string group = "Web server";
+  app.option_defaults()->group("Web server");
   ServerOptions& server = line.server;
   server.page = page_of_program();
   app.add_option("--listen", server.listen, "Address; any but this machine's own needs --token-file")
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--port", server.port, "0 picks a free one")->capture_default_str()->group(group);
-  app.add_option("--page", server.page, "Folder of the built page")->capture_default_str()->group(group);
-  app.add_option("--token-file", server.token_file, "File with the token that clients need; created if missing")
-      ->group(group);
+      ->capture_default_str();
+  app.add_option("--port", server.port, "0 picks a free one")->capture_default_str();
+  app.add_option("--page", server.page, "Folder of the built page")->capture_default_str();
+  app.add_option("--token-file", server.token_file, "File with the token that clients need; created if missing");
   app.add_option("--allow-host", line.allow_hosts, "Further host names under which it may be reached: NAME,...")
-      ->delimiter(',')
-      ->group(group);
-  app.add_option("--tls-cert", server.tls_certificate, "Certificate chain, PEM: HTTPS instead of HTTP")->group(group);
-  app.add_option("--tls-key", server.tls_key, "Key of the certificate, PEM")->group(group);
-  const std::string records = "Records";
-  line.store_option = app.add_option("--store", line.store, "Database file of all records; created if missing")
-                          ->capture_default_str()
-                          ->group(records);
+      ->delimiter(',');
+  app.add_option("--tls-cert", server.tls_certificate, "Certificate chain, PEM: HTTPS instead of HTTP");
+  app.add_option("--tls-key", server.tls_key, "Key of the certificate, PEM");
+  app.option_defaults()->group("Records");
+  line.store_option =
+      app.add_option("--store", line.store, "Database file of all records; created if missing")->capture_default_str();
   app.add_option("--open", line.open,
                  "Show recordings (./run record) instead of live services; without --store nothing is kept")
-      ->type_name("FILE.mcap ...")
-      ->group(records);
+      ->type_name("FILE.mcap ...");
   app.add_option("--speed", line.speed, "Speed of recordings relative to real time; max: as fast as possible")
-      ->capture_default_str()
-      ->group(records);
-  app.add_option("--recognition", line.recognition, "Folder of place-recognition results, as `./run vpr` writes them")
-      ->group(records);
-  app.add_flag("--leave", line.leave, "Unregister on exit, so env_services stop buffering episodes")->group(records);
+      ->capture_default_str();
+  app.add_option("--recognition", line.recognition, "Folder of place-recognition results, as `./run vpr` writes them");
+  app.add_flag("--leave", line.leave, "Unregister on exit, so env_services stop buffering episodes");
   line.node.service = "dashboard";
   line.node.id = "dashboard";
   line.node.session = kAllRuns;

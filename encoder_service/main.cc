@@ -35,48 +35,41 @@ std::string default_store() {
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string encoding = "Encoding";
   EncoderServiceOptions& service = line.service;
-  app.add_option("--encoder", service.encoder, "One of " + encoder_names())->capture_default_str()->group(encoding);
+  app.option_defaults()->group(encoding);
+  app.add_option("--encoder", service.encoder, "One of " + encoder_names())->capture_default_str();
   add_encoder_options(app, service.files, line.parameters, encoding);
   app.add_option("--threads", line.threads, "Threads for OpenCV's networks; 0 uses all processors")
       ->capture_default_str()
-      ->check(CLI::Range(0, 1024))
-      ->group(encoding);
+      ->check(CLI::Range(0, 1024));
   app.add_option("--on-bad-frame", line.on_bad_frame,
                  "What to do with broken pictures: refuse their traversal, or skip them and use a neighbour's features")
       ->capture_default_str()
-      ->check(CLI::IsMember({"refuse", "skip"}))
-      ->group(encoding);
+      ->check(CLI::IsMember({"refuse", "skip"}));
   app.add_option("--store", service.store, "Folder that stores what was encoded and learned; 'none' stores nothing")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
-      ->capture_default_str()
-      ->group(encoding);
+      ->capture_default_str();
+  app.add_flag("--list", line.list, "Print encoders and middlewares, then exit")->configurable(false);
 
-  const std::string reducing = "Reduction";
+  app.option_defaults()->group("Reduction");
   app.add_option("--reference", service.reference, "Traversal that the encoder and the reduction learn from")
-      ->capture_default_str()
-      ->group(reducing);
+      ->capture_default_str();
   app.add_option("--dimension", service.reduction.dimension,
                  "Features a frame, by PCA; 0 keeps all that the encoder gives")
       ->capture_default_str()
-      ->check(CLI::Range(0, 4096))
-      ->group(reducing);
+      ->check(CLI::Range(0, 4096));
   app.add_option("--whitening", service.reduction.whitening, "Exponent of the whitening: 0 none, 0.5 full")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 0.5))
-      ->group(reducing);
+      ->check(CLI::Range(0.0, 0.5));
   app.add_option("--centring", line.centring,
                  "Mean that is subtracted first: of the reference, of the traversal's own frames, of its frames so far "
                  "(running), "
                  "or none")
       ->capture_default_str()
-      ->check(CLI::IsMember({"reference", "own", "running", "none"}))
-      ->group(reducing);
+      ->check(CLI::IsMember({"reference", "own", "running", "none"}));
   app.add_option("--reduction", service.reduction_file,
                  "Reduction learned earlier, instead of one learned on --reference")
-      ->type_name("FILE")
-      ->group(reducing);
-  app.add_flag("--list", line.list, "Print encoders and middlewares, then exit")->configurable(false)->group(encoding);
+      ->type_name("FILE");
   service.node.service = "encoder_service";
   service.node.id = "encoder";
   add_node_options(app, service.node);

@@ -43,10 +43,6 @@ bool newer(const msg::SettingsId& a, const msg::SettingsId& b) {
   return std::make_tuple(a.incarnation(), a.version()) > std::make_tuple(b.incarnation(), b.version());
 }
 
-bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
-  return a.incarnation() == b.incarnation() && a.version() == b.version();
-}
-
 std::string route(const msg::TaskSettings& settings) {
   return "frames " + std::to_string(settings.first_frame()) + ".." +
          std::to_string(std::uint64_t{settings.first_frame()} + settings.frames() - 1);
@@ -209,7 +205,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
   if (!newer(settings.settings(), newest_)) {
     ++node_.traffic.repeated;
     // Their sender has not seen yet that they are in force. Observations show it too, but not while idle.
-    if (same(settings.settings(), info_.settings())) send_info();
+    if (settings.settings() == info_.settings()) send_info();
     return;
   }
   newest_ = settings.settings();
@@ -253,7 +249,7 @@ bool EnvService::start_task(const msg::TaskSettings& settings) {
 void EnvService::on_action(const msg::Action& action) {
   if (action.environment() != node_.options().id) return;
   if (!awaiting_action_ || action.environment_incarnation() != node_.incarnation() ||
-      action.step() != observation_.step() || !same(action.settings(), observation_.settings())) {
+      action.step() != observation_.step() || action.settings() != observation_.settings()) {
     ++node_.traffic.repeated;
     return;
   }
@@ -358,7 +354,7 @@ void EnvService::send_scene() {
   if (watchers == 0) return;
   const bool moves = info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE;
   const std::uint64_t step = moves ? observation_.step() : 0;
-  if (!more && same(scene_.settings(), info_.settings()) && scene_.step() == step) return;
+  if (!more && scene_.settings() == info_.settings() && scene_.step() == step) return;
   scene_ = msg::Scene();
   if (moves) environment_.observe(scene_);
   scene_.settings() = info_.settings();

@@ -22,16 +22,15 @@ struct CommandLine {
 
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string group = "Environment";
+  const OptionGroup environment(app, group);
   add_dataset_options(app, line.source, group);
   CLI::Option* traversal =
-      app.add_option("--traversal", line.source.traversal, "Traversal to host")->capture_default_str()->group(group);
+      app.add_option("--traversal", line.source.traversal, "Traversal to host")->capture_default_str();
   app.add_option("--condition", line.source.condition, "Host the one traversal recorded under this condition")
-      ->excludes(traversal)
-      ->group(group);
+      ->excludes(traversal);
   app.add_option("--agents", line.service.agents, "Number of agents on the traversal")
       ->capture_default_str()
-      ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)))
-      ->group(group);
+      ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)));
   app.add_option("--recorders", line.service.recorders,
                  "Ids of services that record episodes, A,B,...: their episodes are kept from the start, not only "
                  "once they are heard of")
@@ -40,21 +39,17 @@ void add_options(CLI::App& app, CommandLine& line) {
           [](std::string& id) {
             return id.empty() || id.size() > 64 ? std::string("must have 1 to 64 characters") : std::string();
           },
-          "ID", ""))
-      ->group(group);
+          "ID", ""));
   app.add_option("--linger", line.service.linger,
                  "Seconds to wait at the end for live recorders to acknowledge the last episodes")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 3600.0))
-      ->group(group);
+      ->check(CLI::Range(0.0, 3600.0));
   add_selection_options(app, line.source.selection, "Part of the traversal");
-  app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false)->group(group);
+  app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
-      ->configurable(false)
-      ->group(group);
+      ->configurable(false);
   app.add_flag("--show", line.show, "Print name, frames, images and features of the traversal, a line each, then exit")
-      ->configurable(false)
-      ->group(group);
+      ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
 }

@@ -30,16 +30,16 @@ void read_range(const std::string& option, const std::string& text, Number& from
 }  // namespace
 
 void add_dataset_options(CLI::App& app, Source& source, const std::string& group) {
+  const OptionGroup options(app, group);
   const std::string names = joined(DatasetRegistry::instance().entries(), &DatasetRegistry::Entry::name);
-  app.add_option("--dataset", source.dataset, "Dataset that traversals come from: " + names)
-      ->capture_default_str()
-      ->group(group);
-  app.add_option("--data", source.folder, "Folder of the dataset's files")->type_name("DIR")->group(group);
+  app.add_option("--dataset", source.dataset, "Dataset that traversals come from: " + names)->capture_default_str();
+  app.add_option("--data", source.folder, "Folder of the dataset's files")->type_name("DIR");
   for (const auto* entry : DatasetRegistry::instance().entries())
     add_parameters(app, entry->name, entry->parameters, source.parameters[entry->name]);
 }
 
 void add_selection_options(CLI::App& app, Selection& selection, const std::string& group) {
+  const OptionGroup options(app, group);
   app.add_option_function<std::string>(
          "--frames",
          [&selection](const std::string& text) {
@@ -49,8 +49,7 @@ void add_selection_options(CLI::App& app, Selection& selection, const std::strin
            if (selection.first < 0) throw CLI::ValidationError("--frames", "must begin at frame 0 or later");
          },
          "Frames of the recording, END not included; either may be left out")
-      ->type_name("FIRST:END")
-      ->group(group);
+      ->type_name("FIRST:END");
   app.add_option_function<std::string>(
          "--metres",
          [&selection](const std::string& text) {
@@ -59,36 +58,29 @@ void add_selection_options(CLI::App& app, Selection& selection, const std::strin
            read_range("--metres", text, selection.from, selection.to);
          },
          "Part of the route, in metres from its beginning; either may be left out")
-      ->type_name("FROM:TO")
-      ->group(group);
+      ->type_name("FROM:TO");
   CLI::Option* step = app.add_option("--step", selection.step, "Take every STEP-th frame")
                           ->capture_default_str()
-                          ->check(CLI::Range(1, 1 << 20))
-                          ->group(group);
+                          ->check(CLI::Range(1, 1 << 20));
   app.add_option("--step-metres", selection.step_metres,
                  "Take the next frame that is at least this many metres further on")
       ->check(CLI::Range(0.05, 1e6))
-      ->excludes(step)
-      ->group(group);
+      ->excludes(step);
   app.add_option("--align-to", selection.align,
                  "Align frames to this sibling traversal; --frames, --metres and --step then refer to it")
-      ->type_name("NAME")
-      ->group(group);
+      ->type_name("NAME");
   app.add_option("--align-by", selection.by, "How to match the frames of both: as the dataset suggests, or another way")
       ->capture_default_str()
-      ->check(CLI::IsMember({"dataset", "index", "matches", "distance", "gps"}))
-      ->group(group);
+      ->check(CLI::IsMember({"dataset", "index", "matches", "distance", "gps"}));
   app.add_option("--align-within", selection.tolerance,
                  "Largest distance to the nearest frame, metres (for distance and gps)")
       ->capture_default_str()
-      ->check(CLI::Range(0.01, 1e5))
-      ->group(group);
+      ->check(CLI::Range(0.01, 1e5));
   app.add_option_function<std::string>(
          "--on-bad-frame", [&selection](const std::string& text) { selection.skip_bad_frames = text == "skip"; },
          "Refuse the traversal, or skip the frame and show the nearest good one")
       ->check(CLI::IsMember({"refuse", "skip"}))
-      ->default_str("refuse")
-      ->group(group);
+      ->default_str("refuse");
 }
 
 std::unique_ptr<Dataset> open_dataset(const Source& source) {

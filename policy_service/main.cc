@@ -104,33 +104,26 @@ int main(int argc, char** argv) {
                    "Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/ and tensorboard/; "
                    "empty: nothing is written. With --mode export the file to write");
 
-    const std::string task = "Task";
-    app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str()->group(task);
+    app.option_defaults()->group("Task");
+    app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str();
     app.add_option("--evaluate", options.evaluate,
                    "Traversals to evaluate on, A,B,...; all that are found unless given")
-        ->delimiter(',')
-        ->group(task);
+        ->delimiter(',');
     app.add_option("--first-frame", options.first_frame, "The route begins at this frame of the traversal")
         ->capture_default_str()
-        ->check(at_least(0))
-        ->group(task);
+        ->check(at_least(0));
     app.add_option("--frames", options.frames, "Places on the route, N")
         ->capture_default_str()
-        ->check(CLI::Range(2, 100000))
-        ->group(task);
+        ->check(CLI::Range(2, 100000));
     app.add_option("--max-steps", options.max_steps, "Step limit of an episode; 0 = N")
         ->capture_default_str()
-        ->check(at_least(0))
-        ->group(task);
-    app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8 ... 128 frames")
-        ->group(task);
+        ->check(at_least(0));
+    app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8 ... 128 frames");
     app.add_option("--environments", options.environments, "env_services on the training traversal to start with")
         ->capture_default_str()
-        ->check(CLI::Range(1, 1000))
-        ->group(task);
+        ->check(CLI::Range(1, 1000));
     app.add_flag("--lockstep", options.lockstep,
-                 "Wait for a lost training env_service instead of continuing without it")
-        ->group(task);
+                 "Wait for a lost training env_service instead of continuing without it");
     app.add_option(
            "--observations", options.client.observing,
            "whole: with features; by_reference: frames by name, their features are fetched once before; as_fits: "
@@ -139,52 +132,42 @@ int main(int argc, char** argv) {
         ->transform(CLI::CheckedTransformer(std::map<std::string, Observing>{{"as_fits", Observing::kAsFits},
                                                                              {"whole", Observing::kWhole},
                                                                              {"by_reference", Observing::kByReference}},
-                                            CLI::ignore_case))
-        ->group(task);
+                                            CLI::ignore_case));
     app.add_option("--wait", options.wait, "Seconds to wait for env_services before failing; 0 = forever")
         ->capture_default_str()
-        ->check(at_least(0))
-        ->group(task);
+        ->check(at_least(0));
 
-    const std::string roles = "Roles";
+    app.option_defaults()->group("Roles");
     app.add_option("--window", options.window,
                    "Learner: unacknowledged segments of one env_service after which an actor waits")
         ->capture_default_str()
-        ->check(CLI::Range(1, 1000))
-        ->group(roles);
+        ->check(CLI::Range(1, 1000));
     app.add_option("--max-lag", options.max_lag,
                    "Learner: drop trajectories of parameters older than so many updates; 0 = none")
-        ->capture_default_str()
-        ->group(roles);
-    app.add_flag("--stay", options.stay, "Actor: after a learner finishes, wait for the next")->group(roles);
+        ->capture_default_str();
+    app.add_flag("--stay", options.stay, "Actor: after a learner finishes, wait for the next");
 
-    const std::string length = "Length";
+    app.option_defaults()->group("Length");
     app.add_option("--steps", options.steps, "Environment steps to learn from; 0 = as recommended for the agent")
-        ->capture_default_str()
-        ->group(length);
+        ->capture_default_str();
     app.add_option("--time-limit", options.time_limit,
                    "End training after so many seconds; schedules such as the learning rate finish by then; 0 = never")
         ->capture_default_str()
-        ->check(at_least(0))
-        ->group(length);
+        ->check(at_least(0));
     app.add_option("--checkpoint-every", options.checkpoint_every, "Updates between checkpoints")
         ->capture_default_str()
-        ->check(at_least(1))
-        ->group(length);
+        ->check(at_least(1));
     app.add_option("--evaluate-every", options.evaluate_every,
                    "Updates between evaluations on the other traversals; 0 = at the end only")
         ->capture_default_str()
-        ->check(at_least(0))
-        ->group(length);
+        ->check(at_least(0));
     app.add_option("--tasks", options.tasks, "Evaluation tasks on each traversal")
         ->capture_default_str()
-        ->check(CLI::Range(1, 1000000))
-        ->group(length);
+        ->check(CLI::Range(1, 1000000));
     app.add_option(
            "--controls", options.controls,
            "Controls evaluated on the same tasks: all, or some of blind, sequence_filter, shortest_path, shuffled")
-        ->delimiter(',')
-        ->group(length);
+        ->delimiter(',');
 
     add_node_options(app, options.node);
     for (const auto* entry : NetworkRegistry<float>::instance().entries())

@@ -45,10 +45,17 @@ std::string short_number(double value) {
 
 }  // namespace
 
+OptionGroup::OptionGroup(CLI::App& app, const std::string& name)
+    : app_(app), before_(app.option_defaults()->get_group()) {
+  app_.option_defaults()->group(name);
+}
+
+OptionGroup::~OptionGroup() { app_.option_defaults()->group(before_); }
+
 bool stop_requested() { return stop_signal != 0; }
 
 void add_node_options(CLI::App& app, Node::Options& options) {
-  const std::string group = "Service";
+  const OptionGroup group(app, "Service");
   MiddlewareOptions& middleware = options.middleware;
   const std::string names = joined(list_middlewares(), &std::pair<std::string, std::string>::first);
   const auto name_length = CLI::Validator(
@@ -60,45 +67,35 @@ void add_node_options(CLI::App& app, Node::Options& options) {
                  "Session this service belongs to; services of other sessions are ignored")
       ->capture_default_str()
       ->envname("CITYLEARN_SESSION")
-      ->check(name_length)
-      ->group(group);
-  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the session")
-                 ->check(name_length)
-                 ->group(group);
+      ->check(name_length);
+  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the session")->check(name_length);
   if (!options.id.empty()) id->capture_default_str();
   app.add_option("--middleware", middleware.name, "One of " + names + "; lossy:NAME loses messages, for tests")
       ->capture_default_str()
-      ->envname("CITYLEARN_MIDDLEWARE")
-      ->group(group);
+      ->envname("CITYLEARN_MIDDLEWARE");
   app.add_option("--domain", middleware.domain, "DDS domain, 0..232")
       ->capture_default_str()
       ->envname("CITYLEARN_DOMAIN")
-      ->check(CLI::Range(0, 232))
-      ->group(group);
+      ->check(CLI::Range(0, 232));
   app.add_option("--interface", middleware.interfaces,
                  "The only network interfaces used, by name or IPv4 address: A,B,...; lo stays on this machine")
       ->delimiter(',')
       ->capture_default_str()
-      ->envname("CITYLEARN_INTERFACE")
-      ->group(group);
+      ->envname("CITYLEARN_INTERFACE");
   app.add_option("--peers", middleware.peers, "Other hosts to find services on: HOST[:PORT],...")
       ->delimiter(',')
-      ->envname("CITYLEARN_PEERS")
-      ->group(group);
+      ->envname("CITYLEARN_PEERS");
   app.add_option("--discovery-server", middleware.discovery_servers,
                  "Fast DDS discovery servers to find services by, instead of --peers: HOST[:PORT],... (port 11811)")
       ->delimiter(',')
-      ->envname("CITYLEARN_DISCOVERY_SERVER")
-      ->group(group);
+      ->envname("CITYLEARN_DISCOVERY_SERVER");
   app.add_option("--security", middleware.security,
                  "Folder with this service's keys (docs/how-to/secure-a-run.md); services without keys are refused")
-      ->envname("CITYLEARN_SECURITY")
-      ->group(group);
+      ->envname("CITYLEARN_SECURITY");
   app.add_option_function<std::string>(
          "--log-level", [](const std::string& level) { spdlog::set_level(spdlog::level::from_str(level)); },
          "trace, debug, info, warn, error or off; info unless told")
-      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}))
-      ->group(group);
+      ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}));
   app.add_option_function<std::string>(
          "--log-format",
          [&options](const std::string& format) {
@@ -107,8 +104,7 @@ void add_node_options(CLI::App& app, Node::Options& options) {
                                  R"(","service":")" + options.service + R"(","text":"%v"})");
          },
          "text or json (one object a line)")
-      ->check(CLI::IsMember({"text", "json"}))
-      ->group(group);
+      ->check(CLI::IsMember({"text", "json"}));
 }
 
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,

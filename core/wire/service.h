@@ -15,6 +15,19 @@ class App;
 
 namespace citylearn {
 
+/// Puts the options that are added to `app` while it lives under a heading of --help.
+class OptionGroup {
+ public:
+  OptionGroup(CLI::App& app, const std::string& name);
+  ~OptionGroup();
+  OptionGroup(const OptionGroup&) = delete;
+  OptionGroup& operator=(const OptionGroup&) = delete;
+
+ private:
+  CLI::App& app_;
+  const std::string before_;
+};
+
 /// Options that every service has: --session, --id, --middleware, --domain, --interface, --peers, --discovery-server,
 /// --security, --config, --log-level, --log-format. Precedence: command line, then --config FILE (TOML, the same names
 /// without dashes), then environment (CITYLEARN_SESSION, CITYLEARN_MIDDLEWARE, CITYLEARN_DOMAIN, CITYLEARN_INTERFACE,

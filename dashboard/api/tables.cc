@@ -29,43 +29,26 @@ void append_float(std::string& text, double value, bool csv) {
   }
 }
 
-struct JsonFields {
+/// Appends fields, of JSON with their names.
+struct Fields {
   std::string& text;
+  bool csv;
   bool first = true;
   template <class Value>
   void operator()(const char* name, const char*, const Value& value) {
-    text += first ? "{\"" : ",\"";
+    if (!csv)
+      text += std::string(first ? "{\"" : ",\"") + name + "\":";
+    else if (!first)
+      text += ',';
     first = false;
-    text += name;
-    text += "\":";
-    if constexpr (std::is_same_v<Value, std::string>) {
-      append_json(text, value);
-    } else if constexpr (std::is_same_v<Value, bool>) {
-      text += value ? "true" : "false";
-    } else if constexpr (std::is_same_v<Value, float>) {
-      append_float(text, value, false);
-    } else {
+    if constexpr (std::is_same_v<Value, std::string>)
+      csv ? append_csv(text, value) : append_json(text, value);
+    else if constexpr (std::is_same_v<Value, bool>)
+      text += csv ? (value ? "1" : "0") : (value ? "true" : "false");
+    else if constexpr (std::is_same_v<Value, float>)
+      append_float(text, value, csv);
+    else
       append_number(text, value);
-    }
-  }
-};
-
-struct CsvFields {
-  std::string& text;
-  bool first = true;
-  template <class Value>
-  void operator()(const char*, const char*, const Value& value) {
-    if (!first) text += ',';
-    first = false;
-    if constexpr (std::is_same_v<Value, std::string>) {
-      append_csv(text, value);
-    } else if constexpr (std::is_same_v<Value, bool>) {
-      text += value ? '1' : '0';
-    } else if constexpr (std::is_same_v<Value, float>) {
-      append_float(text, value, true);
-    } else {
-      append_number(text, value);
-    }
   }
 };
 
@@ -85,14 +68,14 @@ void append_figure(std::string& text, const TrainingFigure& figure, double value
     append_float(text, value, csv);
 }
 
-void open_json_episode(std::string& text, const EpisodeRow& row) { visit_episode(row, JsonFields{text}); }
+void open_json_episode(std::string& text, const EpisodeRow& row) { visit_episode(row, Fields{text, false}); }
 
 void append_json_episode(std::string& text, const EpisodeRow& row) {
   open_json_episode(text, row);
   text += '}';
 }
 
-void append_csv_episode(std::string& text, const EpisodeRow& row) { visit_episode(row, CsvFields{text}); }
+void append_csv_episode(std::string& text, const EpisodeRow& row) { visit_episode(row, Fields{text, true}); }
 
 void append_csv_episode_header(std::string& text) {
   const auto name_only = [&text, first = true](const char* name, const char*, const auto&) mutable {

@@ -112,28 +112,25 @@ Reply RequestHandler::login(const RequestHead& head, const Target& target) const
 
 std::string RequestHandler::metrics() const {
   std::string text;
-  const auto add = [&](const std::string& name, const char* type, const char* help, double value) {
+  const auto add = [&](const std::string& name, const char* type, const char* help, std::uint64_t value) {
     const std::string full = "citylearn_dashboard_" + name;
-    text += "# HELP " + full + " " + help + "\n# TYPE " + full + " " + type + "\n" + full + " " + number(value);
+    text += "# HELP " + full + " " + help + "\n# TYPE " + full + " " + type + "\n" + full + " " +
+            number(static_cast<double>(value));
   };
   const auto counts = context_.hub.counts();
-  add("connections", "gauge", "Open connections.", static_cast<double>(context_.connections.size()));
-  add("connections_total", "counter", "Connections accepted.", static_cast<double>(context_.accepted));
-  add("connections_refused_total", "counter", "Connections refused, as too many were busy.",
-      static_cast<double>(context_.refused));
+  add("connections", "gauge", "Open connections.", context_.connections.size());
+  add("connections_total", "counter", "Connections accepted.", context_.accepted);
+  add("connections_refused_total", "counter", "Connections refused, as too many were busy.", context_.refused);
   add("connections_made_room_total", "counter", "Idle connections closed for newcomers.",
-      static_cast<double>(context_.connections.made_room()));
-  add("live_clients", "gauge", "WebSocket clients.", static_cast<double>(counts.clients));
-  add("live_messages_total", "counter", "Messages published that somebody watched.",
-      static_cast<double>(counts.published));
-  add("live_frames_total", "counter", "Frames taken by WebSocket clients.", static_cast<double>(counts.taken));
-  add("live_dropped_total", "counter", "Messages (of training: rows) that WebSocket clients lost.",
-      static_cast<double>(counts.dropped));
-  add("live_bytes_total", "counter", "Bytes of the frames sent.", static_cast<double>(context_.frame_bytes));
+      context_.connections.made_room());
+  add("live_clients", "gauge", "WebSocket clients.", counts.clients);
+  add("live_messages_total", "counter", "Messages published that somebody watched.", counts.published);
+  add("live_frames_total", "counter", "Frames taken by WebSocket clients.", counts.taken);
+  add("live_dropped_total", "counter", "Messages (of training: rows) that WebSocket clients lost.", counts.dropped);
+  add("live_bytes_total", "counter", "Bytes of the frames sent.", context_.frame_bytes);
   add("live_let_go_total", "counter", "WebSocket clients closed as they neither took nor sent anything.",
-      static_cast<double>(context_.timed_out));
-  add("live_broken_total", "counter", "WebSocket clients closed for malformed frames or messages.",
-      static_cast<double>(context_.malformed));
+      context_.timed_out);
+  add("live_broken_total", "counter", "WebSocket clients closed for malformed frames or messages.", context_.malformed);
   const std::string requests = "citylearn_dashboard_requests_total";
   text += "# HELP " + requests + " Requests answered, by status.\n# TYPE " + requests + " counter\n";
   for (const auto& [status, count] : context_.answers)

@@ -71,6 +71,15 @@ struct StoreReader::Impl {
   explicit Impl(const std::string& file);
   RunRow run_row(const SQLite::Statement& row);
 
+  /// Runs a statement with these values and calls `read` with each row. Throws Error that names the file.
+  template <class Read, class... Values>
+  void each_row(SQLite::Statement& statement, Read read, const Values&... values) {
+    with_file_errors(path, [&] {
+      bind_values(statement, values...);
+      while (statement.executeStep()) read(statement);
+    });
+  }
+
   const std::string path;
   SQLite::Database database;
   SQLite::Statement runs, run, newest, manifest, traversals, training, episodes, episode, groups, tasks, total;
@@ -120,42 +129,33 @@ StoreReader::StoreReader(const std::string& path)
 StoreReader::~StoreReader() = default;
 
 std::vector<RunRow> StoreReader::runs() {
-  return with_file_errors(impl_->path, [&] {
-    std::vector<RunRow> rows;
-    SQLite::Statement& row = bind_values(impl_->runs);
-    while (row.executeStep()) rows.push_back(impl_->run_row(row));
-    return rows;
-  });
+  std::vector<RunRow> rows;
+  impl_->each_row(impl_->runs, [&](const auto& row) { rows.push_back(impl_->run_row(row)); });
+  return rows;
 }
 
 std::optional<RunRow> StoreReader::run(const std::string& name) {
-  return with_file_errors(impl_->path, [&] {
-    std::optional<RunRow> found;
-    SQLite::Statement& row = bind_values(impl_->run, name);
-    while (row.executeStep()) found = impl_->run_row(row);
-    return found;
-  });
+  std::optional<RunRow> found;
+  impl_->each_row(
+      impl_->run, [&](const auto& row) { found = impl_->run_row(row); }, name);
+  return found;
 }
 
 std::string StoreReader::manifest(std::int64_t run) {
-  return with_file_errors(impl_->path, [&] {
-    std::string text;
-    SQLite::Statement& row = bind_values(impl_->manifest, run);
-    while (row.executeStep()) read_row(row, text);
-    return text;
-  });
+  std::string text;
+  impl_->each_row(
+      impl_->manifest, [&](const auto& row) { read_row(row, text); }, run);
+  return text;
 }
 
 std::vector<TraversalRow> StoreReader::traversals(std::int64_t run) {
-  return with_file_errors(impl_->path, [&] {
-    std::vector<TraversalRow> rows;
-    SQLite::Statement& row = bind_values(impl_->traversals, run);
-    while (row.executeStep()) {
-      TraversalRow& t = rows.emplace_back();
-      read_row(row, t.environment, t.dataset, t.traversal, t.condition, t.hash, t.frames, t.agents, t.images);
-    }
-    return rows;
-  });
+  std::vector<TraversalRow> rows;
+  const auto read = [&](const auto& row) {
+    TraversalRow& t = rows.emplace_back();
+    read_row(row, t.environment, t.dataset, t.traversal, t.condition, t.hash, t.frames, t.agents, t.images);
+  };
+  impl_->each_row(impl_->traversals, read, run);
+  return rows;
 }
 
 Decimator StoreReader::training(const TrainingQuery& query, std::size_t points) {
@@ -191,14 +191,12 @@ Decimator StoreReader::training(const TrainingQuery& query, std::size_t points) 
 }
 
 void StoreReader::training(std::int64_t run, const std::function<void(std::span<const double>)>& each) {
-  with_file_errors(impl_->path, [&] {
-    std::vector<double> values(training_figures().size());
-    SQLite::Statement& row = bind_run(impl_->training, run);
-    while (row.executeStep()) {
-      for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_at<double>(row, static_cast<int>(i));
-      each(values);
-    }
-  });
+  std::vector<double> values(training_figures().size());
+  const auto read = [&](const auto& row) {
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_at<double>(row, static_cast<int>(i));
+    each(values);
+  };
+  impl_->each_row(impl_->training, read, training_key(run, 0), training_key(run, kMostUpdates));
 }
 
 std::vector<EpisodeRow> StoreReader::episodes(std::int64_t run, const EpisodeFilter& filter, bool worst,
@@ -223,66 +221,55 @@ std::uint64_t StoreReader::count(std::int64_t run, const EpisodeFilter& filter) 
 }
 
 void StoreReader::episodes(std::int64_t run, const std::function<void(const EpisodeRow&)>& each) {
-  with_file_errors(impl_->path, [&] {
-    SQLite::Statement& row = bind_values(impl_->episodes, run);
-    while (row.executeStep()) each(read_episode(row).first);
-  });
+  impl_->each_row(
+      impl_->episodes, [&](const auto& row) { each(read_episode(row).first); }, run);
 }
 
 std::optional<StoreReader::Replay> StoreReader::episode(std::int64_t rowid) {
-  return with_file_errors(impl_->path, [&] {
-    std::optional<Replay> found;
-    SQLite::Statement& row = bind_values(impl_->episode, rowid);
-    while (row.executeStep()) {
-      auto [episode, column] = read_episode(row);
-      Replay& replay = found.emplace();
-      replay.row = std::move(episode);
-      if (const SQLite::Column path = row.getColumn(column); !path.isNull()) {
-        const auto* bytes = static_cast<const std::uint8_t*>(path.getBlob());
-        replay.path.emplace(bytes, bytes + path.getBytes());
-      }
-      replay.hash = value_at<std::optional<std::uint64_t>>(row, column + 1);
+  std::optional<Replay> found;
+  const auto read = [&](const SQLite::Statement& row) {
+    auto [episode, column] = read_episode(row);
+    Replay& replay = found.emplace();
+    replay.row = std::move(episode);
+    if (const SQLite::Column path = row.getColumn(column); !path.isNull()) {
+      const auto* bytes = static_cast<const std::uint8_t*>(path.getBlob());
+      replay.path.emplace(bytes, bytes + path.getBytes());
     }
-    return found;
-  });
+    replay.hash = value_at<std::optional<std::uint64_t>>(row, column + 1);
+  };
+  impl_->each_row(impl_->episode, read, rowid);
+  return found;
 }
 
 std::vector<StoreReader::EvaluationGroup> StoreReader::evaluations(std::int64_t run) {
-  return with_file_errors(impl_->path, [&] {
-    std::vector<EvaluationGroup> groups;
-    SQLite::Statement& row = bind_values(impl_->groups, run);
-    while (row.executeStep()) {
-      EvaluationGroup& g = groups.emplace_back();
-      read_row(row, g.key.policy, g.key.update, g.key.shuffled, g.key.traversal, g.episodes, g.newest);
-    }
-    return groups;
-  });
+  std::vector<EvaluationGroup> groups;
+  const auto read = [&](const auto& row) {
+    EvaluationGroup& g = groups.emplace_back();
+    read_row(row, g.key.policy, g.key.update, g.key.shuffled, g.key.traversal, g.episodes, g.newest);
+  };
+  impl_->each_row(impl_->groups, read, run);
+  return groups;
 }
 
 std::vector<StoreReader::TaskRow> StoreReader::tasks(std::int64_t run, const EvaluationKey& key) {
-  return with_file_errors(impl_->path, [&] {
-    std::vector<TaskRow> rows;
-    SQLite::Statement& row = bind_values(impl_->tasks, run, key.policy, key.update, key.shuffled, key.traversal);
-    std::uint64_t last = 0;
-    while (row.executeStep()) {
-      std::uint64_t task = 0;
-      TaskRow done;
-      read_row(row, task, done.steps, done.shortest, done.reward, done.spl, done.completed);
-      if (rows.empty() || task != last) rows.emplace_back();
-      rows.back() = done;
-      last = task;
-    }
-    return rows;
-  });
+  std::vector<TaskRow> rows;
+  std::uint64_t last = 0;
+  const auto read = [&](const auto& row) {
+    std::uint64_t task = 0;
+    TaskRow done;
+    read_row(row, task, done.steps, done.shortest, done.reward, done.spl, done.completed);
+    if (rows.empty() || task != last) rows.emplace_back();
+    rows.back() = done;
+    last = task;
+  };
+  impl_->each_row(impl_->tasks, read, run, key.policy, key.update, key.shuffled, key.traversal);
+  return rows;
 }
 
 std::uint64_t StoreReader::episodes() {
-  return with_file_errors(impl_->path, [&] {
-    std::uint64_t total = 0;
-    SQLite::Statement& row = bind_values(impl_->total);
-    while (row.executeStep()) read_row(row, total);
-    return total;
-  });
+  std::uint64_t total = 0;
+  impl_->each_row(impl_->total, [&](const auto& row) { read_row(row, total); });
+  return total;
 }
 
 }  // namespace citylearn

@@ -19,10 +19,6 @@ Error did_not_come(const RouteFeatures& route, const EnvHandle& env) {
                "traversal '" + env.traversal() + "'", "is env_service '" + env.id + "' still running?");
 }
 
-bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
-  return a.incarnation() == b.incarnation() && a.version() == b.version();
-}
-
 /// Returns whether an announcement keeps what a process may not change.
 bool same_traversal(const msg::TraversalInfo& a, const msg::TraversalInfo& b) {
   return a.hash() == b.hash() && a.frames() == b.frames() && a.agents() == b.agents() &&
@@ -149,7 +145,7 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     env.acknowledged = 0;
     if (records_) send_acknowledgement(env, false);
     if (joined) joined(env);
-  } else if (same(info.settings(), env.settings.settings())) {
+  } else if (info.settings() == env.settings.settings()) {
     env.in_force = true;
   }
   env.heard_lease = std::max<std::uint64_t>(env.heard_lease, info.settings().incarnation());
@@ -161,7 +157,7 @@ void EnvClient::on_observation(msg::Observation& observation) {
   env->heard_lease = std::max<std::uint64_t>(env->heard_lease, observation.settings().incarnation());
   // An encoder_service will publish the same observation again, with features.
   if (!observation.by_reference() && observation.feature_dimension() != env->info.feature_dimension()) return;
-  if (env->settings.settings().version() == 0 || !same(observation.settings(), env->settings.settings())) {
+  if (env->settings.settings().version() == 0 || observation.settings() != env->settings.settings()) {
     ++node_.traffic.repeated;
     return;
   }
