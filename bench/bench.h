@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <functional>
 #include <vector>
 
 #include "core/util/types.h"
@@ -25,14 +27,20 @@ inline double median(std::vector<double> values) {
   return values[values.size() / 2];
 }
 
-/// Runs `body` as the main() of benchmark `name`. An exception becomes one line on standard error and status 1.
+/// Runs `body` as the main() of a benchmark after `app`, which has its name, has read the command line; `setup` comes
+/// first. An exception becomes one line on standard error and status 1.
 template <class Body>
-int run(const char* name, const Body& body) {
+int run(
+    CLI::App& app, int argc, char** argv, const Body& body, const std::function<void()>& setup = [] {}) {
   try {
+    setup();
+    app.parse(argc, argv);
     body();
     return 0;
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error);
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s: %s\n", name, error.what());
+    std::fprintf(stderr, "%s: %s\n", app.get_name().c_str(), error.what());
     return 1;
   }
 }

@@ -38,38 +38,21 @@ struct Contender {
   std::vector<double> times = {}, ratios = {};
 };
 
-void measure(int argc, char** argv) {
-  const char* shared = std::getenv("CITYLEARN_SHARED_DATA");
-  std::string model =
-      (shared ? shared : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nets/osnet_x0_25_msmt17.onnx");
+struct Options {
   EncoderFiles files;
+  std::map<std::string, double> values;  ///< of the network's parameters
   int rounds = 15;
-  std::map<std::string, double> values;
-  const auto& entry = EncoderRegistry::instance().find("encoder", "onnx");
-  for (int i = 1; i + 1 < argc; i += 2) {
-    const std::string option = argv[i], value = argv[i + 1];
-    if (option == "--model")
-      model = value;
-    else if (option == "--layer")
-      files.layer = value;
-    else if (option == "--preset")
-      files.preset = value;
-    else if (option == "--rounds")
-      rounds = std::clamp(std::stoi(value), 1, 1000);
-    else if (option == "--width" || option == "--height")
-      values[option.substr(2)] = std::stoi(value);
-    else
-      throw Error("unknown option " + option, "", "known: --model --layer --preset --rounds --width --height");
-  }
-  if (argc % 2 == 0) throw Error("option " + std::string(argv[argc - 1]) + " needs a value");
+};
+
+void measure(const Options& options) {
+  const std::string& model = options.files.model;
   if (!std::filesystem::exists(model)) {
     std::printf("skipped: no model %s (name one with --model)\n", model.c_str());
     return;
   }
-  files.model = model;
-  const Parameters parameters("onnx", entry.parameters, values);
-  const auto encoder = entry.create(parameters, files);
-  OnnxNetwork network(Parameters("onnx", network_parameters(), values), files);
+  const auto& entry = EncoderRegistry::instance().find("encoder", "onnx");
+  const auto encoder = entry.create(Parameters("onnx", entry.parameters, options.values), options.files);
+  OnnxNetwork network(Parameters("onnx", network_parameters(), options.values), options.files);
 
   std::vector<cv::Mat> exact, large, inputs;
   std::vector<Bytes> jpegs;
@@ -109,7 +92,7 @@ void measure(int argc, char** argv) {
          for (const cv::Mat& one : large) network.prepare(one);
        }},
   }};
-  for (int round = -1; round < rounds; ++round)  // the first one warms up
+  for (int round = -1; round < options.rounds; ++round)  // the first one warms up
     for (Contender& contender : contenders) {
       const double time = seconds(contender.work);
       if (round < 0) continue;
@@ -117,7 +100,7 @@ void measure(int argc, char** argv) {
       contender.ratios.push_back(time / contenders[0].times.back());
     }
   std::printf("%s\n%d threads, %d rounds of %d pictures, medians\n", encoder->spec().name.c_str(), cv::getNumThreads(),
-              rounds, kPictures);
+              options.rounds, kPictures);
   std::printf("%-40s %10s %10s %16s\n", "", "ms/image", "images/s", "time / bare");
   for (const Contender& contender : contenders) {
     const double each = median(contender.times) / kPictures;
@@ -128,5 +111,17 @@ void measure(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  return bench::run("bench_encoder", [&] { measure(argc, argv); });
+  Options options;
+  const char* shared = std::getenv("CITYLEARN_SHARED_DATA");
+  options.files.model =
+      (shared ? shared : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nets/osnet_x0_25_msmt17.onnx");
+  CLI::App app("What the encoder of ONNX networks costs beside OpenCV's forward pass", "bench_encoder");
+  app.add_option("--model", options.files.model, "ONNX file")->capture_default_str();
+  app.add_option("--layer", options.files.layer, "output layer; the last one by default");
+  app.add_option("--preset", options.files.preset, "input size, mean, deviation and layer of a known network");
+  app.add_option("--rounds", options.rounds, "rounds")->check(CLI::Range(1, 1000))->capture_default_str();
+  for (const std::string side : {"width", "height"})
+    app.add_option_function<int>(
+        "--" + side, [&, side](int pixels) { options.values[side] = pixels; }, "of the input, in pixels");
+  return bench::run(app, argc, argv, [&] { measure(options); });
 }

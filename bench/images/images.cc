@@ -54,11 +54,8 @@ class Bench {
 
  private:
   std::unique_ptr<Service> start(Arguments command, const std::string& log) {
-    for (const std::string& word :
-         {std::string("--middleware"), middleware_, std::string("--domain"), std::string("151"),
-          std::string("--session"), "bench-" + std::to_string(getpid()) + "-" + std::to_string(runs_)})
-      command.push_back(word);
-    return std::make_unique<Service>(command, folder_ / log);
+    command = citylearn::bench::on_wire(std::move(command), middleware_, 151, "-" + std::to_string(runs_));
+    return std::make_unique<Service>(std::move(command), folder_ / log);
   }
 
   Folder folder_;
@@ -69,9 +66,13 @@ class Bench {
 }  // namespace
 
 int main(int argc, char** argv) {
-  return citylearn::bench::run("bench_images", [&] {
-    const int rounds = argc > 1 ? std::stoi(argv[1]) : 5;
-    Bench bench(argc > 2 ? argv[2] : "cyclonedds");
+  int rounds = 5;
+  std::string middleware = "cyclonedds";
+  CLI::App app("Training on pictures beside training on features, over DDS", "bench_images");
+  app.add_option("rounds", rounds, "rounds")->capture_default_str();
+  app.add_option("middleware", middleware, "cyclonedds or fastdds")->capture_default_str();
+  return citylearn::bench::run(app, argc, argv, [&] {
+    Bench bench(middleware);
     std::printf("%-14s %10s %16s %16s %8s\n", "agent", "steps", "features/s", "images/s", "ratio");
     for (const auto& [agent, steps] :
          {std::pair<std::string, std::string>{"place_filter", "400000"}, {"features", "60000"}}) {

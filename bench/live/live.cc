@@ -170,9 +170,7 @@ double bare_share(int clients, std::chrono::seconds duration) {
   return share;
 }
 
-void measure(int argc, char** argv) {
-  const int clients = argc > 1 ? std::stoi(argv[1]) : 64;
-  const std::chrono::seconds duration(argc > 2 ? std::stoi(argv[2]) : 10);
+void measure(int clients, std::chrono::seconds duration) {
   const double bare = bare_share(clients, duration);
 
   ClientHub hub({.linger = 0ms});
@@ -218,5 +216,9 @@ void measure(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  return bench::run("bench_live", [&] { measure(argc, argv); });
+  int clients = 64, seconds = 10;
+  CLI::App app("What live pictures and scenes cost the dashboard's server beside bare sockets", "bench_live");
+  app.add_option("clients", clients, "pages that watch")->capture_default_str();
+  app.add_option("seconds", seconds, "of each measurement")->capture_default_str();
+  return bench::run(app, argc, argv, [&] { measure(clients, std::chrono::seconds(seconds)); });
 }

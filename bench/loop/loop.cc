@@ -13,19 +13,16 @@ namespace {
 using namespace citylearn::testing;
 using Json = nlohmann::json;
 using citylearn::bench::finish;
+using citylearn::bench::on_wire;
 
 /// The "train" part of summary.json after training over DDS.
 Json train_over(const std::string& middleware, const std::string& steps, const std::string& agents) {
   const Folder folder;
-  const std::vector<std::string> wire = {"--middleware", middleware,  "--domain",
-                                         "150",          "--session", "bench-" + std::to_string(getpid())};
-  std::vector<std::string> env = {CITYLEARN_ENV_SERVICE, "--agents", agents, "--synthetic-images", "0"};
+  const std::vector<std::string> env = {CITYLEARN_ENV_SERVICE, "--agents", agents, "--synthetic-images", "0"};
   std::vector<std::string> policy = {CITYLEARN_POLICY_SERVICE, "--agent", "features", "--steps", steps, "--tasks", "1"};
   policy.insert(policy.end(), {"--evaluate", "summer", "--wait", "30", "--output", folder / "out"});
-  env.insert(env.end(), wire.begin(), wire.end());
-  policy.insert(policy.end(), wire.begin(), wire.end());
-  const Service host(env, folder / "env.log");
-  Service learner(policy, folder / "policy.log");
+  const Service host(on_wire(env, middleware, 150), folder / "env.log");
+  Service learner(on_wire(policy, middleware, 150), folder / "policy.log");
   finish(learner, middleware);
   return Json::parse(contents(folder / "out/summary.json"))["train"];
 }
@@ -46,8 +43,10 @@ double train_inside(const std::string& steps) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  return citylearn::bench::run("bench_loop", [&] {
-    const std::string steps = argc > 1 ? argv[1] : "120000";
+  std::string steps = "120000";
+  CLI::App app("Training over DDS beside training in one process", "bench_loop");
+  app.add_option("steps", steps, "environment steps")->capture_default_str();
+  return citylearn::bench::run(app, argc, argv, [&] {
     Folder folder;
     Service ask({CITYLEARN_POLICY_SERVICE, "--agent", "features", "--recommended-agents"}, folder / "agents");
     const std::string agents = std::to_string(std::stoi(finish(ask, "policy_service")));

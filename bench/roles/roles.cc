@@ -44,8 +44,7 @@ Figures train(const Options& options, int actors) {
   const Folder folder;
   std::vector<std::unique_ptr<Service>> services;
   const auto start = [&](Arguments command, const Arguments& more, const std::string& log) {
-    command.insert(command.end(), {"--middleware", options.middleware, "--domain", "151", "--session",
-                                   "bench-" + std::to_string(getpid()) + "-" + std::to_string(actors)});
+    command = citylearn::bench::on_wire(std::move(command), options.middleware, 151, "-" + std::to_string(actors));
     command.insert(command.end(), more.begin(), more.end());
     services.push_back(std::make_unique<Service>(command, folder / log));
   };
@@ -70,11 +69,12 @@ Figures train(const Options& options, int actors) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  return citylearn::bench::run("bench_roles", [&] {
-    Options options;
-    if (argc > 1) options.steps = argv[1];
-    if (argc > 2) options.middleware = argv[2];
-    if (argc > 3) options.agent = argv[3];
+  Options options;
+  CLI::App app("A learner with actors beside one policy_service that is both", "bench_roles");
+  app.add_option("steps", options.steps, "environment steps")->capture_default_str();
+  app.add_option("middleware", options.middleware, "cyclonedds or fastdds")->capture_default_str();
+  app.add_option("agent", options.agent, "network")->capture_default_str();
+  return citylearn::bench::run(app, argc, argv, [&] {
     std::printf("%s, %s steps, %s, %u cores\n", options.agent.c_str(), options.steps.c_str(),
                 options.middleware.c_str(), std::thread::hardware_concurrency());
     std::printf("%-10s %9s %10s %8s %14s %18s\n", "actors", "steps/s", "of both", "update", "lag, updates",

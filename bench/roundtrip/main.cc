@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // Round trips Observation -> Action between two processes over this project's Node, and the same bytes over each
 // vendor's bare API. See README.md.
-#include <fcntl.h>
 #include <poll.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <condition_variable>
 #include <cstdio>
@@ -17,6 +14,7 @@
 #include "bench/bench.h"
 #include "bench/roundtrip/bare.h"
 #include "core/wire/node.h"
+#include "tests/support/service.h"
 
 namespace {
 
@@ -274,24 +272,11 @@ void answer(const Settings& settings, const std::string& vendor, const std::stri
 
 /// Times in microseconds, of trips to a fresh process and back.
 std::vector<double> measure(const Settings& settings, const std::string& vendor, const std::string& path) {
-  int ends[2];
-  if (pipe2(ends, O_CLOEXEC) != 0) throw Error("no pipe");
-  const pid_t child = fork();
-  if (child == 0) {
-    dup2(ends[0], STDIN_FILENO);
-    const std::string role = "answer:" + vendor + ":" + path, agents = std::to_string(settings.agents),
-                      dimension = std::to_string(settings.dimension), domain = std::to_string(settings.domain);
-    execl("/proc/self/exe", "bench_roundtrip", "--role", role.c_str(), "--agents", agents.c_str(), "--dimension",
-          dimension.c_str(), "--domain", domain.c_str(), nullptr);
-    _exit(127);
-  }
-  close(ends[0]);
-  std::vector<double> times = is_bare(path)          ? ask_bare(settings, vendor, path)
-                              : path == "middleware" ? ask_middleware(settings, vendor)
-                                                     : ask_node(settings, vendor);
-  close(ends[1]);
-  waitpid(child, nullptr, 0);
-  return times;
+  const testing::Child answerer({"/proc/self/exe", "--role", "answer:" + vendor + ":" + path, "--agents",
+                                 std::to_string(settings.agents), "--dimension", std::to_string(settings.dimension),
+                                 "--domain", std::to_string(settings.domain)});
+  if (is_bare(path)) return ask_bare(settings, vendor, path);
+  return path == "middleware" ? ask_middleware(settings, vendor) : ask_node(settings, vendor);
 }
 
 double quantile(std::vector<double> values, double q) {
@@ -325,7 +310,8 @@ void compare(const Settings& settings) {
 
 int main(int count, char** arguments) {
   Settings settings;
-  CLI::App app("Round trips Observation -> Action between two processes, ours against the vendors' bare APIs");
+  CLI::App app("Round trips Observation -> Action between two processes, ours against the vendors' bare APIs",
+               "bench_roundtrip");
   app.add_option("--agents", settings.agents, "agents per observation")
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
@@ -338,8 +324,7 @@ int main(int count, char** arguments) {
   app.add_option("--rounds", settings.rounds, "rounds")->check(CLI::Range(1, 100))->capture_default_str();
   app.add_option("--domain", settings.domain, "DDS domain")->check(CLI::Range(0, 232))->capture_default_str();
   app.add_option("--role", settings.role)->group("");
-  CLI11_PARSE(app, count, arguments);
-  return bench::run("bench_roundtrip", [&] {
+  return bench::run(app, count, arguments, [&] {
     const std::size_t first = settings.role.find(':'), second = settings.role.rfind(':');
     if (first == std::string::npos)
       compare(settings);

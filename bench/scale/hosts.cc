@@ -14,6 +14,7 @@
 #include <sstream>
 
 #include "core/util/error.h"
+#include "core/util/files.h"
 
 extern char** environ;
 
@@ -41,14 +42,6 @@ bool ip(const std::string& arguments, bool quiet = false) {
 
 void require_ip(const std::string& arguments) {
   if (!ip(arguments)) throw Error("failed", "ip " + arguments, "run as root, with iproute2 installed");
-}
-
-std::string text_of(const std::string& path) {
-  std::ifstream in(path);
-  if (!in) throw Error(std::strerror(errno), path);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
 }
 
 /// Of /proc/net/snmp: a line of names, then one of numbers.
@@ -151,7 +144,7 @@ Usage usage_of(int process) {
       if (double times = 0; word == "voluntary_ctxt_switches:" && status >> times)
         (main ? usage.main_sleeps : usage.others_sleeps) += times;
   }
-  std::istringstream interfaces(text_of(folder + "/net/dev"));
+  std::istringstream interfaces(read_file(folder + "/net/dev"));
   for (std::string line; std::getline(interfaces, line);) {
     const std::size_t colon = line.find(':');
     if (colon == line.npos || line.substr(0, colon).find("eth0") == line.npos) continue;
@@ -161,7 +154,7 @@ Usage usage_of(int process) {
     usage.received_bytes = number[0], usage.received_packets = number[1];
     usage.sent_bytes = number[8], usage.sent_packets = number[9];
   }
-  const std::string counters = text_of(folder + "/net/snmp");
+  const std::string counters = read_file(folder + "/net/snmp");
   usage.sent_datagrams = snmp(counters, "Udp", "OutDatagrams");
   usage.received_datagrams = snmp(counters, "Udp", "InDatagrams");
   usage.lost_datagrams = snmp(counters, "Udp", "RcvbufErrors");
@@ -172,7 +165,7 @@ Usage usage_of(int process) {
 }
 
 double idle_processor_seconds() {
-  std::istringstream in(text_of("/proc/stat"));
+  std::istringstream in(read_file("/proc/stat"));
   std::string name;
   double user, nice, system, idle, waiting;
   in >> name >> user >> nice >> system >> idle >> waiting;

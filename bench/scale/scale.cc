@@ -5,13 +5,13 @@
 #include <csignal>
 #include <cstdio>
 #include <fstream>
-#include <iostream>
 #include <map>
 #include <memory>
 #include <regex>
 #include <set>
 #include <sstream>
 
+#include "bench/bench.h"
 #include "bench/scale/hosts.h"
 #include "core/wire/node.h"
 #include "tests/support/service.h"
@@ -20,6 +20,7 @@ namespace {
 
 using namespace citylearn;
 using namespace citylearn::scale;
+using bench::median;
 using testing::Folder;
 using testing::Service;
 using Arguments = std::vector<std::string>;
@@ -50,13 +51,6 @@ std::string describe(const Case& c) {
        << c.agent << (c.observing.empty() ? "" : ", " + c.observing) << (c.dashboard ? ", dashboard" : "")
        << (c.encoder ? ", encoder" : "") << (c.ports ? ", peers with ports" : "") << (c.runs ? "" : ", no learner");
   return text.str();
-}
-
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  std::sort(values.begin(), values.end());
-  const std::size_t middle = values.size() / 2;
-  return values.size() % 2 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
 }
 
 /// How far training is, by the newest lines of its metrics.csv.
@@ -403,15 +397,15 @@ std::vector<Case> cases() {
 
 }  // namespace
 
-int main(int argc, char** argv) try {
+int main(int argc, char** argv) {
   for (const int signal : {SIGINT, SIGTERM}) std::signal(signal, [](int) { stop = 1; });
-  const std::string middleware = argc > 1 ? argv[1] : "cyclonedds";
-  const std::regex wanted(argc > 2 ? argv[2] : "");
-  std::printf("%s\n", kColumns);
-  for (const Case& c : cases())
-    if (std::regex_search(describe(c), wanted)) measure(c, middleware, stdout);
-  return 0;
-} catch (const std::exception& error) {
-  std::cerr << "bench_scale: " << error.what() << "\n";
-  return 1;
+  std::string middleware = "cyclonedds", wanted;
+  CLI::App app("What each service costs, on hosts that are network namespaces; needs root", "bench_scale");
+  app.add_option("middleware", middleware, "cyclonedds or fastdds")->capture_default_str();
+  app.add_option("cases", wanted, "regular expression of the cases to measure; all by default");
+  return bench::run(app, argc, argv, [&] {
+    std::printf("%s\n", kColumns);
+    for (const Case& c : cases())
+      if (std::regex_search(describe(c), std::regex(wanted))) measure(c, middleware, stdout);
+  });
 }

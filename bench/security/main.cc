@@ -2,7 +2,6 @@
 // What DDS Security costs (README.md).
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
@@ -121,10 +120,9 @@ double round_trip(const Settings& settings, const std::string& vendor, std::size
 /// Returns the steps per second of a training over the wire.
 double training(const Settings& settings, const std::string& vendor, const std::string& keys, const Workplace& place) {
   const auto command = [&](const std::string& program, const std::string& id, std::vector<std::string> more) {
-    more.insert(more.begin(),
-                {program, "--id", id, "--middleware", vendor, "--domain", std::to_string(settings.domain)});
+    more.insert(more.begin(), {program, "--id", id});
     if (!keys.empty()) more.insert(more.end(), {"--security", keys + "/" + id});
-    return more;
+    return bench::on_wire(std::move(more), vendor, static_cast<int>(settings.domain));
   };
   const std::string output = place / "out";
   fs::remove_all(output);
@@ -170,7 +168,7 @@ void compare(const Settings& settings) {
 
 int main(int count, char** arguments) {
   Settings settings;
-  CLI::App app("What DDS Security costs: round trips and training, with and without, both vendors");
+  CLI::App app("What DDS Security costs: round trips and training, with and without, both vendors", "bench_security");
   app.add_option("--sizes", settings.sizes, "bytes there (120 come back)")->delimiter(',')->capture_default_str();
   app.add_option("--trips", settings.trips, "round trips per round")
       ->check(CLI::Range(10, 1000000))
@@ -179,8 +177,7 @@ int main(int count, char** arguments) {
   app.add_option("--steps", settings.steps, "environment steps of a training")->capture_default_str();
   app.add_option("--domain", settings.domain, "DDS domain")->check(CLI::Range(0, 230))->capture_default_str();
   app.add_option("--role", settings.role)->group("");
-  CLI11_PARSE(app, count, arguments);
-  return bench::run("bench_security", [&] {
+  return bench::run(app, count, arguments, [&] {
     if (settings.role.empty()) {
       compare(settings);
     } else {

@@ -179,10 +179,13 @@ void opening(const std::string& folder) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  return bench::run("bench_store", [&] {
-    const Folder temporary;
-    const std::string folder = argc > 1 ? argv[1] : temporary.path();
-    const std::uint64_t total = argc > 2 ? std::stoull(argv[2]) : 100'000;
+  const Folder temporary;
+  std::string folder = temporary.path();
+  std::uint64_t total = 100'000;
+  CLI::App app("What the dashboard's store costs beside a plain file", "bench_store");
+  app.add_option("folder", folder, "where the files go; a temporary one by default");
+  app.add_option("episodes", total, "episodes to record")->capture_default_str();
+  return bench::run(app, argc, argv, [&] {
     recording(folder, total);
     std::printf("\n%-16s %14s\n", "over", "episodes/s");
     for (const std::string middleware : {"inprocess", "cyclonedds", "fastdds"})

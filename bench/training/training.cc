@@ -4,7 +4,6 @@
 
 #include <malloc.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <cstdio>
@@ -12,6 +11,7 @@
 #include <vector>
 
 #include "bench/bench.h"
+#include "bench/made_up.h"
 #include "core/plugin/plugins.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/network/checkpoint.h"
@@ -181,13 +181,7 @@ void products() {
     Matrix<float> out(4 * kCells, columns);
     const double plain = rate(2.0 * 4 * kCells * kHidden * columns, [&] { out.noalias() = weights * right; });
     NetworkInputs<float> inputs;
-    inputs.resize(kDimension, steps, agents);
-    inputs.frames = task.frames;
-    for (int column = 0; column < columns; ++column) inputs.see(column, -1, Vector<float>::Random(kDimension));
-    std::fill(inputs.goal.begin(), inputs.goal.end(), 0);
-    std::fill(inputs.previous_action.begin(), inputs.previous_action.end(), kStay);
-    std::fill(inputs.allowed.begin(), inputs.allowed.end(), std::uint8_t{7});
-    std::fill(inputs.first.begin(), inputs.first.end(), std::uint8_t{0});
+    bench::make_up(inputs, task, steps, agents, random);
     const Matrix<float> state = Matrix<float>::Zero(network->state_size(), agents);
     const auto workspace = network->make_workspace();
     const double operations =
@@ -259,31 +253,7 @@ void updates(const Options& options) {
     const auto learner =
         learner_entry.create(parameters, LearnerTask{*network, "features", network_parameters, task, 1, 1u << 30});
 
-    Random random{1};
-    Rollout rollout;
-    rollout.resize(kDimension, network->state_size(), kSteps, kAgents, kSteps);
-    rollout.inputs.frames = rollout.next.frames = task.frames;
-    rollout.states.setZero();
-    Vector<float> features(kDimension);
-    const auto fill = [&](NetworkInputs<float>& inputs) {
-      for (int column = 0; column < inputs.steps * inputs.agents; ++column) {
-        const auto index = static_cast<std::size_t>(column);
-        for (float& value : features) value = static_cast<float>(random.normal());
-        inputs.see(column, -1, features.normalized());
-        inputs.goal[index] = static_cast<int>(random.below(128));
-        inputs.position[index] = static_cast<int>(random.below(128));
-        inputs.previous_action[index] = kStay;
-        inputs.allowed[index] = 7;
-        inputs.first[index] = 0;
-      }
-    };
-    fill(rollout.inputs);
-    fill(rollout.next);
-    for (std::size_t i = 0; i < rollout.action.size(); ++i) {
-      rollout.action[i] = static_cast<std::uint8_t>(random.below(3));
-      rollout.log_probability[i] = -1.1f;
-      rollout.reward[i] = static_cast<float>(random.normal());
-    }
+    Rollout rollout = bench::made_up_rollout(task, static_cast<int>(network->state_size()), kSteps, kAgents, kSteps);
     Rollout* const rollouts[] = {&rollout};
     const int epochs = static_cast<int>(values.at("epochs")), minibatch = static_cast<int>(values.at("minibatch"));
     std::vector<BareProducts> bare(2, {kDimension + 1, 512, cells, 2 * kActions, kSteps, minibatch / 2});
@@ -330,18 +300,7 @@ void places() {
     network->initialise(random, parameters);
     gradient.setZero(parameters.size());
     NetworkInputs<float> inputs;
-    inputs.resize(kDimension, kSteps, kAgents);
-    inputs.frames = places;
-    for (int column = 0; column < kSteps * kAgents; ++column) {
-      const auto index = static_cast<std::size_t>(column);
-      const int place = static_cast<int>(random.below(static_cast<std::uint64_t>(places)));
-      inputs.see(column, -1, task.reference.col(place));
-      inputs.position[index] = place;
-      inputs.goal[index] = static_cast<int>(random.below(static_cast<std::uint64_t>(places)));
-      inputs.previous_action[index] = kStay;
-      inputs.allowed[index] = 7;
-      inputs.first[index] = column < kAgents;
-    }
+    bench::make_up(inputs, task, kSteps, kAgents, random);
     const Matrix<float> state = Matrix<float>::Zero(network->state_size(), kAgents);
     Heads<float> derivative;
     derivative.logits.setRandom(kActions, kSteps * kAgents);
@@ -366,10 +325,7 @@ void places() {
   }
 }
 
-int measure(int argc, char** argv) {
-  Options options;
-  CLI::App app("Trains and evaluates an agent in one process, without the wire");
-  add_plugin_option(app, argc, argv);
+void add_options(CLI::App& app, Options& options) {
   app.add_option("--agent", options.trainer.agent, "network")->capture_default_str();
   app.add_option("--learner", options.trainer.learner, "learner")->capture_default_str();
   app.add_option("--seed", options.trainer.seed, "")->capture_default_str();
@@ -394,7 +350,9 @@ int measure(int argc, char** argv) {
                "measure a learner's updates beside the bare products in them, train nothing");
   app.add_flag("--places", options.places, "measure place_filter on longer and longer routes, train nothing");
   app.add_flag("--products", options.products, "measure matrix products and the network's passes, train nothing");
-  CLI11_PARSE(app, argc, argv);
+}
+
+void measure(Options options) {
   give_parameters(options.set, options.trainer);
   if (options.places)
     places();
@@ -404,14 +362,18 @@ int measure(int argc, char** argv) {
     products();
   else
     train(options);
-  return 0;
 }
 
 }  // namespace
 }  // namespace citylearn
 
 int main(int argc, char** argv) {
-  int status = 0;
-  const int failed = citylearn::bench::run("bench_training", [&] { status = citylearn::measure(argc, argv); });
-  return failed ? failed : status;
+  citylearn::Options options;
+  CLI::App app("Trains and evaluates an agent in one process, without the wire", "bench_training");
+  return citylearn::bench::run(
+      app, argc, argv, [&] { citylearn::measure(options); },
+      [&] {
+        citylearn::add_plugin_option(app, argc, argv);
+        citylearn::add_options(app, options);
+      });
 }
