@@ -6,28 +6,16 @@
 #include <exception>
 #include <functional>
 #include <mutex>
+#include <stop_token>
 #include <thread>
 #include <utility>
 
 namespace citylearn {
 
-/// One thread that runs tasks in the order they were posted, so that a service goes on answering meanwhile. Used by one
-/// thread.
+/// One thread that runs tasks in the order they were posted, so that a service goes on answering meanwhile. At its end
+/// it finishes the task that runs and drops those not begun. Used by one thread.
 class BackgroundQueue {
  public:
-  BackgroundQueue() : thread_([this] { work(); }) {}
-  /// Finishes the task that runs; those not begun are dropped.
-  ~BackgroundQueue() {
-    {
-      const std::lock_guard lock(mutex_);
-      stopping_ = true;
-    }
-    condition_.notify_one();
-    thread_.join();
-  }
-  BackgroundQueue(const BackgroundQueue&) = delete;
-  BackgroundQueue& operator=(const BackgroundQueue&) = delete;
-
   /// Runs `task` on the thread; run_completions() then calls `completion` on the caller's.
   void post(std::function<void()> task, std::function<void()> completion) {
     {
@@ -55,11 +43,9 @@ class BackgroundQueue {
     std::function<void()> run, completion;
   };
 
-  void work() {
+  void work(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
-    while (true) {
-      condition_.wait(lock, [this] { return stopping_ || !queued_.empty(); });
-      if (stopping_) return;
+    while (condition_.wait(lock, stop, [this] { return !queued_.empty(); }) && !stop.stop_requested()) {
       Task task = std::move(queued_.front());
       queued_.pop_front();
       lock.unlock();
@@ -78,11 +64,10 @@ class BackgroundQueue {
   }
 
   std::mutex mutex_;
-  std::condition_variable condition_;
+  std::condition_variable_any condition_;
   std::deque<Task> queued_, done_;
   std::exception_ptr failure_;
-  bool stopping_ = false;
-  std::thread thread_;
+  std::jthread thread_{[this](const std::stop_token& stop) { work(stop); }};
 };
 
 }  // namespace citylearn

@@ -82,7 +82,7 @@ int main(int argc, char** argv) {
                    "Safetensors file whose parameters replace those of --checkpoint");
     app.add_flag("--resume", options.resume,
                  "Continue from the newest checkpoint in --output; start anew where there is none");
-    app.add_option("--initial", options.initial,
+    app.add_option("--initial", options.initial_checkpoint,
                    "Checkpoint whose agent's parameters training starts from, of any route (--mode train)")
         ->type_name("FILE");
     app.add_option("--freeze", options.frozen,

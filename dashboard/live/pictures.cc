@@ -15,17 +15,7 @@ constexpr std::size_t kMostOriginals = 4;  // that wait to be made small
 
 }  // namespace
 
-Pictures::Pictures(Node& node, const Options& options)
-    : node_(node), options_(options), cache_(options.most_bytes), thread_([this] { shrink_all(); }) {}
-
-Pictures::~Pictures() {
-  {
-    const std::lock_guard lock(mutex_);
-    stop_ = true;
-  }
-  wake_.notify_one();
-  thread_.join();
-}
+Pictures::Pictures(Node& node, const Options& options) : node_(node), options_(options), cache_(options.most_bytes) {}
 
 void Pictures::fetch(const PictureKey& key, const Source& source) {
   if (fetches_.contains(key) || cache_.find(key)) return;
@@ -118,11 +108,9 @@ void Pictures::shrink_later(const PictureKey& key, Bytes file, const std::string
   wake_.notify_one();
 }
 
-void Pictures::shrink_all() {
+void Pictures::shrink_all(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
-  while (true) {
-    wake_.wait(lock, [this] { return stop_ || !originals_.empty(); });
-    if (stop_) return;
+  while (wake_.wait(lock, stop, [this] { return !originals_.empty(); }) && !stop.stop_requested()) {
     const Original& one = originals_.front();  // stays where it is, whatever comes behind it
     lock.unlock();
     PictureFile picture;

@@ -6,6 +6,7 @@
 #include <map>
 #include <mutex>
 #include <optional>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
@@ -31,7 +32,6 @@ class Pictures {
     std::string session, environment;
   };
   Pictures(Node& node, const Options& options);
-  ~Pictures();
 
   std::shared_ptr<const PictureFile> find(const PictureKey& key) { return cache_.find(key); }
 
@@ -53,7 +53,7 @@ class Pictures {
   void on_message(const msg::ImageChunk& chunk, Clock::time_point now);
   void request(const PictureKey& key, Fetch& fetch, Clock::time_point now);
   void shrink_later(const PictureKey& key, Bytes file, const std::string& name);
-  void shrink_all();
+  void shrink_all(const std::stop_token& stop);
 
   Node& node_;
   const Options options_;
@@ -71,10 +71,9 @@ class Pictures {
     std::string name;
   };
   std::mutex mutex_;
-  std::condition_variable wake_;
+  std::condition_variable_any wake_;
   std::deque<Original> originals_;  // the first one is being done
-  bool stop_ = false;
-  std::thread thread_;
+  std::jthread thread_{[this](const std::stop_token& stop) { shrink_all(stop); }};
 };
 
 }  // namespace citylearn

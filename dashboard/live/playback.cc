@@ -26,19 +26,12 @@ constexpr std::chrono::milliseconds kStopCheck{50};  // how often it checks whet
 }  // namespace
 
 Playback::Playback(std::uint32_t domain, const ReplayOptions& options)
-    : middleware_(inprocess(domain)), replayer_(*middleware_, options) {
-  thread_ = std::thread([this] { play(); });
-}
+    : middleware_(inprocess(domain)), replayer_(*middleware_, options) {}
 
-Playback::~Playback() {
-  stop_ = true;
-  thread_.join();
-}
-
-void Playback::play() {
+void Playback::play(const std::stop_token& stop) {
   try {
     while (replayer_.poll()) {
-      if (stop_) return;
+      if (stop.stop_requested()) return;
       middleware_->wait(std::min(replayer_.due(), Clock::now() + kStopCheck));
     }
   } catch (const Error& error) {

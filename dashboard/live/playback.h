@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <atomic>
 #include <memory>
 #include <mutex>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
@@ -12,29 +12,24 @@
 
 namespace citylearn {
 
-/// Plays recordings to the nodes of this process (middleware `inprocess`), in a thread of its own.
+/// Plays recordings to the nodes of this process (middleware `inprocess`), in a thread of its own, while it lives.
 class Playback {
  public:
   /// Throws Error when a file is not a recording.
   Playback(std::uint32_t domain, const ReplayOptions& options);
-  /// Stops playing.
-  ~Playback();
-  Playback(const Playback&) = delete;
-  Playback& operator=(const Playback&) = delete;
 
   /// Returns the messages for the user since the last call: the end, what is missing or damaged.
   std::vector<std::string> take_messages();
 
  private:
-  void play();
+  void play(const std::stop_token& stop);
   void report(const std::string& line);
 
   std::unique_ptr<Middleware> middleware_;
   Replayer replayer_;
-  std::atomic<bool> stop_{false};
   std::mutex mutex_;
   std::vector<std::string> messages_;
-  std::thread thread_;
+  std::jthread thread_{[this](const std::stop_token& stop) { play(stop); }};
 };
 
 /// A temporary folder that is removed with this object. The constructor throws Error when it cannot be created.

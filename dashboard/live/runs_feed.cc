@@ -11,21 +11,12 @@
 namespace citylearn {
 
 RunsFeed::RunsFeed(Hub& hub, std::function<nlohmann::json()> runs, std::chrono::milliseconds period)
-    : hub_(hub), runs_(std::move(runs)), period_(period), thread_([this] { work(); }) {}
+    : hub_(hub), runs_(std::move(runs)), period_(period) {}
 
-RunsFeed::~RunsFeed() {
-  {
-    const std::lock_guard guard(mutex_);
-    stop_ = true;
-  }
-  wake_.notify_all();
-  thread_.join();
-}
-
-void RunsFeed::work() {
+void RunsFeed::work(const std::stop_token& stop) {
   std::string last;
   std::unique_lock guard(mutex_);
-  while (!wake_.wait_for(guard, period_, [this] { return stop_; })) {
+  while (!wake_.wait_for(guard, stop, period_, [] { return false; }) && !stop.stop_requested()) {
     const std::vector<std::string> watched = hub_.watched();
     if (std::find(watched.begin(), watched.end(), "runs") == watched.end()) {
       last.clear();  // the next watcher gets the list

@@ -5,6 +5,7 @@
 #include <functional>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <stop_token>
 #include <thread>
 
 #include "dashboard/http/hub.h"
@@ -17,20 +18,16 @@ class RunsFeed {
  public:
   RunsFeed(Hub& hub, std::function<nlohmann::json()> runs,
            std::chrono::milliseconds period = std::chrono::milliseconds(500));
-  ~RunsFeed();
-  RunsFeed(const RunsFeed&) = delete;
-  RunsFeed& operator=(const RunsFeed&) = delete;
 
  private:
-  void work();
+  void work(const std::stop_token& stop);
 
   Hub& hub_;
   const std::function<nlohmann::json()> runs_;
   const std::chrono::milliseconds period_;
   std::mutex mutex_;
-  std::condition_variable wake_;
-  bool stop_ = false;
-  std::thread thread_;
+  std::condition_variable_any wake_;
+  std::jthread thread_{[this](const std::stop_token& stop) { work(stop); }};
 };
 
 }  // namespace citylearn

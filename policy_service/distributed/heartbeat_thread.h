@@ -3,6 +3,7 @@
 
 #include <condition_variable>
 #include <mutex>
+#include <stop_token>
 #include <thread>
 
 #include "core/wire/node.h"
@@ -13,17 +14,7 @@ namespace citylearn {
 /// Used by the node's thread.
 class HeartbeatThread {
  public:
-  explicit HeartbeatThread(Node& node) : node_(node), thread_([this] { loop(); }) {}
-  ~HeartbeatThread() {
-    {
-      const std::lock_guard lock(mutex_);
-      stop_ = true;
-    }
-    wake_.notify_one();
-    thread_.join();
-  }
-  HeartbeatThread(const HeartbeatThread&) = delete;
-  HeartbeatThread& operator=(const HeartbeatThread&) = delete;
+  explicit HeartbeatThread(Node& node) : node_(node) {}
 
   /// Returns work(), which must not use the node.
   template <class Work>
@@ -52,23 +43,19 @@ class HeartbeatThread {
     HeartbeatThread& heartbeat_;
   };
 
-  void loop() {
+  void loop(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
-    while (!stop_) {
-      if (lent_) {
-        node_.publish_heartbeat_if_due();
-        wake_.wait_until(lock, node_.next_heartbeat());
-      } else {
-        wake_.wait(lock);
-      }
+    while (wake_.wait(lock, stop, [this] { return lent_; })) {
+      node_.publish_heartbeat_if_due();
+      wake_.wait_until(lock, stop, node_.next_heartbeat(), [this] { return !lent_; });
     }
   }
 
   Node& node_;
   std::mutex mutex_;
-  std::condition_variable wake_;
-  bool lent_ = false, stop_ = false;
-  std::thread thread_;
+  std::condition_variable_any wake_;
+  bool lent_ = false;
+  std::jthread thread_{[this](const std::stop_token& stop) { loop(stop); }};
 };
 
 }  // namespace citylearn

@@ -7,26 +7,21 @@
 
 #include "core/wire/node.h"
 #include "policy_service/env_client/env_client.h"
+#include "policy_service/learning/trainer.h"
 
 namespace citylearn {
 
-struct PolicyServiceOptions {
+/// Options of a run. With mode "evaluate" `agent` may be a control.
+struct PolicyServiceOptions : TrainerOptions {
   Node::Options node;
 
   // What to do.
-  std::string mode = "train";          ///< "train" (then evaluate), or "evaluate"
-  std::string agent = "place_filter";  ///< a network, or with mode "evaluate" a control
-  std::string learner = "ppo";
-  std::map<std::string, double> network_parameters, learner_parameters, trainer_parameters;  ///< those given
-  std::string checkpoint;     ///< mode "evaluate": the file to act from
-  std::string parameters;     ///< with `checkpoint`: safetensors file whose parameters go before its own
-  std::string role = "both";  ///< "both", "actor" or "learner" (docs/decisions/0008-roles.md)
-  bool resume = false;        ///< continue from the newest checkpoint of `output`; start anew where there is none
-  std::uint64_t seed = 1;
-
-  // What training begins with.
-  std::string initial;              ///< a checkpoint whose agent gives the parameters; empty: random ones
-  std::vector<std::string> frozen;  ///< tensors, or prefixes of their names, that are not trained
+  std::string mode = "train";      ///< "train" (then evaluate), or "evaluate"
+  std::string checkpoint;          ///< mode "evaluate": the file to act from
+  std::string parameters;          ///< with `checkpoint`: safetensors file whose parameters go before its own
+  std::string role = "both";       ///< "both", "actor" or "learner" (docs/decisions/0008-roles.md)
+  bool resume = false;             ///< continue from the newest checkpoint of `output`; start anew where there is none
+  std::string initial_checkpoint;  ///< its agent becomes `initial`; empty: random parameters
 
   // Where.
   std::string train = "summer";       ///< traversal learned from
@@ -42,10 +37,7 @@ struct PolicyServiceOptions {
   bool stay = false;          ///< actor: wait for the next learner when one has ended
 
   // The task.
-  int first_frame = 0;
-  int frames = 128;         ///< N
-  int max_steps = 0;        ///< 0 = N
-  bool curriculum = false;  ///< the paper's lessons, ending with N = 128
+  int frames = 128;  ///< N; the paper's lessons end with 128
 
   // How long.
   std::uint64_t steps = 0;    ///< environment steps to learn from; 0 = the agent's recommendation

@@ -2,10 +2,15 @@
 #include "policy_service/run/evaluation.h"
 
 namespace citylearn {
+namespace {
 
-Evaluation::Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, const EvaluationOptions& options,
+constexpr std::chrono::seconds kPatience{30};  // with an env_service that is silent
+
+}  // namespace
+
+Evaluation::Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, msg::TaskSettings settings,
                        MakePolicy make_policy)
-    : client_(client), options_(options), make_policy_(std::move(make_policy)) {
+    : client_(client), settings_(std::move(settings)), make_policy_(std::move(make_policy)) {
   for (EnvHandle* env : envs) parts_[env];
 }
 
@@ -13,18 +18,7 @@ void Evaluation::begin(EnvHandle& env) {
   Part& part = parts_.at(&env);
   part.policy = make_policy_(env);
   part.episodes.clear();
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::EVALUATE;
-  settings.first_frame() = static_cast<std::uint32_t>(options_.first_frame);
-  settings.frames() = static_cast<std::uint32_t>(options_.frames);
-  settings.max_steps() = static_cast<std::uint32_t>(options_.max_steps);
-  settings.seed() = options_.seed;
-  settings.tasks() = static_cast<std::uint32_t>(options_.tasks);
-  settings.shuffle() = options_.shuffle;
-  settings.policy() = options_.policy.c_str();
-  settings.update() = options_.update;
-  settings.run_id() = options_.run_id;
-  client_.command(env, settings);
+  client_.command(env, settings_);
 }
 
 bool Evaluation::decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
@@ -41,19 +35,19 @@ void Evaluation::add(const EnvHandle& env, const msg::EpisodeStat& episode) {
 
 bool Evaluation::done() const {
   for (const auto& [env, part] : parts_)
-    if (static_cast<int>(part.episodes.size()) < options_.tasks) return false;
+    if (part.episodes.size() < settings_.tasks()) return false;
   return true;
 }
 
 double Evaluation::fraction() const {
   double finished = 0;
   for (const auto& [env, part] : parts_) finished += static_cast<double>(part.episodes.size());
-  return parts_.empty() ? 1 : finished / (static_cast<double>(parts_.size()) * options_.tasks);
+  return parts_.empty() ? 1 : finished / (static_cast<double>(parts_.size()) * settings_.tasks());
 }
 
 void Evaluation::check_alive() const {
   for (const auto& [env, part] : parts_)
-    if (Clock::now() - env->presence.last_heard() > options_.patience)
+    if (Clock::now() - env->presence.last_heard() > kPatience)
       throw Error("went silent during the evaluation on '" + env->traversal() + "'", "env_service '" + env->id + "'",
                   "start it again, then evaluate the checkpoint with --mode evaluate");
 }

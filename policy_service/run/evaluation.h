@@ -13,27 +13,14 @@
 
 namespace citylearn {
 
-/// The tasks of one evaluation. The same seed gives every policy the very same tasks, on whichever traversal.
-struct EvaluationOptions {
-  int first_frame = 0;
-  int frames = 128;  ///< N
-  int max_steps = 128;
-  int tasks = 2000;
-  std::uint64_t seed = 1;
-  bool shuffle = false;               ///< show the frames in a random order
-  std::string policy;                 ///< name of the acting policy, for records
-  std::uint64_t update = 0;           ///< of the learner that made the acting parameters; 0 = none
-  std::uint64_t run_id = 0;           ///< that this is part of
-  std::chrono::seconds patience{30};  ///< how long an env_service may stay silent
-};
-
-/// Performs all tasks of `options` on several env_services at once. Used by one thread.
+/// Performs all tasks of `settings` (mode EVALUATE) on several env_services at once. The same seed gives every policy
+/// the very same tasks, on whichever traversal. Used by one thread.
 class Evaluation {
  public:
   using MakePolicy = std::function<std::unique_ptr<Policy>(const EnvHandle&)>;
 
   /// `envs` and `client` must outlive it.
-  Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, const EvaluationOptions& options, MakePolicy make_policy);
+  Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, msg::TaskSettings settings, MakePolicy make_policy);
 
   /// Sends the settings; call once. An env_service that restarts begins again from its first task: call again for it.
   void begin(EnvHandle& env);
@@ -46,7 +33,7 @@ class Evaluation {
   /// Returns the fraction of tasks finished, 0..1.
   double fraction() const;
   std::uint64_t steps() const { return steps_; }
-  /// Throws Error when an env_service has been silent for longer than the patience.
+  /// Throws Error when an env_service has been silent for half a minute.
   void check_alive() const;
   bool includes(const EnvHandle& env) const { return parts_.contains(&env); }
   /// Returns the scores by traversal, in the order of the tasks.
@@ -58,7 +45,7 @@ class Evaluation {
     std::map<std::uint32_t, msg::EpisodeStat> episodes;  ///< by task
   };
   EnvClient& client_;
-  EvaluationOptions options_;
+  const msg::TaskSettings settings_;
   MakePolicy make_policy_;
   std::map<const EnvHandle*, Part> parts_;
   std::uint64_t steps_ = 0;

@@ -52,18 +52,19 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
 void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
                              const std::vector<EnvHandle*>& envs) {
   const PolicyServiceOptions& options = context_.options;
-  EvaluationOptions what;
-  what.first_frame = options.first_frame;
-  what.frames = options.frames;
-  what.max_steps = options.max_steps;
-  what.tasks = options.tasks;
-  what.seed = mix_seeds({options.seed, kEvaluationTasks});
-  what.shuffle = shuffle;
-  what.policy = name;
-  if (agent_ && name == options.agent) what.update = agent_->update;
-  what.run_id = context_.records.run_id();
+  msg::TaskSettings settings;
+  settings.task_mode() = msg::EVALUATE;
+  settings.first_frame() = static_cast<std::uint32_t>(options.first_frame);
+  settings.frames() = static_cast<std::uint32_t>(options.frames);
+  settings.max_steps() = static_cast<std::uint32_t>(options.max_steps);
+  settings.tasks() = static_cast<std::uint32_t>(options.tasks);
+  settings.seed() = mix_seeds({options.seed, kEvaluationTasks});
+  settings.shuffle() = shuffle;
+  settings.policy() = name.c_str();
+  if (agent_ && name == options.agent) settings.update() = agent_->update;
+  settings.run_id() = context_.records.run_id();
   const std::string label = shuffle ? "shuffled" : name;
-  Evaluation evaluation(context_.client, envs, what, make);
+  Evaluation evaluation(context_.client, envs, settings, make);
   {
     const EvaluationHandlers handlers(context_.client, evaluation);
     const Clock::time_point since = Clock::now();

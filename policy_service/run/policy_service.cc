@@ -80,8 +80,8 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
     throw Error("needs --checkpoint", "--parameters", "name the checkpoint of the agent that they are for");
   for (const std::string& name : options.controls)
     if (name != "shuffled") ControlRegistry::instance().find("control", name);
-  if (options.mode != "train" && (!options.initial.empty() || !options.frozen.empty()))
-    throw Error("is for --mode train", options.initial.empty() ? "--freeze" : "--initial");
+  if (options.mode != "train" && (!options.initial_checkpoint.empty() || !options.frozen.empty()))
+    throw Error("is for --mode train", options.initial_checkpoint.empty() ? "--freeze" : "--initial");
   if (options.role != "both" && options.mode != "train") throw Error("is for --role both", "--mode " + options.mode);
   if (options.role == "learner" && options.lockstep)
     throw Error("is for --role both", "--lockstep", "what a learner gets when depends on its actors");

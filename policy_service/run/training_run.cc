@@ -12,30 +12,21 @@ namespace citylearn {
 void TrainingRun::build_trainer() {
   const PolicyServiceOptions& options = context_.options;
   const EnvHandle& first = *context_.env_on(options.train);
-  TrainerOptions trainer;
-  trainer.agent = options.agent;
-  trainer.learner = options.learner;
-  trainer.network_parameters = options.network_parameters;
-  trainer.learner_parameters = options.learner_parameters;
-  trainer.trainer_parameters = options.trainer_parameters;
+  TrainerOptions trainer = options;
   if (options.steps > 0) trainer.trainer_parameters["steps"] = static_cast<double>(options.steps);
-  trainer.seed = options.seed;
-  trainer.first_frame = options.first_frame;
-  trainer.max_steps = options.max_steps;
-  trainer.curriculum = options.curriculum;
   NetworkTask task;
   task.frames = options.frames;
   task.features = static_cast<int>(first.info.feature_dimension());
   const std::vector<float>& features = context_.reference();
   if (!features.empty())
     task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, options.frames);
-  trainer.frozen = options.frozen;
   const std::string folder = context_.records.checkpoint_folder();
   const std::optional<std::string> newest = options.resume ? newest_checkpoint(folder) : std::nullopt;
-  if (!options.initial.empty() && !newest) trainer.initial = trained_agent(read_checkpoint(options.initial));
+  if (!options.initial_checkpoint.empty() && !newest)
+    trainer.initial = trained_agent(read_checkpoint(options.initial_checkpoint));
   trainer_ = std::make_unique<Trainer>(trainer, task);
   if (trainer.initial)
-    spdlog::info("starting from the agent of {} (its update {})", options.initial, trainer.initial->update);
+    spdlog::info("starting from the agent of {} (its update {})", options.initial_checkpoint, trainer.initial->update);
   if (!trainer_->frozen().empty()) spdlog::info("frozen tensors: {}", fmt::join(trainer_->frozen(), ", "));
   if (newest) {
     trainer_->load(read_checkpoint(*newest));

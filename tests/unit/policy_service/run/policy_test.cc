@@ -341,13 +341,13 @@ TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
     return testing::error_of([&] { checked_options(options); });
   };
   PolicyServiceOptions options;
-  options.initial = "agent.clk";
+  options.initial_checkpoint = "agent.clk";
   options.frozen = {"head"};
   EXPECT_EQ(refusal(options), "");
   options.mode = "evaluate";
   options.checkpoint = "agent.clk";
   EXPECT_NE(refusal(options).find("--initial: is for --mode train"), std::string::npos) << refusal(options);
-  options.initial.clear();
+  options.initial_checkpoint.clear();
   EXPECT_NE(refusal(options).find("--freeze: is for --mode train"), std::string::npos) << refusal(options);
   options.mode = "train";
   EXPECT_NE(refusal(options).find("--initial"), std::string::npos) << "the way to train a checkpoint's agent further";
