@@ -31,7 +31,7 @@ constexpr int kWindows = 5;
 constexpr std::uint32_t kDomain = 43;
 constexpr seconds kPatience{90};
 
-/// The hosts are to go even then.
+/// Set by a signal, so that the hosts are removed before the program ends.
 volatile std::sig_atomic_t stop = 0;
 
 /// One layout of services, each on a host of its own.
@@ -39,7 +39,7 @@ struct Case {
   int envs = 1, agents = 16, actors = 1, dimension = 64;
   std::string agent = "place_filter";
   bool dashboard = false, encoder = false;
-  bool runs = true;            ///< a learner is started; else the services only know each other
+  bool runs = true;            ///< a learner is started; else the services only discover each other
   bool ports = false;          ///< peers are named with their ports
   int update = 16;             ///< sequences that an update takes: --trainer-agents
   std::string observing = "";  ///< role both: --observations
@@ -53,7 +53,7 @@ std::string describe(const Case& c) {
   return text.str();
 }
 
-/// How far training is, by the newest lines of its metrics.csv.
+/// The progress of training, by the newest lines of its metrics.csv.
 struct Progress {
   double steps = 0, episodes = 0;
   double lag = 0;  ///< updates, mean of those lines
@@ -79,7 +79,7 @@ Progress progress_in(const std::string& path) {
   return progress;
 }
 
-/// The services of one case, and somebody who hears their heartbeats.
+/// The services of one case, and a node that listens to their heartbeats.
 class Scene {
  public:
   Scene(const Case& c, const std::string& middleware)
@@ -101,7 +101,7 @@ class Scene {
     node_->create_reader<msg::ServiceStatus>();
   }
 
-  /// Until all have been heard.
+  /// Waits until all services have been heard.
   void meet() {
     until([this] { return heard_.size() == services_.size(); }, "not all services were heard");
   }
@@ -133,7 +133,7 @@ class Scene {
   void await_steps(double many) {
     until([&] { return progress().steps >= many; }, "training does not go on");
   }
-  /// Just after an update.
+  /// Waits until the next update has ended.
   void await_update() {
     const double before = progress().steps;
     until([&] { return progress().steps > before; }, "training does not go on");
@@ -222,13 +222,13 @@ std::string kind_of(const std::string& id) {
   return kind == "policy" ? "learner" : kind;
 }
 
-/// Of one kind of service in one phase: the mean of its services, the median of the windows, per step of one agent or
-/// per second.
+/// What one kind of service used in one phase: the mean of its services and the median of the windows, per step of one
+/// agent or per second.
 struct Row {
   std::string phase, kind;
   int count = 0;
   Usage usage;
-  double steps_per_second = 0, busy = 0, idle = 0;  ///< cores that the case used, and that nobody used
+  double steps_per_second = 0, busy = 0, idle = 0;  ///< cores that the case used, and idle ones
   double episodes = 0, lag = 0;                     ///< per step; in updates
   double received = 0, repeated = 0, resent = 0;    ///< per second, as the services count
 };
@@ -260,7 +260,7 @@ struct Look {
   Progress progress;
 };
 
-/// What was used between the looks at the services, by kind: per step, or per second where nothing is learned.
+/// Returns what was used between successive looks, by kind: per step, or per second where nothing is learned.
 std::vector<Row> rows_of(const std::string& phase, const std::vector<Look>& looks, bool learns) {
   std::map<std::string, std::vector<Usage>> windows;
   std::map<std::string, int> counts;
@@ -308,7 +308,7 @@ std::vector<Row> rows_of(const std::string& phase, const std::vector<Look>& look
 
 double seconds_now() { return std::chrono::duration<double>(Clock::now().time_since_epoch()).count(); }
 
-/// Looks at the services at the start and after each of the windows that `next` waits for.
+/// Looks at the services at the start and after each window; `next` waits for the end of a window.
 template <class Next>
 std::vector<Row> observe(Scene& scene, const std::string& phase, int windows, bool learns, const Next& next) {
   std::vector<Look> looks;
@@ -338,8 +338,8 @@ void measure(const Case& c, const std::string& middleware, std::FILE* file) {
   std::fprintf(stderr, "%s: %s\n", middleware.c_str(), describe(c).c_str());
   Scene scene(c, middleware);
   scene.meet();
-  scene.hear(seconds(2));  // the last ones find each other
-  // All there is since each process began: to start, and to find each other.
+  scene.hear(seconds(2));  // discovery may still go on
+  // Since each process began: what it takes to start and to discover each other.
   Look before, begun{1, scene.usage(), 0, {}};
   for (const auto& [id, usage] : begun.usage) before.usage[id] = Usage();
   for (const Row& row : rows_of("start", {before, begun}, false)) print(file, middleware, c, row);

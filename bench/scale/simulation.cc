@@ -89,7 +89,7 @@ void Link::send(double bytes, std::function<void()> passed) {
 
 namespace {
 
-// As in env_service.cc, actor.cc and learner_link.cc.
+// As in env_service.cc, actor.cc and learner_server.cc.
 constexpr double kObservationAgain = 0.05, kObservationAgainAtMost = 1;
 constexpr double kTrajectoriesAgain = 0.2, kTrajectoriesAgainAtMost = 2;
 constexpr std::uint64_t kOnTheWay = 48, kAtOnce = 16;
@@ -607,7 +607,7 @@ void Run::beat(Process& process) {
   events_.after(1, [this, &process] { beat(process); });
 }
 
-/// Every second all env_services hear again how far their episodes are recorded (Fleet::spin).
+/// Every second all env_services hear again how far their episodes are recorded (EnvClient::spin).
 void Run::confirm_all() {
   for (const auto& env : envs_) to_confirm_.insert(env->index);
   handled();

@@ -127,7 +127,7 @@ void Heartbeats::take() {
   }
 }
 
-Findings examine(const MiddlewareOptions& options, const std::string& run, double seconds) {
+Findings examine(const MiddlewareOptions& options, const std::string& session, double seconds) {
   Findings findings;
   findings.interfaces = internal::interfaces();
   for (const std::string& wanted : options.interfaces)
@@ -151,7 +151,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
   findings.participants = middleware->discovery().participants();
   findings.ports = ports_taken(findings.first_port, findings.last_port, getpid());
   for (const auto& [name, service] : heartbeats.services())
-    if (run.empty() || name.first == run) findings.services.push_back(service);
+    if (session.empty() || name.first == session) findings.services.push_back(service);
   if (findings.participants.empty())
     findings.problems.push_back(fmt::format(
         "no participant was heard in domain {} on {} within {} s (same --domain, --interface and --peers there?)",
@@ -160,7 +160,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& run, doubl
     findings.problems.push_back(fmt::format(
         "participants are heard, but no service{} (do they hear this host? their --peers must name it, and a "
         "firewall may let packets through one way only)",
-        run.empty() ? "" : " of session '" + run + "'"));
+        session.empty() ? "" : " of session '" + session + "'"));
   for (const std::string& fault : middleware->discovery().faults())
     if (!fault.starts_with("peer ")) findings.problems.push_back(fault);  // peers are examined below, more closely
   for (const std::string& line : heartbeats.unreadable()) findings.problems.push_back(line);
@@ -198,7 +198,7 @@ std::string as_text(const Findings& findings) {
   text += fmt::format("services: {}\n", findings.services.size());
   for (const Heartbeats::Service& service : findings.services) {
     const msg::ServiceStatus& status = service.newest;
-    text += fmt::format("  {:<24} {:<16} run {}, host {}, process {}, {}: {}{}\n", status.header().sender().c_str(),
+    text += fmt::format("  {:<24} {:<16} session {}, host {}, process {}, {}: {}{}\n", status.header().sender().c_str(),
                         status.service().c_str(), status.header().session().c_str(), status.host().c_str(),
                         status.process(), shown(status.service_state()), status.activity().c_str(),
                         status.foreign() ? fmt::format(" ({} messages of other sessions)", status.foreign()) : "");
@@ -229,7 +229,7 @@ std::string as_json(const Findings& findings) {
     const msg::ServiceStatus& status = service.newest;
     json["services"].push_back({{"id", status.header().sender().c_str()},
                                 {"service", status.service().c_str()},
-                                {"run", status.header().session().c_str()},
+                                {"session", status.header().session().c_str()},
                                 {"host", status.host().c_str()},
                                 {"process", status.process()},
                                 {"middleware", status.middleware().c_str()},
@@ -244,19 +244,19 @@ std::string as_json(const Findings& findings) {
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
-std::string check_service(const MiddlewareOptions& options, const std::string& run, const std::string& id,
+std::string check_service(const MiddlewareOptions& options, const std::string& session, const std::string& id,
                           double seconds) {
   const auto middleware = create_middleware(as_doctor(options));
   Heartbeats heartbeats(*middleware);
   const auto say = [&](const std::string& what) {
-    return fmt::format("service '{}'{}: {}", id, run.empty() ? "" : " of session '" + run + "'", what);
+    return fmt::format("service '{}'{}: {}", id, session.empty() ? "" : " of session '" + session + "'", what);
   };
   std::string trouble = fmt::format("no heartbeat within {} s", seconds);
   for (const Clock::time_point deadline = in_seconds(seconds); Clock::now() < deadline && !stop_requested();) {
     middleware->wait(deadline);
     heartbeats.take();
     for (const auto& [name, service] : heartbeats.services()) {
-      if (name.second != id || (!run.empty() && name.first != run)) continue;
+      if (name.second != id || (!session.empty() && name.first != session)) continue;
       const msg::ServiceStatus& status = service.newest;
       // The first heartbeat may be the last one of a process that hangs: its middleware repeats it to new readers.
       if (service.heard == 1 && std::abs(service.ahead) > kStale) {

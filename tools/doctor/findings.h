@@ -14,7 +14,7 @@
 
 namespace citylearn::doctor {
 
-/// Collects the heartbeats of a domain. Joins no run and sends nothing.
+/// Collects the heartbeats of a domain. Joins no session and sends nothing.
 class Heartbeats {
  public:
   struct Service {
@@ -26,7 +26,7 @@ class Heartbeats {
   explicit Heartbeats(Middleware& middleware);
   /// Takes the heartbeats that have come.
   void take();
-  /// Services by run and id; of one that was restarted, the newest.
+  /// Services by session and id; of one that was restarted, the newest.
   const std::map<std::pair<std::string, std::string>, Service>& services() const { return services_; }
   /// Reasons why messages could not be read, each once: "citylearn::msg::ServiceStatus, protocol: the sender speaks
   /// ...".
@@ -54,14 +54,14 @@ struct Findings {
 };
 
 /// Examines this host and the domain for `seconds` (less when asked to stop).
-Findings examine(const MiddlewareOptions& options, const std::string& run, double seconds);
+Findings examine(const MiddlewareOptions& options, const std::string& session, double seconds);
 
 std::string as_text(const Findings& findings);
 std::string as_json(const Findings& findings);
 
-/// Waits for a fresh heartbeat of service `id` (of session `run`, unless that is empty) whose state is not FAILED.
+/// Waits for a fresh heartbeat of service `id` (of `session`, unless that is empty) whose state is not FAILED.
 /// Returns what is wrong otherwise, or an empty text.
-std::string check_service(const MiddlewareOptions& options, const std::string& run, const std::string& id,
+std::string check_service(const MiddlewareOptions& options, const std::string& session, const std::string& id,
                           double seconds);
 
 }  // namespace citylearn::doctor

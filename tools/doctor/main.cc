@@ -12,7 +12,7 @@ namespace {
 
 using namespace citylearn;
 
-const std::string kAllRuns = "all";
+const std::string kAllSessions = "all";
 
 struct CommandLine {
   double seconds = 5;
@@ -33,19 +33,19 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--json", line.json, "Print the findings as JSON")->group(group);
   spdlog::set_level(spdlog::level::off);  // the findings contain everything; --log-level overrides this
   line.node.service = line.node.id = "doctor";
-  line.node.session = kAllRuns;
+  line.node.session = kAllSessions;
   add_node_options(app, line.node);
   app.get_option("--session")->description("Session to look at, or 'all' of the domain");
 }
 
 int examine(const CommandLine& line) {
-  const std::string run = line.node.session == kAllRuns ? "" : line.node.session;
+  const std::string session = line.node.session == kAllSessions ? "" : line.node.session;
   if (!line.service.empty()) {
-    const std::string trouble = doctor::check_service(line.node.middleware, run, line.service, line.seconds);
+    const std::string trouble = doctor::check_service(line.node.middleware, session, line.service, line.seconds);
     if (!trouble.empty()) throw Error(trouble);
     return 0;
   }
-  const doctor::Findings findings = doctor::examine(line.node.middleware, run, line.seconds);
+  const doctor::Findings findings = doctor::examine(line.node.middleware, session, line.seconds);
   std::cout << (line.json ? doctor::as_json(findings) : doctor::as_text(findings)) << std::flush;
   return findings.problems.empty() ? 0 : 1;
 }

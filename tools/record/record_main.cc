@@ -13,7 +13,7 @@ namespace {
 
 using namespace citylearn;
 
-const std::string kAllRuns = "all";
+const std::string kAllSessions = "all";
 constexpr double kMegabyte = 1e6;
 
 struct CommandLine {
@@ -33,13 +33,13 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->check(CLI::Range(0.0, 1e6))
       ->group(group);
   line.node.service = line.node.id = "record";
-  line.node.session = kAllRuns;
+  line.node.session = kAllSessions;
   add_node_options(app, line.node);
   app.get_option("--session")->description("Session to record, or 'all' of the domain");
 }
 
 int record(CommandLine& line) {
-  if (line.node.session != kAllRuns) line.recording.session = line.node.session;
+  if (line.node.session != kAllSessions) line.recording.session = line.node.session;
   line.recording.split = static_cast<std::uint64_t>(line.split * kMegabyte);
   line.recording.library = "citylearn " + version();
   line.node.middleware.participant = line.node.id;
@@ -66,6 +66,6 @@ int record(CommandLine& line) {
 int main(int argc, char** argv) {
   CommandLine line;
   return service_main(
-      argc, argv, "Writes what the services of a run say to an MCAP file, until Ctrl-C.",
+      argc, argv, "Writes the messages of a session to an MCAP file, until Ctrl-C.",
       [&](CLI::App& app) { add_options(app, line); }, [&] { return record(line); });
 }

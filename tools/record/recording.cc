@@ -53,7 +53,7 @@ void Recording::begin_file() {
     path.replace_filename(path.stem().string() + "-" + std::to_string(files_.size() + 1) + path.extension().string());
   McapWriter::Options options;
   options.library = options_.library;
-  options.about = {{"run", options_.session}, {"part", std::to_string(files_.size() + 1)}};
+  options.about = {{"session", options_.session}, {"part", std::to_string(files_.size() + 1)}};
   writer_ = std::make_unique<McapWriter>(path, options);
   files_.push_back(path);
   for (Source& source : sources_) source.channel = 0;
