@@ -34,12 +34,6 @@ Json control_json(const ControlFigures& figures) {
 
 }  // namespace
 
-Answer json_answer(const Json& json) {
-  Answer answer;
-  answer.body = json.dump(-1, ' ', false, Json::error_handler_t::replace);
-  return answer;
-}
-
 Api::BorrowedReader::BorrowedReader(Api& api) : api_(api), unwinding_(std::uncaught_exceptions()) {
   {
     std::lock_guard lock(api_.mutex_);

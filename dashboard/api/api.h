@@ -86,7 +86,4 @@ class Api {
       evaluations_;  // by row of `runs`; valid until episodes are added
 };
 
-/// Returns an answer of JSON. What is not UTF-8 in it is replaced.
-Answer json_answer(const nlohmann::json& json);
-
 }  // namespace citylearn

@@ -54,10 +54,7 @@ struct Fields {
 
 }  // namespace
 
-void append_json(std::string& text, const std::string& value) {
-  using Json = nlohmann::json;
-  text += Json(value).dump(-1, ' ', false, Json::error_handler_t::replace);
-}
+void append_json(std::string& text, const std::string& value) { text += text_of(value); }
 
 void append_figure(std::string& text, const TrainingFigure& figure, double value, bool csv) {
   if (std::isfinite(value) && figure.type == TrainingFigure::kCount)

@@ -5,11 +5,19 @@
 
 namespace citylearn {
 
-Answer error_answer(int status, const std::string& what) {
+std::string text_of(const nlohmann::json& json) {
+  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+Answer json_answer(const nlohmann::json& json) {
   Answer answer;
+  answer.body = text_of(json);
+  return answer;
+}
+
+Answer error_answer(int status, const std::string& what) {
+  Answer answer = json_answer({{"error", what}});
   answer.status = status;
-  // What people and files wrote may be no UTF-8.
-  answer.body = nlohmann::json{{"error", what}}.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   return answer;
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <map>
+#include <nlohmann/json_fwd.hpp>
 #include <string>
 #include <utility>
 #include <vector>
@@ -23,6 +24,11 @@ struct Answer {
   std::vector<std::pair<std::string, std::string>> headers;  ///< further ones: {"Retry-After", "1"}
 };
 
+/// Returns the text of `json`, in which what is not UTF-8 is replaced: names and messages from elsewhere may hold any.
+std::string text_of(const nlohmann::json& json);
+
+/// Returns an answer of JSON.
+Answer json_answer(const nlohmann::json& json);
 /// Returns an error of the API: {"error": what}.
 Answer error_answer(int status, const std::string& what);
 

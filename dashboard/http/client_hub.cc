@@ -5,6 +5,7 @@
 #include <cstring>
 
 #include "core/util/error.h"
+#include "dashboard/http/answer.h"
 
 namespace citylearn {
 
@@ -121,7 +122,7 @@ void ClientHub::publish(const std::string& topic, nlohmann::json header, std::ve
     message->columns = header.value("columns", nlohmann::json()).dump();
   }
   header["topic"] = topic;
-  const std::string text = header.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  const std::string text = text_of(header);
   message->fields = text.substr(1, text.size() - 2);
   message->payload = std::make_shared<const std::vector<std::byte>>(std::move(payload));
 

@@ -24,18 +24,6 @@ constexpr milliseconds kUpdate{100};    // watched topics, and rows of training
 constexpr milliseconds kServices{250};  // at most four times a second
 constexpr std::size_t kMostAsked = 64, kMostHosted = 4096, kMostRuns = 4096, kMostScenes = 256;
 
-template <class T>
-std::vector<std::byte> bytes_of(const std::vector<T>& values) {
-  const auto* begin = reinterpret_cast<const std::byte*>(values.data());
-  return {begin, begin + values.size() * sizeof(T)};
-}
-
-std::vector<std::byte> bytes_of(const Json& json) {
-  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
-  const auto* begin = reinterpret_cast<const std::byte*>(text.data());
-  return {begin, begin + text.size()};
-}
-
 std::string source_of(const msg::Header& header) {
   return std::string(header.sender().c_str()) + "@" + header.session().c_str();
 }
@@ -105,7 +93,7 @@ void Live::on_message(const msg::TrainingStat& stat) {
 }
 
 void Live::publish(const Event& event) {
-  hub_.publish("events", Json::object(), bytes_of(event_json(event)), Hub::Merge::kEach);
+  hub_.publish("events", Json::object(), bytes_of(text_of(event_json(event))), Hub::Merge::kEach);
 }
 
 void Live::report(const std::vector<Event>& events) {
@@ -201,7 +189,7 @@ void Live::publish_services() {
   services_changed_ = false;
   next_services_ = Clock::now() + kServices;
   if (watched_.contains("services"))
-    hub_.publish("services", Json::object(), bytes_of(services()), Hub::Merge::kReplace);
+    hub_.publish("services", Json::object(), bytes_of(text_of(services())), Hub::Merge::kReplace);
 }
 
 void Live::publish_scene(const msg::Scene& scene) {
@@ -245,11 +233,9 @@ void Live::publish_pictures() {
     }
     if (picture) {
       panel.shown = key;
-      if (!picture->bytes.empty()) {
-        const auto* begin = reinterpret_cast<const std::byte*>(picture->bytes.data());
+      if (!picture->bytes.empty())
         hub_.publish(topic, {{"hash", hash_text(key.hash)}, {"frame", key.frame}, {"type", picture->type}},
-                     {begin, begin + picture->bytes.size()}, Hub::Merge::kReplace);
-      }
+                     bytes_of(picture->bytes), Hub::Merge::kReplace);
     }
     if (panel.shown == seen || panel.coming) continue;
     panel.coming = seen;

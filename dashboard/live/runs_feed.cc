@@ -4,9 +4,9 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <cstring>
 
 #include "core/util/error.h"
+#include "dashboard/live/json.h"
 
 namespace citylearn {
 
@@ -23,11 +23,9 @@ void RunsFeed::work(const std::stop_token& stop) {
       continue;
     }
     try {
-      std::string text = runs_().dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+      std::string text = text_of(runs_());
       if (text == last) continue;
-      std::vector<std::byte> bytes(text.size());
-      std::memcpy(bytes.data(), text.data(), text.size());
-      hub_.publish("runs", {}, std::move(bytes), Hub::Merge::kReplace);
+      hub_.publish("runs", {}, bytes_of(text), Hub::Merge::kReplace);
       last = std::move(text);
     } catch (const Error& error) {
       spdlog::debug("the list of runs: {}", error.what());  // the recorder and the API report it

@@ -2,7 +2,6 @@
 #include "dashboard/live/service_list.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 
 #include "core/wire/service_state.h"
@@ -20,8 +19,6 @@ std::string where(const msg::ServiceStatus& status) {
   return std::string(status.service().c_str()) + " on " + status.host().c_str() + ", process " +
          std::to_string(status.process());
 }
-
-Json finite(double value) { return std::isfinite(value) ? Json(value) : Json(); }
 
 }  // namespace
 
@@ -103,8 +100,8 @@ nlohmann::json ServiceList::json(Clock::time_point now) const {
                         {"incarnation", status.header().incarnation()},
                         {"state", service.state},
                         {"activity", status.activity().c_str()},
-                        {"uptime", finite(status.uptime())},
-                        {"rate", finite(status.rate())},
+                        {"uptime", status.uptime()},
+                        {"rate", status.rate()},
                         {"age", std::chrono::duration<double>(now - service.presence.last_heard()).count()},
                         {"received", status.received()},
                         {"repeated", status.repeated()},
