@@ -2,6 +2,7 @@
 #include "encoder_service/feature_store.h"
 
 #include <fcntl.h>
+#include <spdlog/fmt/fmt.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <zlib.h>
@@ -9,7 +10,6 @@
 #include <algorithm>
 #include <bit>
 #include <cerrno>
-#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <mutex>
@@ -70,15 +70,9 @@ Header header_of(const FeatureStore::Key& key) {
   return header;
 }
 
-std::string hexadecimal(std::uint64_t number) {
-  char text[17];
-  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(number));
-  return text;
-}
-
 /// Names the file by a digest: names of encoders hold blanks, and two may differ in their last letters alone.
 std::string file_name(const FeatureStore::Key& key) {
-  return sha256(key.encoder).substr(0, 8) + "-" + hexadecimal(key.traversal) + ".features";
+  return fmt::format("{}-{:016x}.features", sha256(key.encoder).substr(0, 8), key.traversal);
 }
 
 void check_key(const FeatureStore::Key& key, const std::string& folder) {
@@ -211,7 +205,7 @@ void check_file(int file, const Header& wanted, std::int64_t size, const std::st
     for (char& c : name)
       if (c < ' ' || c > '~') c = '?';
     throw Error("belongs to encoder '" + name + "' with " + std::to_string(header.dimension) + " numbers a frame, " +
-                    std::to_string(header.frames) + " frames of traversal " + hexadecimal(header.traversal),
+                    std::to_string(header.frames) + " frames of traversal " + fmt::format("{:016x}", header.traversal),
                 path, "keep stores in another folder, or delete it");
   }
   if (status.st_size < size) throw Error("the feature store is cut short", path, kRemake);
@@ -251,7 +245,7 @@ struct FeatureStore::Parts {
       throw Error("holds " + std::to_string(key.dimension) + " numbers a frame, not " + std::to_string(dimension),
                   path);
   }
-  /// The number goes along, so that a frame's numbers in another one's place are no frame.
+  /// Includes the frame's number, so that numbers in another frame's place do not count.
   std::uint32_t checksum_of(int frame, const float* numbers) const {
     return checksum(checksum(0, &frame, sizeof frame), numbers, frame_size());
   }

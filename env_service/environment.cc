@@ -92,7 +92,7 @@ void Environment::begin_task(Agent& agent, int task) {
     agent.previous_action = kNoAction;
     return;
   }
-  // The task is drawn from (seed, task) alone: whoever is evaluated with this seed gets the very same tasks.
+  // The task is drawn from (seed, task) alone, so every policy evaluated with this seed gets the same tasks.
   agent.random = Random{settings_.seed(), static_cast<std::uint64_t>(task)};
   agent.frame = static_cast<int>(agent.random.below(settings_.frames()));
   begin_training_episode(agent);

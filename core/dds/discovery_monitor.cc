@@ -13,7 +13,7 @@ namespace {
 constexpr auto kReported =
     std::chrono::steady_clock::time_point::max();  // the end of waiting for a peer, once it was told
 
-/// Whoever floods a domain with participants is told this often, and costs no more memory.
+/// A process that floods a domain with participants is reported this often, and costs no more memory.
 constexpr std::size_t kMostStrangers = 1000;
 
 std::string describe(const DiscoveryMonitor::Participant& participant) {
@@ -79,7 +79,7 @@ std::vector<std::string> DiscoveryMonitor::faults() {
       continue;
     }
     if (expected.until != kReported && now >= expected.until) {
-      lines.push_back("peer '" + expected.peer + "': nobody answers at " + address +
+      lines.push_back("peer '" + expected.peer + "': no answer at " + address +
                       " (does a service of this domain run there, and does its --interface lead here? citylearn_doctor "
                       "tells more)");
       expected.until = kReported;

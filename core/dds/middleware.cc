@@ -76,7 +76,7 @@ void Wakeup::wake() {
   // The flag was raised before this look at asleep_, and wait() sets asleep_ before its last look at the flags: one of
   // the two sees the other (all of these are sequentially consistent).
   if (!asleep_) return;
-  // Empty on purpose: whoever waits is now either before its last look at the flags, or asleep and to be woken.
+  // Empty on purpose: a waiting thread is now either before its last look at the flags, or asleep and to be woken.
   { std::lock_guard lock(mutex_); }
   condition_.notify_one();
 }
@@ -212,7 +212,7 @@ Network resolve(const MiddlewareOptions& options) {
     const std::string& interface = options.interfaces[i];
     network.interfaces += (network.interfaces.empty() ? "" : ",") + interface;
     const std::string& address = interfaces[i].address;
-    // Beside another interface it has no use: whoever is told that 127.0.0.1 is where we are would talk to itself. This
+    // Beside another interface it has no use: a host that is told we are at 127.0.0.1 would talk to itself. This
     // host's services reach each other at the other interface's address, and no packet of that leaves the machine.
     if (!network.loopback_only && is_loopback(address)) continue;
     if (std::find(network.addresses.begin(), network.addresses.end(), address) != network.addresses.end()) continue;

@@ -64,7 +64,7 @@ std::string config_of(const Network& network) {
   for (const Network::Peer& peer : network.peers)
     peers += "<Peer address=\"" + peer.address + (peer.port ? ":" + std::to_string(peer.port) : "") + "\"/>";
   const int fragment = network.loopback_only ? 64000 : network.datagram - kAroundFragment;
-  // A send buffer less than asked for is no failure, so only the upper bound of the socket buffers is set. The
+  // A smaller send buffer than asked for is not a failure, so only the upper bound of the socket buffers is set. The
   // watermarks are above what the deepest history holds: a writer never waits for a reader.
   return "<General><Interfaces>" + interfaces + "</Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>" +
          std::to_string(network.datagram) + "B</MaxMessageSize><FragmentSize>" + std::to_string(fragment) +

@@ -274,7 +274,8 @@ rtps::Locator_t locator(const std::string& address, int port) {
   return result;
 }
 
-/// Found by servers instead of by announcements. As one who hears of everybody, so that a wrong type is told here too.
+/// Finds other participants by servers instead of announcements, as a client that hears of all of them, so that it
+/// reports wrong types too.
 void join(const std::vector<Network::Peer>& servers, rtps::DiscoverySettings& discovery) {
   discovery.discoveryProtocol = rtps::DiscoveryProtocol_t::SUPER_CLIENT;
   for (const Network::Peer& server : servers) {

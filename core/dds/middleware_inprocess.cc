@@ -11,7 +11,7 @@ namespace {
 
 using Sample = std::shared_ptr<const Bytes>;
 
-/// One reader's samples (filled by whoever publishes), or one writer's last samples (kept for readers that come later).
+/// One reader's samples (filled by its writers), or one writer's last samples (kept for readers that come later).
 /// Guarded by the bus's mutex.
 struct Endpoint {
   Topic topic;

@@ -23,7 +23,7 @@ Number parse_number(std::string_view name, std::string_view text) {
   Number number{};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error != std::errc{} || end != text.data() + text.size())
-    throw Error("'" + std::string(text) + "' is no number", "middleware lossy, " + std::string(name));
+    throw Error("'" + std::string(text) + "' is not a number", "middleware lossy, " + std::string(name));
   return number;
 }
 

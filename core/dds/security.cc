@@ -69,7 +69,7 @@ File read(const fs::path& folder, const char* name) {
   if (!fs::exists(file.path, wrong)) throw Error("is missing", file.path, "compose/keystore add makes all files");
   const std::uintmax_t size = fs::is_regular_file(file.path, wrong) ? fs::file_size(file.path, wrong) : 0;
   if (wrong || size == 0 || size > kLargest)
-    throw Error("is no file of 1 to " + std::to_string(kLargest) + " bytes", file.path);
+    throw Error("is not a file of 1 to " + std::to_string(kLargest) + " bytes", file.path);
   std::ifstream in(file.path, std::ios::binary);
   std::ostringstream text;
   text << in.rdbuf();
@@ -92,13 +92,13 @@ void check_times(std::time_t from, std::time_t until, const std::string& path) {
 
 Certificate certificate_of(const File& file) {
   Certificate certificate(PEM_read_bio_X509(file.bio().get(), nullptr, nullptr, nullptr));
-  if (!certificate) throw Error("is no certificate (PEM)", file.path);
+  if (!certificate) throw Error("is not a certificate (PEM)", file.path);
   check_times(seconds_of(X509_get0_notBefore(certificate.get())), seconds_of(X509_get0_notAfter(certificate.get())),
               file.path);
   return certificate;
 }
 
-/// Name of whom the certificate is for.
+/// Returns the name that the certificate was issued for.
 std::string common_name(const Certificate& certificate) {
   char name[256] = "";
   X509_NAME_get_text_by_NID(X509_get_subject_name(certificate.get()), NID_commonName, name, sizeof name);
@@ -111,10 +111,11 @@ Key key_of(const fs::path& folder) {
   const std::string path = (folder / kKey).string();
   struct stat about {};
   if (stat(path.c_str(), &about) == 0 && (about.st_mode & (S_IRWXG | S_IRWXO)) != 0)
-    throw Error("others than its owner can read it", path, "chmod 600; if somebody has, compose/keystore revoke");
+    throw Error("others than its owner can read it", path,
+                "chmod 600; if others have read it, compose/keystore revoke");
   const File file = read(folder, kKey);
   Key key(PEM_read_bio_PrivateKey(file.bio().get(), nullptr, no_password, nullptr));
-  if (!key) throw Error("is no private key (PEM, without a password)", file.path);
+  if (!key) throw Error("is not a private key (PEM, without a password)", file.path);
   return key;
 }
 
@@ -133,7 +134,7 @@ void check_identity(const fs::path& folder, const std::string& participant) {
   if (fs::exists(folder / kRevoked)) {
     const File list = read(folder, kRevoked);
     const Revoked revoked(PEM_read_bio_X509_CRL(list.bio().get(), nullptr, nullptr, nullptr));
-    if (!revoked) throw Error("is no list of revoked certificates (PEM)", list.path);
+    if (!revoked) throw Error("is not a list of revoked certificates (PEM)", list.path);
     X509_STORE_add_crl(store.get(), revoked.get());
     X509_STORE_set_flags(store.get(), X509_V_FLAG_CRL_CHECK);
   }
@@ -208,7 +209,7 @@ void check_governance(const std::string& text, const std::string& path) {
 std::time_t time_of(const std::string& text, const std::string& path) {
   std::tm parts{};
   const char* end = strptime(text.c_str(), "%Y-%m-%dT%H:%M:%S", &parts);
-  if (!end || (*end != '\0' && std::strcmp(end, "Z") != 0)) throw Error("'" + text + "' is no time in UTC", path);
+  if (!end || (*end != '\0' && std::strcmp(end, "Z") != 0)) throw Error("'" + text + "' is not a time in UTC", path);
   return timegm(&parts);
 }
 
@@ -252,7 +253,7 @@ fs::path plugin_folder() {
 std::string check_security(const std::string& folder, const std::string& participant) {
   std::error_code wrong;
   if (!fs::is_directory(folder, wrong))
-    throw Error("'" + folder + "' is no folder", "security", "compose/keystore add makes one for each service");
+    throw Error("'" + folder + "' is not a folder", "security", "compose/keystore add makes one for each service");
   const fs::path path = fs::canonical(folder);
   check_identity(path, participant);
   check_documents(path, participant);
@@ -265,24 +266,28 @@ std::optional<std::string> explain_security(const std::string& message) {
     const char* part;     // of the vendor's message
     const char* meaning;  // followed by the vendor's words
   };
+  static constexpr const char* kUnsigned = "refused a participant whose permissions our authority has not signed";
+  static constexpr const char* kInvalid =
+      "refused a participant whose certificate is not valid, or of another authority";
+  static constexpr const char* kNoIdentity = "refused a participant that could not show an identity";
+  static constexpr const char* kNotAllowed = "refused what a participant's permissions do not allow";
   static constexpr Meaning kMeanings[] = {
       {"octet sequence to ASN1",
        "a participant of the other DDS vendor cannot show us its identity (docs/how-to/secure-a-run.md)"},
       {"while validating local", "our own keys are refused"},
-      {"Error validating remote permissions", "kept somebody out whose permissions our authority has not signed"},
-      {"Could not get remote participant", "kept somebody out whose permissions our authority has not signed"},
-      {"Certificate not valid", "kept somebody out whose certificate is not valid, or of another authority"},
-      {"Invalidation error of certificate",
-       "kept somebody out whose certificate is not valid, or of another authority"},
-      {"handshake failed", "kept somebody out who could not show an identity"},
-      {"handshake request failed", "kept somebody out who could not show an identity"},
-      {"handshake reply failed", "kept somebody out who could not show an identity"},
+      {"Error validating remote permissions", kUnsigned},
+      {"Could not get remote participant", kUnsigned},
+      {"Certificate not valid", kInvalid},
+      {"Invalidation error of certificate", kInvalid},
+      {"handshake failed", kNoIdentity},
+      {"handshake request failed", kNoIdentity},
+      {"handshake reply failed", kNoIdentity},
       {"Error checking creation of local", "our permissions do not allow this"},
-      {"Access control does not allow remote", "refused what somebody's permissions do not allow"},
-      {"Error checking remote", "refused what somebody's permissions do not allow"},
-      {"denied by default rule", "refused what somebody's permissions do not allow"},
-      {"found in deny_rule", "refused what somebody's permissions do not allow"},
-      {"No rule found for", "refused what somebody's permissions do not allow"},
+      {"Access control does not allow remote", kNotAllowed},
+      {"Error checking remote", kNotAllowed},
+      {"denied by default rule", kNotAllowed},
+      {"found in deny_rule", kNotAllowed},
+      {"No rule found for", kNotAllowed},
   };
   for (const auto& [part, meaning] : kMeanings)
     if (message.find(part) != std::string::npos)

@@ -15,7 +15,7 @@ namespace citylearn::internal {
 
 /// Checks the folder as compose/keystore makes it: identity_ca.pem, permissions_ca.pem, governance.p7s,
 /// permissions.p7s, cert.pem and key.pem, and crl.pem where there is one. All must be there, valid now, signed by their
-/// authorities and fit together; nobody but its owner may read the key; the certificate must be that of `participant`;
+/// authorities and fit together; only its owner may read the key; the certificate must be that of `participant`;
 /// and the governance must protect what this project promises. Throws Error that names the file. Returns the absolute
 /// path.
 std::string check_security(const std::string& folder, const std::string& participant);
@@ -32,7 +32,7 @@ Properties fastdds_security(const std::string& folder);
 /// Returns Cyclone DDS's settings. Throws Error when its security plug-ins are not installed.
 Properties cyclonedds_security(const std::string& folder);
 
-/// Explains a vendor's own message about security in a line for a person: who was refused, and why. Returns nothing
+/// Explains a vendor's own message about security in one line: which participant was refused, and why. Returns nothing
 /// when the message is about something else.
 std::optional<std::string> explain_security(const std::string& message);
 

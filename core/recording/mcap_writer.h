@@ -17,7 +17,7 @@ namespace citylearn {
 class McapWriter {
  public:
   struct Options {
-    std::string library;                              ///< who writes
+    std::string library;                              ///< names the program that writes
     McapMetadata about;                               ///< kept as the metadata "recording"
     std::size_t chunk_bytes = 1 << 20;                ///< a chunk is written when it has so many
     std::uint64_t chunk_nanoseconds = 1'000'000'000;  ///< or spans so much time

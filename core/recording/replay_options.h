@@ -8,8 +8,8 @@ namespace citylearn {
 
 struct ReplayOptions {
   std::vector<std::string> files;   ///< one after the other
-  double speed = 1;                 ///< times as fast as it was; 0: as fast as who listens can follow
-  std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: what those who watch hear
+  double speed = 1;                 ///< relative to the recording; 0: as fast as readers can follow
+  std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: those that a dashboard reads
   std::string session;              ///< played in this session; empty: in the one recorded
 };
 

@@ -36,7 +36,7 @@ constexpr std::size_t kUnacknowledged = 128;  // episodes of an env_service
 constexpr std::size_t kAgainAtOnce = 32;
 constexpr milliseconds kAgain{300};
 constexpr milliseconds kPatience{2000};  // with readers that do not come and recorders that do not answer
-constexpr milliseconds kQuiet{1500};     // nobody asks: a recorder asks again after a second
+constexpr milliseconds kQuiet{1500};     // without a request: a recorder asks again after a second
 constexpr milliseconds kStateAgain{1000};
 constexpr milliseconds kLongestEnd{30000};
 constexpr milliseconds kGlance{5};
@@ -69,7 +69,7 @@ Replayer::Replayer(Middleware& middleware, const ReplayOptions& options)
   for (const std::string& given : options_.topics.empty() ? watched_topics() : options_.topics) {
     const std::string name = given.starts_with("citylearn/") ? given : "citylearn/" + given;
     const auto known = std::find_if(all_.begin(), all_.end(), [&](const Topic& topic) { return topic.name == name; });
-    if (known == all_.end()) throw Error("there is no such topic", "--topics " + given, "idl/ has them all");
+    if (known == all_.end()) throw Error("unknown topic", "--topics " + given, "idl/ lists them");
     topics_[name] = &*known;
   }
   for (const std::string& file : options_.files) McapReader check(file);
@@ -86,7 +86,7 @@ void Replayer::hear() {
     while (from.take(taken_)) try {
         handle();
       } catch (const Error&) {
-        continue;  // not for us, then
+        continue;  // not a message for us
       }
   };
   take(*acknowledgements_, [this] { on_acknowledgement(); });
@@ -164,7 +164,7 @@ void Replayer::send_again(Clock::time_point now) {
 
 // What goes out.
 
-/// The next file; false when there is none.
+/// Opens the next file. Returns false when there is none.
 bool Replayer::open() {
   if (reader_ && !reader_->missing().empty()) figures_.remarks.push_back(reader_->path() + ": " + reader_->missing());
   reader_.reset();
@@ -174,7 +174,7 @@ bool Replayer::open() {
   return true;
 }
 
-/// When a message that came at `time` is to be played; in the order of the recording.
+/// Returns when a message that came at `time` is to be played. Call it in the order of the recording.
 Clock::time_point Replayer::due_time(std::uint64_t time) {
   if (!begin_) {
     begin_ = Clock::now();
@@ -191,7 +191,7 @@ Clock::time_point Replayer::due_time(std::uint64_t time) {
   return *begin_ + nanoseconds(static_cast<std::int64_t>(std::min(after / options_.speed, kLongestWait)));
 }
 
-/// The next message that is to be played, into next_ and bytes_; false when there is none.
+/// Reads the next message to be played into next_ and bytes_. Returns false when there is none.
 bool Replayer::fetch() {
   while (true) {
     if (!reader_ && !open()) return false;
@@ -240,7 +240,7 @@ Replayer::Voice& Replayer::voice(const Topic& topic, const Key& sender) {
   return voice;
 }
 
-/// Whether the next message would be too much for those who listen.
+/// Returns whether the next message would be too much for the readers.
 bool Replayer::must_wait(Voice& voice, Clock::time_point now) {
   if (!voice.awaited) {
     // Of what every reader needs, only so much is kept for one that comes late.
@@ -280,7 +280,7 @@ void Replayer::play(Voice& voice) {
       if (!first_episode_) first_episode_ = now;
       Episodes& episodes = episodes_[next_->sender];
       episodes.voice = &voice;
-      // Where nobody ever acknowledges, nobody is waited for.
+      // Without a recorder that acknowledges, none is waited for.
       if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kPatience)) return;
       if (episodes.waiting.empty()) {
         episodes.progress = now;
@@ -301,7 +301,7 @@ void Replayer::play(Voice& voice) {
   }
 }
 
-/// After the last message: whether everybody has what there was.
+/// Returns whether every reader has what there was. Called after the last message.
 bool Replayer::settled(Clock::time_point now) {
   if (!over_) over_ = quiet_since_ = now;
   const bool waited_for =

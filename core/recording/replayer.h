@@ -28,8 +28,8 @@ class Replayer {
   /// `middleware` must outlive it. Throws Error when a file is none, or a topic is unknown.
   Replayer(Middleware& middleware, const ReplayOptions& options);
 
-  /// Plays what is due; to be called when something may have come, and at due(). False when all is played and nobody
-  /// waits for anything any more. Throws Error where a file is damaged, naming the byte; what is before it was played.
+  /// Plays what is due. Call it when a message may have arrived, and at due(). Returns false when all is played and no
+  /// reader waits for more. Throws Error naming the byte where a file is damaged; what stands before it was played.
   bool poll();
   Clock::time_point due() const { return due_; }
 
@@ -60,7 +60,7 @@ class Replayer {
     std::map<std::string, std::uint64_t> marks;           // of recorders
     Clock::time_point progress, again;
     Voice* voice = nullptr;
-    bool given_up = false;  // nobody acknowledged for long
+    bool given_up = false;  // no acknowledgement came for long
   };
   struct Next {
     const Topic* topic = nullptr;
@@ -98,10 +98,10 @@ class Replayer {
   std::optional<Clock::time_point> held_since_;
   std::optional<Clock::time_point> begun_;                                       // the first message was to be played
   std::map<std::tuple<std::string, std::string, std::uint64_t>, Voice> voices_;  // by topic and sender
-  std::set<std::string> heard_;                                                  // topics that somebody listens to
+  std::set<std::string> heard_;                                                  // topics with a reader
   std::map<Key, Episodes> episodes_;
   std::optional<Clock::time_point> first_episode_;
-  bool acknowledged_ = false;                                         // by somebody, ever
+  bool acknowledged_ = false;                                         // a recorder has acknowledged
   using Job = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, job
   std::map<Job, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
 

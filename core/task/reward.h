@@ -5,7 +5,7 @@ namespace citylearn {
 
 /// Rewards the steps of one episode (Chancán & Milford, 2020): 1 at the goal, nothing for a step that leads nearer to
 /// the goal than the agent ever was in the episode, else a cost of 1 / max_steps. The distances alone decide, so the
-/// reward is known for goals that nobody had.
+/// reward is known for goals that no agent had.
 class EpisodeReward {
  public:
   /// `distance`: the fewest steps from the start to the goal.

@@ -280,7 +280,7 @@ template <class Message>
 void decode(std::span<const std::byte> bytes, Message& message) {
   const std::string& type = topic_of<Message>().type;
   if (bytes.size() < kEncapsulation) throw Error("cut short", type);
-  // fastcdr also reads parameter lists, of which nobody else here knows (core/recording/wire_header).
+  // fastcdr also reads parameter lists, which nothing else here reads (core/recording/wire_header).
   const auto encapsulation = std::to_integer<unsigned>(bytes[0]) << 8 | std::to_integer<unsigned>(bytes[1]);
   if (encapsulation > 1)
     throw Error("encapsulation " + std::to_string(encapsulation) + ", should be CDR: 0 or 1", type);

@@ -31,9 +31,9 @@ std::string host_name() {
   return std::string(name).substr(0, 64);
 }
 
-/// The time, larger at each later start; its last 4 ms tell services apart that start at the same moment, as those that
-/// one script starts do: who serves whom is told by incarnation alone. Processes of one host differ by number, those of
-/// containers, which all have the same one, by host or id.
+/// Returns the time, larger at each later start. Its last 4 ms distinguish services that start at the same moment, as
+/// those of one script do, because the incarnation alone says which service serves which. Processes of one host differ
+/// by number, those of containers, which all have the same one, by host or id.
 std::uint64_t new_incarnation(const std::string& id) {
   constexpr std::uint64_t kProcesses = 64, kServices = 64, kAtOnce = kProcesses * kServices;
   const std::uint64_t own = std::hash<std::string>{}(host_name() + " " + id) % kServices * kProcesses +

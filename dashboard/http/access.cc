@@ -122,7 +122,7 @@ bool Access::ours(std::string_view host) const {
   boost::system::error_code wrong;
   const auto address = boost::asio::ip::make_address(name, wrong);
   if (wrong) return false;
-  // Only names can be bound to another address behind a browser's back. [::1] and 127.0.0.2 reach us or nobody.
+  // Only names can be bound to another address behind a browser's back. [::1] and 127.0.0.2 reach us or nothing.
   return any_ || address.is_loopback();
 }
 

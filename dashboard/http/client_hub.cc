@@ -64,7 +64,7 @@ void ClientHub::leave(Client& client, const std::string& topic) {
   }
 }
 
-/// Removes topics that nobody has watched for the linger time.
+/// Removes topics without watchers for the linger time.
 void ClientHub::forget_topics() const {
   if (lingering_ == 0) return;
   const Clock::time_point now = Clock::now();

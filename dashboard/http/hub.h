@@ -19,7 +19,7 @@ class Hub {
     kEach      ///< each is kept; beyond a bound the oldest are dropped
   };
   virtual ~Hub() = default;
-  /// Adds topic, sequence and dropped to `header`. Does nothing for a topic that nobody watches.
+  /// Adds topic, sequence and dropped to `header`. Does nothing for a topic without watchers.
   virtual void publish(const std::string& topic, nlohmann::json header, std::vector<std::byte> payload,
                        Merge merge) = 0;
   /// Returns the topics that are watched now.

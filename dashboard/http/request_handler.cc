@@ -124,7 +124,7 @@ std::string RequestHandler::metrics() const {
   add("connections_made_room_total", "counter", "Idle connections closed for newcomers.",
       context_.connections.made_room());
   add("live_clients", "gauge", "WebSocket clients.", counts.clients);
-  add("live_messages_total", "counter", "Messages published that somebody watched.", counts.published);
+  add("live_messages_total", "counter", "Messages published on watched topics.", counts.published);
   add("live_frames_total", "counter", "Frames taken by WebSocket clients.", counts.taken);
   add("live_dropped_total", "counter", "Messages (of training: rows) that WebSocket clients lost.", counts.dropped);
   add("live_bytes_total", "counter", "Bytes of the frames sent.", context_.frame_bytes);

@@ -28,7 +28,7 @@ struct Reply {
 
 Reply error_reply(int status, const std::string& what);
 
-/// Answers all requests but those of the API: who may ask, the page, the login, metrics. Used by the server's thread.
+/// Answers all requests but those of the API: access, the page, the login, metrics. Used by the server's thread.
 class RequestHandler {
  public:
   explicit RequestHandler(ServerContext& context) : context_(context) {}

@@ -38,7 +38,7 @@ struct ServerOptions {
 };
 
 /// Serves page, API and live messages on one port (docs/reference/dashboard-api.md). One thread does all input and
-/// output, `workers` others answer the API, so that neither a slow query nor a slow client delays anybody else.
+/// output, `workers` others answer the API, so that neither a slow query nor a slow client delays others.
 class Server {
  public:
   struct Handlers {

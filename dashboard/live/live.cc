@@ -178,7 +178,7 @@ void Live::update_watched_topics() {
   }
   if (watched_.contains("services") && !before.contains("services")) next_services_ = {}, services_changed_ = true;
   std::erase_if(rows_, [this](const auto& rows) { return !watched_.contains(rows.first); });
-  // An env_service sends scenes only while somebody reads them.
+  // An env_service sends scenes only while they have a reader.
   if (scenes == reads_scenes_) return;
   reads_scenes_ = scenes;
   scenes ? node_.create_reader<msg::Scene>() : node_.delete_reader<msg::Scene>();

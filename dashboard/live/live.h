@@ -43,7 +43,7 @@ class Live : public LiveView {
   void on_message(const msg::TraversalInfo& info);
   void on_message(const msg::RunInfo& info);
   void on_message(const msg::TrainingStat& stat);
-  /// Sends an event to those who watch events.
+  /// Sends an event to the clients that watch events.
   void publish(const Event& event);
 
   /// Does what is due. Call it when a message may have arrived, and at due().
@@ -95,7 +95,7 @@ class Live : public LiveView {
   std::set<std::string> watched_;
   std::map<std::string, PicturePanel> panels_;  // by topic
   bool reads_scenes_ = false;
-  std::map<std::string, msg::Scene> scenes_;  // the newest, by "ENV@SESSION", while somebody watches
+  std::map<std::string, msg::Scene> scenes_;  // the newest, by "ENV@SESSION", while a client watches
   std::map<std::pair<Sender, std::uint64_t>, std::string> runs_;  // ID by policy_service and run_id
   struct Rows {
     std::size_t count = 0;

@@ -12,7 +12,7 @@
 
 namespace citylearn {
 
-/// Publishes the topic `runs`: while somebody watches it, reads the list periodically in a thread of its own, as it
+/// Publishes the topic `runs`: while it is watched, reads the list periodically in a thread of its own, as it
 /// comes out of the store, and sends it when it has changed.
 class RunsFeed {
  public:

@@ -9,7 +9,7 @@ namespace {
 // A batch of so many is committed at once, as env_services that resend wait for the acknowledgement.
 constexpr std::size_t kEnough = 32;
 constexpr int kBatchesPerPoll = 4;  // others need the thread too
-constexpr int kTries = 5;           // for TrainingStats that nobody sends
+constexpr int kTries = 5;           // for TrainingStats that do not come
 
 constexpr std::chrono::milliseconds kAnswerGoesOn{250};
 constexpr std::chrono::seconds kIdle{1};

@@ -185,7 +185,7 @@ void prepare_file(const std::string& path, const std::vector<std::string>& steps
   if (holds_something(path)) {
     schema = with_file_errors(path, [&] { return inspect(path, steps.size()); });
   } else {
-    // Created here, so that nobody else can read it even for a moment; SQLite gives its other files the same mode.
+    // Created here, so that others cannot read it even for a moment; SQLite gives its other files the same mode.
     const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
     if (file < 0) throw Error(std::strerror(errno), path, "choose a file in a folder that can be written");
     ::close(file);

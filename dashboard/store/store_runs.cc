@@ -48,13 +48,13 @@ std::int64_t Store::Impl::unclaimed_row(const std::string& session) {
 
 /// Hands a new run the episodes that came before its RunInfo.
 void Store::Impl::claim_episodes(const std::string& session, std::uint64_t run_id, const KnownRun& known) {
-  const std::int64_t nobody = unclaimed_row(session);
-  if (nobody == 0) return;
-  const std::int64_t claimed = run(statements->claim_episodes, nobody, known.row, run_id);
+  const std::int64_t unclaimed = unclaimed_row(session);
+  if (unclaimed == 0) return;
+  const std::int64_t claimed = run(statements->claim_episodes, unclaimed, known.row, run_id);
   if (claimed == 0) return;
   run(statements->claim_sources, known.row);
   run(statements->add_to_count, known.row, claimed);
-  run(statements->add_to_count, nobody, -claimed);
+  run(statements->add_to_count, unclaimed, -claimed);
 }
 
 bool Store::Impl::record(const msg::RunInfo& info) {

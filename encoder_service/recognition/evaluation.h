@@ -23,7 +23,7 @@ class GroundTruth {
   int queries() const { return static_cast<int>(frames_.size()); }
   int tolerance() const { return tolerance_; }
   bool right(int query, int reference) const;
-  /// Whether any reference frame is right. Queries without one are no part of recall; accepting them is an error.
+  /// Whether any reference frame is right. Queries without one do not count for recall; accepting them is an error.
   bool answerable(int query) const;
 
  private:
@@ -43,7 +43,8 @@ struct Answers {
   static constexpr int kNever = 1 << 30;
   int queries() const { return static_cast<int>(rank.size()); }
 };
-/// `similarity`: R x Q, larger is nearer; -infinity and NaN are no answers. Throws Error when it does not fit `truth`.
+/// `similarity`: R x Q, larger is nearer; -infinity and NaN do not count as answers. Throws Error when it does not fit
+/// `truth`.
 Answers answers(const Eigen::Ref<const Eigen::MatrixXf>& similarity, const GroundTruth& truth);
 
 /// Share of the answerable queries with a right frame among the n most similar ones; NaN when there are none.

@@ -58,7 +58,8 @@ struct GpsRows {
 /// Gives the frames latitude, longitude and positions at their times, up to `reach` seconds beyond the log.
 void locate(Traversal& traversal, const GpsRows& rows, double reach);
 /// Reads "latitude, longitude" in degrees (further columns are skipped; the separator is a comma or blanks; a first row
-/// of words is a header). 0, 0 is no fix. Throws Error naming the line: no number, or out of range.
+/// of words is a header). 0, 0 is not a fix. Throws Error naming the line where a field is not a number or out of
+/// range.
 GpsRows read_gps_rows(const std::string& path);
 /// Assigns rows to frames: row i to frame i when there are about as many (within a twentieth); else spreads the log
 /// evenly over the recording.

@@ -156,7 +156,7 @@ class Nordland : public FolderDataset {
     return "";
   }
 
-  /// Seconds of the day in HHMMSScc, -1 when it is no time.
+  /// Seconds of the day in HHMMSScc, -1 when it is not a time.
   static double seconds_of(double tid) {
     const long time = static_cast<long>(tid) / 100;
     const long hours = time / 10000, minutes = time / 100 % 100, seconds = time % 100;

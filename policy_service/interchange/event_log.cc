@@ -142,7 +142,7 @@ EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
   path_ = folder + "/" + std::string(kPrefix) + std::to_string(seconds) + "." + host + "." + std::to_string(::getpid());
   file_.emplace(path_, false);
   record(Message().real(kWallTime, seconds_since_epoch()).text(kFileVersion, "brain.Event:2").bytes());
-  if (after_steps > 0)  // for whoever has read the points that are gone
+  if (after_steps > 0)  // for readers that have seen the points that are gone
     record(Message()
                .real(kWallTime, seconds_since_epoch())
                .number(kStep, after_steps + 1)

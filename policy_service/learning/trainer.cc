@@ -84,7 +84,7 @@ void Trainer::Impl::start_from(const TrainedAgent& agent) {
       throw Error("tensor '" + ours[i].name + "' is " + shape(theirs[i]) + ", here it must be " + shape(ours[i]), where,
                   "train with the same features and network parameters as it was");
   }
-  if (!agent.parameters.allFinite()) throw Error("has parameters that are no numbers", where);
+  if (!agent.parameters.allFinite()) throw Error("has parameters that are not finite", where);
   LearnerState state;
   learner->save(state);
   state.tensors["parameters"] = agent.parameters;

@@ -61,7 +61,7 @@ class Trainer {
   /// of the segment is dropped.
   void add(int environment, int agents);
   void remove(int environment);
-  /// Fills in what the environment shall do: all fields but header, environment, settings id and run.
+  /// Fills in the task of the environment: all fields but header, environment, settings id and run.
   void settings(int environment, msg::TaskSettings& settings) const;
 
   /// Takes in the next observation; the first one must be of step 0. Returns true with the actions in `choice`, or

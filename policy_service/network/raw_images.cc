@@ -10,8 +10,8 @@ namespace {
 /// = goal / N to the linear layer, and on as `features`.
 ///
 /// Agents that stand at one frame see the same picture. Convolutions and the linear layer's share of the picture run
-/// once for each distinct one, and backward the derivatives of all who saw it are added up first: exact, and a route of
-/// N frames never costs more than N pictures, however many steps were made on it.
+/// once for each distinct one, and backward the derivatives of all agents that saw it are added up first: exact, and a
+/// route of N frames never costs more than N pictures, however many steps were made on it.
 template <class S>
 class RawImages : public LstmNetwork<S> {
   using Base = LstmNetwork<S>;

@@ -98,7 +98,7 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
   for (const std::uint64_t seed : seeds) {
     const PolicyServiceOptions one = of_seed(seed);
     const std::string summary = one.output + "/summary.json";
-    std::error_code ignored;  // what is no folder holds no summary
+    std::error_code ignored;  // a file holds no summary
     if (!fs::exists(summary, ignored)) continue;
     if (options.resume) {
       require_same_run(one.output, one);

@@ -52,9 +52,9 @@ TEST(Start, UnknownNamesListTheKnown) {
 
 TEST(Start, WrongLossIsAnError) {
   EXPECT_EQ(start_error(options_of("lossy,drop=2:inprocess")), "middleware lossy, drop: must be 0..1, is 2");
-  EXPECT_EQ(start_error(options_of("lossy,drop=:inprocess")), "middleware lossy, drop: '' is no number");
+  EXPECT_EQ(start_error(options_of("lossy,drop=:inprocess")), "middleware lossy, drop: '' is not a number");
   EXPECT_EQ(start_error(options_of("lossy,drop=nan:inprocess")), "middleware lossy, drop: must be 0..1, is nan");
-  EXPECT_EQ(start_error(options_of("lossy,seed=-1:inprocess")), "middleware lossy, seed: '-1' is no number");
+  EXPECT_EQ(start_error(options_of("lossy,seed=-1:inprocess")), "middleware lossy, seed: '-1' is not a number");
   EXPECT_EQ(start_error(options_of("lossy,delay=1:inprocess")),
             "middleware lossy: unknown option 'delay' (known: drop, repeat, reorder, seed)");
   EXPECT_EQ(start_error(options_of("lossy,drop=0.5,seed=9:inprocess")), "");

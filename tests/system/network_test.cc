@@ -102,7 +102,7 @@ TEST_P(Vendor, AWrongPeerIsNamedWithinFiveSeconds) {
   const std::string late = Hosts::address(2);
   const auto first = peer(hosts, 0, GetParam(), "meet", {"--peers", Hosts::address(1) + ",10.77.0.99," + late});
   const auto second = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
-  EXPECT_TRUE(first->says("peer '10.77.0.99': nobody answers at 10.77.0.99", 5s)) << first->output();
+  EXPECT_TRUE(first->says("peer '10.77.0.99': no answer at 10.77.0.99", 5s)) << first->output();
   EXPECT_TRUE(first->says("peer '" + late + "': nobody answers", 1s)) << first->output();
   EXPECT_FALSE(contains(first->output(), "peer '" + Hosts::address(1)));
   EXPECT_TRUE(first->says("met 1 in ", kPatience)) << first->output();

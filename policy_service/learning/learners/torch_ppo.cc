@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The learner `ppo` once more, in torch: a plug-in (docs/how-to/load-a-plugin.md), as nothing else shall wait for
+// The learner `ppo` once more, in torch: a plug-in (docs/how-to/load-a-plugin.md), so that nothing else waits for
 // libtorch to be loaded.
 #include <dlfcn.h>
 #include <torch/cuda.h>

@@ -23,7 +23,7 @@ inline void require_state(const LearnerState& state, const std::string& who,
     if (found->second.size() != size)
       throw Error(which + " has " + std::to_string(found->second.size()) + " numbers, not " + std::to_string(size),
                   who);
-    if (!found->second.allFinite()) throw Error(which + " has numbers that are none", who);
+    if (!found->second.allFinite()) throw Error(which + " has numbers that are not finite", who);
   }
 }
 

@@ -69,7 +69,7 @@ TEST_F(Keys, OfTheKeystoreAreTaken) {
 }
 
 TEST_F(Keys, WhatIsMissingOrDamagedIsNamed) {
-  EXPECT_NE(complaint(store_.of("nobody")).find("is no folder"), std::string::npos);
+  EXPECT_NE(complaint(store_.of("nobody")).find("is not a folder"), std::string::npos);
   const std::string folder = add();
   for (const std::string name :
        {"identity_ca.pem", "permissions_ca.pem", "governance.p7s", "permissions.p7s", "cert.pem", "key.pem"}) {
@@ -202,7 +202,7 @@ TEST(Security, IsEnforcedOrRefused) {
   EXPECT_NE(start_error("inprocess", 0).find("no wire to protect"), std::string::npos);
   EXPECT_NE(start_error("lossy:inprocess", 0).find("no wire to protect"), std::string::npos);
   for (const std::string vendor : {"cyclonedds", "fastdds"}) {
-    EXPECT_NE(start_error(vendor, 0).find("'/nowhere' is no folder"), std::string::npos);
+    EXPECT_NE(start_error(vendor, 0).find("'/nowhere' is not a folder"), std::string::npos);
     EXPECT_EQ(start_error(vendor, 231), "domain: must be 0..230 with --security");
   }
 }
@@ -219,7 +219,7 @@ TEST(Security, LinesOfTheVendorsAreExplained) {
   const auto line = internal::explain_security("Begin handshake reply failed: Certificate\nnot valid: subject: /CN=x");
   ASSERT_TRUE(line.has_value());
   EXPECT_EQ(line->find('\n'), std::string::npos);
-  EXPECT_EQ(line->rfind("security: kept somebody out", 0), 0u) << *line;
+  EXPECT_EQ(line->rfind("security: refused a participant", 0), 0u) << *line;
 }
 
 // --- compose/permissions against what the services do
