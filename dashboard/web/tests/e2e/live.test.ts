@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-import { afterAll, beforeAll, describe, expect, it } from 'vitest';
+import { describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
 import { eventually, onMock, Stage } from './stage';
 
-let stage: Stage;
-beforeAll(async () => {
-  stage = await Stage.open();
-});
-afterAll(() => stage.close());
+const stage = Stage.forSpecs();
 
 /** Steps of the running run's card on the overview. */
 const steps = (page: Page): Promise<string> => page.locator('.run-card .pairs dd').nth(2).innerText();
@@ -18,7 +14,6 @@ describe('live', () => {
     await page.waitForSelector('.run-card');
     const first = await steps(page);
     await eventually(() => steps(page), (now) => now !== first);
-    await page.context().close();
   });
 
   it('curves grow', async () => {
@@ -27,7 +22,6 @@ describe('live', () => {
     await plot.scrollIntoViewIfNeeded();
     const first = await plot.getAttribute('aria-label');
     await eventually(() => plot.getAttribute('aria-label'), (now) => now !== first);
-    await page.context().close();
   });
 
   it('agents move, and what the chosen one sees comes as a picture', async () => {
@@ -39,7 +33,6 @@ describe('live', () => {
     expect(await page.locator('.picture img').first().evaluate((img: HTMLImageElement) => img.naturalWidth)).toBeGreaterThan(0);
     // The sibling shows the same place of its own traversal.
     await eventually(() => page.locator('.picture img').count(), (count) => count === 2);
-    await page.context().close();
   });
 
   it.runIf(onMock)('pictures are asked for only while they are seen', async () => {
@@ -51,7 +44,6 @@ describe('live', () => {
       (topics) => !topics.some((topic) => topic.startsWith('picture:')),
     );
     expect(watches).toContain('services');
-    await page.context().close();
   });
 });
 
@@ -70,7 +62,6 @@ describe.runIf(onMock)('what gets lost', () => {
     await page.locator('.badge').waitFor({ state: 'detached' });
     await page.locator('.event-back', { hasText: 'env-fall' }).waitFor();
     expect(complaints).toEqual([]);
-    await page.context().close();
   });
 
   it('an alarm stands in its service\'s row, in the overview and among the events until it is over', async () => {
@@ -86,7 +77,6 @@ describe.runIf(onMock)('what gets lost', () => {
     stage.dashboard.alarm('policy', '');
     await row.locator('.alarm').waitFor({ state: 'detached' });
     await page.locator('.event-alarm', { hasText: 'resolved' }).waitFor();
-    await page.context().close();
   });
 
   it('says that the dashboard is gone, keeps what it had, and reconnects by itself', async () => {
@@ -101,7 +91,6 @@ describe.runIf(onMock)('what gets lost', () => {
     await page.locator('.banner').waitFor({ state: 'detached' });
     const first = await steps(page);
     await eventually(() => steps(page), (now) => now !== first);
-    await page.context().close();
   });
 
   it('curves have no hole after a reconnection', async () => {
@@ -120,6 +109,5 @@ describe.runIf(onMock)('what gets lost', () => {
       (text) => text !== '' && Math.abs(Number(text.replace('−', '-')) - (run?.last('reward') ?? 0)) < 0.05,
     );
     expect(seen).not.toBe('');
-    await page.context().close();
   });
 });

@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-import { afterAll, beforeAll, describe, expect, it } from 'vitest';
+import { describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
 import { PAGES } from '../chromium';
 import { Stage, violations } from './stage';
 
-let stage: Stage;
-beforeAll(async () => {
-  stage = await Stage.open();
-});
-afterAll(() => stage.close());
+const stage = Stage.forSpecs();
 
 /** Waits until nothing of the page is still on its way. */
 async function settled(page: Page): Promise<void> {
@@ -28,7 +24,6 @@ describe.each(PAGES)('%s', (name) => {
     expect(outside).toEqual([]);
     expect(await wider(page)).toBeLessThanOrEqual(0);
     expect(await violations(page)).toEqual([]);
-    await page.context().close();
   });
 
   it('is fine in the dark and at 400 pixels', async () => {
@@ -38,7 +33,6 @@ describe.each(PAGES)('%s', (name) => {
     expect(await wider(page)).toBeLessThanOrEqual(0);
     expect(await violations(page)).toEqual([]);
     expect(complaints).toEqual([]);
-    await page.context().close();
   });
 });
 
@@ -46,5 +40,4 @@ it('works at 2560 pixels', async () => {
   const { page } = await stage.page('training', { viewport: { width: 2560, height: 1300 } });
   await settled(page);
   expect(await wider(page)).toBeLessThanOrEqual(0);
-  await page.context().close();
 });

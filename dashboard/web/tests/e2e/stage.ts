@@ -2,11 +2,11 @@
 import { readFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { chromium, type Browser, type BrowserContextOptions, type Page } from 'playwright-core';
-import { inject } from 'vitest';
+import { afterAll, afterEach, beforeAll, inject } from 'vitest';
 import { Mock, type MockOptions } from '../../mock/server';
 
 // CITYLEARN_DASHBOARD: address of a dashboard to test in place of the mock. Specs that need to kill something are then skipped.
-export const ADDRESS = process.env.CITYLEARN_DASHBOARD ? new URL('/', process.env.CITYLEARN_DASHBOARD).href : undefined;
+const ADDRESS = process.env.CITYLEARN_DASHBOARD ? new URL('/', process.env.CITYLEARN_DASHBOARD).href : undefined;
 export const onMock = ADDRESS === undefined;
 
 export interface Opened {
@@ -17,30 +17,33 @@ export interface Opened {
   outside: string[];
 }
 
-/** A dashboard and a browser for the specs of one file. */
+/** A dashboard and a browser for the specs of a file or of a `describe`. */
 export class Stage {
-  private constructor(
-    readonly browser: Browser,
-    readonly url: string,
-    private readonly mock: Mock | null,
-  ) {}
+  private browser!: Browser;
+  private mock: Mock | null = null;
+  url = ADDRESS ?? '';
 
-  static async open(options: Partial<MockOptions> = {}): Promise<Stage> {
-    const browser = await chromium.connect(inject('browser'));
-    if (ADDRESS) return new Stage(browser, ADDRESS, null);
-    const mock = await Mock.start({ port: 0, page: process.env.CITYLEARN_PAGE ?? 'dist', ...options });
-    return new Stage(browser, mock.url, mock);
+  /** Opens both before the specs that follow, closes their pages after each, and both in the end. */
+  static forSpecs(options: Partial<MockOptions> = {}): Stage {
+    const stage = new Stage();
+    beforeAll(async () => {
+      stage.browser = await chromium.connect(inject('browser'));
+      if (ADDRESS) return;
+      stage.mock = await Mock.start({ port: 0, page: process.env.CITYLEARN_PAGE ?? 'dist', ...options });
+      stage.url = stage.mock.url;
+    });
+    afterEach(() => Promise.all(stage.browser.contexts().map((context) => context.close())));
+    afterAll(async () => {
+      await stage.browser.close();
+      await stage.mock?.stop();
+    });
+    return stage;
   }
 
   /** The mock; there is none in front of a real dashboard. */
   get dashboard(): Mock {
     if (!this.mock) throw new Error('this spec needs the mock');
     return this.mock;
-  }
-
-  async close(): Promise<void> {
-    await this.browser.close();
-    await this.mock?.stop();
   }
 
   async page(hash: string, options: BrowserContextOptions = {}): Promise<Opened> {

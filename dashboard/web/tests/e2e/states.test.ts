@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-import { afterAll, beforeAll, describe, expect, it } from 'vitest';
+import { describe, expect, it } from 'vitest';
 import { PAGES } from '../chromium';
 import { onMock, Stage, violations } from './stage';
 
 describe.runIf(onMock)('a dashboard that has heard nothing yet', () => {
-  let stage: Stage;
-  beforeAll(async () => {
-    stage = await Stage.open({ empty: true });
-  });
-  afterAll(() => stage.close());
+  const stage = Stage.forSpecs({ empty: true });
 
   it.each(PAGES)('%s says what to do', async (name) => {
     const { page, complaints } = await stage.page(name);
@@ -16,16 +12,11 @@ describe.runIf(onMock)('a dashboard that has heard nothing yet', () => {
     expect((await page.locator('.empty').first().innerText()).length).toBeGreaterThan(15);
     expect(complaints).toEqual([]);
     if (name === 'overview') expect(await violations(page)).toEqual([]);
-    await page.context().close();
   });
 });
 
 describe.runIf(onMock)('a dashboard with a token', () => {
-  let stage: Stage;
-  beforeAll(async () => {
-    stage = await Stage.open({ token: 'open-sesame' });
-  });
-  afterAll(() => stage.close());
+  const stage = Stage.forSpecs({ token: 'open-sesame' });
 
   it('asks for it, refuses a wrong one, and is live with the right one', async () => {
     const { page, outside } = await stage.page('overview');
@@ -44,16 +35,11 @@ describe.runIf(onMock)('a dashboard with a token', () => {
     await page.goto(`${stage.url}#/route`);
     await page.reload();
     await page.waitForSelector('.picture img');
-    await page.context().close();
   });
 });
 
 describe.runIf(onMock)('what the server refuses', () => {
-  let stage: Stage;
-  beforeAll(async () => {
-    stage = await Stage.open();
-  });
-  afterAll(() => stage.close());
+  const stage = Stage.forSpecs();
 
   it('is told where it would have stood', async () => {
     const { page } = await stage.page('overview');
@@ -63,7 +49,6 @@ describe.runIf(onMock)('what the server refuses', () => {
     await page.locator('.failed', { hasText: 'the store is being repaired' }).waitFor();
     // The rest of the page is there.
     await page.locator('#episodes tbody tr').first().waitFor();
-    await page.context().close();
   });
 
   it('is asked for again where it is on its way', async () => {
@@ -76,6 +61,5 @@ describe.runIf(onMock)('what the server refuses', () => {
     await page.goto(`${stage.url}#/route`);
     await page.getByRole('img', { name: /Map, north up/ }).waitFor();
     expect(times).toBeGreaterThan(1);
-    await page.context().close();
   });
 });

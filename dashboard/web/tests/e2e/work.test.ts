@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-import { afterAll, beforeAll, describe, expect, it } from 'vitest';
+import { describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
 import { eventually, onMock, Stage, violations } from './stage';
 
-let stage: Stage;
-beforeAll(async () => {
-  stage = await Stage.open();
-});
-afterAll(() => stage.close());
+const stage = Stage.forSpecs();
 
 const curve = (page: Page, name: RegExp): Promise<string | null> => page.getByRole('img', { name }).getAttribute('aria-label');
 
@@ -44,16 +40,14 @@ describe.runIf(onMock)('training', () => {
     };
     expect(cells(before[0]).length).toBe(cells(after[0]).length + 1);
     expect(meanOf(after)).toEqual(meanOf(before));
-    await page.context().close();
   });
 
   it('shows the controls as reference lines', async () => {
     const { page } = await stage.page(ended());
-    const references = page.locator('section[aria-label="SPL"] .references');
+    const references = page.locator('section[aria-label="SPL"] .legend');
     await references.getByText('blind').waitFor();
     expect(await references.innerText()).toMatch(/shortest path\s*1\.000/);
     expect(await references.innerText()).toContain('sequence filter, summer');
-    await page.context().close();
   });
 
   it('has each chart as a table, other axes, and smoothing', async () => {
@@ -69,7 +63,6 @@ describe.runIf(onMock)('training', () => {
     expect(await page.locator('section[aria-label="Reward"] thead').innerText()).toContain('wall time');
     expect(complaints).toEqual([]);
     expect(await violations(page)).toEqual([]);
-    await page.context().close();
   });
 
   it('asks for the points of a part of a long run', async () => {
@@ -83,7 +76,6 @@ describe.runIf(onMock)('training', () => {
     await page.mouse.up();
     await eventually(() => Promise.resolve(stage.dashboard.asked.filter((one) => one.includes('from='))), (asked) => asked.length > 0);
     await page.getByRole('button', { name: 'Whole range' }).first().click();
-    await page.context().close();
   });
 });
 
@@ -97,7 +89,7 @@ describe.runIf(onMock)('deployment', () => {
     const slider = page.getByRole('slider', { name: 'Step' });
     await slider.waitFor();
     expect(await slider.evaluate((element) => element === document.activeElement)).toBe(true);
-    const step = page.locator('.transport-step');
+    const step = page.locator('.transport output');
     expect(await step.innerText()).toMatch(/^0 \//);
     await page.keyboard.press('ArrowRight');
     expect(await step.innerText()).toMatch(/^1 \//);
@@ -110,13 +102,11 @@ describe.runIf(onMock)('deployment', () => {
     await page.getByRole('button', { name: 'Play', exact: true }).waitFor();
     expect(await violations(page)).toEqual([]);
     expect(complaints).toEqual([]);
-    await page.context().close();
   });
 
   it('says so when the actions of an episode were not kept', async () => {
     const { page } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}&episode=1000097`);
     await page.getByText('Its actions were not recorded').waitFor();
-    await page.context().close();
   });
 });
 
@@ -133,7 +123,6 @@ describe.runIf(onMock)('compare', () => {
     expect(await groups.innerText()).toBe(before);
     await manifests.getByRole('radio', { name: 'All' }).check({ force: true });
     await manifests.getByText('parameters.learner.clip').waitFor();
-    await page.context().close();
   });
 
   it('removes a run only when it is said twice', async () => {
@@ -147,7 +136,6 @@ describe.runIf(onMock)('compare', () => {
     await page.getByRole('button', { name: /^Remove raw_images/ }).click();
     await page.getByRole('button', { name: 'Remove with its episodes' }).click();
     await eventually(() => rows.count(), (now) => now === count - 1);
-    await page.context().close();
   });
 });
 
@@ -164,7 +152,6 @@ describe('colours', () => {
     await page.reload();
     await page.waitForSelector('h1');
     expect(await shown()).toBe('light');
-    await page.context().close();
   });
 });
 
@@ -178,5 +165,4 @@ it('is used by keyboard alone: from the first link to a page and its title', asy
   await page.keyboard.press('Enter');
   await page.waitForFunction(() => document.querySelector('h1')?.textContent === 'Training');
   expect(await page.evaluate(() => document.activeElement?.tagName)).toBe('H1');
-  await page.context().close();
 });
