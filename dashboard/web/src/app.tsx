@@ -11,10 +11,11 @@ import { Overview } from './pages/overview';
 import { Recognition } from './pages/recognition';
 import { RoutePage } from './pages/route';
 import { TrainingPage } from './pages/training';
+import { valueOf } from './state/resource';
 import { hrefOf, PAGES, place, type PageName } from './state/router';
 import { about, lostServices, now } from './state/shared';
 import { theme, type Theme } from './state/theme';
-import { classes, Icon, IconButton, type IconName } from './ui/basics';
+import { classes, Icon, IconButton, toneOf, type IconName } from './ui/basics';
 
 const TITLES: Record<PageName, string> = {
   overview: 'Overview',
@@ -44,9 +45,9 @@ export function App(): JSX.Element {
         Skip to the content
       </a>
       <Side page={page} />
-      <div class="stage">
+      <div>
         <Disconnected />
-        <main id="main" tabIndex={-1}>
+        <main id="main" class="stack" tabIndex={-1}>
           <PageTitle title={TITLES[page]} />
           <Body key={page} />
         </main>
@@ -80,22 +81,23 @@ function PageTitle({ title }: { title: string }): JSX.Element {
 
 function Side({ page }: { page: PageName }): JSX.Element {
   const links = useRef<HTMLElement>(null);
+  const server = valueOf(about.value);
   useEffect(() => {
     // On narrow screens the links are a row that scrolls.
     const link = links.current?.querySelector<HTMLElement>('[aria-current]');
     if (link && links.current) links.current.scrollLeft = link.offsetLeft - links.current.clientWidth / 2 + link.clientWidth / 2;
   }, [page]);
   return (
-    <header class="side">
-      <div class="brand">
+    <header class="row side">
+      <div class="row brand">
         <img src="favicon.svg" alt="" width="28" height="28" />
         <span>
-          CityLearn<span class="brand-soft">-DDS</span>
+          CityLearn<span style={{ color: 'var(--text-soft)', fontWeight: 500 }}>-DDS</span>
         </span>
       </div>
       <nav aria-label="Pages" ref={links}>
         {PAGES.map((name) => (
-          <a key={name} href={hrefOf(name)} aria-current={name === page ? 'page' : undefined}>
+          <a key={name} class="row" href={hrefOf(name)} aria-current={name === page ? 'page' : undefined}>
             <Icon name={name as IconName} />
             <span>{TITLES[name]}</span>
             {name === 'overview' && lostServices.value > 0 && (
@@ -107,12 +109,12 @@ function Side({ page }: { page: PageName }): JSX.Element {
           </a>
         ))}
       </nav>
-      <div class="side-foot">
+      <div class="row between side-foot">
         <Link />
         <ThemeSwitch />
-        {about.value.state === 'ready' && (
-          <p class="version">
-            {about.value.value.version} · {about.value.value.vendor}
+        {server && (
+          <p class="fine version">
+            {server.version} · {server.vendor}
           </p>
         )}
       </div>
@@ -125,8 +127,7 @@ function Link(): JSX.Element {
   const lost = live.dropped.value;
   const text = kind === 'open' ? 'Live' : kind === 'connecting' ? 'Connecting' : 'Disconnected';
   return (
-    <p class={classes('link', `link-${kind}`)} data-link={kind} role="status">
-      <span class="state-mark" aria-hidden="true" />
+    <p class={classes('hint state', toneOf(kind === 'open' ? 'running' : kind === 'connecting' ? 'starting' : 'lost'))} data-link={kind} role="status">
       {text}
       {lost > 0 && (
         <span class="hint" title="This browser was too slow to show them all. What it shows is up to date.">
@@ -158,13 +159,13 @@ function Disconnected(): JSX.Element | null {
   if (state.kind === 'open' || lostAt === null) return null;
   const wait = state.kind === 'waiting' ? Math.max(0, Math.ceil((state.until - now.value) / 1000)) : 0;
   return (
-    <div class="banner" role="alert">
+    <div class="row banner" role="alert">
       <Icon name="alert" />
       <span>
         The dashboard does not answer. The content is from {clock(lostAt / 1000)}.{' '}
         <span class="number">{wait > 0 ? `Next attempt in ${wait} s.` : 'Trying again …'}</span>
       </span>
-      <button type="button" class="small" onClick={() => live.retry()}>
+      <button type="button" onClick={() => live.retry()}>
         Try now
       </button>
     </div>

@@ -23,7 +23,8 @@ function headers(): HeadersInit {
   return token === null ? {} : { Authorization: `Bearer ${token}` };
 }
 
-async function request(path: string, init: RequestInit = {}): Promise<Response> {
+/** Fetches `path`. Throws ApiError unless the server answers with success. */
+export async function request(path: string, init: RequestInit = {}): Promise<Response> {
   let response: Response;
   try {
     response = await fetch(path, { ...init, headers: headers(), credentials: 'same-origin' });

@@ -233,6 +233,4 @@ export interface Scene extends SceneHeader {
 }
 
 export const FLAG_FIRST = 1;
-export const FLAG_TERMINATED = 2;
-export const FLAG_TRUNCATED = 4;
 export const FLAG_IDLE = 8;

@@ -12,13 +12,16 @@ export interface GroupRows {
   runs: { id: string; label: string; colour: string; rows: Rows }[];
 }
 
-export interface DrawnLine extends Curve {
+/** A line of a chart. */
+export interface Line extends Curve {
   key: string;
   label: string;
+  /** A colour of the design system: "series-1". */
   colour: string;
-  faint: boolean;
-  dashed: boolean;
-  band?: { low: (number | null)[]; high: (number | null)[] };
+  faint?: boolean;
+  dashed?: boolean;
+  /** Spread around the line, drawn as an area. */
+  band?: { low: readonly (number | null)[]; high: readonly (number | null)[] };
 }
 
 export interface CurveOptions {
@@ -52,8 +55,8 @@ function increasing(curve: Curve): Curve {
 }
 
 /** Returns the lines of one chart. A group's mean and spread include all of its runs, also hidden ones. */
-export function linesOf(groups: readonly GroupRows[], options: CurveOptions): DrawnLine[] {
-  const lines: DrawnLine[] = [];
+export function linesOf(groups: readonly GroupRows[], options: CurveOptions): Line[] {
+  const lines: Line[] = [];
   for (const group of groups) {
     const curves = group.runs.map((run) => curveOf(run.rows, options));
     const alone = group.runs.length === 1;
@@ -67,7 +70,6 @@ export function linesOf(groups: readonly GroupRows[], options: CurveOptions): Dr
           label: alone ? group.label : `${group.label}, ${run.label}`,
           colour: options.display === 'runs' ? run.colour : group.colour,
           faint: options.display === 'both' && !alone,
-          dashed: false,
         });
       });
     }
@@ -81,8 +83,6 @@ export function linesOf(groups: readonly GroupRows[], options: CurveOptions): Dr
         key: `mean ${group.key}`,
         label: `${group.label}, mean of ${count}`,
         colour: group.colour,
-        faint: false,
-        dashed: false,
       });
     }
   }

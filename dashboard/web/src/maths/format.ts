@@ -36,6 +36,10 @@ export function fixed(value: number | null | undefined, digits: number): string 
   return known(value) ? minus(value.toFixed(digits)) : NONE;
 }
 
+export function threeDecimals(value: number | null | undefined): string {
+  return fixed(value, 3);
+}
+
 /** Fraction as 97.5 % */
 export function percent(value: number | null | undefined, digits = 1): string {
   if (!known(value)) return NONE;
@@ -79,10 +83,7 @@ export function clock(seconds: number | null | undefined): string {
 
 /** 2026-03-04 14:03, local. */
 export function dateTime(seconds: number | null | undefined): string {
-  if (!known(seconds)) return NONE;
-  const date = new Date(seconds * 1000);
-  const two = (value: number): string => String(value).padStart(2, '0');
-  return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())} ${two(date.getHours())}:${two(date.getMinutes())}`;
+  return known(seconds) ? new Date(seconds * 1000).toLocaleString('sv-SE', { dateStyle: 'short', timeStyle: 'short' }) : NONE;
 }
 
 export function plural(count: number, one: string, many = `${one}s`): string {

@@ -32,10 +32,11 @@ export function project(
   });
 }
 
-function least(values: readonly number[]): number {
+/** Returns the smallest of the values; unlike Math.min, however many there are. */
+export function least(values: readonly number[]): number {
   return values.reduce((a, b) => Math.min(a, b), Infinity);
 }
-function greatest(values: readonly number[]): number {
+export function greatest(values: readonly number[]): number {
   return values.reduce((a, b) => Math.max(a, b), -Infinity);
 }
 
@@ -63,6 +64,11 @@ export function fit(points: readonly (Point | null)[], width: number, height: nu
 
 export function toScreen(view: View, point: Point): Point {
   return { x: point.x * view.scale + view.x, y: point.y * view.scale + view.y };
+}
+
+/** The points as the data of an SVG path, with a gap where a point is unknown. */
+export function pathOf(points: readonly (Point | null)[]): string {
+  return points.map((point, i) => (point ? `${points[i - 1] ? 'L' : 'M'}${point.x.toFixed(2)} ${point.y.toFixed(2)}` : '')).join('');
 }
 
 /** The view after zooming by `factor` about a point of the screen, which stays where it is. */

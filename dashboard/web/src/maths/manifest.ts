@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Json, Manifest } from '../api/types';
+import type { Json, Manifest, RunDetail } from '../api/types';
 
 /** Leaves of nested JSON: "parameters.learner.clip" -> "0.2". Lists are leaves. */
 export function flatten(value: Json, prefix = '', into = new Map<string, string>()): Map<string, string> {
@@ -31,4 +31,10 @@ export function compareManifests(manifests: readonly (Manifest | null)[]): Manif
     const known = values.filter((_, i) => leaves[i] !== null);
     return { key, values, differs: new Set(known).size > 1 };
   });
+}
+
+/** Returns a number of a run's manifest; null if it has none of that name. */
+export function manifestNumber(run: RunDetail | null, key: string): number | null {
+  const value = run?.manifest?.[key];
+  return typeof value === 'number' ? value : null;
 }

@@ -69,10 +69,5 @@ export function metric(rows: Rows, key: string): Column {
 
 /** Returns the last known value of a column. */
 export function latest(rows: Rows, key: string): number | null {
-  const values = metric(rows, key);
-  for (let i = values.length - 1; i >= 0; --i) {
-    const value = values[i];
-    if (value !== null && value !== undefined) return value;
-  }
-  return null;
+  return metric(rows, key).findLast((value) => value !== null) ?? null;
 }

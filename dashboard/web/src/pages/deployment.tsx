@@ -3,16 +3,18 @@ import type { JSX } from 'preact';
 import { useMemo } from 'preact/hooks';
 import { runPath } from '../api/client';
 import type { Episode, Evaluation, Run, RunDetail } from '../api/types';
+import type { Line } from '../maths/curves';
 import { byTraversal, checkpoints, evaluationKey, evaluationName, isControl } from '../maths/evaluations';
-import { dateTime, fixed, integer, percent, plural, short } from '../maths/format';
-import { useJson, type Resource } from '../state/resource';
-import { param, place, setParams } from '../state/router';
-import { Card, Empty, Select, Show, State } from '../ui/basics';
-import { Chart, type Line } from '../ui/chart';
+import { dateTime, fixed, integer, percent, plural, short, threeDecimals } from '../maths/format';
+import { useJson, valueOf, type Resource } from '../state/resource';
+import { param, setParams } from '../state/router';
+import { seriesColour } from '../state/theme';
+import { Card, Empty, Select, Show, State, toneOf } from '../ui/basics';
+import { Chart } from '../ui/chart';
 import { Choice, chosen, type ChoiceOf } from '../ui/choice';
 import { CompletedBar, Whisker } from '../ui/marks';
 import { chosenRun, RunSelect } from '../ui/run_select';
-import { SaveTable, Table, type Column } from '../ui/table';
+import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
 import { Replay } from './replay';
 
@@ -36,9 +38,9 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
   const episode = Number(param('episode', '0'));
   return (
     <>
-      <div class="controls card">
+      <div class="wrap card">
         <RunSelect runs={all} chosen={run} />
-        <p class="run-state">
+        <p class="row run-state">
           <State state={run.state} /> <span class="hint">{plural(run.recorded_episodes ?? 0, 'recorded episode')}</span>
         </p>
       </div>
@@ -47,7 +49,7 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
         {({ evaluations: list }) =>
           list.length ? (
             <>
-              <div class="evaluations">
+              <div class="tiles evaluations">
                 {[...byTraversal(list)].map(([traversal, group]) => (
                   <EvaluationCard key={traversal} traversal={traversal} list={group} />
                 ))}
@@ -72,61 +74,44 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
 function EvaluationCard({ traversal, list }: { traversal: string; list: readonly Evaluation[] }): JSX.Element {
   const selected = param('evaluation', '');
   const alike = new Set(list.map((one) => one.tasks)).size === 1;
+  const showWorst = (one: Evaluation): void => {
+    setParams({ evaluation: evaluationKey(one), kind: 'evaluation', order: 'worst' });
+    document.getElementById('episodes')?.scrollIntoView({ block: 'start' });
+  };
   const columns: Column<Evaluation>[] = [
-    { key: 'policy', label: 'Policy', show: evaluationName, cell: evaluationName },
-    {
-      key: 'completed',
-      label: 'Completed',
-      show: (e) => <CompletedBar completed={e.completed} />,
-      cell: (e) => e.completed,
-    },
+    { key: 'policy', label: 'Policy', cell: evaluationName },
+    { ...text('completed', 'Completed'), show: (e) => <CompletedBar completed={e.completed} /> },
     { key: 'failed', label: 'Failed', number: true, show: (e) => integer(e.failed * e.tasks), cell: (e) => Math.round(e.failed * e.tasks) },
-    {
-      key: 'spl',
-      label: 'SPL, 95 % interval',
-      show: (e) => <Whisker value={e.spl} low={e.spl_low} high={e.spl_high} />,
-      cell: (e) => e.spl,
-    },
-    { key: 'spl_low', label: 'lowest', number: true, show: (e) => fixed(e.spl_low, 3), cell: (e) => e.spl_low },
-    { key: 'spl_high', label: 'highest', number: true, show: (e) => fixed(e.spl_high, 3), cell: (e) => e.spl_high },
-    { key: 'reward', label: 'Reward', number: true, show: (e) => fixed(e.reward, 3), cell: (e) => e.reward },
-    { key: 'mean_steps', label: 'Steps', number: true, show: (e) => fixed(e.mean_steps, 1), cell: (e) => e.mean_steps },
-    { key: 'shortest_mean', label: 'Shortest', number: true, show: (e) => fixed(e.shortest_mean, 1), cell: (e) => e.shortest_mean },
-    { key: 'excess', label: 'Excess', number: true, show: (e) => fixed(e.excess, 2), cell: (e) => e.excess },
-    { key: 'tasks', label: 'Tasks', number: true, show: (e) => integer(e.tasks), cell: (e) => e.tasks },
+    { ...text('spl', 'SPL, 95 % interval'), show: (e) => <Whisker value={e.spl} low={e.spl_low} high={e.spl_high} /> },
+    { ...text('spl_low', 'lowest'), hidden: true },
+    { ...text('spl_high', 'highest'), hidden: true },
+    figure('reward', 'Reward', threeDecimals),
+    figure('mean_steps', 'Steps', (steps: number) => fixed(steps, 1)),
+    figure('shortest_mean', 'Shortest', (steps: number) => fixed(steps, 1)),
+    figure('excess', 'Excess', (excess: number | null) => fixed(excess, 2)),
+    { ...figure('tasks', 'Tasks', integer), hidden: alike },
     {
       key: 'show',
       label: 'Tasks',
       quiet: true,
       show: (e) => (
-        <button
-          type="button"
-          class="small"
-          aria-label={`Worst tasks of ${evaluationName(e)} on ${traversal}`}
-          onClick={() => {
-            setParams({ evaluation: evaluationKey(e), kind: 'evaluation', order: 'worst' });
-            document.getElementById('episodes')?.scrollIntoView({ block: 'start' });
-          }}
-        >
+        <button type="button" aria-label={`Worst tasks of ${evaluationName(e)} on ${traversal}`} onClick={() => showWorst(e)}>
           Worst
         </button>
       ),
     },
   ];
   return (
-    <Card
+    <TableCard
       title={`On ${traversal}`}
       hint={alike ? `${integer(list[0]?.tasks)} tasks each` : undefined}
-      actions={<SaveTable name={`evaluations ${traversal}`} columns={columns} rows={list} />}
-    >
-      <Table
-        caption={`Evaluations on ${traversal}`}
-        columns={columns.filter(({ key }) => !['spl_low', 'spl_high', alike ? 'tasks' : ''].includes(key))}
-        rows={list}
-        rowKey={evaluationKey}
-        rowClass={(e) => (evaluationKey(e) === selected ? 'chosen' : isControl(e) ? 'past' : undefined)}
-      />
-    </Card>
+      name={`evaluations ${traversal}`}
+      caption={`Evaluations on ${traversal}`}
+      columns={columns}
+      rows={list}
+      rowKey={evaluationKey}
+      rowClass={(e) => (evaluationKey(e) === selected ? 'chosen' : isControl(e) ? 'past' : undefined)}
+    />
   );
 }
 
@@ -137,7 +122,7 @@ function Checkpoints({ list }: { list: readonly Evaluation[] }): JSX.Element | n
       [...groups].map(([traversal, group], i) => ({
         key: traversal,
         label: traversal,
-        colour: `series-${(i % 8) + 1}`,
+        colour: seriesColour(i),
         x: group.map((one) => one.update),
         y: group.map((one) => one.spl),
         band: { low: group.map((one) => one.spl_low), high: group.map((one) => one.spl_high) },
@@ -152,7 +137,7 @@ function Checkpoints({ list }: { list: readonly Evaluation[] }): JSX.Element | n
       name="checkpoints"
       xLabel="update"
       lines={lines}
-      format={(value) => fixed(value, 3)}
+      format={threeDecimals}
       xFormat={short}
       legend
     />
@@ -170,62 +155,76 @@ function Episodes({ run, evaluations, fresh }: {
   const order = chosen(ORDER);
   const goal = chosen(GOAL);
   const limit = Math.min(Math.max(Number(param('limit', String(PAGE))) || PAGE, PAGE), 2000);
-  const all = evaluations.state === 'ready' ? evaluations.value.evaluations : [];
+  const all = valueOf(evaluations)?.evaluations ?? [];
   const evaluated = kind === 'evaluation' ? all.find((one) => evaluationKey(one) === param('evaluation', '')) : undefined;
   const query = new URLSearchParams({ limit: String(limit), order, evaluation: kind === 'evaluation' ? '1' : '0' });
   if (evaluated) {
-    query.set('traversal', evaluated.traversal);
-    query.set('policy', evaluated.policy);
-    query.set('update', String(evaluated.update));
+    for (const name of ['traversal', 'policy', 'update'] as const) query.set(name, String(evaluated[name]));
     query.set('shuffled', evaluated.shuffled ? '1' : '0');
   }
   if (goal !== 'all') query.set('completed', goal === 'reached' ? '1' : '0');
   const episodes = useJson<{ episodes: Episode[]; total: number }>(runPath(run.id, `/episodes?${query.toString()}`), fresh);
-  const replayed = Number(place.value.params.get('episode') ?? 0);
+  const replayed = Number(param('episode', '0'));
+  const taskOf = (e: Episode): string => (e.evaluation ? `Task ${e.task}` : `Episode ${e.episode}`);
+  const goalOf = (e: Episode): string => (e.completed ? 'reached' : 'missed');
   const columns: Column<Episode>[] = [
     {
       key: 'replay',
       label: 'Replay',
       show: (e) => (
-        <button type="button" class="small" aria-label={`${e.evaluation ? `Task ${e.task}` : `Episode ${e.episode}`}: replay, row ${e.rowid}`} onClick={() => setParams({ episode: String(e.rowid) })}>
-          {e.evaluation ? `Task ${e.task}` : `Episode ${e.episode}`}
+        <button type="button" aria-label={`${taskOf(e)}: replay, row ${e.rowid}`} onClick={() => setParams({ episode: String(e.rowid) })}>
+          {taskOf(e)}
         </button>
       ),
       cell: (e) => e.rowid,
     },
-    { key: 'traversal', label: 'Traversal', show: (e) => e.traversal, cell: (e) => e.traversal },
-    { key: 'policy', label: 'Policy', show: (e) => evaluationName(e), cell: (e) => evaluationName(e) },
-    {
-      key: 'completed',
-      label: 'Goal',
-      show: (e) => <span class={e.completed ? 'reached' : 'missed'}>{e.completed ? 'reached' : 'missed'}</span>,
-      cell: (e) => e.completed,
-    },
-    { key: 'spl', label: 'SPL', number: true, show: (e) => fixed(e.spl, 3), cell: (e) => e.spl },
-    { key: 'steps', label: 'Steps', number: true, show: (e) => integer(e.steps), cell: (e) => e.steps },
-    { key: 'shortest', label: 'Shortest', number: true, show: (e) => integer(e.shortest), cell: (e) => e.shortest },
-    { key: 'reward', label: 'Reward', number: true, show: (e) => fixed(e.reward, 3), cell: (e) => e.reward },
-    { key: 'start', label: 'Start', number: true, show: (e) => integer(e.start), cell: (e) => e.start },
-    { key: 'goal', label: 'Goal frame', number: true, show: (e) => integer(e.goal), cell: (e) => e.goal },
-    { key: 'environment', label: 'Environment', show: (e) => `${e.environment}, agent ${e.agent}`, cell: (e) => e.environment },
-    { key: 'recorded', label: 'Recorded', show: (e) => dateTime(e.recorded), cell: (e) => e.recorded },
+    text('traversal', 'Traversal'),
+    { key: 'policy', label: 'Policy', cell: evaluationName },
+    { ...text('completed', 'Goal'), show: (e) => <b class={toneOf(goalOf(e))}>{goalOf(e)}</b> },
+    figure('spl', 'SPL', threeDecimals),
+    figure('steps', 'Steps', integer),
+    figure('shortest', 'Shortest', integer),
+    figure('reward', 'Reward', threeDecimals),
+    figure('start', 'Start', integer),
+    figure('goal', 'Goal frame', integer),
+    { ...text('environment', 'Environment'), show: (e) => `${e.environment}, agent ${e.agent}` },
+    { ...text('recorded', 'Recorded'), show: (e) => dateTime(e.recorded) },
   ];
-  const rows = episodes.state === 'ready' ? episodes.value.episodes : [];
+  const { episodes: rows, total } = valueOf(episodes) ?? { episodes: [], total: 0 };
   return (
-    <Card
+    <TableCard
       title={order === 'worst' ? 'Worst episodes' : 'Newest episodes'}
       id="episodes"
       hint={evaluated ? `${evaluationName(evaluated)} on ${evaluated.traversal}` : undefined}
       actions={
-        <>
-          <a class="hint" href={runPath(run.id, '/episodes.csv')} download>
-            All as CSV
-          </a>
-          <SaveTable name="episodes" columns={columns} rows={rows} />
-        </>
+        <a class="hint" href={runPath(run.id, '/episodes.csv')} download>
+          All as CSV
+        </a>
+      }
+      name="episodes"
+      caption="Episodes"
+      of={episodes}
+      columns={columns}
+      rows={rows}
+      rowKey={(e) => e.rowid}
+      rowClass={(e) => (e.rowid === replayed ? 'chosen' : undefined)}
+      empty={
+        <Empty title="No matching episodes">
+          {goal === 'missed' && evaluated && evaluated.failed === 0 ? `All ${integer(evaluated.tasks)} tasks were completed (${percent(1)}).` : ''}
+        </Empty>
+      }
+      below={
+        <p class="hint">
+          {integer(rows.length)} of {integer(total)}.{' '}
+          {rows.length < total && limit < 2000 && (
+            <button type="button" onClick={() => setParams({ limit: String(limit + 4 * PAGE) })}>
+              Show more
+            </button>
+          )}
+        </p>
       }
     >
-      <div class="controls plain">
+      <div class="wrap">
         <Choice of={KIND} />
         <Choice of={ORDER} />
         <Choice of={GOAL} />
@@ -241,33 +240,6 @@ function Episodes({ run, evaluations, fresh }: {
           />
         )}
       </div>
-      <Show of={episodes} lines={6}>
-        {(answer) =>
-          answer.episodes.length ? (
-            <>
-              <Table
-                caption="Episodes"
-                columns={columns}
-                rows={answer.episodes}
-                rowKey={(e) => e.rowid}
-                rowClass={(e) => (e.rowid === replayed ? 'chosen' : undefined)}
-              />
-              <p class="hint table-note">
-                {integer(answer.episodes.length)} of {integer(answer.total)}.{' '}
-                {answer.episodes.length < answer.total && limit < 2000 && (
-                  <button type="button" class="small" onClick={() => setParams({ limit: String(limit + 4 * PAGE) })}>
-                    Show more
-                  </button>
-                )}
-              </p>
-            </>
-          ) : (
-            <Empty title="No matching episodes">
-              {goal === 'missed' && evaluated && evaluated.failed === 0 ? `All ${integer(evaluated.tasks)} tasks were completed (${percent(1)}).` : ''}
-            </Empty>
-          )
-        }
-      </Show>
-    </Card>
+    </TableCard>
   );
 }

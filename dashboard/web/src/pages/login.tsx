@@ -24,14 +24,14 @@ export function Login(): JSX.Element {
   };
   return (
     <main class="login">
-      <form class="card" onSubmit={(event) => void submit(event)}>
+      <form class="card stack" onSubmit={(event) => void submit(event)}>
         <img src="favicon.svg" alt="" width="40" height="40" />
         <h1>CityLearn-DDS</h1>
         <p>
           This dashboard asks for its token. It stands in the file that <code>--token-file</code> names; the link that the
           dashboard printed when it started needs none.
         </p>
-        <label class="field">
+        <label class="field hint">
           <span>Token</span>
           <input
             type="password"

@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
-import type { Run, Service, ServiceEvent } from '../api/types';
+import type { Run, Service } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
 import { latest, type Rows } from '../maths/rows';
+import { valueOf } from '../state/resource';
 import { hrefOf } from '../state/router';
-import { about, events, now, runs, services, type SeenServices } from '../state/shared';
+import { about, events, lostServices, now, runs, services, type SeenServices } from '../state/shared';
 import { useTraining } from '../state/training';
-import { Card, Empty, Figure, Show, State } from '../ui/basics';
+import { Card, Empty, Show, State, toneOf } from '../ui/basics';
 import { Spark } from '../ui/spark';
-import { SaveTable, Table, type Column } from '../ui/table';
+import { figure, SaveTable, TableCard, text, type Column } from '../ui/table';
 
 export function Overview(): JSX.Element {
-  const all = runs.value.state === 'ready' ? runs.value.value : [];
+  const all = valueOf(runs.value) ?? [];
   const running = all.filter((run) => run.state === 'running');
   // The rates of actors and learners are in their training. More than a dozen runs at once are not followed.
   const training = useTraining(running.slice(0, 12).map((run) => run.id));
@@ -26,7 +27,7 @@ export function Overview(): JSX.Element {
             <Show of={runs.value}>
               {() =>
                 running.length ? (
-                  <div class="run-cards">
+                  <div class="tiles tight run-cards">
                     {running.map((run, i) => (
                       <RunCard key={run.id} run={run} rows={rows[i]} />
                     ))}
@@ -78,28 +79,35 @@ function sum(values: readonly (number | null | undefined)[]): number | null {
 }
 
 function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Rows | undefined)[] }): JSX.Element {
-  const list = services.value.state === 'ready' ? services.value.value.services : [];
+  const list = valueOf(services.value)?.services ?? [];
   const up = list.filter((service) => !['lost', 'stopped', 'failed'].includes(service.state)).length;
-  const gone = list.filter((service) => service.state === 'lost' || service.state === 'failed').length;
+  const gone = lostServices.value;
   const alarms = list.filter((service) => service.alarm).length;
   const notes = [gone && `${gone} lost or failed`, alarms && plural(alarms, 'alarm')].filter(Boolean).join(', ');
   const lessons = rows.map((one) => (one ? latest(one, 'lesson') : null)).filter((lesson) => lesson !== null);
-  const store = about.value.state === 'ready' ? about.value.value.store : null;
+  const store = valueOf(about.value)?.store;
+  const figures: [name: string, value: string, note?: string | false | undefined][] = [
+    ['Steps per second', short(sum(running.map((run) => run.steps_per_second)))],
+    ['Episodes per second', short(sum(rows.map(rateOf)))],
+    [
+      'Lesson',
+      [...new Set(lessons)].map(integer).join(', ') || '–',
+      lessons.length > 0 && lessons.every((lesson) => lesson === 0) && 'first lesson or no curriculum',
+    ],
+    ['Services up', integer(up), notes],
+    ['Episodes recorded', short(store && Math.max(store.episodes, 0)), store && bytes(store.bytes)],
+  ];
   return (
     <dl class="figures">
-      <Figure label="Steps per second" value={running.length ? short(sum(running.map((run) => run.steps_per_second))) : '–'} />
-      <Figure label="Episodes per second" value={short(sum(rows.map(rateOf)))} />
-      <Figure
-        label="Lesson"
-        value={lessons.length ? [...new Set(lessons)].map(integer).join(', ') : '–'}
-        note={lessons.length && lessons.every((lesson) => lesson === 0) ? 'first lesson or no curriculum' : undefined}
-      />
-      <Figure label="Services up" value={integer(up)} note={notes || undefined} />
-      <Figure
-        label="Episodes recorded"
-        value={store ? short(Math.max(store.episodes, 0)) : '–'}
-        note={store ? bytes(store.bytes) : undefined}
-      />
+      {figures.map(([name, value, note]) => (
+        <div key={name}>
+          <dt class="hint">{name}</dt>
+          <dd>
+            <b>{value}</b>
+            {note && <span class="fine">{note}</span>}
+          </dd>
+        </div>
+      ))}
     </dl>
   );
 }
@@ -117,7 +125,7 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
   ] as const;
   return (
     <article class="run-card">
-      <header>
+      <header class="row between">
         <h3>
           <a href={hrefOf('training', { runs: run.id })}>{run.agent || 'unknown agent'}</a>
         </h3>
@@ -132,12 +140,12 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
       <dl class="pairs">
         {pairs.map(([name, value]) => (
           <div key={name}>
-            <dt>{name}</dt>
+            <dt class="fine">{name}</dt>
             <dd>{value}</dd>
           </div>
         ))}
       </dl>
-      <nav class="run-links" aria-label={`${run.agent} ${run.id}`}>
+      <nav class="row" aria-label={`${run.agent} ${run.id}`}>
         <a href={hrefOf('training', { runs: run.id })}>Training</a>
         <a href={hrefOf('route', { run: run.id })}>Route</a>
         <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>
@@ -160,30 +168,24 @@ function heartbeat(seconds: number | null): string {
 const ORDER = ['lost', 'failed', 'starting', 'waiting', 'running', 'stopping', 'stopped'];
 
 function Services(): JSX.Element {
-  const there = services.value.state === 'ready' ? services.value.value : null;
+  const there = valueOf(services.value);
   const columns: Column<Service>[] = [
-    { key: 'service', label: 'Service', show: (s) => <span class="name">{s.id}</span>, cell: (s) => s.id },
-    { key: 'kind', label: 'Kind', show: (s) => s.service, cell: (s) => s.service },
-    { key: 'state', label: 'State', show: (s) => <State state={s.state} />, cell: (s) => s.state },
-    { key: 'activity', label: 'Activity', wide: true, show: (s) => s.activity, cell: (s) => s.activity },
-    {
-      key: 'alarm',
-      label: 'Alarm',
-      wide: true,
-      show: (s) => (s.alarm ? <span class="alarm">{s.alarm}</span> : '–'),
-      cell: (s) => s.alarm,
-    },
-    { key: 'rate', label: 'Steps/s', number: true, show: (s) => (s.rate ? short(s.rate) : '–'), cell: (s) => s.rate },
+    { ...text('id', 'Service'), key: 'service' },
+    { ...text('service', 'Kind'), key: 'kind' },
+    { ...text('state', 'State'), show: (s) => <State state={s.state} /> },
+    { ...text('activity', 'Activity'), wide: true },
+    { ...text('alarm', 'Alarm'), wide: true, show: (s) => (s.alarm ? <b class="alarm tone-bad">{s.alarm}</b> : '–') },
+    figure('rate', 'Steps/s', (rate: number | null) => short(rate || null)),
     {
       key: 'heartbeat_age',
       label: 'Heartbeat',
       number: true,
-      show: (s) => (there ? heartbeat(ageOf(s, there)) : '–'),
+      show: (s) => heartbeat(there && ageOf(s, there)),
       cell: (s) => s.age,
     },
-    { key: 'host', label: 'Host', show: (s) => s.host, cell: (s) => s.host },
-    { key: 'process', label: 'Process', number: true, show: (s) => s.process, cell: (s) => s.process },
-    { key: 'middleware', label: 'DDS', show: (s) => s.middleware, cell: (s) => s.middleware },
+    text('host', 'Host'),
+    { ...text('process', 'Process'), number: true },
+    text('middleware', 'DDS'),
     {
       key: 'incarnation',
       label: 'Incarnation',
@@ -191,69 +193,55 @@ function Services(): JSX.Element {
       show: (s) => <span title={String(s.incarnation)}>{String(s.incarnation).slice(-6)}</span>,
       cell: (s) => String(s.incarnation),
     },
-    { key: 'uptime', label: 'Up', number: true, show: (s) => duration(s.uptime), cell: (s) => s.uptime },
-    { key: 'received', label: 'Received', number: true, show: (s) => short(s.received), cell: (s) => s.received },
-    { key: 'resent', label: 'Resent', number: true, show: (s) => short(s.resent), cell: (s) => s.resent },
-    { key: 'repeated', label: 'Repeated', number: true, show: (s) => short(s.repeated), cell: (s) => s.repeated },
-    { key: 'rejected', label: 'Rejected', number: true, show: (s) => short(s.rejected), cell: (s) => s.rejected },
-    { key: 'foreign', label: 'Foreign', number: true, show: (s) => short(s.foreign), cell: (s) => s.foreign },
-    { key: 'session', label: 'Session', show: (s) => s.session, cell: (s) => s.session },
+    figure('uptime', 'Up', duration),
+    figure('received', 'Received', short),
+    figure('resent', 'Resent', short),
+    figure('repeated', 'Repeated', short),
+    figure('rejected', 'Rejected', short),
+    figure('foreign', 'Foreign', short),
+    text('session', 'Session'),
   ];
-  const list = there
-    ? [...there.services].sort(
-        (a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state) || a.id.localeCompare(b.id) || a.session.localeCompare(b.session),
-      )
-    : [];
+  const list = [...(there?.services ?? [])].sort(
+    (a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state) || a.id.localeCompare(b.id) || a.session.localeCompare(b.session),
+  );
+  const domain = valueOf(about.value)?.domain;
   return (
-    <Card
+    <TableCard
       title="Services"
-      hint={there && list.length ? plural(list.length, 'service') : undefined}
-      actions={<SaveTable name="services" columns={columns} rows={list} />}
-    >
-      <Show of={services.value} lines={5}>
-        {() =>
-          list.length ? (
-            <Table
-              caption="Services"
-              columns={columns}
-              rows={list}
-              rowKey={(s) => `${s.session}/${s.id}`}
-              rowClass={(s) => (s.alarm || s.state === 'lost' || s.state === 'failed' ? 'bad' : s.state === 'stopped' ? 'past' : undefined)}
-            />
-          ) : (
-            <Empty title="No services found">
-              Services announce themselves once a second. If some are running, compare their <code>--domain</code> with the dashboard's
-              {about.value.state === 'ready' && ` (${about.value.value.domain})`}.
-            </Empty>
-          )
-        }
-      </Show>
-    </Card>
+      name="services"
+      caption="Services"
+      hint={list.length ? plural(list.length, 'service') : undefined}
+      of={services.value}
+      columns={columns}
+      rows={list}
+      rowKey={(s) => `${s.session}/${s.id}`}
+      rowClass={(s) => (s.alarm || s.state === 'lost' || s.state === 'failed' ? 'bad' : s.state === 'stopped' ? 'past' : undefined)}
+      empty={
+        <Empty title="No services found">
+          Services announce themselves once a second. If some are running, compare their <code>--domain</code> with the dashboard's
+          {domain !== undefined && ` (${domain})`}.
+        </Empty>
+      }
+    />
   );
 }
 
 function Events(): JSX.Element {
-  const list = events.value.state === 'ready' ? events.value.value : [];
-  const columns: Column<ServiceEvent>[] = [
-    { key: 'time', label: 'Time', show: (e) => clock(e.time), cell: (e) => e.time },
-    { key: 'kind', label: 'Kind', show: (e) => e.kind, cell: (e) => e.kind },
-    { key: 'session', label: 'Session', show: (e) => e.session, cell: (e) => e.session },
-    { key: 'service', label: 'Service', show: (e) => e.service, cell: (e) => e.service },
-    { key: 'text', label: 'Text', show: (e) => e.text, cell: (e) => e.text },
-  ];
+  const list = valueOf(events.value) ?? [];
+  const columns = (['time', 'kind', 'session', 'service', 'text'] as const).map((key) => text(key, key));
   return (
-    <Card title="Events" class="events-card" actions={<SaveTable name="events" columns={columns} rows={list} />}>
+    <Card title="Events" actions={<SaveTable name="events" columns={columns} rows={list} />}>
       <Show of={events.value} lines={6}>
         {() =>
           list.length ? (
-            <ol class="events" tabIndex={0} aria-label="Events, newest first">
+            <ol class="events scrolls" tabIndex={0} aria-label="Events, newest first">
               {list.slice(0, 100).map((event) => (
                 <li key={`${event.time} ${event.service} ${event.kind}`} class={`event event-${event.kind}`}>
-                  <time dateTime={new Date(event.time * 1000).toISOString()} title={dateTime(event.time)}>
+                  <time class="hint" dateTime={new Date(event.time * 1000).toISOString()} title={dateTime(event.time)}>
                     {clock(event.time)}
                   </time>
-                  <span class="event-kind">{event.kind}</span>
-                  <span class="event-text">
+                  <b class={toneOf(event.kind)}>{event.kind}</b>
+                  <span>
                     {event.service && <b>{event.service}</b>} {event.text}
                   </span>
                 </li>

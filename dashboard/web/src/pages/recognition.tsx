@@ -2,13 +2,15 @@
 import type { JSX } from 'preact';
 import { useMemo, useState } from 'preact/hooks';
 import type { Recognition as Result, RecognitionCurve, RecognitionRow } from '../api/types';
-import { fixed, integer } from '../maths/format';
+import type { Line } from '../maths/curves';
+import { fixed, integer, threeDecimals } from '../maths/format';
 import { useJson } from '../state/resource';
 import { param, setParams } from '../state/router';
-import { Card, Empty, Failed, Loading, Select, Show, Swatch } from '../ui/basics';
-import { Chart, type Line } from '../ui/chart';
+import { seriesColour } from '../state/theme';
+import { Card, Empty, Failed, Loading, Select, Show, Swatch, Tick } from '../ui/basics';
+import { Chart } from '../ui/chart';
 import { Whisker } from '../ui/marks';
-import { SaveTable, Table, type Column } from '../ui/table';
+import { figure, TableCard, text, type Column } from '../ui/table';
 
 export function Recognition(): JSX.Element {
   const results = useJson<{ results: Result[] }>('api/recognition');
@@ -19,7 +21,7 @@ export function Recognition(): JSX.Element {
         return chosen ? (
           <>
             {list.length > 1 && (
-              <div class="controls card">
+              <div class="wrap card">
                 <Select
                   label="Result"
                   value={chosen.name}
@@ -48,29 +50,26 @@ function rowName(row: Pick<RecognitionRow, 'encoder' | 'dimension' | 'centring' 
 }
 
 /** Returns the file name that vpr gives a row: everything but letters, digits, '.', '_' becomes '-'. */
-export function matrixFile(row: RecognitionRow): string {
+function matrixFile(row: RecognitionRow): string {
   const slug = (text: string): string => text.replace(/[^A-Za-z0-9._]/g, '-');
   return `similarity-${slug(row.encoder)}-${row.dimension}-${row.centring}-${slug(row.query)}-${slug(row.method)}.png`;
 }
 
 const SHOWN_AT_FIRST = 6;
 
-interface Numbered {
-  row: RecognitionRow;
-  index: number;
-}
+type Row = RecognitionRow & { index: number };
 
 function ResultOf({ result }: { result: Result }): JSX.Element {
-  const rows = result.rows ?? [];
+  const rows = useMemo(() => (result.rows ?? []).map((row, index): Row => ({ ...row, index })), [result]);
   const path = `api/recognition/${encodeURIComponent(result.name)}`;
   const curves = useJson<{ curves: RecognitionCurve[] }>(result.error ? null : `${path}/curve`);
-  const [shown, setShown] = useState<ReadonlySet<number>>(() => new Set(rows.map((_, i) => i).slice(0, SHOWN_AT_FIRST)));
+  const [shown, setShown] = useState<ReadonlySet<number>>(() => new Set(rows.slice(0, SHOWN_AT_FIRST).keys()));
   const lines: Line[] = useMemo(() => {
     if (curves.state !== 'ready') return [];
-    return rows.flatMap((row, i) => {
+    return rows.flatMap((row) => {
       const curve = curves.value.curves.find((one) => rowName(one) === rowName(row));
-      if (!curve || !shown.has(i)) return [];
-      return [{ key: String(i), label: rowName(row), colour: colourOf(i), dashed: i >= 8, ...ascending(curve) }];
+      if (!curve || !shown.has(row.index)) return [];
+      return [{ key: String(row.index), label: rowName(row), colour: seriesColour(row.index), dashed: row.index >= 8, ...ascending(curve) }];
     });
   }, [curves, shown, rows]);
   if (result.error) return <Failed error={result.error} />;
@@ -79,46 +78,27 @@ function ResultOf({ result }: { result: Result }): JSX.Element {
     if (!next.delete(index)) next.add(index);
     setShown(next);
   };
-  const list: Numbered[] = rows.map((row, index) => ({ row, index }));
-  const columns: Column<Numbered>[] = [
+  const columns: Column<Row>[] = [
     {
+      ...text('encoder', 'Curve'),
       key: 'row',
-      label: 'Curve',
-      show: ({ row, index }) => (
-        <label class="agent-choice">
-          <input type="checkbox" checked={shown.has(index)} onChange={() => toggle(index)} aria-label={`Curve of ${rowName(row)}`} />
-          <Swatch colour={colourOf(index)} dashed={index >= 8} />
+      show: (row) => (
+        <Tick checked={shown.has(row.index)} onChange={() => toggle(row.index)} label={`Curve of ${rowName(row)}`}>
+          <Swatch colour={seriesColour(row.index)} dashed={row.index >= 8} />
           {row.encoder}
-        </label>
+        </Tick>
       ),
-      cell: ({ row }) => row.encoder,
     },
-    { key: 'dimension', label: 'Dimension', number: true, show: ({ row }) => integer(row.dimension), cell: ({ row }) => row.dimension },
-    { key: 'centring', label: 'Centring', show: ({ row }) => row.centring, cell: ({ row }) => row.centring },
-    { key: 'method', label: 'Method', show: ({ row }) => row.method, cell: ({ row }) => row.method },
-    { key: 'query', label: 'Query', show: ({ row }) => row.query, cell: ({ row }) => row.query },
-    {
-      key: 'auc',
-      label: 'AUC, 95 % interval',
-      show: ({ row }) => <Whisker value={row.auc} low={row.auc_interval[0]} high={row.auc_interval[1]} />,
-      cell: ({ row }) => row.auc,
-    },
-    {
-      key: 'recall_1',
-      label: 'Recall@1, 95 % interval',
-      show: ({ row }) => <Whisker value={row.recall_1 ?? 0} low={row.recall_1_interval[0]} high={row.recall_1_interval[1]} />,
-      cell: ({ row }) => row.recall_1,
-    },
-    { key: 'recall_5', label: 'Recall@5', number: true, show: ({ row }) => fixed(row.recall_5, 3), cell: ({ row }) => row.recall_5 },
-    { key: 'recall_10', label: 'Recall@10', number: true, show: ({ row }) => fixed(row.recall_10, 3), cell: ({ row }) => row.recall_10 },
-    {
-      key: 'recall_at_full_precision',
-      label: 'Recall at precision 1',
-      number: true,
-      show: ({ row }) => fixed(row.recall_at_full_precision, 3),
-      cell: ({ row }) => row.recall_at_full_precision,
-    },
-    { key: 'queries', label: 'Queries', number: true, show: ({ row }) => integer(row.queries), cell: ({ row }) => row.queries },
+    figure('dimension', 'Dimension', integer),
+    text('centring', 'Centring'),
+    text('method', 'Method'),
+    text('query', 'Query'),
+    { ...text('auc', 'AUC, 95 % interval'), show: (row) => interval(row.auc, row.auc_interval) },
+    { ...text('recall_1', 'Recall@1, 95 % interval'), show: (row) => interval(row.recall_1 ?? 0, row.recall_1_interval) },
+    figure('recall_5', 'Recall@5', threeDecimals),
+    figure('recall_10', 'Recall@10', threeDecimals),
+    figure('recall_at_full_precision', 'Recall at precision 1', threeDecimals),
+    figure('queries', 'Queries', integer),
   ];
   return (
     <>
@@ -144,24 +124,21 @@ function ResultOf({ result }: { result: Result }): JSX.Element {
         )}
         <Matrix result={result} rows={rows} path={path} />
       </div>
-      <Card
+      <TableCard
         title="Figures"
         hint={result.command}
-        actions={<SaveTable name={`recognition ${result.name}`} columns={columns} rows={list} />}
-      >
-        {rows.length ? (
-          <Table caption="Place recognition" columns={columns} rows={list} rowKey={({ index }) => index} />
-        ) : (
-          <Empty title="No results yet" />
-        )}
-      </Card>
+        name={`recognition ${result.name}`}
+        caption="Place recognition"
+        columns={columns}
+        rows={rows}
+        rowKey={(row) => row.index}
+        empty={<Empty title="No results yet" />}
+      />
     </>
   );
 }
 
-function colourOf(index: number): string {
-  return `series-${(index % 8) + 1}`;
-}
+const interval = (value: number, [low, high]: [number, number]): JSX.Element => <Whisker value={value} low={low} high={high} />;
 
 /** Returns the curve by ascending recall. Of equal recalls it keeps the first point, which has the highest precision. */
 function ascending(curve: RecognitionCurve): { x: number[]; y: number[] } {

@@ -2,33 +2,30 @@
 import type { JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import type { EpisodeDetail, RunDetail, TraversalMap } from '../api/types';
+import type { Line } from '../maths/curves';
 import { evaluationName } from '../maths/evaluations';
 import { fixed, integer } from '../maths/format';
-import { useJson, type Resource } from '../state/resource';
+import { manifestNumber } from '../maths/manifest';
+import { useJson, valueOf, type Resource } from '../state/resource';
 import { setParams } from '../state/router';
 import { Card, Empty, IconButton, Select, Show } from '../ui/basics';
-import { Chart, type Line } from '../ui/chart';
-import { PictureBox, useFrame } from '../ui/picture';
+import { Chart } from '../ui/chart';
+import { Pictures } from '../ui/picture';
 import { RouteMap } from '../ui/route_map';
-import { useVisible } from '../ui/use';
-
-interface ReplayProps {
-  rowid: number;
-  detail: Resource<RunDetail>;
-}
 
 /** Plays one recorded episode step by step. */
-export function Replay({ rowid, detail }: ReplayProps): JSX.Element {
+export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunDetail> }): JSX.Element {
   const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
+  const shown = valueOf(episode);
   const room = useRef<HTMLDivElement>(null);
   useEffect(() => room.current?.scrollIntoView({ block: 'start' }), []);
   return (
-    <div ref={room} class="replay-room">
+    <div ref={room} id="replay">
       <Card
         title={`Replay of episode ${rowid}`}
-        hint={episode.state === 'ready' ? describe(episode.value) : undefined}
+        hint={shown ? describe(shown) : undefined}
         actions={
-          <button type="button" class="small" onClick={() => setParams({ episode: null })}>
+          <button type="button" onClick={() => setParams({ episode: null })}>
             Close
           </button>
         }
@@ -67,8 +64,6 @@ function Player({ episode, positions, detail }: {
   const [playing, setPlaying] = useState(false);
   const [speed, setSpeed] = useState<(typeof SPEEDS)[number]>('10');
   const slider = useRef<HTMLInputElement>(null);
-  const room = useRef<HTMLDivElement>(null);
-  const visible = useVisible(room);
   useEffect(() => slider.current?.focus({ preventScroll: true }), []);
   useEffect(() => {
     if (!playing) return undefined;
@@ -83,18 +78,14 @@ function Player({ episode, positions, detail }: {
     setPlaying(!playing);
   };
 
-  const run = detail.state === 'ready' ? detail.value : null;
-  const number = (key: string): number | null => {
-    const value = run?.manifest?.[key];
-    return typeof value === 'number' ? value : null;
-  };
+  const run = valueOf(detail);
   const own = run?.traversals.find((one) => one.hash === episode.hash);
   const sibling = run?.traversals.find((one) => one.hash !== episode.hash && one.images);
   const map = useJson<TraversalMap>(episode.hash === null ? null : `api/map/${episode.hash}`);
   const least = Math.min(...positions, episode.goal);
   const most = Math.max(...positions, episode.goal);
-  const first = Math.min(number('first_frame') ?? least, least);
-  const count = Math.max((number('frames') ?? 0) + first - 1, most) - first + 1;
+  const first = Math.min(manifestNumber(run, 'first_frame') ?? least, least);
+  const count = Math.max((manifestNumber(run, 'frames') ?? 0) + first - 1, most) - first + 1;
   const here = positions[step] ?? episode.start;
   const path = useMemo(() => positions.slice(0, step + 1), [positions, step]);
   const lines: Line[] = useMemo(() => {
@@ -105,34 +96,30 @@ function Player({ episode, positions, detail }: {
     ];
   }, [positions, path]);
   const walkers = [{ label: `step ${step}`, position: here, start: episode.start, goal: episode.goal }];
-  const picture = useFrame(own?.images ? episode.hash : null, here, visible);
-  const other = useFrame(sibling?.hash ?? null, here, visible);
   return (
-    <div class="player" ref={room}>
-      <div class="transport">
+    <div class="stack tight player">
+      <div class="row transport">
         <IconButton icon={playing ? 'pause' : 'play'} label={playing ? 'Pause' : 'Play'} onClick={toggle} />
-        <label class="transport-slider">
-          <span class="visually-hidden">Step</span>
-          <input
-            ref={slider}
-            type="range"
-            min={0}
-            max={last}
-            step={1}
-            value={step}
-            aria-valuetext={`step ${step} of ${last}, frame ${here}`}
-            onInput={(event) => {
-              setPlaying(false);
-              setStep(Number(event.currentTarget.value));
-            }}
-            onKeyDown={(event) => {
-              if (event.key !== ' ') return;
-              event.preventDefault();
-              toggle();
-            }}
-          />
-        </label>
-        <output class="number transport-step">
+        <input
+          ref={slider}
+          type="range"
+          aria-label="Step"
+          min={0}
+          max={last}
+          step={1}
+          value={step}
+          aria-valuetext={`step ${step} of ${last}, frame ${here}`}
+          onInput={(event) => {
+            setPlaying(false);
+            setStep(Number(event.currentTarget.value));
+          }}
+          onKeyDown={(event) => {
+            if (event.key !== ' ') return;
+            event.preventDefault();
+            toggle();
+          }}
+        />
+        <output>
           {step} / {last}
         </output>
         <Select
@@ -148,7 +135,7 @@ function Player({ episode, positions, detail }: {
       )}
       <div class="columns route-columns">
         <RouteMap
-          map={map.state === 'ready' ? map.value : null}
+          map={valueOf(map)}
           first={first}
           count={count}
           walkers={walkers}
@@ -157,16 +144,7 @@ function Player({ episode, positions, detail }: {
           whole={false}
           label={`Route of ${episode.traversal}, step ${step} at frame ${here}`}
         />
-        <div class="stack">
-          <div class="pictures">
-            {own?.images ? (
-              <PictureBox picture={picture} alt={`Frame of ${episode.traversal}`} caption={episode.traversal} />
-            ) : (
-              <PictureBox picture={{ state: 'none', text: 'This traversal has features only.' }} alt="" caption={episode.traversal} />
-            )}
-            {sibling && <PictureBox picture={other} alt={`The same place on ${sibling.traversal}`} caption={`${sibling.traversal}, same place`} />}
-          </div>
-        </div>
+        <Pictures on={own} name={episode.traversal} alt={`Frame of ${episode.traversal}`} frame={here} sibling={sibling} />
       </div>
       <Chart
         title="Path"

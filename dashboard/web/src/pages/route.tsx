@@ -5,19 +5,21 @@ import { runPath } from '../api/client';
 import { sceneOf } from '../api/frame';
 import { live } from '../api/live';
 import type { Run, RunDetail, RunTraversal, Scene, TraversalMap } from '../api/types';
+import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
-import { idle, Trails } from '../maths/trail';
-import { useJson } from '../state/resource';
+import { manifestNumber } from '../maths/manifest';
+import { idle, Trails, type Trail } from '../maths/trail';
+import { useJson, valueOf } from '../state/resource';
 import { hrefOf, param, setParams } from '../state/router';
 import { now } from '../state/shared';
-import { Card, Empty, Failed, Loading, Select, Swatch } from '../ui/basics';
-import { Chart, type Line } from '../ui/chart';
+import { seriesColour } from '../state/theme';
+import { Card, Empty, Select, Show, Swatch, Tick } from '../ui/basics';
+import { Chart } from '../ui/chart';
 import { Choice, chosen, type ChoiceOf } from '../ui/choice';
-import { PictureBox, useFrame, useLivePicture } from '../ui/picture';
-import { RouteMap, walkerColour, type Walker } from '../ui/route_map';
+import { Pictures } from '../ui/picture';
+import { RouteLegend, RouteMap, type Walker } from '../ui/route_map';
 import { chosenRun, RunSelect } from '../ui/run_select';
-import { SaveTable, Table, type Column } from '../ui/table';
-import { useVisible } from '../ui/use';
+import { TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
 
 const VIEW: ChoiceOf<'route' | 'whole'> = { name: 'view', label: 'Show', values: { route: 'Route', whole: 'Whole traversal' } };
@@ -58,15 +60,15 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
   // Traversals are announced after the run has begun: fetch them again at each update until there are some.
   const [again, setAgain] = useState(0);
   const detail = useJson<RunDetail>(runPath(run.id), `${run.state} ${again}`);
-  const none = detail.state === 'ready' && detail.value.traversals.length === 0;
+  const traversals = valueOf(detail)?.traversals ?? [];
+  const none = detail.state === 'ready' && traversals.length === 0;
   useEffect(() => {
     if (none) setAgain(run.updates ?? 0);
   }, [none, run.updates]);
-  const traversals = detail.state === 'ready' ? detail.value.traversals : [];
   const traversal = traversals.find((one) => one.environment === param('env', '')) ?? traversals[0];
   return (
     <>
-      <div class="controls card">
+      <div class="wrap card">
         <RunSelect runs={all} chosen={run} />
         {traversal && (
           <Select
@@ -78,19 +80,17 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
         )}
         <Choice of={VIEW} />
       </div>
-      {detail.state === 'loading' ? (
-        <Card title="Route">
-          <Loading lines={6} />
-        </Card>
-      ) : detail.state === 'failed' ? (
-        <Failed error={detail.error} />
-      ) : traversal ? (
-        <Scenery run={run} traversal={traversal} all={traversals} detail={detail.value} whole={chosen(VIEW) === 'whole'} />
-      ) : (
-        <Card title="Route">
-          <Empty title="No traversals known">env_services announce their traversal when they start.</Empty>
-        </Card>
-      )}
+      <Show of={detail} lines={6}>
+        {(value) =>
+          traversal ? (
+            <Scenery run={run} traversal={traversal} all={traversals} detail={value} whole={chosen(VIEW) === 'whole'} />
+          ) : (
+            <Card title="Route">
+              <Empty title="No traversals known">env_services announce their traversal when they start.</Empty>
+            </Card>
+          )
+        }
+      </Show>
     </>
   );
 }
@@ -113,12 +113,8 @@ function Scenery({ run, traversal, all, detail, whole }: {
   );
   const trail = trails.of(agent);
   const here = scene?.list[agent];
-  const number = (key: string, otherwise: number): number => {
-    const value = detail.manifest?.[key];
-    return typeof value === 'number' ? value : otherwise;
-  };
-  const first = scene?.first_frame ?? number('first_frame', 0);
-  const count = scene?.frames ?? Math.min(number('frames', traversal.frames), traversal.frames - first);
+  const first = scene?.first_frame ?? manifestNumber(detail, 'first_frame') ?? 0;
+  const count = scene?.frames ?? Math.min(manifestNumber(detail, 'frames') ?? traversal.frames, traversal.frames - first);
   const silent = Math.floor((now.value - came) / 1000);
   return (
     <div class="columns route-columns">
@@ -144,7 +140,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
             </p>
           )}
           <RouteMap
-            map={map.state === 'ready' ? map.value : null}
+            map={valueOf(map)}
             first={first}
             count={count}
             walkers={walkers}
@@ -154,20 +150,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
             whole={whole}
             label={`Route of ${traversal.traversal} with ${walkers.length} agents`}
           />
-          <ul class="legend map-legend" aria-label="Signs">
-            <li>
-              <i class="sign sign-agent" /> agent
-            </li>
-            <li>
-              <i class="sign sign-start" /> start
-            </li>
-            <li>
-              <i class="sign sign-goal" /> goal
-            </li>
-            <li>
-              <i class="sign sign-path" /> path so far
-            </li>
-          </ul>
+          <RouteLegend />
         </Card>
         <WalkChart trail={trail} agent={agent} goal={here?.goal ?? null} name={`${traversal.traversal} agent ${agent}`} />
       </div>
@@ -179,17 +162,12 @@ function Scenery({ run, traversal, all, detail, whole }: {
   );
 }
 
-function WalkChart({ trail, agent, goal, name }: {
-  trail: { steps: number[]; positions: number[] } | undefined;
-  agent: number;
-  goal: number | null;
-  name: string;
-}): JSX.Element {
+function WalkChart({ trail, agent, goal, name }: { trail: Trail | undefined; agent: number; goal: number | null; name: string }): JSX.Element {
   const length = trail?.steps.length ?? 0;
   const lines: Line[] = useMemo(
     () =>
       trail
-        ? [{ key: 'walk', label: `agent ${agent}`, colour: walkerColour(agent), x: trail.steps.slice(), y: trail.positions.slice() }]
+        ? [{ key: 'walk', label: `agent ${agent}`, colour: seriesColour(agent), x: trail.steps.slice(), y: trail.positions.slice() }]
         : [],
     [trail, length, agent],
   );
@@ -216,96 +194,64 @@ function Eyes({ source, traversal, all, agent, frame }: {
   agent: number;
   frame: number | null;
 }): JSX.Element {
-  const room = useRef<HTMLDivElement>(null);
-  const visible = useVisible(room);
   const siblings = all.filter((one) => one.hash !== traversal.hash && one.images);
   const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
-  const picture = useLivePicture(visible && traversal.images ? `picture:${source}:${agent}` : null);
-  const other = useFrame(sibling?.hash ?? null, frame, visible);
   return (
     <Card
       title={`What agent ${agent} sees`}
       actions={
-        siblings.length > 1 && sibling ? (
-          <label class="inline-select">
-            <span class="visually-hidden">Sibling traversal</span>
-            <select value={sibling.traversal} onChange={(event) => setParams({ sibling: event.currentTarget.value })}>
-              {siblings.map((one) => (
-                <option key={one.traversal} value={one.traversal}>
-                  beside {one.traversal}
-                </option>
-              ))}
-            </select>
-          </label>
-        ) : undefined
+        siblings.length > 1 &&
+        sibling && (
+          <Select
+            quiet
+            label="Sibling traversal"
+            value={sibling.traversal}
+            options={siblings.map((one) => ({ value: one.traversal, label: `beside ${one.traversal}` }))}
+            onChange={(name) => setParams({ sibling: name })}
+          />
+        )
       }
     >
-      <div class="pictures" ref={room}>
-        {traversal.images ? (
-          <PictureBox picture={picture} alt={`What agent ${agent} sees on ${traversal.traversal}`} caption={traversal.traversal} />
-        ) : (
-          <PictureBox
-            picture={{ state: 'none', text: 'This traversal has features alone.' }}
-            alt=""
-            caption={traversal.traversal}
-          />
-        )}
-        {sibling && (
-          <PictureBox picture={other} alt={`The same place on ${sibling.traversal}`} caption={`${sibling.traversal}, same place`} />
-        )}
-      </div>
+      <Pictures
+        on={traversal}
+        name={traversal.traversal}
+        alt={`What agent ${agent} sees on ${traversal.traversal}`}
+        frame={frame}
+        topic={`picture:${source}:${agent}`}
+        sibling={sibling}
+      />
     </Card>
   );
 }
 
-interface AgentRow {
-  agent: number;
-  position: number;
-  start: number;
-  goal: number;
-  steps: number;
-  idle: boolean;
-}
-
 function Agents({ scene, agent, name }: { scene: Scene | null; agent: number; name: string }): JSX.Element {
-  const rows: AgentRow[] = (scene?.list ?? []).map((one, i) => ({ ...one, agent: i, idle: idle(one) }));
-  const columns: Column<AgentRow>[] = [
+  const rows = (scene?.list ?? []).map((one, i) => ({ ...one, agent: i, left: Math.abs(one.goal - one.position) }));
+  const columns: Column<(typeof rows)[number]>[] = [
     {
-      key: 'agent',
-      label: 'Agent',
+      ...text('agent', 'Agent'),
       show: (row) => (
-        <label class="agent-choice">
-          <input
-            type="radio"
-            name="agent"
-            checked={row.agent === agent}
-            onChange={() => setParams({ agent: String(row.agent) })}
-          />
-          <Swatch colour={walkerColour(row.agent)} />
+        <Tick type="radio" checked={row.agent === agent} onChange={() => setParams({ agent: String(row.agent) })}>
+          <Swatch colour={seriesColour(row.agent)} />
           {row.agent}
-        </label>
+        </Tick>
       ),
-      cell: (row) => row.agent,
     },
-    { key: 'position', label: 'At', number: true, show: (row) => (row.idle ? 'idle' : row.position), cell: (row) => row.position },
-    { key: 'start', label: 'Start', number: true, show: (row) => row.start, cell: (row) => row.start },
-    { key: 'goal', label: 'Goal', number: true, show: (row) => row.goal, cell: (row) => row.goal },
-    { key: 'left', label: 'To go', number: true, show: (row) => Math.abs(row.goal - row.position), cell: (row) => Math.abs(row.goal - row.position) },
-    { key: 'steps', label: 'Steps', number: true, show: (row) => row.steps, cell: (row) => row.steps },
+    { ...text('position', 'At'), number: true, show: (row) => (idle(row) ? 'idle' : row.position) },
+    { ...text('start', 'Start'), number: true },
+    { ...text('goal', 'Goal'), number: true },
+    { ...text('left', 'To go'), number: true },
+    { ...text('steps', 'Steps'), number: true },
   ];
   return (
-    <Card title="Agents" class="agents" actions={<SaveTable name={`agents ${name}`} columns={columns} rows={rows} />}>
-      {rows.length ? (
-        <Table
-          caption="Agents of this env_service"
-          columns={columns}
-          rows={rows}
-          rowKey={(row) => row.agent}
-          rowClass={(row) => (row.agent === agent ? 'chosen' : undefined)}
-        />
-      ) : (
-        <Empty title="No agents yet" />
-      )}
-    </Card>
+    <TableCard
+      title="Agents"
+      name={`agents ${name}`}
+      caption="Agents of this env_service"
+      columns={columns}
+      rows={rows}
+      rowKey={(row) => row.agent}
+      rowClass={(row) => (row.agent === agent ? 'chosen' : undefined)}
+      empty={<Empty title="No agents yet" />}
+    />
   );
 }

@@ -5,14 +5,16 @@ import { runPath } from '../api/client';
 import { TRAINING_FIGURES } from '../api/training_figures';
 import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
 import { linesOf, type Display, type GroupRows } from '../maths/curves';
-import { duration, fixed, percent, short, significant } from '../maths/format';
+import { duration, fixed, percent, short, significant, threeDecimals } from '../maths/format';
 import { groupRuns, type Group } from '../maths/groups';
+import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
-import { useJson } from '../state/resource';
+import type { Range } from '../maths/seeds';
+import { useJson, valueOf } from '../state/resource';
 import { param, place, setParams } from '../state/router';
+import { seriesColour } from '../state/theme';
 import { useDetail, useTraining } from '../state/training';
 import { Card, Failed, Loading, Slider } from '../ui/basics';
-import type { Range } from '../maths/seeds';
 import { Chart, type Reference } from '../ui/chart';
 import { AXIS, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
 import { RunPicker } from '../ui/run_picker';
@@ -26,8 +28,8 @@ interface Metric {
 }
 
 const PERFORMANCE: Metric[] = [
-  { key: 'reward', title: 'Reward', hint: 'mean of the last 100 episodes', format: (v) => fixed(v, 3) },
-  { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', format: (v) => fixed(v, 3) },
+  { key: 'reward', title: 'Reward', hint: 'mean of the last 100 episodes', format: threeDecimals },
+  { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', format: threeDecimals },
   { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of about 100 episodes', format: (v) => fixed(v, 1) },
 ];
 const FORMATS: { [unit: string]: (value: number) => string } = { share: (v) => percent(v), 'steps/s': short };
@@ -38,7 +40,6 @@ const OPTIMISATION: Metric[] = TRAINING_FIGURES.filter(
 
 const X_LABELS: Record<XAxis, string> = { episodes: 'episodes', steps: 'steps', wall: 'wall time', update: 'updates' };
 const MAX_RUNS = 24; // curves fetched at once
-const COLOURS = 8;
 
 const SEEDS: ChoiceOf<Display> = { name: 'show', label: 'Seeds', values: { both: 'Both', mean: 'Mean and spread', runs: 'Each' } };
 
@@ -93,7 +94,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
       fitting.map((group, g) => ({
         key: group.key,
         label: group.label,
-        colour: `series-${(g % COLOURS) + 1}`,
+        colour: seriesColour(g),
         runs: group.runs.flatMap((run) => {
           const rows = detail.get(run.id) ?? training.get(run.id)?.rows;
           return rows?.length
@@ -120,7 +121,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
       />
     ));
   return (
-    <div class="with-picker">
+    <div class="columns with-picker">
       <RunPicker
         groups={groups}
         shown={new Set(fitting.map((group) => group.key))}
@@ -129,7 +130,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
         omitted={shown.length - fitting.length}
       />
       <div class="stack">
-        <div class="controls card">
+        <div class="wrap card">
           <Choice of={AXIS} onChange={() => setZoom(null)} />
           <Choice of={SEEDS} />
           <Slider
@@ -142,7 +143,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
             onInput={(value) => setParams({ smooth: String(value) })}
           />
           {zoom && (
-            <button type="button" class="small" onClick={() => setZoom(null)}>
+            <button type="button" onClick={() => setZoom(null)}>
               Whole range
             </button>
           )}
@@ -154,9 +155,9 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
           </Card>
         ) : (
           <>
-            <div class="charts charts-main">{charts(PERFORMANCE)}</div>
-            <h2 class="section-title">Optimisation</h2>
-            <div class="charts">{charts(OPTIMISATION)}</div>
+            <div class="tiles charts charts-main">{charts(PERFORMANCE)}</div>
+            <h2>Optimisation</h2>
+            <div class="tiles charts">{charts(OPTIMISATION)}</div>
           </>
         )}
       </div>
@@ -166,11 +167,11 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
 
 function colourOf(groups: readonly Group[]): Map<string, string> {
   const all = groups.flatMap((group) => group.runs);
-  return new Map(all.map((run, i) => [run.id, `series-${(i % COLOURS) + 1}`]));
+  return new Map(all.map((run, i) => [run.id, seriesColour(i)]));
 }
 
 function groupColours(groups: readonly Group[]): Map<string, string> {
-  return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, `series-${(g % COLOURS) + 1}`] as const)));
+  return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, seriesColour(g)] as const)));
 }
 
 function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
@@ -207,12 +208,10 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
 /** Returns the results of the blind agent, the shortest path and the sequence filter on the same route, as lines. */
 function useReferences(run: Run | undefined): Partial<Record<string, Reference[]>> {
   const detail = useJson<RunDetail>(run ? runPath(run.id) : null);
-  const manifest = detail.state === 'ready' ? detail.value.manifest : null;
-  const frames = manifest?.frames;
-  const steps = manifest?.max_steps;
-  const controls = useJson<Controls>(
-    typeof frames === 'number' && typeof steps === 'number' ? `api/controls?frames=${frames}&max_steps=${steps}` : null,
-  );
+  const route = valueOf(detail);
+  const frames = manifestNumber(route, 'frames');
+  const steps = manifestNumber(route, 'max_steps');
+  const controls = useJson<Controls>(frames !== null && steps !== null ? `api/controls?frames=${frames}&max_steps=${steps}` : null);
   const evaluations = useJson<{ evaluations: Evaluation[] }>(run ? runPath(run.id, '/evaluations') : null);
   return useMemo(() => {
     const result: Record<'reward' | 'spl' | 'episode_length', Reference[]> = { reward: [], spl: [], episode_length: [] };
@@ -228,9 +227,9 @@ function useReferences(run: Run | undefined): Partial<Record<string, Reference[]
     }
     if (evaluations.state === 'ready') {
       const filters = evaluations.value.evaluations.filter((one) => one.policy === 'sequence_filter' && !one.shuffled);
-      const filter = filters.find((one) => one.traversal === manifest?.train) ?? filters[0];
+      const filter = filters.find((one) => one.traversal === route?.manifest?.train) ?? filters[0];
       if (filter) add(`sequence filter, ${filter.traversal}`, filter.spl, filter.reward, filter.mean_steps);
     }
     return result;
-  }, [controls, evaluations, manifest]);
+  }, [controls, evaluations, route]);
 }

@@ -9,6 +9,11 @@ export type Resource<T> =
   | { state: 'ready'; value: T }
   | { state: 'failed'; error: string; status: number };
 
+/** Returns the value that has arrived; null while there is none. */
+export function valueOf<T>(resource: Resource<T>): T | null {
+  return resource.state === 'ready' ? resource.value : null;
+}
+
 const LOADING = { state: 'loading' } as const; // one object, so that nothing depends on a new one
 
 export function failure(error: unknown): { state: 'failed'; error: string; status: number } {
@@ -17,11 +22,11 @@ export function failure(error: unknown): { state: 'failed'; error: string; statu
     : { state: 'failed', error: error instanceof Error ? error.message : String(error), status: 0 };
 }
 
-/** GETs, and again as long as the server answers that it is still fetching. */
-async function getPatiently<T>(path: string, abort: AbortSignal): Promise<T> {
+/** Repeats a request as long as the server answers that it is still fetching. */
+export async function patiently<T>(ask: () => Promise<T>, abort: AbortSignal): Promise<T> {
   for (;;) {
     try {
-      return await getJson<T>(path, abort);
+      return await ask();
     } catch (error) {
       if (!(error instanceof ApiError) || error.retryAfter === null) throw error;
       await new Promise((resolve) => setTimeout(resolve, 1000 * (error.retryAfter ?? 1)));
@@ -51,7 +56,7 @@ export function useJsons<T>(paths: readonly string[], key: unknown = 0): Map<str
       });
     };
     for (const path of paths)
-      getPatiently<T>(path, abort.signal)
+      patiently(() => getJson<T>(path, abort.signal), abort.signal)
         .then((value) => put(path, { state: 'ready', value }))
         .catch((error: unknown) => put(path, failure(error)));
     return () => abort.abort();

@@ -34,7 +34,16 @@ export function startTheme(): void {
   effect(apply);
 }
 
-/** Returns a colour of the design system for a canvas. */
+/** Returns the name of the n-th line's colour; after eight they repeat. */
+export function seriesColour(n: number): string {
+  return `series-${(n % 8) + 1}`;
+}
+
+const probe = document.createElement('i');
+
+/** Returns a colour of the design system for a canvas, as the theme that is shown has it: "rgb(21, 36, 43)". */
 export function colour(name: string): string {
-  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  if (!probe.isConnected) document.head.append(probe);
+  probe.style.color = `var(--${name})`;
+  return getComputedStyle(probe).color;
 }

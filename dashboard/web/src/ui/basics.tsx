@@ -12,7 +12,7 @@ interface CardProps {
   actions?: ComponentChildren;
   children: ComponentChildren;
   class?: string;
-  id?: string;
+  id?: string | undefined;
 }
 
 /** A titled surface. */
@@ -24,7 +24,7 @@ export function Card({ title, hint, actions, children, class: name, id }: CardPr
           <h2>{title}</h2>
           {hint && <p class="hint">{hint}</p>}
         </div>
-        {actions && <div class="actions">{actions}</div>}
+        {actions && <div class="row actions">{actions}</div>}
       </header>
       {children}
     </section>
@@ -35,20 +35,20 @@ export function Card({ title, hint, actions, children, class: name, id }: CardPr
 export function Empty({ title, children }: { title: string; children?: ComponentChildren }): JSX.Element {
   return (
     <div class="empty">
-      <svg class="empty-mark" viewBox="0 0 64 32" aria-hidden="true">
+      <svg viewBox="0 0 64 32" aria-hidden="true">
         <path d="M4 26c14 0 8-16 22-16s10 12 20 12 6-12 14-12" />
         <circle cx="4" cy="26" r="3" />
         <circle cx="60" cy="10" r="3" />
       </svg>
-      <p class="empty-title">{title}</p>
-      {children && <div class="empty-text">{children}</div>}
+      <b>{title}</b>
+      {children && <div>{children}</div>}
     </div>
   );
 }
 
 export function Failed({ error }: { error: string }): JSX.Element {
   return (
-    <div class="failed" role="alert">
+    <div class="row failed" role="alert">
       <Icon name="alert" />
       <span>{error}</span>
     </div>
@@ -82,44 +82,19 @@ export interface Option<T extends string> {
   label: string;
 }
 
-/** A choice among a few visible options. */
-export function Segmented<T extends string>({ label, value, options, onChange }: {
+interface SelectProps<T extends string> {
   label: string;
   value: T;
   options: readonly Option<T>[];
   onChange: (value: T) => void;
-}): JSX.Element {
-  const name = `segmented-${label.replace(/\W+/g, '-').toLowerCase()}`;
-  return (
-    <fieldset class="segmented">
-      <legend>{label}</legend>
-      <div class="segments">
-        {options.map((option) => (
-          <label key={option.value} class={classes(option.value === value && 'on')}>
-            <input
-              type="radio"
-              name={name}
-              value={option.value}
-              checked={option.value === value}
-              onChange={() => onChange(option.value)}
-            />
-            {option.label}
-          </label>
-        ))}
-      </div>
-    </fieldset>
-  );
+  /** The label is for screen readers only. */
+  quiet?: boolean;
 }
 
-export function Select<T extends string>({ label, value, options, onChange }: {
-  label: string;
-  value: T;
-  options: readonly Option<T>[];
-  onChange: (value: T) => void;
-}): JSX.Element {
+export function Select<T extends string>({ label, value, options, onChange, quiet }: SelectProps<T>): JSX.Element {
   return (
-    <label class="field">
-      <span>{label}</span>
+    <label class="field hint">
+      <span class={classes(quiet && 'visually-hidden')}>{label}</span>
       <select value={value} onChange={(event) => onChange(event.currentTarget.value as T)}>
         {options.map((option) => (
           <option key={option.value} value={option.value}>
@@ -127,6 +102,25 @@ export function Select<T extends string>({ label, value, options, onChange }: {
           </option>
         ))}
       </select>
+    </label>
+  );
+}
+
+interface TickProps {
+  type?: 'checkbox' | 'radio';
+  checked: boolean;
+  disabled?: boolean;
+  onChange: () => void;
+  label?: string;
+  children: ComponentChildren;
+}
+
+/** A checkbox or a radio button before what it chooses. */
+export function Tick({ type = 'checkbox', label, children, ...rest }: TickProps): JSX.Element {
+  return (
+    <label class="row">
+      <input type={type} aria-label={label} {...rest} />
+      {children}
     </label>
   );
 }
@@ -141,9 +135,9 @@ export function Slider({ label, value, min, max, step, text, onInput }: {
   onInput: (value: number) => void;
 }): JSX.Element {
   return (
-    <label class="field slider">
+    <label class="field hint">
       <span>
-        {label} <b class="number">{text}</b>
+        {label} <b>{text}</b>
       </span>
       <input
         type="range"
@@ -155,19 +149,6 @@ export function Slider({ label, value, min, max, step, text, onInput }: {
         onInput={(event) => onInput(Number(event.currentTarget.value))}
       />
     </label>
-  );
-}
-
-/** A figure with its name. */
-export function Figure({ label, value, note }: { label: string; value: string; note?: string | undefined }): JSX.Element {
-  return (
-    <div class="figure">
-      <dt>{label}</dt>
-      <dd>
-        <span class="figure-value">{value}</span>
-        {note && <span class="figure-note">{note}</span>}
-      </dd>
-    </div>
   );
 }
 
@@ -224,14 +205,20 @@ export function IconButton({ icon, label, pressed, onClick, disabled }: {
   );
 }
 
+const TONES = {
+  good: ['running', 'back', 'started', 'reached'],
+  warn: ['starting', 'waiting', 'stopping', 'restarted'],
+  bad: ['lost', 'failed', 'alarm', 'missed'],
+};
+
+/** Returns the class of the colour of a state or an event; none for what has merely ended. */
+export function toneOf(word: string): string | undefined {
+  return Object.entries(TONES).flatMap(([tone, words]) => (words.includes(word) ? [`tone-${tone}`] : []))[0];
+}
+
 /** A state as a word, a shape and a colour. */
 export function State({ state }: { state: string }): JSX.Element {
-  return (
-    <span class={`state state-${state}`}>
-      <span class="state-mark" aria-hidden="true" />
-      {state}
-    </span>
-  );
+  return <span class={classes('hint state', `state-${state}`, toneOf(state))}>{state}</span>;
 }
 
 /** A sample of a line's colour and dashes. */

@@ -1,26 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { JSX } from 'preact';
+import { render, type JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import uPlot from 'uplot';
-import { align } from '../maths/align';
 import { csv, download, fileName } from '../maths/csv';
+import type { Line } from '../maths/curves';
 import { short, significant } from '../maths/format';
 import { lowerBound, valueAt, type Curve, type Range } from '../maths/seeds';
 import { colour as colourOf, shown } from '../state/theme';
 import { Card, Empty, IconButton, Swatch } from './basics';
-import { Table } from './table';
+import { Table, type Column } from './table';
 import { useSize, useVisible } from './use';
-
-export interface Line extends Curve {
-  key: string;
-  label: string;
-  /** A colour of the design system: "series-1". */
-  colour: string;
-  faint?: boolean;
-  dashed?: boolean;
-  /** Spread around the line, drawn as an area. */
-  band?: { low: readonly (number | null)[]; high: readonly (number | null)[] };
-}
 
 /** A horizontal line to compare with. */
 export interface Reference {
@@ -66,7 +55,7 @@ export function Chart(props: ChartProps): JSX.Element {
       actions={
         <>
           {zoom && props.onZoom && (
-            <button type="button" class="small" onClick={() => props.onZoom?.(null)}>
+            <button type="button" onClick={() => props.onZoom?.(null)}>
               Whole range
             </button>
           )}
@@ -95,24 +84,21 @@ export function Chart(props: ChartProps): JSX.Element {
   );
 }
 
+/** Puts curves on one x axis: every x of any of them. */
+function align(curves: readonly Curve[]): uPlot.AlignedData {
+  return uPlot.join(curves.map(({ x, y }) => [x, y] as unknown as uPlot.AlignedData));
+}
+
 /** Returns what is drawn as a table, one row per x: a column per line, two more per spread, one per reference. */
-export function chartCsv(xLabel: string, lines: readonly Line[], references: readonly Reference[]): string {
-  const curves: { label: string; curve: Curve }[] = [];
-  for (const line of lines) {
-    curves.push({ label: line.label, curve: line });
-    if (line.band) {
-      curves.push({ label: `${line.label} (lowest)`, curve: { x: line.x, y: line.band.low } });
-      curves.push({ label: `${line.label} (highest)`, curve: { x: line.x, y: line.band.high } });
-    }
-  }
-  const { x, columns } = align(curves.map(({ curve }) => curve));
+function chartCsv(xLabel: string, lines: readonly Line[], references: readonly Reference[]): string {
+  const curves = lines.flatMap(({ label, x, y, band }) => [
+    { label, x, y },
+    ...(band ? [{ label: `${label} (lowest)`, x, y: band.low }, { label: `${label} (highest)`, x, y: band.high }] : []),
+  ]);
+  const [x, ...columns] = align(curves);
   return csv(
     [xLabel, ...curves.map(({ label }) => label), ...references.map(({ label }) => label)],
-    x.map((value, row) => [
-      value,
-      ...columns.map((column) => column[row] ?? null),
-      ...references.map((reference) => reference.value),
-    ]),
+    Array.from(x, (value, row) => [value, ...columns.map((column) => column[row]), ...references.map((reference) => reference.value)]),
   );
 }
 
@@ -123,7 +109,11 @@ function ChartTable({ title, xLabel, lines, references, zoom, format = significa
   const last = zoom?.to ?? Math.max(...lines.map((line) => line.x[line.x.length - 1] ?? -Infinity));
   const count = first === last ? 1 : TABLE_ROWS;
   const rows = Array.from({ length: count }, (_, i) => (i === count - 1 ? last : first + ((last - first) * i) / (count - 1)));
-  const shownValue = (value: number | null): string => (value === null ? '–' : format(value));
+  const at = (x: number, y: Curve['y'], line: Line): string => {
+    const value = valueAt({ x: line.x, y }, x);
+    return value === null ? '–' : format(value);
+  };
+  const column = (key: string, label: string, show: (x: number) => string): Column<number> => ({ key, label, number: true, show });
   return (
     <>
       <Table
@@ -131,32 +121,17 @@ function ChartTable({ title, xLabel, lines, references, zoom, format = significa
         rows={rows}
         rowKey={(_, i) => i}
         columns={[
-          { key: 'x', label: xLabel, number: true, show: (x: number) => xFormat(x) },
-          ...lines.flatMap((line) => [
-            { key: line.key, label: line.label, number: true, show: (x: number) => shownValue(valueAt(line, x)) },
-            ...(line.band
-              ? [
-                  {
-                    key: `${line.key} spread`,
-                    label: 'lowest to highest',
-                    number: true,
-                    show: (x: number) =>
-                      `${shownValue(valueAt({ x: line.x, y: line.band?.low ?? [] }, x))} to ${shownValue(
-                        valueAt({ x: line.x, y: line.band?.high ?? [] }, x),
-                      )}`,
-                  },
-                ]
-              : []),
-          ]),
-          ...references.map((reference) => ({
-            key: `reference ${reference.label}`,
-            label: reference.label,
-            number: true,
-            show: () => format(reference.value),
-          })),
+          column('x', xLabel, xFormat),
+          ...lines.flatMap((line) => {
+            const { key, label, y, band } = line;
+            const own = column(key, label, (x) => at(x, y, line));
+            if (!band) return [own];
+            return [own, column(`${key} spread`, 'lowest to highest', (x) => `${at(x, band.low, line)} to ${at(x, band.high, line)}`)];
+          }),
+          ...references.map(({ label, value }) => column(`reference ${label}`, label, () => format(value))),
         ]}
       />
-      <p class="hint table-note">{TABLE_ROWS} places along the axis, interpolated linearly. The CSV has every point.</p>
+      <p class="hint">{TABLE_ROWS} places along the axis, interpolated linearly. The CSV has every point.</p>
     </>
   );
 }
@@ -167,7 +142,7 @@ function Legend({ lines, format }: { lines: readonly Line[]; format: (value: num
       {lines
         .filter((line) => !line.faint)
         .map((line) => (
-          <li key={line.key}>
+          <li key={line.key} class="row">
             <Swatch colour={line.colour} dashed={line.dashed} />
             {line.label}
             <span class="number">{lastOf(line, format)}</span>
@@ -178,11 +153,8 @@ function Legend({ lines, format }: { lines: readonly Line[]; format: (value: num
 }
 
 function lastOf(line: Line, format: (value: number) => string): string {
-  for (let i = line.y.length - 1; i >= 0; --i) {
-    const value = line.y[i];
-    if (value !== null && value !== undefined) return format(value);
-  }
-  return '–';
+  const value = line.y.findLast((one) => one !== null) ?? null;
+  return value === null ? '–' : format(value);
 }
 
 type PlotProps = ChartProps & { references: readonly Reference[]; zoom: Range | null };
@@ -261,11 +233,7 @@ function Plot(props: PlotProps): JSX.Element {
 }
 
 function dataOf(lines: readonly Line[]): uPlot.AlignedData {
-  const curves: Curve[] = lines.flatMap((line) =>
-    line.band ? [{ x: line.x, y: line.band.high }, { x: line.x, y: line.band.low }, line] : [line],
-  );
-  const { x, columns } = align(curves);
-  return [x, ...columns];
+  return align(lines.flatMap((line) => (line.band ? [{ x: line.x, y: line.band.high }, { x: line.x, y: line.band.low }, line] : [line])));
 }
 
 function optionsOf(current: { current: Current | null }, width: number, height: number): uPlot.Options {
@@ -393,11 +361,11 @@ function drawReferences(u: uPlot, references: readonly Reference[], stroke: stri
 /** Names the dashed lines. */
 function References({ list, format }: { list: readonly Reference[]; format: (value: number) => string }): JSX.Element {
   return (
-    <ul class="legend references">
+    <ul class="legend fine">
       {list.map((reference, i) => (
-        <li key={reference.label}>
+        <li key={reference.label} class="row">
           <svg class="swatch" viewBox="0 0 22 8" aria-hidden="true">
-            <line x1="0" x2="22" y1="4" y2="4" stroke-dasharray={(DASHES[i % DASHES.length] ?? []).join(' ')} />
+            <line x2="22" y1="4" y2="4" stroke="currentColor" stroke-width="1.5" stroke-dasharray={(DASHES[i % DASHES.length] ?? []).join(' ')} />
           </svg>
           {reference.label}
           <span class="number">{format(reference.value)}</span>
@@ -407,9 +375,8 @@ function References({ list, format }: { list: readonly Reference[]; format: (val
   );
 }
 
-/** Returns a colour "#rrggbb" with an alpha. */
 function alpha(colour: string, opacity: number): string {
-  return colour + Math.round(255 * opacity).toString(16).padStart(2, '0');
+  return `color-mix(in srgb, ${colour} ${100 * opacity}%, transparent)`;
 }
 
 const TOOLTIP_LINES = 8;
@@ -438,9 +405,19 @@ function tooltip(current: { current: Current | null }): uPlot.Plugin {
           .map((line) => ({ line, value: nearestValue(line, x) }))
           .filter((row): row is { line: Line; value: number } => row.value !== null)
           .slice(0, TOOLTIP_LINES);
-        const head = document.createElement('p');
-        head.textContent = `${(props.xFormat ?? short)(u.data[0][idx] ?? x)} ${props.xLabel}`;
-        box.replaceChildren(head, ...rows.map((row) => tooltipRow(row.line, row.value, props.format ?? significant)));
+        render(
+          <>
+            <p>{`${(props.xFormat ?? short)(u.data[0][idx] ?? x)} ${props.xLabel}`}</p>
+            {rows.map(({ line, value }) => (
+              <div key={line.key}>
+                <i style={{ background: `var(--${line.colour})` }} />
+                <span>{line.label}</span>
+                <b>{(props.format ?? significant)(value)}</b>
+              </div>
+            ))}
+          </>,
+          box,
+        );
         box.hidden = rows.length === 0;
         const right = left > u.over.clientWidth / 2;
         box.style.left = right ? '' : `${left + 12}px`;
@@ -448,18 +425,6 @@ function tooltip(current: { current: Current | null }): uPlot.Plugin {
       },
     },
   };
-}
-
-function tooltipRow(line: Line, value: number, format: (value: number) => string): HTMLElement {
-  const row = document.createElement('div');
-  const mark = document.createElement('i');
-  mark.style.background = `var(--${line.colour})`;
-  const label = document.createElement('span');
-  label.textContent = line.label;
-  const number = document.createElement('b');
-  number.textContent = format(value);
-  row.append(mark, label, number);
-  return row;
 }
 
 /** Returns the value of a line's point nearest to x; null beyond its ends. */

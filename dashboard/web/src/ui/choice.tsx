@@ -4,7 +4,6 @@
 import type { JSX } from 'preact';
 import type { XAxis } from '../maths/rows';
 import { param, setParams } from '../state/router';
-import { Segmented } from './basics';
 
 /** A choice by its parameter and its values with their labels. The first value is the default. */
 export interface ChoiceOf<T extends string> {
@@ -23,17 +22,24 @@ export function chosen<T extends string>(choice: ChoiceOf<T>): T {
   return all.find((value) => value === wanted) ?? (all[0] as T);
 }
 
+/** A choice among a few visible options. */
 export function Choice<T extends string>({ of, onChange }: { of: ChoiceOf<T>; onChange?: () => void }): JSX.Element {
+  const select = (value: T): void => {
+    onChange?.();
+    setParams({ ...Object.fromEntries((of.resets ?? []).map((name) => [name, null])), [of.name]: value });
+  };
   return (
-    <Segmented
-      label={of.label}
-      value={chosen(of)}
-      options={valuesOf(of).map((value) => ({ value, label: of.values[value] }))}
-      onChange={(value) => {
-        onChange?.();
-        setParams({ ...Object.fromEntries((of.resets ?? []).map((name) => [name, null])), [of.name]: value });
-      }}
-    />
+    <fieldset class="hint">
+      <legend>{of.label}</legend>
+      <div class="segments">
+        {valuesOf(of).map((value) => (
+          <label key={value}>
+            <input class="visually-hidden" type="radio" name={of.name} value={value} checked={value === chosen(of)} onChange={() => select(value)} />
+            {of.values[value]}
+          </label>
+        ))}
+      </div>
+    </fieldset>
   );
 }
 

@@ -1,78 +1,53 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
 import { useEffect, useRef, useState } from 'preact/hooks';
+import { ApiError, request } from '../api/client';
 import { live } from '../api/live';
+import type { RunTraversal } from '../api/types';
+import { patiently } from '../state/resource';
+import { useVisible } from './use';
 
-export type Picture =
-  | { state: 'none'; text: string }
-  | { state: 'waiting' }
-  | { state: 'ready'; src: string; frame: number };
+type Picture = { state: 'none'; text: string } | { state: 'waiting' } | { state: 'ready'; src: string; frame: number };
 
-/** Fetches the picture of a frame; the previous one stays until it is there. One request at a time, the newest wins. */
-export function useFrame(hash: string | null, frame: number | null, visible: boolean): Picture {
-  const [picture, setPicture] = useState<Picture>({ state: 'waiting' });
-  const wanted = useRef<{ hash: string; frame: number } | null>(null);
-  const busy = useRef(false);
-  const timer = useRef<ReturnType<typeof setTimeout>>();
-  const url = useRef<string | null>(null);
+const WAITING: Picture = { state: 'waiting' };
 
-  const show = (next: Picture): void => {
-    if (url.current) URL.revokeObjectURL(url.current);
-    url.current = next.state === 'ready' ? next.src : null;
-    setPicture(next);
-  };
-  const load = async (): Promise<void> => {
-    const ask = wanted.current;
-    if (busy.current || !ask) return;
-    busy.current = true;
-    try {
-      const response = await fetch(`api/frames/${ask.hash}/${ask.frame}`);
-      if (response.ok) {
-        const src = URL.createObjectURL(await response.blob());
-        if (wanted.current?.hash === ask.hash) show({ state: 'ready', src, frame: ask.frame });
-        else URL.revokeObjectURL(src);
-      } else if (response.status === 503) {
-        const seconds = Number(response.headers.get('Retry-After')) || 1;
-        timer.current = setTimeout(() => void load(), 1000 * seconds);
-      } else if (response.status === 404) {
-        show({ state: 'none', text: 'No picture of this place, or its env_service is not there.' });
-      } else {
-        show({ state: 'none', text: `The picture did not come (${response.status}).` });
-      }
-    } catch {
-      // No connection: the banner reports it.
-    }
-    busy.current = false;
-    const next = wanted.current;
-    if (next && (next.hash !== ask.hash || next.frame !== ask.frame)) void load();
-  };
+/** Fetches the picture of a frame, or says why there is none. Returns null without a connection: the banner reports that. */
+async function fetchFrame(path: string, frame: number, abort: AbortSignal): Promise<Picture | null> {
+  try {
+    const response = await patiently(() => request(path, { signal: abort }), abort);
+    return { state: 'ready', src: URL.createObjectURL(await response.blob()), frame };
+  } catch (error) {
+    if (!(error instanceof ApiError) || error.status === 0) return null;
+    const gone = error.status === 404;
+    return { state: 'none', text: gone ? 'No picture of this place, or its env_service is not there.' : `The picture did not come (${error.status}).` };
+  }
+}
+
+/** Returns the picture of a frame; the previous one stays until it is there. One request at a time, the newest wins. */
+function useFrame(hash: string | null, frame: number | null, visible: boolean): Picture {
+  const [answer, setAnswer] = useState<{ hash: string; frame: number; picture: Picture } | null>(null);
+  const busy = useRef<AbortController | null>(null);
   useEffect(() => {
-    if (hash === null || frame === null || !visible) {
-      wanted.current = null;
-      return undefined;
-    }
-    if (wanted.current?.hash !== hash) setPicture({ state: 'waiting' });
-    wanted.current = { hash, frame };
-    clearTimeout(timer.current);
-    void load();
-    return undefined;
-  }, [hash, frame, visible]);
-  useEffect(
-    () => () => {
-      wanted.current = null;
-      clearTimeout(timer.current);
-      if (url.current) URL.revokeObjectURL(url.current);
-    },
-    [],
-  );
+    if (hash === null || frame === null || !visible || busy.current || (answer?.hash === hash && answer.frame === frame)) return;
+    const abort = (busy.current = new AbortController());
+    void fetchFrame(`api/frames/${hash}/${frame}`, frame, abort.signal).then((picture) => {
+      busy.current = null;
+      if (!abort.signal.aborted) setAnswer((old) => ({ hash, frame, picture: picture ?? old?.picture ?? WAITING }));
+      else if (picture?.state === 'ready') URL.revokeObjectURL(picture.src);
+    });
+  }, [hash, frame, visible, answer]);
+  useEffect(() => () => busy.current?.abort(), []);
+  const picture = answer?.hash === hash ? answer.picture : WAITING;
+  const src = answer?.picture.state === 'ready' ? answer.picture.src : null;
+  useEffect(() => () => (src === null ? undefined : URL.revokeObjectURL(src)), [src]);
   return picture;
 }
 
 /** Returns what an agent sees, live. With a null `topic` it watches nothing. */
-export function useLivePicture(topic: string | null): Picture {
-  const [picture, setPicture] = useState<Picture>({ state: 'waiting' });
+function useLivePicture(topic: string | null): Picture {
+  const [picture, setPicture] = useState<Picture>(WAITING);
   useEffect(() => {
-    setPicture({ state: 'waiting' });
+    setPicture(WAITING);
     if (topic === null) return undefined;
     let url: string | null = null;
     const stop = live.watch(topic, (frame) => {
@@ -91,20 +66,47 @@ export function useLivePicture(topic: string | null): Picture {
   return picture;
 }
 
-export function PictureBox({ picture, alt, caption }: { picture: Picture; alt: string; caption: string }): JSX.Element {
+function PictureBox({ picture, alt, caption }: { picture: Picture; alt: string; caption: string }): JSX.Element {
   return (
     <figure class="picture">
       {picture.state === 'ready' ? (
         <img src={picture.src} alt={`${alt}, frame ${picture.frame}`} />
       ) : (
-        <div class="picture-none" role="status">
+        <div class="hint" role="status">
           {picture.state === 'none' ? picture.text : 'Waiting for the picture'}
         </div>
       )}
-      <figcaption>
+      <figcaption class="row between">
         {caption}
-        {picture.state === 'ready' && <span class="number">frame {picture.frame}</span>}
+        {picture.state === 'ready' && <span class="hint number">frame {picture.frame}</span>}
       </figcaption>
     </figure>
+  );
+}
+
+interface PicturesProps {
+  /** Where the agent is; undefined if unknown. */
+  on: RunTraversal | undefined;
+  name: string;
+  alt: string;
+  frame: number | null;
+  /** The topic of what the agent sees. Without it, the picture of the frame is fetched. */
+  topic?: string;
+  sibling: RunTraversal | undefined;
+}
+
+/** Shows the pictures of a frame of a traversal and of the same place on a sibling, while they are on the screen. */
+export function Pictures({ on, name, alt, frame, topic, sibling }: PicturesProps): JSX.Element {
+  const room = useRef<HTMLDivElement>(null);
+  const visible = useVisible(room);
+  const watched = useLivePicture(visible && on?.images && topic ? topic : null);
+  const fetched = useFrame(on?.images && !topic ? on.hash : null, frame, visible);
+  const other = useFrame(sibling?.hash ?? null, frame, visible);
+  const own: Picture = on?.images ? (topic ? watched : fetched) : { state: 'none', text: 'This traversal has features only.' };
+  return (
+    <div class="pictures" ref={room}>
+      <PictureBox picture={own} alt={alt} caption={name} />
+      {sibling && <PictureBox picture={other} alt={`The same place on ${sibling.traversal}`} caption={`${sibling.traversal}, same place`} />}
+    </div>
   );
 }

@@ -3,9 +3,9 @@ import type { JSX } from 'preact';
 import { useEffect, useMemo, useRef, useState } from 'preact/hooks';
 import type { TraversalMap } from '../api/types';
 import { integer, metres } from '../maths/format';
-import { fit, nearest, project, scaleBar, ticks, toScreen, zoomAt, type Point, type View } from '../maths/geometry';
-import { colour, shown } from '../state/theme';
-import { IconButton } from './basics';
+import { fit, greatest, least, nearest, pathOf, project, scaleBar, ticks, toScreen, zoomAt, type Point, type View } from '../maths/geometry';
+import { seriesColour } from '../state/theme';
+import { IconButton, Swatch } from './basics';
 import { useSize } from './use';
 
 /** An agent on the route. Frames are indices on the traversal. */
@@ -29,18 +29,21 @@ interface RouteMapProps {
   onSelect?: (walker: number) => void;
   whole: boolean;
   label: string;
-  height?: number;
 }
 
-const SERIES = 8;
-const FONT = '"Inter Variable", system-ui, sans-serif';
-
-export function walkerColour(walker: number): string {
-  return `series-${(walker % SERIES) + 1}`;
+/** What is drawn, and where. */
+interface Scene extends RouteMapProps {
+  frames: number;
+  /** A point of the plane for each frame. */
+  points: readonly (Point | null)[];
+  /** The points are where the frames were recorded; else they are on a straight ruler with one unit per frame. */
+  gps: boolean;
+  view: View;
+  width: number;
+  height: number;
 }
 
-/** Returns a point of the plane for each frame: where it was recorded, or on a straight ruler with one unit per frame. */
-function placesOf(map: TraversalMap | null, frames: number): { points: (Point | null)[]; gps: boolean } {
+function placesOf(map: TraversalMap | null, frames: number): Pick<Scene, 'points' | 'gps'> {
   const places = map?.latitude && map.longitude ? project(map.latitude, map.longitude) : null;
   if (places) return { points: places, gps: true };
   return { points: Array.from({ length: frames }, (_, i) => ({ x: i, y: 0 })), gps: false };
@@ -48,33 +51,22 @@ function placesOf(map: TraversalMap | null, frames: number): { points: (Point | 
 
 /** Draws the route with its agents: a map, north up, where positions are known; else a ruler with a lane per agent. */
 export function RouteMap(props: RouteMapProps): JSX.Element {
-  const { map, first, count, walkers, whole, label } = props;
-  const [room, size] = useSize<HTMLDivElement>();
-  const canvas = useRef<HTMLCanvasElement>(null);
+  const { map, first, count, walkers, selected, whole, label } = props;
+  const [room, { width }] = useSize<HTMLDivElement>();
   const frames = Math.max(map?.frames ?? 0, first + count);
   const { points, gps } = useMemo(() => placesOf(map, frames), [map, frames]);
   // A ruler needs one lane per agent.
-  const height = props.height ?? (gps ? (size.width > 1100 ? 640 : 440) : Math.min(560, 90 + 22 * walkers.length));
+  const height = gps ? (width > 1100 ? 640 : 440) : Math.min(560, 90 + 22 * walkers.length);
   const [view, setView] = useState<View | null>(null); // null: everything fits
   const from = whole ? 0 : first;
   const to = whole ? frames : first + count;
-  useEffect(() => setView(null), [points, from, to, size.width]);
-  const fitted = useMemo(
-    () => fit(points.slice(from, to), size.width, height, gps ? 36 : 60),
-    [points, from, to, size.width, height, gps],
-  );
+  useEffect(() => setView(null), [points, from, to, width]);
+  const fitted = useMemo(() => fit(points.slice(from, to), width, height, gps ? 36 : 60), [points, from, to, width, height, gps]);
   const current = view ?? fitted;
   const drag = useRef<Point | null>(null);
+  const scene: Scene = { ...props, frames, points, gps, view: current, width, height };
 
-  useEffect(() => {
-    const element = canvas.current;
-    if (!element || size.width < 10) return undefined;
-    const request = requestAnimationFrame(() => draw(element, { ...props, height, points, gps, frames, view: current, width: size.width }));
-    return () => cancelAnimationFrame(request);
-  });
-  void shown.value; // the theme determines the colours
-
-  const zoom = (factor: number, about: Point = { x: size.width / 2, y: height / 2 }): void => setView(zoomAt(current, about, factor));
+  const zoom = (factor: number, about: Point = { x: width / 2, y: height / 2 }): void => setView(zoomAt(current, about, factor));
   const pan = (x: number, y: number): void => setView({ ...current, x: current.x + x, y: current.y + (gps ? y : 0) });
   const keys: Record<string, () => void> = {
     '+': () => zoom(1.4),
@@ -87,14 +79,12 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
     ArrowDown: () => pan(0, -40),
   };
   const pick = (at: Point): void => {
-    const places = walkers.map((walker, i) => placeOf(walker, i, { points, gps, view: current, height, walkers }));
-    const found = nearest(places, at, 22);
+    const found = nearest(walkers.map((walker, i) => screenAt(scene, walker.position, i)), at, 22);
     if (found >= 0) props.onSelect?.(found);
   };
   return (
     <div class="map-room" ref={room}>
-      <canvas
-        ref={canvas}
+      <svg
         class="map"
         role="img"
         tabIndex={0}
@@ -107,7 +97,7 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
           act();
         }}
         onWheel={(event) => {
-          if (!event.ctrlKey && document.activeElement !== canvas.current) return; // the page scrolls
+          if (!event.ctrlKey && document.activeElement !== event.currentTarget) return; // the page scrolls
           event.preventDefault();
           zoom(Math.exp(-event.deltaY / 400), { x: event.offsetX, y: event.offsetY });
         }}
@@ -122,7 +112,11 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
         }}
         onPointerUp={() => (drag.current = null)}
         onPointerLeave={() => (drag.current = null)}
-      />
+      >
+        {gps ? <Track {...scene} /> : <Ruler {...scene} />}
+        {walkers.map((walker, i) => i !== selected && <WalkerSigns key={i} scene={scene} walker={walker} index={i} />)}
+        {walkers[selected] && <WalkerSigns scene={scene} walker={walkers[selected]} index={selected} />}
+      </svg>
       <div class="map-buttons">
         <IconButton icon="plus" label="Zoom in" onClick={() => zoom(1.4)} />
         <IconButton icon="minus" label="Zoom out" onClick={() => zoom(1 / 1.4)} />
@@ -132,188 +126,139 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
   );
 }
 
-interface Layout {
-  points: readonly (Point | null)[];
-  gps: boolean;
-  view: View;
-  height: number;
-  walkers: readonly Walker[];
-}
-
 const RULER = 46; // pixels at the bottom
+const LANES = 18; // pixels above the first lane
 
-function laneOf(index: number, { height, walkers }: Layout): number {
-  const top = 18;
-  return top + ((height - RULER - top) * (index + 0.5)) / Math.max(walkers.length, 1);
+function laneOf(index: number, { height, walkers }: Scene): number {
+  return LANES + ((height - RULER - LANES) * (index + 0.5)) / Math.max(walkers.length, 1);
 }
 
 /** Returns where a frame is on the screen; on a ruler, in the lane of the given agent. */
-function frameAt(frame: number, lane: number, layout: Layout): Point | null {
-  const point = layout.points[frame];
+function screenAt(scene: Scene, frame: number, lane: number): Point | null {
+  const point = scene.points[frame];
   if (!point) return null;
-  const at = toScreen(layout.view, point);
-  return layout.gps ? at : { x: at.x, y: laneOf(lane, layout) };
+  const at = toScreen(scene.view, point);
+  return scene.gps ? at : { x: at.x, y: laneOf(lane, scene) };
 }
 
-function placeOf(walker: Walker, index: number, layout: Layout): Point | null {
-  return frameAt(walker.position, index, layout);
+function Track({ points, first, count, path, selected, view, width, height }: Scene): JSX.Element {
+  const whole = useMemo(() => pathOf(points), [points]);
+  const route = useMemo(() => pathOf(points.slice(first, first + count)), [points, first, count]);
+  const bar = scaleBar(view, Math.min(160, width / 3));
+  return (
+    <>
+      <g class="track" transform={`translate(${view.x} ${view.y}) scale(${view.scale})`}>
+        <path d={whole} stroke="var(--map-rest)" stroke-width="3" />
+        <path d={route} stroke="var(--map-route)" stroke-width="5" />
+        <path d={pathOf(points.slice(least(path), greatest(path) + 1))} stroke={`var(--${seriesColour(selected)})`} stroke-width="5" />
+      </g>
+      <g class="scale" transform={`translate(16 ${height - 16})`}>
+        <path d={`M0 -5V0H${bar.pixels}V-5`} />
+        <text x={bar.pixels / 2} y="-8">
+          {metres(bar.length)}
+        </text>
+      </g>
+      <g class="scale" transform="translate(22 14)">
+        <path d="M0 20V0M-5 6L0 0L5 6" />
+        <text y="34">N</text>
+      </g>
+    </>
+  );
 }
 
-interface Drawing extends Omit<RouteMapProps, 'height'>, Layout {
-  width: number;
-  frames: number;
+function Ruler(scene: Scene): JSX.Element {
+  const { map, first, count, frames, walkers, selected, path, view, width, height } = scene;
+  const base = height - RULER + 8;
+  const at = (frame: number): number => frame * view.scale + view.x;
+  const line = (from: number, to: number, y: number, colour: string, thickness: number): JSX.Element => (
+    <path d={`M${at(from)} ${y}H${at(to)}`} stroke={`var(--${colour})`} stroke-width={thickness} />
+  );
+  const from = Math.max(0, Math.ceil(-view.x / view.scale));
+  const to = Math.min(frames - 1, Math.floor((width - view.x) / view.scale));
+  const seen = ticks(from, to, width / 110).filter((frame) => at(frame) >= 20 && at(frame) <= width - 24); // no label is cut
+  const zero = map?.position[0] ?? null;
+  const last = first + count - 1;
+  return (
+    <>
+      {line(0, frames - 1, base, 'map-rest', 3)}
+      {line(first, last, base, 'map-route', 5)}
+      {walkers.map((_, i) => (i === selected ? line(first, last, laneOf(i, scene), 'line', 2) : line(first, last, laneOf(i, scene), 'line-soft', 1)))}
+      {path.length > 1 && line(least(path), greatest(path), laneOf(selected, scene), seriesColour(selected), 4)}
+      {seen.map((frame) => {
+        const along = map?.position[frame] ?? null;
+        return (
+          <g key={frame} class="scale" transform={`translate(${at(frame)} ${base})`}>
+            <path d="M0 0V7" />
+            <text y="20">{integer(frame)}</text>
+            {along !== null && zero !== null && <text y="34">{metres(along - zero)}</text>}
+          </g>
+        );
+      })}
+      <g class="scale" transform={`translate(20 ${base - 8})`}>
+        <text>frame</text>
+      </g>
+    </>
+  );
 }
 
-function draw(canvas: HTMLCanvasElement, d: Drawing): void {
-  const ratio = devicePixelRatio;
-  canvas.width = Math.round(d.width * ratio);
-  canvas.height = Math.round(d.height * ratio);
-  const ctx = canvas.getContext('2d');
-  if (!ctx) return;
-  ctx.scale(ratio, ratio);
-  ctx.lineJoin = ctx.lineCap = 'round';
-  if (d.gps) drawTrack(ctx, d);
-  else drawRuler(ctx, d);
-  d.walkers.forEach((walker, i) => {
-    if (i !== d.selected) drawWalker(ctx, d, walker, i);
-  });
-  const chosen = d.walkers[d.selected];
-  if (chosen) drawWalker(ctx, d, chosen, d.selected);
+type SignName = 'agent' | 'start' | 'goal';
+
+/** Draws the sign of an agent, or of its start or goal, in the current colour. */
+function Sign({ name, at: { x, y }, size }: { name: SignName; at: Point; size: number }): JSX.Element {
+  const half = 0.62 * size;
+  if (name === 'start') return <rect class="sign hollow" x={x - half} y={y - half} width={2 * half} height={2 * half} />;
+  return (
+    <>
+      <circle class={name === 'goal' ? 'sign hollow' : 'sign'} cx={x} cy={y} r={size} />
+      {name === 'goal' && <circle cx={x} cy={y} r={0.38 * size} />}
+    </>
+  );
 }
 
-function line(ctx: CanvasRenderingContext2D, points: readonly (Point | null)[], stroke: string, width: number): void {
-  ctx.strokeStyle = stroke;
-  ctx.lineWidth = width;
-  ctx.beginPath();
-  let down = false;
-  for (const point of points) {
-    if (point && down) ctx.lineTo(point.x, point.y);
-    else if (point) ctx.moveTo(point.x, point.y);
-    down = point !== null;
-  }
-  ctx.stroke();
-}
-
-function text(ctx: CanvasRenderingContext2D, what: string, x: number, y: number, align: CanvasTextAlign, weight = 400): void {
-  ctx.font = `${weight} 12px ${FONT}`;
-  ctx.textAlign = align;
-  ctx.fillText(what, x, y);
-}
-
-function drawTrack(ctx: CanvasRenderingContext2D, d: Drawing): void {
-  const screen = d.points.map((point) => (point ? toScreen(d.view, point) : null));
-  line(ctx, screen, colour('map-rest'), 3);
-  line(ctx, screen.slice(d.first, d.first + d.count), colour('map-route'), 5);
-  if (d.path.length > 1) {
-    const least = d.path.reduce((a, b) => Math.min(a, b));
-    const most = d.path.reduce((a, b) => Math.max(a, b));
-    line(ctx, screen.slice(least, most + 1), colour(walkerColour(d.selected)), 5);
-  }
-  // Scale and north.
-  const soft = colour('text-soft');
-  const bar = scaleBar(d.view, Math.min(160, d.width / 3));
-  const y = d.height - 16;
-  ctx.strokeStyle = ctx.fillStyle = soft;
-  ctx.lineWidth = 1.5;
-  ctx.beginPath();
-  ctx.moveTo(16, y - 5);
-  ctx.lineTo(16, y);
-  ctx.lineTo(16 + bar.pixels, y);
-  ctx.lineTo(16 + bar.pixels, y - 5);
-  ctx.stroke();
-  text(ctx, metres(bar.length), 16 + bar.pixels / 2, y - 8, 'center');
-  ctx.beginPath();
-  ctx.moveTo(22, 34);
-  ctx.lineTo(22, 14);
-  ctx.moveTo(17, 20);
-  ctx.lineTo(22, 14);
-  ctx.lineTo(27, 20);
-  ctx.stroke();
-  text(ctx, 'N', 22, 48, 'center', 600);
-}
-
-function drawRuler(ctx: CanvasRenderingContext2D, d: Drawing): void {
-  const soft = colour('text-soft');
-  const base = d.height - RULER + 8;
-  const at = (frame: number): number => frame * d.view.scale + d.view.x;
-  const from = Math.max(0, Math.ceil(-d.view.x / d.view.scale));
-  const to = Math.min(d.frames - 1, Math.floor((d.width - d.view.x) / d.view.scale));
-  line(ctx, [{ x: at(0), y: base }, { x: at(d.frames - 1), y: base }], colour('map-rest'), 3);
-  line(ctx, [{ x: at(d.first), y: base }, { x: at(d.first + d.count - 1), y: base }], colour('map-route'), 5);
-  d.walkers.forEach((_, i) => {
-    const y = laneOf(i, d);
-    line(ctx, [{ x: at(d.first), y }, { x: at(d.first + d.count - 1), y }], colour(i === d.selected ? 'line' : 'line-soft'), i === d.selected ? 2 : 1);
-  });
-  ctx.fillStyle = soft;
-  for (const frame of ticks(from, to, d.width / 110)) {
-    if (at(frame) < 20 || at(frame) > d.width - 24) continue; // its label would be cut
-    line(ctx, [{ x: at(frame), y: base }, { x: at(frame), y: base + 7 }], soft, 1);
-    text(ctx, integer(frame), at(frame), base + 20, 'center');
-    const along = d.map?.position[frame] ?? null;
-    const zero = d.map?.position[0] ?? null;
-    if (along !== null && zero !== null) text(ctx, metres(along - zero), at(frame), base + 34, 'center');
-  }
-  text(ctx, 'frame', 6, base - 8, 'left');
-  if (d.path.length > 1) {
-    const y = laneOf(d.selected, d);
-    const least = d.path.reduce((a, b) => Math.min(a, b));
-    const most = d.path.reduce((a, b) => Math.max(a, b));
-    line(ctx, [{ x: at(least), y }, { x: at(most), y }], colour(walkerColour(d.selected)), 4);
-  }
-}
-
-function disc(ctx: CanvasRenderingContext2D, at: Point, radius: number): void {
-  ctx.beginPath();
-  ctx.arc(at.x, at.y, radius, 0, 2 * Math.PI);
-}
-
-function drawWalker(ctx: CanvasRenderingContext2D, d: Drawing, walker: Walker, index: number): void {
-  if (walker.idle) return;
-  const mine = index === d.selected;
-  const stroke = colour(walkerColour(index));
-  const surface = colour('surface');
-  const start = frameAt(walker.start, index, d);
-  const goal = frameAt(walker.goal, index, d);
-  const here = placeOf(walker, index, d);
-  ctx.lineWidth = 2;
+function WalkerSigns({ scene, walker, index }: { scene: Scene; walker: Walker; index: number }): JSX.Element | null {
+  if (walker.idle) return null;
+  const mine = index === scene.selected;
+  const signs: [name: SignName, frame: number, word: string][] = [['agent', walker.position, walker.label]];
   // A map shows only the selected agent's start and goal: others would hide the route.
-  if (start && (mine || !d.gps)) {
-    const half = mine ? 5 : 3;
-    ctx.fillStyle = surface;
-    ctx.strokeStyle = stroke;
-    ctx.fillRect(start.x - half, start.y - half, 2 * half, 2 * half);
-    ctx.strokeRect(start.x - half, start.y - half, 2 * half, 2 * half);
-  }
-  if (goal && (mine || !d.gps)) {
-    ctx.strokeStyle = stroke;
-    ctx.fillStyle = surface;
-    disc(ctx, goal, mine ? 8 : 5);
-    ctx.fill();
-    ctx.stroke();
-    ctx.fillStyle = stroke;
-    disc(ctx, goal, mine ? 3 : 2);
-    ctx.fill();
-  }
-  if (!here) return;
-  disc(ctx, here, mine ? 8 : 5);
-  ctx.fillStyle = stroke;
-  ctx.strokeStyle = surface;
-  ctx.fill();
-  ctx.stroke();
-  if (mine && d.gps) {
-    ctx.fillStyle = colour('text');
-    for (const [place, word] of [[start, 'start'], [goal, 'goal'], [here, walker.label]] as const)
-      if (place) label(ctx, word, place, d.width, surface);
-  }
+  if (mine || !scene.gps) signs.unshift(['start', walker.start, 'start'], ['goal', walker.goal, 'goal']);
+  const placed = signs.flatMap(([name, frame, word]) => {
+    const at = screenAt(scene, frame, index);
+    return at ? [{ name, at, word }] : [];
+  });
+  return (
+    <g class="walker" style={{ color: `var(--${seriesColour(index)})` }}>
+      {placed.map(({ name, at }) => (
+        <Sign key={name} name={name} at={at} size={mine ? 8 : 5} />
+      ))}
+      {mine &&
+        scene.gps &&
+        placed.map(({ name, at, word }) => {
+          const left = at.x > scene.width - 80; // there is no room to the right
+          return (
+            <text key={name} x={at.x + (left ? -12 : 12)} y={at.y - 8} text-anchor={left ? 'end' : 'start'}>
+              {word}
+            </text>
+          );
+        })}
+    </g>
+  );
 }
 
-function label(ctx: CanvasRenderingContext2D, word: string, at: Point, width: number, halo: string): void {
-  ctx.font = `600 12px ${FONT}`;
-  ctx.strokeStyle = halo;
-  ctx.lineWidth = 4;
-  const left = at.x + 12 + ctx.measureText(word).width < width; // else the label is on the other side
-  ctx.textAlign = left ? 'left' : 'right';
-  const x = left ? at.x + 12 : at.x - 12;
-  ctx.strokeText(word, x, at.y - 8);
-  ctx.fillText(word, x, at.y - 8);
+/** Explains the signs of the map. */
+export function RouteLegend(): JSX.Element {
+  return (
+    <ul class="legend" aria-label="Signs">
+      {(['agent', 'start', 'goal'] as const).map((name) => (
+        <li key={name} class="row">
+          <svg class="walker" viewBox="0 0 14 14" width="14" height="14" aria-hidden="true">
+            <Sign name={name} at={{ x: 7, y: 7 }} size={6} />
+          </svg>
+          {name}
+        </li>
+      ))}
+      <li class="row">
+        <Swatch colour="text-soft" /> path so far
+      </li>
+    </ul>
+  );
 }

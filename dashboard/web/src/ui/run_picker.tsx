@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
 import { useState } from 'preact/hooks';
-import type { Run } from '../api/types';
 import { dateTime, fixed, plural } from '../maths/format';
 import type { Group } from '../maths/groups';
 import { setParams } from '../state/router';
-import { Card, State, Swatch } from './basics';
+import { Card, State, Swatch, Tick } from './basics';
 import { Choice, GROUPS } from './choice';
 
 interface RunPickerProps {
@@ -40,31 +39,36 @@ export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPicker
     <Card title="Runs" class="picker" hint="Means include every seed of a group, shown or hidden.">
       <Choice of={GROUPS} />
       {groups.length > 5 && (
-        <label class="field">
+        <label class="field hint">
           <span>Find</span>
           <input type="search" value={filter} onInput={(event) => setFilter(event.currentTarget.value)} />
         </label>
       )}
       {omitted > 0 && <p class="hint">{plural(omitted, 'further group')} not drawn: too many curves at once.</p>}
-      <ul class="picker-list" tabIndex={0} aria-label="Groups of runs">
+      <ul class="picker-list scrolls" tabIndex={0} aria-label="Groups of runs">
         {matching.map((group) => {
           const on = shown.has(group.key);
-          const newest = group.runs[0];
           return (
-            <li key={group.key} class={on ? 'on' : ''}>
-              <label class="picker-group">
-                <input type="checkbox" checked={on} onChange={() => toggleGroup(group.key)} />
-                <span>
+            <li key={group.key}>
+              <Tick checked={on} onChange={() => toggleGroup(group.key)}>
+                <span class="stack">
                   <b>{group.label}</b>
                   <span class="hint">
-                    {plural(group.runs.length, 'seed')} · {dateTime(newest?.started)}
+                    {plural(group.runs.length, 'seed')} · {dateTime(group.runs[0]?.started)}
                   </span>
                 </span>
-              </label>
+              </Tick>
               {on && (
                 <ul>
                   {group.runs.map((run) => (
-                    <PickerRun key={run.id} run={run} colour={colours.get(run.id)} on={!hidden.has(run.id)} toggle={toggleRun} />
+                    <li key={run.id}>
+                      <Tick checked={!hidden.has(run.id)} onChange={() => toggleRun(run.id)}>
+                        <Swatch colour={colours.get(run.id) ?? 'text-soft'} />
+                        <span>seed {run.seed ?? '?'}</span>
+                        {run.state !== 'ended' && <State state={run.state} />}
+                        <span class="number">{fixed(run.spl, 3)}</span>
+                      </Tick>
+                    </li>
                   ))}
                 </ul>
               )}
@@ -73,24 +77,5 @@ export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPicker
         })}
       </ul>
     </Card>
-  );
-}
-
-function PickerRun({ run, colour, on, toggle }: {
-  run: Run;
-  colour: string | undefined;
-  on: boolean;
-  toggle: (id: string) => void;
-}): JSX.Element {
-  return (
-    <li>
-      <label class="picker-run">
-        <input type="checkbox" checked={on} onChange={() => toggle(run.id)} />
-        <Swatch colour={colour ?? 'text-soft'} />
-        <span>seed {run.seed ?? '?'}</span>
-        {run.state !== 'ended' && <State state={run.state} />}
-        <span class="number">{fixed(run.spl, 3)}</span>
-      </label>
-    </li>
   );
 }

@@ -1,19 +1,37 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { ComponentChildren, JSX } from 'preact';
 import { csv, download, fileName, type Cell } from '../maths/csv';
-import { IconButton, classes } from './basics';
+import type { Resource } from '../state/resource';
+import { Card, classes, IconButton, Show } from './basics';
 
 export interface Column<T> {
+  /** Its name in the CSV. */
   key: string;
   label: string;
-  /** Returns what a cell shows. */
-  show: (row: T) => ComponentChildren;
   /** Returns the value for the CSV. Columns without it are not saved. */
   cell?: (row: T) => Cell;
+  /** Returns what a cell shows; without it, the value for the CSV. */
+  show?: (row: T) => ComponentChildren;
   number?: boolean;
   wide?: boolean;
   /** The label is for screen readers only. */
   quiet?: boolean;
+  /** The column is in the CSV only. */
+  hidden?: boolean;
+}
+
+/** Returns a column of a field as it is. */
+export function text<K extends string>(key: K, label: string): Column<Record<K, Cell>> {
+  return { key, label, cell: (row) => row[key] };
+}
+
+/** Returns a column of a number, which is saved as it is and shown as `format` writes it. */
+export function figure<K extends string, V extends Cell>(
+  key: K,
+  label: string,
+  format: (value: V) => string,
+): Column<Record<K, V>> {
+  return { key, label, number: true, cell: (row) => row[key], show: (row) => format(row[key]) };
 }
 
 interface TableProps<T> {
@@ -22,19 +40,20 @@ interface TableProps<T> {
   rows: readonly T[];
   rowKey: (row: T, index: number) => string | number;
   rowClass?: (row: T) => string | undefined;
-  showCaption?: boolean;
 }
 
 /** A table that scrolls on its own where there is no room for it. */
-export function Table<T>({ caption, columns, rows, rowKey, rowClass, showCaption }: TableProps<T>): JSX.Element {
+export function Table<T>({ caption, columns, rows, rowKey, rowClass }: TableProps<T>): JSX.Element {
+  const seen = columns.filter((column) => !column.hidden);
+  const classOf = (column: Column<T>): string => classes(column.number && 'number', column.wide && 'wide');
   return (
-    <div class="table-room" role="group" aria-label={caption} tabIndex={0}>
+    <div class="table-room scrolls" role="group" aria-label={caption} tabIndex={0}>
       <table>
-        <caption class={classes(!showCaption && 'visually-hidden')}>{caption}</caption>
+        <caption class="visually-hidden">{caption}</caption>
         <thead>
           <tr>
-            {columns.map((column) => (
-              <th key={column.key} scope="col" class={classes(column.number && 'number', column.wide && 'wide')}>
+            {seen.map((column) => (
+              <th key={column.key} scope="col" class={classOf(column)}>
                 {column.quiet ? <span class="visually-hidden">{column.label}</span> : column.label}
               </th>
             ))}
@@ -43,17 +62,14 @@ export function Table<T>({ caption, columns, rows, rowKey, rowClass, showCaption
         <tbody>
           {rows.map((row, i) => (
             <tr key={rowKey(row, i)} class={rowClass?.(row)}>
-              {columns.map((column, c) =>
-                c === 0 ? (
-                  <th key={column.key} scope="row" class={classes(column.number && 'number')}>
-                    {column.show(row)}
-                  </th>
-                ) : (
-                  <td key={column.key} class={classes(column.number && 'number', column.wide && 'wide')}>
-                    {column.show(row)}
-                  </td>
-                ),
-              )}
+              {seen.map((column, c) => {
+                const Cell = c === 0 ? 'th' : 'td';
+                return (
+                  <Cell key={column.key} scope={c === 0 ? 'row' : undefined} class={classOf(column)}>
+                    {(column.show ?? column.cell)?.(row)}
+                  </Cell>
+                );
+              })}
             </tr>
           ))}
         </tbody>
@@ -62,21 +78,57 @@ export function Table<T>({ caption, columns, rows, rowKey, rowClass, showCaption
   );
 }
 
-export function saveTable<T>(name: string, columns: readonly Column<T>[], rows: readonly T[]): void {
-  const there = columns.filter((column) => column.cell);
-  download(
-    `${fileName(name)}.csv`,
-    csv(
-      there.map((column) => column.key),
-      rows.map((row) => there.map((column) => column.cell?.(row))),
-    ),
-  );
+export function SaveTable<T>({ name, columns, rows }: { name: string } & Pick<TableProps<T>, 'columns' | 'rows'>): JSX.Element {
+  const save = (): void => {
+    const saved = columns.filter((column) => column.cell);
+    const cells = rows.map((row) => saved.map((column) => column.cell?.(row)));
+    download(`${fileName(name)}.csv`, csv(saved.map((column) => column.key), cells));
+  };
+  return <IconButton icon="save" label={`Download ${name} as CSV`} onClick={save} />;
 }
 
-export function SaveTable<T>({ name, columns, rows }: {
+interface TableCardProps<T> extends TableProps<T> {
+  title: string;
+  hint?: string | undefined;
+  id?: string;
+  /** Name of the saved file. */
   name: string;
-  columns: readonly Column<T>[];
-  rows: readonly T[];
-}): JSX.Element {
-  return <IconButton icon="save" label={`Download ${name} as CSV`} onClick={() => saveTable(name, columns, rows)} />;
+  actions?: ComponentChildren;
+  /** What the rows are made of, if they are fetched. */
+  of?: Resource<unknown>;
+  /** Shown when there are no rows. */
+  empty?: ComponentChildren;
+  below?: ComponentChildren;
+  children?: ComponentChildren;
+}
+
+/** A card with a table, which can be saved as CSV, below its children. */
+export function TableCard<T>({ title, hint, id, name, actions, of, empty, below, children, ...table }: TableCardProps<T>): JSX.Element {
+  return (
+    <Card
+      title={title}
+      hint={hint}
+      id={id}
+      actions={
+        <>
+          {actions}
+          <SaveTable name={name} columns={table.columns} rows={table.rows} />
+        </>
+      }
+    >
+      {children}
+      <Show of={of ?? { state: 'ready', value: null }} lines={6}>
+        {() =>
+          table.rows.length || !empty ? (
+            <>
+              <Table {...table} />
+              {below}
+            </>
+          ) : (
+            empty
+          )
+        }
+      </Show>
+    </Card>
+  );
 }

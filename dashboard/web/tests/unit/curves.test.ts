@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
-import { align } from '../../src/maths/align';
 import { linesOf, type CurveOptions, type GroupRows } from '../../src/maths/curves';
 import { episodeLength, smooth } from '../../src/maths/ema';
 import { append, axis, latest, noRows, rowsOf, type Rows } from '../../src/maths/rows';
@@ -78,18 +77,6 @@ describe('statistics', () => {
   it('deviation is the sample one', () => {
     expect(deviation([1])).toBeNull();
     expect(deviation([1, 3])).toBeCloseTo(Math.SQRT2, 12);
-  });
-});
-
-describe('align', () => {
-  it('puts curves of different x over one', () => {
-    expect(align([{ x: [1, 3], y: [10, 30] }, { x: [2, 3], y: [null, 5] }])).toEqual({
-      x: [1, 2, 3],
-      columns: [
-        [10, null, 30],
-        [null, null, 5],
-      ],
-    });
   });
 });
 
