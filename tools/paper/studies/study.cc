@@ -31,14 +31,29 @@ Trial trial_of(int first, int frames, int tasks, bool shuffle) {
   return trial;
 }
 
-/// Returns SCORE; with `walk` also the walk that is shown.
-Json tried(const TrainedAgent& agent, const Traversal& traversal, const Trial& trial, bool walk = false) {
-  NetworkPolicy policy(agent, {});
-  Stoppable stoppable(policy);
+std::unique_ptr<Policy> policy_of(const TrainedAgent& agent) {
+  return std::make_unique<NetworkPolicy>(agent, NetworkPolicy::Options());
+}
+
+/// Returns {"traversal", SCORE} of a fresh policy; with `walk` also the walk that is shown.
+Json tried(const std::unique_ptr<Policy>& policy, const Traversal& traversal, const Trial& trial, bool walk = false) {
+  Stoppable stoppable(*policy);
   const std::vector<Environment::Episode> episodes = try_out(stoppable, traversal, trial);
   Json row = as_json(score(episodes));
+  row["traversal"] = traversal.name;
   if (walk) row["walk"] = walk_of(episodes, traversal.frames);
   return row;
+}
+
+/// The part of the spec that TransferTrial and ControlStudy share.
+template <class Trials>
+Json spec_of(const char* kind, const Trials& study, const std::vector<std::string>& recordings, World& world) {
+  return {{"kind", kind},
+          {"representation", study.representation},
+          {"train", world.train()},
+          {"recordings", world.hashes(recordings)},
+          {"frames", {study.first, study.first + study.frames}},
+          {"tasks", study.tasks}};
 }
 
 /// Adds the means over the episodes that ended in one update.
@@ -136,9 +151,8 @@ Json train(const Study& study, World& world) {
       const Clock::time_point pause = Clock::now();
       while (deploy_at <= progress.episodes) deploy_at += static_cast<std::uint64_t>(study.deploy_every);
       for (const std::string& name : study.traversals) {
-        Json row = tried(trainer.agent(), world.traversal(study.representation, name),
+        Json row = tried(policy_of(trainer.agent()), world.traversal(study.representation, name),
                          trial_of(study.first, study.frames, study.tasks_between, false));
-        row["traversal"] = name;
         row["episodes"] = progress.episodes;
         deployments.push_back(std::move(row));
       }
@@ -148,9 +162,8 @@ Json train(const Study& study, World& world) {
   const double seconds = seconds_since(start) - judging;
   for (const std::string& name : study.traversals)
     for (const bool shuffled : {false, true}) {
-      Json row = tried(trainer.agent(), world.traversal(study.representation, name),
+      Json row = tried(policy_of(trainer.agent()), world.traversal(study.representation, name),
                        trial_of(study.first, study.frames, study.tasks, shuffled), /*walk=*/!shuffled);
-      row["traversal"] = name;
       row["shuffled"] = shuffled;
       trials.push_back(std::move(row));
     }
@@ -209,24 +222,16 @@ Unit unit_of(const TransferTrial& transfer, World& world) {
                           transfer.first + transfer.frames - 1, transfer.agent.study["seed"].get<std::uint64_t>());
   std::vector<std::string> recordings = transfer.traversals;
   recordings.push_back(world.train());  // where its knowledge of the places comes from
-  unit.spec = {{"kind", "carried"},
-               {"agent", transfer.agent.study},
-               {"representation", transfer.representation},
-               {"train", world.train()},
-               {"recordings", world.hashes(recordings)},
-               {"frames", {transfer.first, transfer.first + transfer.frames}},
-               {"tasks", transfer.tasks}};
+  unit.spec = spec_of("carried", transfer, recordings, world);
+  unit.spec["agent"] = transfer.agent.study;
   unit.seconds = 1;
   unit.compute = [transfer, &world] {
     const TrainedAgent agent = agent_on(transfer.agent, world.traversal(transfer.representation, world.train()),
                                         transfer.first, transfer.frames);
     Json rows = Json::array();
-    for (const std::string& name : transfer.traversals) {
-      Json row = tried(agent, world.traversal(transfer.representation, name),
-                       trial_of(transfer.first, transfer.frames, transfer.tasks, false));
-      row["traversal"] = name;
-      rows.push_back(std::move(row));
-    }
+    for (const std::string& name : transfer.traversals)
+      rows.push_back(tried(policy_of(agent), world.traversal(transfer.representation, name),
+                           trial_of(transfer.first, transfer.frames, transfer.tasks, false)));
     return rows;
   };
   return unit;
@@ -235,13 +240,8 @@ Unit unit_of(const TransferTrial& transfer, World& world) {
 Unit unit_of(const ControlStudy& study, World& world) {
   Unit unit;
   unit.name = fmt::format("{} on {}, {} places", study.control, study.representation, study.frames);
-  unit.spec = {{"kind", "control"},
-               {"control", study.control},
-               {"representation", study.representation},
-               {"train", world.train()},
-               {"recordings", world.hashes(study.traversals)},
-               {"frames", {study.first, study.first + study.frames}},
-               {"tasks", study.tasks}};
+  unit.spec = spec_of("control", study, study.traversals, world);
+  unit.spec["control"] = study.control;
   unit.seconds = 1;
   if (study.control == "sequence_filter")  // looks at all places at each step, and longer routes take more of both
     unit.seconds += 4e-8 * study.tasks * study.frames * study.frames * static_cast<double>(study.traversals.size());
@@ -251,15 +251,11 @@ Unit unit_of(const ControlStudy& study, World& world) {
     ControlTask task{study.first, study.frames, route.features, {}};
     task.reference.assign(route.reference.data(), route.reference.data() + route.reference.size());
     Json rows = Json::array();
-    for (const std::string& name : study.traversals) {
-      const auto& entry = ControlRegistry::instance().find("control", study.control);
-      const auto policy = entry.create(Parameters("control " + study.control, entry.parameters, {}), task);
-      Stoppable stoppable(*policy);
-      Json row = as_json(score(try_out(stoppable, world.traversal(study.representation, name),
-                                       trial_of(study.first, study.frames, study.tasks, false))));
-      row["traversal"] = name;
-      rows.push_back(std::move(row));
-    }
+    const auto& entry = ControlRegistry::instance().find("control", study.control);
+    for (const std::string& name : study.traversals)
+      rows.push_back(tried(entry.create(Parameters("control " + study.control, entry.parameters, {}), task),
+                           world.traversal(study.representation, name),
+                           trial_of(study.first, study.frames, study.tasks, false)));
     return rows;
   };
   return unit;
