@@ -22,15 +22,13 @@ struct CommandLine {
 };
 
 void add_options(CLI::App& app, CommandLine& line) {
-  const std::string group = "Doctor";
+  app.option_defaults()->group("Doctor");
   app.add_option("--seconds", line.seconds, "How long to listen; with --service the longest wait")
       ->capture_default_str()
-      ->check(CLI::Range(0.1, 3600.0))
-      ->group(group);
+      ->check(CLI::Range(0.1, 3600.0));
   app.add_option("--service", line.service,
-                 "Check the health of the service with this id: succeeds when it is heard and has not failed")
-      ->group(group);
-  app.add_flag("--json", line.json, "Print the findings as JSON")->group(group);
+                 "Check the health of the service with this id: succeeds when it is heard and has not failed");
+  app.add_flag("--json", line.json, "Print the findings as JSON");
   spdlog::set_level(spdlog::level::off);  // the findings contain everything; --log-level overrides this
   line.node.service = line.node.id = "doctor";
   line.node.session = kAllSessions;

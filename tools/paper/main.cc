@@ -32,52 +32,45 @@ struct CommandLine {
 };
 
 void add_options(CLI::App& app, CommandLine& line) {
-  const std::string data = "Recordings", report = "Report";
+  const std::string data = "Recordings";
+  app.option_defaults()->group(data);
   add_dataset_options(app, line.world.source, data);
-  app.add_option("--train", line.world.source.traversal, "Traversal to learn from")->capture_default_str()->group(data);
+  app.add_option("--train", line.world.source.traversal, "Traversal to learn from")->capture_default_str();
   add_selection_options(app, line.world.source.selection, data);
   app.add_option("--encoder", line.world.encoders,
                  "Encoders of the pictures: " + encoder_names() + " (hog,vlad; --quick: hog)")
-      ->delimiter(',')
-      ->group(data);
-  app.add_option("--model", line.world.files.model, "Network file for encoders that need one")
-      ->type_name("FILE")
-      ->group(data);
+      ->delimiter(',');
+  app.add_option("--model", line.world.files.model, "Network file for encoders that need one")->type_name("FILE");
   app.add_option("--store", line.store, "Folder of the feature store")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
-      ->capture_default_str()
-      ->group(data);
-  app.add_flag("--quick", line.quick, "Fewer seeds, tasks and encoders: 15 minutes on two processors")->group(report);
+      ->capture_default_str();
+  app.option_defaults()->group("Report");
+  app.add_flag("--quick", line.quick, "Fewer seeds, tasks and encoders: 15 minutes on two processors");
   app.add_option("--effort", line.effort,
                  "Share of training steps and tasks; below 1 the report fills quickly, with meaningless figures")
       ->capture_default_str()
-      ->check(CLI::Range(0.001, 1.0))
-      ->group(report);
-  app.add_option("--seeds", line.seeds, "Seeds, such as 1..5 or 1,3 (1..5; --quick: 1..2)")->group(report);
+      ->check(CLI::Range(0.001, 1.0));
+  app.add_option("--seeds", line.seeds, "Seeds, such as 1..5 or 1,3 (1..5; --quick: 1..2)");
   std::vector<std::string> names;
   for (const Section& section : sections()) names.push_back(section.name);
   app.add_option("--only", line.only, "Make only these parts of the report: " + CLI::detail::join(names, ","))
       ->delimiter(',')
-      ->check(CLI::IsMember(names))
-      ->group(report);
+      ->check(CLI::IsMember(names));
   app.add_flag("--no-strips", line.no_strips,
-               "Leave out the pictures of real recordings, for a report to publish where they must not be")
-      ->group(report);
-  app.add_flag("--list", line.list, "Print the parts of the report, and exit")->configurable(false)->group(report);
+               "Leave out the pictures of real recordings, for a report to publish where they must not be");
+  app.add_flag("--list", line.list, "Print the parts of the report, and exit")->configurable(false);
   app.add_option(
          "--output", line.output,
          "Folder of report.html, its figures and tables (SVG, PNG, CSV), results.json (outcomes that the same seeds "
          "reproduce), report.json (the rest that the page shows) and manifest.json (command, machine, data, files)")
       ->type_name("DIR")
-      ->capture_default_str()
-      ->group(report);
+      ->capture_default_str();
   app.add_option(
          "--work", line.work,
          "Folder of finished work, from which the next run continues; reports on different data may share it, even "
          "at the same time (OUTPUT/work)")
-      ->type_name("DIR")
-      ->group(report);
+      ->type_name("DIR");
 }
 
 /// The agents compared: the paper's, and the one that this project recommends.

@@ -23,15 +23,13 @@ struct CommandLine {
 };
 
 void add_options(CLI::App& app, CommandLine& line) {
-  const std::string group = "Recording";
-  app.add_option("--output", line.recording.output, "File to write")->type_name("FILE.mcap")->required()->group(group);
+  app.option_defaults()->group("Recording");
+  app.add_option("--output", line.recording.output, "File to write")->type_name("FILE.mcap")->required();
   app.add_option("--topics", line.recording.topics, "Record only these topics: scene,episode_stat,...; all by default")
-      ->delimiter(',')
-      ->group(group);
+      ->delimiter(',');
   app.add_option("--split-mb", line.split, "Continue in FILE-2.mcap ... after this many megabytes; 0 writes one file")
       ->capture_default_str()
-      ->check(CLI::Range(0.0, 1e6))
-      ->group(group);
+      ->check(CLI::Range(0.0, 1e6));
   line.node.service = line.node.id = "record";
   line.node.session = kAllSessions;
   add_node_options(app, line.node);

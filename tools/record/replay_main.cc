@@ -23,20 +23,15 @@ struct CommandLine {
 };
 
 void add_options(CLI::App& app, CommandLine& line) {
-  const std::string group = "Recording";
-  app.add_option("files", line.replay.files, "Recordings, one after the other")
-      ->type_name("FILE.mcap ...")
-      ->required()
-      ->group(group);
+  app.option_defaults()->group("Recording");
+  app.add_option("files", line.replay.files, "Recordings, one after the other")->type_name("FILE.mcap ...")->required();
   app.add_option("--speed", line.speed,
                  "Speed, as a multiple of the recorded one; max: as fast as the readers can follow")
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
   app.add_option("--topics", line.replay.topics,
                  "Play only these topics: scene,action,...; by default those that command nothing")
-      ->delimiter(',')
-      ->group(group);
-  app.add_flag("--learner", line.learner, "Play the trajectories to the learner of --session instead")->group(group);
+      ->delimiter(',');
+  app.add_flag("--learner", line.learner, "Play the trajectories to the learner of --session instead");
   line.node.service = line.node.id = "replay";
   line.node.session = kAsRecorded;
   add_node_options(app, line.node);

@@ -26,102 +26,70 @@ CLI::Option* add_list(CLI::App& app, const std::string& name, List& list, const 
 
 void add_encoding(CLI::App& app, vpr::Options& options, CommandLine& line) {
   const std::string group = "Encoding";
-  add_list(app, "--encoder", options.encoders, "Encoders: " + encoder_names() + "; not for datasets that have features")
-      ->group(group);
+  app.option_defaults()->group(group);
+  add_list(app, "--encoder", options.encoders,
+           "Encoders: " + encoder_names() + "; not for datasets that have features");
   add_encoder_options(app, options.files, options.parameters, group);
   app.add_option("--store", line.store, "Folder of the feature store; none keeps features in memory only")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
-      ->capture_default_str()
-      ->group(group);
+      ->capture_default_str();
 }
 
 void add_matching(CLI::App& app, vpr::Options& options, CommandLine& line) {
-  const std::string features = "Features";
+  app.option_defaults()->group("Features")->always_capture_default();
   add_list(app, "--dimension", options.dimensions, "Features per frame, by PCA on the reference; 0 disables PCA")
-      ->capture_default_str()
-      ->check(CLI::Range(0, kMaxDimension))
-      ->group(features);
+      ->check(CLI::Range(0, kMaxDimension));
   add_list(app, "--centring", options.centrings, "Which mean to subtract first: own, running, reference, none")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"own", "running", "reference", "none"}))
-      ->group(features);
+      ->check(CLI::IsMember({"own", "running", "reference", "none"}));
   app.add_option("--whitening", options.whitening, "Whitening exponent: 0 disables it, 0.5 is full whitening")
-      ->capture_default_str()
-      ->check(CLI::Range(0.0, 0.5))
-      ->group(features);
+      ->check(CLI::Range(0.0, 0.5));
 
-  const std::string matching = "Matching";
+  app.option_defaults()->group("Matching");
   vpr::MatchingOptions& match = options.matching;
   add_list(app, "--method", options.methods,
-           "nearest or mlp, then any of csls, contrast, sequence, seqslam, joined by +, such as csls+sequence")
-      ->capture_default_str()
-      ->group(matching);
+           "nearest or mlp, then any of csls, contrast, sequence, seqslam, joined by +, such as csls+sequence");
   app.add_option("--measure", line.measure, "How features are compared: cosine, l2, l1")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"cosine", "l2", "l1"}))
-      ->group(matching);
-  app.add_option("--sequence", match.sequence, "Length of a sequence in frames, odd")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 999))
-      ->group(matching);
+      ->check(CLI::IsMember({"cosine", "l2", "l1"}));
+  app.add_option("--sequence", match.sequence, "Length of a sequence in frames, odd")->check(CLI::Range(1, 999));
   app.add_option("--slowest", match.slowest, "Slowest speed of sequence, in reference frames per query frame")
-      ->capture_default_str()
-      ->check(CLI::Range(0.1, 10.0))
-      ->group(matching);
-  app.add_option("--fastest", match.fastest, "Fastest speed of sequence, likewise")
-      ->capture_default_str()
-      ->check(CLI::Range(0.1, 10.0))
-      ->group(matching);
+      ->check(CLI::Range(0.1, 10.0));
+  app.add_option("--fastest", match.fastest, "Fastest speed of sequence, likewise")->check(CLI::Range(0.1, 10.0));
   app.add_option("--contrast-window", match.window, "Window of contrast and seqslam, in reference frames")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 100000))
-      ->group(matching);
+      ->check(CLI::Range(1, 100000));
   app.add_option("--csls-neighbours", match.neighbours, "Number of nearest frames that csls averages")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 100000))
-      ->group(matching);
-  app.add_option("--mlp-hidden", match.hidden, "Hidden units of mlp")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 4096))
-      ->group(matching);
-  app.add_option("--mlp-epochs", match.epochs, "Training epochs of mlp on the reference")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 100000))
-      ->group(matching);
-  app.add_option("--seed", match.seed, "Random seed of mlp and of the intervals")
-      ->capture_default_str()
-      ->group(matching);
+      ->check(CLI::Range(1, 100000));
+  app.add_option("--mlp-hidden", match.hidden, "Hidden units of mlp")->check(CLI::Range(1, 4096));
+  app.add_option("--mlp-epochs", match.epochs, "Training epochs of mlp on the reference")->check(CLI::Range(1, 100000));
+  app.add_option("--seed", match.seed, "Random seed of mlp and of the intervals");
+  app.option_defaults()->always_capture_default(false);
 }
 
 void add_options(CLI::App& app, CommandLine& line) {
   vpr::Options& options = line.options;
   const std::string recordings = "Recordings";
+  app.option_defaults()->group(recordings);
   add_dataset_options(app, options.source, recordings);
   app.add_option("--reference", options.source.traversal, "Traversal whose frames are the places")
-      ->capture_default_str()
-      ->group(recordings);
-  add_list(app, "--query", options.queries, "Traversals to recognise (all others)")->group(recordings);
+      ->capture_default_str();
+  add_list(app, "--query", options.queries, "Traversals to recognise (all others)");
   app.add_option("--matches", options.matches,
                  "CSV with columns reference and query, pairs of frames that show the same place (disables alignment)")
       ->type_name("FILE")
-      ->check(CLI::ExistingFile)
-      ->group(recordings);
+      ->check(CLI::ExistingFile);
   add_selection_options(app, options.source.selection, "Selection");
   add_encoding(app, options, line);
   add_matching(app, options, line);
 
-  const std::string results = "Results";
+  app.option_defaults()->group("Results");
   app.add_option("--tolerance", options.tolerance, "How many frames a right answer may be off")
       ->capture_default_str()
-      ->check(CLI::Range(0, 100000))
-      ->group(results);
+      ->check(CLI::Range(0, 100000));
   app.add_option("--output", options.output,
                  "Folder for results.csv, results.json, curves.json, pr-*.svg, similarity-*.png (runs/vpr-TIME)")
-      ->type_name("DIR")
-      ->group(results);
-  app.add_flag("--no-pictures", line.no_pictures, "Do not write similarity-*.png")->group(results);
-  app.add_flag("--list", line.list, "Print encoders, and exit")->configurable(false)->group(results);
+      ->type_name("DIR");
+  app.add_flag("--no-pictures", line.no_pictures, "Do not write similarity-*.png");
+  app.add_flag("--list", line.list, "Print encoders, and exit")->configurable(false);
 }
 
 std::string folder_of_now() {
