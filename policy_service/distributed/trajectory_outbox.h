@@ -24,6 +24,7 @@ class TrajectoryOutbox {
   Result acknowledge(std::uint64_t number, std::uint64_t limit);
 
   std::uint64_t last() const { return number_; }  ///< number of the last trajectory
+  std::uint64_t sent() const { return sent_; }    ///< number of the last one that was sent
   std::uint64_t acknowledged() const { return acknowledged_; }
   std::size_t unacknowledged() const { return waiting_.size(); }
 

@@ -11,21 +11,20 @@ namespace {
 using std::chrono::milliseconds;
 using std::chrono::seconds;
 
-constexpr std::uint64_t kSendWindow = 32;  // half of what a writer keeps
-constexpr std::uint64_t kResendWindow = 8;
-constexpr milliseconds kResendInterval{200};
+constexpr std::size_t kReadAhead = 32;  // trajectories that are not acknowledged yet
 constexpr seconds kStatus{1};
 constexpr seconds kPatience{30};  // an update may be long
 
 }  // namespace
 
-TrajectoryReplay::TrajectoryReplay(Node& node, std::vector<std::string> files) : node_(node), files_(std::move(files)) {
+TrajectoryReplay::TrajectoryReplay(Node& node, std::vector<std::string> files)
+    : node_(node), files_(std::move(files)), outbox_(node) {
   for (const std::string& file : files_) McapReader check(file);
   node_.create_writer<msg::Trajectory>();
   node_.create_writer<msg::ActorStatus>();
   node_.create_reader<msg::LearnerInfo>();
   node_.create_reader<msg::TrajectoryAcknowledgement>();
-  again_ = progress_ = next_status_ = due_ = Clock::now();
+  progress_ = next_status_ = due_ = Clock::now();
 }
 
 void TrajectoryReplay::on_info(const msg::LearnerInfo& info) {
@@ -43,16 +42,12 @@ void TrajectoryReplay::on_info(const msg::LearnerInfo& info) {
 
 void TrajectoryReplay::on_acknowledgement(const msg::TrajectoryAcknowledgement& a) {
   if (a.actor() != node_.options().id || a.actor_incarnation() != node_.incarnation() ||
-      a.header().incarnation() != info_.header().incarnation() || a.number() > number_ || a.number() < acknowledged_)
+      a.header().incarnation() != info_.header().incarnation())
     return;
-  if (a.number() > acknowledged_ || a.limit() > limit_) again_ = Clock::now() + kResendInterval;
-  limit_ = a.limit();
-  if (limit_ <= a.number()) progress_ = Clock::now();  // it has no room: it waits for others, or learns
-  for (; acknowledged_ < a.number(); ++acknowledged_) {
-    unacknowledged_.pop_front();
-    progress_ = Clock::now();
-  }
-  sent_ = std::max(sent_, acknowledged_);
+  const std::uint64_t before = outbox_.acknowledged();
+  if (outbox_.acknowledge(a.number(), a.limit()) != TrajectoryOutbox::Result::kAccepted) return;
+  // Without room it waits for others, or learns.
+  if (outbox_.acknowledged() > before || a.limit() <= a.number()) progress_ = Clock::now();
 }
 
 void TrajectoryReplay::take_messages() {
@@ -99,28 +94,13 @@ bool TrajectoryReplay::fetch() {
     require_fits(trajectory);
     trajectory.learner() = info_.header().sender();
     trajectory.learner_incarnation() = info_.header().incarnation();
-    trajectory.number() = ++number_;
-    unacknowledged_.push_back(std::move(trajectory));
+    trajectory.version() = std::min(trajectory.version(), info_.version());
+    msg::Trajectory& added = outbox_.add();
+    trajectory.number() = added.number();
+    added = std::move(trajectory);
     return true;
   }
   return false;
-}
-
-void TrajectoryReplay::send() {
-  const auto publish = [&](std::uint64_t number) {
-    msg::Trajectory& trajectory = unacknowledged_[static_cast<std::size_t>(number - acknowledged_ - 1)];
-    trajectory.version() = std::min(trajectory.version(), info_.version());
-    node_.publish(trajectory);
-  };
-  const std::uint64_t until = std::min(limit_, acknowledged_ + kSendWindow);
-  while (sent_ < until && (sent_ < number_ || fetch())) publish(++sent_);
-  const Clock::time_point now = Clock::now();
-  if (sent_ <= acknowledged_ || now < again_) return;
-  for (std::uint64_t number = acknowledged_ + 1; number <= std::min(sent_, acknowledged_ + kResendWindow); ++number) {
-    publish(number);
-    ++node_.traffic.resent;
-  }
-  again_ = now + kResendInterval;
 }
 
 void TrajectoryReplay::send_status() {
@@ -128,7 +108,7 @@ void TrajectoryReplay::send_status() {
   status_.learner() = info_.header().sender();
   status_.learner_incarnation() = info_.header().incarnation();
   status_.version() = info_.version();
-  status_.unacknowledged() = static_cast<std::uint32_t>(unacknowledged_.size());
+  status_.unacknowledged() = static_cast<std::uint32_t>(outbox_.unacknowledged());
   node_.publish(status_);
 }
 
@@ -143,13 +123,15 @@ bool TrajectoryReplay::poll() {
   if (ended_) return false;
   node_.report(msg::RUNNING, "plays trajectories to '" + info_.header().sender().to_string() + "'");
   if (now >= next_status_) send_status();
-  send();
-  if (read_all_ && unacknowledged_.empty()) {
-    if (number_ == 0)
+  while (outbox_.unacknowledged() < kReadAhead && fetch()) {
+  }
+  outbox_.send_due();
+  if (outbox_.unacknowledged() == 0) {
+    if (outbox_.last() == 0)
       throw Error("has no trajectories", files_.front(), "record a run of --role learner and --role actor");
     return false;
   }
-  if (sent_ > acknowledged_ && now - progress_ > kPatience)
+  if (outbox_.sent() > outbox_.acknowledged() && now - progress_ > kPatience)
     throw Error("accepts none of the trajectories", "learner '" + info_.header().sender().to_string() + "'",
                 "its log says what is wrong with them; --agent must be as it was");
   return true;

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <memory>
 #include <set>
 #include <string>
@@ -11,6 +10,7 @@
 
 #include "core/recording/mcap.h"
 #include "core/wire/node.h"
+#include "policy_service/distributed/trajectory_outbox.h"
 
 namespace citylearn {
 
@@ -29,7 +29,7 @@ class TrajectoryReplay {
   bool poll();
   Clock::time_point due() const { return due_; }
 
-  std::uint64_t acknowledged() const { return acknowledged_; }
+  std::uint64_t acknowledged() const { return outbox_.acknowledged(); }
   bool learner_ended() const { return ended_; }
 
  private:
@@ -38,7 +38,6 @@ class TrajectoryReplay {
   void on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement);
   bool fetch();
   void require_fits(const msg::Trajectory& trajectory) const;
-  void send();
   void send_status();
 
   Node& node_;
@@ -50,9 +49,8 @@ class TrajectoryReplay {
 
   msg::LearnerInfo info_;  // of the learner; incarnation 0: none yet
   bool ended_ = false;
-  std::uint64_t number_ = 0, sent_ = 0, acknowledged_ = 0, limit_ = 0;
-  std::deque<msg::Trajectory> unacknowledged_;  // acknowledged_ + 1 .. number_
-  Clock::time_point again_, progress_, next_status_, due_;
+  TrajectoryOutbox outbox_;
+  Clock::time_point progress_, next_status_, due_;
   msg::LearnerInfo heard_;
   msg::TrajectoryAcknowledgement acknowledgement_;
   msg::ActorStatus status_;
