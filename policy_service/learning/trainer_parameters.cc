@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/learning/trainer_parameters.h"
-
 #include <algorithm>
+
+#include "policy_service/learning/trainer_state.h"
 
 namespace citylearn {
 namespace {

@@ -1,16 +1,72 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
+#include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/records/score.h"
-#include "policy_service/run/evaluation.h"
+#include "policy_service/rollout/policy.h"
 #include "policy_service/run/run_context.h"
 
 namespace citylearn {
+
+/// Performs all tasks of `settings` (mode EVALUATE) on several env_services at once. The same seed gives every policy
+/// the very same tasks, on whichever traversal. Used by one thread.
+class Evaluation {
+ public:
+  using MakePolicy = std::function<std::unique_ptr<Policy>(const EnvHandle&)>;
+
+  /// `envs` and `client` must outlive it.
+  Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, msg::TaskSettings settings, MakePolicy make_policy);
+
+  /// Sends the settings; call once. An env_service that restarts begins again from its first task: call again for it.
+  void begin(EnvHandle& env);
+  /// Chooses actions, as EnvClient::Decide.
+  bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
+  /// Takes in a finished episode; repetitions and those of other settings are ignored.
+  void add(const EnvHandle& env, const msg::EpisodeStat& episode);
+
+  bool done() const;
+  /// Returns the fraction of tasks finished, 0..1.
+  double fraction() const;
+  std::uint64_t steps() const { return steps_; }
+  /// Throws Error when an env_service has been silent for half a minute.
+  void check_alive() const;
+  bool includes(const EnvHandle& env) const { return parts_.contains(&env); }
+  /// Returns the scores by traversal, in the order of the tasks.
+  std::map<std::string, Score> scores() const;
+
+ private:
+  struct Part {
+    std::unique_ptr<Policy> policy;
+    std::map<std::uint32_t, msg::EpisodeStat> episodes;  ///< by task
+  };
+  EnvClient& client_;
+  const msg::TaskSettings settings_;
+  MakePolicy make_policy_;
+  std::map<const EnvHandle*, Part> parts_;
+  std::uint64_t steps_ = 0;
+};
+
+/// Lets an evaluation handle the messages of its env_services while it lives; other ones go where they went before.
+class EvaluationHandlers {
+ public:
+  EvaluationHandlers(EnvClient& client, Evaluation& evaluation);
+  ~EvaluationHandlers();
+  EvaluationHandlers(const EvaluationHandlers&) = delete;
+  EvaluationHandlers& operator=(const EvaluationHandlers&) = delete;
+
+ private:
+  EnvClient& client_;
+  const EnvClient::Decide decide_;
+  const EnvClient::Finished finished_;
+  const EnvClient::Joined joined_;
+};
 
 /// Evaluates the agent of a run and its controls.
 class EvaluationRun {

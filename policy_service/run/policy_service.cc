@@ -12,7 +12,7 @@
 #include "policy_service/distributed/actor.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/rollout/control.h"
-#include "policy_service/run/learner_run.h"
+#include "policy_service/run/training_run.h"
 
 namespace citylearn {
 namespace {

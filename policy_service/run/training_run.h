@@ -7,6 +7,7 @@
 #include <set>
 
 #include "policy_service/distributed/heartbeat_thread.h"
+#include "policy_service/distributed/learner_server.h"
 #include "policy_service/learning/trainer.h"
 #include "policy_service/records/report.h"
 #include "policy_service/run/evaluation_run.h"
@@ -83,6 +84,22 @@ class LocalTrainingRun : public TrainingRun {
   HeartbeatThread heartbeat_;
   std::map<const EnvHandle*, int> slots_;  ///< number of each training environment, which names its random streams
   std::set<EnvHandle*> active_;            ///< training environments that are not lost
+};
+
+/// Learns from what actors send (role learner).
+class LearnerRun : public TrainingRun {
+ public:
+  using TrainingRun::TrainingRun;
+  ~LearnerRun() override { context_.on_spin = nullptr; }
+
+ private:
+  void train() override;
+  void evaluate_others() override;
+  double policy_lag() const override { return server_->policy_lag(); }
+  std::string actors_note() const override;
+  void await_release();
+
+  std::unique_ptr<LearnerServer> server_;
 };
 
 }  // namespace citylearn
