@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# Most of the compiler's time goes into headers, so files without heavy arithmetic are compiled several at once (CMake calls this
-# a unity build). Numeric code stays out: together, the compiler would inline and fuse multiply-adds otherwise, and the same seed
-# would not give the same bytes as before.
+# Most of the compiler's time goes into headers, so files are compiled several at once (CMake calls this a unity build). Names in
+# anonymous namespaces must therefore differ within a library.
 option(CITYLEARN_MERGED "Compile several files at once: a whole build is faster, one after a small change slower" ON)
 
 # citylearn_merged(TARGET [EXCEPT pattern...]): all files of the target but those whose path matches a pattern.
@@ -17,4 +16,9 @@ function(citylearn_merged target)
     list(FILTER except INCLUDE REGEX "${pattern}")
     set_source_files_properties(${except} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   endforeach()
+endfunction()
+
+# citylearn_cold(FILE...): command lines and the like, where optimizing takes the compiler time and gives the user nothing.
+function(citylearn_cold)
+  set_source_files_properties(${ARGN} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>")
 endfunction()

@@ -136,7 +136,7 @@ class Hog final : public PictureEncoder {
   std::vector<float> row_;
 };
 
-const EncoderRegistry::Registration registration({
+const EncoderRegistry::Registration hog_registration({
     .name = "hog",
     .help = "histograms of oriented gradients: for changes of season, weather and light on the same track",
     .parameters = {{"bins", "orientations between 0 and 180 degrees", 12, 2, 36, true},

@@ -109,7 +109,7 @@ class Netvlad : public Encoder {
   std::string hash_;
 };
 
-std::vector<ParameterSpec> parameters() {
+std::vector<ParameterSpec> netvlad_parameters() {
   std::vector<ParameterSpec> specs = network_parameters();
   specs.push_back({"clusters", "K, centres to learn (without --head)", 64, 1, 1024, true});
   specs.push_back(
@@ -117,10 +117,10 @@ std::vector<ParameterSpec> parameters() {
   return specs;
 }
 
-const EncoderRegistry::Registration registration({
+const EncoderRegistry::Registration netvlad_registration({
     "netvlad",
     "NetVLAD over a network's feature map (--model FILE.onnx, --layer); centres from --head, or learned",
-    parameters(),
+    netvlad_parameters(),
     [](const Parameters& values, const EncoderFiles& files) { return std::make_unique<Netvlad>(values, files); },
     {},
     {{"presets", list_presets()}},

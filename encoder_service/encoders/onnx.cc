@@ -45,16 +45,16 @@ class Onnx : public Encoder {
   Eigen::Index positions_ = 1, dimension_ = 0;
 };
 
-std::vector<ParameterSpec> parameters() {
+std::vector<ParameterSpec> onnx_parameters() {
   std::vector<ParameterSpec> specs = network_parameters();
   specs.push_back({"pool", "1: a feature map becomes its mean over all positions; 0: all its numbers", 1, 0, 1, true});
   return specs;
 }
 
-const EncoderRegistry::Registration registration({
+const EncoderRegistry::Registration onnx_registration({
     "onnx",
     "a network (--model FILE.onnx, --layer, --preset) run by OpenCV, from a picture to a vector",
-    parameters(),
+    onnx_parameters(),
     [](const Parameters& values, const EncoderFiles& files) { return std::make_unique<Onnx>(values, files); },
     {},
     {{"presets", list_presets()}},

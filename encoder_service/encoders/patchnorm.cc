@@ -38,7 +38,7 @@ class PatchNorm final : public PictureEncoder {
   int width_, height_, patch_;
 };
 
-const EncoderRegistry::Registration registration({
+const EncoderRegistry::Registration patchnorm_registration({
     .name = "patchnorm",
     .help = "patch-normalised pixels of SeqSLAM: the classic, for sequences of frames",
     .parameters = {{"width", "width of the scaled picture, pixels", 64, 1, 1024, true},

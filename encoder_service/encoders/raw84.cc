@@ -23,7 +23,7 @@ class Raw84 final : public PictureEncoder {
   }
 };
 
-const EncoderRegistry::Registration registration({
+const EncoderRegistry::Registration raw84_registration({
     .name = "raw84",
     .help = "the pixels, 84 x 84 x 3: for networks that learn their own features",
     .parameters = {},

@@ -80,7 +80,7 @@ class Alderley : public FolderDataset {
   }
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration alderley_registration({
     "alderley",
     "Alderley Day/Night: 8 km of Brisbane suburbs on a sunny day and in a rainy night",
     {},

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr double kMilliseconds = 1e-3;
-constexpr double kReach = 1.5;  // seconds; the phones logged their position once a second
+constexpr double kBddReach = 1.5;  // seconds; the phones logged their position once a second
 
 /// BDD100K (Yu et al., CVPR 2020): 100,000 rides of 40 s through American cities, filmed by phones behind windscreens.
 ///   videos/**/<id>.mov: 720p at 30 Hz
@@ -79,7 +79,7 @@ class Bdd100k : public FolderDataset {
       throw Error(std::to_string(rows.times.size()) + " locations over " + std::to_string(static_cast<int>(covered)) +
                       " s are too few for a route",
                   path, "take another ride, or lower --bdd100k-seconds");
-    locate(traversal, rows, kReach);
+    locate(traversal, rows, kBddReach);
     return traversal;
   }
 
@@ -146,7 +146,7 @@ class Bdd100k : public FolderDataset {
   std::optional<std::map<std::string, std::string>> conditions_;
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration bdd100k_registration({
     "bdd100k",
     "BDD100K: rides of 40 s through American cities, with GPS; each is its own route",
     {{"seconds", "least time that a ride's locations cover", 10, 0, 40}},

@@ -132,7 +132,7 @@ class Cityscapes : public FolderDataset {
   std::map<std::string, Recording> recordings_;
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration cityscapes_registration({
     "cityscapes",
     "Cityscapes: snippets and some longer drives through 50 cities, with GPS and speed",
     {},

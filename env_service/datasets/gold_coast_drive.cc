@@ -44,7 +44,7 @@ class GoldCoastDrive : public FolderDataset {
   }
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration gold_coast_drive_registration({
     "gold_coast_drive",
     "Gold Coast drive: one 87 km drive from Brisbane to the Gold Coast, by motorway and streets",
     {},

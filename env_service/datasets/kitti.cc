@@ -11,7 +11,7 @@
 namespace citylearn {
 namespace {
 
-constexpr double kReach = 0.2;  // seconds; frames and OXTS packets come at 10 Hz
+constexpr double kKittiReach = 0.2;  // seconds; frames and OXTS packets come at 10 Hz
 
 /// "2011-09-26 13:02:25.967790592" as seconds since 1970.
 double seconds(const TextTable& table, int row) {
@@ -125,7 +125,7 @@ class Kitti : public FolderDataset {
       if (table.rows() != 1 || table.columns(0) < 2) throw Error("is not an OXTS packet of one line", path);
       rows.add(packets[packet], table.number(0, 0), table.number(0, 1));
     }
-    locate(traversal, rows, kReach);
+    locate(traversal, rows, kKittiReach);
     return traversal;
   }
 
@@ -163,7 +163,7 @@ class Kitti : public FolderDataset {
   int camera_;
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration kitti_registration({
     "kitti",
     "KITTI: drives around Karlsruhe, raw recordings and the odometry benchmark",
     {{"camera", "0 left grey, 1 right grey, 2 left colour, 3 right colour", 2, 0, 3, true}},

@@ -89,7 +89,7 @@ class MultilaneRoad : public FolderDataset {
   }
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration multilane_road_registration({
     "multilane_road",
     "Multi-Lane Road: a highway and a suburban avenue in several lanes by day and night, camera sideways",
     {},

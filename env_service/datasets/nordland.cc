@@ -12,7 +12,7 @@ namespace citylearn {
 namespace {
 
 const std::vector<std::string> kSeasons{"spring", "summer", "fall", "winter"};
-constexpr double kReach = 60;          ///< seconds before the first and after the last GPS row
+constexpr double kNordlandReach = 60;  ///< seconds before the first and after the last GPS row
 constexpr double kClockChange = 1800;  ///< seconds; the longest tunnel takes a few minutes
 
 bool tells(const std::string& name, const std::string& season) {
@@ -184,14 +184,14 @@ class Nordland : public FolderDataset {
       rows.add(elapsed, north, east);
     }
     if (rows.times.empty()) throw Error("has no positions", path);
-    locate(traversal, rows, kReach);
+    locate(traversal, rows, kNordlandReach);
   }
 
   double rate_;
   bool test_;
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration nordland_registration({
     "nordland",
     "Nordland railway: 729 km in four seasons, frame aligned",
     {{"rate", "pictures per second of film, where folders hold pictures", 1, 0.01, 60},

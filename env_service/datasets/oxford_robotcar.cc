@@ -36,7 +36,7 @@ constexpr char kForm[] = "0000-00-00-00-00-00";
 constexpr char kMicrosecondsForm[] = "0000000000000000";
 constexpr double kMicroseconds = 1e-6;
 /// A frame has a position when a measurement is as near, in seconds: the slowest (GPS) comes at 5 Hz.
-constexpr double kReach = 1.0;
+constexpr double kRobotCarReach = 1.0;
 
 /// The tags of the SDK's tags/ that describe how a place looks; the others describe the drive ("detour", "no-gps").
 const std::set<std::string> kAppearance = {"sun",  "clouds", "overcast", "partial", "rain",
@@ -165,7 +165,7 @@ class OxfordRobotcar : public FolderDataset {
       easting.push_back(table.number(row, "easting"));
     }
     const auto at = [&](const std::vector<double>& values) {
-      return interpolate(times, values, traversal.times, kReach);
+      return interpolate(times, values, traversal.times, kRobotCarReach);
     };
     if (times.empty()) return;
     traversal.latitude = at(latitude);
@@ -191,7 +191,7 @@ class OxfordRobotcar : public FolderDataset {
                        std::hypot(table.number(row, "x"), table.number(row, "y"), table.number(row, "z")));
     }
     if (times.empty()) return;
-    const std::vector<double> along = interpolate(times, metres, traversal.times, kReach);
+    const std::vector<double> along = interpolate(times, metres, traversal.times, kRobotCarReach);
     std::transform(along.begin(), along.end(), traversal.positions.begin(),
                    [](double m) { return static_cast<float>(m); });
   }
@@ -201,7 +201,7 @@ class OxfordRobotcar : public FolderDataset {
   int reduce_;
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration oxford_robotcar_registration({
     "oxford_robotcar",
     "Oxford RobotCar: drives of one route through Oxford over a year, in all weather",
     {{"camera", "0 stereo centre, 1 stereo left, 2 stereo right, 3 mono left, 4 mono right, 5 mono rear", 0, 0, 5,

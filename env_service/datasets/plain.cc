@@ -111,7 +111,7 @@ class Plain : public FolderDataset {
   }
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration plain_registration({
     "plain",
     "a folder (--data) of traversals: NAME.csv (one frame a line, comma-separated features, no header), a folder NAME "
     "of pictures, or a video NAME.mp4; NAME.poses.csv and matches.csv may give places",

@@ -11,7 +11,7 @@
 namespace citylearn {
 namespace {
 
-constexpr double kReach = 1.0;  // seconds
+constexpr double kStLuciaReach = 1.0;  // seconds
 
 /// UQ St Lucia (Warren, McKinnon, He, Upcroft, ACRA 2010): 9.5 km around the university by car, a stereo pair at 30 Hz.
 ///   <YYMMDD_HHMMSS>_MultiCamera0/cam0_image00000.bmp, cam1_image00000.bmp: raw Bayer (GBRG)
@@ -93,14 +93,14 @@ class StLucia : public FolderDataset {
       rows.add(time, north, east);
     }
     if (rows.times.empty()) throw Error("has no positions", path);
-    locate(traversal, rows, kReach);
+    locate(traversal, rows, kStLuciaReach);
   }
 
   int camera_;
   bool raw_;
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration st_lucia_registration({
     "st_lucia",
     "UQ St Lucia: 9.5 km around a university campus in Brisbane, stereo",
     {{"camera", "0 or 1 of the stereo pair", 0, 0, 1, true},

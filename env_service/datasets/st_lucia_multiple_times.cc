@@ -72,7 +72,7 @@ class StLuciaMultipleTimes : public FolderDataset {
   }
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration st_lucia_multiple_times_registration({
     "st_lucia_multiple_times",
     "St Lucia Multiple Times of Day: one suburban route driven ten times from morning to afternoon",
     {},

@@ -20,7 +20,7 @@ struct Link {
   int to = 0;
   double bearing = 0, metres = 0;  // degrees clockwise from north
 };
-struct Node {
+struct StreetNode {
   std::string id;
   double yaw = 0, latitude = 0, longitude = 0;  // yaw: heading of the panorama's middle column
   std::vector<Link> links;
@@ -94,7 +94,7 @@ class StreetLearn : public FolderDataset {
     std::vector<std::string> paths;
     std::vector<double> headings, latitude, longitude;
     for (const Step& step : walk(name, found->second)) {
-      const Node& node = nodes_[static_cast<std::size_t>(step.node)];
+      const StreetNode& node = nodes_[static_cast<std::size_t>(step.node)];
       const std::string file = first_file(folder_, {"panos/" + node.id + ".jpg", "panos/" + node.id + ".png"});
       paths.push_back(file.empty() ? below(folder_, "panos/" + node.id + ".jpg") : file);
       headings.push_back(step.heading - node.yaw);
@@ -119,11 +119,11 @@ class StreetLearn : public FolderDataset {
     const TextTable node_table(nodes, {',', false});
     for (int row = 0; row < node_table.rows(); ++row) {
       if (node_table.columns(row) != 4) node_table.fail(row, "not a panorama's id, yaw, latitude and longitude");
-      const Node node{std::string(node_table.text(row, 0)),
-                      node_table.number(row, 1),
-                      node_table.number(row, 2),
-                      node_table.number(row, 3),
-                      {}};
+      const StreetNode node{std::string(node_table.text(row, 0)),
+                            node_table.number(row, 1),
+                            node_table.number(row, 2),
+                            node_table.number(row, 3),
+                            {}};
       if (!index_.emplace(node.id, static_cast<int>(nodes_.size())).second)
         node_table.fail(row, "a second row for this id");
       nodes_.push_back(node);
@@ -131,9 +131,9 @@ class StreetLearn : public FolderDataset {
     const TextTable link_table(links, {',', false});
     for (int row = 0; row < link_table.rows(); ++row) {
       if (link_table.columns(row) != 3) link_table.fail(row, "not an id, a bearing and an id");
-      Node& from = nodes_[static_cast<std::size_t>(known(link_table, row, 0))];
+      StreetNode& from = nodes_[static_cast<std::size_t>(known(link_table, row, 0))];
       const int to = known(link_table, row, 2);
-      const Node& end = nodes_[static_cast<std::size_t>(to)];
+      const StreetNode& end = nodes_[static_cast<std::size_t>(to)];
       from.links.push_back(
           {to, link_table.number(row, 1), metres_between(from.latitude, from.longitude, end.latitude, end.longitude)});
     }
@@ -235,12 +235,12 @@ class StreetLearn : public FolderDataset {
   View view_;
   int wanted_;
   bool read_ = false;
-  std::vector<Node> nodes_;
+  std::vector<StreetNode> nodes_;
   std::map<std::string, int> index_;  // of nodes_, by id
   std::vector<std::pair<std::string, std::vector<int>>> routes_;
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration streetlearn_registration({
     "streetlearn",
     "StreetLearn: routes through a graph of street panoramas, exported as files",
     {{"fov", "field of view of the crop, degrees", 90, 30, 120},

@@ -249,7 +249,7 @@ class Synthetic : public Dataset {
   DrawnOptions drawn_;
 };
 
-const DatasetRegistry::Registration registration({
+const DatasetRegistry::Registration synthetic_registration({
     "synthetic",
     "a generated route: pictures of a drive under seven conditions, or features like real ones under four",
     {{"frames", "frames of the route", 1000, 2, msg::MAX_FRAMES, true},

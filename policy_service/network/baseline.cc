@@ -32,7 +32,7 @@ class Baseline : public LstmNetwork<S> {
   S scale_;
 };
 
-const NetworkRegistration<Baseline> registration{
+const NetworkRegistration<Baseline> baseline_registration{
     "baseline", "the paper's baseline: sees its position and the goal -> linear 512 -> LSTM 256",
     Baseline<NetworkScalar>::parameters(),
     Baseline<NetworkScalar>::recommended({{"agents", 16},

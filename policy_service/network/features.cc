@@ -40,24 +40,24 @@ class Features : public LstmNetwork<S> {
   S scale_, goal_scale_;
 };
 
-const NetworkRegistration<Features> registration{"features",
-                                                 "the paper's agent: frame features and goal -> linear 512 -> LSTM 256",
-                                                 Features<NetworkScalar>::parameters(),
-                                                 Features<NetworkScalar>::recommended({{"agents", 32},
-                                                                                       {"sequence", 32},
-                                                                                       {"steps", 360000},
-                                                                                       {"noise-frame", 0.5},
-                                                                                       {"noise-episode", 0.4},
-                                                                                       {"minibatch", 8},
-                                                                                       {"epochs", 2},
-                                                                                       {"relabel.epochs", 4},
-                                                                                       {"relabel.relabelled", 0.5},
-                                                                                       {"relabel.entropy", 0.01},
-                                                                                       {"relabel.steps", 120000},
-                                                                                       {"learning-rate", 1.5e-3},
-                                                                                       {"gamma", 0.93},
-                                                                                       {"lambda", 0.8},
-                                                                                       {"localisation", 3}})};
+const NetworkRegistration<Features> features_registration{
+    "features", "the paper's agent: frame features and goal -> linear 512 -> LSTM 256",
+    Features<NetworkScalar>::parameters(),
+    Features<NetworkScalar>::recommended({{"agents", 32},
+                                          {"sequence", 32},
+                                          {"steps", 360000},
+                                          {"noise-frame", 0.5},
+                                          {"noise-episode", 0.4},
+                                          {"minibatch", 8},
+                                          {"epochs", 2},
+                                          {"relabel.epochs", 4},
+                                          {"relabel.relabelled", 0.5},
+                                          {"relabel.entropy", 0.01},
+                                          {"relabel.steps", 120000},
+                                          {"learning-rate", 1.5e-3},
+                                          {"gamma", 0.93},
+                                          {"lambda", 0.8},
+                                          {"localisation", 3}})};
 
 }  // namespace
 }  // namespace citylearn

@@ -11,6 +11,7 @@
 namespace citylearn {
 
 inline constexpr double kMasked = -1e9;  ///< logit of an action that is not allowed
+inline constexpr double kStretch = 3;  ///< scalars of networks are stored divided by this: they learn that much faster
 
 /// Lays tensors one after another into the flat vector of parameters.
 class TensorLayout {

@@ -200,8 +200,6 @@ class PlaceFilter : public AgentNetwork<S> {
     std::uint8_t way;
   };
   static constexpr Way kWays[] = {{0, kByNext}, {1, kByPrevious}, {kInputs, kByTurning}};
-  static constexpr double kStretch =
-      3;  ///< scalars are stored divided by this: their learning rate is that much larger
   static constexpr std::uint8_t kInside = 0b111, kFirstPlace = 0b011, kLastPlace = 0b101;  ///< actions allowed there
 
   struct Scalars {
@@ -291,7 +289,7 @@ class PlaceFilter : public AgentNetwork<S> {
   std::size_t scalars_, weights1_, bias1_, weights2_, bias2_, weights3_, bias3_;
 };
 
-const NetworkRegistration<PlaceFilter> registration{
+const NetworkRegistration<PlaceFilter> place_filter_registration{
     "place_filter",
     "a differentiable Bayes filter over the training route's places with a decision head",
     PlaceFilter<NetworkScalar>::parameters(),

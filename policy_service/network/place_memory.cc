@@ -94,7 +94,6 @@ class PlaceMemory : public LstmNetwork<S> {
 
  private:
   enum { kPlace, kWay, kBefore, kAfter, kSharpness, kGoal, kSensors };
-  static constexpr double kStretch = 3;  ///< the scalar is stored divided by this: it learns that much faster
 
   struct Attention : Work {
     Matrix<S> similarity, weights;  // places in use x U
@@ -119,7 +118,7 @@ class PlaceMemory : public LstmNetwork<S> {
   std::size_t sharpness_;
 };
 
-const NetworkRegistration<PlaceMemory> registration{
+const NetworkRegistration<PlaceMemory> place_memory_registration{
     "place_memory",
     "attention over the training route's places in front of an LSTM; place_filter learns faster and generalises better",
     PlaceMemory<NetworkScalar>::parameters(),

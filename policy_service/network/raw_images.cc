@@ -207,22 +207,23 @@ class RawImages : public LstmNetwork<S> {
   std::size_t weights1_, bias1_, weights2_, bias2_;
 };
 
-const NetworkRegistration<RawImages> registration{"raw_images",
-                                                  "the paper's agent that learns to see: 84 x 84 pixels in colour -> "
-                                                  "two convolutions, with the goal -> linear 512 -> "
-                                                  "LSTM 256",
-                                                  RawImages<NetworkScalar>::parameters(),
-                                                  RawImages<NetworkScalar>::recommended({{"agents", 32},
-                                                                                         {"sequence", 64},
-                                                                                         {"steps", 200000},
-                                                                                         {"noise-frame", 0},
-                                                                                         {"noise-episode", 0},
-                                                                                         {"minibatch", 16},
-                                                                                         {"epochs", 2},
-                                                                                         {"learning-rate", 1e-3},
-                                                                                         {"gamma", 0.9},
-                                                                                         {"lambda", 0.8},
-                                                                                         {"localisation", 3}})};
+const NetworkRegistration<RawImages> raw_images_registration{
+    "raw_images",
+    "the paper's agent that learns to see: 84 x 84 pixels in colour -> "
+    "two convolutions, with the goal -> linear 512 -> "
+    "LSTM 256",
+    RawImages<NetworkScalar>::parameters(),
+    RawImages<NetworkScalar>::recommended({{"agents", 32},
+                                           {"sequence", 64},
+                                           {"steps", 200000},
+                                           {"noise-frame", 0},
+                                           {"noise-episode", 0},
+                                           {"minibatch", 16},
+                                           {"epochs", 2},
+                                           {"learning-rate", 1e-3},
+                                           {"gamma", 0.9},
+                                           {"lambda", 0.8},
+                                           {"localisation", 3}})};
 
 }  // namespace
 }  // namespace citylearn

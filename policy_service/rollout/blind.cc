@@ -27,7 +27,7 @@ class Blind : public Policy {
   std::vector<std::uint8_t> heading_;
 };
 
-const ControlRegistry::Registration registration({
+const ControlRegistry::Registration blind_registration({
     "blind",
     "ignores the images: walks towards the goal's half, turns round at the end",
     {},

@@ -104,7 +104,7 @@ class SequenceFilter : public Policy {
   std::map<int, std::vector<int>> distances_;  ///< by goal, on a map
 };
 
-const ControlRegistry::Registration registration({
+const ControlRegistry::Registration sequence_filter_registration({
     "sequence_filter",
     "Bayes filter over the training traversal's places, nothing learned, then the heavier side",
     {{"sigma", "standard deviation of the distance between features of one place", 0.3, 0.01, 10}},

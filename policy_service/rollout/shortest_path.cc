@@ -39,7 +39,7 @@ class ShortestPath : public Policy {
   std::map<int, std::vector<int>> distances_;  ///< by goal
 };
 
-const ControlRegistry::Registration registration({
+const ControlRegistry::Registration shortest_path_registration({
     "shortest_path",
     "knows its true position: the bound",
     {},

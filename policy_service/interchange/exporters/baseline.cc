@@ -4,7 +4,7 @@
 namespace citylearn {
 namespace {
 
-const AgentGraphRegistry::Registration registration{
+const AgentGraphRegistry::Registration baseline_registration{
     {"baseline", "as networks/baseline.cc", {}, [](const Parameters& parameters, const TrainedAgent& agent) {
        auto graph = std::make_unique<AgentGraph>(agent);
        const OnnxValue sensed = graph->concat({destination(graph->position(), agent.task.frames, parameters["scale"]),

@@ -4,7 +4,7 @@
 namespace citylearn {
 namespace {
 
-const AgentGraphRegistry::Registration registration{
+const AgentGraphRegistry::Registration features_registration{
     {"features", "as networks/features.cc", {}, [](const Parameters& parameters, const TrainedAgent& agent) {
        auto graph = std::make_unique<AgentGraph>(agent);
        const OnnxValue sensed =

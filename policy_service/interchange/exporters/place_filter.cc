@@ -7,7 +7,6 @@
 namespace citylearn {
 namespace {
 
-constexpr double kStretch = 3;                                         // as in networks/place_filter.cc
 enum { kFeatureScale, kMaskScale, kPersistence, kFloor, kGoalScale };  // rows of filter.scalars
 
 /// As networks/place_filter.cc.
@@ -59,7 +58,7 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters&, const Trained
   return graph;
 }
 
-const AgentGraphRegistry::Registration registration{
+const AgentGraphRegistry::Registration place_filter_registration{
     {"place_filter", "as networks/place_filter.cc", {}, export_place_filter}};
 
 }  // namespace

@@ -7,8 +7,6 @@
 namespace citylearn {
 namespace {
 
-constexpr double kStretch = 3;  // as in networks/place_memory.cc
-
 /// As networks/place_memory.cc.
 std::unique_ptr<AgentGraph> export_place_memory(const Parameters& parameters, const TrainedAgent& agent) {
   auto graph = std::make_unique<AgentGraph>(agent);
@@ -28,7 +26,7 @@ std::unique_ptr<AgentGraph> export_place_memory(const Parameters& parameters, co
   return graph;
 }
 
-const AgentGraphRegistry::Registration registration{
+const AgentGraphRegistry::Registration place_memory_registration{
     {"place_memory", "as networks/place_memory.cc", {}, export_place_memory}};
 
 }  // namespace

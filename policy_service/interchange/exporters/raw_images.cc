@@ -39,7 +39,8 @@ std::unique_ptr<AgentGraph> export_raw_images(const Parameters& parameters, cons
   return graph;
 }
 
-const AgentGraphRegistry::Registration registration{{"raw_images", "as networks/raw_images.cc", {}, export_raw_images}};
+const AgentGraphRegistry::Registration raw_images_registration{
+    {"raw_images", "as networks/raw_images.cc", {}, export_raw_images}};
 
 }  // namespace
 }  // namespace citylearn

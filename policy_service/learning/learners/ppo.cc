@@ -10,8 +10,6 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kShuffle = 2;  // of a random stream
-
 /// Proximal policy optimisation (Schulman et al., 2017) for recurrent networks: minibatches of whole sequences,
 /// gradients through each from the recurrent state it was collected with.
 class Ppo : public Learner {
@@ -119,7 +117,7 @@ class Ppo : public Learner {
   GradientStep gradient_step_;
 };
 
-const LearnerRegistry::Registration registration{
+const LearnerRegistry::Registration ppo_registration{
     {"ppo", "recurrent proximal policy optimisation with Adam", Ppo::parameter_specs(),
      [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
        return std::make_unique<Ppo>(parameters, task);

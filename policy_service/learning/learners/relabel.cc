@@ -6,8 +6,6 @@
 namespace citylearn {
 namespace {
 
-enum Purpose : std::uint64_t { kShuffle = 2, kRelabel = 3 };  // of a random stream
-
 /// Learns from what its agents did as if they had meant to go elsewhere: hindsight experience replay (Andrychowicz et
 /// al., 2017) for policy gradients (Rauber et al., 2019). The last sequences are kept and lived again with other goals,
 /// for which the rewards are known exactly; what the present policy would have done with those goals is corrected for
@@ -125,7 +123,7 @@ class Relabel : public Learner {
   VtraceGradientStep vtrace_;
 };
 
-const LearnerRegistry::Registration registration{
+const LearnerRegistry::Registration relabel_registration{
     {"relabel", "hindsight: replays stored episodes with substituted goals, corrected by V-trace",
      Relabel::parameter_specs(), [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
        return std::make_unique<Relabel>(parameters, task);

@@ -17,13 +17,12 @@
 #include "core/wire/messages.h"
 #include "policy_service/learning/learner.h"
 #include "policy_service/learning/optimization/advantages.h"
+#include "policy_service/learning/optimization/random_streams.h"
 #include "policy_service/learning/optimization/saved_state.h"
 #include "policy_service/learning/optimization/sequences.h"
 
 namespace citylearn {
 namespace {
-
-enum Purpose : std::uint64_t { kInitialise = 1, kShuffle = 2 };  // of a random stream; those of ppo
 
 const std::string kWho = "learner torch_ppo";
 
@@ -390,7 +389,7 @@ class TorchPpo : public Learner {
   std::vector<Sequence> sequences_;
 };
 
-const LearnerRegistry::Registration registration{
+const LearnerRegistry::Registration torch_ppo_registration{
     {"torch_ppo", "ppo in libtorch, for the networks features and baseline", TorchPpo::parameter_specs(),
      [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
        return in_torch([&] { return std::make_unique<TorchPpo>(parameters, task); });

@@ -4,8 +4,6 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kShuffle = 2;  // of a random stream
-
 /// The learner of IMPALA (Espeholt et al., 2018) for recurrent networks: an actor-critic that corrects for what its
 /// samples were collected by older parameters, whether these come from actors that lag or from earlier passes.
 class Vtrace : public Learner {
@@ -63,7 +61,7 @@ class Vtrace : public Learner {
   VtraceGradientStep vtrace_;
 };
 
-const LearnerRegistry::Registration registration{
+const LearnerRegistry::Registration vtrace_registration{
     {"vtrace", "recurrent off-policy actor-critic of IMPALA", Vtrace::parameter_specs(),
      [](const Parameters& parameters, const LearnerTask& task) -> std::unique_ptr<Learner> {
        return std::make_unique<Vtrace>(parameters, task);

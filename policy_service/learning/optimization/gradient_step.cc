@@ -4,11 +4,7 @@
 #include "policy_service/learning/optimization/saved_state.h"
 
 namespace citylearn {
-namespace {
-
-constexpr std::uint64_t kInitialise = 1;  // of a random stream
-
-}  // namespace
+namespace {}  // namespace
 
 GradientStep::GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task)
     : name_("learner " + name),

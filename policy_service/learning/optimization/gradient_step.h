@@ -11,6 +11,7 @@
 
 #include "policy_service/learning/optimization/adam.h"
 #include "policy_service/learning/optimization/loss_parts.h"
+#include "policy_service/learning/optimization/random_streams.h"
 
 namespace citylearn {
 
