@@ -103,7 +103,8 @@ std::string results_csv(const std::vector<Row>& rows) {
       names += (names.empty() ? "" : ",") + name;
       values += (values.empty() ? "" : ",") + cell(value);
     };
-    for (const auto& [name, value] : json_of(row).items())
+    const Json json = json_of(row);
+    for (const auto& [name, value] : json.items())
       if (value.is_array()) {
         const std::string of = name.substr(0, name.rfind('_'));  // "auc_interval": auc_low, auc_high
         add(of + "_low", value[0]);
