@@ -10,10 +10,8 @@
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::contains;
 
 using Entry = DatasetRegistry::Entry;
 
@@ -74,7 +72,7 @@ TEST_P(Datasets, AskForDataWhenNoneAreGiven) {
 
 TEST_P(DatasetsOfFiles, KnowAnEmptyFolderIsNotTheirs) {
   const Entry& entry = *GetParam();
-  const testing::Folder empty;
+  const Folder empty;
   for (const std::string& folder : {empty.path(), empty / "missing"}) {
     const std::unique_ptr<Dataset> dataset = create(entry, folder);
     try {
@@ -96,7 +94,7 @@ TEST_P(DatasetsOfFiles, KnowAnEmptyFolderIsNotTheirs) {
 /// A picture and a text below folders of no layout, and a file where a folder should be.
 TEST_P(DatasetsOfFiles, KnowAFolderOfOtherThingsIsNotTheirs) {
   const Entry& entry = *GetParam();
-  const testing::Folder other;
+  const Folder other;
   std::filesystem::create_directories(other / "letters/2014");
   std::ofstream(other / "letters/2014/to-anna.txt") << "Dear Anna";
   std::ofstream(other / "notes.md") << "# Notes";
@@ -111,4 +109,4 @@ INSTANTIATE_TEST_SUITE_P(All, Datasets, ::testing::ValuesIn(all()), name_of);
 INSTANTIATE_TEST_SUITE_P(All, DatasetsOfFiles, ::testing::ValuesIn(all_of_files()), name_of);
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -5,10 +5,8 @@
 #include "encoder_service/encoding/encoder.h"
 #include "tests/support/sample_pictures.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::drawn_picture;
 
 /// Encoders that need a network's file are tested with theirs.
 std::vector<std::string> names() {
@@ -137,4 +135,4 @@ INSTANTIATE_TEST_SUITE_P(Encoders, EncoderContract, ::testing::ValuesIn(names())
                          [](const auto& test) { return test.param; });
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -5,10 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cctype>
-#include <cmath>
 #include <cstdlib>
-#include <limits>
 
 #include "policy_service/learning/trainer.h"
 #include "policy_service/network/checkpoint.h"
@@ -29,7 +26,7 @@ extern "C" void* malloc(std::size_t size) {
 }
 #endif
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 using Entry = LearnerRegistry::Entry;
@@ -140,7 +137,7 @@ TEST_P(Learners, AllocateNothingOnceWarm) {
       entry().create(Parameters(entry().name, entry().parameters, known({{"minibatch", 3}, {"replay", 100}})),
                      LearnerTask{*network, "features", network_parameters, task, 1, 100000});
   for (std::uint64_t i = 0; i < 20; ++i) {
-    Rollout rollout = testing::random_rollout(task, network->state_size(), {i});
+    Rollout rollout = random_rollout(task, network->state_size(), {i});
     Rollout* const one[] = {&rollout};
     const std::size_t before = allocations;
     learner->update(one);
@@ -168,4 +165,4 @@ TEST_P(Learners, LearnTheSmallCity) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

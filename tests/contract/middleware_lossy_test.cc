@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The lossy decorator loses, repeats and reorders as much as it says, and the same again for the same seed.
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cstring>
 #include <set>
 
 #include "core/dds/middleware.h"
+#include "tests/support/options.h"
 
 namespace citylearn {
 namespace {
@@ -15,10 +15,7 @@ constexpr std::uint32_t kDomain = 105;
 constexpr std::uint32_t kSamples = 4000;
 
 std::vector<std::uint32_t> through(const std::string& name) {
-  MiddlewareOptions options;
-  options.name = name;
-  options.domain = kDomain;
-  const auto middleware = create_middleware(options);
+  const auto middleware = create_middleware(testing::middleware_options(name, kDomain));
   const Topic topic{"test/lossy", "citylearn::test::Bytes", Profile::kStream, 8};
   const auto publisher = middleware->create_publisher(topic);
   const auto subscription = middleware->create_subscription(topic);

@@ -9,13 +9,12 @@
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
 #include "core/wire/node.h"
+#include "tests/support/options.h"
 #include "tests/support/text.h"
 #include "tests/support/wait.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::contains;
 
 constexpr std::uint32_t kDomain = 103;
 constexpr std::uint32_t kFullDomain = 104;
@@ -23,23 +22,13 @@ constexpr std::uint32_t kMeetingDomain = 64;
 
 std::string start_error(MiddlewareOptions options) {
   const Clock::time_point begin = Clock::now();
-  std::string line;
-  try {
-    create_middleware(options);
-  } catch (const Error& error) {
-    line = error.what();
-  }
-  EXPECT_LT(Clock::now() - begin, std::chrono::seconds(5 * testing::kSlowness));
+  const std::string line = error_of([&] { create_middleware(options); });
+  EXPECT_LT(Clock::now() - begin, seconds(5 * kSlowness));
   EXPECT_FALSE(contains(line, "\n"));
   return line;
 }
 
-MiddlewareOptions options_of(const std::string& name) {
-  MiddlewareOptions options;
-  options.name = name;
-  options.domain = kDomain;
-  return options;
-}
+MiddlewareOptions options_of(const std::string& name) { return middleware_options(name, kDomain); }
 
 TEST(Start, UnknownNamesListTheKnown) {
   EXPECT_EQ(start_error(options_of("opensplice")),
@@ -162,11 +151,11 @@ TEST_P(Vendor, TheOthersAreKnownByNameVendorAndAddress) {
           return true;
       return false;
     };
-    EXPECT_TRUE(testing::eventually(*one, [&] { return met(*one, "the other", other); })) << other;
-    EXPECT_TRUE(testing::eventually(*two, [&] { return met(*two, "one", GetParam()); })) << other;
+    EXPECT_TRUE(eventually(*one, [&] { return met(*one, "the other", other); })) << other;
+    EXPECT_TRUE(eventually(*two, [&] { return met(*two, "one", GetParam()); })) << other;
     EXPECT_FALSE(met(*one, "one", GetParam())) << "itself";
   }
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -12,12 +12,11 @@
 
 #include "core/util/error.h"
 #include "core/wire/node.h"
+#include "tests/support/options.h"
 #include "tests/support/wait.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::eventually;
 
 constexpr std::uint32_t kDomain = 101;
 constexpr std::uint32_t kOtherDomain = 102;
@@ -43,11 +42,7 @@ std::uint32_t number_of(const Bytes& bytes) { return word(bytes, 8); }
 class AnyMiddleware : public ::testing::TestWithParam<std::string> {
  protected:
   static std::unique_ptr<Middleware> make(const std::string& participant, std::uint32_t domain = kDomain) {
-    MiddlewareOptions options;
-    options.name = GetParam();
-    options.domain = domain;
-    options.participant = participant;
-    return create_middleware(options);
+    return create_middleware(middleware_options(GetParam(), domain, participant));
   }
   /// A topic of this test in this process alone: tests run side by side.
   static Topic topic(Profile profile = Profile::kStream, std::size_t largest = 4096,
@@ -56,6 +51,9 @@ class AnyMiddleware : public ::testing::TestWithParam<std::string> {
     std::string name = "test/" + std::string(test->name()) + "/" + std::to_string(getpid());
     std::replace(name.begin(), name.end(), ':', '_');
     return {name, type, profile, largest};
+  }
+  static NodeOptions node(const std::string& id, const std::string& session) {
+    return {middleware_options(GetParam(), kDomain), "test", id, unique(session)};
   }
   static std::string unique(const std::string& name) { return name + "-" + std::to_string(getpid()); }
 
@@ -105,10 +103,10 @@ TEST_P(AnyMiddleware, DeliversBothWaysWhenSentAgain) {
     bool done = false;
     EXPECT_TRUE(eventually(*a, [&] {
       ask->publish(payload(1, number));
-      b->wait(Clock::now() + std::chrono::milliseconds(20));
+      b->wait(Clock::now() + milliseconds(20));
       while (asked->take(sample)) answer->publish(sample);
       b->wait(Clock::now());
-      a->wait(Clock::now() + std::chrono::milliseconds(20));
+      a->wait(Clock::now() + milliseconds(20));
       while (answered->take(sample)) done = done || sample == payload(1, number);
       return done;
     }));
@@ -125,7 +123,7 @@ TEST_P(AnyMiddleware, LargeSamplesArriveWhenSentAgain) {
   EXPECT_TRUE(eventually(*b, [&] {
     if (Clock::now() >= send) {
       publisher->publish(payload(1, 7, size));
-      send = Clock::now() + std::chrono::milliseconds(500);
+      send = Clock::now() + milliseconds(500);
     }
     a->wait(Clock::now());
     return subscription->take(sample);
@@ -143,7 +141,7 @@ TEST_P(AnyMiddleware, EverySizeArrivesWhole) {
     EXPECT_TRUE(eventually(*b, [&] {
       publisher->publish(payload(1, static_cast<std::uint32_t>(size), size));
       a->wait(Clock::now());
-      b->wait(Clock::now() + std::chrono::milliseconds(50));
+      b->wait(Clock::now() + milliseconds(50));
       while (subscription->take(sample))
         if (number_of(sample) == size) return true;
       return false;
@@ -179,10 +177,10 @@ TEST_P(AnyMiddleware, WaitEndsAtTheDeadline) {
   const auto subscription = a->create_subscription(topic());
   Bytes sample;
   EXPECT_FALSE(subscription->take(sample));
-  const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(30);
+  const Clock::time_point deadline = Clock::now() + milliseconds(30);
   EXPECT_FALSE(a->wait(deadline));
   EXPECT_GE(Clock::now(), deadline);
-  EXPECT_FALSE(a->wait(Clock::now() - std::chrono::seconds(1)));
+  EXPECT_FALSE(a->wait(Clock::now() - seconds(1)));
 }
 
 TEST_P(FaithfulMiddleware, WaitEndsWhenASampleComes) {
@@ -191,7 +189,7 @@ TEST_P(FaithfulMiddleware, WaitEndsWhenASampleComes) {
   ASSERT_TRUE(eventually(*a, [&] { return publisher->matched() == 1 && subscription->matched() == 1; }));
   std::thread writer([&] { publisher->publish(payload(1, 1)); });
   Bytes sample;
-  while (!subscription->take(sample)) ASSERT_TRUE(a->wait(Clock::now() + testing::kPatience));
+  while (!subscription->take(sample)) ASSERT_TRUE(a->wait(Clock::now() + kPatience));
   writer.join();
   EXPECT_EQ(number_of(sample), 1u);
 }
@@ -203,7 +201,7 @@ TEST_P(FaithfulMiddleware, WaitIsTrueWhileSomethingIsLeft) {
   for (std::uint32_t number = 0; number < 10; ++number) publisher->publish(payload(1, number));
   Bytes sample;
   for (std::uint32_t number = 0; number < 10; ++number) {
-    while (!subscription->take(sample)) ASSERT_TRUE(a->wait(Clock::now() + testing::kPatience));
+    while (!subscription->take(sample)) ASSERT_TRUE(a->wait(Clock::now() + kPatience));
     EXPECT_EQ(number_of(sample), number);
   }
   EXPECT_FALSE(subscription->take(sample));
@@ -276,8 +274,8 @@ TEST_P(AnyMiddleware, ADifferentTypeIsAFaultToldOnceOnEachSide) {
         if (line.find(topic().name + ":") != std::string::npos) lines->push_back(line);
     return !at_a.empty() && !at_b.empty();
   };
-  EXPECT_TRUE(eventually(*a, look, std::chrono::seconds(5 * testing::kSlowness)));
-  a->wait(Clock::now() + std::chrono::milliseconds(100));
+  EXPECT_TRUE(eventually(*a, look, seconds(5 * kSlowness)));
+  a->wait(Clock::now() + milliseconds(100));
   look();
   EXPECT_EQ(at_a, std::vector<std::string>{"topic " + topic().name +
                                            ": 'b' reads type citylearn::test::That, expected citylearn::test::This"});
@@ -310,27 +308,18 @@ TEST_P(AnyMiddleware, ComesAndGoesUnderTraffic) {
 }
 
 TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
-  const auto options = [](const std::string& id, const std::string& run) {
-    Node::Options made;
-    made.middleware.name = GetParam();
-    made.middleware.domain = kDomain;
-    made.service = "test";
-    made.id = id;
-    made.session = unique(run);
-    return made;
-  };
-  Node one(options("one", "run")), two(options("two", "run")), foreign(options("foreign", "other"));
+  Node one(node("one", "run")), two(node("two", "run")), foreign(node("foreign", "other"));
   one.create_reader<msg::TaskSettings>();
   two.create_reader<msg::TaskSettings>();
   msg::TaskSettings sent, received;
   sent.environment("two");
   std::set<std::string> seen;
-  const Clock::time_point deadline = Clock::now() + testing::kPatience;
+  const Clock::time_point deadline = Clock::now() + kPatience;
   while (seen.size() < 2 && Clock::now() < deadline) {
     one.publish(sent);
     foreign.publish(sent);
     two.publish(sent);
-    for (Node* node : {&one, &two, &foreign}) node->wait(Clock::now() + std::chrono::milliseconds(5));
+    for (Node* node : {&one, &two, &foreign}) node->wait(Clock::now() + milliseconds(5));
     while (two.take(received)) {
       EXPECT_EQ(received.header().session().to_string(), unique("run"));
       EXPECT_EQ(received.header().sender().to_string(), "one");
@@ -347,53 +336,35 @@ TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
 }
 
 TEST_P(AnyMiddleware, NodesRejectWhatIsNoMessage) {
-  Node::Options options;
-  options.middleware.name = GetParam();
-  options.middleware.domain = kDomain;
-  options.service = "test";
-  options.id = "reader";
-  options.session = unique("reject");
-  Node node(options);
-  node.create_reader<msg::Action>();
+  Node reader(node("reader", "reject"));
+  reader.create_reader<msg::Action>();
   const auto publisher = a->create_publisher(topic_of<msg::Action>());
   msg::Action action;
-  const Clock::time_point deadline = Clock::now() + testing::kPatience;
-  while (node.traffic.rejected == 0 && Clock::now() < deadline) {
+  const auto turn = [&] {
     publisher->publish(payload(1, 1));
     a->wait(Clock::now());
-    node.wait(Clock::now() + std::chrono::milliseconds(20));
-    while (node.take(action)) {
-    }
-  }
-  EXPECT_GT(node.traffic.rejected, 0u);
+    reader.wait(Clock::now() + milliseconds(20));
+    while (reader.take(action)) continue;
+  };
+  EXPECT_TRUE(eventually(turn, [&] { return reader.traffic.rejected > 0; }));
 }
 
 TEST_P(AnyMiddleware, NodesSendHeartbeatsAndChangesOfState) {
-  const auto make_node = [](const std::string& id) {
-    Node::Options options;
-    options.middleware.name = GetParam();
-    options.middleware.domain = kDomain;
-    options.service = "test";
-    options.id = id;
-    options.session = unique("heartbeat");
-    return std::make_unique<Node>(options);
-  };
-  const auto sender = make_node("sender"), watcher = make_node("watcher");
-  watcher->create_reader<msg::ServiceStatus>();
-  sender->report(msg::RUNNING, "counting", 5);
+  Node sender(node("sender", "heartbeat")), watcher(node("watcher", "heartbeat"));
+  watcher.create_reader<msg::ServiceStatus>();
+  sender.report(msg::RUNNING, "counting", 5);
   msg::ServiceStatus status, taken;
   std::set<std::uint64_t> heartbeats;
-  const Clock::time_point deadline = Clock::now() + testing::kPatience;
-  while (heartbeats.size() < 2 && Clock::now() < deadline) {
-    sender->wait(Clock::now() + std::chrono::milliseconds(20));
-    watcher->wait(Clock::now() + std::chrono::milliseconds(20));
-    while (watcher->take(taken)) {
+  const auto turn = [&] {
+    sender.wait(Clock::now() + milliseconds(20));
+    watcher.wait(Clock::now() + milliseconds(20));
+    while (watcher.take(taken)) {
       if (taken.service_state() != msg::RUNNING) continue;
       status = taken;
       heartbeats.insert(status.header().message());
     }
-  }
-  EXPECT_GE(heartbeats.size(), 2u);
+  };
+  EXPECT_TRUE(eventually(turn, [&] { return heartbeats.size() >= 2; }));
   EXPECT_EQ(status.service().to_string(), "test");
   EXPECT_EQ(status.activity().to_string(), "counting");
   EXPECT_EQ(status.process(), static_cast<std::uint32_t>(getpid()));
@@ -401,4 +372,4 @@ TEST_P(AnyMiddleware, NodesSendHeartbeatsAndChangesOfState) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

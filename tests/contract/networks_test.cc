@@ -7,10 +7,8 @@
 #include "tests/support/small_networks.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::contains;
 
 using Entry = NetworkRegistry<double>::Entry;
 
@@ -156,4 +154,4 @@ TEST(RawImages, RefusesWhatIsNoPicture) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cmath>
-
 #include "core/util/random.h"
 #include "core/wire/messages.h"
 #include "policy_service/network/agent_network.h"

@@ -3,10 +3,10 @@
 #include <gtest/gtest.h>
 
 #include <cstdio>
-#include <filesystem>
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "tests/paths.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 #include "tests/support/trial.h"
@@ -14,10 +14,7 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::seconds;
 using Json = nlohmann::json;
-
-constexpr seconds kLong{120};
 
 struct Result {
   double completed = -1, spl = -1;
@@ -26,8 +23,7 @@ struct Result {
 /// What the learner printed, by "traversal" or "traversal, shuffled".
 std::map<std::string, Result> results(const std::string& output) {
   std::map<std::string, Result> found;
-  std::istringstream lines(output);
-  for (std::string line; std::getline(lines, line);) {
+  for (const std::string& line : lines_of(output)) {
     const std::size_t colon = line.find(": ");
     int tasks;
     Result result;
@@ -100,8 +96,7 @@ TEST_P(Foreign, WelcomesAnEnvServiceBackAndAcknowledgesEveryEpisode) {
   ASSERT_EQ(foreign->wait(kLong), 0) << foreign->output();
   EXPECT_EQ(results(foreign->output()).size(), 2u) << foreign->output();
   for (Service* env : {summer.get(), fall.get()}) {
-    env->send(SIGTERM);
-    ASSERT_EQ(env->wait(seconds(5)), 0);
+    ASSERT_EQ(env->end(SIGTERM, seconds(5)), 0);
     EXPECT_TRUE(contains(env->output(), "all acknowledged"));
   }
 }

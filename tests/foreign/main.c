@@ -16,21 +16,21 @@ typedef struct Agent {
   double* belief;     // over the places
 } Agent;
 
-typedef struct Forager {
+typedef struct Learner {
   int places, dimension, first_frame;
-  float sharpness;                 // of the filter, see ready()
-  double* look;                    // places x dimension: sums of what was seen
+  float sharpness;                 // of the filter, see estimate()
+  double* appearance;              // places x dimension: sums of what was seen
   double* visits;                  // places
   double moves[kActions][kMoves];  // counts
   double chance[kActions][kMoves];
   Agent* agent;
   double* scratch;                 // places
-  uint64_t ticks, enough, random;  // observations learned from, and how many that shall be
-  // Of the evaluation under way, by task.
+  uint64_t ticks, enough, random;  // observations learned from, and how many are wanted
+  // The current evaluation, by task.
   uint32_t tasks, finished;
   bool* known;
   double completed, spl;
-} Forager;
+} Learner;
 
 static void* zeroed(size_t count, size_t size) {
   void* memory = calloc(count, size);
@@ -38,7 +38,7 @@ static void* zeroed(size_t count, size_t size) {
   return memory;
 }
 
-static uint32_t draw(Forager* self, uint32_t bound) {  // xorshift64*
+static uint32_t draw(Learner* self, uint32_t bound) {  // xorshift64*
   self->random ^= self->random >> 12;
   self->random ^= self->random << 25;
   self->random ^= self->random >> 27;
@@ -46,7 +46,7 @@ static uint32_t draw(Forager* self, uint32_t bound) {  // xorshift64*
 }
 
 // Place on the route of a frame on the traversal.
-static int place_of(const Forager* self, uint32_t frame) {
+static int place_of(const Learner* self, uint32_t frame) {
   if (frame < (uint32_t)self->first_frame || frame - (uint32_t)self->first_frame >= (uint32_t)self->places)
     fail("frame %u is not on the route", frame);
   return (int)(frame - (uint32_t)self->first_frame);
@@ -58,21 +58,21 @@ static bool allowed(const citylearn_msg_Observation* seen, uint32_t agent, int a
 
 // ---- Learning -------------------------------------------------------------------------------------------------------
 
-static void explore(void* context, const Seat* seat, const citylearn_msg_Observation* seen, uint8_t* choice) {
-  Forager* self = context;
-  memset(choice, kStay, seat->agents);
+static void explore(void* context, const EnvService* env, const citylearn_msg_Observation* seen, uint8_t* choice) {
+  Learner* self = context;
+  memset(choice, kStay, env->agents);
   if (self->ticks == self->enough) return;
-  for (uint32_t i = 0; i < seat->agents; ++i) {
+  for (uint32_t i = 0; i < env->agents; ++i) {
     Agent* agent = &self->agent[i];
     const int place = place_of(self, seen->position._buffer[i]);
     const float* features = seen->features._buffer + (size_t)i * seen->feature_dimension;
     self->visits[place] += 1;
-    for (int k = 0; k < self->dimension; ++k) self->look[place * self->dimension + k] += features[k];
+    for (int k = 0; k < self->dimension; ++k) self->appearance[place * self->dimension + k] += features[k];
     const int before = seen->previous_action._buffer[i];
     const int move = place - agent->place;
     if (before < kActions && abs(move) <= 1) self->moves[before][move + 1] += 1;
     agent->place = place;
-    // Keeps up an action for a while: a walk of independent steps would hardly leave its place.
+    // Repeats an action for a while: independent random steps would hardly leave the place.
     if (draw(self, 24) == 0) agent->action = (int)draw(self, kActions);
     while (!allowed(seen, i, agent->action)) agent->action = (int)draw(self, kActions);
     choice[i] = (uint8_t)agent->action;
@@ -80,15 +80,15 @@ static void explore(void* context, const Seat* seat, const citylearn_msg_Observa
   ++self->ticks;
 }
 
-static void ignore_episode(void* context, const Seat* seat, const citylearn_msg_EpisodeStat* episode) {
-  (void)context, (void)seat, (void)episode;
+static void ignore_episode(void* context, const EnvService* env, const citylearn_msg_EpisodeStat* episode) {
+  (void)context, (void)env, (void)episode;
 }
 
-// Turns counts into means and chances.
-static void ready(Forager* self) {
+// Turns counts into means and probabilities.
+static void estimate(Learner* self) {
   for (int place = 0; place < self->places; ++place) {
     if (self->visits[place] == 0) fail("frame %d was never seen: explore for more --ticks", place + self->first_frame);
-    for (int k = 0; k < self->dimension; ++k) self->look[place * self->dimension + k] /= self->visits[place];
+    for (int k = 0; k < self->dimension; ++k) self->appearance[place * self->dimension + k] /= self->visits[place];
   }
   for (int action = 0; action < kActions; ++action) {
     double all = 0;
@@ -101,7 +101,7 @@ static void ready(Forager* self) {
   for (int place = 0; place + 1 < self->places; ++place)
     for (int other = place + 1; other < self->places; ++other)
       for (int k = 0; k < self->dimension; ++k) {
-        const double d = self->look[place * self->dimension + k] - self->look[other * self->dimension + k];
+        const double d = self->appearance[place * self->dimension + k] - self->appearance[other * self->dimension + k];
         square += d * d;
       }
   square /= self->places * (self->places - 1) / 2.0;
@@ -111,7 +111,7 @@ static void ready(Forager* self) {
 // ---- Acting ---------------------------------------------------------------------------------------------------------
 
 // Belief after `action`, before anything is seen.
-static void predict(const Forager* self, double* belief, int action) {
+static void predict(const Learner* self, double* belief, int action) {
   memset(self->scratch, 0, (size_t)self->places * sizeof *self->scratch);
   for (int place = 0; place < self->places; ++place)
     for (int move = 0; move < kMoves; ++move) {
@@ -121,12 +121,12 @@ static void predict(const Forager* self, double* belief, int action) {
   memcpy(belief, self->scratch, (size_t)self->places * sizeof *belief);
 }
 
-static void correct(const Forager* self, double* belief, const float* features, int goal) {
+static void correct(const Learner* self, double* belief, const float* features, int goal) {
   double nearest = INFINITY, sum = 0;
   for (int place = 0; place < self->places; ++place) {
     double square = 0;
     for (int k = 0; k < self->dimension; ++k) {
-      const double d = features[k] - self->look[place * self->dimension + k];
+      const double d = features[k] - self->appearance[place * self->dimension + k];
       square += d * d;
     }
     self->scratch[place] = square;
@@ -134,15 +134,15 @@ static void correct(const Forager* self, double* belief, const float* features, 
   }
   for (int place = 0; place < self->places; ++place) {
     belief[place] = (belief[place] + 1e-9) * exp(-(self->scratch[place] - nearest) * self->sharpness);
-    if (place == goal) belief[place] = 0;  // there the episode would have ended
+    if (place == goal) belief[place] = 0;  // the episode would have ended there
     sum += belief[place];
   }
   for (int place = 0; place < self->places; ++place) belief[place] = sum > 0 ? belief[place] / sum : 1.0 / self->places;
 }
 
-static void navigate(void* context, const Seat* seat, const citylearn_msg_Observation* seen, uint8_t* choice) {
-  Forager* self = context;
-  for (uint32_t i = 0; i < seat->agents; ++i) {
+static void navigate(void* context, const EnvService* env, const citylearn_msg_Observation* seen, uint8_t* choice) {
+  Learner* self = context;
+  for (uint32_t i = 0; i < env->agents; ++i) {
     choice[i] = kStay;
     if (seen->flags._buffer[i] & citylearn_msg_FLAG_IDLE) continue;
     double* belief = self->agent[i].belief;
@@ -165,9 +165,9 @@ static void navigate(void* context, const Seat* seat, const citylearn_msg_Observ
   }
 }
 
-static void record(void* context, const Seat* seat, const citylearn_msg_EpisodeStat* episode) {
-  Forager* self = context;
-  (void)seat;
+static void record(void* context, const EnvService* env, const citylearn_msg_EpisodeStat* episode) {
+  Learner* self = context;
+  (void)env;
   if (!episode->evaluation || episode->task >= self->tasks || self->known[episode->task]) return;
   self->known[episode->task] = true;
   ++self->finished;
@@ -176,25 +176,25 @@ static void record(void* context, const Seat* seat, const citylearn_msg_EpisodeS
   self->spl += (double)episode->shortest / (episode->steps > episode->shortest ? episode->steps : episode->shortest);
 }
 
-// The env_service waits for whoever comes next.
-static void rest(Session* session, Seat* seat) {
+// Leaves the env_service idle for the next learner.
+static void command_idle(Session* session, EnvService* env) {
   citylearn_msg_TaskSettings settings;
   memset(&settings, 0, sizeof settings);
   settings.task_mode = citylearn_msg_IDLE;
-  session_command(session, seat, settings, NULL);
-  while (!seat->in_force) session_spin(session);
+  session_command(session, env, settings, NULL);
+  while (!env->in_force) session_spin(session);
 }
 
-static void evaluate(Session* session, Forager* self, Seat* seat, citylearn_msg_TaskSettings settings) {
+static void evaluate(Session* session, Learner* self, EnvService* env, citylearn_msg_TaskSettings settings) {
   self->tasks = settings.tasks;
   self->finished = 0;
   self->completed = self->spl = 0;
   self->known = zeroed(self->tasks, sizeof *self->known);
-  const Learner navigator = {self, navigate, record};
-  session_command(session, seat, settings, &navigator);
+  const Policy navigator = {self, navigate, record};
+  session_command(session, env, settings, &navigator);
   while (self->finished < self->tasks) session_spin(session);
-  rest(session, seat);
-  printf("%s%s: %u tasks, completed %.4f, SPL %.4f\n", seat->traversal, settings.shuffle ? ", shuffled" : "",
+  command_idle(session, env);
+  printf("%s%s: %u tasks, completed %.4f, SPL %.4f\n", env->traversal, settings.shuffle ? ", shuffled" : "",
          self->tasks, self->completed / self->tasks, self->spl / self->tasks);
   fflush(stdout);
   free(self->known);
@@ -248,18 +248,18 @@ int main(int count, char** arguments) {
   if (evaluated == 0) others[evaluated++] = train;
 
   Session* session = session_open((uint32_t)domain, run, "foreign");
-  Seat* school = session_find(session, train, (double)wait);
-  Seat* seats[16];
+  EnvService* training_env = session_find(session, train, (double)wait);
+  EnvService* envs[16];
   for (int i = 0; i < evaluated; ++i) {
-    seats[i] = session_find(session, others[i], (double)wait);
-    if (seats[i]->dimension != school->dimension)
-      fail("%s has %u features, %s has %u", others[i], seats[i]->dimension, train, school->dimension);
+    envs[i] = session_find(session, others[i], (double)wait);
+    if (envs[i]->dimension != training_env->dimension)
+      fail("%s has %u features, %s has %u", others[i], envs[i]->dimension, train, training_env->dimension);
   }
 
-  Forager self = {.places = (int)frames, .dimension = (int)school->dimension, .first_frame = (int)first};
+  Learner self = {.places = (int)frames, .dimension = (int)training_env->dimension, .first_frame = (int)first};
   self.enough = (uint64_t)ticks;
   self.random = (uint64_t)seed * 0x9E3779B97F4A7C15ull;
-  self.look = zeroed((size_t)frames * school->dimension, sizeof *self.look);
+  self.appearance = zeroed((size_t)frames * training_env->dimension, sizeof *self.appearance);
   self.visits = zeroed((size_t)frames, sizeof *self.visits);
   self.scratch = zeroed((size_t)frames, sizeof *self.scratch);
   self.agent = zeroed(citylearn_msg_MAX_AGENTS, sizeof *self.agent);
@@ -273,14 +273,14 @@ int main(int count, char** arguments) {
   settings.frames = (uint32_t)frames;
   settings.max_steps = (uint32_t)max_steps;
   settings.seed = (uint64_t)seed;
-  strcpy(settings.policy, "forager");
-  const Learner explorer = {&self, explore, ignore_episode};
-  session_command(session, school, settings, &explorer);
+  strcpy(settings.policy, "counting");
+  const Policy explorer = {&self, explore, ignore_episode};
+  session_command(session, training_env, settings, &explorer);
   while (self.ticks < self.enough) session_spin(session);
-  rest(session, school);
-  ready(&self);
+  command_idle(session, training_env);
+  estimate(&self);
   printf("%s: %lu observations of %u agents; next leads ahead in %.1f %%, previous back in %.1f %% of the cases\n",
-         train, (unsigned long)self.ticks, school->agents, 100 * self.chance[kNext][kAhead],
+         train, (unsigned long)self.ticks, training_env->agents, 100 * self.chance[kNext][kAhead],
          100 * self.chance[kPrevious][kBack]);
 
   settings.task_mode = citylearn_msg_EVALUATE;
@@ -288,7 +288,7 @@ int main(int count, char** arguments) {
   for (int i = 0; i < evaluated; ++i)
     for (int shuffle = 0; shuffle < 2; ++shuffle) {
       settings.shuffle = shuffle == 1;
-      evaluate(session, &self, seats[i], settings);
+      evaluate(session, &self, envs[i], settings);
     }
 
   session_close(session);
@@ -296,6 +296,6 @@ int main(int count, char** arguments) {
   free(self.agent);
   free(self.scratch);
   free(self.visits);
-  free(self.look);
+  free(self.appearance);
   return 0;
 }

@@ -8,11 +8,11 @@
 #include <string.h>
 #include <time.h>
 
-enum { kMostSeats = 32 };
+enum { kMaxEnvServices = 32 };
 
 static const int64_t kSettingsAgain = DDS_MSECS(100);
-static const int64_t kRefused = DDS_SECS(10);  // that settings are not taken
-static const int64_t kSilence = DDS_SECS(30);  // of an env_service that has work to do
+static const int64_t kRefused = DDS_SECS(10);  // without confirmation of settings
+static const int64_t kSilence = DDS_SECS(30);  // of an env_service that is not idle
 
 struct Session {
   dds_entity_t domain, participant, waitset;
@@ -22,7 +22,7 @@ struct Session {
   char name[65], id[65];
   uint64_t incarnation;
   uint32_t version;  // of the settings sent last
-  Seat seats[kMostSeats];
+  EnvService envs[kMaxEnvServices];
   int count;
 };
 
@@ -112,61 +112,61 @@ static bool of_this_session(const Session* session, const citylearn_msg_Header* 
   return header->protocol == citylearn_msg_PROTOCOL && strcmp(header->session, session->name) == 0;
 }
 
-static Seat* seat_by_id(Session* session, const char* id) {
+static EnvService* env_by_id(Session* session, const char* id) {
   for (int i = 0; i < session->count; ++i)
-    if (strcmp(session->seats[i].id, id) == 0) return &session->seats[i];
+    if (strcmp(session->envs[i].id, id) == 0) return &session->envs[i];
   return NULL;
 }
 
-// The seat that sent this; NULL when it is of another run, or of a process that is no more.
-static Seat* sender(Session* session, const citylearn_msg_Header* header) {
+// Returns the sender; NULL when it is of another session, or when its process has been replaced.
+static EnvService* sender(Session* session, const citylearn_msg_Header* header) {
   if (!of_this_session(session, header)) return NULL;
-  Seat* seat = seat_by_id(session, header->sender);
-  if (!seat || seat->incarnation != header->incarnation) return NULL;
-  seat->silent_since = dds_time();
-  return seat;
+  EnvService* env = env_by_id(session, header->sender);
+  if (!env || env->incarnation != header->incarnation) return NULL;
+  env->silent_since = dds_time();
+  return env;
 }
 
 // ---- What is sent ---------------------------------------------------------------------------------------------------
 
-static void send_settings(Session* session, Seat* seat) {
-  stamp(session, &seat->settings.header, ++session->sent_settings);
-  require(dds_write(session->task_settings, &seat->settings), "send settings");
-  seat->next_settings = dds_time() + kSettingsAgain;
+static void send_settings(Session* session, EnvService* env) {
+  stamp(session, &env->settings.header, ++session->sent_settings);
+  require(dds_write(session->task_settings, &env->settings), "send settings");
+  env->next_settings = dds_time() + kSettingsAgain;
 }
 
-void session_command(Session* session, Seat* seat, citylearn_msg_TaskSettings settings, const Learner* learner) {
-  memcpy(settings.environment, seat->id, sizeof settings.environment);
+void session_command(Session* session, EnvService* env, citylearn_msg_TaskSettings settings, const Policy* policy) {
+  memcpy(settings.environment, env->id, sizeof settings.environment);
   settings.settings.incarnation = session->incarnation;
-  settings.settings.version = ++session->version;  // a new name: the env_service begins anew
-  seat->settings = settings;
-  seat->learner = learner;
-  seat->in_force = false;
-  seat->next_step = 0;
-  seat->silent_since = dds_time();
-  send_settings(session, seat);
+  settings.settings.version = ++session->version;  // a new id: the env_service starts again
+  env->settings = settings;
+  env->policy = policy;
+  env->in_force = false;
+  env->next_step = 0;
+  env->silent_since = dds_time();
+  send_settings(session, env);
 }
 
-static void send_action(Session* session, Seat* seat) {
-  stamp(session, &seat->answer.header, ++session->sent_actions);
-  require(dds_write(session->actions, &seat->answer), "send an action");
+static void send_action(Session* session, EnvService* env) {
+  stamp(session, &env->answer.header, ++session->sent_actions);
+  require(dds_write(session->actions, &env->answer), "send an action");
 }
 
-static void send_acknowledgement(Session* session, Seat* seat, bool leaving) {
+static void send_acknowledgement(Session* session, EnvService* env, bool leaving) {
   citylearn_msg_EpisodeAcknowledgement message;
   memset(&message, 0, sizeof message);
   stamp(session, &message.header, ++session->sent_acknowledgements);
-  memcpy(message.environment, seat->id, sizeof message.environment);
-  message.environment_incarnation = seat->incarnation;
-  message.episode = seat->recorded;
+  memcpy(message.environment, env->id, sizeof message.environment);
+  message.environment_incarnation = env->incarnation;
+  message.episode = env->recorded;
   message.leaving = leaving;
   require(dds_write(session->acknowledgements, &message), "acknowledge");
-  seat->acknowledge = false;
+  env->acknowledge = false;
 }
 
 void session_close(Session* session) {
-  // Nothing need be kept for us any more.
-  for (int i = 0; i < session->count; ++i) send_acknowledgement(session, &session->seats[i], true);
+  // The env_services need not keep episodes for this learner any more.
+  for (int i = 0; i < session->count; ++i) send_acknowledgement(session, &session->envs[i], true);
   dds_delete(session->participant);
   if (session->domain > 0) dds_delete(session->domain);
   free(session);
@@ -177,63 +177,63 @@ void session_close(Session* session) {
 static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
   // Without features an encoder_service is at work: the announcement comes again, complete.
   if (!of_this_session(session, &info->header) || info->feature_dimension == 0) return;
-  Seat* seat = seat_by_id(session, info->header.sender);
-  if (!seat) {
-    if (session->count == kMostSeats) fail("more than %d env_services", kMostSeats);
-    seat = &session->seats[session->count++];
-    memcpy(seat->id, info->header.sender, sizeof seat->id);
+  EnvService* env = env_by_id(session, info->header.sender);
+  if (!env) {
+    if (session->count == kMaxEnvServices) fail("more than %d env_services", kMaxEnvServices);
+    env = &session->envs[session->count++];
+    memcpy(env->id, info->header.sender, sizeof env->id);
   }
-  if (info->header.incarnation < seat->incarnation) return;  // of a process that is dead, kept for late joiners
-  const bool restarted = seat->incarnation != 0 && info->header.incarnation > seat->incarnation;
-  if (info->header.incarnation > seat->incarnation) {
-    seat->recorded = 0;
-    seat->acknowledge = true;  // from now on it keeps for us what we have not
+  if (info->header.incarnation < env->incarnation) return;  // of a dead process, kept for late joiners
+  const bool restarted = env->incarnation != 0 && info->header.incarnation > env->incarnation;
+  if (info->header.incarnation > env->incarnation) {
+    env->recorded = 0;
+    env->acknowledge = true;  // from now on it keeps what this learner has not recorded
   }
-  seat->incarnation = info->header.incarnation;
-  memcpy(seat->traversal, info->traversal, sizeof seat->traversal);
-  seat->frames = info->frames;
-  seat->dimension = info->feature_dimension;
-  seat->agents = info->agents;
-  seat->silent_since = dds_time();
-  if (seat->settings.settings.version == 0) return;
+  env->incarnation = info->header.incarnation;
+  memcpy(env->traversal, info->traversal, sizeof env->traversal);
+  env->frames = info->frames;
+  env->dimension = info->feature_dimension;
+  env->agents = info->agents;
+  env->silent_since = dds_time();
+  if (env->settings.settings.version == 0) return;
   if (restarted)
-    session_command(session, seat, seat->settings,
-                    seat->learner);  // it knows nothing: the same once more, under a new name
-  else if (same(&info->settings, &seat->settings.settings))
-    seat->in_force = true;
+    session_command(session, env, env->settings,
+                    env->policy);  // it has lost its settings: the same again, under a new id
+  else if (same(&info->settings, &env->settings.settings))
+    env->in_force = true;
 }
 
 static void on_observation(Session* session, const citylearn_msg_Observation* seen) {
-  Seat* seat = sender(session, &seen->header);
-  if (!seat || seat->settings.settings.version == 0 || !same(&seen->settings, &seat->settings.settings)) return;
-  if (seen->feature_dimension != seat->dimension || seen->frame._length != seat->agents) return;
-  seat->in_force = true;
-  if (seen->step + 1 == seat->next_step) {  // the answer was lost, or is on its way
-    send_action(session, seat);
+  EnvService* env = sender(session, &seen->header);
+  if (!env || env->settings.settings.version == 0 || !same(&seen->settings, &env->settings.settings)) return;
+  if (seen->feature_dimension != env->dimension || seen->frame._length != env->agents) return;
+  env->in_force = true;
+  if (seen->step + 1 == env->next_step) {  // the answer was lost, or is on its way
+    send_action(session, env);
     return;
   }
-  if (seen->step != seat->next_step || !seat->learner) return;  // old
-  seat->learner->decide(seat->learner->self, seat, seen, seat->choice);
-  citylearn_msg_Action* answer = &seat->answer;
-  memcpy(answer->environment, seat->id, sizeof answer->environment);
-  answer->environment_incarnation = seat->incarnation;
+  if (seen->step != env->next_step || !env->policy) return;  // old
+  env->policy->decide(env->policy->self, env, seen, env->choice);
+  citylearn_msg_Action* answer = &env->answer;
+  memcpy(answer->environment, env->id, sizeof answer->environment);
+  answer->environment_incarnation = env->incarnation;
   answer->settings = seen->settings;
   answer->step = seen->step;
-  answer->choice._buffer = seat->choice;
-  answer->choice._length = answer->choice._maximum = seat->agents;
-  ++seat->next_step;
-  send_action(session, seat);
+  answer->choice._buffer = env->choice;
+  answer->choice._length = answer->choice._maximum = env->agents;
+  ++env->next_step;
+  send_action(session, env);
 }
 
 static void on_episode(Session* session, const citylearn_msg_EpisodeStat* episode) {
-  Seat* seat = sender(session, &episode->header);
-  if (!seat) return;
-  if (episode->acknowledged > seat->recorded) seat->recorded = episode->acknowledged;  // by somebody before us
-  seat->acknowledge = true;
-  if (episode->episode != seat->recorded + 1) return;  // known, or there is a gap: what is missing comes again
-  ++seat->recorded;
-  if (seat->learner && same(&episode->settings, &seat->settings.settings))
-    seat->learner->finished(seat->learner->self, seat, episode);
+  EnvService* env = sender(session, &episode->header);
+  if (!env) return;
+  if (episode->acknowledged > env->recorded) env->recorded = episode->acknowledged;  // by somebody before us
+  env->acknowledge = true;
+  if (episode->episode != env->recorded + 1) return;  // known, or there is a gap: what is missing comes again
+  ++env->recorded;
+  if (env->policy && same(&episode->settings, &env->settings.settings))
+    env->policy->finished(env->policy->self, env, episode);
 }
 
 // Calls `handle` for each sample of the reader.
@@ -257,24 +257,24 @@ void session_spin(Session* session) {
   TAKE_ALL(session->episodes, citylearn_msg_EpisodeStat, on_episode(session, sample));
   const int64_t now = dds_time();
   for (int i = 0; i < session->count; ++i) {
-    Seat* seat = &session->seats[i];
-    if (seat->acknowledge) send_acknowledgement(session, seat, false);
-    if (seat->settings.settings.version == 0) continue;
-    if (!seat->in_force) {
-      if (now >= seat->next_settings) send_settings(session, seat);
-      if (now > seat->silent_since + kRefused)
-        fail("env_service '%s' does not take its settings: its log says why", seat->id);
-    } else if (seat->settings.task_mode != citylearn_msg_IDLE && now > seat->silent_since + kSilence) {
-      fail("env_service '%s' on %s went silent", seat->id, seat->traversal);
+    EnvService* env = &session->envs[i];
+    if (env->acknowledge) send_acknowledgement(session, env, false);
+    if (env->settings.settings.version == 0) continue;
+    if (!env->in_force) {
+      if (now >= env->next_settings) send_settings(session, env);
+      if (now > env->silent_since + kRefused)
+        fail("env_service '%s' does not take its settings: its log says why", env->id);
+    } else if (env->settings.task_mode != citylearn_msg_IDLE && now > env->silent_since + kSilence) {
+      fail("env_service '%s' on %s went silent", env->id, env->traversal);
     }
   }
 }
 
-Seat* session_find(Session* session, const char* traversal, double seconds) {
+EnvService* session_find(Session* session, const char* traversal, double seconds) {
   const int64_t deadline = dds_time() + (int64_t)(seconds * 1e9);
   while (true) {
     for (int i = 0; i < session->count; ++i)
-      if (strcmp(session->seats[i].traversal, traversal) == 0) return &session->seats[i];
+      if (strcmp(session->envs[i].traversal, traversal) == 0) return &session->envs[i];
     if (dds_time() > deadline)
       fail("no env_service with features on '%s' in session '%s': same --domain and --session there?", traversal,
            session->name);

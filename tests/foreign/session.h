@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The protocol of a run, as whoever learns has to speak it: finds the env_services, tells them what to do, answers
-// their observations, records their episodes. Plain C over Cyclone DDS and what its compiler makes of idl/; nothing
-// else.
+// The learner's side of the protocol: finds the env_services, commands them, answers their observations and records
+// their episodes. It is plain C over Cyclone DDS and the types that its compiler generates from idl/.
 #ifndef SESSION_H
 #define SESSION_H
 
@@ -16,44 +15,44 @@
 
 enum { kStay = 0, kNext = 1, kPrevious = 2, kActions = 3 };
 
-typedef struct Seat Seat;
+typedef struct EnvService EnvService;
 
-typedef struct Learner {
+typedef struct Policy {
   void* self;
   // Called once for each observation. Fills choice[agent] with an action that `allowed` allows.
-  void (*decide)(void* self, const Seat* seat, const citylearn_msg_Observation* seen, uint8_t* choice);
-  // Called once for each finished episode that ran under the seat's present settings.
-  void (*finished)(void* self, const Seat* seat, const citylearn_msg_EpisodeStat* episode);
-} Learner;
+  void (*decide)(void* self, const EnvService* env, const citylearn_msg_Observation* seen, uint8_t* choice);
+  // Called once for each finished episode that ran under the env_service's present settings.
+  void (*finished)(void* self, const EnvService* env, const citylearn_msg_EpisodeStat* episode);
+} Policy;
 
 // One env_service.
-struct Seat {
+struct EnvService {
   char id[65];
   uint64_t incarnation;  // of its running process
   char traversal[65];
   uint32_t frames, dimension, agents;
   citylearn_msg_TaskSettings settings;  // last sent; settings.settings.version 0: none
-  const Learner* learner;               // acts under them; NULL: nobody has to
-  bool in_force;                        // it has confirmed them
+  const Policy* policy;                 // acts under them; NULL when the env_service is idle
+  bool in_force;                        // the env_service has confirmed the settings
   uint64_t next_step;                   // of the observation to be answered next
   citylearn_msg_Action answer;          // the last one
   uint8_t choice[citylearn_msg_MAX_AGENTS];
   uint64_t recorded;                    // all its episodes up to this one
-  bool acknowledge;                     // it has to be told so
+  bool acknowledge;                     // an acknowledgement is due
   int64_t next_settings, silent_since;  // nanoseconds
 };
 
 typedef struct Session Session;
 
-// All functions end the program with a clear line when something cannot go on.
+// All functions end the program with a clear line when they cannot continue.
 Session* session_open(uint32_t domain, const char* name, const char* id);
 void session_close(Session* session);
 // Waits until there is an env_service on this traversal, with features.
-Seat* session_find(Session* session, const char* traversal, double seconds);
-// Tells a seat what to do, and who acts there; NULL where nobody has to. Header, environment and settings id are filled
-// in. `learner` stays the caller's.
-void session_command(Session* session, Seat* seat, citylearn_msg_TaskSettings settings, const Learner* learner);
-// Handles what has come and sends again what is due. Waits for at most 50 ms.
+EnvService* session_find(Session* session, const char* traversal, double seconds);
+// Sends settings to an env_service, and sets the policy that acts under them (NULL for none; the caller keeps it).
+// Fills in header, environment and settings id.
+void session_command(Session* session, EnvService* env, citylearn_msg_TaskSettings settings, const Policy* policy);
+// Handles the messages that have arrived and repeats what is due. Waits for at most 50 ms.
 void session_spin(Session* session);
 void fail(const char* format, ...) __attribute__((format(printf, 1, 2), noreturn));
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/files/text_table.h"
 
-#include <algorithm>
 #include <cmath>
 #include <fstream>
 

@@ -3,7 +3,6 @@
 
 #include <cstdlib>
 #include <filesystem>
-#include <limits>
 #include <map>
 #include <memory>
 #include <string>

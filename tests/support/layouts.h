@@ -8,7 +8,6 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 #include <string>
-#include <vector>
 
 #include "env_service/files/text_table.h"
 #include "env_service/images/image_sources.h"

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <functional>
-#include <limits>
+#include <map>
 #include <vector>
 
 #include "core/wire/messages.h"
@@ -138,25 +139,34 @@ inline msg::TaskSettings evaluation(std::uint32_t tasks, std::uint32_t frames = 
   return settings;
 }
 
-inline Figures walk(Environment& environment, const msg::TaskSettings& settings, Walker& walker) {
-  Figures figures;
+/// Every episode of a whole evaluation, by its task.
+inline std::map<int, Environment::Episode> evaluate(Environment& environment, const msg::TaskSettings& settings,
+                                                    Walker& walker) {
+  std::map<int, Environment::Episode> episodes;
   msg::Observation seen;
   std::vector<std::uint8_t> choice(environment.agents());
   environment.reset(settings);
   while (!environment.done()) {
     environment.observe(seen);
     for (std::size_t agent = 0; agent < choice.size(); ++agent)
-      choice[agent] = seen.flags()[agent] & msg::FLAG_IDLE ? std::uint8_t{kStay} : walker.act(seen, agent);
+      choice[agent] = seen.flags()[agent] & msg::FLAG_IDLE ? std::uint8_t{255} : walker.act(seen, agent);
     environment.step(choice);
-    for (const Environment::Episode& episode : environment.finished()) {
-      figures.steps += episode.steps;
-      figures.reward += episode.reward;
-      figures.shortest += episode.shortest;
-      if (!episode.completed) continue;
-      figures.completed += 1;
-      figures.spl += static_cast<double>(episode.shortest) / episode.steps;
-      figures.excess += static_cast<double>(episode.steps) / episode.shortest;
-    }
+    for (const Environment::Episode& episode : environment.finished())
+      EXPECT_TRUE(episodes.emplace(episode.task, episode).second) << "task " << episode.task << " came twice";
+  }
+  return episodes;
+}
+
+inline Figures walk(Environment& environment, const msg::TaskSettings& settings, Walker& walker) {
+  Figures figures;
+  for (const auto& [task, episode] : evaluate(environment, settings, walker)) {
+    figures.steps += episode.steps;
+    figures.reward += episode.reward;
+    figures.shortest += episode.shortest;
+    if (!episode.completed) continue;
+    figures.completed += 1;
+    figures.spl += static_cast<double>(episode.shortest) / episode.steps;
+    figures.excess += static_cast<double>(episode.steps) / episode.shortest;
   }
   const double tasks = settings.tasks();
   figures.excess /= std::max(figures.completed, 1.0);

@@ -2,20 +2,15 @@
 #pragma once
 
 #include <filesystem>
-#include <fstream>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <string>
 
 #include "core/util/error.h"
+#include "tests/support/files.h"
 
 namespace citylearn::testing {
-
-inline void write_file(const std::string& path, const std::string& text) {
-  std::filesystem::create_directories(std::filesystem::path(path).parent_path());
-  std::ofstream(path, std::ios::binary) << text;
-}
 
 /// A small picture of one brightness.
 inline void write_grey(const std::string& path, int brightness) {

@@ -16,14 +16,7 @@ using EpisodeStore = std::map<std::string, std::map<std::uint64_t, msg::EpisodeS
 class Recorder {
  public:
   Recorder(const MiddlewareOptions& middleware, const std::string& run, const std::string& id, EpisodeStore& kept)
-      : store(kept), node([&] {
-          Node::Options options;
-          options.middleware = middleware;
-          options.service = "recorder";
-          options.id = id;
-          options.session = run;
-          return options;
-        }()) {
+      : store(kept), node({middleware, "recorder", id, run}) {
     node.create_writer<msg::EpisodeAcknowledgement>();
     node.create_reader<msg::TraversalInfo>();
     node.create_reader<msg::EpisodeStat>();
@@ -34,11 +27,11 @@ class Recorder {
   int repeated = 0;                               ///< episodes that were in the store already
   std::map<std::string, std::uint64_t> recorded;  ///< by env_service: all up to this one are here, or nobody's any more
 
-  bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience = kPatience) {
+  bool until(const std::function<bool()>& condition, milliseconds patience = kPatience) {
     return eventually([this] { spin(); }, condition, patience);
   }
   void spin() {
-    node.wait(Clock::now() + std::chrono::milliseconds(20));
+    node.wait(Clock::now() + milliseconds(20));
     bool news = Clock::now() >= next_;
     while (node.take(info_)) {
       const std::string id = info_.header().sender().c_str();
@@ -56,7 +49,7 @@ class Recorder {
     if (news) acknowledge(false);
   }
   void acknowledge(bool leaving) {
-    next_ = Clock::now() + std::chrono::milliseconds(200);
+    next_ = Clock::now() + milliseconds(200);
     for (const auto& [id, incarnation] : incarnations_) {
       msg::EpisodeAcknowledgement message;
       message.environment() = id;

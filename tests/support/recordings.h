@@ -3,7 +3,6 @@
 
 #include <cstring>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "core/recording/idl_text.h"

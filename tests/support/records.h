@@ -2,9 +2,7 @@
 #pragma once
 
 #include <cmath>
-#include <cstdlib>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "core/wire/messages.h"

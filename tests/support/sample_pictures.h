@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/util/random.h"
+#include "tests/paths.h"
 
 namespace citylearn::testing {
 

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cmath>
 #include <functional>
 #include <map>
-#include <memory>
 #include <string>
 #include <utility>
 #include <vector>
@@ -23,14 +21,7 @@ inline bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
 class ScriptedPolicy {
  public:
   ScriptedPolicy(const MiddlewareOptions& middleware, const std::string& run, const std::string& environment)
-      : environment_(environment), node([&] {
-          Node::Options options;
-          options.middleware = middleware;
-          options.service = "policy_service";
-          options.id = "policy";
-          options.session = run;
-          return options;
-        }()) {
+      : environment_(environment), node({middleware, "policy_service", "policy", run}) {
     node.create_writer<msg::TaskSettings>();
     node.create_writer<msg::Action>();
     node.create_writer<msg::TraversalRequest>();
@@ -82,7 +73,7 @@ class ScriptedPolicy {
   std::uint64_t steps() const { return next_step_; }
   void give_up() { version_ = 0; }
 
-  bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience = kPatience) {
+  bool until(const std::function<bool()>& condition, milliseconds patience = kPatience) {
     return eventually([this] { spin(); }, condition, patience);
   }
 
@@ -90,9 +81,9 @@ class ScriptedPolicy {
     const Clock::time_point now = Clock::now();
     if (version_ > 0 && !in_force_ && now >= next_send_) {
       node.publish(commanded_);
-      next_send_ = now + std::chrono::milliseconds(100);
+      next_send_ = now + milliseconds(100);
     }
-    node.wait(now + std::chrono::milliseconds(20));
+    node.wait(now + milliseconds(20));
     while (node.take(taken_info_))
       if (taken_info_.header().sender() == environment_ &&
           std::pair(taken_info_.header().incarnation(), taken_info_.header().message()) >

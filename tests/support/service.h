@@ -9,48 +9,20 @@
 #include <unistd.h>
 
 #include <array>
-#include <chrono>
-#include <filesystem>
-#include <fstream>
 #include <functional>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
+#include "tests/support/files.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
 
-/// A folder that goes when the test ends.
-class Folder {
- public:
-  Folder() {
-    std::string name = (std::filesystem::temp_directory_path() / "citylearn-XXXXXX").string();
-    if (!mkdtemp(name.data())) throw Error("no temporary folder");
-    path_ = name;
-  }
-  ~Folder() { std::filesystem::remove_all(path_); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  std::string operator/(const std::string& name) const { return path_ + "/" + name; }
-  const std::string& path() const { return path_; }
-
- private:
-  std::string path_;
-};
-
-inline std::string contents(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
 /// Asks until `condition` holds; false when it has not within `patience` (x kSlowness).
-inline bool poll_until(const std::function<bool()>& condition, std::chrono::milliseconds patience) {
+inline bool poll_until(const std::function<bool()>& condition, milliseconds patience) {
   const Clock::time_point deadline = Clock::now() + patience * kSlowness;
   while (!condition()) {
     if (Clock::now() >= deadline) return false;
@@ -58,6 +30,8 @@ inline bool poll_until(const std::function<bool()>& condition, std::chrono::mill
   }
   return true;
 }
+
+using Arguments = std::vector<std::string>;
 
 /// Another program. Killed when the test leaves it.
 class Process {
@@ -91,7 +65,7 @@ class Process {
   }
   /// Returns the exit status (128 + signal when killed by one), or nothing when it still runs after `patience`
   /// (x kSlowness).
-  std::optional<int> wait(std::chrono::milliseconds patience) {
+  std::optional<int> wait(milliseconds patience) {
     if (process_ <= 0) return status_;
     pollfd ended{static_cast<int>(::syscall(SYS_pidfd_open, process_, 0)), POLLIN, 0};
     const int ready = ::poll(&ended, 1, static_cast<int>(patience.count()) * kSlowness);
@@ -101,6 +75,11 @@ class Process {
     ::waitpid(process_, &status, 0);
     process_ = 0;
     return status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+  }
+  /// Sends the signal and waits.
+  std::optional<int> end(int signal, milliseconds patience) {
+    send(signal);
+    return wait(patience);
   }
   pid_t process() const { return process_; }
 
@@ -118,7 +97,7 @@ class Service : public Process {
         output_(output) {}
 
   std::string output() const { return contents(output_); }
-  bool says(const std::string& text, std::chrono::milliseconds patience) const {
+  bool says(const std::string& text, milliseconds patience) const {
     return poll_until([&] { return output().find(text) != std::string::npos; }, patience);
   }
 
@@ -130,10 +109,10 @@ class Service : public Process {
 class Child : public Process {
  public:
   explicit Child(std::vector<std::string> command) : Child(std::move(command), make_pipe()) {}
-  ~Child() { finish(std::chrono::seconds(5)); }
+  ~Child() { finish(seconds(5)); }
 
   /// Lets it end and returns its exit status; -1 when it still runs after `patience` (x kSlowness).
-  int finish(std::chrono::milliseconds patience) {
+  int finish(milliseconds patience) {
     if (input_ >= 0) ::close(input_);
     input_ = -1;
     return wait(patience).value_or(-1);

@@ -3,7 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <sstream>
 #include <string>
+#include <vector>
 
 #include "core/util/error.h"
 
@@ -15,6 +17,22 @@ inline ::testing::AssertionResult contains(const std::string& text, const std::s
   return (found ? ::testing::AssertionSuccess() : ::testing::AssertionFailure())
          << (found ? "'" : "no '") << part << "' in '" << text << "'";
 }
+
+/// How often `part` stands in `text`.
+inline int occurrences(const std::string& text, const std::string& part) {
+  int count = 0;
+  for (std::size_t at = text.find(part); at != text.npos; at = text.find(part, at + part.size())) ++count;
+  return count;
+}
+
+/// The parts of a text between separators, the last line end aside.
+inline std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  std::istringstream in(text);
+  for (std::string part; std::getline(in, part, separator);) parts.push_back(part);
+  return parts;
+}
+inline std::vector<std::string> lines_of(const std::string& text) { return split(text, '\n'); }
 
 /// The line of the Error that `call` throws; empty when it throws none.
 template <class Call>

@@ -7,17 +7,19 @@
 #include <filesystem>
 #include <map>
 #include <memory>
-#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "tests/paths.h"
 #include "tests/support/domain.h"
+#include "tests/support/options.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 
-using Arguments = std::vector<std::string>;
+inline constexpr seconds kLong{120};  ///< for what takes a whole run
 
 /// Runs the tests TEST_P(Suite, ...) once over each vendor.
 using VendorTest = ::testing::TestWithParam<const char*>;
@@ -32,12 +34,7 @@ class Trial {
       : middleware_(std::move(middleware)), domain_(domain) {}
 
   std::uint32_t domain() const { return domain_; }
-  MiddlewareOptions middleware() const {
-    MiddlewareOptions options;
-    options.name = middleware_;
-    options.domain = domain_;
-    return options;
-  }
+  MiddlewareOptions middleware() const { return middleware_options(middleware_, domain_); }
   /// Another program of the project; its log is NAME-n.log.
   std::unique_ptr<Service> program(const std::string& path, const std::string& name, const Arguments& more) {
     return start({path}, more, name + "-" + std::to_string(++count_) + ".log");
@@ -45,10 +42,9 @@ class Trial {
   std::unique_ptr<Service> dashboard(const Arguments& more) { return program(CITYLEARN_DASHBOARD, "dashboard", more); }
   /// A recorder with this store, once it records.
   std::unique_ptr<Service> recorder(const std::string& store) {
-    auto recorder =
-        std::make_unique<Service>(Arguments{CITYLEARN_RECORDER_PROCESS, middleware_, std::to_string(domain_), store},
-                                  folder_ / ("recorder-" + std::to_string(++count_) + ".log"));
-    EXPECT_TRUE(recorder->says("records", std::chrono::seconds(60))) << recorder->output();
+    auto recorder = std::make_unique<Service>(Arguments{RECORDER_PROCESS, middleware_, std::to_string(domain_), store},
+                                              folder_ / ("recorder-" + std::to_string(++count_) + ".log"));
+    EXPECT_TRUE(recorder->says("records", seconds(60))) << recorder->output();
     return recorder;
   }
 
@@ -81,7 +77,7 @@ class Trial {
     std::sort(found.begin(), found.end());
     return {std::filesystem::path(found.back()).filename(), contents(found.back())};
   }
-  bool has_checkpoint(const std::string& output, std::chrono::milliseconds patience) const {
+  bool has_checkpoint(const std::string& output, milliseconds patience) const {
     return poll_until([&] { return !checkpoint(output).first.empty(); }, patience);
   }
   const Folder& folder() const { return folder_; }
@@ -102,19 +98,15 @@ class Trial {
 using WrongInputs = std::map<std::string, std::pair<Arguments, std::string>>;
 
 /// Each ends the policy_service soon, with one line of complaint.
-inline void expect_one_clear_line(Trial& trial, const WrongInputs& cases,
-                                  std::chrono::seconds patience = std::chrono::seconds(8)) {
+inline void expect_one_clear_line(Trial& trial, const WrongInputs& cases, seconds patience = seconds(8)) {
   for (const auto& [name, wrong] : cases) {
     const auto policy = trial.policy(wrong.first);
     const auto status = policy->wait(patience);
     ASSERT_TRUE(status.has_value()) << name;
     EXPECT_TRUE(*status == 1 || *status == 2) << name << ": " << *status;
     const std::string output = policy->output();
-    EXPECT_NE(output.find(wrong.second), std::string::npos) << name << ": " << output;
-    int complaints = 0;
-    std::istringstream lines(output);
-    for (std::string line; std::getline(lines, line);) complaints += line.rfind("policy_service: ", 0) == 0;
-    EXPECT_EQ(complaints, 1) << name << ": " << output;
+    EXPECT_TRUE(contains(output, wrong.second)) << name;
+    EXPECT_EQ(occurrences("\n" + output, "\npolicy_service: "), 1) << name << ": " << output;
   }
 }
 

@@ -7,6 +7,9 @@
 
 namespace citylearn::testing {
 
+using std::chrono::milliseconds;
+using std::chrono::seconds;
+
 /// Sanitizers slow down what they watch (GCC's names for them): every deadline of the tests is so many times later.
 #if defined(__SANITIZE_THREAD__)
 inline constexpr int kSlowness = 8;
@@ -16,13 +19,12 @@ inline constexpr int kSlowness = 4;
 inline constexpr int kSlowness = 1;
 #endif
 
-inline constexpr std::chrono::seconds kPatience{20 *
-                                                kSlowness};  // a loaded machine is slow, a broken one is never right
+inline constexpr seconds kPatience{20 * kSlowness};  ///< a loaded machine is slow, a broken one is never right
 
 /// Asks `condition` again and again, with a `turn` of something that waits for a short while in between; false when it
 /// never came true.
 inline bool eventually(const std::function<void()>& turn, const std::function<bool()>& condition,
-                       std::chrono::milliseconds patience = kPatience) {
+                       milliseconds patience = kPatience) {
   const Clock::time_point deadline = Clock::now() + patience;
   while (!condition()) {
     if (Clock::now() >= deadline) return false;
@@ -32,8 +34,8 @@ inline bool eventually(const std::function<void()>& turn, const std::function<bo
 }
 
 inline bool eventually(Middleware& middleware, const std::function<bool()>& condition,
-                       std::chrono::milliseconds patience = kPatience) {
-  return eventually([&] { middleware.wait(Clock::now() + std::chrono::milliseconds(5)); }, condition, patience);
+                       milliseconds patience = kPatience) {
+  return eventually([&] { middleware.wait(Clock::now() + milliseconds(5)); }, condition, patience);
 }
 
 }  // namespace citylearn::testing

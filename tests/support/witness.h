@@ -1,36 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <compare>
 #include <cstdint>
 #include <functional>
 #include <map>
 #include <string>
 
 #include "core/wire/node.h"
+#include "tests/support/episodes_csv.h"
+#include "tests/support/options.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
-
-/// A process of a service.
-struct Source {
-  std::string id;
-  std::uint64_t incarnation = 0;
-  auto operator<=>(const Source&) const = default;
-};
 
 /// Hears what the services of a domain say of themselves and acknowledge to one another, and says nothing.
 class Witness {
  public:
   Witness(const std::string& middleware, std::uint32_t domain)
-      : node([&] {
-          Node::Options options;
-          options.middleware.name = middleware;
-          options.middleware.domain = domain;
-          options.service = options.id = "witness";
-          options.session = "";
-          return options;
-        }()) {
+      : node({middleware_options(middleware, domain), "witness", "witness", ""}) {
     node.create_reader<msg::ServiceStatus>();
     node.create_reader<msg::TrainingStat>();
     node.create_reader<msg::EpisodeStat>();
@@ -46,7 +33,7 @@ class Witness {
   std::map<std::string, std::map<Source, std::uint64_t>> acknowledged;
 
   void spin() {
-    node.wait(Clock::now() + std::chrono::milliseconds(20));
+    node.wait(Clock::now() + milliseconds(20));
     while (node.take(status_)) {
       msg::ServiceStatus& known = status[status_.header().sender().c_str()];
       if (status_.header().incarnation() >= known.header().incarnation()) known = status_;
@@ -65,11 +52,11 @@ class Witness {
       largest = std::max<std::uint64_t>(largest, acknowledgement_.episode());
     }
   }
-  bool until(const std::function<bool()>& condition, std::chrono::milliseconds patience) {
+  bool until(const std::function<bool()>& condition, milliseconds patience) {
     return eventually([this] { spin(); }, condition, patience);
   }
   /// For so long, whatever happens.
-  void listen(std::chrono::milliseconds time) {
+  void listen(milliseconds time) {
     until([] { return false; }, time);
   }
   std::uint64_t incarnation(const std::string& id) const {

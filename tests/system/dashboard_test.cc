@@ -3,8 +3,10 @@
 #include <map>
 
 #include "core/util/random.h"
+#include "tests/paths.h"
 #include "tests/support/domain.h"
 #include "tests/support/server_fixture.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -23,12 +25,11 @@ TEST(Dashboard, PrintsItsAddressServesAndEndsAtASignal) {
   WebClient client(port);
   EXPECT_EQ(Json::parse(client.get("/api/about").body)["session"], "server-test");
   EXPECT_EQ(Json::parse(client.get("/api/runs").body)["runs"], Json::array());
-  EXPECT_NE(client.get("/metrics").body.find("\ncitylearn_dashboard_recording 1\n"), std::string::npos);
+  EXPECT_TRUE(contains(client.get("/metrics").body, "\ncitylearn_dashboard_recording 1\n"));
   Service second(command(std::to_string(port), "second.sqlite"), folder / "second");
   EXPECT_EQ(second.wait(20s), 1);
-  EXPECT_NE(second.output().find("the port is in use"), std::string::npos) << second.output();
-  dashboard.send(SIGINT);
-  EXPECT_EQ(dashboard.wait(5s), 0) << dashboard.output();
+  EXPECT_TRUE(contains(second.output(), "the port is in use"));
+  EXPECT_EQ(dashboard.end(SIGINT, 5s), 0) << dashboard.output();
 }
 
 TEST(Dashboard, ShowsATrainingWhileItRunsAndKeepsEachOfItsEpisodes) {
@@ -108,8 +109,7 @@ TEST(Dashboard, ShowsATrainingWhileItRunsAndKeepsEachOfItsEpisodes) {
   const auto killed = Clock::now();
   EXPECT_TRUE(poll_until([&] { return state("env-summer") == "lost"; }, 20s));
   EXPECT_LT(Clock::now() - killed, 4s * kSlowness);
-  dashboard->send(SIGTERM);
-  EXPECT_EQ(dashboard->wait(5s), 0) << dashboard->output();
+  EXPECT_EQ(dashboard->end(SIGTERM, 5s), 0) << dashboard->output();
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <regex>
 
+#include "tests/paths.h"
 #include "tests/support/domain.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
@@ -15,8 +16,6 @@ namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-using std::chrono::seconds;
-using Arguments = std::vector<std::string>;
 
 constexpr seconds kLong{120};
 
@@ -91,8 +90,7 @@ TEST(Demo, SigtermStopsAllWithinTwoSeconds) {
   Witness witness("cyclonedds", domain);
   Demo demo(kEndless, domain);
   expect_training(demo, witness);
-  demo->send(SIGTERM);
-  EXPECT_EQ(demo->wait(seconds(2)), 143) << demo->output();
+  EXPECT_EQ(demo->end(SIGTERM, seconds(2)), 143) << demo->output();
   expect_none_left(witness);
 }
 

@@ -12,11 +12,8 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
 using Json = nlohmann::json;
 
-constexpr seconds kLong{120};
 constexpr seconds kSoon{30};
 
 const Arguments kDrawn = {"--dataset", "synthetic", "--frames", "0:128"};
@@ -44,14 +41,12 @@ TEST_P(Encoding, APolicyServiceCannotTellPicturesFromFeatures) {
   EXPECT_EQ(summary["controls"]["shortest_path"]["fall"]["spl"], 1.0);
   EXPECT_GT(summary["controls"]["sequence_filter"]["fall"]["spl"], 0.9) << "fall is recognised";
   // What was encoded is kept: the next encoder_service needs no picture.
-  encoder->send(SIGTERM);
-  EXPECT_EQ(encoder->wait(seconds(5)), 0) << encoder->output();
+  EXPECT_EQ(encoder->end(SIGTERM, seconds(5)), 0) << encoder->output();
   EXPECT_TRUE(encoder->says("256 frames encoded", seconds(1))) << encoder->output();
   const auto second = run.encoder({});
   ASSERT_TRUE(second->says("summer: ready", kSoon)) << second->output();
   ASSERT_TRUE(second->says("fall: ready", kSoon)) << second->output();
-  second->send(SIGTERM);
-  ASSERT_EQ(second->wait(seconds(5)), 0);
+  ASSERT_EQ(second->end(SIGTERM, seconds(5)), 0);
   EXPECT_TRUE(second->says(" 0 frames encoded", seconds(1))) << second->output();
 }
 
@@ -64,8 +59,7 @@ TEST_P(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
   ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
   const auto disturbed = run.train(kUpdates, "disturbed", {"--lockstep"});
   ASSERT_TRUE(run.has_checkpoint("disturbed", kLong)) << disturbed->output();
-  encoder->send(SIGKILL);
-  ASSERT_EQ(encoder->wait(seconds(5)), 128 + SIGKILL);
+  ASSERT_EQ(encoder->end(SIGKILL, seconds(5)), 128 + SIGKILL);
   ASSERT_FALSE(disturbed->says("trained ", milliseconds(1))) << "it had finished training before";
   encoder = run.encoder({});
   ASSERT_EQ(disturbed->wait(kLong), 0) << disturbed->output() << encoder->output();
@@ -86,8 +80,7 @@ TEST_P(Encoding, TwoShareTheWorkAndOneTakesOver) {
   const auto& serving = first ? one : two;
   const auto& other = first ? two : one;
   ASSERT_TRUE(other->says("summer: ready", kSoon)) << other->output();
-  serving->send(SIGKILL);
-  ASSERT_EQ(serving->wait(seconds(5)), 128 + SIGKILL);
+  ASSERT_EQ(serving->end(SIGKILL, seconds(5)), 128 + SIGKILL);
   ASSERT_TRUE(other->says("serves 'env-summer'", kSoon)) << other->output();
   ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << other->output();
   const int by_serving = number_before(serving->output(), " of them now"),
@@ -100,15 +93,13 @@ TEST_P(Encoding, KilledInTheMiddleItLosesNothing) {
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--synthetic-frames", "4000"});
   auto encoder = run.encoder({"--encoder", "vlad"});
   ASSERT_TRUE(encoder->says("frames encoded, ", kLong)) << encoder->output();  // its progress, with the time left
-  encoder->send(SIGKILL);
-  ASSERT_EQ(encoder->wait(seconds(5)), 128 + SIGKILL);
+  ASSERT_EQ(encoder->end(SIGKILL, seconds(5)), 128 + SIGKILL);
   const int seen = number_before(encoder->output(), " of 4000 frames encoded, ");
   ASSERT_GT(seen, 0) << encoder->output();
   encoder = run.encoder({"--encoder", "vlad"});
   ASSERT_TRUE(encoder->says("were encoded before", kSoon)) << encoder->output();
   EXPECT_GE(number_before(encoder->output(), " of 4000 frames were encoded before"), seen) << encoder->output();
-  encoder->send(SIGINT);
-  EXPECT_EQ(encoder->wait(seconds(5)), 0) << encoder->output();
+  EXPECT_EQ(encoder->end(SIGINT, seconds(5)), 0) << encoder->output();
 }
 
 TEST_P(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
@@ -166,8 +157,7 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
   const auto policy = run.policy({"--wait", std::to_string(3 * kSlowness)});
   ASSERT_EQ(policy->wait(kSoon), 1) << policy->output();
   EXPECT_TRUE(contains(policy->output(), "summer is refused: frame 7"));
-  strict->send(SIGTERM);
-  ASSERT_EQ(strict->wait(seconds(5)), 0);
+  ASSERT_EQ(strict->end(SIGTERM, seconds(5)), 0);
   const auto lenient = run.encoder({"--dimension", "8", "--on-bad-frame", "skip"});
   EXPECT_TRUE(lenient->says("serves 'env-summer'", kSoon)) << lenient->output();
 }

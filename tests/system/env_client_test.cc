@@ -6,19 +6,16 @@
 #include <spdlog/spdlog.h>
 #include <unistd.h>
 
-#include <atomic>
-#include <thread>
-
 #include "core/util/random.h"
-#include "env_service/env_service.h"
 #include "tests/support/env.h"
+#include "tests/support/env_service_thread.h"
+#include "tests/support/options.h"
 #include "tests/support/samples.h"
+#include "tests/support/text.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
 namespace {
-
-using std::chrono::milliseconds;
 
 /// A route of frames with so many features that each lies in several chunks.
 Traversal wide_traversal(const std::string& name, int frames, int dimension) {
@@ -33,25 +30,10 @@ Traversal wide_traversal(const std::string& name, int frames, int dimension) {
   return traversal;
 }
 
-/// An env_service as a thread.
-class Host {
- public:
-  Host(const Traversal& traversal, int agents, const std::string& run, const std::string& middleware = "inprocess") {
-    EnvServiceOptions options;
-    options.agents = agents;
-    options.node.session = run;
-    options.node.middleware.name = middleware;
-    thread_ = std::thread(
-        [this, &traversal, options] { run_env_service(options, traversal, [this] { return stop_.load(); }); });
-  }
-  ~Host() {
-    stop_ = true;
-    thread_.join();
-  }
-
- private:
-  std::atomic<bool> stop_ = false;
-  std::thread thread_;
+/// An env_service on `traversal` in a thread of its own.
+struct Host : EnvServiceThread {
+  Host(const Traversal& traversal, int agents, const std::string& run, const std::string& middleware = "inprocess")
+      : EnvServiceThread({{middleware_options(middleware), "", "", run}, agents, {}, 5}, traversal) {}
 };
 
 /// An EnvClient that acts by the masks alone and keeps what it is shown.
@@ -59,15 +41,7 @@ class Player {
  public:
   explicit Player(const std::string& run, const EnvClientOptions& options = {},
                   const std::string& middleware = "inprocess")
-      : node([&] {
-          Node::Options with;
-          with.middleware.name = middleware;
-          with.service = "policy_service";
-          with.id = "policy";
-          with.session = run;
-          return with;
-        }()),
-        client(node, options) {
+      : node({middleware_options(middleware), "policy_service", "policy", run}), client(node, options) {
     client.decide = [this](EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
       msg::Observation without = observation;
       without.header() = msg::Header();
@@ -83,12 +57,7 @@ class Player {
     };
   }
   bool until(const std::function<bool()>& condition) {
-    const Clock::time_point deadline = Clock::now() + kPatience;
-    while (!condition()) {
-      if (Clock::now() >= deadline) return false;
-      client.spin(Clock::now() + milliseconds(20));
-    }
-    return true;
+    return eventually([this] { client.spin(Clock::now() + milliseconds(20)); }, condition);
   }
   EnvHandle* env(const std::string& id) {
     return until([&] { return client.envs().contains(id); }) ? client.envs().at(id).get() : nullptr;
@@ -156,11 +125,7 @@ TEST_F(EnvClientTest, AsksForWhatFitsOneDatagramWholeAndForMoreByReference) {
   info.frames() = 10;
   info.feature_dimension() = 2;
   info.images() = true;
-  Node::Options options;
-  options.middleware.name = "inprocess";
-  options.service = options.id = "pictures";
-  options.session = run_;
-  Node host(options);
+  Node host({middleware_options("inprocess"), "pictures", "pictures", run_});
   host.create_writer<msg::TraversalInfo>();
   host.publish(info);
   EnvHandle* pictures = player.env("pictures");
@@ -210,12 +175,7 @@ TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsAnErrorInTheEnd) {
   const Traversal small = small_traversal(20);
   const Host host(small, 2, run_);
   // One that announces features and never hands them out.
-  Node::Options miser_options;
-  miser_options.middleware.name = "inprocess";
-  miser_options.service = "env_service";
-  miser_options.id = "miser";
-  miser_options.session = run_;
-  Node miser(miser_options);
+  Node miser({middleware_options("inprocess"), "env_service", "miser", run_});
   msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
   info.traversal() = "hoard";
   info.frames() = 20;
@@ -235,30 +195,22 @@ TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsAnErrorInTheEnd) {
   }));
   player.client.command(*player.env("miser"), route(0, 20));
   player.client.command(*player.env("env-line"), route(0, 20));
-  try {
+  const auto wait = [&] {
     player.until([&] {
       tell();
       return false;
     });
-    ADD_FAILURE() << "no error";
-  } catch (const Error& error) {
-    EXPECT_EQ(std::string(error.what()),
-              "traversal 'hoard': 163 chunks of its features did not come (is env_service 'miser' still running?)");
-  }
+  };
+  EXPECT_EQ(error_of(wait),
+            "traversal 'hoard': 163 chunks of its features did not come (is env_service 'miser' still running?)");
   EXPECT_GT(player.shown["env-line"].size(), 10u);
   EXPECT_TRUE(player.shown["miser"].empty());
 }
 
 TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   // An env_service that announces a traversal, and a stranger who answers in its place.
-  const auto raw = [&](const std::string& id) {
-    Node::Options with;
-    with.middleware.name = "inprocess";
-    with.service = with.id = id;
-    with.session = run_;
-    return std::make_unique<Node>(with);
-  };
-  const auto owner = raw("owner"), stranger = raw("stranger");
+  Node owner({middleware_options("inprocess"), "owner", "owner", run_});
+  Node stranger({middleware_options("inprocess"), "stranger", "stranger", run_});
   msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
   info.traversal() = "road";
   info.hash() = 77;
@@ -272,18 +224,18 @@ TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   EnvClientOptions options;
   options.observing = Observing::kByReference;
   Player player(run_, options);
-  owner->publish(info);
+  owner.publish(info);
   ASSERT_TRUE(player.env("owner"));
   player.client.command(*player.env("owner"), route(0, 3));
   const auto& route = player.env("owner")->features;
-  stranger->publish(chunk);
+  stranger.publish(chunk);
   ASSERT_TRUE(player.until([&] { return player.node.traffic.rejected == 1; }));
   EXPECT_FALSE(route->complete());
-  owner->publish(chunk);
+  owner.publish(chunk);
   ASSERT_TRUE(player.until([&] { return route->complete(); }));
   EXPECT_EQ(player.node.traffic.rejected, 1u);
-  stranger->publish(chunk);
-  owner->publish(info);
+  stranger.publish(chunk);
+  owner.publish(info);
   ASSERT_TRUE(player.until([&] { return player.node.traffic.received >= 5; }));
   EXPECT_EQ(player.node.traffic.rejected, 1u) << "nobody wants it any more";
 }

@@ -5,17 +5,15 @@
 #include <algorithm>
 #include <fstream>
 
+#include "tests/paths.h"
 #include "tests/support/env.h"
+#include "tests/support/options.h"
 #include "tests/support/scripted_policy.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
-
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-using Arguments = std::vector<std::string>;
 
 class EnvProcess : public ::testing::Test {
  protected:
@@ -100,8 +98,7 @@ TEST_F(EnvProcess, ReadsAConfigurationFileAndRefusesUnknownKeys) {
   const auto service = start({"--config", good}, "good.log");
   ASSERT_TRUE(service->says("traversal night of synthetic, 30 frames x 64 features, 3 agents", seconds(10)))
       << service->output();
-  service->send(SIGTERM);
-  EXPECT_EQ(service->wait(seconds(2)), 0);
+  EXPECT_EQ(service->end(SIGTERM, seconds(2)), 0);
   const std::string bad = write("bad.toml", "agens = 3\n");
   EXPECT_TRUE(contains(complaint({"--config", bad}, 2), "agens"));
   EXPECT_TRUE(contains(complaint({"--config", folder_ / "missing.toml"}, 2), "missing.toml"));
@@ -115,9 +112,7 @@ class EnvSignals : public EnvProcess, public ::testing::WithParamInterface<std::
   }
   int domain() const { return GetParam() == "fastdds" ? 47 : 46; }
   std::unique_ptr<ScriptedPolicy> policy() const {
-    MiddlewareOptions options;
-    options.name = GetParam();
-    options.domain = static_cast<std::uint32_t>(domain());
+    const MiddlewareOptions options = middleware_options(GetParam(), static_cast<std::uint32_t>(domain()));
     return std::make_unique<ScriptedPolicy>(options, run_, "env-summer");
   }
 
@@ -141,8 +136,7 @@ TEST_P(EnvSignals, TerminateAtWorkWithEpisodesNobodyAcknowledges) {
   driver->acknowledge = false;
   driver->command(evaluation(200, 32, 64));
   ASSERT_TRUE(driver->until([&] { return driver->recorded > 20; }));
-  service->send(SIGTERM);
-  EXPECT_EQ(service->wait(seconds(2)), 0) << service->output();
+  EXPECT_EQ(service->end(SIGTERM, seconds(2)), 0) << service->output();
   EXPECT_TRUE(contains(service->output(), "not acknowledged"));
 }
 
@@ -169,8 +163,7 @@ TEST_P(EnvSignals, KilledOneIsReplacedByAnother) {
   driver->command(settings(msg::TRAIN, 32, 64));
   ASSERT_TRUE(driver->until([&] { return driver->steps() > 50; }));
   const std::uint64_t first = driver->info.header().incarnation();
-  service->send(SIGKILL);
-  EXPECT_EQ(service->wait(seconds(2)), 128 + SIGKILL);
+  EXPECT_EQ(service->end(SIGKILL, seconds(2)), 128 + SIGKILL);
   service = start(wire(), "second.log");
   ASSERT_TRUE(driver->until([&] { return driver->info.header().incarnation() > first; })) << service->output();
   // It may have found the old settings, which the middleware keeps for late joiners; new ones replace them.

@@ -6,13 +6,13 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cstring>
-#include <thread>
 
 #include "core/wire/transfer.h"
-#include "env_service/env_service.h"
+#include "tests/paths.h"
 #include "tests/support/env.h"
+#include "tests/support/env_service_thread.h"
+#include "tests/support/options.h"
 #include "tests/support/recorder.h"
 #include "tests/support/scripted_policy.h"
 #include "tests/support/service.h"
@@ -21,69 +21,51 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-
 constexpr int kFrames = 200, kAgents = 8;
 constexpr char kLoss[] = "lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=";
 
 struct Wire {
   const char* name;
   const char* middleware;
-  int domain;
+  std::uint32_t domain;
   bool lossy;
 };
+
+Traversal summer() { return make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer"); }
 
 /// An env_service on traversal `summer` of a small synthetic city, as a program or (inprocess) as a thread.
 class Host {
  public:
   Host(const Wire& wire, const std::string& run, const std::vector<std::string>& recorders = {}) {
     if (std::string(wire.middleware) != "inprocess") {
-      std::vector<std::string> command{CITYLEARN_ENV_SERVICE,
-                                       "--session",
-                                       run,
-                                       "--domain",
-                                       std::to_string(wire.domain),
-                                       "--middleware",
-                                       middleware(wire, 1).name,
-                                       "--agents",
-                                       std::to_string(kAgents),
-                                       "--synthetic-frames",
-                                       std::to_string(kFrames),
-                                       "--synthetic-images",
-                                       "0"};
+      std::vector<std::string> command{CITYLEARN_ENV_SERVICE, "--synthetic-images", "0", "--session", run};
+      command.insert(command.end(),
+                     {"--domain", std::to_string(wire.domain), "--middleware", middleware(wire, 1).name, "--agents",
+                      std::to_string(kAgents), "--synthetic-frames", std::to_string(kFrames)});
       for (const std::string& recorder : recorders) command.insert(command.end(), {"--recorders", recorder});
       service_ = std::make_unique<Service>(command, folder_ / "log");
       return;
     }
-    traversal_ = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
     EnvServiceOptions options;
     options.agents = kAgents;
     options.recorders = recorders;
     options.node.session = run;
     options.node.middleware = middleware(wire, 1);
-    thread_ = std::thread([this, options] { run_env_service(options, traversal_, [this] { return stop_.load(); }); });
+    thread_ = std::make_unique<EnvServiceThread>(options, summer());
   }
   ~Host() {
-    stop_ = true;
-    if (thread_.joinable()) thread_.join();
     if (service_) {
-      service_->send(SIGTERM);
-      EXPECT_EQ(service_->wait(seconds(8)), 0) << service_->output();  // recorders of this process may seem to live
+      EXPECT_EQ(service_->end(SIGTERM, seconds(8)), 0)
+          << service_->output();  // recorders of this process may seem to live
     }
   }
   static MiddlewareOptions middleware(const Wire& wire, int seed) {
-    MiddlewareOptions options;
-    options.name = (wire.lossy ? kLoss + std::to_string(seed) + ":" : "") + wire.middleware;
-    options.domain = static_cast<std::uint32_t>(wire.domain);
-    return options;
+    return middleware_options((wire.lossy ? kLoss + std::to_string(seed) + ":" : "") + wire.middleware, wire.domain);
   }
 
  private:
   Folder folder_;
-  Traversal traversal_;
-  std::atomic<bool> stop_ = false;
-  std::thread thread_;
+  std::unique_ptr<EnvServiceThread> thread_;
   std::unique_ptr<Service> service_;
 };
 
@@ -97,34 +79,20 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
     return std::make_unique<ScriptedPolicy>(Host::middleware(GetParam(), 2), run_, "env-summer");
   }
 
-  /// The same settings and walker without any wire.
-  static std::map<int, Environment::Episode> reference(const msg::TaskSettings& settings, Walker& walker) {
-    const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
+  /// All `count` episodes come, and are those of the same settings and walker without any wire.
+  void expect_evaluation(std::uint64_t count) {
+    ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
+    const Traversal traversal = summer();
     Environment environment(traversal, kAgents);
-    environment.reset(settings);
-    std::map<int, Environment::Episode> episodes;
-    msg::Observation seen;
-    std::vector<std::uint8_t> choice(kAgents);
-    while (!environment.done()) {
-      environment.observe(seen);
-      for (int agent = 0; agent < kAgents; ++agent)
-        choice[agent] = seen.flags()[agent] & msg::FLAG_IDLE ? std::uint8_t{kStay} : walker.act(seen, agent);
-      environment.step(choice);
-      for (const auto& episode : environment.finished()) episodes[episode.task] = episode;
-    }
-    return episodes;
-  }
-
-  void expect_as_reference(const ScriptedPolicy& policy, const msg::TaskSettings& settings) {
     BlindSweep walker(64);
-    const auto expected = reference(settings, walker);
-    ASSERT_EQ(policy.episodes.size(), expected.size());
+    const auto expected = evaluate(environment, policy_->commanded(), walker);
+    ASSERT_EQ(policy_->episodes.size(), expected.size());
     std::uint64_t number = 0;
-    for (const auto& [episode, stat] : policy.episodes) {
+    for (const auto& [episode, stat] : policy_->episodes) {
       EXPECT_EQ(episode, ++number) << "without gaps, from 1";
       ASSERT_TRUE(expected.contains(static_cast<int>(stat.task())));
       const Environment::Episode& other = expected.at(static_cast<int>(stat.task()));
-      EXPECT_TRUE(same(stat.settings(), policy.commanded().settings()));
+      EXPECT_TRUE(same(stat.settings(), policy_->commanded().settings()));
       EXPECT_TRUE(stat.evaluation());
       EXPECT_EQ(std::string(stat.traversal().c_str()), "summer");
       EXPECT_EQ(static_cast<int>(stat.agent()), other.agent);
@@ -135,6 +103,15 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
       EXPECT_EQ(stat.reward(), other.reward);
       EXPECT_EQ(stat.completed(), other.completed);
     }
+  }
+
+  /// Asks at once and every 200 ms, as what is asked or answered may be lost.
+  bool until_asking(const std::function<void()>& ask, const std::function<bool()>& condition) {
+    Clock::time_point next = Clock::now();
+    return policy_->until([&] {
+      if (Clock::now() >= next) ask(), next = Clock::now() + milliseconds(200);
+      return condition();
+    });
   }
 
   static msg::TaskSettings tasks(std::uint32_t count) { return evaluation(count, 64, 64); }
@@ -152,7 +129,7 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
 
 TEST_P(EnvProtocol, TellsWhatItHosts) {
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0 && policy_->statuses > 0; }));
-  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
+  const Traversal traversal = summer();
   const msg::TraversalInfo& info = policy_->info;
   EXPECT_EQ(std::string(info.dataset().c_str()), "synthetic");
   EXPECT_EQ(std::string(info.traversal().c_str()), "summer");
@@ -172,18 +149,15 @@ TEST_P(EnvProtocol, TellsWhatItHosts) {
 
 TEST_P(EnvProtocol, HandsOutItsTraversal) {
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
-  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
+  const Traversal traversal = summer();
   policy_->request(traversal.hash() + 1, {0, 1});
   policy_->until([&] { return !policy_->chunks.empty(); }, milliseconds(100));
   EXPECT_TRUE(policy_->chunks.empty()) << "another traversal was asked for";
-  Clock::time_point again = Clock::now();
-  ASSERT_TRUE(policy_->until([&] {
-    if (Clock::now() >= again) {
-      policy_->request(traversal.hash(), {1, 0, 77});
-      again = Clock::now() + milliseconds(200);
-    }
-    return policy_->chunks.size() == 2;
-  }));
+  ASSERT_TRUE(until_asking(
+      [&] {
+        policy_->request(traversal.hash(), {1, 0, 77});
+      },
+      [&] { return policy_->chunks.size() == 2; }));
   Transfer transfer({traversal.hash(), 200, 64});
   for (const auto& [index, chunk] : policy_->chunks) {
     EXPECT_EQ(chunk.chunk(), index);
@@ -208,8 +182,7 @@ TEST_P(EnvProtocol, ByReferenceObservationsNameTheirFramesAndNothingElseChanges)
   EXPECT_EQ(policy_->seen.feature_dimension(), 0u);
   EXPECT_TRUE(policy_->seen.features().empty());
   EXPECT_EQ(policy_->seen.frame().size(), std::size_t{kAgents});
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
-  expect_as_reference(*policy_, by_reference);
+  expect_evaluation(count);
   ASSERT_TRUE(policy_->until([&] { return policy_->info.by_reference(); })) << "and so does its TraversalInfo";
   EXPECT_EQ(policy_->info.feature_dimension(), 64u);
   // A policy_service that asks for nothing gets features.
@@ -223,16 +196,14 @@ TEST_P(EnvProtocol, WholeEvaluation) {
   const std::uint32_t count = GetParam().lossy ? 20 : 100;  // each loss costs 50 ms
   policy_->walker = &blind_;
   policy_->command(tasks(count));
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == count; }));
-  expect_as_reference(*policy_, tasks(count));
+  expect_evaluation(count);
 }
 
 TEST_P(EnvProtocol, LostActionsOnlyCostTime) {
   policy_->walker = &blind_;
   policy_->ignore_every = 7;
   policy_->command(tasks(16));
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 16; }));
-  expect_as_reference(*policy_, tasks(16));
+  expect_evaluation(16);
   ASSERT_TRUE(policy_->until([&] { return policy_->status.resent() > 5; }));
 }
 
@@ -240,36 +211,24 @@ TEST_P(EnvProtocol, RepeatedActionsChangeNothing) {
   policy_->walker = &blind_;
   policy_->copies = 3;
   policy_->command(tasks(24));
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 24; }));
-  expect_as_reference(*policy_, tasks(24));
+  expect_evaluation(24);
   ASSERT_TRUE(policy_->until([&] { return policy_->status.repeated() > 50; }));
 }
 
 TEST_P(EnvProtocol, ActionsOfOtherSettingsStepsAndIncarnationsChangeNothing) {
   policy_->walker = &blind_;
   policy_->command(tasks(16));
-  int count = 0;
+  const std::function<void(msg::Action&)> changes[] = {
+      [](msg::Action& a) { a.step() += 1; }, [](msg::Action& a) { a.settings().version() += 1; },
+      [](msg::Action& a) { a.environment_incarnation() += 1; }, [](msg::Action& a) { a.environment() = "env-winter"; }};
+  std::size_t count = 0;
   policy_->spoil = [&](msg::Action& action) {
     // A wrong one first; the right one follows when the observation comes again.
     msg::Action wrong = action;
-    switch (++count % 4) {
-      case 0:
-        wrong.step() += 1;
-        break;
-      case 1:
-        wrong.settings().version() += 1;
-        break;
-      case 2:
-        wrong.environment_incarnation() += 1;
-        break;
-      case 3:
-        wrong.environment() = "env-winter";
-        break;
-    }
+    changes[count++ % std::size(changes)](wrong);
     policy_->node.publish(wrong);
   };
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 16; }));
-  expect_as_reference(*policy_, tasks(16));
+  expect_evaluation(16);
 }
 
 TEST_P(EnvProtocol, MaskedActionsAreRejectedAndTheGoodOneStillCounts) {
@@ -296,8 +255,7 @@ TEST_P(EnvProtocol, MaskedActionsAreRejectedAndTheGoodOneStillCounts) {
     }
     if (bad.choice() != action.choice()) policy_->node.publish(bad);
   };
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 8; }));
-  expect_as_reference(*policy_, tasks(8));
+  expect_evaluation(8);
   ASSERT_TRUE(policy_->until([&] { return policy_->status.rejected() > 0; }));
 }
 
@@ -422,21 +380,17 @@ TEST_P(EnvProtocol, EpisodesAreRepeatedUntilAcknowledgedAndThenNoMore) {
   policy_->episodes.clear();
   ASSERT_TRUE(policy_->until([&] { return policy_->episodes.size() == count - part; }));
   // All acknowledged: the counter of repetitions stands still over three heartbeats.
-  Clock::time_point again = Clock::now();
   std::uint64_t resent = 0;
   int quiet = 0, statuses = policy_->statuses;
-  ASSERT_TRUE(policy_->until([&] {
-    if (Clock::now() >= again) {
-      policy_->send_acknowledgement(count);
-      again = Clock::now() + milliseconds(500);
-    }
-    if (policy_->statuses != statuses) {
-      statuses = policy_->statuses;
-      quiet = policy_->status.resent() == resent ? quiet + 1 : 0;
-      resent = policy_->status.resent();
-    }
-    return quiet >= 3;
-  }));
+  ASSERT_TRUE(until_asking([&] { policy_->send_acknowledgement(count); },
+                           [&] {
+                             if (policy_->statuses != statuses) {
+                               statuses = policy_->statuses;
+                               quiet = policy_->status.resent() == resent ? quiet + 1 : 0;
+                               resent = policy_->status.resent();
+                             }
+                             return quiet >= 3;
+                           }));
 }
 
 /// The dashboard comes late, dies in the middle and comes back; the policy_service has had everything long before.
@@ -529,7 +483,7 @@ TEST_P(EnvProtocol, ScenesAreForWhoeverWatches) {
 
 TEST_P(EnvProtocol, TellsWhereItsFramesWereRecorded) {
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > 0; }));
-  const Traversal traversal = make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
+  const Traversal traversal = summer();
   policy_->node.create_reader<msg::MapChunk>();
   msg::MapRequest request;
   request.environment() = "env-summer";
@@ -537,16 +491,12 @@ TEST_P(EnvProtocol, TellsWhereItsFramesWereRecorded) {
   msg::MapChunk chunk;
   const auto get = [&](std::uint32_t first) {
     request.first() = first;
-    Clock::time_point again = Clock::now();
-    return policy_->until([&] {
-      if (Clock::now() >= again) {
-        policy_->node.publish(request);
-        again = Clock::now() + milliseconds(200);
-      }
-      bool found = false;
-      while (!found && policy_->node.take(chunk)) found = chunk.first() == first;
-      return found;
-    });
+    return until_asking([&] { policy_->node.publish(request); },
+                        [&] {
+                          bool found = false;
+                          while (!found && policy_->node.take(chunk)) found = chunk.first() == first;
+                          return found;
+                        });
   };
   ASSERT_TRUE(get(0));
   EXPECT_EQ(chunk.hash(), traversal.hash());
@@ -575,8 +525,7 @@ TEST_P(EnvProtocol, SilentPolicyIsWaitedFor) {
   const int infos = policy_->infos;
   ASSERT_TRUE(policy_->until([&] { return policy_->infos > infos; })) << "who comes next must find it";
   policy_->walker = &blind_;
-  ASSERT_TRUE(policy_->until([&] { return policy_->recorded == 16; })) << "and goes on where it was";
-  expect_as_reference(*policy_, tasks(16));
+  expect_evaluation(16);
 }
 
 INSTANTIATE_TEST_SUITE_P(Wires, EnvProtocol,

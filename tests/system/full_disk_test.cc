@@ -13,9 +13,6 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-
 constexpr seconds kLong{60};
 
 bool any_temporary(const std::string& folder) {
@@ -72,10 +69,8 @@ TEST(FullDisk, TrainingGoesOnWithAlarmsAndMakesUpForItWhenThereIsRoom) {
   env->send(SIGTERM);
   ASSERT_TRUE(witness.until([&] { return env->wait(milliseconds(1)).has_value(); }, kLong)) << env->output();
   EXPECT_TRUE(contains(env->output(), "all acknowledged"));
-  policy->send(SIGTERM);
-  EXPECT_EQ(policy->wait(kLong), 130) << policy->output();
-  recorder->send(SIGTERM);
-  EXPECT_EQ(recorder->wait(kLong), 0) << recorder->output();
+  EXPECT_EQ(policy->end(SIGTERM, kLong), 130) << policy->output();
+  EXPECT_EQ(recorder->end(SIGTERM, kLong), 0) << recorder->output();
   const Ledger recorded = in_store(store), learned = in_csv(out + "/episodes.csv");
   EXPECT_EQ(recorded, learned);
   ASSERT_EQ(recorded.size(), 1u);

@@ -11,9 +11,6 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-
 constexpr seconds kLong{60}, kSoon{10};
 constexpr int kTimes = 5;  // each message, at least
 const float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinite = std::numeric_limits<float>::infinity();
@@ -22,34 +19,25 @@ const float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinite = std::num
 class Stranger {
  public:
   explicit Stranger(const MiddlewareOptions& middleware)
-      : options_([&] {
-          Node::Options options;
-          options.middleware = middleware;
-          options.service = "stranger";
-          options.id = "stranger";
-          return options;
-        }()),
-        node(options_),
-        raw_(create_middleware([&] {
-          MiddlewareOptions raw = options_.middleware;
+      : node({middleware, "stranger", "stranger", "default"}), raw_(create_middleware([&] {
+          MiddlewareOptions raw = middleware;
           raw.participant = "raw";
           return raw;
         }())) {}
 
-  Node::Options options_;
   Node node;
 
   /// The next message of that kind that `wanted` likes.
   template <class Message>
   Message hear(const std::function<bool(const Message&)>& wanted = [](const Message&) { return true; }) {
     Message message;
-    const Clock::time_point deadline = Clock::now() + kLong;
-    while (Clock::now() < deadline) {
+    const auto heard = [&] {
       while (node.take(message))
-        if (wanted(message)) return message;
-      node.wait(Clock::now() + milliseconds(20));
-    }
-    ADD_FAILURE() << "nothing of " << topic_of<Message>().type << " was heard";
+        if (wanted(message)) return true;
+      return false;
+    };
+    EXPECT_TRUE(eventually([this] { node.wait(Clock::now() + milliseconds(20)); }, heard, kLong))
+        << "nothing of " << topic_of<Message>().type << " was heard";
     return message;
   }
   /// As it is, header and all.
@@ -262,7 +250,7 @@ TEST_P(Hostile, AnEnvServiceObeysWhoIsInCharge) {
   for (const std::string kind :
        {"an action of a service that is not in charge", "Action.choice: unknown action 7", "settings without a version",
         "settings from the future", "TaskSettings.task_mode", "an acknowledgement of episodes that do not exist"})
-    EXPECT_NE(env->output().find(kind), std::string::npos) << kind << "\n" << env->output();
+    EXPECT_TRUE(contains(env->output(), kind)) << kind << "\n" << env->output();
 }
 
 TEST_P(Hostile, LearnerAndActorBelieveEachOtherAlone) {
@@ -328,7 +316,7 @@ TEST_P(Hostile, LearnerAndActorBelieveEachOtherAlone) {
        {"a learner with an invalid noise", "an announcement from another service than the learner",
         "parameters from another service than the learner", "damaged parameters",
         "an acknowledgement of trajectories that were never sent"})
-    EXPECT_NE(actor->output().find(kind), std::string::npos) << kind << "\n" << actor->output();
+    EXPECT_TRUE(contains(actor->output(), kind)) << kind << "\n" << actor->output();
 }
 
 }  // namespace

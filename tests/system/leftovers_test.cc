@@ -9,8 +9,6 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::seconds;
-
 constexpr seconds kLong{60}, kAtOnce{10};
 constexpr int kRounds = 10;
 

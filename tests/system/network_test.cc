@@ -3,26 +3,20 @@
 // partitions do. Suites whose name begins with Long are for `./run test --long`.
 #include <gtest/gtest.h>
 
-#include <map>
+#include <algorithm>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <utility>
 
+#include "tests/paths.h"
+#include "tests/support/episodes_csv.h"
 #include "tests/support/hosts.h"
 #include "tests/support/text.h"
 #include "tests/support/wait.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 using namespace std::chrono_literals;
-using testing::contains;
-using testing::Folder;
-using testing::Hosts;
-using testing::kPatience;
-using testing::Service;
-
-using Arguments = std::vector<std::string>;
 
 /// The number behind `text` in what a service said; -1 when it did not.
 double number_after(const std::string& output, const std::string& text) {
@@ -76,12 +70,11 @@ TEST_F(Network, HostsOfAKilledTestAreCleared) {
   ASSERT_GT(child, 0);
   ::waitpid(child, nullptr, 0);
   const std::string name = "citylearn-" + std::to_string(child) + "-0";
-  ASSERT_TRUE(testing::poll_until([&] { return !testing::shell("ip netns pids " + name).empty(); }, 5s));
-  const int process = std::stoi(testing::shell("ip netns pids " + name));
+  ASSERT_TRUE(poll_until([&] { return !shell("ip netns pids " + name).empty(); }, 5s));
+  const int process = std::stoi(shell("ip netns pids " + name));
   const Hosts hosts(1);
-  EXPECT_FALSE(contains(testing::shell("ip netns list"), name));
-  EXPECT_TRUE(
-      testing::poll_until([&] { return !std::filesystem::exists("/proc/" + std::to_string(process) + "/exe"); }, 5s));
+  EXPECT_FALSE(contains(shell("ip netns list"), name));
+  EXPECT_TRUE(poll_until([&] { return !std::filesystem::exists("/proc/" + std::to_string(process) + "/exe"); }, 5s));
 }
 
 TEST_P(Pairing, ThreeHostsMeetWithinThreeSeconds) {
@@ -182,8 +175,8 @@ TEST_P(Vendor, TheDoctorTellsAMissingHostASilentOneAndOneWithoutServices) {
   const std::string there = Hosts::address(1);
   EXPECT_TRUE(contains(diagnosis(hosts, folder_, GetParam(), "10.77.0.99"), "no host answers at 10.77.0.99"));
   const std::string empty = diagnosis(hosts, folder_, GetParam(), there);
-  EXPECT_NE(empty.find("nothing listens on its UDP port 7910"), std::string::npos) << empty;
-  EXPECT_NE(empty.find("no participant was heard in domain 2"), std::string::npos) << empty;
+  EXPECT_TRUE(contains(empty, "nothing listens on its UDP port 7910"));
+  EXPECT_TRUE(contains(empty, "no participant was heard in domain 2"));
   const auto service = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
   hosts.wall_off(1);
   const std::string walled = diagnosis(hosts, folder_, GetParam(), there);
@@ -210,14 +203,6 @@ TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {
   EXPECT_NEAR(found["services"][0]["clock_ahead"].get<double>(), 0, 0.5);
 }
 
-/// Fields of a line of CSV.
-std::vector<std::string> fields(const std::string& line) {
-  std::vector<std::string> all;
-  std::istringstream in(line);
-  for (std::string field; std::getline(in, field, ',');) all.push_back(field);
-  return all;
-}
-
 /// A training of place_filter: env_services of the drawn city on hosts of their own, a policy_service on host 0.
 class Training : public Network, public ::testing::WithParamInterface<std::tuple<std::string, std::string>> {
  protected:
@@ -240,13 +225,9 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
   }
   /// Steps trained up to now, and when the last of them were.
   std::pair<double, double> progress(const std::string& output) const {
-    std::istringstream metrics(testing::contents(folder_ / (output + "/metrics.csv")));
-    std::pair<double, double> last{0, 0};
-    std::string line;
-    std::getline(metrics, line);
-    while (std::getline(metrics, line) && !metrics.eof())  // the last one may still be written
-      last = {std::stod(fields(line).at(1)), std::stod(fields(line).at(4))};
-    return last;
+    auto rows = csv_rows(folder_ / (output + "/metrics.csv"));
+    if (!contents(folder_ / (output + "/metrics.csv")).ends_with('\n') && !rows.empty()) rows.pop_back();
+    return rows.empty() ? std::pair(0.0, 0.0) : std::pair(std::stod(rows.back().at(1)), std::stod(rows.back().at(4)));
   }
   void expect_rejoined(std::chrono::seconds apart) {
     Hosts hosts(2);
@@ -254,7 +235,7 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
     const auto learner = policy(hosts, "out", 1,
                                 {"--environments", "1", "--steps", "100000000", "--time-limit",
                                  std::to_string(apart.count() + 8), "--peers", Hosts::address(1)});
-    ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
+    ASSERT_TRUE(poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
     hosts.cut(0, 1);
     ASSERT_FALSE(learner->wait(apart)) << learner->output();
     const double before = progress("out").first;
@@ -262,7 +243,7 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
     EXPECT_EQ(progress("out").first, before);  // it was cut off
     hosts.heal();
     const Clock::time_point healed = Clock::now();
-    EXPECT_TRUE(testing::poll_until([&] { return progress("out").first > before; }, 10s)) << learner->output();
+    EXPECT_TRUE(poll_until([&] { return progress("out").first > before; }, 10s)) << learner->output();
     RecordProperty("rejoined_after", std::to_string(std::chrono::duration<double>(Clock::now() - healed).count()));
     ASSERT_EQ(learner->wait(60s), 0) << learner->output();
     EXPECT_GE(expect_all_episodes("out"), 200);
@@ -271,22 +252,11 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
 
   /// Every env_service's episodes are there, numbered without a gap, none twice; returns how many.
   int expect_all_episodes(const std::string& output) const {
-    std::istringstream log(testing::contents(folder_ / (output + "/episodes.csv")));
-    std::string line;
-    std::getline(log, line);
-    std::map<std::string, std::vector<int>> numbers;
-    int count = 0, tasks = 0;
-    for (; std::getline(log, line); ++count) {
-      const auto values = fields(line);
-      numbers[values.at(0) + " " + values.at(1)].push_back(std::stoi(values.at(2)));
-      tasks += values.at(5) == "1";
-    }
-    for (auto& [environment, list] : numbers) {
-      std::sort(list.begin(), list.end());
-      for (std::size_t i = 0; i < list.size(); ++i) EXPECT_EQ(list[i], static_cast<int>(i) + 1) << environment;
-    }
-    EXPECT_EQ(tasks, 200);
-    return count;
+    const std::string log = folder_ / (output + "/episodes.csv");
+    expect_no_gaps(in_csv(log));
+    const auto rows = csv_rows(log);
+    EXPECT_EQ(std::count_if(rows.begin(), rows.end(), [](const auto& row) { return row.at(5) == "1"; }), 200);
+    return static_cast<int>(rows.size());
   }
 
  private:
@@ -308,8 +278,8 @@ TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost)
   Hosts hosts(3);
   std::vector<std::unique_ptr<Service>> envs;
   for (const int host : {1, 2, 1, 2}) envs.push_back(env(hosts, host));
-  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", std::to_string(13 * testing::kSlowness)});
-  ASSERT_TRUE(testing::poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
+  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", std::to_string(13 * kSlowness)});
+  ASSERT_TRUE(poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
   double steps[2] = {0, 0}, seconds[2] = {0, 0};
   for (int phase = 0; phase < 6; ++phase) {
     const int lossy = phase % 2;
@@ -320,7 +290,7 @@ TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost)
     steps[lossy] += steps_after - steps_before;
     seconds[lossy] += time_after - time_before;
   }
-  ASSERT_EQ(learner->wait(60s * testing::kSlowness), 0) << learner->output();
+  ASSERT_EQ(learner->wait(60s * kSlowness), 0) << learner->output();
   EXPECT_GE(expect_all_episodes("out"), 400);
   RecordProperty("steps_per_second",
                  std::to_string(steps[0] / seconds[0]) + ", with loss " + std::to_string(steps[1] / seconds[1]));
@@ -337,4 +307,4 @@ INSTANTIATE_TEST_SUITE_P(Hosts, LongPartition, kPairings, pairing_name);
 TEST_P(LongPartition, OfThirtySecondsIsOverWithinTen) { expect_rejoined(30s); }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -7,9 +7,9 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <regex>
-#include <sstream>
 
 #include "core/util/sha256.h"
+#include "tests/paths.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 #include "tools/paper/work.h"
@@ -19,24 +19,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using paper::Json;
-using std::chrono::seconds;
-
-using Arguments = std::vector<std::string>;
 
 constexpr seconds kLong{300};
-
-std::vector<std::string> lines_of(const std::string& text) {
-  std::vector<std::string> lines;
-  std::istringstream in(text);
-  for (std::string line; std::getline(in, line);) lines.push_back(line);
-  return lines;
-}
-
-int count(const std::string& text, const std::string& what) {
-  int found = 0;
-  for (std::size_t at = text.find(what); at != text.npos; at = text.find(what, at + what.size())) ++found;
-  return found;
-}
 
 /// A folder, and ./run paper that writes into it.
 class PaperReport : public ::testing::Test {
@@ -102,7 +86,7 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
   for (const std::string& line : lines_of(list.output())) {
     const std::string section = line.substr(0, line.find(' ')), text = part(html, section);
     ++sections;
-    EXPECT_GT(count(text, "<p>"), 0) << section;
+    EXPECT_GT(occurrences(text, "<p>"), 0) << section;
     ASSERT_FALSE(tables(text).empty()) << section;
     for (const auto& table : tables(text)) {
       EXPECT_FALSE(table.empty()) << section << " has a table without rows";
@@ -111,11 +95,11 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
             std::any_of(row.begin() + 1, row.end(), [](const auto& field) { return field != "-" && field != ""; }))
             << section << ": nothing is known of " << row.front();
     }
-    EXPECT_TRUE(section == "tables" || count(text, "<img ") > 0) << section;
-    EXPECT_EQ(count(text, "could not be made"), 0) << section;
+    EXPECT_TRUE(section == "tables" || occurrences(text, "<img ") > 0) << section;
+    EXPECT_EQ(occurrences(text, "could not be made"), 0) << section;
   }
   EXPECT_GE(sections, 6);
-  EXPECT_EQ(count(html, "<h2 "), sections);
+  EXPECT_EQ(occurrences(html, "<h2 "), sections);
 
   // Files: those that the manifest names, each chart with its numbers and as PNG.
   int charts = 0, pictures = 0;
@@ -134,15 +118,15 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
       EXPECT_TRUE(bytes.starts_with("\x89PNG")) << name;
       pictures += name.starts_with("figure-") && !manifest["files"].contains(stem + ".svg");
     } else if (name.ends_with(".csv")) {
-      EXPECT_EQ(count(bytes, "nan"), 0) << name;
+      EXPECT_EQ(occurrences(bytes, "nan"), 0) << name;
       EXPECT_GE(lines_of(bytes).size(), 1u) << name;
     }
   }
   EXPECT_GT(charts, 10);
   EXPECT_GE(pictures, 2);
-  EXPECT_EQ(count(html, "src=\"data:image/svg+xml"), charts);
-  EXPECT_EQ(count(html, "src=\"data:image/png"), pictures);
-  EXPECT_EQ(count(html, "src=\""), charts + pictures) << "the report needs other files";
+  EXPECT_EQ(occurrences(html, "src=\"data:image/svg+xml"), charts);
+  EXPECT_EQ(occurrences(html, "src=\"data:image/png"), pictures);
+  EXPECT_EQ(occurrences(html, "src=\""), charts + pictures) << "the report needs other files";
 
   // How it was made.
   EXPECT_EQ(manifest["seeds"], Json::array({1}));
@@ -151,7 +135,7 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
   for (const Json& unit : manifest["work"]) EXPECT_TRUE(unit["seconds"].is_number()) << unit;
   const std::string results = file("results.json");
   EXPECT_EQ(Json::parse(results).size(), outcomes().size());
-  EXPECT_EQ(count(results, "seconds\""), 0);
+  EXPECT_EQ(occurrences(results, "seconds\""), 0);
 
   // Once more: no work, the same report to the byte.
   const std::string again = run({});
@@ -175,8 +159,7 @@ TEST_F(PaperReport, GoesOnWhereItWasStopped) {
   {
     Service program(command(part), folder_ / "log");
     ASSERT_TRUE(poll_until([&] { return !outcomes().empty(); }, kLong)) << program.output();
-    program.send(SIGINT);
-    EXPECT_EQ(program.wait(seconds(30)), 130);
+    EXPECT_EQ(program.end(SIGINT, seconds(30)), 130);
     EXPECT_TRUE(contains(program.output(), "the same command goes on from here"));
   }
   EXPECT_FALSE(fs::exists(folder_ / "report/report.html"));
@@ -206,27 +189,21 @@ TEST_F(PaperReport, ShowsNoPictureOfRealRecordingsWhenAsked) {
       ASSERT_TRUE(cv::imwrite(path, picture));
     }
   const auto report = [&](const std::vector<std::string>& more) {
-    Arguments command = {CITYLEARN_PAPER, "--quick",
-                         "--effort",      "0.01",
-                         "--seeds",       "1",
-                         "--dataset",     "plain",
-                         "--data",        folder_ / "data",
-                         "--only",        "figure-10",
-                         "--output",      folder_ / "report",
-                         "--store",       folder_ / "store",
-                         "--work",        folder_ / "work"};
+    Arguments command = {CITYLEARN_PAPER, "--quick", "--effort", "0.01", "--seeds", "1", "--only", "figure-10"};
+    command.insert(command.end(), {"--dataset", "plain", "--data", folder_ / "data", "--output", folder_ / "report",
+                                   "--store", folder_ / "store", "--work", folder_ / "work"});
     command.insert(command.end(), more.begin(), more.end());
     Service program(command, folder_ / "log");
     EXPECT_EQ(program.wait(kLong), 0) << program.output();
     return std::pair(part(file("report.html"), "figure-10"), Json::parse(file("manifest.json"))["files"]);
   };
   const auto [with, files_with] = report({});
-  EXPECT_EQ(count(with, "data:image/png"), 2);
+  EXPECT_EQ(occurrences(with, "data:image/png"), 2);
   EXPECT_TRUE(files_with.contains("figure-10-summer.png"));
   EXPECT_TRUE(files_with.contains("walk-summer-features.png"));
   const auto [without, files_without] = report({"--no-strips"});
-  EXPECT_EQ(count(without, "data:image/png"), 0);
-  EXPECT_EQ(count(without, "data:image/svg"), 2);
+  EXPECT_EQ(occurrences(without, "data:image/png"), 0);
+  EXPECT_EQ(occurrences(without, "data:image/svg"), 2);
   EXPECT_FALSE(files_without.contains("figure-10-summer.png"));
   EXPECT_FALSE(fs::exists(folder_ / "report/figure-10-summer.png"));
   EXPECT_FALSE(fs::exists(folder_ / "report/walk-summer-features.png"));

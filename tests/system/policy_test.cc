@@ -2,15 +2,15 @@
 // Whole runs: real processes over loopback DDS.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <map>
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
 
 #include "core/wire/node.h"
+#include "tests/paths.h"
+#include "tests/support/episodes_csv.h"
 #include "tests/support/recorder.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
@@ -19,21 +19,12 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::seconds;
 using Json = nlohmann::json;
-
-constexpr seconds kLong{120};
 
 std::vector<std::string> files_in(const std::string& folder) {
   std::vector<std::string> files;
   for (const auto& entry : std::filesystem::directory_iterator(folder)) files.push_back(entry.path());
   return files;
-}
-
-std::size_t count(const std::string& text, const std::string& part) {
-  std::size_t found = 0;
-  for (std::size_t at = text.find(part); at != std::string::npos; at = text.find(part, at + 1)) ++found;
-  return found;
 }
 
 class Vendors : public VendorTest {};
@@ -67,17 +58,9 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
   EXPECT_GT(controls["sequence_filter"]["fall"]["spl"], 0.95);
   EXPECT_EQ(controls["blind"]["summer"], controls["blind"]["fall"]) << "a blind policy on the same tasks";
   // Every episode of the evaluations is on record, once.
-  const std::string log = contents(run.folder() / "out/episodes.csv");
-  int evaluated = 0;
-  std::map<std::string, int> seen;
-  std::istringstream lines(log);
-  for (std::string line; std::getline(lines, line);) {
-    evaluated += line.find(",fall,1,") != std::string::npos;
-    std::string::size_type end = 0;
-    for (int comma = 0; comma < 3; ++comma) end = line.find(',', end) + 1;
-    EXPECT_EQ(++seen[line.substr(0, end)], 1) << line;
-  }
-  EXPECT_EQ(evaluated, 5 * 300);
+  const std::string log = run.folder() / "out/episodes.csv";
+  EXPECT_EQ(occurrences(contents(log), ",fall,1,"), 5 * 300);
+  in_csv(log);
   EXPECT_TRUE(Json::parse(contents(run.folder() / "out/manifest.json"))["traversals"].contains("summer"));
   EXPECT_TRUE(contains(policy->output(), "SPL")) << "the final table";
   const auto events = files_in(run.folder() / "out/tensorboard");
@@ -99,8 +82,7 @@ TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
   // The schedules follow --steps, so the run to be killed is the same run; it is killed as soon as it has a checkpoint.
   auto killed = run.train(kUpdates, "killed");
   ASSERT_TRUE(run.has_checkpoint("killed", kLong)) << killed->output();
-  killed->send(SIGKILL);
-  ASSERT_EQ(killed->wait(seconds(5)), 128 + SIGKILL) << "it had ended before";
+  ASSERT_EQ(killed->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
   ASSERT_NE(run.checkpoint("killed").first, run.checkpoint("straight").first) << "it had finished training before";
   const auto resumed = run.train(kUpdates, "killed", {"--resume"});
   ASSERT_TRUE(resumed->says("resuming after update", seconds(10))) << "goes on within 10 s\n" << resumed->output();
@@ -108,24 +90,11 @@ TEST_P(Vendors, AKilledPolicyServiceGoesOnByteForByte) {
   const auto expected = run.checkpoint("straight"), found = run.checkpoint("killed");
   EXPECT_EQ(found.first, expected.first);
   EXPECT_TRUE(found.second == expected.second) << "the final checkpoints differ";
-  std::size_t points = 0;
+  int points = 0;
   for (const std::string& file : files_in(run.folder() / "killed/tensorboard"))
-    points += count(contents(file), "Losses/Value Loss");
+    points += occurrences(contents(file), "Losses/Value Loss");
   EXPECT_EQ(files_in(run.folder() / "killed/tensorboard").size(), 2u) << "one of each process";
-  EXPECT_EQ(points, static_cast<std::size_t>(kUpdates)) << "one an update, although some were computed twice";
-}
-
-/// Numbers of an episodes.csv with one env_service, each once.
-std::set<std::uint64_t> recorded_episodes(const std::string& path) {
-  std::set<std::uint64_t> numbers;
-  std::istringstream lines(contents(path));
-  std::string line;
-  std::getline(lines, line);
-  while (std::getline(lines, line)) {
-    const std::size_t number = line.find(',', line.find(',') + 1) + 1;
-    EXPECT_TRUE(numbers.insert(std::stoull(line.substr(number))).second) << line;
-  }
-  return numbers;
+  EXPECT_EQ(points, kUpdates) << "one an update, although some were computed twice";
 }
 
 /// What is kept for a dashboard that is not there comes to every policy_service too.
@@ -136,12 +105,11 @@ TEST_P(Vendors, ALaggingRecorderDisturbsNobodysRecords) {
   ASSERT_EQ(one->wait(kLong), 0) << one->output();
   const auto killed = run.train(200, "two");
   ASSERT_TRUE(run.has_checkpoint("two", kLong)) << killed->output();
-  killed->send(SIGKILL);
-  ASSERT_EQ(killed->wait(seconds(5)), 128 + SIGKILL) << "it had ended before";
+  ASSERT_EQ(killed->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
   const auto resumed = run.train(200, "two", {"--resume"});
   ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
-  const auto first = recorded_episodes(run.folder() / "one/episodes.csv");
-  const auto second = recorded_episodes(run.folder() / "two/episodes.csv");
+  const auto first = in_csv(run.folder() / "one/episodes.csv").begin()->second;
+  const auto second = in_csv(run.folder() / "two/episodes.csv").begin()->second;
   ASSERT_FALSE(first.empty());
   EXPECT_EQ(*first.begin(), 1u);
   EXPECT_EQ(*first.rbegin(), first.size());
@@ -171,7 +139,7 @@ TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
   summer->send(SIGKILL);
   summer->wait(seconds(5));
-  ASSERT_FALSE(policy->says("trained ", std::chrono::milliseconds(1))) << "it had finished training before";
+  ASSERT_FALSE(policy->says("trained ", milliseconds(1))) << "it had finished training before";
   summer = run.env("summer");
   ASSERT_TRUE(policy->says("restarted env_service", seconds(10))) << policy->output();
   EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
@@ -191,15 +159,12 @@ TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
   Trial run(GetParam());
   const auto waiting = run.policy({"--session", "nobody"});
   ASSERT_TRUE(waiting->says("waiting for env_services", seconds(20))) << waiting->output();
-  waiting->send(SIGTERM);
-  EXPECT_TRUE(waiting->wait(seconds(2)).has_value());
+  EXPECT_TRUE(waiting->end(SIGTERM, seconds(2)).has_value());
   const auto summer = run.env("summer");
   const auto policy = run.train(1000000, "out");
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
-  policy->send(SIGTERM);
-  EXPECT_EQ(policy->wait(seconds(2)), 130);
-  summer->send(SIGTERM);
-  EXPECT_EQ(summer->wait(seconds(2)), 0);
+  EXPECT_EQ(policy->end(SIGTERM, seconds(2)), 130);
+  EXPECT_EQ(summer->end(SIGTERM, seconds(2)), 0);
 }
 
 TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
@@ -232,7 +197,7 @@ TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
   }
   {
     Trial run("inprocess");
-    Service both({CITYLEARN_INPROCESS_RUN, run.folder() / "out"}, run.folder() / "log");
+    Service both({INPROCESS_RUN, run.folder() / "out"}, run.folder() / "log");
     ASSERT_EQ(both.wait(kLong), 0) << both.output();
     bytes["inprocess"] = run.checkpoint("out").second;
   }
@@ -252,12 +217,10 @@ TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
   const auto policy = run.policy({"--agent", "place_filter", "--steps", "1000000000", "--time-limit", "2", "--tasks",
                                   "20", "--output", run.folder() / "out"});
   ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
-  std::istringstream metrics(contents(run.folder() / "out/metrics.csv"));
-  std::string line, header;
-  std::getline(metrics, header);
-  ASSERT_TRUE(header.ends_with(",learning_rate,policy_lag")) << header;
+  const std::string metrics = run.folder() / "out/metrics.csv";
+  ASSERT_TRUE(lines_of(contents(metrics)).at(0).ends_with(",learning_rate,policy_lag"));
   std::vector<double> rates;
-  while (std::getline(metrics, line)) rates.push_back(std::stod(line.substr(line.rfind(',', line.rfind(',') - 1) + 1)));
+  for (const auto& row : csv_rows(metrics)) rates.push_back(std::stod(row.at(row.size() - 2)));
   ASSERT_GT(rates.size(), 2u);
   EXPECT_LT(rates.back(), 0.5 * rates.front());
 }

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "dashboard/store/recorder.h"
+#include "tests/support/options.h"
 
 namespace {
 
@@ -24,15 +25,9 @@ int main(int argc, char** argv) try {
   using namespace citylearn;
   if (argc != 4) throw Error("needs MIDDLEWARE DOMAIN STORE");
   std::signal(SIGTERM, [](int) { stopped = 1; });
-  Store::Options store_options;
-  store_options.path = argv[3];
-  Store store(store_options);
-  Node::Options options;
-  options.middleware.name = argv[1];
-  options.middleware.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
-  options.service = "dashboard";
-  options.id = "dashboard";
-  Node node(options);
+  Store store({argv[3], 0});
+  Node node({testing::middleware_options(argv[1], static_cast<std::uint32_t>(std::stoul(argv[2]))), "dashboard",
+             "dashboard", "default"});
   Recorder recorder(node, store);
   node.report(msg::RUNNING, "records");
   std::puts("records");

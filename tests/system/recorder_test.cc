@@ -18,9 +18,6 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::seconds;
-
-constexpr seconds kLong{120};
 constexpr int kKills = 20;
 
 std::int64_t recorded(const std::string& path, const std::string& table = "episodes") {
@@ -42,8 +39,7 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
     // In the middle of recording, as long as there is something to be recorded.
     const std::int64_t before = recorded(store);
     busy += poll_until([&] { return recorded(store) > before; }, seconds(2));
-    victim->send(SIGKILL);
-    ASSERT_EQ(victim->wait(kLong), 128 + SIGKILL) << victim->output();
+    ASSERT_EQ(victim->end(SIGKILL, kLong), 128 + SIGKILL) << victim->output();
   }
   EXPECT_GE(busy, kKills / 2);
   const auto last = run.recorder(store);
@@ -58,15 +54,13 @@ TEST_P(Vendors, NothingIsLostOrDoubledWhenItIsKilledTwentyTimes) {
                        .getInt64() == 1;
       },
       kLong));
-  training->send(SIGTERM);
-  ASSERT_TRUE(training->wait(kLong).has_value()) << training->output();
+  ASSERT_TRUE(training->end(SIGTERM, kLong).has_value()) << training->output();
   const auto evaluation = run.policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "64", "--evaluate", "summer",
                                       "--output", run.folder() / "blind"});
   ASSERT_EQ(evaluation->wait(kLong), 0) << evaluation->output();
-  env->send(SIGTERM);  // it stays until the dashboard has everything
-  ASSERT_EQ(env->wait(kLong), 0) << env->output();
-  last->send(SIGTERM);
-  ASSERT_EQ(last->wait(kLong), 0) << last->output();
+  // it stays until the dashboard has everything
+  ASSERT_EQ(env->end(SIGTERM, kLong), 0) << env->output();
+  ASSERT_EQ(last->end(SIGTERM, kLong), 0) << last->output();
 
   // The env_service's own count, without gaps; and the policy_service, a recorder of its own, knows of nothing else.
   const Ledger mine = in_store(store), theirs = in_csv(run.folder() / "out/episodes.csv");
@@ -112,18 +106,12 @@ TEST(FastDds, AServiceEndsThoughItsRecorderDoesNotAnswer) {
   const auto recorder = run.recorder(run.folder() / "dashboard.sqlite");
   for (int round = 0; round < kRounds; ++round) {
     recorder->send(SIGCONT);
-    Node::Options options;
-    options.middleware = run.middleware();
-    options.service = "env_service";
-    options.id = "env-summer";
-    Node node(options);
-    const Clock::time_point deadline = Clock::now() + kLong;
+    Node node({run.middleware(), "env_service", "env-summer", "default"});
     const auto matched = [&] {
       return node.readers<msg::EpisodeStat>() > 0 && node.readers<msg::TrainingStat>() > 0 &&
              node.readers<msg::TraversalInfo>() > 0 && node.readers<msg::RunInfo>() > 0;
     };
-    while (!matched() && Clock::now() < deadline) node.wait(Clock::now() + std::chrono::milliseconds(10));
-    ASSERT_TRUE(matched());
+    ASSERT_TRUE(eventually([&] { node.wait(Clock::now() + milliseconds(10)); }, matched, kLong));
     recorder->send(SIGSTOP);
     publish_each(node, 256, episode(1), training_stat(1), traversal_info(), run_info());
   }

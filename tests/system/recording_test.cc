@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <set>
-#include <tuple>
 
 #include "dashboard/store/database.h"
+#include "tests/paths.h"
 #include "tests/support/recordings.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
@@ -13,10 +13,6 @@
 
 namespace citylearn::testing {
 namespace {
-
-using std::chrono::seconds;
-
-constexpr seconds kLong{120};
 
 /// All that is kept of each episode, without where and when it was put down.
 std::set<std::string> episodes_in(const std::string& path) {
@@ -39,11 +35,6 @@ std::set<std::string> updates_in(const std::string& path) {
   return all;
 }
 
-int end(Service& service, int signal = SIGTERM) {
-  service.send(signal);
-  return service.wait(kLong).value_or(-1);
-}
-
 class Vendors : public VendorTest {};
 CITYLEARN_EACH_VENDOR(Vendors);
 
@@ -57,10 +48,10 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
     const auto env = trial.env("summer", {"--recorders", "dashboard", "--linger", "60"});
     const auto policy = trial.train(40, "out");
     ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
-    ASSERT_EQ(end(*env), 0) << env->output();
-    ASSERT_EQ(end(*recorder), 0) << recorder->output();
+    ASSERT_EQ(env->end(SIGTERM, kLong), 0) << env->output();
+    ASSERT_EQ(recorder->end(SIGTERM, kLong), 0) << recorder->output();
   }
-  ASSERT_EQ(end(*record, SIGINT), 0) << record->output();
+  ASSERT_EQ(record->end(SIGINT, kLong), 0) << record->output();
   EXPECT_TRUE(contains(record->output(), "citylearn/episode_stat"));
   std::string missing = "?";
   EXPECT_FALSE(all_of(file, &missing).empty());
@@ -70,7 +61,7 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   const auto recorder = trial.recorder(trial.folder() / "replayed.sqlite");
   const auto replay = trial.program(CITYLEARN_REPLAY, "replay", {file, "--speed", "max"});
   ASSERT_EQ(replay->wait(kLong), 0) << replay->output();
-  ASSERT_EQ(end(*recorder), 0) << recorder->output();
+  ASSERT_EQ(recorder->end(SIGTERM, kLong), 0) << recorder->output();
   const auto original = episodes_in(trial.folder() / "original.sqlite");
   EXPECT_GT(original.size(), 50u);
   EXPECT_EQ(episodes_in(trial.folder() / "replayed.sqlite"), original) << replay->output();
@@ -80,7 +71,7 @@ TEST_P(Vendors, AReplayedRunIsTheRun) {
   const auto dashboard =
       trial.dashboard({"--open", file, "--speed", "max", "--port", "0", "--store", trial.folder() / "opened.sqlite"});
   ASSERT_TRUE(dashboard->says("the recording has ended", kLong)) << dashboard->output();
-  ASSERT_EQ(end(*dashboard), 0) << dashboard->output();
+  ASSERT_EQ(dashboard->end(SIGTERM, kLong), 0) << dashboard->output();
   EXPECT_EQ(episodes_in(trial.folder() / "opened.sqlite"), original) << dashboard->output();
   EXPECT_EQ(updates_in(trial.folder() / "opened.sqlite").size(), 40u) << dashboard->output();
 }
@@ -107,8 +98,7 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
   };
   // 30 updates of 8 agents; a chunk is on the disk a second after its first message.
   ASSERT_TRUE(poll_until([&] { return trajectories() >= 240; }, kLong)) << record->output();
-  record->send(SIGKILL);
-  ASSERT_EQ(record->wait(kLong), 128 + SIGKILL);
+  ASSERT_EQ(record->end(SIGKILL, kLong), 128 + SIGKILL);
 
   const auto second = learner(25, "second");
   const auto replay = trial.program(CITYLEARN_REPLAY, "replay", {file, "--learner"});

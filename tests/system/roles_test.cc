@@ -2,14 +2,13 @@
 // A learner and its actors: real processes over loopback DDS.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <filesystem>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <set>
 
 #include "core/wire/node.h"
+#include "tests/support/episodes_csv.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 #include "tests/support/trial.h"
@@ -17,18 +16,9 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
 using Json = nlohmann::json;
 
 constexpr seconds kLong{240};
-
-std::vector<std::string> lines_of(const std::string& path) {
-  std::vector<std::string> lines;
-  std::istringstream text(contents(path));
-  for (std::string line; std::getline(text, line);) lines.push_back(line);
-  return lines;
-}
 
 /// A learner's run: what is in its folder tells how far it is.
 class Learning {
@@ -47,31 +37,24 @@ class Learning {
     more.insert(more.end(), {"--role", "actor", "--id", id});
     return trial.policy(more);
   }
+  std::vector<std::vector<std::string>> metrics() const { return csv_rows(trial.folder() / "out/metrics.csv"); }
   /// Number of the last update on record; 0 before the first.
   int updates() const {
-    const std::vector<std::string> rows = lines_of(trial.folder() / "out/metrics.csv");
-    return rows.size() < 2 ? 0 : std::stoi(rows.back());
+    const auto rows = metrics();
+    return rows.empty() ? 0 : std::stoi(rows.back().at(0));
   }
   bool reaches(int wanted) const {
     return poll_until([&] { return updates() >= wanted; }, kLong);
   }
   /// Every episode is on record once, numbered without gaps in each env_service, and so is every update.
   void expect_whole_records() const {
-    std::map<std::string, std::set<int>> episodes;
-    std::vector<std::string> rows = lines_of(trial.folder() / "out/episodes.csv");
-    for (std::size_t i = 1; i < rows.size(); ++i) {
-      const std::size_t number = rows[i].find(',', rows[i].find(',') + 1) + 1;
-      EXPECT_TRUE(episodes[rows[i].substr(0, number)].insert(std::stoi(rows[i].substr(number))).second) << rows[i];
-    }
+    const Ledger episodes = in_csv(trial.folder() / "out/episodes.csv");
     EXPECT_FALSE(episodes.empty());
-    for (const auto& [environment, numbers] : episodes)
-      EXPECT_EQ(*numbers.rbegin(), static_cast<int>(numbers.size())) << environment << " has gaps";
-    rows = lines_of(trial.folder() / "out/metrics.csv");
-    for (std::size_t i = 1; i < rows.size(); ++i) {
-      EXPECT_EQ(std::stoi(rows[i]), static_cast<int>(i));
-      EXPECT_EQ(rows[i].substr(rows[i].find(',') + 1, std::to_string(512 * i).size() + 1),
-                std::to_string(512 * i) + ",")
-          << "each step is learned from once";
+    expect_no_gaps(episodes);
+    int update = 0;
+    for (const auto& row : metrics()) {
+      EXPECT_EQ(std::stoi(row.at(0)), ++update);
+      EXPECT_EQ(row.at(1), std::to_string(512 * update)) << "each step is learned from once";
     }
   }
 
@@ -81,31 +64,24 @@ class Learning {
 /// Hears what actors say of themselves.
 class Listener {
  public:
-  explicit Listener(const Trial& trial) : node_(options(trial)) {
+  explicit Listener(const Trial& trial) : node_({trial.middleware(), "listener", "listener", "default"}) {
     node_.create_reader<msg::ActorStatus>();
     node_.create_reader<msg::ServiceStatus>();
   }
   /// Until `condition` holds for a status of that actor.
   bool hears(const std::string& actor, const std::function<bool(const msg::ActorStatus&)>& condition,
              milliseconds patience = kLong) {
-    const Clock::time_point deadline = Clock::now() + patience;
-    while (Clock::now() < deadline) {
-      node_.wait(Clock::now() + milliseconds(50));
+    const auto heard = [&] {
       while (node_.take(service_)) activities_[service_.header().sender().c_str()] = service_.activity().c_str();
       while (node_.take(status_))
         if (status_.header().sender() == actor && condition(status_)) return true;
-    }
-    return false;
+      return false;
+    };
+    return eventually([this] { node_.wait(Clock::now() + milliseconds(50)); }, heard, patience);
   }
   std::string activity(const std::string& id) { return activities_[id]; }
 
  private:
-  static Node::Options options(const Trial& trial) {
-    Node::Options options;
-    options.middleware = trial.middleware();
-    options.service = options.id = "listener";
-    return options;
-  }
   Node node_;
   msg::ActorStatus status_;
   msg::ServiceStatus service_;
@@ -134,7 +110,7 @@ TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
   const auto learner = run.learner(300, {"--environments", "2"});
   ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << a->output();
   for (const auto* actor : {a.get(), b.get()})
-    EXPECT_NE(actor->output().find("serving env_service"), std::string::npos) << a->output() << b->output();
+    EXPECT_TRUE(contains(actor->output(), "serving env_service")) << a->output() << b->output();
   EXPECT_EQ(a->wait(seconds(10)), 0) << a->output();
   EXPECT_EQ(b->wait(seconds(10)), 0) << b->output();
   const Json summary = Json::parse(contents(run.trial.folder() / "out/summary.json"));
@@ -161,8 +137,7 @@ TEST_P(Vendors, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
   ASSERT_TRUE(serves("a", 1)) << a->output();
   ASSERT_TRUE(serves("b", 1)) << b->output();
   ASSERT_TRUE(run.reaches(3)) << learner->output();
-  b->send(SIGKILL);
-  ASSERT_TRUE(b->wait(seconds(5)).has_value());
+  ASSERT_TRUE(b->end(SIGKILL, seconds(5)).has_value());
   EXPECT_TRUE(serves("a", 2)) << a->output();
   EXPECT_TRUE(learner->says("actor 'b' went silent", kLong)) << learner->output();
   ASSERT_TRUE(run.reaches(run.updates() + 3)) << learner->output();
@@ -171,11 +146,9 @@ TEST_P(Vendors, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
   EXPECT_TRUE(serves("a", 1)) << a->output();
   EXPECT_TRUE(learner->says("actor 'b' is back", seconds(5))) << learner->output();
   ASSERT_TRUE(run.reaches(run.updates() + 3)) << learner->output();
-  a->send(SIGTERM);
-  EXPECT_EQ(a->wait(seconds(5)), 130);
+  EXPECT_EQ(a->end(SIGTERM, seconds(5)), 130);
   EXPECT_TRUE(serves("b", 2)) << "who leaves says so";
-  learner->send(SIGTERM);
-  EXPECT_EQ(learner->wait(seconds(5)), 130);
+  EXPECT_EQ(learner->end(SIGTERM, seconds(5)), 130);
   run.expect_whole_records();
 }
 
@@ -185,13 +158,12 @@ TEST_P(Vendors, AKilledLearnerGoesOnWithTheSameActors) {
   auto learner = run.learner(300);  // some seconds: the first checkpoint is far from the end
   const auto actor = run.actor("a");
   ASSERT_TRUE(run.trial.has_checkpoint("out", kLong)) << learner->output();
-  learner->send(SIGKILL);
-  ASSERT_EQ(learner->wait(seconds(5)), 128 + SIGKILL) << "it had ended before";
+  ASSERT_EQ(learner->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
   EXPECT_TRUE(actor->says("is silent", kLong)) << actor->output();
   learner = run.learner(300, {"--resume"});
   ASSERT_TRUE(actor->says("is back", kLong)) << actor->output();
   EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
-  EXPECT_NE(learner->output().find("resuming after update"), std::string::npos);
+  EXPECT_TRUE(contains(learner->output(), "resuming after update"));
   EXPECT_EQ(actor->wait(seconds(10)), 0) << actor->output();
   run.expect_whole_records();
 }
@@ -204,8 +176,7 @@ TEST_P(Vendors, ALateActorGetsTheNewestParametersAtOnce) {
   ASSERT_TRUE(run.reaches(5)) << learner->output();
   Listener listener(run.trial);
   // Nothing new comes while nobody acts: what the late one gets is what it asks for.
-  a->send(SIGKILL);
-  ASSERT_TRUE(a->wait(seconds(5)).has_value());
+  ASSERT_TRUE(a->end(SIGKILL, seconds(5)).has_value());
   const int version = run.updates();
   const auto b = run.actor("b");
   std::uint64_t first = 0;
@@ -265,15 +236,11 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
   const auto actor = run.actor("a", {"--stay"});
   auto learner = run.learner(100000, {"--curriculum"});
   const auto lesson = [&] {
-    const std::vector<std::string> rows = lines_of(run.trial.folder() / "out/metrics.csv");
-    int update = 0, steps = 0, episodes = 0, number = 0;
-    return rows.size() > 1 && std::sscanf(rows.back().c_str(), "%d,%d,%d,%d", &update, &steps, &episodes, &number) == 4
-               ? number
-               : 0;
+    const auto rows = run.metrics();
+    return rows.empty() || rows.back().size() < 4 ? 0 : std::stoi(rows.back()[3]);
   };
   ASSERT_TRUE(poll_until([&] { return lesson() >= 2; }, kLong)) << learner->output() << actor->output();
-  learner->send(SIGTERM);
-  EXPECT_EQ(learner->wait(seconds(5)), 130);
+  EXPECT_EQ(learner->end(SIGTERM, seconds(5)), 130);
   const auto afresh = [&] {  // a run that is not to be overwritten stands in the way of the next
     std::filesystem::remove_all(run.trial.folder() / "out");
     learner = run.learner(3);
@@ -284,8 +251,7 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
   afresh();
   EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
   EXPECT_FALSE(actor->wait(milliseconds(1)).has_value()) << "it stays";
-  actor->send(SIGTERM);
-  EXPECT_EQ(actor->wait(seconds(5)), 130);
+  EXPECT_EQ(actor->end(SIGTERM, seconds(5)), 130);
 }
 
 TEST(CommandLine, WrongRolesAreOneClearLine) {

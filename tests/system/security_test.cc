@@ -18,6 +18,7 @@
 
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
+#include "tests/paths.h"
 #include "tests/support/keystore.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
@@ -25,8 +26,6 @@
 
 namespace citylearn::testing {
 namespace {
-
-using std::chrono::seconds;
 
 constexpr seconds kLong{60};
 
@@ -84,7 +83,7 @@ class Victim {
     while (!condition()) {
       if (Clock::now() >= deadline) return false;
       publisher_->publish(sample);
-      const Clock::time_point next = Clock::now() + std::chrono::milliseconds(20);
+      const Clock::time_point next = Clock::now() + milliseconds(20);
       Bytes taken;
       while (middleware_->wait(next))
         while (subscription_->take(taken) && ++count_ > 0)
@@ -170,8 +169,7 @@ TEST_P(Secured, ALearnerAndItsActorHaveThePermissionsTheyNeed) {
   const auto learner = run.train(40, "out", with("learner", "learner", {"--role", "learner", "--trainer-agents", "8"}));
   EXPECT_EQ(learner->wait(kLong * 2).value_or(-1), 0) << learner->output() << actor->output() << env->output();
   EXPECT_EQ(actor->wait(kLong).value_or(-1), 0) << actor->output();
-  env->send(SIGTERM);
-  EXPECT_EQ(env->wait(kLong).value_or(-1), 0) << env->output();
+  EXPECT_EQ(env->end(SIGTERM, kLong).value_or(-1), 0) << env->output();
   EXPECT_TRUE(contains(env->output(), "all acknowledged"));
 }
 

@@ -33,7 +33,7 @@ TEST_F(ServerTest, ServesThePageWithStrictHeaders) {
     const std::string policy = response.headers.at("content-security-policy");
     for (const std::string part : {"default-src 'self'; ", "img-src 'self' data: blob:; ", "connect-src 'self'; ",
                                    "style-src 'self'; ", "frame-ancestors 'none'; ", "base-uri 'none'; "})
-      EXPECT_NE(policy.find(part), std::string::npos) << part;
+      EXPECT_TRUE(contains(policy, part)) << part;
     EXPECT_EQ(response.headers.at("x-content-type-options"), "nosniff");
     EXPECT_EQ(response.headers.at("referrer-policy"), "no-referrer");
     EXPECT_EQ(response.headers.at("cross-origin-opener-policy"), "same-origin");
@@ -65,8 +65,8 @@ TEST_F(ServerTest, SaysThatThePageIsNotBuilt) {
   start();
   const auto page = get("/");
   EXPECT_EQ(page.status, 404);
-  EXPECT_NE(page.body.find("not built"), std::string::npos);
-  EXPECT_NE(page.body.find("npm"), std::string::npos);
+  EXPECT_TRUE(contains(page.body, "not built"));
+  EXPECT_TRUE(contains(page.body, "npm"));
   EXPECT_EQ(get("/api/runs").status, 200);
 }
 
@@ -127,8 +127,8 @@ TEST_F(ServerTest, NoPathLeavesTheFolder) {
         "/..%c0%afsecret", "/../../../../../../../../etc/passwd"}) {
     const auto response = get(target);
     EXPECT_TRUE(response.status == 404 || response.status == 400) << target << " " << response.status;
-    EXPECT_EQ(response.body.find("secret\n"), std::string::npos) << target;
-    EXPECT_EQ(response.body.find("root:"), std::string::npos) << target;
+    EXPECT_FALSE(contains(response.body, "secret\n")) << target;
+    EXPECT_FALSE(contains(response.body, "root:")) << target;
   }
   for (const std::string target : {"secret", "*", "http://localhost/../secret", ""})
     EXPECT_EQ(client()->get(target).status, 400) << target;
@@ -165,8 +165,8 @@ TEST_F(ServerTest, ALinkLogsInOnce) {
   EXPECT_EQ(login.status, 303);
   EXPECT_EQ(login.headers.at("location"), "/");
   const std::string cookie = login.headers.at("set-cookie");
-  EXPECT_NE(cookie.find("; HttpOnly; SameSite=Strict"), std::string::npos);
-  EXPECT_EQ(cookie.find("Secure"), std::string::npos);
+  EXPECT_TRUE(contains(cookie, "; HttpOnly; SameSite=Strict"));
+  EXPECT_FALSE(contains(cookie, "Secure"));
   EXPECT_EQ(get("/api/runs", {{"cookie", cookie.substr(0, cookie.find(';'))}}).status, 200);
   EXPECT_EQ(get(path).status, 401);
 }
@@ -329,7 +329,7 @@ TEST_F(ServerTest, SpeaksTls) {
   EXPECT_EQ(get("/").body, "<!doctype html>");
   const auto login = get(server_->link().substr(server_->url().size()));
   const std::string cookie = login.headers.at("set-cookie");
-  EXPECT_NE(cookie.find("; Secure"), std::string::npos);
+  EXPECT_TRUE(contains(cookie, "; Secure"));
   const WebClient::Headers known = {{"cookie", cookie.substr(0, cookie.find(';'))}};
   EXPECT_EQ(get("/api/large", known).body.size(), 8u << 20);
   const auto live = client();
@@ -364,11 +364,11 @@ TEST_F(ServerTest, EndsAtOnceWhateverIsGoingOn) {
 
 TEST_F(ServerTest, WhatKeepsItFromListeningIsSaidInOneLine) {
   const auto refusal = [this](const ServerOptions& options) {
-    return testing::error_of([&] { const Server server(options, hub_, {}); });
+    return error_of([&] { const Server server(options, hub_, {}); });
   };
   const auto says = [&](const ServerOptions& options, const std::string& part) {
     const std::string text = refusal(options);
-    EXPECT_NE(text.find(part), std::string::npos) << text;
+    EXPECT_TRUE(contains(text, part));
   };
   start();
   ServerOptions options = options_;

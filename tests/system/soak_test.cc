@@ -15,22 +15,13 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
-
 constexpr int kEnvironments = 16, kMortal = 8;  // the others live through all of it
-constexpr seconds kLong{120}, kBack{10}, kLook{5};
+constexpr seconds kBack{10}, kLook{5};
 constexpr double kMostSlope = 1;  // MB a minute
 
 double soak_minutes() {
   const char* given = std::getenv("CITYLEARN_SOAK_MINUTES");
   return given && *given ? std::strtod(given, nullptr) : 30;
-}
-
-/// Stops all, and waits for those that have something to say at their end.
-int ended(Service& service) {
-  service.send(SIGTERM);
-  return service.wait(kLong).value_or(-1);
 }
 
 TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
@@ -71,8 +62,7 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
       auto& victim = environments[static_cast<std::size_t>(number)];
       const std::uint64_t before = witness.incarnation(id(number));
       const Clock::time_point since = Clock::now();
-      victim->send(SIGKILL);
-      ASSERT_EQ(victim->wait(kLong), 128 + SIGKILL) << victim->output();
+      ASSERT_EQ(victim->end(SIGKILL, kLong), 128 + SIGKILL) << victim->output();
       victim = environment(number);
       EXPECT_TRUE(witness.until(
           [&] { return witness.incarnation(id(number)) != before && witness.episodes(id(number)) > 0; }, kBack))
@@ -97,8 +87,8 @@ TEST(LongSoak, MemoryAndFilesStayFlatAndTheLedgerIsRight) {
     const auto count = std::stoull(said.substr(at + before.size(), end - at - before.size()));
     for (std::uint64_t episode = 1; episode <= count; ++episode) episodes.insert(episodes.end(), episode);
   }
-  EXPECT_EQ(ended(*policy), 130) << policy->output();
-  EXPECT_EQ(ended(*recorder), 0) << recorder->output();
+  EXPECT_EQ(policy->end(SIGTERM, kLong), 130) << policy->output();
+  EXPECT_EQ(recorder->end(SIGTERM, kLong), 0) << recorder->output();
 
   const Ledger recorded = in_store(store), learned = in_csv(out + "/episodes.csv");
   for (const auto& [source, episodes] : counted) {

@@ -4,9 +4,9 @@
 
 #include <filesystem>
 #include <fstream>
-#include <map>
 #include <nlohmann/json.hpp>
 
+#include "tests/paths.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 #include "tests/support/trial.h"
@@ -14,10 +14,7 @@
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::seconds;
 using Json = nlohmann::json;
-
-constexpr seconds kLong{120};
 
 Json json_of(const std::string& path) { return Json::parse(contents(path)); }
 
@@ -68,8 +65,7 @@ TEST(Sweep, GoesOnWithTheSeedThatWasInterrupted) {
   ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
   const auto interrupted = run.train(kUpdates, "sweep", {"--seeds", "1..3"});
   ASSERT_TRUE(run.has_checkpoint("sweep/seed-2", kLong)) << interrupted->output();
-  interrupted->send(SIGTERM);
-  ASSERT_EQ(interrupted->wait(seconds(5)), 130) << interrupted->output();
+  ASSERT_EQ(interrupted->end(SIGTERM, seconds(5)), 130) << interrupted->output();
   ASSERT_TRUE(std::filesystem::exists(run.folder() / "sweep/seed-1/summary.json"));
   ASSERT_FALSE(std::filesystem::exists(run.folder() / "sweep/seed-2/summary.json")) << "it had ended before";
   ASSERT_FALSE(std::filesystem::exists(run.folder() / "sweep/seed-3"));
@@ -81,8 +77,8 @@ TEST(Sweep, GoesOnWithTheSeedThatWasInterrupted) {
 
   const auto resumed = run.train(kUpdates, "sweep", {"--seeds", "1..3", "--resume"});
   ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
-  EXPECT_NE(resumed->output().find("seed 1 is complete"), std::string::npos) << resumed->output();
-  EXPECT_NE(resumed->output().find("resuming after update"), std::string::npos) << resumed->output();
+  EXPECT_TRUE(contains(resumed->output(), "seed 1 is complete"));
+  EXPECT_TRUE(contains(resumed->output(), "resuming after update"));
   EXPECT_EQ(contents(run.folder() / "sweep/seed-1/summary.json"), first);
   EXPECT_TRUE(run.checkpoint("sweep/seed-2") == run.checkpoint("straight")) << "the final checkpoints differ";
   EXPECT_EQ(json_of(run.folder() / "sweep/sweep.json")["seeds"], (std::vector<int>{1, 2, 3}));

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "core/wire/node.h"
+#include "tests/support/options.h"
 #include "tests/support/samples.h"
 
 namespace citylearn {
@@ -18,13 +19,8 @@ bool input_ended() {
 }
 
 int run(char** arguments) {
-  Node::Options options;
-  options.middleware.name = arguments[1];
-  options.middleware.domain = static_cast<std::uint32_t>(std::stoul(arguments[2]));
-  options.service = "vendors_peer";
-  options.session = arguments[3];
-  options.id = arguments[4];
-  Node node(options);
+  Node node({testing::middleware_options(arguments[1], static_cast<std::uint32_t>(std::stoul(arguments[2]))),
+             "vendors_peer", arguments[4], arguments[3]});
   testing::for_each_message([&]<class Message>() {
     node.create_reader<Message>();
     node.create_writer<Message>();

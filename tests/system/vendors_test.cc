@@ -4,19 +4,15 @@
 #include <unistd.h>
 
 #include "core/wire/node.h"
+#include "tests/paths.h"
 #include "tests/support/domain.h"
+#include "tests/support/options.h"
 #include "tests/support/samples.h"
 #include "tests/support/service.h"
 #include "tests/support/wait.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::Child;
-using testing::equal;
-using testing::for_each_message;
-using testing::sample_of;
-using testing::Size;
 
 /// Names as long as they may be.
 std::string longest(const std::string& begin) {
@@ -28,15 +24,9 @@ std::string longest(const std::string& begin) {
 class Vendors : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {
  protected:
   Node::Options options() {
-    Node::Options options;
-    options.middleware.name = std::get<0>(GetParam());
-    options.middleware.domain = domain_;
-    options.service = "vendors_test";
-    options.id = longest("test");
-    options.session = longest("run");
-    return options;
+    return {middleware_options(std::get<0>(GetParam()), domain_), "vendors_test", longest("test"), longest("run")};
   }
-  const std::uint32_t domain_ = testing::own_domain();
+  const std::uint32_t domain_ = own_domain();
 };
 
 const auto kVendors = ::testing::Values("cyclonedds", "fastdds");
@@ -47,14 +37,14 @@ INSTANTIATE_TEST_SUITE_P(All, Vendors, ::testing::Combine(kVendors, kVendors), [
 /// Sends `sent` until the peer's copy is here. What still comes of earlier messages is passed over.
 template <class Message>
 void expect_echo(Node& node, const Message& sent) {
-  const Clock::time_point deadline = Clock::now() + testing::kPatience;
+  const Clock::time_point deadline = Clock::now() + kPatience;
   Clock::time_point send_again{};
   Message out = sent, back;
   while (Clock::now() < deadline) {
     if (Clock::now() >= send_again) {
       out = sent;
       node.publish(out);
-      send_again = Clock::now() + std::chrono::milliseconds(200);
+      send_again = Clock::now() + milliseconds(200);
     }
     node.wait(send_again);
     while (node.take(back)) {
@@ -78,7 +68,7 @@ TEST_P(Vendors, EveryMessageGoesThereAndBack) {
     for_each_message([&]<class Message>() { expect_echo(node, sample_of<Message>(size)); });
   EXPECT_EQ(node.traffic.rejected, 0u);
   EXPECT_TRUE(node.faults().empty());
-  EXPECT_EQ(peer.finish(std::chrono::seconds(5)), 0);
+  EXPECT_EQ(peer.finish(seconds(5)), 0);
 }
 
 TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
@@ -92,14 +82,14 @@ TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
   const auto publisher = middleware->create_publisher(wrong);
   expect_echo(node, sample_of<msg::Observation>(Size::kTypical));
   std::vector<std::string> faults;
-  EXPECT_TRUE(testing::eventually(
+  EXPECT_TRUE(eventually(
       *middleware,
       [&] {
         for (const std::string& line : middleware->discovery().faults())
           if (line.find(longest("peer")) != std::string::npos) faults.push_back(line);
         return faults.size() >= 2;
       },
-      std::chrono::seconds(5)));
+      seconds(5)));
   std::sort(faults.begin(), faults.end());
   EXPECT_EQ(faults,
             (std::vector<std::string>{"topic citylearn/action: '" + longest("peer") +
@@ -107,8 +97,8 @@ TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
                                       "topic citylearn/action: '" + longest("peer") +
                                           "' reads type citylearn::msg::Action, expected citylearn::msg::Reaction"}));
   expect_echo(node, sample_of<msg::Action>(Size::kTypical));  // nobody else is disturbed
-  EXPECT_EQ(peer.finish(std::chrono::seconds(10)), 0);
+  EXPECT_EQ(peer.finish(seconds(10)), 0);
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -10,6 +10,7 @@
 #include <sstream>
 #include <vector>
 
+#include "tests/paths.h"
 #include "tests/support/domain.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
@@ -18,7 +19,6 @@ namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-using std::chrono::seconds;
 using Json = nlohmann::json;
 
 struct Block {

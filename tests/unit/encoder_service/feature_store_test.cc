@@ -14,14 +14,10 @@
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::contains;
-using testing::contents;
-using testing::error_of;
-using testing::Folder;
 
 const FeatureStore::Key kKey{"hog-1 bins=12", 32, 0x0123456789ABCDEF, 50};
 
@@ -456,4 +452,4 @@ TEST(FeatureStore, AFullDiskLeavesNoPartOfANewFile) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

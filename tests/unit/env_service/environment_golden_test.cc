@@ -7,9 +7,10 @@
 #include <fstream>
 #include <sstream>
 
+#include "tests/paths.h"
 #include "tests/support/env.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 std::string flags_text(std::uint8_t flags) {
@@ -23,7 +24,7 @@ std::string flags_text(std::uint8_t flags) {
 
 /// Walks for `ticks` with a fixed, aimless choice among the allowed actions.
 std::string trace(const msg::TaskSettings& with, int agents, int ticks) {
-  const Traversal traversal = testing::small_traversal(12);
+  const Traversal traversal = small_traversal(12);
   Environment environment(traversal, agents);
   environment.reset(with);
   msg::Observation seen;
@@ -76,17 +77,17 @@ void compare(const std::string& name, const std::string& text) {
 }
 
 TEST(EnvironmentGolden, Training) {
-  msg::TaskSettings with = testing::settings(msg::TRAIN, 6, 8, 3);
+  msg::TaskSettings with = settings(msg::TRAIN, 6, 8, 3);
   with.first_frame() = 4;
   compare("environment_training.txt", trace(with, 2, 40));
 }
 
 TEST(EnvironmentGolden, EvaluationOnShuffledFrames) {
-  msg::TaskSettings with = testing::settings(msg::EVALUATE, 12, 12, 4);
+  msg::TaskSettings with = settings(msg::EVALUATE, 12, 12, 4);
   with.tasks() = 5;
   with.shuffle() = true;
   compare("environment_evaluation_shuffled.txt", trace(with, 2, 1000));
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -3,22 +3,15 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <map>
-#include <numeric>
 #include <set>
 #include <tuple>
 
 #include "tests/support/env.h"
-#include "tests/support/localisers.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::error_of;
-using testing::settings;
-using testing::small_traversal;
 
 /// One agent, walked by hand.
 class Walk {
@@ -31,11 +24,13 @@ class Walk {
     environment.step(std::span(&action, 1));
     environment.observe(seen);
   }
+  float reward_of(std::uint8_t action) {
+    step(action);
+    return seen.reward()[0];
+  }
   int position() const { return static_cast<int>(seen.position()[0]); }
   int goal() const { return static_cast<int>(seen.goal()[0]); }
   std::uint8_t towards() const { return position() < goal() ? kNext : kPrevious; }
-  std::uint8_t away() const { return position() < goal() ? kPrevious : kNext; }
-  bool may(std::uint8_t action) const { return seen.allowed()[0] >> action & 1; }
 
   Environment environment;
   msg::Observation seen;
@@ -105,22 +100,18 @@ TEST(EnvironmentReward, FreeOnlyWhenNearerThanEverAndOneAtTheGoal) {
   const Traversal traversal = small_traversal(10);
   Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 10, 20), 3, 6));
   constexpr float kCost = -1.0f / 20;
-  const auto reward_of = [&](std::uint8_t action) {
-    walk.step(action);
-    return walk.seen.reward()[0];
-  };
   EXPECT_EQ(walk.seen.reward()[0], 0) << "nothing was done yet";
-  EXPECT_EQ(reward_of(kStay), kCost) << "at 3";
-  EXPECT_EQ(reward_of(kNext), 0.0f) << "to 4: nearer than ever";
-  EXPECT_EQ(reward_of(kPrevious), kCost) << "to 3: away";
-  EXPECT_EQ(reward_of(kPrevious), kCost) << "to 2: away";
-  EXPECT_EQ(reward_of(kNext), kCost) << "to 3: nearer, but it has been nearer";
-  EXPECT_EQ(reward_of(kNext), kCost) << "to 4: as near as it has been";
-  EXPECT_EQ(reward_of(kNext), 0.0f) << "to 5: nearer than ever";
-  EXPECT_EQ(reward_of(kStay), kCost);
+  EXPECT_EQ(walk.reward_of(kStay), kCost) << "at 3";
+  EXPECT_EQ(walk.reward_of(kNext), 0.0f) << "to 4: nearer than ever";
+  EXPECT_EQ(walk.reward_of(kPrevious), kCost) << "to 3: away";
+  EXPECT_EQ(walk.reward_of(kPrevious), kCost) << "to 2: away";
+  EXPECT_EQ(walk.reward_of(kNext), kCost) << "to 3: nearer, but it has been nearer";
+  EXPECT_EQ(walk.reward_of(kNext), kCost) << "to 4: as near as it has been";
+  EXPECT_EQ(walk.reward_of(kNext), 0.0f) << "to 5: nearer than ever";
+  EXPECT_EQ(walk.reward_of(kStay), kCost);
   EXPECT_EQ(walk.seen.flags()[0], 0);
   EXPECT_TRUE(walk.environment.finished().empty());
-  EXPECT_EQ(reward_of(kNext), 1.0f) << "the goal";
+  EXPECT_EQ(walk.reward_of(kNext), 1.0f) << "the goal";
   EXPECT_EQ(walk.seen.flags()[0], msg::FLAG_TERMINATED | msg::FLAG_FIRST);
   ASSERT_EQ(walk.environment.finished().size(), 1u);
   const Environment::Episode& episode = walk.environment.finished()[0];
@@ -150,23 +141,19 @@ TEST(EnvironmentMap, StayTurnsAtACrossingAndWaysAreShorter) {
   const Traversal traversal = crossed();
   Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 10, 20), 1, 9));
   constexpr float kCost = -1.0f / 20;
-  const auto reward_of = [&](std::uint8_t action) {
-    walk.step(action);
-    return walk.seen.reward()[0];
-  };
-  EXPECT_EQ(reward_of(kStay), kCost) << "no crossing at 1";
+  EXPECT_EQ(walk.reward_of(kStay), kCost) << "no crossing at 1";
   EXPECT_EQ(walk.position(), 1);
-  EXPECT_EQ(reward_of(kNext), 0.0f) << "to 2: nearer than ever";
-  EXPECT_EQ(reward_of(kNext), kCost) << "to 3: away from the goal, as the crossing is the way";
-  EXPECT_EQ(reward_of(kPrevious), kCost);
-  EXPECT_EQ(reward_of(kStay), 0.0f) << "turns to 7";
+  EXPECT_EQ(walk.reward_of(kNext), 0.0f) << "to 2: nearer than ever";
+  EXPECT_EQ(walk.reward_of(kNext), kCost) << "to 3: away from the goal, as the crossing is the way";
+  EXPECT_EQ(walk.reward_of(kPrevious), kCost);
+  EXPECT_EQ(walk.reward_of(kStay), 0.0f) << "turns to 7";
   EXPECT_EQ(walk.position(), 7);
   EXPECT_EQ(walk.seen.features()[0], 7.0f) << "the other road is seen";
-  EXPECT_EQ(reward_of(kStay), kCost) << "turns back to 2";
+  EXPECT_EQ(walk.reward_of(kStay), kCost) << "turns back to 2";
   EXPECT_EQ(walk.position(), 2);
-  EXPECT_EQ(reward_of(kStay), kCost) << "nearer, but it has been as near";
-  EXPECT_EQ(reward_of(kNext), 0.0f);
-  EXPECT_EQ(reward_of(kNext), 1.0f);
+  EXPECT_EQ(walk.reward_of(kStay), kCost) << "nearer, but it has been as near";
+  EXPECT_EQ(walk.reward_of(kNext), 0.0f);
+  EXPECT_EQ(walk.reward_of(kNext), 1.0f);
   const Environment::Episode& episode = walk.environment.finished().at(0);
   EXPECT_EQ(std::tie(episode.start, episode.goal, episode.steps, episode.shortest, episode.completed),
             std::make_tuple(1, 9, 9, 4, true));
@@ -329,177 +316,6 @@ TEST(EnvironmentRoute, FeaturesThatFitNoObservationAreSeenByReferenceOnly) {
   EXPECT_EQ(seen.goal(), whole.goal());
 }
 
-/// Every episode of a whole evaluation by its task.
-std::map<int, Environment::Episode> evaluate(Environment& environment, const msg::TaskSettings& with,
-                                             testing::Walker& walker) {
-  std::map<int, Environment::Episode> episodes;
-  environment.reset(with);
-  msg::Observation seen;
-  std::vector<std::uint8_t> choice(environment.agents());
-  while (!environment.done()) {
-    environment.observe(seen);
-    for (int agent = 0; agent < environment.agents(); ++agent)
-      choice[agent] = seen.flags()[agent] & msg::FLAG_IDLE ? 255 : walker.act(seen, agent);
-    environment.step(choice);
-    for (const Environment::Episode& episode : environment.finished())
-      EXPECT_TRUE(episodes.emplace(episode.task, episode).second) << "task " << episode.task << " came twice";
-  }
-  return episodes;
-}
-
-TEST(EnvironmentEvaluate, SameTasksWhoeverActsAndHoweverManyAgents) {
-  const Traversal traversal = small_traversal(128);
-  const msg::TaskSettings with = testing::evaluation(53);
-  testing::BlindSweep blind(128);
-  testing::ShortestPath shortest;
-  Environment one(traversal, 1), many(traversal, 16), more(traversal, 100);
-  const auto alone = evaluate(one, with, blind), together = evaluate(many, with, blind);
-  const auto spare = evaluate(more, with, blind), quick = evaluate(many, with, shortest);
-  ASSERT_EQ(alone.size(), 53u);
-  for (const auto& [task, episode] : alone) {
-    for (const auto* other : {&together, &spare, &quick}) {
-      ASSERT_TRUE(other->contains(task));
-      EXPECT_EQ(other->at(task).start, episode.start);
-      EXPECT_EQ(other->at(task).goal, episode.goal);
-    }
-    EXPECT_EQ(together.at(task).steps, episode.steps);
-    EXPECT_EQ(together.at(task).reward, episode.reward);
-    EXPECT_EQ(quick.at(task).steps, episode.shortest);
-    EXPECT_EQ(quick.at(task).reward, 1.0f);
-  }
-}
-
-TEST(EnvironmentEvaluate, SameTasksOnAnyTraversal) {
-  const Traversal summer = small_traversal(128);
-  Traversal fall = small_traversal(128);
-  fall.features[0] = 42;
-  testing::BlindSweep blind(128);
-  Environment a(summer, 4), b(fall, 4);
-  const auto one = evaluate(a, testing::evaluation(20), blind), other = evaluate(b, testing::evaluation(20), blind);
-  for (const auto& [task, episode] : one) {
-    EXPECT_EQ(other.at(task).start, episode.start);
-    EXPECT_EQ(other.at(task).goal, episode.goal);
-  }
-}
-
-TEST(EnvironmentEvaluate, AgentsWithoutTasksAreIdleAndTheirActionsIgnored) {
-  const Traversal traversal = small_traversal(16);
-  for (const bool shuffle : {false, true}) {
-    Environment environment(traversal, 3);
-    msg::TaskSettings with = settings(msg::EVALUATE, 16, 2);
-    with.tasks() = 1;
-    with.shuffle() = shuffle;
-    environment.reset(with);
-    msg::Observation seen;
-    environment.observe(seen);
-    EXPECT_EQ(seen.flags()[0], msg::FLAG_FIRST);
-    EXPECT_EQ(seen.flags()[1], msg::FLAG_IDLE);
-    EXPECT_EQ(seen.flags()[2], msg::FLAG_IDLE);
-    EXPECT_FALSE(environment.done());
-    const std::vector<std::uint8_t> choice{kStay, 255, 77};
-    environment.step(choice);
-    EXPECT_FALSE(environment.done());
-    environment.step(choice);
-    EXPECT_TRUE(environment.done());
-    environment.observe(seen);
-    EXPECT_EQ(seen.flags()[0], msg::FLAG_TRUNCATED | msg::FLAG_IDLE) << "the end of its last episode is told";
-    EXPECT_EQ(seen.reward()[0], -0.5f);
-    EXPECT_EQ(environment.finished().size(), 1u);
-    environment.step(choice);
-    environment.observe(seen);
-    EXPECT_EQ(seen.flags()[0], msg::FLAG_IDLE);
-    EXPECT_EQ(seen.reward()[0], 0);
-    EXPECT_TRUE(environment.finished().empty());
-  }
-}
-
-TEST(EnvironmentShuffle, ShowsAnotherOrderInEachEpisodeAndTheSameInOneTask) {
-  const Traversal traversal = small_traversal(40);
-  const auto orders = [&](int agents) {
-    msg::TaskSettings with = settings(msg::EVALUATE, 32, 64);
-    with.first_frame() = 8;
-    with.shuffle() = true;
-    with.tasks() = 6;
-    Environment environment(traversal, agents);
-    environment.reset(with);
-    msg::Observation seen;
-    std::map<int, std::map<std::uint32_t, std::uint32_t>> shown;  // by task: frame shown at each position
-    std::vector<int> task(agents);
-    std::iota(task.begin(), task.end(), 0);
-    testing::BlindSweep walker(40);
-    std::vector<std::uint8_t> choice(agents);
-    while (!environment.done()) {
-      environment.observe(seen);
-      for (int agent = 0; agent < agents; ++agent) {
-        choice[agent] = kStay;
-        if (seen.flags()[agent] & msg::FLAG_IDLE) continue;
-        auto& places = shown[task[agent]];
-        const auto [place, fresh] = places.emplace(seen.position()[agent], seen.frame()[agent]);
-        EXPECT_EQ(place->second, seen.frame()[agent]) << "one order throughout an episode";
-        EXPECT_EQ(seen.features()[agent * 2], static_cast<float>(seen.frame()[agent]))
-            << "features are the shown frame's";
-        EXPECT_TRUE(seen.frame()[agent] >= 8 && seen.frame()[agent] < 40);
-        choice[agent] = walker.act(seen, agent);
-      }
-      environment.step(choice);
-      for (const auto& episode : environment.finished()) task[episode.agent] += agents;
-    }
-    return shown;
-  };
-  const auto one = orders(1), four = orders(4);
-  EXPECT_EQ(one, four) << "the order belongs to the task, whoever walks it";
-  int differing = 0;
-  for (const auto& [position, frame] : one.at(0))
-    if (const auto other = one.at(1).find(position); other != one.at(1).end()) differing += other->second != frame;
-  std::set<std::uint32_t> frames;
-  for (const auto& [position, frame] : one.at(0)) frames.insert(frame);
-  EXPECT_EQ(frames.size(), one.at(0).size()) << "each frame at one place";
-  EXPECT_GT(one.at(0).size() + one.at(1).size(), 0u);
-  EXPECT_NE(one.at(0), one.at(1));
-}
-
-TEST(EnvironmentDeterminism, SameSeedEqualOtherSeedDifferent) {
-  const Traversal traversal = small_traversal(64);
-  const auto trace = [&](std::uint64_t seed) {
-    Environment environment(traversal, 4);
-    environment.reset(settings(msg::TRAIN, 64, 256, seed));
-    std::vector<std::uint32_t> all;
-    msg::Observation seen;
-    std::vector<std::uint8_t> choice(4);
-    Random random(9);
-    for (int tick = 0; tick < 2000; ++tick) {
-      environment.observe(seen);
-      for (int agent = 0; agent < 4; ++agent) {
-        all.push_back(seen.position()[agent]);
-        all.push_back(seen.goal()[agent]);
-        do choice[agent] = static_cast<std::uint8_t>(random.below(3));
-        while (!(seen.allowed()[agent] >> choice[agent] & 1));
-      }
-      environment.step(choice);
-    }
-    return all;
-  };
-  EXPECT_EQ(trace(5), trace(5));
-  EXPECT_NE(trace(5), trace(6));
-}
-
-TEST(EnvironmentDeterminism, ResetForgetsEverything) {
-  const Traversal traversal = small_traversal(64);
-  Environment used(traversal, 4), fresh(traversal, 4);
-  msg::TaskSettings with = settings(msg::EVALUATE, 64, 32);
-  with.shuffle() = true;
-  testing::BlindSweep walker(64);
-  used.reset(settings(msg::TRAIN, 10, 5, 99));
-  for (int i = 0; i < 7; ++i) used.step(std::vector<std::uint8_t>(4, kStay));
-  const auto a = evaluate(used, with, walker), b = evaluate(fresh, with, walker);
-  ASSERT_EQ(a.size(), b.size());
-  for (const auto& [task, episode] : a) {
-    EXPECT_EQ(episode.start, b.at(task).start);
-    EXPECT_EQ(episode.steps, b.at(task).steps);
-    EXPECT_EQ(episode.reward, b.at(task).reward);
-  }
-}
-
 TEST(EnvironmentObservation, NamesSettingsTraversalAndHash) {
   const Traversal traversal = small_traversal(8);
   Walk walk(traversal, settings(msg::TRAIN, 8, 20));
@@ -570,24 +386,5 @@ TEST(EnvironmentScene, TellsWhereAgentsAreWhereTheyCameFromAndWhereTheyGo) {
   }
 }
 
-// TASK: an agent that never looks completes every task, in 53.2 steps, with reward .920 and SPL .852, on 128 frames.
-TEST(EnvironmentFigures, BlindSweepAndShortestPath) {
-  const Traversal traversal = small_traversal(128);
-  Environment environment(traversal, 16);
-  testing::BlindSweep blind(128);
-  testing::ShortestPath shortest;
-  const testing::Figures swept = testing::walk(environment, testing::evaluation(20000), blind);
-  EXPECT_EQ(swept.completed, 1);
-  EXPECT_NEAR(swept.steps, 53.2, 0.6);
-  EXPECT_NEAR(swept.reward, 0.920, 0.003);
-  EXPECT_NEAR(swept.spl, 0.852, 0.005);
-  EXPECT_NEAR(swept.excess, 2.6, 0.2);
-  const testing::Figures best = testing::walk(environment, testing::evaluation(20000), shortest);
-  EXPECT_EQ(best.completed, 1);
-  EXPECT_NEAR(best.steps, 43.0, 0.6);
-  EXPECT_NEAR(best.reward, 1, 1e-6);
-  EXPECT_EQ(best.spl, 1);
-}
-
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

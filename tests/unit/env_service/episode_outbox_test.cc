@@ -9,11 +9,9 @@
 #include "core/util/random.h"
 #include "tests/support/env.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
 using Acknowledged = EpisodeOutbox::Acknowledged;
 
 /// An outbox with a clock of the test's own.
@@ -21,7 +19,7 @@ class Fixture {
  public:
   explicit Fixture(const std::vector<std::string>& required = {}, std::size_t most = EpisodeOutbox::kCapacity)
       : outbox(required, most) {
-    outbox.set_context(testing::settings(msg::TRAIN, 10, 20), "line");
+    outbox.set_context(settings(msg::TRAIN, 10, 20), "line");
   }
   void end_episodes(int count) {
     for (int i = 0; i < count; ++i) outbox.add({i % 4, 0, 1, 3, 2, 2, 1.0f, true, {5}});
@@ -100,7 +98,7 @@ TEST(EpisodeOutbox, SendsEachOnceAtOnceAndThenLessAndLessOftenUntilItIsAcknowled
 
 TEST(EpisodeOutbox, TellsAllThatThereIsOfAnEpisode) {
   EpisodeOutbox outbox;
-  msg::TaskSettings with = testing::settings(msg::EVALUATE, 10, 20);
+  msg::TaskSettings with = settings(msg::EVALUATE, 10, 20);
   with.settings().incarnation() = 77;
   with.settings().version() = 3;
   with.shuffle() = true;
@@ -109,7 +107,7 @@ TEST(EpisodeOutbox, TellsAllThatThereIsOfAnEpisode) {
   with.run_id() = 99;
   outbox.set_context(with, "fall");
   outbox.add({2, 5, 1, 8, 9, 7, 0.5f, true, {1, 2, 3}});
-  outbox.set_context(testing::settings(msg::TRAIN, 10, 20), "fall");  // what comes later changes nothing
+  outbox.set_context(settings(msg::TRAIN, 10, 20), "fall");  // what comes later changes nothing
   msg::EpisodeStat stat;
   outbox.fill(1, stat);
   EXPECT_EQ(stat.settings().incarnation(), 77u);
@@ -377,4 +375,4 @@ TEST(EpisodeOutbox, NothingIsLostWhateverTheWireAndTheRecordersDo) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -11,7 +11,7 @@
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 /// Memory of this process in MiB.
@@ -33,7 +33,7 @@ constexpr double kMost = 60;
 #endif
 
 TEST(Memory, TenThousandPictures) {
-  const testing::Folder folder;
+  const Folder folder;
   // A picture of noise: as large as a camera's.
   cv::Mat noise(180, 320, CV_8UC3);
   cv::randu(noise, 0, 255);
@@ -44,7 +44,7 @@ TEST(Memory, TenThousandPictures) {
     std::filesystem::create_hard_link(original,
                                       folder / ("drive/frame-with-a-rather-long-name-" + std::to_string(i) + ".png"));
   std::filesystem::remove(original);
-  const auto dataset = testing::make_dataset("plain", folder.path());
+  const auto dataset = make_dataset("plain", folder.path());
   const double before = resident();
   const Traversal traversal = select(*dataset, "drive", {.first = 1});
   ASSERT_EQ(traversal.frames, 9'999);
@@ -64,4 +64,4 @@ TEST(Memory, TenThousandPictures) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

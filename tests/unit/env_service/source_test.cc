@@ -8,7 +8,7 @@
 #include "tests/support/pictures.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 /// The source that `line` says; throws CLI::ParseError.
@@ -57,11 +57,10 @@ TEST(Options, Alignment) {
 TEST(Options, OpenTheDataset) {
   const auto dataset = open_dataset(parsed("--dataset synthetic --synthetic-frames 40"));
   EXPECT_EQ(dataset->load(dataset->names().front()).frames, 40);
-  EXPECT_EQ(testing::error_of([] { open_dataset(parsed("--dataset plain --data x --synthetic-frames 40")); }),
+  EXPECT_EQ(error_of([] { open_dataset(parsed("--dataset plain --data x --synthetic-frames 40")); }),
             "--synthetic-frames: is for dataset synthetic, but the dataset is plain");
-  EXPECT_NE(testing::error_of([] { open_dataset(parsed("--dataset none")); }).find("unknown dataset 'none'"),
-            std::string::npos);
+  EXPECT_NE(error_of([] { open_dataset(parsed("--dataset none")); }).find("unknown dataset 'none'"), std::string::npos);
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

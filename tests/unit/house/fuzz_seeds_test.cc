@@ -15,9 +15,10 @@
 #include "encoder_service/encoding/encoder.h"
 #include "tests/fuzz/messages.h"
 #include "tests/fuzz/targets.h"
+#include "tests/paths.h"
 #include "tests/support/service.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
@@ -55,7 +56,7 @@ TEST(FuzzSeeds, EachTargetTakesItsSeedsOrRefusesThem) {
     for (const fs::directory_entry& seed : fs::directory_iterator(kSeeds / target.name)) {
       const std::string name = std::string(target.name) + "/" + seed.path().filename().string();
       SCOPED_TRACE(name);
-      const std::string bytes = testing::contents(seed.path());
+      const std::string bytes = contents(seed.path());
       const bool taken = target.run(std::as_bytes(std::span(bytes)));
       EXPECT_EQ(taken, !kRefused.contains(name));
       ++replayed;
@@ -155,4 +156,4 @@ TEST(BrokenImages, ALargeImageOfFewBytesIsDecodedOrRefusedWithinItsLimit) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -4,6 +4,7 @@
 
 #include <fstream>
 
+#include "tests/paths.h"
 #include "tests/support/hosts.h"
 #include "tests/support/service.h"
 

@@ -13,6 +13,7 @@
 #include "bench/scale/simulation.h"
 #include "core/util/error.h"
 #include "core/util/random.h"
+#include "tests/paths.h"
 #include "tests/support/text.h"
 
 namespace citylearn::scale {

@@ -13,19 +13,18 @@
 
 #include "core/util/error.h"
 #include "core/wire/messages.h"
+#include "tests/paths.h"
 #include "tests/support/keystore.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::contents;
-using testing::Keystore;
 
 /// What --security says to a folder; empty when it accepts it.
 std::string complaint(const std::string& folder, const std::string& id = "env-1") {
-  return testing::error_of([&] {
+  return error_of([&] {
     const std::string path = internal::check_security(folder, id);
     EXPECT_EQ(path, fs::canonical(folder).string());
   });
@@ -35,7 +34,7 @@ void expect_complaint(const std::string& folder, const std::string& file, const 
                       const std::string& id = "env-1") {
   const std::string line = complaint(folder, id);
   EXPECT_EQ(line.rfind(fs::canonical(folder).string() + "/" + file + ": ", 0), 0u) << line;
-  EXPECT_NE(line.find(text), std::string::npos) << line;
+  EXPECT_TRUE(contains(line, text));
   EXPECT_EQ(line.find('\n'), std::string::npos);
 }
 
@@ -69,7 +68,7 @@ TEST_F(Keys, OfTheKeystoreAreTaken) {
 }
 
 TEST_F(Keys, WhatIsMissingOrDamagedIsNamed) {
-  EXPECT_NE(complaint(store_.of("nobody")).find("is not a folder"), std::string::npos);
+  EXPECT_TRUE(contains(complaint(store_.of("nobody")), "is not a folder"));
   const std::string folder = add();
   for (const std::string name :
        {"identity_ca.pem", "permissions_ca.pem", "governance.p7s", "permissions.p7s", "cert.pem", "key.pem"}) {
@@ -174,7 +173,7 @@ TEST_F(Keys, AreRenewedAndNeverOverwritten) {
   const auto refused = [&](std::vector<std::string> arguments, const std::string& text) {
     const auto [status, said] = store_.run(std::move(arguments));
     EXPECT_EQ(status, 1);
-    EXPECT_NE(said.find(text), std::string::npos) << said;
+    EXPECT_TRUE(contains(said, text));
   };
   refused({"create", store_.of("")}, "nothing is overwritten");
   refused({"add", store_.of(""), "env_service", "env-1"}, "nothing is overwritten");
@@ -188,7 +187,7 @@ TEST_F(Keys, AreRenewedAndNeverOverwritten) {
   store_.expect({"renew", store_.of(""), "env-1"});
   EXPECT_NE(contents(folder + "/key.pem"), before);
   EXPECT_EQ(complaint(folder), "");
-  EXPECT_NE(store_.run({"list", store_.of("")}).second.find("env_service      env-1"), std::string::npos);
+  EXPECT_TRUE(contains(store_.run({"list", store_.of("")}).second, "env_service      env-1"));
 }
 
 TEST(Security, IsEnforcedOrRefused) {
@@ -197,21 +196,21 @@ TEST(Security, IsEnforcedOrRefused) {
     options.name = middleware;
     options.domain = domain;
     options.security = "/nowhere";
-    return testing::error_of([&] { create_middleware(options); });
+    return error_of([&] { create_middleware(options); });
   };
-  EXPECT_NE(start_error("inprocess", 0).find("no wire to protect"), std::string::npos);
-  EXPECT_NE(start_error("lossy:inprocess", 0).find("no wire to protect"), std::string::npos);
+  EXPECT_TRUE(contains(start_error("inprocess", 0), "no wire to protect"));
+  EXPECT_TRUE(contains(start_error("lossy:inprocess", 0), "no wire to protect"));
   for (const std::string vendor : {"cyclonedds", "fastdds"}) {
-    EXPECT_NE(start_error(vendor, 0).find("'/nowhere' is not a folder"), std::string::npos);
+    EXPECT_TRUE(contains(start_error(vendor, 0), "'/nowhere' is not a folder"));
     EXPECT_EQ(start_error(vendor, 231), "domain: must be 0..230 with --security");
   }
 }
 
 TEST(Keystore, IsCleanShell) {
   if (!fs::exists("/usr/bin/shellcheck")) GTEST_SKIP() << "needs shellcheck";
-  const testing::Folder folder;
-  testing::Service check({"/usr/bin/shellcheck", CITYLEARN_SOURCE_DIR "/compose/keystore"}, folder / "said");
-  EXPECT_EQ(check.wait(std::chrono::seconds(60)).value_or(-1), 0) << check.output();
+  const Folder folder;
+  Service check({"/usr/bin/shellcheck", CITYLEARN_SOURCE_DIR "/compose/keystore"}, folder / "said");
+  EXPECT_EQ(check.wait(seconds(60)).value_or(-1), 0) << check.output();
 }
 
 TEST(Security, LinesOfTheVendorsAreExplained) {
@@ -315,4 +314,4 @@ TEST(Permissions, OnlyWhoActsMayPublishActions) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

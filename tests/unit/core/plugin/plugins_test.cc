@@ -8,22 +8,20 @@
 
 #include "core/util/files.h"
 #include "policy_service/network/checkpoint.h"
+#include "tests/paths.h"
 #include "tests/support/service.h"
 #include "tests/support/small_city.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
-using testing::Folder;
-using testing::Service;
-
 std::string refusal_of(const std::string& file) {
-  return testing::error_of([&] { load_plugin(file); });
+  return error_of([&] { load_plugin(file); });
 }
 
 void expect_part(const std::string& text, const std::string& part) {
-  EXPECT_NE(text.find(part), std::string::npos) << "'" << part << "' is not in: " << text;
+  EXPECT_TRUE(contains(text, part)) << "'" << part << "' is not in: " << text;
 }
 
 /// Runs policy_service and returns its output.
@@ -31,7 +29,7 @@ std::string run(std::vector<std::string> arguments, int status) {
   const Folder folder;
   arguments.insert(arguments.begin(), CITYLEARN_POLICY_SERVICE);
   Service service(arguments, folder / "log");
-  const auto ended = service.wait(std::chrono::seconds(60));
+  const auto ended = service.wait(seconds(60));
   EXPECT_TRUE(ended && *ended == status) << service.output();
   return service.output();
 }
@@ -71,7 +69,7 @@ TEST(Plugins, AreNamedOnTheCommandLineInAFileOrInTheEnvironment) {
   setenv("CITYLEARN_PLUGIN", SAMPLE_PLUGIN, 1);
   expect_part(run({"--list"}, 0), "--sample-rate");
   unsetenv("CITYLEARN_PLUGIN");
-  EXPECT_EQ(run({"--list"}, 0).find("--sample-rate"), std::string::npos);
+  EXPECT_FALSE(contains(run({"--list"}, 0), "--sample-rate"));
   expect_part(run({"--plugin", SAMPLE_PLUGIN, "--sample-rate", "7", "--list"}, 2), "--sample-rate");
   run({"--plugin"}, 2);
 }
@@ -113,4 +111,4 @@ TEST(Plugins, OfAnotherVersionAreRefusedBeforeTheirCodeRuns) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

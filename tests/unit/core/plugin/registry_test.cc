@@ -7,7 +7,7 @@
 
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 const std::vector<ParameterSpec> kSpecs = {
@@ -16,8 +16,8 @@ const std::vector<ParameterSpec> kSpecs = {
     {.name = "bias", .help = "0 or 1", .default_value = 1, .minimum = 0, .maximum = 1, .integer = true},
 };
 
-std::string error_of(const std::map<std::string, double>& values) {
-  return testing::error_of([&] { Parameters("network 'mlp'", kSpecs, values); });
+std::string refusal(const std::map<std::string, double>& values) {
+  return error_of([&] { Parameters("network 'mlp'", kSpecs, values); });
 }
 
 TEST(Parameters, DefaultsAndGivenValues) {
@@ -28,20 +28,20 @@ TEST(Parameters, DefaultsAndGivenValues) {
   EXPECT_EQ(parameters.values().size(), 3u);
 }
 
-TEST(Parameters, BoundsAreAllowed) { EXPECT_EQ(error_of({{"rate", 0}, {"layers", 8}}), ""); }
+TEST(Parameters, BoundsAreAllowed) { EXPECT_EQ(refusal({{"rate", 0}, {"layers", 8}}), ""); }
 
 TEST(Parameters, UnknownNamesTheKnown) {
-  EXPECT_EQ(error_of({{"depth", 3}}), "network 'mlp': unknown parameter 'depth' (known: rate, layers, bias)");
+  EXPECT_EQ(refusal({{"depth", 3}}), "network 'mlp': unknown parameter 'depth' (known: rate, layers, bias)");
 }
 
 TEST(Parameters, RangeIsChecked) {
-  EXPECT_EQ(error_of({{"rate", 1.5}}), "network 'mlp'.rate: is 1.5, must be 0..1");
-  EXPECT_EQ(error_of({{"layers", 0}}), "network 'mlp'.layers: is 0, must be 1..8");
-  EXPECT_NE(error_of({{"rate", std::nan("")}}), "");
+  EXPECT_EQ(refusal({{"rate", 1.5}}), "network 'mlp'.rate: is 1.5, must be 0..1");
+  EXPECT_EQ(refusal({{"layers", 0}}), "network 'mlp'.layers: is 0, must be 1..8");
+  EXPECT_NE(refusal({{"rate", std::nan("")}}), "");
 }
 
 TEST(Parameters, WholeNumbersAreChecked) {
-  EXPECT_EQ(error_of({{"layers", 2.5}}), "network 'mlp'.layers: is 2.5, must be a whole number");
+  EXPECT_EQ(refusal({{"layers", 2.5}}), "network 'mlp'.layers: is 2.5, must be a whole number");
 }
 
 TEST(Parameters, UndeclaredIsAnError) {
@@ -75,9 +75,9 @@ TEST(Registry, FindsSortsAndCreates) {
 }
 
 TEST(Registry, UnknownListsTheKnown) {
-  EXPECT_EQ(testing::error_of([&] { Shapes::instance().find("shape", "cube"); }),
+  EXPECT_EQ(error_of([&] { Shapes::instance().find("shape", "cube"); }),
             "unknown shape 'cube' (known: circle, square)");
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -17,12 +17,8 @@
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::error_of;
-
-using namespace testing;
 
 Bytes bytes_of(const std::string& text) {
   Bytes bytes(text.size());
@@ -136,7 +132,7 @@ TEST(Mcap, AFileThatEndsAnywhereIsReadUpToItsLastWholeChunk) {
     }
     std::string missing;
     const std::vector<Heard> read = all_of(part, &missing);
-    EXPECT_NE(missing.find("cut short after " + std::to_string(size) + " bytes"), std::string::npos) << missing;
+    EXPECT_TRUE(contains(missing, "cut short after " + std::to_string(size) + " bytes"));
     ASSERT_LE(read.size(), least) << "fewer bytes are no more messages";
     for (std::size_t i = 0; i < read.size(); ++i) EXPECT_EQ(read[i].bytes, whole[i].bytes);
     least = read.size();
@@ -268,7 +264,7 @@ TEST(WireHeader, IsNotFoundInOtherBytes) {
 TEST(IdlText, OfEveryTopicStandsAlone) {
   for (const Topic& topic : all_topics()) {
     const std::string text = idl_of(topic.type);
-    EXPECT_EQ(text.find("#include"), std::string::npos) << topic.type;
+    EXPECT_FALSE(contains(text, "#include")) << topic.type;
     EXPECT_EQ(text.find("struct Header {"), text.rfind("struct Header {")) << topic.type;
     EXPECT_NE(text.find("struct Header {"), std::string::npos) << topic.type;
     EXPECT_NE(text.find("struct " + topic.type.substr(topic.type.rfind(':') + 1) + " {"), std::string::npos);
@@ -277,4 +273,4 @@ TEST(IdlText, OfEveryTopicStandsAlone) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

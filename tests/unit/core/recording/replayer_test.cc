@@ -7,26 +7,22 @@
 #include "dashboard/store/database.h"
 #include "dashboard/store/recorder.h"
 #include "dashboard/store/store_reader.h"
+#include "tests/support/options.h"
 #include "tests/support/recordings.h"
 #include "tests/support/records.h"
 #include "tests/support/samples.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 #include "tests/support/wait.h"
 #include "tools/record/recording.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using namespace testing;
 
 constexpr std::uint64_t kStart = 1'700'000'000'000'000'000, kSecond = 1'000'000'000, kMillisecond = 1'000'000;
 
 std::unique_ptr<Middleware> middleware(std::uint32_t domain, const std::string& name = "inprocess") {
-  MiddlewareOptions options;
-  options.name = name;
-  options.domain = domain;
-  options.participant = "test";
-  return create_middleware(options);
+  return create_middleware(middleware_options(name, domain, "test"));
 }
 
 /// A dashboard without a page, as dashboard/main.cc makes one.
@@ -45,12 +41,7 @@ class Watcher {
     recorder.poll();
   }
   static Node::Options options(std::uint32_t domain) {
-    Node::Options options;
-    options.middleware.name = "inprocess";
-    options.middleware.domain = domain;
-    options.service = options.id = "dashboard";
-    options.session.clear();
-    return options;
+    return {middleware_options("inprocess", domain), "dashboard", "dashboard", ""};
   }
   Store store;
   Node node;
@@ -59,14 +50,14 @@ class Watcher {
 
 /// Until all is played; false when it never is.
 bool play(Middleware& wire, Replayer& replayer, Watcher* watcher = nullptr) {
-  const Clock::time_point deadline = Clock::now() + std::chrono::seconds(60);
-  while (replayer.poll()) {
+  const auto turn = [&] {
     if (watcher) watcher->spin();
     wire.wait(std::min(replayer.due(), Clock::now() + std::chrono::milliseconds(2)));
-    if (Clock::now() >= deadline) return false;
-  }
+  };
+  const bool played = eventually(
+      turn, [&] { return !replayer.poll(); }, std::chrono::seconds(60));
   if (watcher) watcher->spin();
-  return true;
+  return played;
 }
 
 /// A policy_service of `updates` updates, and two env_services of `episodes` episodes each.
@@ -150,13 +141,13 @@ TEST(Replay, GoesOnWhereNobodyListensAndIntoTheNextFile) {
   write_run(folder / "a.mcap", 5, 5);
   write_run(folder / "b.mcap", 5, 5);
   std::string file = contents(folder / "b.mcap");
-  std::ofstream(folder / "b.mcap", std::ios::binary | std::ios::trunc) << file.substr(0, file.size() - 100);
+  write_file(folder / "b.mcap", file.substr(0, file.size() - 100));
   const auto wire = middleware(33);
   Replayer replayer(*wire, {{folder / "a.mcap", folder / "b.mcap"}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer));
   EXPECT_EQ(replayer.figures().played.at("citylearn/episode_stat"), 20u);
   ASSERT_EQ(replayer.figures().remarks.size(), 1u);
-  EXPECT_NE(replayer.figures().remarks[0].find("b.mcap: cut short after "), std::string::npos);
+  EXPECT_TRUE(contains(replayer.figures().remarks[0], "b.mcap: cut short after "));
   EXPECT_NEAR(replayer.figures().seconds, 0.010, 1e-3) << "the second follows at once";
 }
 
@@ -294,4 +285,4 @@ TEST(Recording, KeepsTheBytesOfItsRunInParts) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -59,7 +59,7 @@ TEST(GrowingFile, WhatFindsNoRoomWaitsAndNoPartOfARecordIsEverThere) {
     file.add("three\n");
     file.add("four\n");
     EXPECT_FALSE(file.flush());
-    EXPECT_NE(file.problem().find(path + ": File too large"), std::string::npos) << file.problem();
+    EXPECT_TRUE(contains(file.problem(), path + ": File too large"));
     EXPECT_EQ(contents(path), "one\ntwo\n") << "as many as fit, and no part of the third";
     EXPECT_EQ(file.waiting(), 11u);
     file.add("five\n");
@@ -95,7 +95,7 @@ TEST(EpisodeLog, AFullDiskAcknowledgesNothingNewAndLosesNothing) {
     const FullDisk full(before.size() + 10);
     EXPECT_TRUE(log.record(episode(2)));
     EXPECT_EQ(log.recorded("env-summer", 7), 1u);
-    EXPECT_NE(log.problem().find(path), std::string::npos);
+    EXPECT_TRUE(contains(log.problem(), path));
     EXPECT_EQ(contents(path), before);
     EXPECT_FALSE(log.record(episode(2))) << "it waits";
     // As long as there is memory for it; then its env_service keeps it.
@@ -122,13 +122,13 @@ TEST(MetricsLog, RowsWaitForADiskThatIsFull) {
     const FullDisk full(before.size() + 3);
     log.write(update(2));
     log.write(update(3));
-    EXPECT_NE(log.problem().find(path), std::string::npos);
+    EXPECT_TRUE(contains(log.problem(), path));
     EXPECT_EQ(contents(path), before);
   }
   log.flush();
   EXPECT_EQ(log.problem(), "");
-  EXPECT_NE(contents(path).find("\n2,200,"), std::string::npos);
-  EXPECT_NE(contents(path).find("\n3,300,"), std::string::npos);
+  EXPECT_TRUE(contains(contents(path), "\n2,200,"));
+  EXPECT_TRUE(contains(contents(path), "\n3,300,"));
 }
 
 TEST(EventLog, EventsWaitForADiskThatIsFull) {

@@ -12,7 +12,7 @@
 #include "core/util/error.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 using namespace std::string_literals;
@@ -32,7 +32,7 @@ ImageHeader header_of(std::string_view file) { return read_image_header(bytes_of
 
 /// Empty when it is read without one.
 std::string fault_of(std::string_view file) {
-  return testing::error_of([&] { header_of(file); });
+  return error_of([&] { header_of(file); });
 }
 
 std::string big32(std::uint32_t number) {
@@ -185,4 +185,4 @@ TEST(ImageFault, CamerasPadJpegs) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

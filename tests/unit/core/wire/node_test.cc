@@ -11,12 +11,8 @@
 
 #include "tests/support/samples.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::encoded;
-using testing::sample_of;
-using testing::Size;
 
 Node::Options options(const std::string& id) {
   Node::Options options;
@@ -70,7 +66,7 @@ Message good() {
 
 TEST_F(Hostile, GarbageOfEveryTypeIsCountedAndTheNextGoodMessageTaken) {
   std::mt19937 random(1);
-  testing::for_each_message([&]<class Message>() {
+  for_each_message([&]<class Message>() {
     const Bytes whole = encoded(good<Message>());
     for (int round = 0; round < 20; ++round) {
       Bytes garbage(random() % std::min<std::size_t>(topic_of<Message>().largest, 4000));
@@ -152,9 +148,9 @@ TEST_F(Hostile, TrainingStatsHaveNumbersThatAreNoneByRight) {
   enemy_->create_publisher(topic_of<msg::TrainingStat>())->publish(encoded(sent));
   msg::TrainingStat received;
   ASSERT_TRUE(node_.take(received));
-  EXPECT_TRUE(testing::equal(sent, received));
+  EXPECT_TRUE(equal(sent, received));
   EXPECT_TRUE(std::isnan(received.reward()));
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

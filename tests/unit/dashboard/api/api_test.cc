@@ -15,11 +15,11 @@
 
 #include "tests/support/records.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
-using namespace testing;
 using Json = nlohmann::json;
 using Parameters = std::map<std::string, std::string>;
 
@@ -87,7 +87,7 @@ class ApiTest : public ::testing::Test {
                     const Parameters& parameters = {}, const std::string& method = "GET") {
     const auto [found, text] = error(path, parameters, method);
     EXPECT_EQ(found, status) << text;
-    EXPECT_NE(text.find(naming), std::string::npos) << text;
+    EXPECT_TRUE(contains(text, naming));
   }
 };
 
@@ -283,7 +283,7 @@ TEST_F(ApiTest, CsvQuotesWhatNeedsIt) {
   msg::EpisodeStat e = episode(1);
   e.policy("a,\"b\"");
   store_.record(std::vector{e});
-  EXPECT_NE(ask({"runs", "demo", "episodes.csv"}).body.find(",summer,\"a,\"\"b\"\"\",3,"), std::string::npos);
+  EXPECT_TRUE(contains(ask({"runs", "demo", "episodes.csv"}).body, ",summer,\"a,\"\"b\"\"\",3,"));
 }
 
 TEST_F(ApiTest, AnEpisodeStepByStep) {
@@ -387,7 +387,7 @@ TEST_F(ApiTest, WhatIsAlive) {
   EXPECT_EQ(picture.status, 200);
   EXPECT_EQ(picture.type, "image/jpeg");
   EXPECT_EQ(picture.body, "\xFF\xD8");
-  EXPECT_NE(picture.headers.at(0).second.find("immutable"), std::string::npos);
+  EXPECT_TRUE(contains(picture.headers.at(0).second, "immutable"));
   EXPECT_EQ(ask({"frames", "00000000000000ab", "8"}).status, 503);
   EXPECT_EQ(ask({"frames", "00000000000000ab", "9"}).status, 404);
   for (const std::string hash :
@@ -553,7 +553,7 @@ TEST_F(ApiTest, ManyAskAtOnceWhileItIsWritten) {
       }
     });
   for (std::uint64_t first = 1; first <= 1000; first += 50) store_.record(episodes(first, first + 49));
-  EXPECT_TRUE(poll_until([&] { return answers >= 8; }, std::chrono::seconds(20)));
+  EXPECT_TRUE(poll_until([&] { return answers >= 8; }, seconds(20)));
   done = true;
   for (std::thread& reader : readers) reader.join();
   EXPECT_EQ(wrong, 0);
@@ -579,7 +579,7 @@ TEST_F(ApiTest, Recognition) {
   EXPECT_EQ(whole["dataset"], "nordland");
   EXPECT_EQ(whole["file"], root + "/vpr-1/results.json");
   EXPECT_EQ(whole["matrices"], Json::parse(R"(["similarity-a.png","similarity-b.png"])"));
-  EXPECT_NE(broken["error"].get<std::string>().find("vpr-2/results.json"), std::string::npos);
+  EXPECT_TRUE(contains(broken["error"].get<std::string>(), "vpr-2/results.json"));
   EXPECT_EQ(json({"recognition", "vpr-1", "curve"})["curves"], Json::array());
   EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}).body, "a");
   EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}, {{"file", "similarity-b.png"}}).body, "b");
@@ -591,4 +591,4 @@ TEST_F(ApiTest, Recognition) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -11,12 +11,11 @@
 #include "dashboard/live/runs_feed.h"
 #include "tests/support/service.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 using Json = nlohmann::json;
 using Merge = Hub::Merge;
-constexpr std::chrono::seconds kPatience = testing::kPatience;
 
 std::vector<std::byte> bytes(const std::string& text) {
   std::vector<std::byte> out(text.size());
@@ -51,7 +50,7 @@ void append(ClientHub& hub, const std::string& rows, const Json& columns = {"x",
 
 class ClientHubTest : public ::testing::Test {
  protected:
-  ClientHub hub_{{.rows = 4, .each = 3, .bytes = 1000, .linger = std::chrono::milliseconds(0)}};
+  ClientHub hub_{{.rows = 4, .each = 3, .bytes = 1000, .linger = milliseconds(0)}};
   int woken_ = 0;
   std::shared_ptr<ClientHub::Client> client_ = hub_.join([this] { ++woken_; });
 };
@@ -216,19 +215,19 @@ TEST(ClientHubLinger, WhoComesBackSoonGetsWhatHappenedMeanwhile) {
 }
 
 TEST(ClientHubLinger, ButNotForEver) {
-  ClientHub hub({.linger = std::chrono::milliseconds(20)});
+  ClientHub hub({.linger = milliseconds(20)});
   const auto client = hub.join([] {});
   client->watch({"services"});
   hub.publish("services", {}, bytes("s"), Merge::kReplace);
   client->watch({});
-  EXPECT_TRUE(testing::poll_until([&] { return hub.watched().empty(); }, kPatience));
+  EXPECT_TRUE(poll_until([&] { return hub.watched().empty(); }, kPatience));
   client->watch({"services"});
   EXPECT_FALSE(take(*client));
 }
 
 /// Four publish, four take: what was published was either taken or counted as lost.
 TEST(ClientHubThreads, NothingIsLostUncounted) {
-  ClientHub hub({.rows = 50, .each = 5, .bytes = 1 << 20, .linger = std::chrono::milliseconds(0)});
+  ClientHub hub({.rows = 50, .each = 5, .bytes = 1 << 20, .linger = milliseconds(0)});
   constexpr int kMessages = 2000;
   std::atomic<int> publishing{4};
   std::vector<std::thread> threads;
@@ -276,12 +275,12 @@ TEST(RunsFeedTest, SendsTheListToWhoWatchesItAndWhenItChanges) {
         if (version == 2) throw Error("the disk is gone", "store");
         return Json{{"runs", {version.load()}}};
       },
-      std::chrono::milliseconds(1));
+      milliseconds(1));
   const auto client = hub.join([] {});
-  const auto awaited = [&](int count) { return testing::poll_until([&] { return asked >= count; }, kPatience); };
+  const auto awaited = [&](int count) { return poll_until([&] { return asked >= count; }, kPatience); };
   const auto newest = [&](int wanted) {
     std::optional<News> news;
-    return testing::poll_until(
+    return poll_until(
         [&] {
           news = take(*client);
           return news && Json::parse(news->payload)["runs"][0] == wanted;
@@ -303,4 +302,4 @@ TEST(RunsFeedTest, SendsTheListToWhoWatchesItAndWhenItChanges) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -15,10 +15,8 @@
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::Folder;
 
 TEST(Target, IsTakenApartBeforeItIsDecoded) {
   const auto target = parse_target("/api/runs/demo%2Fpolicy%2F1/training?columns=reward%2Cspl&x=wall+time&&empty=");
@@ -119,7 +117,7 @@ TEST(AccessToken, IsMadeOnceAndOnlyForItsOwner) {
   struct stat facts {};
   ASSERT_EQ(::stat(path.c_str(), &facts), 0);
   EXPECT_EQ(facts.st_mode & 0777, 0600u);
-  const std::string token = testing::contents(path).substr(0, 64);
+  const std::string token = contents(path).substr(0, 64);
   const Access again(on("0.0.0.0", path));
   for (const Access* one : {static_cast<const Access*>(&access), &again}) {
     EXPECT_TRUE(one->allows({"", "", "Bearer " + token, ""}));
@@ -143,18 +141,18 @@ TEST(AccessToken, ALinkWorksOnceAndItsCookieFromThenOn) {
   EXPECT_FALSE(access.redeem(code));
   EXPECT_FALSE(access.redeem(""));
   const std::string cookie = access.cookie();
-  EXPECT_NE(cookie.find("; HttpOnly; SameSite=Strict"), std::string::npos);
+  EXPECT_TRUE(contains(cookie, "; HttpOnly; SameSite=Strict"));
   const std::string pair = cookie.substr(0, cookie.find(';'));
   EXPECT_TRUE(access.allows({"", "", "", pair}));
   EXPECT_TRUE(access.allows({"", "", "", "a=b; " + pair + "; c"}));
   EXPECT_FALSE(access.allows({"", "", "", pair + "0"}));
   EXPECT_FALSE(access.allows({"", "", "", "x" + pair}));
-  EXPECT_EQ(cookie.find(testing::contents(folder / "token").substr(0, 64)), std::string::npos);
+  EXPECT_FALSE(contains(cookie, contents(folder / "token").substr(0, 64)));
 }
 
 /// The message of the Error, or "" when there was none.
 std::string refusal_of(const Access::Options& options) {
-  return testing::error_of([&] { const Access access(options); });
+  return error_of([&] { const Access access(options); });
 }
 
 TEST(AccessToken, WhatIsWrongIsSaidInOneLine) {
@@ -182,7 +180,7 @@ class Visitor : public Connection {
  public:
   Visitor(Connections& all, const std::string& from, int arrived) : all_(all) {
     address = boost::asio::ip::make_address(from);
-    since = Time(std::chrono::seconds(arrived));
+    since = Time(seconds(arrived));
     all_.add(*this);
   }
   ~Visitor() override { all_.remove(*this); }
@@ -220,14 +218,14 @@ TEST(ConnectionsTest, TheLongestIdleOfAnAddressMakesRoom) {
 TEST(ConnectionsTest, WhoseDeadlineHasPassedIsClosed) {
   Connections all(4, 4);
   Visitor late(all, "127.0.0.1", 1), early(all, "127.0.0.1", 1);
-  late.deadline = Connection::Time(std::chrono::seconds(5));
-  all.tick(Connection::Time(std::chrono::seconds(4)));
+  late.deadline = Connection::Time(seconds(5));
+  all.tick(Connection::Time(seconds(4)));
   EXPECT_EQ(late.ticks + early.ticks, 2);
-  all.tick(Connection::Time(std::chrono::seconds(6)));
+  all.tick(Connection::Time(seconds(6)));
   EXPECT_TRUE(late.closed);
   EXPECT_EQ(early.ticks, 2);
   EXPECT_EQ(all.size(), 1u);
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

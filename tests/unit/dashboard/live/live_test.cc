@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The dashboard's live part: services by their heartbeats, pictures and maps from a real env_service, what goes to the
-// hub's clients.
+// The dashboard's live part: pictures and maps from a real env_service, and what goes to the hub's clients.
 #include "dashboard/live/live.h"
 
 #include <fmt/format.h>
@@ -10,218 +9,23 @@
 
 #include <atomic>
 #include <cstring>
-#include <thread>
+#include <opencv2/imgcodecs.hpp>
 
 #include "core/util/image_header.h"
-#include "dashboard/live/picture_shrink.h"
-#include "env_service/env_service.h"
+#include "env_service/images/image_sources.h"
 #include "tests/support/env.h"
+#include "tests/support/env_service_thread.h"
+#include "tests/support/fake_images.h"
+#include "tests/support/options.h"
 #include "tests/support/records.h"
-#include "tests/support/sample_pictures.h"
 #include "tests/support/scripted_policy.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
 
-using std::chrono::milliseconds;
-using std::chrono::seconds;
 using Json = nlohmann::json;
 using Readiness = LiveView::Readiness;
-
-// ------------------------------------------------------------------------------------------------------- services
-
-/// Heartbeats with a clock of the test's own.
-class Beats {
- public:
-  std::vector<std::string> beat(const std::string& id, msg::State state, std::uint64_t incarnation = 7,
-                                const std::string& run = "demo", const std::string& activity = "busy") {
-    msg::ServiceStatus status;
-    sign(status.header(), id, incarnation, 1, run);
-    status.service() = "env_service";
-    status.host() = "host";
-    status.process() = 12;
-    status.service_state() = state;
-    status.activity() = activity.c_str();
-    std::vector<Event> events;
-    list.on_message(status, now, events);
-    return kinds(events);
-  }
-  std::vector<std::string> after(milliseconds time) {
-    now += time;
-    std::vector<Event> events;
-    list.poll(now, events);
-    return kinds(events);
-  }
-  std::string state(const std::string& id, const std::string& run = "demo") const {
-    const Json all = list.json(now);
-    for (const Json& service : all["services"])
-      if (service["id"] == id && service["session"] == run) return service["state"];
-    return "none";
-  }
-  static std::vector<std::string> kinds(const std::vector<Event>& events) {
-    std::vector<std::string> names;
-    for (const Event& event : events) names.push_back(event.kind);
-    return names;
-  }
-  ServiceList list;
-  Clock::time_point now = Clock::time_point() + std::chrono::hours(1);
-};
-
-using Kinds = std::vector<std::string>;
-
-TEST(ServiceList, AServiceThatFallsSilentIsLostAndMayComeBack) {
-  Beats beats;
-  EXPECT_EQ(beats.beat("env", msg::WAITING), Kinds{"started"});
-  EXPECT_EQ(beats.beat("env", msg::RUNNING), Kinds{});
-  EXPECT_EQ(beats.state("env"), "running");
-  EXPECT_EQ(beats.after(kSilence - milliseconds(1)), Kinds{});
-  EXPECT_TRUE(beats.list.is_alive("demo", "env"));
-  EXPECT_EQ(beats.after(milliseconds(1)), Kinds{"lost"});
-  EXPECT_EQ(beats.state("env"), "lost");
-  EXPECT_FALSE(beats.list.is_alive("demo", "env"));
-  EXPECT_EQ(beats.after(seconds(60)), Kinds{}) << "told once";
-  EXPECT_EQ(beats.beat("env", msg::RUNNING), Kinds{"back"});
-  EXPECT_EQ(beats.state("env"), "running");
-  beats.after(seconds(3));
-  EXPECT_EQ(beats.beat("env", msg::STARTING, 8), Kinds{"restarted"});
-  EXPECT_EQ(beats.state("env"), "starting");
-}
-
-TEST(ServiceList, WhoSaysThatItStopsIsNotLost) {
-  Beats beats;
-  beats.beat("env", msg::RUNNING);
-  EXPECT_EQ(beats.beat("env", msg::STOPPING), Kinds{});
-  EXPECT_EQ(beats.state("env"), "stopping");
-  EXPECT_EQ(beats.after(kSilence), Kinds{"stopped"});
-  EXPECT_EQ(beats.state("env"), "stopped");
-  beats.beat("policy", msg::RUNNING);
-  EXPECT_EQ(beats.beat("policy", msg::FAILED, 7, "demo", "no disk"), Kinds{"failed"});
-  EXPECT_EQ(beats.beat("policy", msg::FAILED), Kinds{}) << "told once";
-  EXPECT_EQ(beats.after(kSilence), Kinds{});
-  EXPECT_EQ(beats.state("policy"), "failed");
-}
-
-TEST(ServiceList, TheLaterOfTwoProcessesIsShownWhileItLives) {
-  Beats beats;
-  beats.beat("env", msg::RUNNING, 7);
-  EXPECT_EQ(beats.beat("env", msg::STARTING, 8), Kinds{"restarted"});
-  EXPECT_EQ(beats.beat("env", msg::RUNNING, 7), Kinds{});
-  EXPECT_EQ(beats.state("env"), "starting");
-  beats.after(kSilence);
-  EXPECT_EQ(beats.beat("env", msg::RUNNING, 7), Kinds{"back"}) << "the later one gave way";
-  EXPECT_EQ(beats.state("env"), "running");
-}
-
-TEST(ServiceList, AnAlarmIsAnEventWhenItBeginsChangesAndEnds) {
-  Beats beats;
-  beats.beat("policy", msg::RUNNING);
-  const auto sound = [&](const std::string& alarm) {
-    std::vector<Event> events;
-    msg::ServiceStatus status;
-    sign(status.header(), "policy", 7, 1, "demo");
-    status.service_state() = msg::RUNNING;
-    status.alarm(alarm);
-    beats.list.on_message(status, beats.now, events);
-    return events;
-  };
-  const std::vector<Event> begins = sound("checkpoint: no room");
-  ASSERT_EQ(begins.size(), 1u);
-  EXPECT_EQ(begins[0].kind, "alarm");
-  EXPECT_EQ(begins[0].text, "checkpoint: no room");
-  EXPECT_EQ(beats.list.json(beats.now)["services"][0]["alarm"], "checkpoint: no room");
-  EXPECT_TRUE(sound("checkpoint: no room").empty()) << "told once";
-  EXPECT_EQ(sound("store: no room").size(), 1u);
-  const std::vector<Event> ends = sound("");
-  ASSERT_EQ(ends.size(), 1u);
-  EXPECT_EQ(ends[0].text, "resolved: store: no room");
-}
-
-TEST(ServiceList, TellsRunsApartAndForgetsInTheEnd) {
-  Beats beats;
-  beats.beat("env", msg::RUNNING, 7, "one");
-  beats.beat("env", msg::WAITING, 7, "two", "caf\xc3");  // not UTF-8
-  EXPECT_EQ(beats.state("env", "one"), "running");
-  EXPECT_EQ(beats.state("env", "two"), "waiting");
-  const Json service = beats.list.json(beats.now)["services"][0];
-  for (const char* key :
-       {"id", "service", "session", "host", "process", "middleware", "incarnation", "state", "activity", "uptime",
-        "rate", "age", "received", "repeated", "resent", "rejected", "foreign", "alarm", "since"})
-    EXPECT_TRUE(service.contains(key)) << key;
-  beats.after(std::chrono::minutes(61));
-  EXPECT_TRUE(beats.list.json(beats.now)["services"].empty());
-  for (int i = 0; i < 1100; ++i) {
-    beats.after(milliseconds(1));
-    beats.beat("env-" + std::to_string(i), msg::RUNNING);
-  }
-  EXPECT_EQ(beats.list.json(beats.now)["services"].size(), 1000u);
-  EXPECT_EQ(beats.state("env-99"), "none");
-  EXPECT_EQ(beats.state("env-100"), "running");
-}
-
-// ------------------------------------------------------------------------------------------------------- pictures
-
-TEST(PictureCache, KeepsWhatWasAskedForLately) {
-  PictureCache cache(10 * (1000 + 256));
-  const std::string bytes(1000, 'x');
-  for (std::uint32_t frame = 0; frame < 10; ++frame) cache.put({1, frame}, {"image/jpeg", bytes});
-  EXPECT_EQ(cache.bytes(), 10u * 1256);
-  ASSERT_TRUE(cache.find({1, 0}));
-  const auto held = cache.find({1, 1});
-  cache.find({1, 0});
-  cache.put({1, 10}, {"image/jpeg", bytes});
-  EXPECT_TRUE(cache.find({1, 0})) << "asked for since";
-  EXPECT_FALSE(cache.find({1, 2}));
-  EXPECT_FALSE(cache.find({2, 0}));
-  cache.put({1, 0}, {"image/png", "short"});
-  EXPECT_EQ(cache.find({1, 0})->type, "image/png");
-  cache.put({3, 0}, {"image/jpeg", std::string(20'000, 'x')});
-  EXPECT_FALSE(cache.find({3, 0})) << "larger than all";
-  for (std::uint32_t frame = 0; frame < 1000; ++frame) cache.put({4, frame}, {"image/jpeg", bytes});
-  EXPECT_LE(cache.bytes(), 10u * 1256);
-  EXPECT_EQ(held->bytes, bytes) << "whoever has it keeps it";
-}
-
-Bytes encoded(const std::string& extension, int width, int height) {
-  std::vector<std::uint8_t> file;
-  cv::imencode(extension, drawn_picture(width, height, 3), file);
-  const auto* begin = reinterpret_cast<const std::byte*>(file.data());
-  return {begin, begin + file.size()};
-}
-
-std::string text_of(const Bytes& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
-
-ImageHeader header_of(const PictureFile& picture) {
-  return read_image_header(std::as_bytes(std::span(picture.bytes)), "picture");
-}
-
-TEST(PictureShrink, LeavesSmallOnesAsTheyAreAndMakesTheOthersSmallJpegs) {
-  for (const std::string type : {"jpeg", "png"}) {
-    const Bytes file = encoded(type == "jpeg" ? ".jpg" : ".png", 320, 200);
-    const PictureFile picture = shrink(file, 640, "x");
-    EXPECT_EQ(picture.type, "image/" + type);
-    EXPECT_EQ(picture.bytes, text_of(file));
-  }
-  for (const std::string extension : {".jpg", ".png", ".ppm", ".bmp"})
-    for (const int width : {320, 1000, 1300, 2600, 5300}) {
-      if (width == 320 && (extension == ".jpg" || extension == ".png")) continue;
-      const PictureFile picture = shrink(encoded(extension, width, 120), 640, "x");
-      EXPECT_EQ(picture.type, "image/jpeg");
-      EXPECT_EQ(header_of(picture).format, "jpeg");
-      EXPECT_EQ(header_of(picture).width, std::min(width, 640)) << extension << " " << width;
-      EXPECT_NEAR(header_of(picture).height, 120.0 * std::min(width, 640) / width, 1.5) << extension << " " << width;
-    }
-}
-
-TEST(PictureShrink, RefusesWhatIsNoPicture) {
-  Bytes cut = encoded(".png", 1000, 100);
-  cut.resize(200);
-  for (const Bytes& file : {Bytes(), Bytes(100), cut}) {
-    EXPECT_TRUE(contains(error_of([&] { shrink(file, 640, "frame 7"); }), "frame 7"));
-  }
-}
-
-// ----------------------------------------------------------------------------------------------------------- live
 
 /// Clients that watch what the test says.
 class TestHub : public Hub {
@@ -251,31 +55,19 @@ class TestHub : public Hub {
 };
 
 /// 40 pictures of one brightness each; the last one cannot be read.
-class GreyImages : public Images {
+class GreyImages : public FakeImages {
  public:
-  int frames() const override { return 40; }
+  GreyImages() : FakeImages(40) {}
   void read(int frame, Bytes& bytes) override {
     ++reads;
     if (frame == 39) throw Error("cannot be read", name(frame));
-    std::vector<std::uint8_t> file;
-    cv::imencode(".png", cv::Mat(60, 80, CV_8UC3, cv::Scalar::all(frame * 6)), file);
-    const auto* begin = reinterpret_cast<const std::byte*>(file.data());
-    bytes.assign(begin, begin + file.size());
+    encode_png(cv::Mat(60, 80, CV_8UC3, cv::Scalar::all(frame * 6)), bytes);
   }
-  std::string name(int frame) const override { return "grey-" + std::to_string(frame); }
-  std::uint64_t fingerprint(int frame) const override { return static_cast<std::uint64_t>(frame); }
-  std::string fault(int) const override { return ""; }
   std::atomic<int> reads = 0;
 };
 
 Node::Options node_options(const std::string& id, const std::string& run, const std::string& service) {
-  Node::Options options;
-  options.middleware.name = "inprocess";
-  options.middleware.domain = 3;
-  options.id = id;
-  options.session = run;
-  options.service = service;
-  return options;
+  return {middleware_options("inprocess", 3), service, id, run};
 }
 
 class LiveTest : public ::testing::Test {
@@ -295,13 +87,8 @@ class LiveTest : public ::testing::Test {
     while (node.take(stat)) live.on_message(stat);
     live.poll();
   }
-  bool until(const std::function<bool()>& condition, milliseconds patience = kPatience) {
-    const Clock::time_point deadline = Clock::now() + patience;
-    while (!condition()) {
-      if (Clock::now() >= deadline) return false;
-      spin();
-    }
-    return true;
+  bool until(const std::function<bool()>& condition) {
+    return eventually([this] { spin(); }, condition);
   }
   /// Newest message of a topic.
   const TestHub::Published& newest(const std::string& topic) { return hub.published.at(topic).back(); }
@@ -340,11 +127,7 @@ class LiveRun : public LiveTest {
     EnvServiceOptions options;
     options.agents = 2;
     options.node = node_options("", run, "");
-    env = std::thread([this, options] { run_env_service(options, street, [this] { return stop.load(); }); });
-  }
-  ~LiveRun() override {
-    stop = true;
-    env.join();
+    env = std::make_unique<EnvServiceThread>(options, street);
   }
   /// Steps on the way: the policy and the dashboard turn by turn.
   bool drive(const std::function<bool()>& condition) {
@@ -356,19 +139,15 @@ class LiveRun : public LiveTest {
       with.policy() = "blind";
       policy->command(with);
     }
-    const Clock::time_point deadline = Clock::now() + kPatience;
-    while (!condition()) {
-      if (Clock::now() >= deadline) return false;
+    return until([&] {
       policy->spin();
-      spin();
-    }
-    return true;
+      return condition();
+    });
   }
   const std::string source = "env-street@" + run;
   std::shared_ptr<GreyImages> images;
   Traversal street;
-  std::atomic<bool> stop = false;
-  std::thread env;
+  std::unique_ptr<EnvServiceThread> env;
   BlindSweep walker{30};
   std::unique_ptr<ScriptedPolicy> policy;
 };
@@ -544,7 +323,7 @@ TEST_F(LiveRun, TheApiGetsPicturesAndMapsByHash) {
   EXPECT_EQ(live.traversals("another run"), Json::array());
   const LiveView::Picture picture = live.frame(hash, 7);
   EXPECT_EQ(picture.type, "image/png");
-  EXPECT_EQ(header_of({picture.type, picture.bytes}).width, 80);
+  EXPECT_EQ(read_image_header(std::as_bytes(std::span(picture.bytes)), "picture").width, 80);
   EXPECT_EQ(images->reads, 1);
   EXPECT_EQ(live.frame(hash, 40).readiness, Readiness::kNone) << "beyond the last frame";
   EXPECT_EQ(live.frame(hash + 1, 7).readiness, Readiness::kNone);

@@ -8,30 +8,25 @@
 
 #include "dashboard/store/database.h"
 #include "dashboard/store/store_reader.h"
+#include "tests/support/options.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"
 #include "tests/support/wait.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
-using namespace testing;
+constexpr std::uint32_t kDomain = 210;
 
-Node::Options node_options(std::uint32_t domain, const std::string& middleware, const std::string& service,
-                           const std::string& id) {
-  Node::Options options;
-  options.middleware.name = middleware;
-  options.middleware.domain = domain;
-  options.service = service;
-  options.id = id;
-  options.session = "demo";
-  return options;
+Node::Options node_options(const std::string& middleware, const std::string& service, const std::string& id) {
+  return {middleware_options(middleware, kDomain), service, id, "demo"};
 }
 
 /// Keeps its episodes until they are acknowledged, and sends them again; nothing else.
 class ScriptedEnvironment {
  public:
-  explicit ScriptedEnvironment(const Node::Options& options) : node(options) {
+  explicit ScriptedEnvironment(const std::string& middleware = "inprocess")
+      : node(node_options(middleware, "env_service", "env-summer")) {
     node.create_writer<msg::EpisodeStat>();
     node.create_reader<msg::EpisodeAcknowledgement>();
   }
@@ -57,7 +52,7 @@ class ScriptedEnvironment {
       acknowledged = std::max(acknowledged, message.episode());
     }
     if (Clock::now() < again) return;
-    again = Clock::now() + std::chrono::milliseconds(50);
+    again = Clock::now() + milliseconds(50);
     for (std::size_t i = 0; i < std::min<std::size_t>(64, kept.size()); ++i) node.publish(kept[i]);
   }
   Node node;
@@ -71,7 +66,7 @@ class ScriptedEnvironment {
 /// Has made some updates, of which it sends those it is asked for, `most` at a time.
 class ScriptedLearner {
  public:
-  explicit ScriptedLearner(const Node::Options& options) : node(options) {
+  ScriptedLearner() {
     node.create_writer<msg::TrainingStat>();
     node.create_writer<msg::RunInfo>();
     node.create_reader<msg::TrainingStatRequest>();
@@ -98,15 +93,15 @@ class ScriptedLearner {
         send(u);
     }
   }
-  Node node;
+  Node node{node_options("inprocess", "policy_service", "policy")};
   std::uint64_t first = 1, last = 0;  ///< updates that it keeps
   int requests = 0;
 };
 
 /// A dashboard without a page: hands on what it takes.
-class Desk {
+class Dashboard {
  public:
-  Desk(const Node::Options& options, const Store::Options& store_options, Recorder::Options recorder_options = {})
+  Dashboard(const Node::Options& options, const Store::Options& store_options, Recorder::Options recorder_options = {})
       : node(options), store(store_options), recorder(node, store, recorder_options) {
     node.create_reader<msg::ServiceStatus>();
     node.create_reader<msg::TraversalInfo>();
@@ -115,7 +110,7 @@ class Desk {
     recorder.on_event = [this](const Event& event) { events.push_back(event); };
   }
   void spin() {
-    node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(5)));
+    node.wait(std::min(recorder.due(), Clock::now() + milliseconds(5)));
     take<msg::ServiceStatus>();
     take<msg::TraversalInfo>();
     take<msg::RunInfo>();
@@ -142,45 +137,36 @@ class Desk {
 
 class RecorderTest : public ::testing::Test {
  protected:
-  static constexpr std::uint32_t kDomain = 210;
   Folder folder_;
   Store::Options store_options_;
   Recorder::Options hasty_;
 
   RecorderTest() {
     store_options_.path = folder_ / "dashboard.sqlite";
-    hasty_.request_after = std::chrono::milliseconds(20);
-    hasty_.retry_after = std::chrono::milliseconds(50);
+    hasty_.request_after = milliseconds(20);
+    hasty_.retry_after = milliseconds(50);
   }
-  std::unique_ptr<Desk> desk(const std::string& middleware = "inprocess") {
-    return std::make_unique<Desk>(node_options(kDomain, middleware, "dashboard", "dashboard"), store_options_, hasty_);
-  }
-  ScriptedEnvironment environment(const std::string& middleware = "inprocess") {
-    return ScriptedEnvironment(node_options(kDomain, middleware, "env_service", "env-summer"));
+  std::unique_ptr<Dashboard> make_dashboard(const std::string& middleware = "inprocess") {
+    return std::make_unique<Dashboard>(node_options(middleware, "dashboard", "dashboard"), store_options_, hasty_);
   }
   std::int64_t number(const std::string& sql) { return open_database(store_options_.path).execAndGet(sql).getInt64(); }
   template <class... Parties>
   bool until(const std::function<bool()>& condition, Parties&... parties) {
-    const Clock::time_point deadline = Clock::now() + kPatience;
-    while (!condition()) {
-      if (Clock::now() >= deadline) return false;
-      (parties.spin(), ...);
-    }
-    return true;
+    return eventually([&] { (parties.spin(), ...); }, condition);
   }
 };
 
 TEST_F(RecorderTest, MakesItselfKnownToWhoeverItHearsOf) {
-  ScriptedEnvironment env = environment();
-  const auto dashboard = desk();
+  ScriptedEnvironment env;
+  const auto dashboard = make_dashboard();
   ASSERT_TRUE(until([&] { return env.registered; }, env, *dashboard));
   EXPECT_EQ(env.newest, 0u);
   EXPECT_FALSE(env.left);
 }
 
 TEST_F(RecorderTest, AcknowledgesAfterTheCommit) {
-  ScriptedEnvironment env = environment();
-  const auto dashboard = desk();
+  ScriptedEnvironment env;
+  const auto dashboard = make_dashboard();
   env.finish_episodes(1000);
   ASSERT_TRUE(until([&] { return env.kept.empty(); }, env, *dashboard));
   EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), 1000);
@@ -188,8 +174,8 @@ TEST_F(RecorderTest, AcknowledgesAfterTheCommit) {
 }
 
 TEST_F(RecorderTest, AFewWaitForOthersButNotForLong) {
-  ScriptedEnvironment env = environment();
-  const auto dashboard = desk();
+  ScriptedEnvironment env;
+  const auto dashboard = make_dashboard();
   ASSERT_TRUE(until([&] { return env.registered; }, env, *dashboard));
   env.finish_episodes(3);
   ASSERT_TRUE(until([&] { return env.kept.empty(); }, env, *dashboard));
@@ -197,14 +183,14 @@ TEST_F(RecorderTest, AFewWaitForOthersButNotForLong) {
 }
 
 TEST_F(RecorderTest, NothingIsLostOrDoubledOverAWireThatLosesAndRepeats) {
-  ScriptedEnvironment env = environment("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=5:inprocess");
-  auto dashboard = desk("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=6:inprocess");
+  ScriptedEnvironment env("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=5:inprocess");
+  auto dashboard = make_dashboard("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=6:inprocess");
   for (int part = 0; part < 4; ++part) {
     env.finish_episodes(150);
     ASSERT_TRUE(until([&] { return env.acknowledged > 150u * static_cast<unsigned>(part) + 20; }, env, *dashboard));
     dashboard.reset();  // gone, in the middle of it
     env.spin();
-    dashboard = desk("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=7:inprocess");
+    dashboard = make_dashboard("lossy,drop=0.2,repeat=0.2,reorder=0.2,seed=7:inprocess");
   }
   ASSERT_TRUE(until([&] { return env.kept.empty(); }, env, *dashboard));
   EXPECT_EQ(env.acknowledged, 600u);
@@ -213,9 +199,9 @@ TEST_F(RecorderTest, NothingIsLostOrDoubledOverAWireThatLosesAndRepeats) {
 }
 
 TEST_F(RecorderTest, LeavesOnlyWhenToldTo) {
-  ScriptedEnvironment env = environment();
+  ScriptedEnvironment env;
   {
-    const auto dashboard = desk();
+    const auto dashboard = make_dashboard();
     ASSERT_TRUE(until([&] { return env.registered; }, env, *dashboard));
     env.finish_episodes(5);
     dashboard->recorder.finish(false);
@@ -223,7 +209,7 @@ TEST_F(RecorderTest, LeavesOnlyWhenToldTo) {
     EXPECT_FALSE(env.left);
     EXPECT_TRUE(env.kept.empty()) << "what has come is recorded";
   }
-  const auto dashboard = desk();
+  const auto dashboard = make_dashboard();
   env.registered = false;
   ASSERT_TRUE(until([&] { return env.registered; }, env, *dashboard));
   EXPECT_EQ(env.newest, 5u) << "it knows what it has";
@@ -233,9 +219,9 @@ TEST_F(RecorderTest, LeavesOnlyWhenToldTo) {
 }
 
 TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpace) {
-  ScriptedEnvironment env = environment();
+  ScriptedEnvironment env;
   store_options_.most_bytes = 400'000;
-  const auto dashboard = desk();
+  const auto dashboard = make_dashboard();
   // An old run, to be removed when space is needed.
   msg::RunInfo old = run_info(0, 400, 1, 1, kJob - 1);
   old.ended(true);
@@ -252,7 +238,7 @@ TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpac
   EXPECT_TRUE(dashboard->told("nothing is recorded"));
   const int acknowledgements = env.acknowledgements;
   const std::int64_t recorded = number("SELECT COUNT(*) FROM episodes") - 500;
-  const Clock::time_point later = Clock::now() + std::chrono::milliseconds(200);
+  const Clock::time_point later = Clock::now() + milliseconds(200);
   ASSERT_TRUE(until([&] { return Clock::now() >= later; }, env, *dashboard));
   EXPECT_TRUE(dashboard->recorder.failing());
   EXPECT_EQ(env.acknowledgements, acknowledgements);
@@ -268,8 +254,8 @@ TEST_F(RecorderTest, AFullStoreAcknowledgesNothingSaysSoAndGoesOnWhenThereIsSpac
 }
 
 TEST_F(RecorderTest, AsksForUpdatesThatDidNotCome) {
-  ScriptedLearner learner(node_options(kDomain, "inprocess", "policy_service", "policy"));
-  const auto dashboard = desk();
+  ScriptedLearner learner;
+  const auto dashboard = make_dashboard();
   learner.last = 1000;
   learner.say(1000);
   ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 1000; }, learner, *dashboard));
@@ -285,39 +271,39 @@ TEST_F(RecorderTest, AsksForUpdatesThatDidNotCome) {
 }
 
 TEST_F(RecorderTest, AfterARestartItAsksOnlyForWhatIsMissing) {
-  ScriptedLearner learner(node_options(kDomain, "inprocess", "policy_service", "policy"));
+  ScriptedLearner learner;
   learner.last = 300;
   learner.say(300);
   {
-    const auto dashboard = desk();
+    const auto dashboard = make_dashboard();
     ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 300; }, learner, *dashboard));
   }
   learner.requests = 0;
   learner.last = 310;
   learner.say(310);
-  const auto dashboard = desk();
+  const auto dashboard = make_dashboard();
   ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 310; }, learner, *dashboard));
   EXPECT_EQ(learner.requests, 1);
 }
 
 TEST_F(RecorderTest, GivesUpUpdatesThatNobodyHas) {
-  ScriptedLearner learner(node_options(kDomain, "inprocess", "policy_service", "policy"));
-  const auto dashboard = desk();
+  ScriptedLearner learner;
+  const auto dashboard = make_dashboard();
   learner.first = 101;  // resumed there
   learner.last = 150;
   learner.say(150);
   ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 50; }, learner, *dashboard));
   const int enough = learner.requests + 5;
   ASSERT_TRUE(until([&] { return learner.requests >= enough - 1; }, learner, *dashboard));
-  const Clock::time_point later = Clock::now() + std::chrono::milliseconds(300);
+  const Clock::time_point later = Clock::now() + milliseconds(300);
   ASSERT_TRUE(until([&] { return Clock::now() >= later; }, learner, *dashboard));
   EXPECT_LE(learner.requests, enough);
 }
 
 TEST_F(RecorderTest, KnowsRunsAndWhatEnvironmentsHost) {
-  ScriptedEnvironment env = environment();
-  ScriptedLearner learner(node_options(kDomain, "inprocess", "policy_service", "policy"));
-  const auto dashboard = desk();
+  ScriptedEnvironment env;
+  ScriptedLearner learner;
+  const auto dashboard = make_dashboard();
   learner.say(0);
   msg::TraversalInfo info = traversal_info();
   env.node.publish(info);
@@ -337,4 +323,4 @@ TEST_F(RecorderTest, KnowsRunsAndWhatEnvironmentsHost) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -19,10 +19,8 @@
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using namespace testing;
 
 class StoreTest : public ::testing::Test {
  protected:
@@ -35,7 +33,7 @@ class StoreTest : public ::testing::Test {
     return options;
   }
   std::string refusal() const {
-    return testing::error_of([&] { Store store(options()); });
+    return error_of([&] { Store store(options()); });
   }
   std::int64_t number(const std::string& sql) const { return open_database(path_).execAndGet(sql).getInt64(); }
 };
@@ -88,7 +86,7 @@ TEST_F(StoreTest, GoesOnFromWhatOthersRecordedAndSaysSo) {
     EXPECT_EQ(store.record(some, &lost), 1u) << "episode 2 is among those that others have";
     ASSERT_EQ(lost.size(), 1u);
     EXPECT_EQ(lost[0].kind, "alarm");
-    EXPECT_NE(lost[0].text.find("5 episodes up to number 5"), std::string::npos) << lost[0].text;
+    EXPECT_TRUE(contains(lost[0].text, "5 episodes up to number 5"));
     EXPECT_EQ(store.recorded_up_to(kEnvironment), 5u);
     EXPECT_EQ(store.events(10).size(), 1u);
   }
@@ -254,7 +252,7 @@ TEST_F(StoreTest, RunNamesWithSlashesStayApart) {
 TEST_F(StoreTest, OneDashboardAFile) {
   {
     const Store store(options());
-    EXPECT_NE(refusal().find("another dashboard records here"), std::string::npos) << refusal();
+    EXPECT_TRUE(contains(refusal(), "another dashboard records here"));
   }
   EXPECT_EQ(refusal(), "");
 }
@@ -274,26 +272,26 @@ void write(const std::string& path, const std::string& text) { std::ofstream(pat
 TEST_F(StoreTest, RefusesWhatIsNoStoreAndLeavesItAlone) {
   const std::string text = "update,reward\n1,0.5\n";
   write(path_, text);
-  EXPECT_NE(refusal().find("is not a store of the dashboard"), std::string::npos) << refusal();
+  EXPECT_TRUE(contains(refusal(), "is not a store of the dashboard"));
   EXPECT_EQ(contents(path_), text);
 
   std::filesystem::remove(path_);
   open_database(path_, SQLite::OPEN_READWRITE | SQLite::OPEN_CREATE).exec("CREATE TABLE friends (name TEXT)");
   const std::string foreign = contents(path_);
-  EXPECT_NE(refusal().find("is an SQLite file of another program"), std::string::npos) << refusal();
+  EXPECT_TRUE(contains(refusal(), "is an SQLite file of another program"));
   EXPECT_EQ(contents(path_), foreign);
 
   std::filesystem::remove(path_);
   std::filesystem::create_directory(path_);
-  EXPECT_NE(refusal().find("is not a regular file"), std::string::npos) << refusal();
-  EXPECT_NE(refusal().find(path_), std::string::npos);
+  EXPECT_TRUE(contains(refusal(), "is not a regular file"));
+  EXPECT_TRUE(contains(refusal(), path_));
 }
 
 TEST_F(StoreTest, RefusesANewerSchemaAndLeavesItAlone) {
   { Store store(options()); }
   open_database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 99");
   const std::string before = contents(path_);
-  EXPECT_NE(refusal().find("has schema 99, this dashboard knows 2"), std::string::npos) << refusal();
+  EXPECT_TRUE(contains(refusal(), "has schema 99, this dashboard knows 2"));
   EXPECT_EQ(contents(path_), before);
 }
 
@@ -306,8 +304,8 @@ TEST_F(StoreTest, RefusesADamagedFileAndLeavesItAlone) {
   ASSERT_GT(bytes.size(), 100000u);
   for (std::size_t i = bytes.size() / 2; i < bytes.size() / 2 + 20000; ++i) bytes[i] = static_cast<char>(i * 7);
   write(path_, bytes);
-  EXPECT_NE(refusal().find("damaged"), std::string::npos) << refusal();
-  EXPECT_NE(refusal().find("restore a copy"), std::string::npos) << refusal();
+  EXPECT_TRUE(contains(refusal(), "damaged"));
+  EXPECT_TRUE(contains(refusal(), "restore a copy"));
   EXPECT_EQ(contents(path_), bytes);
   bytes.resize(5000);
   write(path_, bytes);
@@ -379,8 +377,8 @@ TEST_F(StoreTest, AFullDiskLosesNothing) {
       }
       EXPECT_EQ(store.recorded_up_to(kEnvironment), recorded);
     }
-    EXPECT_NE(fault.find("full"), std::string::npos) << fault;
-    EXPECT_NE(fault.find("free some space"), std::string::npos) << fault;
+    EXPECT_TRUE(contains(fault, "full"));
+    EXPECT_TRUE(contains(fault, "free some space"));
     ASSERT_GE(recorded, 500u);
     EXPECT_EQ(number("SELECT COUNT(*) FROM episodes"), static_cast<std::int64_t>(recorded));
     // It is still there to be read, and to be written when there is space.
@@ -435,4 +433,4 @@ TEST_F(StoreTest, KilledAtAnyTimeItHasWhatItAcknowledged) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -9,12 +9,10 @@
 #include "encoder_service/encoding/reduction.h"
 #include "tests/support/sample_pictures.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 using Eigen::MatrixXf;
-using testing::drawn_picture;
-using testing::nordland;
 
 std::unique_ptr<Encoder> make(const std::string& name, const std::map<std::string, double>& values = {}) {
   const auto& entry = EncoderRegistry::instance().find("encoder", name);
@@ -192,4 +190,4 @@ TEST(Nordland, VladWithstandsAShiftBetterThanHog) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

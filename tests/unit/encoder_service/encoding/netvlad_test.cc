@@ -12,14 +12,9 @@
 #include "tests/support/text.h"
 #include "tests/support/tiny_onnx.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
-using testing::contains;
-using testing::error_of;
-using testing::Folder;
-using testing::network;
-using testing::tiny_convolution;
 using Json = nlohmann::json;
 using Values = std::map<std::string, double>;
 
@@ -278,7 +273,7 @@ TEST(Netvlad, LearnsRestoresAndNamesItsHead) {
 TEST(Netvlad, RefusesWhatDoesNotFit) {
   const Folder folder;
   const std::string model = tiny_convolution({1, 3, 12, 16}, 6).save(folder / "a.onnx");
-  const std::string flat = testing::TinyOnnx()
+  const std::string flat = TinyOnnx()
                                .input({1, 3, 12, 16})
                                .node("GlobalAveragePool", "pool")
                                .node("Flatten", "flat", {}, {}, {{"axis", 1}})
@@ -292,4 +287,4 @@ TEST(Netvlad, RefusesWhatDoesNotFit) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -8,18 +8,14 @@
 
 #include "encoder_service/onnx/onnx_file.h"
 #include "encoder_service/onnx/onnx_network.h"
+#include "tests/paths.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 #include "tests/support/tiny_onnx.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
-using testing::contains;
-using testing::Folder;
-using testing::network;
-using testing::tiny_convolution;
-using testing::TinyOnnx;
 using Values = std::map<std::string, double>;
 
 std::unique_ptr<Encoder> make(const EncoderFiles& files, const Values& values = {}) {
@@ -27,8 +23,8 @@ std::unique_ptr<Encoder> make(const EncoderFiles& files, const Values& values = 
   return entry.create(Parameters("onnx", entry.parameters, values), files);
 }
 
-std::string error_of(const EncoderFiles& files, const Values& values = {}) {
-  return testing::error_of([&] { make(files, values); });
+std::string refusal(const EncoderFiles& files, const Values& values = {}) {
+  return error_of([&] { make(files, values); });
 }
 
 cv::Mat noise(int width, int height, int seed) {
@@ -161,8 +157,8 @@ TEST(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
   EXPECT_TRUE(contains(size(network(fixed, "", "resnet50")), " 8x6 ")) << "a preset only fills what is open";
   EXPECT_TRUE(contains(size(network(open, "", "resnet50")), " 224x224 "));
   EXPECT_TRUE(contains(size(network(open, "", "resnet50"), {{"width", 32}, {"height", 24}}), " 32x24 "));
-  EXPECT_TRUE(contains(error_of(network(open)), "leaves the height of its input open")) << error_of(network(open));
-  EXPECT_TRUE(contains(error_of(network(fixed), {{"width", 10}}), "width of 8, not 10"));
+  EXPECT_TRUE(contains(refusal(network(open)), "leaves the height of its input open")) << refusal(network(open));
+  EXPECT_TRUE(contains(refusal(network(fixed), {{"width", 10}}), "width of 8, not 10"));
 }
 
 TEST(Onnx, LayersAreFoundByNameOrSuggested) {
@@ -170,8 +166,8 @@ TEST(Onnx, LayersAreFoundByNameOrSuggested) {
   const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
   EXPECT_TRUE(contains(make(network(path, "relu"))->spec().name, "layer=onnx_node!relu "));
   EXPECT_TRUE(contains(make(network(path, "", "resnet50"))->spec().name, "layer=onnx_node!pool "));
-  EXPECT_TRUE(contains(error_of(network(path, "REL")), "it has onnx_node!relu"));
-  const std::string none = error_of(network(path, "fc"));
+  EXPECT_TRUE(contains(refusal(network(path, "REL")), "it has onnx_node!relu"));
+  const std::string none = refusal(network(path, "fc"));
   EXPECT_TRUE(contains(none, "has no layer 'fc'") && contains(none, "its last are ") &&
               contains(none, "onnx_node!pool"))
       << none;
@@ -216,22 +212,22 @@ TEST(Onnx, BadFilesGetOneLine) {
     std::ofstream(folder / "bad.onnx", std::ios::binary) << bytes;
     return folder / "bad.onnx";
   };
-  EXPECT_TRUE(contains(error_of(network("")), "--model"));
-  EXPECT_TRUE(contains(error_of(network(folder / "none.onnx")), "No such file"));
-  EXPECT_TRUE(contains(error_of(network(folder.path())), "is not a file"));
-  EXPECT_TRUE(contains(error_of(network(write(""))), "empty file"));
-  EXPECT_TRUE(contains(error_of(network(write("hello, I am no model at all"))), "not an ONNX model"));
-  EXPECT_TRUE(contains(error_of(network(write("version https://git-lfs.github.com/spec/v1\n"))), "git lfs pull"));
-  EXPECT_TRUE(contains(error_of(network(write(good), "", "vgg")), "known: cosplace"));
+  EXPECT_TRUE(contains(refusal(network("")), "--model"));
+  EXPECT_TRUE(contains(refusal(network(folder / "none.onnx")), "No such file"));
+  EXPECT_TRUE(contains(refusal(network(folder.path())), "is not a file"));
+  EXPECT_TRUE(contains(refusal(network(write(""))), "empty file"));
+  EXPECT_TRUE(contains(refusal(network(write("hello, I am no model at all"))), "not an ONNX model"));
+  EXPECT_TRUE(contains(refusal(network(write("version https://git-lfs.github.com/spec/v1\n"))), "git lfs pull"));
+  EXPECT_TRUE(contains(refusal(network(write(good), "", "vgg")), "known: cosplace"));
   for (std::size_t size = 1; size < good.size(); size += 5) {
-    const std::string error = error_of(network(write(good.substr(0, size))));
+    const std::string error = refusal(network(write(good.substr(0, size))));
     EXPECT_TRUE(contains(error, "bad.onnx: ") && error.find('\n') == std::string::npos) << size << ": " << error;
   }
 }
 
 TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
   const Folder folder;
-  const auto error = [&](const TinyOnnx& model) { return error_of(network(model.save(folder / "a.onnx"))); };
+  const auto error = [&](const TinyOnnx& model) { return refusal(network(model.save(folder / "a.onnx"))); };
   EXPECT_TRUE(contains(error(TinyOnnx().input({1, 1, 6, 8}).node("Relu", "relu")), "picture of 3 channels"));
   EXPECT_TRUE(contains(error(TinyOnnx().input({1, 192}).node("Relu", "relu")), "picture of 3 channels"));
   EXPECT_TRUE(
@@ -267,8 +263,8 @@ TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
 TEST(Onnx, NumbersAreFiniteOrAnError) {
   const Folder folder;
   const std::string path = tiny_convolution({1, 3, 6, 8}, 2).save(folder / "a.onnx");
-  EXPECT_TRUE(contains(error_of(network(path), {{"deviation-red", 1e-40}}), "not finite"));
-  EXPECT_TRUE(contains(error_of(network(path), {{"deviation-red", 1e-60}}), "not finite"));
+  EXPECT_TRUE(contains(refusal(network(path), {{"deviation-red", 1e-40}}), "not finite"));
+  EXPECT_TRUE(contains(refusal(network(path), {{"deviation-red", 1e-60}}), "not finite"));
 }
 
 TEST(Onnx, PicturesOfAnotherKindAreRefused) {
@@ -329,8 +325,8 @@ TEST(OnnxNets, ResnetIsCutAtItsPooledLayer) {
     EXPECT_LT((got.col(0) - expected).norm(), 1e-4f * expected.norm());
   }
   EXPECT_EQ(make(network(path))->spec().dimension, 10);
-  EXPECT_TRUE(contains(error_of(network(path), {{"width", 64}}), "width of 32, not 64"));
+  EXPECT_TRUE(contains(refusal(network(path), {{"width", 64}}), "width of 32, not 64"));
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

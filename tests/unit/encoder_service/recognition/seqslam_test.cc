@@ -13,13 +13,12 @@
 #include "core/util/random.h"
 #include "encoder_service/recognition/evaluation.h"
 #include "encoder_service/recognition/sequence.h"
+#include "tests/paths.h"
 #include "tests/support/matfile.h"
 #include "tests/support/service.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::MatFile;
 
 class Golden : public ::testing::Test {
  protected:
@@ -85,7 +84,7 @@ TEST_F(Golden, SequencesOfSimilaritySeeWhatSingleFramesDoNot) {
 }
 
 TEST(MatFile, TheSameCompressed) {
-  const testing::Folder folder;
+  const Folder folder;
   const auto element = [](std::uint32_t type, std::string data) {
     const auto size = static_cast<std::uint32_t>(data.size());
     std::string text(8, '\0');
@@ -203,4 +202,4 @@ TEST(Sequence, LongerThanTheRecording) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

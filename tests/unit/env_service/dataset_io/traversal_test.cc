@@ -8,11 +8,11 @@
 
 #include "tests/support/env.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 TEST(TraversalHash, DependsOnDataAndDatasetButNotOnTheName) {
-  const Traversal original = testing::small_traversal(10);
+  const Traversal original = small_traversal(10);
   std::set<std::uint64_t> hashes{original.hash()};
   Traversal other = original;
   other.name = "another";
@@ -43,4 +43,4 @@ TEST(TraversalHash, IsTheSameForEver) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -7,17 +7,10 @@
 #include "tests/support/layouts.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::error_of;
-using testing::Folder;
-using testing::holds;
-using testing::kDegree;
-using testing::make_dataset;
-using testing::write_file;
-using testing::write_picture;
 
 std::string numbered(const std::string& before, int number, std::size_t digits, const std::string& after) {
   std::string text = std::to_string(number);
@@ -95,8 +88,8 @@ TEST_F(Alderley, ReadsDayAndNight) {
   EXPECT_EQ(night.condition, "night");
   EXPECT_EQ(night.positions.size(), 3u);
   EXPECT_TRUE(std::isnan(night.positions[0]));
-  EXPECT_NEAR(testing::picture_of(night, 2).at<cv::Vec3b>(0, 0)[0], 30, 2);
-  EXPECT_NEAR(testing::picture_of(day, 0).at<cv::Vec3b>(0, 0)[0], 110, 2);
+  EXPECT_NEAR(picture_of(night, 2).at<cv::Vec3b>(0, 0)[0], 30, 2);
+  EXPECT_NEAR(picture_of(day, 0).at<cv::Vec3b>(0, 0)[0], 110, 2);
   EXPECT_NE(night.images->fingerprint(0), night.images->fingerprint(1));
 }
 
@@ -172,8 +165,8 @@ TEST_F(UqStLucia, ReadsTheDrive) {
   }
   EXPECT_EQ(make_dataset("st_lucia", folder_.path())->names(), std::vector<std::string>{"101215_153851"});
   EXPECT_NEAR(load({{"camera", 1}}).times[1], 1292391532.1, 1e-6);
-  EXPECT_EQ(testing::picture_of(load(), 1).at<cv::Vec3b>(8, 8), cv::Vec3b(0, 0, 150));
-  EXPECT_EQ(testing::picture_of(load({{"raw", 0}}), 1).at<cv::Vec3b>(9, 8), cv::Vec3b(150, 150, 150));
+  EXPECT_EQ(picture_of(load(), 1).at<cv::Vec3b>(8, 8), cv::Vec3b(0, 0, 150));
+  EXPECT_EQ(picture_of(load({{"raw", 0}}), 1).at<cv::Vec3b>(9, 8), cv::Vec3b(150, 150, 150));
   EXPECT_NE(load().images->fingerprint(1), load({{"raw", 0}}).images->fingerprint(1));
 }
 
@@ -202,10 +195,10 @@ TEST_F(UqStLucia, TellsWhatIsMissingOrBroken) {
 
 TEST(StLuciaMultipleTimes, ReadsVideosWithARowOfGpsAFrame) {
   const Folder folder;
-  testing::write_avi(folder / "190809_0845/webcam_video.avi", 4, 15);
+  write_avi(folder / "190809_0845/webcam_video.avi", 4, 15);
   // As published, without the minus of the southern latitude.
   write_file(folder / "190809_0845/fGPS.txt", "27.500,153.0\n27.501,153.0\n0,0\n27.503,153.0\n");
-  testing::write_avi(folder / "180809_1545/webcam_video.avi", 3, 15);
+  write_avi(folder / "180809_1545/webcam_video.avi", 3, 15);
   const auto dataset = make_dataset("st_lucia_multiple_times", folder.path());
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"180809_1545", "190809_0845"}));
   EXPECT_EQ(dataset->condition("190809_0845"), "08:45");
@@ -218,7 +211,7 @@ TEST(StLuciaMultipleTimes, ReadsVideosWithARowOfGpsAFrame) {
   EXPECT_TRUE(std::isnan(traversal.positions[2]));
   EXPECT_NEAR(traversal.positions[3], 0.003 * kDegree, 0.05);
   EXPECT_NEAR(traversal.times[3], 0.2, 1e-9);
-  EXPECT_NEAR(testing::picture_of(traversal, 3).at<cv::Vec3b>(8, 8)[1], 60, 3);
+  EXPECT_NEAR(picture_of(traversal, 3).at<cv::Vec3b>(8, 8)[1], 60, 3);
   EXPECT_NE(traversal.images->fingerprint(0), dataset->load("180809_1545").images->fingerprint(0));
   EXPECT_TRUE(std::isnan(dataset->load("180809_1545").positions[0]));  // no log
 }
@@ -245,7 +238,7 @@ TEST(StLuciaMultipleTimes, TellsWhatIsMissingOrBroken) {
   EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "180809_1545: has neither a video nor pictures"));
   write_file(folder / "180809_1545/webcam_video.avi", "not a video");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "webcam_video.avi"));
-  testing::write_avi(folder / "180809_1545/webcam_video.avi", 3, 15);
+  write_avi(folder / "180809_1545/webcam_video.avi", 3, 15);
   write_file(folder / "180809_1545/fGPS.txt", "27.5,153.0\n27.5;153.0\n27.5,153.0\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "fGPS.txt:2"));
 }
@@ -255,8 +248,8 @@ TEST(MultilaneRoad, ReadsWhatIsBelowTheNamesOfTheRoads) {
   for (int i = 1; i <= 3; ++i) write_picture(folder / numbered("data/highway/day_lane1/", i, 4, ".jpg"));
   write_file(folder / "data/highway/day_lane1/gps.csv",
              "latitude,longitude\n-28.0,153.4\n-28.001,153.4\n-28.002,153.4\n");
-  testing::write_avi(folder / "suburban_night_lane2.avi", 3, 15);
-  testing::write_avi(folder / "unrelated.avi", 3, 15);
+  write_avi(folder / "suburban_night_lane2.avi", 3, 15);
+  write_avi(folder / "unrelated.avi", 3, 15);
   const auto dataset = make_dataset("multilane_road", folder.path());
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"data-highway-day_lane1", "suburban_night_lane2"}));
   EXPECT_EQ(dataset->correspondence(), Correspondence::kGps);
@@ -274,15 +267,15 @@ TEST(MultilaneRoad, ReadsWhatIsBelowTheNamesOfTheRoads) {
   write_file(folder / "data/highway/day_lane1/gps.csv", "a,b\n1,2\n3,x\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("data-highway-day_lane1"); }), "gps.csv:3"));
   const Folder other;
-  testing::write_avi(other / "unrelated.avi", 3, 15);
+  write_avi(other / "unrelated.avi", 3, 15);
   EXPECT_TRUE(holds(error_of([&] { make_dataset("multilane_road", other.path())->names(); }), "highway"));
 }
 
 TEST(GoldCoastDrive, ReadsItsVideos) {
   const Folder folder;
   EXPECT_TRUE(holds(error_of([&] { make_dataset("gold_coast_drive", folder.path())->names(); }), "gold_coast"));
-  testing::write_avi(folder / "gold_coast_compressed.mp4", 5, 30);
-  testing::write_avi(folder / "holiday.mp4", 5, 30);
+  write_avi(folder / "gold_coast_compressed.mp4", 5, 30);
+  write_avi(folder / "holiday.mp4", 5, 30);
   for (int i = 1; i <= 3; ++i) write_picture(folder / numbered("GoldCoast frames/", i, 6, ".png"));
   const auto dataset = make_dataset("gold_coast_drive", folder.path());
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"GoldCoast frames", "gold_coast_compressed"}));
@@ -290,7 +283,7 @@ TEST(GoldCoastDrive, ReadsItsVideos) {
   EXPECT_EQ(traversal.frames, 5);
   EXPECT_NEAR(traversal.times[3], 0.1, 1e-9);
   EXPECT_TRUE(std::isnan(traversal.positions[0]));
-  EXPECT_NEAR(testing::picture_of(traversal, 2).at<cv::Vec3b>(8, 8)[0], 40, 3);
+  EXPECT_NEAR(picture_of(traversal, 2).at<cv::Vec3b>(8, 8)[0], 40, 3);
   EXPECT_EQ(dataset->load("GoldCoast frames").frames, 3);
   fs::remove(folder / "GoldCoast frames/000002.png");
   write_file(folder / "GoldCoast frames/000003.png", "");
@@ -300,4 +293,4 @@ TEST(GoldCoastDrive, ReadsItsVideos) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

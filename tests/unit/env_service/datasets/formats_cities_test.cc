@@ -6,28 +6,21 @@
 #include "tests/support/layouts.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::error_of;
-using testing::Folder;
-using testing::holds;
-using testing::kDegree;
-using testing::make_dataset;
-using testing::write_file;
-using testing::write_picture;
 
 class Bdd : public ::testing::Test {
  protected:
   void SetUp() override {
-    testing::write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 60, 30);  // 2 s
+    write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 60, 30);  // 2 s
     // Its first frame at 1503828163.0 s; one location a second, each 0.001 degrees to the north.
     write_file(info_, R"({"rideID": "r", "startTime": 1503828163000, "endTime": 1503828165000, "locations": [)"
                       R"({"timestamp": 1503828163000, "latitude": 40.000, "longitude": -74.0, "speed": 1},)"
                       R"({"timestamp": 1503828164000, "latitude": 40.001, "longitude": -74.0, "speed": 1},)"
                       R"({"timestamp": 1503828165000, "latitude": 40.002, "longitude": -74.0, "speed": 1}]})");
-    testing::write_avi(folder_ / "videos/100k/train/no-info.mov", 3, 30);
+    write_avi(folder_ / "videos/100k/train/no-info.mov", 3, 30);
   }
   Traversal load() const { return make_dataset("bdd100k", folder_.path(), {{"seconds", 2}})->load(kRide); }
 
@@ -47,7 +40,7 @@ TEST_F(Bdd, ReadsRidesThatHaveInfo) {
   EXPECT_NEAR(traversal.latitude[15], 40.0005, 1e-9);
   EXPECT_NEAR(traversal.positions[30], 0.001 * kDegree, 0.05);
   EXPECT_NEAR(traversal.positions[45], 0.0015 * kDegree, 0.05);
-  EXPECT_NEAR(testing::picture_of(traversal, 5).at<cv::Vec3b>(8, 8)[2], 100, 3);
+  EXPECT_NEAR(picture_of(traversal, 5).at<cv::Vec3b>(8, 8)[2], 100, 3);
 }
 
 TEST_F(Bdd, ConditionsComeFromLabels) {
@@ -79,12 +72,12 @@ TEST_F(Bdd, TellsWhatIsMissingOrBroken) {
   EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.json: is not JSON"));
   SetUp();
   EXPECT_EQ(load().hash(), hash);
-  testing::write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 61, 30);
+  write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 61, 30);
   EXPECT_NE(load().hash(), hash);
   write_file(folder_ / "videos/100k/train/0000f77c-6257be58.mov", "not a video");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.mov"));
   const Folder other;
-  testing::write_avi(other / "videos/train/a.mov", 3, 30);
+  write_avi(other / "videos/train/a.mov", 3, 30);
   EXPECT_TRUE(holds(error_of([&] { make_dataset("bdd100k", other.path())->names(); }), "info"));
 }
 
@@ -121,7 +114,7 @@ TEST_F(Cityscapes, ReadsASnippet) {
   EXPECT_NEAR(traversal.positions[2], 1.44, 1e-5);  // and 13 m/s for 60 ms
   EXPECT_NEAR(traversal.latitude[2], 50.782, 1e-9);
   EXPECT_NEAR(traversal.longitude[2], 6.06, 1e-9);
-  EXPECT_EQ(testing::picture_of(traversal, 2).at<cv::Vec3b>(0, 0), cv::Vec3b(150, 150, 150));
+  EXPECT_EQ(picture_of(traversal, 2).at<cv::Vec3b>(0, 0), cv::Vec3b(150, 150, 150));
   EXPECT_NE(traversal.images->fingerprint(0), traversal.images->fingerprint(1));
 }
 
@@ -211,7 +204,7 @@ class StreetLearn : public ::testing::Test {
     return make_dataset("streetlearn", folder_.path(), parameters);
   }
   static int sector(const Traversal& traversal, int frame) {
-    return testing::picture_of(traversal, frame).at<cv::Vec3b>(60, 42)[0] / 20;
+    return picture_of(traversal, frame).at<cv::Vec3b>(60, 42)[0] / 20;
   }
   Folder folder_;
 };
@@ -238,7 +231,7 @@ TEST_F(StreetLearn, WalksTheGivenRoutesLookingAhead) {
   EXPECT_EQ(back.images->fingerprint(1), corner.images->fingerprint(1));
   EXPECT_NE(dataset({{"size", 100}})->load("corner").images->fingerprint(1), corner.images->fingerprint(1));
   EXPECT_NE(dataset({{"size", 84}, {"fov", 60}})->load("corner").images->fingerprint(1), corner.images->fingerprint(1));
-  EXPECT_EQ(testing::picture_of(dataset({{"size", 512}})->load("corner"), 0).size(), cv::Size(512, 512));
+  EXPECT_EQ(picture_of(dataset({{"size", 512}})->load("corner"), 0).size(), cv::Size(512, 512));
 }
 
 TEST_F(StreetLearn, FindsFarRoutesItself) {
@@ -287,4 +280,4 @@ TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -3,20 +3,14 @@
 #include <algorithm>
 #include <cmath>
 
+#include "tests/paths.h"
 #include "tests/support/layouts.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-using testing::error_of;
-using testing::Folder;
-using testing::holds;
-using testing::kDegree;
-using testing::make_dataset;
-using testing::write_file;
-using testing::write_picture;
 
 constexpr char kDrive[] = "2014-05-14-13-46-12";
 constexpr char kInsHeader[] =
@@ -108,14 +102,14 @@ TEST_F(Robotcar, RawPicturesBecomeColours) {
   ASSERT_TRUE(cv::imwrite(drive_ + "/stereo/centre/1400075172000000.png", mosaic(1, 0)));  // GB / RG
   ASSERT_TRUE(cv::imwrite(drive_ + "/mono_left/1400075172000000.png", mosaic(0, 0)));      // RG / GB
   for (const int camera : {0, 3}) {
-    const cv::Vec3b pixel = testing::picture_of(load({{"camera", camera}}), 0).at<cv::Vec3b>(8, 8);
+    const cv::Vec3b pixel = picture_of(load({{"camera", camera}}), 0).at<cv::Vec3b>(8, 8);
     EXPECT_EQ(pixel, cv::Vec3b(0, 0, 200)) << camera;
   }
-  const cv::Mat reduced = testing::picture_of(load({{"reduce", 2}}), 0);
+  const cv::Mat reduced = picture_of(load({{"reduce", 2}}), 0);
   EXPECT_EQ(reduced.size(), cv::Size(8, 8));
   EXPECT_EQ(reduced.at<cv::Vec3b>(4, 4), cv::Vec3b(0, 0, 200));
-  EXPECT_EQ(testing::picture_of(load({{"raw", 0}, {"reduce", 4}}), 0).at<cv::Vec3b>(2, 2), cv::Vec3b(50, 50, 50));
-  const cv::Mat grey = testing::picture_of(load({{"raw", 0}}), 0);
+  EXPECT_EQ(picture_of(load({{"raw", 0}, {"reduce", 4}}), 0).at<cv::Vec3b>(2, 2), cv::Vec3b(50, 50, 50));
+  const cv::Mat grey = picture_of(load({{"raw", 0}}), 0);
   EXPECT_EQ(grey.at<cv::Vec3b>(1, 0), cv::Vec3b(200, 200, 200));
   EXPECT_EQ(grey.at<cv::Vec3b>(0, 0), cv::Vec3b(0, 0, 0));
 }
@@ -181,7 +175,7 @@ TEST_F(Robotcar, OtherFoldersAreNotIt) {
 }
 
 TEST(RobotcarReal, TagsOfTheSdk) {
-  const std::string samples = testing::real_data(CITYLEARN_SOURCE_DIR, "formats/robotcar");
+  const std::string samples = real_data(CITYLEARN_SOURCE_DIR, "formats/robotcar");
   if (samples.empty()) GTEST_SKIP() << "skipped: no samples of the layout; CITYLEARN_DATA names their folder";
   std::map<std::string, int> conditions;
   const auto dataset = make_dataset("oxford_robotcar", samples);
@@ -199,7 +193,7 @@ TEST(RobotcarReal, TagsOfTheSdk) {
 }
 
 TEST(RobotcarReal, TimesOfTheSunDrive) {
-  const std::string samples = testing::real_data(CITYLEARN_SOURCE_DIR, "formats/vprsnn/dataset_imagenames");
+  const std::string samples = real_data(CITYLEARN_SOURCE_DIR, "formats/vprsnn/dataset_imagenames");
   if (samples.empty()) GTEST_SKIP() << "skipped: no samples of the layout; CITYLEARN_DATA names their folder";
   const TextTable list(samples + "/ORC_Sun_timestamps.csv", {});
   const Folder folder;
@@ -241,7 +235,7 @@ TEST_F(KittiRaw, ReadsADrive) {
   EXPECT_NEAR(traversal.times[2] - traversal.times[0], 0.02, 1e-6);
   for (int frame = 0; frame < 3; ++frame) EXPECT_NEAR(traversal.positions[frame], 0.001 * frame * kDegree, 0.01);
   EXPECT_NEAR(traversal.longitude[1], 8.4, 1e-9);
-  EXPECT_EQ(testing::picture_of(traversal, 1).at<cv::Vec3b>(0, 0), cv::Vec3b(100, 100, 100));
+  EXPECT_EQ(picture_of(traversal, 1).at<cv::Vec3b>(0, 0), cv::Vec3b(100, 100, 100));
 }
 
 TEST_F(KittiRaw, PositionsAreThoseOfThePicturesTimes) {
@@ -308,7 +302,7 @@ TEST(KittiOdometry, ReadsASequence) {
 }
 
 TEST(KittiReal, Sequence00IsAsLongAsTheBenchmarkSays) {
-  const std::string samples = testing::real_data(CITYLEARN_SOURCE_DIR, "formats/kitti_odometry");
+  const std::string samples = real_data(CITYLEARN_SOURCE_DIR, "formats/kitti_odometry");
   if (samples.empty()) GTEST_SKIP() << "skipped: no samples of the layout; CITYLEARN_DATA names their folder";
   const Folder folder;
   write_picture(folder / "sequences/00/image_2/000000.png");
@@ -322,7 +316,7 @@ TEST(KittiReal, Sequence00IsAsLongAsTheBenchmarkSays) {
 }
 
 TEST(KittiReal, TimesAndAPacketOfARawDrive) {
-  const std::string samples = testing::real_data(CITYLEARN_SOURCE_DIR, "formats/kitti_raw/2011_09_26_drive_0001_sync");
+  const std::string samples = real_data(CITYLEARN_SOURCE_DIR, "formats/kitti_raw/2011_09_26_drive_0001_sync");
   if (samples.empty()) GTEST_SKIP() << "skipped: no samples of the layout; CITYLEARN_DATA names their folder";
   const std::string name = "2011_09_26_drive_0001_sync";
   const auto dataset = make_dataset("kitti", samples);
@@ -350,4 +344,4 @@ TEST(KittiReal, TimesAndAPacketOfARawDrive) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

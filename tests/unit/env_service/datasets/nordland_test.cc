@@ -3,18 +3,14 @@
 
 #include <cmath>
 
+#include "tests/paths.h"
 #include "tests/support/env.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::error_of;
-using testing::make_dataset;
-using testing::write_file;
-using testing::write_grey;
 
 class Nordland : public ::testing::Test {
  protected:
@@ -25,7 +21,7 @@ class Nordland : public ::testing::Test {
   std::unique_ptr<Dataset> nordland(const std::map<std::string, double>& parameters = {}) const {
     return make_dataset("nordland", folder_.path(), parameters);
   }
-  testing::Folder folder_;
+  Folder folder_;
 };
 
 TEST_F(Nordland, SeasonsInAnyLetterCase) {
@@ -55,13 +51,13 @@ TEST_F(Nordland, PartitionedAndInSections) {
 }
 
 TEST_F(Nordland, Films) {
-  ASSERT_TRUE(testing::write_video(folder_ / "nordland-Fall.avi", 20, "MJPG", 10));
+  ASSERT_TRUE(write_video(folder_ / "nordland-Fall.avi", 20, "MJPG", 10));
   std::filesystem::create_directory(folder_ / "winter");
-  ASSERT_TRUE(testing::write_video(folder_ / "winter/film.avi", 20));
+  ASSERT_TRUE(write_video(folder_ / "winter/film.avi", 20));
   EXPECT_EQ(nordland()->names(), (std::vector<std::string>{"fall", "winter"}));
   EXPECT_NEAR(nordland()->load("fall").times[15], 1.5, 1e-6);
   EXPECT_EQ(nordland()->load("winter").images->name(3), "winter/film.avi, frame 3");
-  ASSERT_TRUE(testing::write_video(folder_ / "fall-2.avi", 5));
+  ASSERT_TRUE(write_video(folder_ / "fall-2.avi", 5));
   EXPECT_NE(error_of([&] { nordland()->names(); }).find("both fall-2.avi and nordland-Fall.avi seem to be fall"),
             std::string::npos);
 }
@@ -97,7 +93,7 @@ TEST_F(Nordland, MatchesByNumber) {
 }
 
 TEST(NordlandReal, PicturesOfTwoSeasons) {
-  const std::string folder = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32");
+  const std::string folder = real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32");
   if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
   const auto dataset = make_dataset("nordland", folder);
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"summer", "winter"}));
@@ -111,9 +107,9 @@ TEST(NordlandReal, PicturesOfTwoSeasons) {
 }
 
 TEST(NordlandReal, GpsLogs) {
-  const std::string logs = testing::real_data(CITYLEARN_SOURCE_DIR, "formats/deepseqslam/datasets/nordland/gpsData");
+  const std::string logs = real_data(CITYLEARN_SOURCE_DIR, "formats/deepseqslam/datasets/nordland/gpsData");
   if (logs.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
-  const testing::Folder folder;
+  const Folder folder;
   std::filesystem::create_directory_symlink(std::filesystem::absolute(logs), folder / "gpsData");
   for (const std::string name : {"spring", "summer", "fall", "winter"}) {
     // A picture every two hours and a half; the fifth is beyond the ride.
@@ -129,4 +125,4 @@ TEST(NordlandReal, GpsLogs) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

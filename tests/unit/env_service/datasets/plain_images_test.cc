@@ -9,19 +9,15 @@
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::error_of;
-using testing::write_file;
-using testing::write_grey;
 
 class PlainImages : public ::testing::Test {
  protected:
   void write_drive(const std::string& name) const {
     for (int i = 0; i < 12; ++i) write_grey(folder_ / (name + "/img" + std::to_string(i) + ".png"), 20 * i);
   }
-  std::unique_ptr<Dataset> plain() const { return testing::make_dataset("plain", folder_.path()); }
+  std::unique_ptr<Dataset> plain() const { return make_dataset("plain", folder_.path()); }
   Traversal load(const std::string& name) const { return plain()->load(name); }
   /// Less the folder.
   std::string complaint(const std::string& name) const {
@@ -29,7 +25,7 @@ class PlainImages : public ::testing::Test {
     return line.starts_with(folder_.path() + "/") ? line.substr(folder_.path().size() + 1) : line;
   }
 
-  testing::Folder folder_;
+  Folder folder_;
 };
 
 TEST_F(PlainImages, AFolderATraversal) {
@@ -63,7 +59,7 @@ TEST_F(PlainImages, ATableWithNamedColumnsBesidePicturesIsNoTraversal) {
 }
 
 TEST_F(PlainImages, AVideoATraversal) {
-  ASSERT_TRUE(testing::write_video(folder_ / "drive.avi", 20));
+  ASSERT_TRUE(write_video(folder_ / "drive.avi", 20));
   EXPECT_EQ(plain()->names(), std::vector<std::string>{"drive"});
   const Traversal drive = load("drive");
   EXPECT_EQ(drive.frames, 20);
@@ -85,7 +81,7 @@ TEST_F(PlainImages, OneNameTwice) {
 TEST_F(PlainImages, PicturesWhereFoldersShouldBe) {
   write_drive("day");
   EXPECT_EQ(
-      error_of([&] { testing::make_dataset("plain", folder_ / "day")->names(); }),
+      error_of([&] { make_dataset("plain", folder_ / "day")->names(); }),
       folder_ / "day: holds pictures itself (--data names the folder above, in which each folder is a traversal)");
   write_grey(folder_ / "one/a.png", 1);
   EXPECT_EQ(complaint("one"), "one: has only one frame, a route needs two");
@@ -139,7 +135,7 @@ TEST_F(PlainImages, WrongPoses) {
   EXPECT_EQ(told("file,metres\nimg99.png,2\n"), "day.poses.csv:2: no picture of this name in day");
   EXPECT_EQ(told("metres\nx\n"), "day.poses.csv:2: 'x' in column 'metres' is not a number");
   write_file(folder_ / "day/poses.csv", "metres\n1\n");
-  EXPECT_NE(complaint("day").find("remove one of them"), std::string::npos);
+  EXPECT_TRUE(contains(complaint("day"), "remove one of them"));
 }
 
 TEST_F(PlainImages, Matches) {
@@ -160,4 +156,4 @@ TEST_F(PlainImages, Matches) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

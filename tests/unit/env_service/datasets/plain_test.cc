@@ -3,50 +3,30 @@
 
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 
+#include "tests/paths.h"
 #include "tests/support/env.h"
+#include "tests/support/files.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::error_of;
-
-namespace fs = std::filesystem;
 
 class Plain : public ::testing::Test {
  protected:
-  void SetUp() override {
-    std::string name = (fs::temp_directory_path() / "citylearn-plain-XXXXXX").string();
-    ASSERT_NE(mkdtemp(name.data()), nullptr);
-    folder_ = name;
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
-  std::string write(const std::string& name, const std::string& text) const {
-    const std::string path = (folder_ / name).string();
-    std::ofstream(path, std::ios::binary) << text;
-    return path;
-  }
   Traversal load(const std::string& text) const {
-    write("x.csv", text);
-    return testing::make_dataset("plain", folder_.string())->load("x");
+    write_file(folder_ / "x.csv", text);
+    return make_dataset("plain", folder_.path())->load("x");
   }
   /// The one line that loading `text` ends in, less the folder.
   std::string complaint(const std::string& text) const {
-    try {
-      load(text);
-    } catch (const Error& error) {
-      const std::string line = error.what();
-      EXPECT_EQ(line.find('\n'), line.npos);
-      EXPECT_EQ(line.rfind(folder_.string() + "/", 0), 0u) << line;
-      return line.substr(folder_.string().size() + 1);
-    }
-    return "accepted";
+    const std::string line = error_of([&] { load(text); });
+    EXPECT_FALSE(contains(line, "\n"));
+    EXPECT_TRUE(line.starts_with(folder_.path() + "/")) << line;
+    return line.substr(std::min(line.size(), folder_.path().size() + 1));
   }
 
-  fs::path folder_;
+  Folder folder_;
 };
 
 TEST_F(Plain, ReadsAFrameALine) {
@@ -118,31 +98,31 @@ TEST_F(Plain, RefusesMoreFramesThanMessagesHold) {
 }
 
 TEST_F(Plain, ListsTraversalsAndNamesThemWhenOneIsMissing) {
-  write("night.csv", "1\n2\n");
-  write("day.csv", "1\n2\n");
-  write("notes.txt", "hello");
-  write(".hidden.csv", "1\n2\n");
-  fs::create_directory(folder_ / "folder.csv");
-  const auto dataset = testing::make_dataset("plain", folder_.string());
+  write_file(folder_ / "night.csv", "1\n2\n");
+  write_file(folder_ / "day.csv", "1\n2\n");
+  write_file(folder_ / "notes.txt", "hello");
+  write_file(folder_ / ".hidden.csv", "1\n2\n");
+  std::filesystem::create_directory(folder_ / "folder.csv");
+  const auto dataset = make_dataset("plain", folder_.path());
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"day", "night"}));
   for (const std::string name : {"summer", "", "../day", "folder"})
     EXPECT_EQ(error_of([&] { dataset->load(name); }),
-              folder_.string() + ": no traversal '" + name + "' (there are: day, night)");
+              folder_.path() + ": no traversal '" + name + "' (there are: day, night)");
 }
 
 TEST_F(Plain, MissingFolder) {
-  EXPECT_THROW(testing::make_dataset("plain"), Error);
-  const std::string missing = (folder_ / "missing").string();
-  EXPECT_EQ(error_of([&] { testing::make_dataset("plain", missing)->names(); }),
+  EXPECT_THROW(make_dataset("plain"), Error);
+  const std::string missing = folder_ / "missing";
+  EXPECT_EQ(error_of([&] { make_dataset("plain", missing)->names(); }),
             missing + ": No such file or directory (--data names the folder that holds the NAME.csv files)");
-  EXPECT_EQ(error_of([&] { testing::make_dataset("plain", folder_.string())->load("x"); }),
-            folder_.string() + ": no traversals found; expected NAME/, NAME.mp4 or NAME.csv");
+  EXPECT_EQ(error_of([&] { make_dataset("plain", folder_.path())->load("x"); }),
+            folder_.path() + ": no traversals found; expected NAME/, NAME.mp4 or NAME.csv");
 }
 
 TEST(PlainReal, NordlandFeatures) {
-  const std::string folder = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-netvlad64");
+  const std::string folder = real_data(CITYLEARN_SOURCE_DIR, "nordland-netvlad64");
   if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
-  const auto dataset = testing::make_dataset("plain", folder);
+  const auto dataset = make_dataset("plain", folder);
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"fall", "summer"}));
   for (const std::string& name : dataset->names()) {
     const Traversal traversal = dataset->load(name);
@@ -157,4 +137,4 @@ TEST(PlainReal, NordlandFeatures) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

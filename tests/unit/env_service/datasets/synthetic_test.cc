@@ -6,15 +6,16 @@
 #include <cmath>
 #include <set>
 
+#include "tests/paths.h"
 #include "tests/support/env.h"
 #include "tests/support/localisers.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 std::unique_ptr<Dataset> features(std::map<std::string, double> parameters = {}) {
   parameters["images"] = 0;
-  return testing::make_dataset("synthetic", "", parameters);
+  return make_dataset("synthetic", "", parameters);
 }
 
 double distance(const Traversal& a, int i, const Traversal& b, int j) {
@@ -127,9 +128,9 @@ TEST(Synthetic, HarderAndHarderToRecognise) {
   }
 }
 
-testing::Figures localise(testing::Walker& walker, const Traversal& traversal) {
+Figures localise(Walker& walker, const Traversal& traversal) {
   Environment environment(traversal, 16);
-  return testing::walk(environment, testing::evaluation(2000), walker);
+  return walk(environment, evaluation(2000), walker);
 }
 
 // On the recordings (same rules, same tasks): one frame alone 56 % and 79 steps in fall; the filter 100 %, 42.9 steps
@@ -137,9 +138,9 @@ testing::Figures localise(testing::Walker& walker, const Traversal& traversal) {
 TEST(Synthetic, LocalisersDoAsWellAsOnRealFeatures) {
   const auto dataset = features();
   const Traversal summer = dataset->load("summer");
-  testing::NearestNeighbour nearest(summer, 128);
-  testing::SequenceFilter filter(summer, 128);
-  testing::Figures figures = localise(nearest, summer);
+  NearestNeighbour nearest(summer, 128);
+  SequenceFilter filter(summer, 128);
+  Figures figures = localise(nearest, summer);
   EXPECT_EQ(figures.completed, 1);
   EXPECT_EQ(figures.steps, figures.shortest);
   figures = localise(filter, summer);
@@ -156,7 +157,7 @@ TEST(Synthetic, LocalisersDoAsWellAsOnRealFeatures) {
   const Traversal winter = dataset->load("winter"), night = dataset->load("night");
   EXPECT_LT(localise(nearest, winter).completed, 0.3);
   EXPECT_LT(localise(nearest, night).completed, 0.3);
-  const testing::Figures in_winter = localise(filter, winter), at_night = localise(filter, night);
+  const Figures in_winter = localise(filter, winter), at_night = localise(filter, night);
   EXPECT_GE(in_winter.completed, 0.99);
   EXPECT_GE(at_night.completed, 0.95);
   EXPECT_GT(figures.spl, in_winter.spl);
@@ -164,14 +165,14 @@ TEST(Synthetic, LocalisersDoAsWellAsOnRealFeatures) {
 }
 
 TEST(Synthetic, LocalisersOnRealFeatures) {
-  const std::string folder = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-netvlad64");
+  const std::string folder = real_data(CITYLEARN_SOURCE_DIR, "nordland-netvlad64");
   if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
-  const auto dataset = testing::make_dataset("plain", folder);
+  const auto dataset = make_dataset("plain", folder);
   const Traversal summer = dataset->load("summer"), fall = dataset->load("fall");
-  testing::NearestNeighbour nearest(summer, 128);
-  testing::SequenceFilter filter(summer, 128);
+  NearestNeighbour nearest(summer, 128);
+  SequenceFilter filter(summer, 128);
   EXPECT_NEAR(localise(nearest, fall).completed, 0.56, 0.05);
-  const testing::Figures in_summer = localise(filter, summer), in_fall = localise(filter, fall);
+  const Figures in_summer = localise(filter, summer), in_fall = localise(filter, fall);
   EXPECT_EQ(in_summer.completed, 1);
   EXPECT_EQ(in_fall.completed, 1);
   EXPECT_NEAR(in_summer.steps - in_summer.shortest, 0.1, 0.1);
@@ -180,4 +181,4 @@ TEST(Synthetic, LocalisersOnRealFeatures) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -10,14 +10,12 @@
 
 #include "tests/support/env.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 using Numbers = std::map<std::string, double>;
 
-std::unique_ptr<Dataset> city(const Numbers& parameters = {}) {
-  return testing::make_dataset("synthetic", "", parameters);
-}
+std::unique_ptr<Dataset> city(const Numbers& parameters = {}) { return make_dataset("synthetic", "", parameters); }
 
 Bytes file(const Traversal& traversal, int frame) {
   Bytes bytes;
@@ -191,4 +189,4 @@ TEST(Drawn, PixelsAloneDoNotTellPlacesUnderAnotherCondition) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -13,12 +13,8 @@
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::error_of;
-using testing::Folder;
-using testing::write_file;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
@@ -139,4 +135,4 @@ TEST(Geometry, InterpolatesBetweenSamples) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

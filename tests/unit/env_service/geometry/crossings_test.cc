@@ -15,8 +15,9 @@
 #include "core/wire/messages.h"
 #include "env_service/env_service.h"
 #include "tests/support/env.h"
+#include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
@@ -180,7 +181,7 @@ TEST(Crossings, RefusesWhatMakesNoSense) {
 }
 
 TEST(Crossings, AreNotOnTheWireYet) {
-  Traversal traversal = testing::small_traversal(4);
+  Traversal traversal = small_traversal(4);
   traversal.turns = {2, 1, 0, 3};
   EnvServiceOptions options;
   options.node.session = "crossings-" + std::to_string(getpid());
@@ -189,7 +190,7 @@ TEST(Crossings, AreNotOnTheWireYet) {
     run_env_service(options, traversal, [] { return true; });
     FAIL() << "was hosted";
   } catch (const Error& error) {
-    EXPECT_NE(std::string(error.what()).find("crosses itself"), std::string::npos) << error.what();
+    EXPECT_TRUE(contains(std::string(error.what()), "crosses itself")) << error.what();
   }
 }
 
@@ -246,4 +247,4 @@ TEST(RouteMap, DistancesAreTheFewestSteps) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

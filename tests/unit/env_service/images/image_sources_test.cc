@@ -8,20 +8,15 @@
 #include <set>
 
 #include "env_service/files/files.h"
+#include "tests/paths.h"
 #include "tests/support/env.h"
+#include "tests/support/fake_images.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::contents;
-using testing::error_of;
-using testing::Folder;
-using testing::write_file;
-using testing::write_grey;
-using testing::write_video;
 
 int brightness(Images& images, int frame) {
   Bytes bytes;
@@ -108,7 +103,7 @@ TEST(ImageFiles, SizeBehindALongThumbnail) {
 }
 
 TEST(ImageFiles, LooksAtARealTraversalAtOnce) {
-  const std::string folder = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32/summer");
+  const std::string folder = real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32/summer");
   if (folder.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
   std::vector<std::string> paths;
   for (const std::string& name : files_in(folder, image_suffixes())) paths.push_back(folder + "/" + name);
@@ -230,16 +225,13 @@ TEST(Picked, FramesInTheirOrder) {
 }
 
 /// Counts its reads.
-class Counting : public Images {
+class Counting : public FakeImages {
  public:
-  int frames() const override { return 10; }
+  Counting() : FakeImages(10) {}
   void read(int frame, Bytes& bytes) override {
     bytes.assign(100, std::byte(frame));
     ++reads;
   }
-  std::string name(int frame) const override { return std::to_string(frame); }
-  std::uint64_t fingerprint(int frame) const override { return static_cast<std::uint64_t>(frame); }
-  std::string fault(int) const override { return ""; }
   int reads = 0;
 };
 
@@ -263,4 +255,4 @@ TEST(Cached, KeepsWhatWasReadLast) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

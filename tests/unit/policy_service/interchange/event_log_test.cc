@@ -17,6 +17,7 @@
 
 #include "core/util/files.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -236,7 +237,7 @@ TEST(EventLog, ARunThatGoesOnHasEachPointOnce) {
   ASSERT_EQ(files.size(), 3u);
   std::vector<std::int64_t> steps, restarts;
   for (const std::string& file : files) {
-    EXPECT_NE(file.find("/events.out.tfevents."), std::string::npos);
+    EXPECT_TRUE(contains(file, "/events.out.tfevents."));
     const Read read = read_events(file);
     EXPECT_EQ(read.version, "brain.Event:2");
     for (const Point& point : read.points) steps.push_back(point.step);

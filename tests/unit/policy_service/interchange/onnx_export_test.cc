@@ -15,6 +15,7 @@
 #include "policy_service/interchange/agent_graph.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/network/checkpoint.h"
+#include "tests/paths.h"
 #include "tests/support/service.h"
 #include "tests/support/some_agent.h"
 #include "tests/support/text.h"
@@ -203,7 +204,7 @@ TEST(OnnxExportFile, TellsWhatItIs) {
   EXPECT_EQ(metadata["first_frame"], "5");
   EXPECT_EQ(metadata["features"], "12");
   EXPECT_EQ(metadata["checkpoint_sha256"].size(), 64u);
-  EXPECT_NE(metadata["network"].find("\"cells\""), std::string::npos) << metadata["network"];
+  EXPECT_TRUE(contains(metadata["network"], "\"cells\""));
   EXPECT_EQ(std::filesystem::file_size(folder / "one.onnx"), read_file(folder / "one.onnx").size());
 }
 
@@ -240,7 +241,7 @@ TEST(ExportCommand, WritesTheFileOrSaysWhyNot) {
     std::vector<std::string> command = {CITYLEARN_POLICY_SERVICE, "--mode", "export"};
     command.insert(command.end(), more.begin(), more.end());
     Service service(command, folder / "log");
-    const auto status = service.wait(std::chrono::seconds(60));
+    const auto status = service.wait(seconds(60));
     return std::pair{status.value_or(-1), service.output()};
   };
   EXPECT_EQ(run({"--checkpoint", folder / "one.clk", "--output", folder / "one.onnx"}).first, 0);
@@ -255,7 +256,7 @@ TEST(ExportCommand, WritesTheFileOrSaysWhyNot) {
   EXPECT_EQ(one.graph().SerializeAsString(), again.graph().SerializeAsString()) << "its own parameters, read back";
   const auto [status, output] = run({"--checkpoint", folder / "one.clk"});
   EXPECT_EQ(status, 1);
-  EXPECT_NE(output.find("--output"), std::string::npos) << output;
+  EXPECT_TRUE(contains(output, "--output"));
 }
 
 }  // namespace

@@ -4,7 +4,6 @@
 #include <gtest/gtest.h>
 
 #include <bit>
-#include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
@@ -12,6 +11,7 @@
 #include "core/util/files.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/network/checkpoint.h"
+#include "tests/paths.h"
 #include "tests/support/service.h"
 #include "tests/support/some_agent.h"
 #include "tests/support/text.h"
@@ -32,7 +32,7 @@ std::string raw(const std::string& header, std::size_t bytes) {
 }
 
 std::string parse_error(const std::string& bytes) {
-  return testing::error_of([&] { Safetensors::parse(bytes, "some.safetensors"); });
+  return error_of([&] { Safetensors::parse(bytes, "some.safetensors"); });
 }
 
 TEST(SafetensorsFile, APerlProgramReadsWhatWeWrite) {
@@ -42,7 +42,7 @@ TEST(SafetensorsFile, APerlProgramReadsWhatWeWrite) {
   Service perl({CITYLEARN_PERL, std::string(CITYLEARN_SOURCE_DIR) + "/tests/support/read_safetensors.pl",
                 folder / "a.safetensors"},
                folder / "read");
-  ASSERT_EQ(perl.wait(std::chrono::seconds(60)), 0) << perl.output();
+  ASSERT_EQ(perl.wait(seconds(60)), 0) << perl.output();
 
   // Row by row out of the network's columns; the reference has a place a row.
   std::map<std::string, std::string> expected = {{"meta agent", "features"}, {"meta frames", "7"}};
@@ -102,7 +102,7 @@ TEST(SafetensorsFile, ABadOneIsRefusedInOneLine) {
   const auto expect_refused = [](const std::string& bytes, const std::string& what) {
     const std::string error = parse_error(bytes);
     EXPECT_TRUE(error.starts_with("some.safetensors: ")) << error;
-    EXPECT_NE(error.find(what), std::string::npos) << error;
+    EXPECT_TRUE(contains(error, what));
     EXPECT_EQ(error.find('\n'), std::string::npos) << error;
   };
   const auto tensor = [](const std::string& name, const std::string& shape, const std::string& offsets,

@@ -7,14 +7,12 @@
 #include "core/plugin/plugins.h"
 #include "policy_service/learning/optimization/ppo_loss.h"
 #include "policy_service/network/checkpoint.h"
+#include "tests/paths.h"
 #include "tests/support/small_city.h"
 #include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::contains;
-using testing::error_of;
 
 class TorchPpo : public ::testing::Test {
  protected:
@@ -211,4 +209,4 @@ TEST_F(TorchPpo, LearnsTheSmallCity) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

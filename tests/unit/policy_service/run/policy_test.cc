@@ -24,16 +24,10 @@
 #include "tests/support/text.h"
 #include "tests/support/wait.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
-
-using testing::contains;
-using testing::error_of;
-using testing::Folder;
-using testing::some_checkpoint;
-using testing::some_task;
 
 msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest, std::uint32_t steps, bool completed) {
   msg::EpisodeStat e;
@@ -205,9 +199,9 @@ TEST_F(RunAnnouncerTest, AnnouncesTheRunFromItsStartToItsEnd) {
   EXPECT_EQ(std::string(info.manifest().begin(), info.manifest().end()), "{\"a\": 1}");
   record.handle();
   EXPECT_FALSE(take_info()) << "not all the time";
-  const Clock::time_point deadline = Clock::now() + testing::kPatience;
+  const Clock::time_point deadline = Clock::now() + kPatience;
   while (!take_info() && Clock::now() < deadline) {
-    policy.wait(Clock::now() + std::chrono::milliseconds(20));
+    policy.wait(Clock::now() + milliseconds(20));
     record.handle();
   }
   EXPECT_EQ(info.header().message(), 2u) << "again after a while";
@@ -264,22 +258,22 @@ TEST_F(RunAnnouncerTest, AHeartBeatsWhileTheNodesThreadComputes) {
   int beats = 0;
   // Work that ends when two heartbeats were heard, a second apart.
   const bool heard = heart.run([&] {
-    const Clock::time_point deadline = Clock::now() + testing::kPatience;
+    const Clock::time_point deadline = Clock::now() + kPatience;
     while (beats < 2 && Clock::now() < deadline) {
-      watcher.wait(Clock::now() + std::chrono::milliseconds(20));
+      watcher.wait(Clock::now() + milliseconds(20));
       while (watcher.take(status)) beats += status.header().sender() == "policy";
     }
     return beats >= 2;
   });
   EXPECT_TRUE(heard);
   policy.report(msg::RUNNING, "its own again");
-  EXPECT_TRUE(testing::poll_until(
+  EXPECT_TRUE(poll_until(
       [&] {
         while (watcher.take(status))
           if (status.activity() == "its own again") return true;
         return false;
       },
-      testing::kPatience));
+      kPatience));
 }
 
 TEST(RunAnnouncer, AResumedRunKeepsItsJob) {
@@ -337,20 +331,18 @@ int walk(Policy& policy, int first, int frames, int position, int goal, const st
 }
 
 TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
-  const auto refusal = [](const PolicyServiceOptions& options) {
-    return testing::error_of([&] { checked_options(options); });
-  };
+  const auto refusal = [](const PolicyServiceOptions& options) { return error_of([&] { checked_options(options); }); };
   PolicyServiceOptions options;
   options.initial_checkpoint = "agent.clk";
   options.frozen = {"head"};
   EXPECT_EQ(refusal(options), "");
   options.mode = "evaluate";
   options.checkpoint = "agent.clk";
-  EXPECT_NE(refusal(options).find("--initial: is for --mode train"), std::string::npos) << refusal(options);
+  EXPECT_TRUE(contains(refusal(options), "--initial: is for --mode train"));
   options.initial_checkpoint.clear();
-  EXPECT_NE(refusal(options).find("--freeze: is for --mode train"), std::string::npos) << refusal(options);
+  EXPECT_TRUE(contains(refusal(options), "--freeze: is for --mode train"));
   options.mode = "train";
-  EXPECT_NE(refusal(options).find("--initial"), std::string::npos) << "the way to train a checkpoint's agent further";
+  EXPECT_TRUE(contains(refusal(options), "--initial")) << "the way to train a checkpoint's agent further";
 }
 
 TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
@@ -425,4 +417,4 @@ TEST(Controls, SequenceFilterNamesAMissingReference) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

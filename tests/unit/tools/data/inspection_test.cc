@@ -9,13 +9,10 @@
 #include "tests/support/env.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::Folder;
-using testing::write_file;
-using testing::write_grey;
 
 const auto kOn = [](long, long) { return true; };
 
@@ -41,7 +38,7 @@ TEST(Inspection, NamesEachBadFrame) {
   const Folder folder;
   write_drives(folder);
   EXPECT_TRUE(inspect(*opened("plain", folder.path()), kOn).faults.empty());
-  const std::string png = testing::contents(folder / "day/2.png");
+  const std::string png = contents(folder / "day/2.png");
   write_file(folder / "day/2.png", png.substr(0, 40));
   // A file whose ends look fine and whose middle does not.
   std::string hollow = png;
@@ -90,7 +87,7 @@ TEST(Inspection, Summarises) {
   EXPECT_FALSE(night.gps);
   EXPECT_TRUE(std::isnan(night.metres));
   EXPECT_EQ(summarise(*dataset, "feat").dimension, 3);
-  EXPECT_NE(summarise(*dataset, "bad").error.find("only one frame"), std::string::npos);
+  EXPECT_TRUE(contains(summarise(*dataset, "bad").error, "only one frame"));
   const auto json = nlohmann::json::parse(to_json("plain", {day, night, summarise(*dataset, "bad")}));
   EXPECT_EQ(json["traversals"][0]["frames"], 5);
   EXPECT_TRUE(json["traversals"][1]["metres"].is_null());
@@ -105,4 +102,4 @@ TEST(Inspection, ListsDatasets) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -10,6 +10,7 @@
 
 #include "core/util/wall_clock.h"
 #include "core/wire/node.h"
+#include "tests/paths.h"
 #include "tests/support/service.h"
 #include "tools/doctor/findings.h"
 

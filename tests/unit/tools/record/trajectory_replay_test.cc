@@ -4,14 +4,14 @@
 
 #include <gtest/gtest.h>
 
+#include "tests/support/options.h"
 #include "tests/support/recordings.h"
 #include "tests/support/records.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using namespace testing;
 
 constexpr std::uint64_t kRecorded = 40, kRoom = 5;
 constexpr std::uint32_t kSteps = 4, kFeatures = 2;
@@ -47,12 +47,8 @@ void write_recording(const std::string& path) {
   tape.writer.close();
 }
 
-Node::Options options(std::uint32_t domain, const std::string& id, const std::string& middleware) {
-  Node::Options options;
-  options.middleware.name = middleware;
-  options.middleware.domain = domain;
-  options.service = options.id = id;
-  return options;
+Node::Options options(std::uint32_t domain, const std::string& id, const std::string& middleware = "inprocess") {
+  return {middleware_options(middleware, domain), id, id, "default"};
 }
 
 /// Takes trajectories in their order, `kRoom` at a time, and has version 7.
@@ -100,19 +96,18 @@ struct ScriptedLearner {
 
 /// Until the replay is over; false when it never is.
 bool play(Node& node, TrajectoryReplay& replay, ScriptedLearner& learner) {
-  const Clock::time_point deadline = Clock::now() + std::chrono::seconds(60);
-  while (replay.poll()) {
+  const auto turn = [&] {
     learner.spin();
-    node.wait(std::min(replay.due(), Clock::now() + std::chrono::milliseconds(5)));
-    if (Clock::now() >= deadline) return false;
-  }
-  return true;
+    node.wait(std::min(replay.due(), Clock::now() + milliseconds(5)));
+  };
+  return eventually(
+      turn, [&] { return !replay.poll(); }, seconds(60));
 }
 
 TEST(TrajectoryReplay, TheLearnerGetsEachOnceInOrderAlthoughMessagesAreLost) {
   const Folder folder;
   write_recording(folder / "a.mcap");
-  ScriptedLearner learner(options(40, "learner", "inprocess"));
+  ScriptedLearner learner(options(40, "learner"));
   learner.say();
   Node node(options(40, "replay", "lossy,drop=0.2,repeat=0.1,seed=2:inprocess"));
   TrajectoryReplay replay(node, {folder / "a.mcap"});
@@ -131,9 +126,9 @@ TEST(TrajectoryReplay, TheLearnerGetsEachOnceInOrderAlthoughMessagesAreLost) {
 TEST(TrajectoryReplay, EndsWithTheLearnersTraining) {
   const Folder folder;
   write_recording(folder / "a.mcap");
-  ScriptedLearner learner(options(41, "learner", "inprocess"));
+  ScriptedLearner learner(options(41, "learner"));
   learner.say(kSteps, false);
-  Node node(options(41, "replay", "inprocess"));
+  Node node(options(41, "replay"));
   TrajectoryReplay replay(node, {folder / "a.mcap"});
   ASSERT_TRUE(play(node, replay, learner));
   EXPECT_TRUE(replay.learner_ended());
@@ -147,22 +142,19 @@ TEST(TrajectoryReplay, RefusesWhatDoesNotFit) {
     Tape tape(folder / "none.mcap");
     tape.writer.close();
   }
-  const auto error_of = [&](std::uint32_t domain, const std::string& file, std::uint32_t steps) -> std::string {
-    ScriptedLearner learner(options(domain, "learner", "inprocess"));
+  const auto refusal = [&](std::uint32_t domain, const std::string& file, std::uint32_t steps) {
+    ScriptedLearner learner(options(domain, "learner"));
     learner.say(steps);
-    Node node(options(domain, "replay", "inprocess"));
-    try {
+    Node node(options(domain, "replay"));
+    return error_of([&] {
       TrajectoryReplay replay(node, {file});
       play(node, replay, learner);
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "no error";
+    });
   };
-  EXPECT_EQ(error_of(42, folder / "a.mcap", 8), folder / "a.mcap" + ": has 4 steps a trajectory, the learner wants 8");
-  EXPECT_EQ(error_of(43, folder / "none.mcap", kSteps),
+  EXPECT_EQ(refusal(42, folder / "a.mcap", 8), folder / "a.mcap" + ": has 4 steps a trajectory, the learner wants 8");
+  EXPECT_EQ(refusal(43, folder / "none.mcap", kSteps),
             folder / "none.mcap" + ": has no trajectories (record a run of --role learner and --role actor)");
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

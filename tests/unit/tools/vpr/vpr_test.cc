@@ -10,16 +10,14 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
-#include <regex>
 
 #include "core/util/random.h"
+#include "tests/paths.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
-
-using testing::contents;
-using testing::Folder;
 
 struct Ended {
   int status = -1;
@@ -88,10 +86,10 @@ TEST(VprTool, FeaturesNeedNoEncoder) {
   }
   for (const std::string method : {"nearest", "csls-sequence", "seqslam", "mlp"}) {
     const std::string svg = contents(output / ("pr-fall-" + method + ".svg"));
-    EXPECT_NE(svg.find("<svg "), svg.npos) << method;
-    EXPECT_NE(svg.find("recall"), svg.npos);
-    EXPECT_NE(svg.find("</svg>"), svg.npos);
-    EXPECT_EQ(svg.find("nan"), svg.npos);
+    EXPECT_TRUE(contains(svg, "<svg ")) << method;
+    EXPECT_TRUE(contains(svg, "recall"));
+    EXPECT_TRUE(contains(svg, "</svg>"));
+    EXPECT_FALSE(contains(svg, "nan"));
   }
   const cv::Mat picture = cv::imread(output / "similarity-features-16-own-fall-nearest.png");
   EXPECT_EQ(picture.size(), cv::Size(60, 60));
@@ -114,7 +112,7 @@ TEST(VprTool, MatchesInsteadOfIndex) {
   std::ofstream(data / "truth.txt", std::ios::app) << "60,0\n";
   const Ended outside = vpr(common);
   EXPECT_EQ(outside.status, 1);
-  EXPECT_NE(outside.text.find("truth.txt:52"), std::string::npos) << outside.text;
+  EXPECT_TRUE(contains(outside.text, "truth.txt:52"));
 }
 
 TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
@@ -123,7 +121,7 @@ TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
   const std::string common = "--dataset plain --data " + data.path() + " --output " + output.path();
   const Ended some = vpr(common + " --dimension 8,512");
   EXPECT_EQ(some.status, 0) << some.text;
-  EXPECT_NE(some.text.find("512"), std::string::npos);
+  EXPECT_TRUE(contains(some.text, "512"));
   EXPECT_EQ(lines(contents(output / "results.csv")), 2u);
   EXPECT_EQ(vpr(common + " --dimension 512").status, 1);
 }
@@ -138,15 +136,15 @@ TEST(VprTool, ComplainsInOneLine) {
     EXPECT_EQ(lines(ended.text), 1u) << ended.text;
     return ended.text;
   };
-  EXPECT_NE(complaint("--method nearst", 1).find("known: nearest"), std::string::npos);
+  EXPECT_TRUE(contains(complaint("--method nearst", 1), "known: nearest"));
   complaint("--method seqslam+csls", 1);
   complaint("--method csls+mlp", 1);
   complaint("--sequence 4", 1);
   complaint("--slowest 2 --fastest 1", 1);
   complaint("--measure hamming", 2);
   complaint("--tolerance -1", 2);
-  EXPECT_NE(complaint("--query spring", 1).find("fall, summer"), std::string::npos);
-  EXPECT_NE(complaint("--encoder hog", 1).find("--encoder"), std::string::npos);
+  EXPECT_TRUE(contains(complaint("--query spring", 1), "fall, summer"));
+  EXPECT_TRUE(contains(complaint("--encoder hog", 1), "--encoder"));
   complaint("--output " + data.path() + "/summer.csv/below", 1);
   EXPECT_FALSE(std::filesystem::exists(output / "results.csv"));
 }
@@ -176,4 +174,4 @@ TEST(VprTool, PicturesThroughAnEncoderAndAStore) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing
