@@ -23,18 +23,11 @@ constexpr seconds kLong{120};
 class Demo {
  public:
   explicit Demo(const Arguments& arguments, std::uint32_t domain = own_domain()) : output_(folder_ / "demo/out put") {
-    Arguments command = {"/usr/bin/env",
-                         "--default-signal=INT",  // a shell in the background ignores it, and its children inherit that
-                         std::string("CITYLEARN_BUILD=") + CITYLEARN_BINARY_DIR,
-                         "CITYLEARN_RUNS=" + (folder_ / "all runs"),
-                         "CITYLEARN_DOMAIN=" + std::to_string(domain),
-                         "/usr/bin/setsid",
-                         CITYLEARN_SOURCE_DIR + std::string("/run"),
-                         "demo",
-                         "--frames",
-                         "0:80",
-                         "--output",
-                         output_};
+    // A shell in the background ignores SIGINT, and its children inherit that.
+    Arguments command = {"/usr/bin/env", "--default-signal=INT", "CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR};
+    command.insert(command.end(),
+                   {"CITYLEARN_RUNS=" + (folder_ / "all runs"), "CITYLEARN_DOMAIN=" + std::to_string(domain),
+                    "/usr/bin/setsid", CITYLEARN_SOURCE_DIR "/run", "demo", "--frames", "0:80", "--output", output_});
     command.insert(command.end(), arguments.begin(), arguments.end());
     shell_.emplace(command, folder_ / "log");
     group_ = shell_->process();
@@ -75,23 +68,17 @@ TEST(Demo, PrintsItsTable) {
   EXPECT_TRUE(fs::exists(demo.output() + "/summary.json")) << "a folder with a blank";
 }
 
-TEST(Demo, CtrlCStopsAllWithinTwoSeconds) {
-  const std::uint32_t domain = own_domain();
-  Witness witness("cyclonedds", domain);
-  Demo demo(kEndless, domain);
-  expect_training(demo, witness);
-  demo.interrupt();
-  EXPECT_EQ(demo->wait(seconds(2)), 130) << demo->output();
-  expect_none_left(witness);
-}
-
-TEST(Demo, SigtermStopsAllWithinTwoSeconds) {
-  const std::uint32_t domain = own_domain();
-  Witness witness("cyclonedds", domain);
-  Demo demo(kEndless, domain);
-  expect_training(demo, witness);
-  EXPECT_EQ(demo->end(SIGTERM, seconds(2)), 143) << demo->output();
-  expect_none_left(witness);
+TEST(Demo, CtrlCAndSigtermStopAllWithinTwoSeconds) {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    SCOPED_TRACE(signal);
+    const std::uint32_t domain = own_domain();
+    Witness witness("cyclonedds", domain);
+    Demo demo(kEndless, domain);
+    expect_training(demo, witness);
+    signal == SIGINT ? demo.interrupt() : demo->send(SIGTERM);
+    EXPECT_EQ(demo->wait(seconds(2)), 128 + signal) << demo->output();
+    expect_none_left(witness);
+  }
 }
 
 TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {

@@ -175,7 +175,7 @@ TEST(EncodingFaults, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
   Trial run("lossy:cyclonedds");
   const auto summer = run.env("summer", kDrawn);
   const auto encoder = run.encoder({});
-  const auto policy = run.train(20, "out");
+  const auto policy = run.train(10, "out");
   ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << encoder->output();
 }
 

