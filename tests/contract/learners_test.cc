@@ -8,7 +8,6 @@
 #include <cstdlib>
 
 #include "policy_service/learning/trainer.h"
-#include "policy_service/network/checkpoint.h"
 #include "tests/contract/random_rollout.h"
 #include "tests/support/small_city.h"
 
@@ -43,11 +42,10 @@ class Learners : public ::testing::TestWithParam<const Entry*> {
     std::erase_if(values, [&](const auto& value) { return !has(value.first); });
     return values;
   }
-  TrainerOptions small(std::uint64_t seed = 1) const {
+  TrainerOptions small() const {
     TrainerOptions options;
     options.agent = "features";
     options.learner = entry().name;
-    options.seed = seed;
     options.network_parameters = {{"hidden", 24}, {"cells", 16}};
     options.learner_parameters = known({{"minibatch", 3}, {"epochs", 2}, {"replay", 500}});
     options.trainer_parameters = {{"segment", 24}, {"sequence", 12}, {"steps", 20000}};
@@ -78,32 +76,10 @@ TEST_P(Learners, AreRecommendedParametersThatExist) {
   }
 }
 
-TEST_P(Learners, SameSeedSameBitsWhoeverComesFirst) {
-  const Traversal city = small_city();
-  Loop one(city, small(), 3), other(city, small(), 3), third(city, small(2), 3);
-  for (int i = 0; i < 5; ++i) {
-    one.update();
-    other.update(/*backwards=*/i % 2 == 0);
-    third.update();
-  }
-  EXPECT_EQ(one.trainer.agent().parameters, other.trainer.agent().parameters);
-  EXPECT_NE(one.trainer.agent().parameters, third.trainer.agent().parameters);
-}
+TEST_P(Learners, SameSeedSameBitsWhoeverComesFirst) { expect_reproducible(small_city(), small(), 3, 5); }
 
 TEST_P(Learners, GoOnFromACheckpointByteForByte) {
-  const Traversal city = small_city();
-  for (const int begun : {0, 3}) {
-    const std::string file = ::testing::TempDir() + "/learner_" + entry().name;
-    Loop straight(city, small(), 2), resumed(city, small(), 2);
-    for (int i = 0; i < begun; ++i) straight.update();
-    write_checkpoint(file, straight.trainer.checkpoint());
-    resumed.trainer.load(read_checkpoint(file));
-    for (int i = 0; i < 3; ++i) {
-      straight.update();
-      resumed.update();
-    }
-    EXPECT_EQ(straight.trainer.agent().parameters, resumed.trainer.agent().parameters) << begun;
-  }
+  for (const int begun : {0, 3}) expect_resumable(small_city(), small(), begun, 3);
 }
 
 TEST_P(Learners, FallWithTheClockWhereThatIsFaster) {

@@ -55,9 +55,7 @@ TEST(Start, AllListedOnesStart) {
 }
 
 TEST(Start, NodesNeedAnIdAndARun) {
-  Node::Options options;
-  options.middleware = options_of("inprocess");
-  options.id = "";
+  Node::Options options{options_of("inprocess"), "", "", "default"};
   EXPECT_THROW(Node{options}, Error);
   options.id = std::string(65, 'x');
   EXPECT_THROW(Node{options}, Error);

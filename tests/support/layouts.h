@@ -14,6 +14,7 @@
 #include "tests/support/env.h"
 #include "tests/support/pictures.h"
 #include "tests/support/service.h"
+#include "tests/support/text.h"
 
 // Small trees in the layouts of published datasets.
 
@@ -42,13 +43,6 @@ inline cv::Mat picture_of(const Traversal& traversal, int frame) {
   Bytes bytes;
   traversal.images->read(frame, bytes);
   return decode_image(bytes, traversal.images->name(frame));
-}
-
-/// Whether `text` holds `part`; says both when it does not.
-inline ::testing::AssertionResult holds(const std::string& text, const std::string& part) {
-  if (text.find('\n') != text.npos) return ::testing::AssertionFailure() << "more than a line: " << text;
-  if (text.find(part) != text.npos) return ::testing::AssertionSuccess();
-  return ::testing::AssertionFailure() << "no '" << part << "' in '" << text << "'";
 }
 
 /// Metres of a degree of latitude, or of longitude on the equator, on the sphere that positions are measured on.

@@ -2,9 +2,6 @@
 #pragma once
 
 #include <gtest/gtest.h>
-#include <openssl/evp.h>
-#include <openssl/pem.h>
-#include <openssl/x509.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
@@ -45,24 +42,11 @@ inline std::vector<std::byte> bytes(std::size_t size, char value = 'x') {
 
 /// Writes a new key and a certificate that it signed itself.
 inline void write_certificate(const std::string& certificate, const std::string& key) {
-  EVP_PKEY* pair = EVP_EC_gen("P-256");
-  X509* x509 = X509_new();
-  ASN1_INTEGER_set(X509_get_serialNumber(x509), 1);
-  X509_gmtime_adj(X509_getm_notBefore(x509), 0);
-  X509_gmtime_adj(X509_getm_notAfter(x509), 3600);
-  X509_set_pubkey(x509, pair);
-  X509_NAME* name = X509_get_subject_name(x509);
-  X509_NAME_add_entry_by_txt(name, "CN", MBSTRING_ASC, reinterpret_cast<const unsigned char*>("localhost"), -1, -1, 0);
-  X509_set_issuer_name(x509, name);
-  X509_sign(x509, pair, EVP_sha256());
-  FILE* file = std::fopen(certificate.c_str(), "w");
-  PEM_write_X509(file, x509);
-  std::fclose(file);
-  file = std::fopen(key.c_str(), "w");
-  PEM_write_PrivateKey(file, pair, nullptr, nullptr, 0, nullptr, nullptr);
-  std::fclose(file);
-  X509_free(x509);
-  EVP_PKEY_free(pair);
+  const Folder folder;
+  Service openssl({"/usr/bin/openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
+                   "-subj", "/CN=localhost", "-keyout", key, "-out", certificate},
+                  folder / "log");
+  EXPECT_EQ(openssl.wait(seconds(60)), 0) << openssl.output();
 }
 
 /// The header of a live frame, and the length of its payload.
@@ -87,11 +71,10 @@ class ServerTest : public ::testing::Test {
     getrlimit(RLIMIT_NOFILE, &files);
     files.rlim_cur = files.rlim_max;
     setrlimit(RLIMIT_NOFILE, &files);
-    std::filesystem::create_directories(folder_ / "page/assets");
-    std::ofstream(folder_ / "secret") << "secret";
-    std::ofstream(folder_ / "page/index.html") << "<!doctype html>";
-    std::ofstream(folder_ / "page/assets/index-a1B2c3_4.js") << "let x = 1;";
-    std::ofstream(folder_ / "page/assets/index-a1B2c3_4.js.gz") << "gzip";
+    write_file(folder_ / "secret", "secret");
+    write_file(folder_ / "page/index.html", "<!doctype html>");
+    write_file(folder_ / "page/assets/index-a1B2c3_4.js", "let x = 1;");
+    write_file(folder_ / "page/assets/index-a1B2c3_4.js.gz", "gzip");
     options_.port = 0;
     options_.page = folder_ / "page";
   }

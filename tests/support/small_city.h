@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <map>
+#include <string>
 #include <vector>
 
 #include "env_service/environment.h"
 #include "policy_service/learning/trainer.h"
+#include "policy_service/network/checkpoint.h"
+#include "tests/support/files.h"
 
 namespace citylearn {
 
@@ -90,5 +95,42 @@ class Loop {
   std::uint64_t generation_ = 0;
   bool begun_ = false;
 };
+
+/// Trainings with one seed are the same to the bit, whichever environment comes first; with another seed they are not.
+inline void expect_reproducible(const Traversal& city, const TrainerOptions& options, int environments, int updates) {
+  TrainerOptions reseeded = options;
+  ++reseeded.seed;
+  Loop one(city, options, environments), other(city, options, environments), third(city, reseeded, environments);
+  for (int i = 0; i < updates; ++i) {
+    one.update();
+    other.update(/*backwards=*/i % 2 == 0);
+    third.update();
+  }
+  EXPECT_EQ(one.trainer.agent().parameters, other.trainer.agent().parameters);
+  EXPECT_NE(one.trainer.agent().parameters, third.trainer.agent().parameters);
+  EXPECT_EQ(one.trainer.progress().episodes, other.trainer.progress().episodes);
+  EXPECT_EQ(one.trainer.progress().spl, other.trainer.progress().spl);
+  const auto segment = static_cast<std::uint64_t>(options.trainer_parameters.at("segment"));
+  EXPECT_EQ(one.trainer.progress().steps, segment * 4 * static_cast<std::uint64_t>(environments * updates));
+}
+
+/// A training that goes on from the file of its checkpoint ends with the same bytes as one that goes straight on.
+inline void expect_resumable(const Traversal& city, const TrainerOptions& options, int before, int after) {
+  const testing::Folder folder;
+  const std::string middle = folder / "middle", straight = folder / "straight", resumed = folder / "resumed";
+  Loop loop(city, options, 2), again(city, options, 2);
+  for (int i = 0; i < before; ++i) loop.update();
+  write_checkpoint(middle, loop.trainer.checkpoint("{\"note\": 1}"));
+  again.trainer.load(read_checkpoint(middle));
+  EXPECT_EQ(again.trainer.progress().updates, static_cast<std::uint64_t>(before));
+  for (int i = 0; i < after; ++i) {
+    loop.update();
+    again.update();
+  }
+  write_checkpoint(straight, loop.trainer.checkpoint("{\"note\": 1}"));
+  write_checkpoint(resumed, again.trainer.checkpoint("{\"note\": 1}"));
+  EXPECT_EQ(testing::contents(straight), testing::contents(resumed));
+  EXPECT_NE(testing::contents(straight), testing::contents(middle));
+}
 
 }  // namespace citylearn

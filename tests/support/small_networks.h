@@ -72,6 +72,18 @@ inline Matrix<double> some_state(const AgentNetwork<double>& network, const std:
   return state;
 }
 
+/// Of a training of `agent` that is quick.
+inline TrainerOptions small_options(const std::string& agent, std::uint64_t seed = 1) {
+  TrainerOptions options;
+  options.agent = agent;
+  options.seed = seed;
+  if (agent != "place_filter") options.network_parameters = {{"hidden", 24}, {"cells", 16}};
+  if (agent == "raw_images") options.network_parameters = small_network(agent).parameters;
+  options.learner_parameters = {{"minibatch", 3}, {"epochs", 2}};
+  options.trainer_parameters = {{"segment", 24}, {"sequence", 12}, {"steps", 20000}};
+  return options;
+}
+
 /// small_city() for a network that takes features of any number, else one of as many; for raw_images with numbers like
 /// a picture's.
 inline Traversal small_city_for(const std::string& name) {

@@ -18,6 +18,12 @@ inline ::testing::AssertionResult contains(const std::string& text, const std::s
          << (found ? "'" : "no '") << part << "' in '" << text << "'";
 }
 
+/// Whether `text` is one line that contains `part`.
+inline ::testing::AssertionResult holds(const std::string& text, const std::string& part) {
+  if (text.find('\n') != text.npos) return ::testing::AssertionFailure() << "more than a line: " << text;
+  return contains(text, part);
+}
+
 /// How often `part` stands in `text`.
 inline int occurrences(const std::string& text, const std::string& part) {
   int count = 0;

@@ -136,11 +136,7 @@ TEST_F(EnvClientTest, AsksForWhatFitsOneDatagramWholeAndForMoreByReference) {
 
 TEST_F(EnvClientTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   const Traversal traversal = wide_traversal("wide", 20, 30000);
-  Node::Options spy_options;
-  spy_options.middleware.name = "inprocess";
-  spy_options.service = spy_options.id = "spy";
-  spy_options.session = run_;
-  Node spy(spy_options);
+  Node spy({middleware_options("inprocess"), "spy", "spy", run_});
   spy.create_reader<msg::TraversalRequest>();
   const auto requests = [&] {
     msg::TraversalRequest request;

@@ -26,8 +26,8 @@ int main(int argc, char** argv) try {
   if (argc != 4) throw Error("needs MIDDLEWARE DOMAIN STORE");
   std::signal(SIGTERM, [](int) { stopped = 1; });
   Store store({argv[3], 0});
-  Node node({testing::middleware_options(argv[1], static_cast<std::uint32_t>(std::stoul(argv[2]))), "dashboard",
-             "dashboard", "default"});
+  Node node({citylearn::testing::middleware_options(argv[1], static_cast<std::uint32_t>(std::stoul(argv[2]))),
+             "dashboard", "dashboard", "default"});
   Recorder recorder(node, store);
   node.report(msg::RUNNING, "records");
   std::puts("records");

@@ -3,23 +3,18 @@
 // nobody has checked, so that what protects is the wire alone. Writes its name to the topic WRITES ("" for none) fifty
 // times a second ("NAME has heard" once something came) and reads READS, until its standard input ends. Exit status: 0
 // when nothing came, 3 when something did, 4 when the vendor did not let it begin.
-#include <poll.h>
 #include <spdlog/spdlog.h>
 
 #include <cstdio>
 
 #include "core/dds/middleware_internal.h"
 #include "core/util/error.h"
+#include "tests/support/peer.h"
 
 namespace citylearn {
 namespace {
 
 constexpr std::size_t kLargest = 1024;
-
-bool input_ended() {
-  pollfd input{0, POLLIN, 0};
-  return poll(&input, 1, 0) > 0;
-}
 
 int run(char** arguments) {
   internal::Network network{};
@@ -52,7 +47,7 @@ int run(char** arguments) {
   };
   Bytes taken;
   bool received = false;
-  while (!input_ended()) {
+  while (!testing::input_ended()) {
     if (publisher) publisher->publish(encoded(network.participant + (received ? " has heard" : "")));
     const Clock::time_point next = Clock::now() + std::chrono::milliseconds(20);
     while (middleware->wait(next))
@@ -65,12 +60,4 @@ int run(char** arguments) {
 }  // namespace
 }  // namespace citylearn
 
-int main(int count, char** arguments) {
-  if (count != 7) return 2;
-  try {
-    return citylearn::run(arguments);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "security_peer: %s\n", error.what());
-    return 1;
-  }
-}
+int main(int count, char** arguments) { return citylearn::testing::peer_main(6, count, arguments, citylearn::run); }

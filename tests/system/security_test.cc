@@ -78,10 +78,8 @@ class Victim {
   }
   /// Lives until `condition` holds; false when it does not within `patience`.
   bool until(const std::function<bool()>& condition, Log& log, seconds patience = kLong) {
-    const Clock::time_point deadline = Clock::now() + patience * kSlowness;
-    Bytes sample = {std::byte{0}, std::byte{1}, std::byte{0}, std::byte{0}, std::byte{'?'}};
-    while (!condition()) {
-      if (Clock::now() >= deadline) return false;
+    const Bytes sample = {std::byte{0}, std::byte{1}, std::byte{0}, std::byte{0}, std::byte{'?'}};
+    const auto turn = [&] {
       publisher_->publish(sample);
       const Clock::time_point next = Clock::now() + milliseconds(20);
       Bytes taken;
@@ -89,8 +87,8 @@ class Victim {
         while (subscription_->take(taken) && ++count_ > 0)
           heard_.insert(std::string(reinterpret_cast<const char*>(taken.data()) + 4, taken.size() - 4));
       for (const std::string& fault : middleware_->discovery().faults()) log.add(fault);
-    }
-    return true;
+    };
+    return eventually(turn, condition, patience * kSlowness);
   }
   /// Knows, by discovery, that this participant publishes actions.
   bool sees(const std::string& name) {
@@ -108,11 +106,8 @@ class Victim {
 
  private:
   static MiddlewareOptions options(const std::string& vendor, std::uint32_t domain, const std::string& keys) {
-    MiddlewareOptions options;
-    options.name = vendor;
-    options.domain = domain;
+    MiddlewareOptions options = middleware_options(vendor, domain, "env-1");
     options.security = keys;
-    options.participant = "env-1";
     return options;
   }
   std::unique_ptr<Middleware> middleware_;
@@ -238,10 +233,7 @@ TEST_P(Intruders, GetNothingInOrOutAndAreLogged) {
 /// Without any trick, its own vendor stops it already.
 TEST_P(Secured, AServiceCannotPublishWhatItsKindMayNot) {
   Keystore keys;
-  MiddlewareOptions options;
-  options.name = GetParam();
-  options.domain = own_domain();
-  options.participant = "encoder";
+  MiddlewareOptions options = middleware_options(GetParam(), own_domain(), "encoder");
   options.security = keys.add("encoder_service", "encoder");
   const auto middleware = create_middleware(options);
   EXPECT_NE(middleware->create_publisher(text_topic(kObservation)), nullptr);

@@ -3,7 +3,6 @@
 #include <sys/stat.h>
 
 #include <regex>
-#include <sstream>
 
 #include "core/util/random.h"
 #include "tests/support/server_fixture.h"
@@ -308,9 +307,8 @@ TEST_F(ServerTest, MetricsAreInPrometheusTextFormat) {
   const auto metrics = get("/metrics");
   EXPECT_EQ(metrics.headers.at("content-type"), "text/plain; version=0.0.4; charset=utf-8");
   const std::regex comment(R"(# (HELP|TYPE) [a-z_]+ .+)"), sample(R"([a-z_]+(\{status="\d+"\})? [0-9.e+-]+)");
-  std::istringstream lines(metrics.body);
   int samples = 0;
-  for (std::string line; std::getline(lines, line);) {
+  for (const std::string& line : lines_of(metrics.body)) {
     EXPECT_TRUE(std::regex_match(line, comment) || std::regex_match(line, sample)) << line;
     samples += line[0] != '#';
   }

@@ -1,22 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // vendors_peer MIDDLEWARE DOMAIN RUN ID: reads every kind of message and sends each back, until its standard input
 // ends.
-#include <poll.h>
 
 #include <cstdio>
 #include <optional>
 
 #include "core/wire/node.h"
 #include "tests/support/options.h"
+#include "tests/support/peer.h"
 #include "tests/support/samples.h"
 
 namespace citylearn {
 namespace {
-
-bool input_ended() {
-  pollfd input{0, POLLIN, 0};
-  return poll(&input, 1, 0) > 0;
-}
 
 int run(char** arguments) {
   Node node({testing::middleware_options(arguments[1], static_cast<std::uint32_t>(std::stoul(arguments[2]))),
@@ -28,7 +23,7 @@ int run(char** arguments) {
   const std::size_t expected = std::stoul(arguments[5]);
   std::optional<Clock::time_point> limit;  // set once the input has ended
   while (true) {
-    if (!limit && input_ended()) limit = Clock::now() + std::chrono::seconds(5);
+    if (!limit && testing::input_ended()) limit = Clock::now() + std::chrono::seconds(5);
     if (limit && (node.faults().size() >= expected || Clock::now() >= *limit)) break;
     node.wait(Clock::now() + std::chrono::milliseconds(20));
     testing::for_each_message([&]<class Message>() {
@@ -42,12 +37,4 @@ int run(char** arguments) {
 }  // namespace
 }  // namespace citylearn
 
-int main(int count, char** arguments) {
-  if (count != 6) return 2;
-  try {
-    return citylearn::run(arguments);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "vendors_peer: %s\n", error.what());
-    return 1;
-  }
-}
+int main(int count, char** arguments) { return citylearn::testing::peer_main(5, count, arguments, citylearn::run); }

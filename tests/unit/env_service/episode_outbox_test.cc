@@ -8,6 +8,7 @@
 
 #include "core/util/random.h"
 #include "tests/support/env.h"
+#include "tests/support/wait.h"
 
 namespace citylearn::testing {
 namespace {

@@ -2,27 +2,23 @@
 // The documents: links lead somewhere, pages named in code and comments exist, the README stays short.
 #include <gtest/gtest.h>
 
-#include <algorithm>
 #include <cctype>
 #include <filesystem>
-#include <fstream>
 #include <regex>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "tests/paths.h"
+#include "tests/support/files.h"
+#include "tests/support/text.h"
 
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
 
 const fs::path kRoot = CITYLEARN_SOURCE_DIR;
-
-std::string read(const fs::path& file) {
-  std::ifstream in(file);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 /// Our text files, without what is generated or installed.
 std::vector<fs::path> text_files() {
@@ -54,13 +50,13 @@ TEST(Documents, LinksLeadSomewhere) {
   const std::regex link(R"(\]\(([^)\s#]*)(#[^)\s]*)?\))");
   for (const fs::path& file : text_files()) {
     if (file.extension() != ".md") continue;
-    const std::string page = read(file);
+    const std::string page = contents(file);
     for (std::sregex_iterator match(page.begin(), page.end(), link), end; match != end; ++match) {
       if (match->str(1).find(':') != std::string::npos) continue;  // another site
       const fs::path target = match->length(1) ? file.parent_path() / match->str(1) : file;
       EXPECT_TRUE(fs::exists(target)) << file << ": " << match->str();
       if (!match->length(2) || target.extension() != ".md") continue;
-      EXPECT_TRUE(anchors(read(target)).count(match->str(2).substr(1))) << file << ": " << match->str();
+      EXPECT_TRUE(anchors(contents(target)).count(match->str(2).substr(1))) << file << ": " << match->str();
     }
   }
 }
@@ -68,15 +64,13 @@ TEST(Documents, LinksLeadSomewhere) {
 TEST(Documents, NamedPagesExist) {
   const std::regex page(R"((?:^|[^\w./-])(docs/[\w./-]*\.md))");
   for (const fs::path& file : text_files()) {
-    const std::string text = read(file);
+    const std::string text = contents(file);
     for (std::sregex_iterator match(text.begin(), text.end(), page), end; match != end; ++match)
       EXPECT_TRUE(fs::exists(kRoot / match->str(1))) << file << ": " << match->str(1);
   }
 }
 
-TEST(Documents, TheReadmeStaysShort) {
-  const std::string page = read(kRoot / "README.md");
-  EXPECT_LE(std::count(page.begin(), page.end(), '\n'), 150);
-}
+TEST(Documents, TheReadmeStaysShort) { EXPECT_LE(occurrences(contents(kRoot / "README.md"), "\n"), 150); }
 
 }  // namespace
+}  // namespace citylearn::testing

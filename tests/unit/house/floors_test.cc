@@ -3,13 +3,15 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
-#include <fstream>
 #include <regex>
 #include <string>
 #include <vector>
 
 #include "tests/paths.h"
+#include "tests/support/files.h"
+#include "tests/support/text.h"
 
+namespace citylearn::testing {
 namespace {
 
 namespace fs = std::filesystem;
@@ -55,22 +57,19 @@ std::vector<Include> includes_below(const std::string& folder) {
   std::vector<Include> found;
   const std::regex pattern(R"(^\s*#\s*include\s*[<"]([^>"]+)[>"])");
   for (const std::string& path : sources_below(folder)) {
-    std::ifstream in(kRoot / path);
-    std::string line;
     std::smatch match;
-    while (std::getline(in, line))
+    for (const std::string& line : lines_of(contents(kRoot / path)))
       if (std::regex_search(line, match, pattern)) found.push_back({path, line, match[1]});
   }
   return found;
 }
 
-bool begins(const std::string& text, const std::string& start) { return text.rfind(start, 0) == 0; }
-
 TEST(Floors, ServicesKnowCoreAndIdlButNeverEachOther) {
   for (const std::string& service : kServices)
     for (const Include& include : includes_below(service))
       for (const std::string& other : kServices)
-        EXPECT_FALSE(other != service && begins(include.target, other + "/")) << include.file << ": " << include.line;
+        EXPECT_FALSE(other != service && include.target.starts_with(other + "/"))
+            << include.file << ": " << include.line;
 }
 
 TEST(Floors, CoreKnowsNoService) {
@@ -78,7 +77,7 @@ TEST(Floors, CoreKnowsNoService) {
   ASSERT_GT(all.size(), 20u) << "the scan found too little to be true";
   for (const Include& include : all)
     for (const std::string& service : kServices)
-      EXPECT_FALSE(begins(include.target, service + "/")) << include.file << ": " << include.line;
+      EXPECT_FALSE(include.target.starts_with(service + "/")) << include.file << ": " << include.line;
 }
 
 TEST(Floors, SubFoldersIncludeOnlyLowerOnes) {
@@ -88,9 +87,10 @@ TEST(Floors, SubFoldersIncludeOnlyLowerOnes) {
     };
     const std::string part = order.front().substr(0, order.front().find('/'));
     for (const std::string& path : sources_below(part))
-      EXPECT_TRUE(floor_of(path) != order.end() || begins(path, "dashboard/web/")) << path << ": of an unknown folder";
+      EXPECT_TRUE(floor_of(path) != order.end() || path.starts_with("dashboard/web/"))
+          << path << ": of an unknown folder";
     for (const Include& include : includes_below(part))
-      if (begins(include.target, part + "/")) {
+      if (include.target.starts_with(part + "/")) {
         EXPECT_LE(floor_of(include.target), floor_of(include.file)) << include.file << ": " << include.line;
       }
   }
@@ -99,8 +99,7 @@ TEST(Floors, SubFoldersIncludeOnlyLowerOnes) {
 TEST(Floors, FilesStayShort) {
   for (const std::string& folder : kProduct)
     for (const std::string& path : sources_below(folder)) {
-      std::ifstream in(kRoot / path);
-      const auto lines = std::count(std::istreambuf_iterator<char>(in), {}, '\n');
+      const int lines = occurrences(contents(kRoot / path), "\n");
       EXPECT_LE(lines, path.ends_with(".h") ? kMostHeaderLines : kMostLines) << path;
     }
 }
@@ -108,14 +107,14 @@ TEST(Floors, FilesStayShort) {
 TEST(Floors, VendorHeadersStayInTheirOwnMiddlewareFiles) {
   for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder)) {
-      if (begins(include.target, "fastdds/") || begins(include.target, "fastrtps/")) {
+      if (include.target.starts_with("fastdds/") || include.target.starts_with("fastrtps/")) {
         EXPECT_EQ(include.file, "core/dds/middleware_fastdds.cc") << include.line;
       }
-      if (begins(include.target, "dds/") || begins(include.target, "ddsi/")) {
-        EXPECT_TRUE(begins(include.file, "core/dds/middleware_cyclonedds")) << include.file << ": " << include.line;
+      if (include.target.starts_with("dds/") || include.target.starts_with("ddsi/")) {
+        EXPECT_TRUE(include.file.starts_with("core/dds/middleware_cyclonedds")) << include.file << ": " << include.line;
       }
-      if (begins(include.target, "fastcdr/")) {
-        EXPECT_TRUE(begins(include.file, "core/wire/")) << include.file << ": " << include.line;
+      if (include.target.starts_with("fastcdr/")) {
+        EXPECT_TRUE(include.file.starts_with("core/wire/")) << include.file << ": " << include.line;
       }
     }
 }
@@ -123,21 +122,21 @@ TEST(Floors, VendorHeadersStayInTheirOwnMiddlewareFiles) {
 TEST(Floors, NumbersInEigenPicturesInDatasetsAndEncoders) {
   for (const std::string folder : {"core", "policy_service"})
     for (const Include& include : includes_below(folder))
-      EXPECT_FALSE(begins(include.target, "opencv2/")) << include.file << ": " << include.line;
+      EXPECT_FALSE(include.target.starts_with("opencv2/")) << include.file << ": " << include.line;
 }
 
 TEST(Floors, SqliteStaysInTheStore) {
   for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder))
-      if (begins(include.target, "sqlite3") || begins(include.target, "SQLiteCpp/")) {
-        EXPECT_TRUE(begins(include.file, "dashboard/store/")) << include.file << ": " << include.line;
+      if (include.target.starts_with("sqlite3") || include.target.starts_with("SQLiteCpp/")) {
+        EXPECT_TRUE(include.file.starts_with("dashboard/store/")) << include.file << ": " << include.line;
       }
 }
 
 TEST(Floors, ProtobufStaysInReadersAndWritersOfItsFiles) {
   for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder))
-      if (begins(include.target, "google/") || begins(include.target, "onnx/")) {
+      if (include.target.starts_with("google/") || include.target.starts_with("onnx/")) {
         EXPECT_TRUE(include.file == "policy_service/interchange/onnx_graph.cc" ||
                     include.file == "policy_service/interchange/event_log.cc" ||
                     include.file == "encoder_service/onnx/onnx_file.cc")
@@ -146,3 +145,4 @@ TEST(Floors, ProtobufStaysInReadersAndWritersOfItsFiles) {
 }
 
 }  // namespace
+}  // namespace citylearn::testing

@@ -6,7 +6,7 @@
 
 #include "tests/paths.h"
 #include "tests/support/hosts.h"
-#include "tests/support/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -16,7 +16,7 @@ const std::string kCyclone = "    #1 ddsrt_free <null> (libddsc.so.0debian+0xdab
 const std::string kCopy =
     "    #1 std::copy(char const*) /usr/include/c++/12/bits/stl_algobase.h:620 (policy_service+0x1)\n";
 const std::string kOurs =
-    "    #2 citylearn::Fleet::spin() ../../policy_service/fleet.cc:103 (policy_service+0xcc762)\n";
+    "    #2 citylearn::EnvClient::spin() ../../policy_service/env_client.cc:103 (policy_service+0xcc762)\n";
 const std::string kLost = "    [failed to restore the stack]\n";
 
 std::string race(const std::string& stack, const std::string& previous) {
@@ -37,11 +37,8 @@ std::string cycle(const std::string& first, const std::string& second) {
 int counted(const std::string& reports) {
   const Folder folder;
   std::ofstream(folder / "report.1") << reports;
-  const std::string told =
-      shell("awk -f " CITYLEARN_SOURCE_DIR "/tests/support/tsan_reports.awk " + (folder / "report.1"));
-  int count = 0;
-  for (std::size_t at = told.find("SUMMARY"); at != told.npos; at = told.find("SUMMARY", at + 1)) ++count;
-  return count;
+  return occurrences(shell("awk -f " CITYLEARN_SOURCE_DIR "/tests/support/tsan_reports.awk " + (folder / "report.1")),
+                     "SUMMARY");
 }
 
 TEST(TsanReports, OfLibrariesAloneDoNotCount) {

@@ -6,7 +6,6 @@
 #include <sys/stat.h>
 
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <regex>
 #include <set>
@@ -15,6 +14,7 @@
 #include "core/wire/messages.h"
 #include "tests/paths.h"
 #include "tests/support/keystore.h"
+#include "tests/support/options.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -33,12 +33,9 @@ std::string complaint(const std::string& folder, const std::string& id = "env-1"
 void expect_complaint(const std::string& folder, const std::string& file, const std::string& text,
                       const std::string& id = "env-1") {
   const std::string line = complaint(folder, id);
-  EXPECT_EQ(line.rfind(fs::canonical(folder).string() + "/" + file + ": ", 0), 0u) << line;
-  EXPECT_TRUE(contains(line, text));
-  EXPECT_EQ(line.find('\n'), std::string::npos);
+  EXPECT_TRUE(line.starts_with(fs::canonical(folder).string() + "/" + file + ": ")) << line;
+  EXPECT_TRUE(holds(line, text));
 }
-
-void write(const std::string& path, const std::string& text) { std::ofstream(path) << text; }
 
 void replace(const std::string& from, const std::string& to) {
   fs::copy_file(from, to, fs::copy_options::overwrite_existing);
@@ -76,11 +73,11 @@ TEST_F(Keys, WhatIsMissingOrDamagedIsNamed) {
     fs::remove(file);
     expect_complaint(folder, name, "is missing");
     for (const std::string& damage : {std::string(), text.substr(0, text.size() / 2), std::string(2 << 20, 'x')}) {
-      write(file, damage);
+      write_file(file, damage);
       if (name == "key.pem") fs::permissions(file, fs::perms::owner_read | fs::perms::owner_write);
       expect_complaint(folder, name, "");
     }
-    write(file, text);
+    write_file(file, text);
     EXPECT_EQ(complaint(folder), "") << name;
   }
 }
@@ -105,7 +102,7 @@ TEST_F(Keys, MustBeValidNow) {
   permissions = permissions.substr(permissions.find("<?xml"));
   permissions = permissions.substr(0, permissions.find("</dds>") + 6);
   permissions.replace(permissions.find("env-4"), 5, "env-3");
-  write(store_.folder() / "document", permissions);
+  write_file(store_.folder() / "document", permissions);
   store_.sign(store_.folder() / "document", folder + "/permissions.p7s");
   expect_complaint(folder, "permissions.p7s", "expired on ", "env-3");
 }
@@ -128,12 +125,12 @@ TEST_F(Keys, MustFitTogether) {
     const std::string before = contents(folder + "/" + name);
     replace(from, folder + "/" + name);
     expect_complaint(folder, expected.first, expected.second);
-    write(folder + "/" + name, before);
+    write_file(folder + "/" + name, before);
   }
   expect_complaint(folder, "cert.pem", "is that of 'env-1', this service is 'env-2'", "env-2");
   std::string changed = contents(folder + "/permissions.p7s");
   changed.replace(changed.find("citylearn/scene"), 15, "citylearn/other");
-  write(folder + "/permissions.p7s", changed);
+  write_file(folder + "/permissions.p7s", changed);
   expect_complaint(folder, "permissions.p7s", "has not signed it");
 }
 
@@ -150,7 +147,7 @@ TEST_F(Keys, AGovernanceThatProtectsHalfIsRefused) {
     std::string text = whole;
     ASSERT_NE(text.find(from), std::string::npos) << from;
     text.replace(text.find(from), from.size(), to);
-    write(store_.folder() / "document", text);
+    write_file(store_.folder() / "document", text);
     store_.sign(store_.folder() / "document", folder + "/governance.p7s");
     expect_complaint(folder, "governance.p7s", "must be ");
   }
@@ -192,9 +189,7 @@ TEST_F(Keys, AreRenewedAndNeverOverwritten) {
 
 TEST(Security, IsEnforcedOrRefused) {
   const auto start_error = [](const std::string& middleware, std::uint32_t domain) -> std::string {
-    MiddlewareOptions options;
-    options.name = middleware;
-    options.domain = domain;
+    MiddlewareOptions options = middleware_options(middleware, domain);
     options.security = "/nowhere";
     return error_of([&] { create_middleware(options); });
   };
@@ -231,8 +226,7 @@ struct Rights {
 
 std::map<std::string, Rights> granted() {
   std::map<std::string, Rights> all;
-  std::istringstream lines(contents(CITYLEARN_SOURCE_DIR "/compose/permissions"));
-  for (std::string line; std::getline(lines, line);) {
+  for (const std::string& line : lines_of(contents(CITYLEARN_SOURCE_DIR "/compose/permissions"))) {
     std::istringstream words(line);
     std::string kind, does, topic;
     if (!(words >> kind) || kind[0] == '#') continue;

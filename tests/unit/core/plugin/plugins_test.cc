@@ -4,8 +4,6 @@
 
 #include <gtest/gtest.h>
 
-#include <algorithm>
-
 #include "core/util/files.h"
 #include "policy_service/network/checkpoint.h"
 #include "tests/paths.h"
@@ -18,10 +16,6 @@ namespace {
 
 std::string refusal_of(const std::string& file) {
   return error_of([&] { load_plugin(file); });
-}
-
-void expect_part(const std::string& text, const std::string& part) {
-  EXPECT_TRUE(contains(text, part)) << "'" << part << "' is not in: " << text;
 }
 
 /// Runs policy_service and returns its output.
@@ -60,40 +54,40 @@ TEST(Plugins, AreLoadedAndUsed) {
 }
 
 TEST(Plugins, AreNamedOnTheCommandLineInAFileOrInTheEnvironment) {
-  expect_part(run({"--plugin", SAMPLE_PLUGIN, "--list"}, 0), "--sample-rate");
-  expect_part(run({"--help", std::string("--plugin=") + SAMPLE_PLUGIN}, 0), "--sample-rate");
+  EXPECT_TRUE(contains(run({"--plugin", SAMPLE_PLUGIN, "--list"}, 0), "--sample-rate"));
+  EXPECT_TRUE(contains(run({"--help", std::string("--plugin=") + SAMPLE_PLUGIN}, 0), "--sample-rate"));
   const Folder folder;
   write_file(folder / "options.toml",
              std::string("plugin = \"") + SAMPLE_PLUGIN + "\"\nlearner = \"sample\"\nsample-rate = 0.125\n");
-  expect_part(run({"--config", folder / "options.toml", "--list"}, 0), "--sample-rate");
+  EXPECT_TRUE(contains(run({"--config", folder / "options.toml", "--list"}, 0), "--sample-rate"));
   setenv("CITYLEARN_PLUGIN", SAMPLE_PLUGIN, 1);
-  expect_part(run({"--list"}, 0), "--sample-rate");
+  EXPECT_TRUE(contains(run({"--list"}, 0), "--sample-rate"));
   unsetenv("CITYLEARN_PLUGIN");
   EXPECT_FALSE(contains(run({"--list"}, 0), "--sample-rate"));
-  expect_part(run({"--plugin", SAMPLE_PLUGIN, "--sample-rate", "7", "--list"}, 2), "--sample-rate");
+  EXPECT_TRUE(contains(run({"--plugin", SAMPLE_PLUGIN, "--sample-rate", "7", "--list"}, 2), "--sample-rate"));
   run({"--plugin"}, 2);
 }
 
 TEST(Plugins, ThatAreNoneAreRefusedInOneLine) {
   const Folder folder;
-  expect_part(refusal_of(folder / "nowhere.so"), "nowhere.so: there is no such file");
-  expect_part(refusal_of(folder.path()), "there is no such file");
+  EXPECT_TRUE(contains(refusal_of(folder / "nowhere.so"), "nowhere.so: there is no such file"));
+  EXPECT_TRUE(contains(refusal_of(folder.path()), "there is no such file"));
   write_file(folder / "text.so", "citylearn plug-in: a text that only says so");
-  expect_part(refusal_of(folder / "text.so"), "text.so: is not a plug-in of this program");
-  expect_part(refusal_of("/bin/sh"), "is not a plug-in of this program");
-  expect_part(refusal_of(EMPTY_PLUGIN), "registers nothing");
+  EXPECT_TRUE(contains(refusal_of(folder / "text.so"), "text.so: is not a plug-in of this program"));
+  EXPECT_TRUE(contains(refusal_of("/bin/sh"), "is not a plug-in of this program"));
+  EXPECT_TRUE(contains(refusal_of(EMPTY_PLUGIN), "registers nothing"));
   const std::string whole = read_file(SAMPLE_PLUGIN);
   write_file(folder / "half.so", whole.substr(0, whole.size() - 100));
-  expect_part(refusal_of(folder / "half.so"), "half.so: is cut short");
+  EXPECT_TRUE(contains(refusal_of(folder / "half.so"), "half.so: is cut short"));
   std::string foreign = whole;
   foreign[18] = 0;  // the processor
   write_file(folder / "foreign.so", foreign);
-  expect_part(refusal_of(folder / "foreign.so"), "foreign.so: cannot be loaded: ");
+  EXPECT_TRUE(contains(refusal_of(folder / "foreign.so"), "foreign.so: cannot be loaded: "));
 
   const std::string said = run({"--plugin", folder / "text.so", "--list"}, 1);
-  expect_part(said, "policy_service: plug-in " + folder / "text.so: is not a plug-in");
-  EXPECT_EQ(std::count(said.begin(), said.end(), '\n'), 1) << said;
-  expect_part(run({"--plugin", TAKEN_PLUGIN, "--list"}, 1), "registers 'ppo', which exists already");
+  EXPECT_TRUE(contains(said, "policy_service: plug-in " + folder / "text.so: is not a plug-in"));
+  EXPECT_EQ(occurrences(said, "\n"), 1) << said;
+  EXPECT_TRUE(contains(run({"--plugin", TAKEN_PLUGIN, "--list"}, 1), "registers 'ppo', which exists already"));
 }
 
 TEST(Plugins, OfAnotherVersionAreRefusedBeforeTheirCodeRuns) {
@@ -105,9 +99,9 @@ TEST(Plugins, OfAnotherVersionAreRefusedBeforeTheirCodeRuns) {
   changed.replace(begin + mark.size(), 12, "0123456789ab");
   write_file(folder / "older.so", changed);
   const std::string refusal = refusal_of(folder / "older.so");
-  expect_part(refusal, "older.so: was built for interface 0123456789ab, ");
-  expect_part(refusal, "; this program is interface ");
-  expect_part(refusal, "build both from the same sources");
+  EXPECT_TRUE(contains(refusal, "older.so: was built for interface 0123456789ab, "));
+  EXPECT_TRUE(contains(refusal, "; this program is interface "));
+  EXPECT_TRUE(contains(refusal, "build both from the same sources"));
 }
 
 }  // namespace

@@ -26,10 +26,6 @@ Bytes bytes_of(const std::string& text) {
   return bytes;
 }
 
-void write_text(const std::string& path, const std::string& text) {
-  std::ofstream(path, std::ios::binary | std::ios::trunc) << text;
-}
-
 template <class Number>
 Number number_at(const std::string& text, std::size_t at) {
   Number number;
@@ -44,21 +40,26 @@ std::uint32_t crc_of(const std::string& text) {
 const McapChannel kOne{"one", "pkg::One", "omgidl", "struct One {};", "cdr", {{"profile", "state"}}};
 const McapChannel kTwo{"two", "pkg::Two", "omgidl", "struct Two {};", "cdr", {}};
 
-/// Ten messages in five chunks; the second channel comes late.
-void write_small(const std::string& path, bool close = true) {
-  McapWriter writer(path, {"test", {{"run", "demo"}}, 60, 1'000'000'000});
-  const auto one = writer.add(kOne);
-  writer.write(one, 100, bytes_of("a"));
-  writer.write(one, 101, bytes_of("bc"));
-  const auto two = writer.add(kTwo);
-  for (int i = 0; i < 8; ++i) writer.write(i % 2 ? one : two, 102 + static_cast<std::uint64_t>(i), bytes_of("message"));
-  close ? writer.close() : writer.flush();
-}
+class Mcap : public ::testing::Test {
+ protected:
+  /// Ten messages in five chunks; the second channel comes late.
+  void write_small(bool close = true) const {
+    McapWriter writer(path, {"test", {{"run", "demo"}}, 60, 1'000'000'000});
+    const auto one = writer.add(kOne);
+    writer.write(one, 100, bytes_of("a"));
+    writer.write(one, 101, bytes_of("bc"));
+    const auto two = writer.add(kTwo);
+    for (int i = 0; i < 8; ++i)
+      writer.write(i % 2 ? one : two, 102 + static_cast<std::uint64_t>(i), bytes_of("message"));
+    close ? writer.close() : writer.flush();
+  }
 
-TEST(Mcap, WhatIsWrittenIsRead) {
   const Folder folder;
-  const std::string path = folder / "a.mcap";
-  write_small(path);
+  const std::string path = folder / "a.mcap", other = folder / "other.mcap";
+};
+
+TEST_F(Mcap, WhatIsWrittenIsRead) {
+  write_small();
   McapReader reader(path);
   std::vector<std::string> heard;
   std::map<std::string, std::uint32_t> sequence;
@@ -81,10 +82,8 @@ TEST(Mcap, WhatIsWrittenIsRead) {
   EXPECT_EQ(reader.metadata().at("recording").at("run"), "demo");
 }
 
-TEST(Mcap, TheSummaryAndItsChecksumsAreRight) {
-  const Folder folder;
-  const std::string path = folder / "a.mcap";
-  write_small(path);
+TEST_F(Mcap, TheSummaryAndItsChecksumsAreRight) {
+  write_small();
   const std::string file = contents(path);
   const std::size_t footer = file.size() - 8 - 20 - 9;
   ASSERT_EQ(file[footer], 2);
@@ -114,24 +113,22 @@ TEST(Mcap, TheSummaryAndItsChecksumsAreRight) {
   EXPECT_EQ(groups, (std::map<int, int>{{3, 2}, {4, 2}, {8, 5}, {11, 1}, {13, 1}})) << "and of chunks there are five";
 }
 
-TEST(Mcap, AFileThatEndsAnywhereIsReadUpToItsLastWholeChunk) {
-  const Folder folder;
-  const std::string path = folder / "a.mcap", part = folder / "part.mcap";
-  write_small(path);
+TEST_F(Mcap, AFileThatEndsAnywhereIsReadUpToItsLastWholeChunk) {
+  write_small();
   const std::string file = contents(path);
   const std::vector<Heard> whole = all_of(path);
-  write_text(part, file);
+  write_file(other, file);
   std::size_t least = whole.size();
   std::set<std::size_t> counts;
   for (std::size_t size = file.size() - 1; size > 0; --size) {
     SCOPED_TRACE(size);
-    std::filesystem::resize_file(part, size);
+    std::filesystem::resize_file(other, size);
     if (size < 8) {
-      EXPECT_NE(error_of([&] { McapReader reader(part); }).find("is no MCAP file"), std::string::npos);
+      EXPECT_NE(error_of([&] { McapReader reader(other); }).find("is no MCAP file"), std::string::npos);
       continue;
     }
     std::string missing;
-    const std::vector<Heard> read = all_of(part, &missing);
+    const std::vector<Heard> read = all_of(other, &missing);
     EXPECT_TRUE(contains(missing, "cut short after " + std::to_string(size) + " bytes"));
     ASSERT_LE(read.size(), least) << "fewer bytes are no more messages";
     for (std::size_t i = 0; i < read.size(); ++i) EXPECT_EQ(read[i].bytes, whole[i].bytes);
@@ -141,18 +138,14 @@ TEST(Mcap, AFileThatEndsAnywhereIsReadUpToItsLastWholeChunk) {
   EXPECT_EQ(counts, (std::set<std::size_t>{0, 2, 4, 6, 8, 10})) << "chunk by chunk";
 }
 
-TEST(Mcap, WhatWasFlushedIsThereWithoutAnEnd) {
-  const Folder folder;
-  const std::string path = folder / "a.mcap";
-  write_small(path, false);
+TEST_F(Mcap, WhatWasFlushedIsThereWithoutAnEnd) {
+  write_small(false);
   std::string missing;
   EXPECT_EQ(all_of(path, &missing).size(), 10u);
   EXPECT_NE(missing, "");
 }
 
-TEST(Mcap, AChunkIsWrittenWhenItIsFullOrOldEnough) {
-  const Folder folder;
-  const std::string path = folder / "a.mcap";
+TEST_F(Mcap, AChunkIsWrittenWhenItIsFullOrOldEnough) {
   McapWriter writer(path, {"test", {}, 1000, 50});
   const auto one = writer.add(kOne);
   writer.write(one, 100, bytes_of("early"));
@@ -166,13 +159,11 @@ TEST(Mcap, AChunkIsWrittenWhenItIsFullOrOldEnough) {
   EXPECT_EQ(writer.bytes(), contents(path).size());
 }
 
-TEST(Mcap, ADamagedFileIsRefusedOrReadButNeverWrong) {
-  const Folder folder;
-  const std::string path = folder / "a.mcap", other = folder / "other.mcap";
-  write_small(path);
+TEST_F(Mcap, ADamagedFileIsRefusedOrReadButNeverWrong) {
+  write_small();
   const std::string file = contents(path);
   const std::vector<Heard> whole = all_of(path);
-  write_text(other, file);
+  write_file(other, file);
   int refused = 0;
   for (std::size_t at = 0; at < file.size(); ++at) {
     SCOPED_TRACE(at);
@@ -198,10 +189,8 @@ TEST(Mcap, ADamagedFileIsRefusedOrReadButNeverWrong) {
   EXPECT_GT(refused, 400);
 }
 
-TEST(Mcap, ErrorsSayWhatIsWrong) {
-  const Folder folder;
-  const std::string path = folder / "a.mcap";
-  write_text(path, "PK\3\4 and so on");
+TEST_F(Mcap, ErrorsSayWhatIsWrong) {
+  write_file(path, "PK\3\4 and so on");
   EXPECT_EQ(error_of([&] { McapReader reader(path); }),
             path + ": is no MCAP file (it does not begin as one of version 0 does)");
   EXPECT_EQ(error_of([&] { McapReader reader(folder / "none.mcap"); }),
@@ -216,12 +205,12 @@ TEST(Mcap, ErrorsSayWhatIsWrong) {
   std::string chunk("\x06\x2C\0\0\0\0\0\0\0", 9);
   chunk += std::string(16, '\0') + std::string(8, '\0') + std::string(4, '\0') + std::string("\4\0\0\0zstd", 8) +
            std::string(8, '\0');
-  write_text(path, magic + chunk);
+  write_file(path, magic + chunk);
   EXPECT_EQ(error_of([&] { all_of(path); }),
             path +
                 ": byte 8: a chunk is compressed with 'zstd', which is not read here (mcap compress --compression "
                 "none writes the file anew)");
-  write_text(path, magic + std::string("\x05\x16\0\0\0\0\0\0\0", 9) + std::string("\7\0", 2) + std::string(20, '\0'));
+  write_file(path, magic + std::string("\x05\x16\0\0\0\0\0\0\0", 9) + std::string("\7\0", 2) + std::string(20, '\0'));
   EXPECT_EQ(error_of([&] { all_of(path); }), path + ": byte 8: a message of channel 7, which was not announced");
 }
 

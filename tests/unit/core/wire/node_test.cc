@@ -9,19 +9,13 @@
 #include <random>
 #include <set>
 
+#include "tests/support/options.h"
 #include "tests/support/samples.h"
 
 namespace citylearn::testing {
 namespace {
 
-Node::Options options(const std::string& id) {
-  Node::Options options;
-  options.middleware.name = "inprocess";
-  options.service = "test";
-  options.id = id;
-  options.session = "ours";
-  return options;
-}
+Node::Options options(const std::string& id) { return {middleware_options("inprocess"), "test", id, "ours"}; }
 
 TEST(Node, LaterStartsHaveLargerIncarnationsAndServicesTheirOwn) {
   std::uint64_t before = 0;

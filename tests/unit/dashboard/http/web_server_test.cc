@@ -55,13 +55,11 @@ TEST(Target, AnyBytesAreRefusedOrUtf8) {
 
 TEST(PageFiles, AreOnlyThoseOfTheFolder) {
   const Folder folder;
-  std::filesystem::create_directories(folder / "page/assets");
-  const auto write = [&](const std::string& name, const std::string& text) { std::ofstream(folder / name) << text; };
-  write("secret", "secret");
-  write("page/index.html", "<p>");
-  write("page/assets/index-a1B2c3_4.js", "let x;");
-  write("page/assets/index-a1B2c3_4.js.gz", "compressed");
-  write("page/assets/plain.css", "p {}");
+  write_file(folder / "secret", "secret");
+  write_file(folder / "page/index.html", "<p>");
+  write_file(folder / "page/assets/index-a1B2c3_4.js", "let x;");
+  write_file(folder / "page/assets/index-a1B2c3_4.js.gz", "compressed");
+  write_file(folder / "page/assets/plain.css", "p {}");
   std::filesystem::create_symlink("../secret", folder / "page/link");
   const Page page(folder / "page");
   ASSERT_NE(page.find("/"), nullptr);
@@ -157,23 +155,20 @@ std::string refusal_of(const Access::Options& options) {
 
 TEST(AccessToken, WhatIsWrongIsSaidInOneLine) {
   const Folder folder;
-  const auto contains = [](const std::string& text, const std::string& part) {
-    return text.find(part) != std::string::npos && text.find('\n') == std::string::npos;
-  };
-  EXPECT_TRUE(contains(refusal_of(on("0.0.0.0")), "--token-file"));
-  EXPECT_TRUE(contains(refusal_of(on("here")), "--listen"));
-  EXPECT_TRUE(contains(refusal_of(on("127.0.0.1", folder / "none/token")), folder / "none/token"));
-  EXPECT_TRUE(contains(refusal_of(on("127.0.0.1", folder.path())), folder.path()));
+  EXPECT_TRUE(holds(refusal_of(on("0.0.0.0")), "--token-file"));
+  EXPECT_TRUE(holds(refusal_of(on("here")), "--listen"));
+  EXPECT_TRUE(holds(refusal_of(on("127.0.0.1", folder / "none/token")), folder / "none/token"));
+  EXPECT_TRUE(holds(refusal_of(on("127.0.0.1", folder.path())), folder.path()));
   const std::string path = folder / "token";
   for (const std::string text : {"", "short", "0123456789 abcdef0", "0123456789abcdef\nsecond line"}) {
     std::ofstream(path) << text;
     ::chmod(path.c_str(), 0600);
-    EXPECT_TRUE(contains(refusal_of(on("127.0.0.1", path)), "holds no valid token")) << text;
+    EXPECT_TRUE(holds(refusal_of(on("127.0.0.1", path)), "holds no valid token")) << text;
   }
   std::ofstream(path) << "0123456789abcdef\n";
   EXPECT_EQ(refusal_of(on("127.0.0.1", path)), "");
   ::chmod(path.c_str(), 0640);
-  EXPECT_TRUE(contains(refusal_of(on("127.0.0.1", path)), "chmod 600 " + path));
+  EXPECT_TRUE(holds(refusal_of(on("127.0.0.1", path)), "chmod 600 " + path));
 }
 
 class Visitor : public Connection {

@@ -27,11 +27,7 @@ class StoreTest : public ::testing::Test {
   Folder folder_;
   const std::string path_ = folder_ / "dashboard.sqlite";
 
-  Store::Options options() const {
-    Store::Options options;
-    options.path = path_;
-    return options;
-  }
+  Store::Options options() const { return {path_, 0}; }
   std::string refusal() const {
     return error_of([&] { Store store(options()); });
   }
@@ -267,11 +263,9 @@ TEST_F(StoreTest, OnlyItsOwnerReadsIt) {
   }
 }
 
-void write(const std::string& path, const std::string& text) { std::ofstream(path, std::ios::binary) << text; }
-
 TEST_F(StoreTest, RefusesWhatIsNoStoreAndLeavesItAlone) {
   const std::string text = "update,reward\n1,0.5\n";
-  write(path_, text);
+  write_file(path_, text);
   EXPECT_TRUE(contains(refusal(), "is not a store of the dashboard"));
   EXPECT_EQ(contents(path_), text);
 
@@ -303,12 +297,12 @@ TEST_F(StoreTest, RefusesADamagedFileAndLeavesItAlone) {
   std::string bytes = contents(path_);
   ASSERT_GT(bytes.size(), 100000u);
   for (std::size_t i = bytes.size() / 2; i < bytes.size() / 2 + 20000; ++i) bytes[i] = static_cast<char>(i * 7);
-  write(path_, bytes);
+  write_file(path_, bytes);
   EXPECT_TRUE(contains(refusal(), "damaged"));
   EXPECT_TRUE(contains(refusal(), "restore a copy"));
   EXPECT_EQ(contents(path_), bytes);
   bytes.resize(5000);
-  write(path_, bytes);
+  write_file(path_, bytes);
   EXPECT_NE(refusal(), "");
   EXPECT_EQ(contents(path_), bytes);
 }

@@ -157,7 +157,7 @@ TEST(Onnx, SizeComesFromTheModelThenTheParametersThenThePreset) {
   EXPECT_TRUE(contains(size(network(fixed, "", "resnet50")), " 8x6 ")) << "a preset only fills what is open";
   EXPECT_TRUE(contains(size(network(open, "", "resnet50")), " 224x224 "));
   EXPECT_TRUE(contains(size(network(open, "", "resnet50"), {{"width", 32}, {"height", 24}}), " 32x24 "));
-  EXPECT_TRUE(contains(refusal(network(open)), "leaves the height of its input open")) << refusal(network(open));
+  EXPECT_TRUE(contains(refusal(network(open)), "leaves the height of its input open"));
   EXPECT_TRUE(contains(refusal(network(fixed), {{"width", 10}}), "width of 8, not 10"));
 }
 
@@ -168,9 +168,7 @@ TEST(Onnx, LayersAreFoundByNameOrSuggested) {
   EXPECT_TRUE(contains(make(network(path, "", "resnet50"))->spec().name, "layer=onnx_node!pool "));
   EXPECT_TRUE(contains(refusal(network(path, "REL")), "it has onnx_node!relu"));
   const std::string none = refusal(network(path, "fc"));
-  EXPECT_TRUE(contains(none, "has no layer 'fc'") && contains(none, "its last are ") &&
-              contains(none, "onnx_node!pool"))
-      << none;
+  for (const char* part : {"has no layer 'fc'", "its last are ", "onnx_node!pool"}) EXPECT_TRUE(contains(none, part));
 }
 
 TEST(Onnx, NamesSayWhatChangesNumbers) {
@@ -209,7 +207,7 @@ TEST(Onnx, BadFilesGetOneLine) {
   const Folder folder;
   const std::string good = tiny_convolution({1, 3, 6, 8}, 2).bytes();
   const auto write = [&](const std::string& bytes) {
-    std::ofstream(folder / "bad.onnx", std::ios::binary) << bytes;
+    write_file(folder / "bad.onnx", bytes);
     return folder / "bad.onnx";
   };
   EXPECT_TRUE(contains(refusal(network("")), "--model"));
@@ -221,7 +219,7 @@ TEST(Onnx, BadFilesGetOneLine) {
   EXPECT_TRUE(contains(refusal(network(write(good), "", "vgg")), "known: cosplace"));
   for (std::size_t size = 1; size < good.size(); size += 5) {
     const std::string error = refusal(network(write(good.substr(0, size))));
-    EXPECT_TRUE(contains(error, "bad.onnx: ") && error.find('\n') == std::string::npos) << size << ": " << error;
+    EXPECT_TRUE(holds(error, "bad.onnx: ")) << size;
   }
 }
 
@@ -240,9 +238,7 @@ TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
   ::testing::internal::CaptureStderr();
   const std::string unknown = error(TinyOnnx().input({1, 3, 6, 8}).node("Relu", "relu").node("Frobnicate", "strange"));
   EXPECT_EQ(::testing::internal::GetCapturedStderr(), "") << "OpenCV's own log";
-  EXPECT_TRUE(contains(unknown, "no such operator") && contains(unknown, "strange") && contains(unknown, "Frobnicate"))
-      << unknown;
-  EXPECT_EQ(unknown.find('\n'), std::string::npos);
+  for (const char* part : {"no such operator", "strange", "Frobnicate"}) EXPECT_TRUE(holds(unknown, part));
 
   ::testing::internal::CaptureStderr();
   const std::string wrong = error(TinyOnnx()
@@ -250,14 +246,12 @@ TEST(Onnx, ModelsThatAreNoPictureToVectorAreRefused) {
                                       .weights("kernel", {2, 5, 3, 3}, std::vector<float>(90))  // 5 channels, not 3
                                       .node("Conv", "conv", {"kernel"}, {{"kernel_shape", {3, 3}}}));
   EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
-  EXPECT_TRUE(contains(wrong, "a.onnx: ") && wrong.find('\n') == std::string::npos) << wrong;
+  EXPECT_TRUE(holds(wrong, "a.onnx: "));
 
   // OpenCV 4.6 wants the bounds of Clip as attributes (opset 10), not as inputs (docs/how-to/use-an-onnx-encoder.md).
   const std::string clip =
       error(TinyOnnx().input({1, 3, 6, 8}).weights("least", {}, {0}).node("Clip", "clip", {"least"}));
-  EXPECT_TRUE(contains(clip, "clip', operator Clip: ") && contains(clip, "input_size") &&
-              clip.find('\n') == std::string::npos)
-      << clip;
+  for (const char* part : {"clip', operator Clip: ", "input_size"}) EXPECT_TRUE(holds(clip, part));
 }
 
 TEST(Onnx, NumbersAreFiniteOrAnError) {

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Sequence matching, against the published results of an OpenSeqSLAM port on Nordland (spring reference, winter query).
 #include <gtest/gtest.h>
-#include <zlib.h>
 
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 
 #include "core/util/error.h"
@@ -15,7 +13,6 @@
 #include "encoder_service/recognition/sequence.h"
 #include "tests/paths.h"
 #include "tests/support/matfile.h"
-#include "tests/support/service.h"
 
 namespace citylearn::testing {
 namespace {
@@ -81,41 +78,6 @@ TEST_F(Golden, SequencesOfSimilaritySeeWhatSingleFramesDoNot) {
   const double sequence = recall_at(answers(sequence_similarity(single, {}), truth), 1);
   EXPECT_LT(alone, 0.25);
   EXPECT_GT(sequence, 0.9);
-}
-
-TEST(MatFile, TheSameCompressed) {
-  const Folder folder;
-  const auto element = [](std::uint32_t type, std::string data) {
-    const auto size = static_cast<std::uint32_t>(data.size());
-    std::string text(8, '\0');
-    std::memcpy(text.data(), &type, 4);
-    std::memcpy(text.data() + 4, &size, 4);
-    text += data;
-    if (type != 15) text.resize((text.size() + 7) / 8 * 8);
-    return text;
-  };
-  const double values[] = {1, 2.5, -3, 4, 5, 6};
-  const std::string matrix =
-      element(14, element(6, std::string("\6\0\0\0\0\0\0\0", 8)) + element(5, std::string("\2\0\0\0\3\0\0\0", 8)) +
-                      std::string("\1\0\1\0D\0\0\0", 8) +
-                      element(9, std::string(reinterpret_cast<const char*>(values), sizeof(values))));
-  std::string deflated(200, '\0');
-  uLongf size = deflated.size();
-  ASSERT_EQ(compress(reinterpret_cast<Bytef*>(deflated.data()), &size, reinterpret_cast<const Bytef*>(matrix.data()),
-                     matrix.size()),
-            Z_OK);
-  deflated.resize(size);
-  const std::string header = std::string(124, ' ') + std::string("\0\1IM", 4);
-  for (const std::string& body : {matrix, element(15, deflated)}) {
-    std::ofstream(folder / "d.mat", std::ios::binary) << header << body;
-    const MatFile file(folder / "d.mat");
-    EXPECT_EQ(file.name(), "D");
-    EXPECT_EQ(file.matrix(), (Eigen::MatrixXd(2, 3) << 1, -3, 5, 2.5, 4, 6).finished());
-  }
-  for (const std::string& body : {matrix.substr(0, matrix.size() - 9), element(15, deflated.substr(0, 20))}) {
-    std::ofstream(folder / "d.mat", std::ios::binary) << header << body;
-    EXPECT_THROW(MatFile(folder / "d.mat"), Error);
-  }
 }
 
 TEST(LocalContrast, IsMeanAndDeviationOfTheReferenceFramesAround) {

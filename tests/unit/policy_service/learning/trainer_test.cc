@@ -19,68 +19,30 @@
 namespace citylearn::testing {
 namespace {
 
-TrainerOptions small(const std::string& agent, std::uint64_t seed = 1) {
-  TrainerOptions options;
-  options.agent = agent;
-  options.seed = seed;
-  if (agent != "place_filter") options.network_parameters = {{"hidden", 24}, {"cells", 16}};
-  if (agent == "raw_images") options.network_parameters = small_network(agent).parameters;
-  options.learner_parameters = {{"minibatch", 3}, {"epochs", 2}};
-  options.trainer_parameters = {{"segment", 24}, {"sequence", 12}, {"steps", 20000}};
-  return options;
-}
-
 class EachNetwork : public ::testing::TestWithParam<std::string> {};
 INSTANTIATE_TEST_SUITE_P(Networks, EachNetwork,
                          ::testing::Values("baseline", "features", "place_filter", "place_memory", "raw_images"),
                          [](const auto& tested) { return tested.param; });
 
 TEST_P(EachNetwork, SameSeedSameBitsWhoeverComesFirst) {
-  const Traversal city = small_city_for(GetParam());
-  Loop one(city, small(GetParam()), 2), other(city, small(GetParam()), 2), third(city, small(GetParam(), 2), 2);
-  for (int i = 0; i < 6; ++i) {
-    one.update();
-    other.update(/*backwards=*/i % 2 == 0);
-    third.update();
-  }
-  EXPECT_EQ(one.trainer.agent().parameters, other.trainer.agent().parameters);
-  EXPECT_NE(one.trainer.agent().parameters, third.trainer.agent().parameters);
-  EXPECT_EQ(one.trainer.progress().episodes, other.trainer.progress().episodes);
-  EXPECT_EQ(one.trainer.progress().spl, other.trainer.progress().spl);
-  EXPECT_EQ(one.trainer.progress().steps, 6u * 2 * 4 * 24);
+  expect_reproducible(small_city_for(GetParam()), small_options(GetParam()), 2, 6);
 }
 
 TEST_P(EachNetwork, GoesOnFromACheckpointByteForByte) {
-  const Traversal city = small_city_for(GetParam());
-  const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / ("go_on_" + GetParam());
-  std::filesystem::create_directories(folder);
-  const std::string middle = folder / "middle", straight = folder / "straight", resumed = folder / "resumed";
-  Loop loop(city, small(GetParam()), 2);
-  for (int i = 0; i < 5; ++i) loop.update();
-  write_checkpoint(middle, loop.trainer.checkpoint("{\"note\": 1}"));
-  for (int i = 0; i < 5; ++i) loop.update();
-  write_checkpoint(straight, loop.trainer.checkpoint("{\"note\": 1}"));
-
-  Loop again(city, small(GetParam()), 2);
-  again.trainer.load(read_checkpoint(middle));
-  EXPECT_EQ(again.trainer.progress().updates, 5u);
-  for (int i = 0; i < 5; ++i) again.update();
-  write_checkpoint(resumed, again.trainer.checkpoint("{\"note\": 1}"));
-  EXPECT_EQ(read_file(straight), read_file(resumed));
-  EXPECT_NE(read_file(straight), read_file(middle));
+  expect_resumable(small_city_for(GetParam()), small_options(GetParam()), 5, 5);
 }
 
 TEST(Trainer, RefusesACheckpointOfOtherOptions) {
   const Traversal city = small_city();
-  Loop loop(city, small("baseline"));
+  Loop loop(city, small_options("baseline"));
   const Checkpoint checkpoint = loop.trainer.checkpoint();
-  TrainerOptions options = small("baseline");
+  TrainerOptions options = small_options("baseline");
   options.learner_parameters["gamma"] = 0.5;
   Loop other(city, options);
   EXPECT_TRUE(contains(error_of([&] { other.trainer.load(checkpoint); }), "learner_parameters.gamma was "));
   Traversal changed = city;
   changed.features[3] += 1;
-  Loop elsewhere(changed, small("baseline"));
+  Loop elsewhere(changed, small_options("baseline"));
   EXPECT_THROW(elsewhere.trainer.load(checkpoint), Error);
 }
 
@@ -92,15 +54,15 @@ Vector<float> part(const Trainer& trainer, const std::string& name) {
   throw Error("has no tensor " + name);
 }
 
-std::string refusal(const TrainerOptions& options, const Traversal& city) {
-  return error_of([&] { Trainer(options, task_of(city)); });
+void expect_refusal(const TrainerOptions& options, const Traversal& city, const std::string& part) {
+  EXPECT_TRUE(contains(error_of([&] { Trainer(options, task_of(city)); }), part));
 }
 
 TEST_P(EachNetwork, BeginsWithATrainedAgentOnAnotherRoute) {
   const Traversal city = small_city_for(GetParam());
-  Loop loop(city, small(GetParam()));
+  Loop loop(city, small_options(GetParam()));
   for (int i = 0; i < 3; ++i) loop.update();
-  TrainerOptions options = small(GetParam(), 2);
+  TrainerOptions options = small_options(GetParam(), 2);
   options.initial = loop.trainer.agent();
   Traversal other = city;
   for (float& value : other.features) value = -value;
@@ -117,7 +79,7 @@ INSTANTIATE_TEST_SUITE_P(Learners, EachDescent, ::testing::Values("ppo", "vtrace
 
 TEST_P(EachDescent, FrozenTensorsStayBitForBitAlsoWhenItGoesOn) {
   const Traversal city = small_city();
-  TrainerOptions options = small("features");
+  TrainerOptions options = small_options("features");
   options.learner = GetParam();
   options.frozen = {"lstm", "heads.weight"};
   Loop loop(city, options);
@@ -146,7 +108,7 @@ TEST_P(EachDescent, FrozenTensorsStayBitForBitAlsoWhenItGoesOn) {
 /// The share of the others in a step must not depend on gradients that are dropped.
 TEST_P(EachDescent, WhatIsFrozenHasNoShareInTheGradientsLength) {
   const Traversal city = small_city();
-  TrainerOptions options = small("features");
+  TrainerOptions options = small_options("features");
   options.learner = GetParam();
   const double whole = Loop(city, options).update().gradient_norm;
   options.frozen = {"sensors", "lstm", "heads.weight", "auxiliary"};
@@ -157,7 +119,7 @@ TEST_P(EachDescent, WhatIsFrozenHasNoShareInTheGradientsLength) {
 
 TEST(Trainer, ACheckpointGoesOnWithTheSameFrozenTensorsAlone) {
   const Traversal city = small_city();
-  TrainerOptions free = small("features"), frozen = free;
+  TrainerOptions free = small_options("features"), frozen = free;
   frozen.frozen = {"lstm"};
   Loop without(city, free), with(city, frozen);
   const Checkpoint made_without = without.trainer.checkpoint(), made_with = with.trainer.checkpoint();
@@ -173,32 +135,30 @@ TEST(Trainer, ACheckpointGoesOnWithTheSameFrozenTensorsAlone) {
 
 TEST(Trainer, SaysWhyAnInitialAgentDoesNotFit) {
   const Traversal city = small_city();
-  TrainerOptions options = small("features");
+  TrainerOptions options = small_options("features");
   options.network_parameters["cells"] = 8;
-  TrainerOptions wider = small("features");
+  TrainerOptions wider = small_options("features");
   wider.initial = Trainer(options, task_of(city)).agent();
-  EXPECT_TRUE(contains(refusal(wider, city), "tensor 'lstm.input' is 32 x"));
-  wider.initial = Trainer(small("baseline"), task_of(city)).agent();
-  EXPECT_TRUE(contains(refusal(wider, city), "is a 'baseline', the one to train a 'features'"));
-  wider.initial = Trainer(small("features"), task_of(city)).agent();
+  expect_refusal(wider, city, "tensor 'lstm.input' is 32 x");
+  wider.initial = Trainer(small_options("baseline"), task_of(city)).agent();
+  expect_refusal(wider, city, "is a 'baseline', the one to train a 'features'");
+  wider.initial = Trainer(small_options("features"), task_of(city)).agent();
   wider.initial->parameters[5] = NAN;
-  EXPECT_TRUE(contains(refusal(wider, city), "no numbers"));
+  expect_refusal(wider, city, "no numbers");
 }
 
 TEST(Trainer, SaysWhyTensorsCannotBeFrozen) {
   const Traversal city = small_city();
-  TrainerOptions options = small("features");
+  TrainerOptions options = small_options("features");
   options.frozen = {"lstm", "attention"};
-  EXPECT_NE(refusal(options, city).find("'attention' (it has sensors.weight, sensors.bias, lstm.input"),
-            std::string::npos)
-      << refusal(options, city);
+  expect_refusal(options, city, "'attention' (it has sensors.weight, sensors.bias, lstm.input");
   options.frozen = {"sensors", "lstm", "heads", "auxiliary"};
-  EXPECT_TRUE(contains(refusal(options, city), "nothing is left to learn"));
+  expect_refusal(options, city, "nothing is left to learn");
 }
 
 TEST(Trainer, KeepsItsMapInCheckpoints) {
   const Traversal map = crossed(small_city());
-  Loop loop(map, small("place_filter"));
+  Loop loop(map, small_options("place_filter"));
   loop.update();
   const std::string path = std::filesystem::path(::testing::TempDir()) / "map.clk";
   const Checkpoint checkpoint = loop.trainer.checkpoint();
@@ -206,13 +166,13 @@ TEST(Trainer, KeepsItsMapInCheckpoints) {
   const TrainedAgent agent = trained_agent(read_checkpoint(path));
   EXPECT_EQ(agent.task.turns, map.turns);
   EXPECT_EQ(agent.parameters, loop.trainer.agent().parameters);
-  Loop again(map, small("place_filter"));
+  Loop again(map, small_options("place_filter"));
   again.trainer.load(read_checkpoint(path));
   loop.update();
   again.update();
   EXPECT_EQ(again.trainer.agent().parameters, loop.trainer.agent().parameters);
 
-  Loop on_a_line(small_city(), small("features")), on_the_map(map, small("features"));
+  Loop on_a_line(small_city(), small_options("features")), on_the_map(map, small_options("features"));
   EXPECT_FALSE(on_a_line.trainer.checkpoint().header.contains("turns"));
   EXPECT_THROW(on_a_line.trainer.load(on_the_map.trainer.checkpoint()), Error);
   EXPECT_THROW(on_the_map.trainer.load(on_a_line.trainer.checkpoint()), Error);
@@ -220,10 +180,10 @@ TEST(Trainer, KeepsItsMapInCheckpoints) {
 
 TEST(Trainer, RefusesWhatCannotLearnAMap) {
   const Traversal map = crossed(small_city());
-  TrainerOptions options = small("place_filter");
+  TrainerOptions options = small_options("place_filter");
   options.curriculum = true;
   EXPECT_THROW(Trainer(options, task_of(map)), Error);
-  options = small("place_filter");
+  options = small_options("place_filter");
   options.learner = "relabel";
   options.learner_parameters.clear();
   EXPECT_NO_THROW(Trainer(options, task_of(small_city())));
@@ -231,23 +191,23 @@ TEST(Trainer, RefusesWhatCannotLearnAMap) {
   for (const std::string agent : {"place_filter", "features"}) {
     NetworkTask bad = task_of(map);
     bad.turns.back() = 0;
-    EXPECT_THROW(Trainer(small(agent), bad), Error) << agent;
+    EXPECT_THROW(Trainer(small_options(agent), bad), Error) << agent;
   }
 }
 
 TEST(Trainer, SaysWhatIsWrong) {
   const Traversal city = small_city();
-  TrainerOptions options = small("baseline");
+  TrainerOptions options = small_options("baseline");
   options.trainer_parameters["sequence"] = 7;
   EXPECT_THROW(Trainer(options, task_of(city)), Error);
-  options = small("baseline");
+  options = small_options("baseline");
   options.learner_parameters["speed"] = 7;
   EXPECT_THROW(Trainer(options, task_of(city)), Error);
-  options = small("nobody");
+  options = small_options("nobody");
   EXPECT_THROW(Trainer(options, task_of(city)), Error);
-  EXPECT_THROW(Trainer(small("place_filter"), NetworkTask{12, 16, {}}), Error);
+  EXPECT_THROW(Trainer(small_options("place_filter"), NetworkTask{12, 16, {}}), Error);
 
-  Trainer trainer(small("baseline"), task_of(city));
+  Trainer trainer(small_options("baseline"), task_of(city));
   EXPECT_FALSE(trainer.ready());
   EXPECT_THROW(trainer.update(), Error);
   Environment environment(city, 3);
@@ -266,145 +226,9 @@ TEST(Trainer, SaysWhatIsWrong) {
   EXPECT_THROW(trainer.resume(0, choice), Error);
 }
 
-/// Keeps what it is given.
-class Recorder : public Learner {
- public:
-  explicit Recorder(const LearnerTask& task) {
-    Random random{3};
-    task.network.initialise(random, parameters_);
-  }
-  UpdateFigures update(std::span<Rollout* const> rollouts) override {
-    last = *rollouts[0];
-    return {};
-  }
-  const Vector<float>& parameters() const override { return parameters_; }
-  void save(LearnerState&) const override {}
-  void load(const LearnerState&) override {}
-  static inline Rollout last;
-
- private:
-  Vector<float> parameters_;
-};
-const LearnerRegistry::Registration recorder{
-    {"recorder", "for tests", {}, [](const Parameters&, const LearnerTask& task) {
-       return std::make_unique<Recorder>(task);
-     }}};
-
-/// The rollout says what the environment did, and values a truncated episode as if it had gone on.
-TEST(Trainer, RefusesALearnerThatCannotBeginOrFreeze) {
-  const Traversal city = small_city();
-  TrainerOptions options = small("baseline");
-  options.learner = "recorder";
-  options.learner_parameters.clear();
-  options.frozen = {"lstm"};
-  EXPECT_TRUE(contains(refusal(options, city), "learner 'recorder' cannot keep tensors as they are"));
-  options.frozen.clear();
-  options.initial = Trainer(small("baseline", 7), task_of(city)).agent();
-  EXPECT_TRUE(contains(refusal(options, city), "learner 'recorder' cannot start from given parameters"));
-}
-
-TEST(Trainer, CollectsWhatHappened) {
-  const Traversal city = small_city();
-  TrainerOptions options = small("features");
-  options.learner = "recorder";
-  options.learner_parameters.clear();
-  options.max_steps = 6;
-  options.trainer_parameters["noise-frame"] = options.trainer_parameters["noise-episode"] = 0;
-  Loop loop(city, options);
-  loop.update();
-  loop.update();  // the second segment begins in the midst of episodes
-  const Rollout& r = Recorder::last;
-  const TrainedAgent agent = loop.trainer.agent();
-  const auto workspace = agent.network->make_workspace();
-  int terminated = 0, truncated = 0;
-  for (int a = 0; a < 4; ++a) {
-    Matrix<float> state = r.states.col(a);
-    for (int t = 0; t < 24; ++t) {
-      const std::size_t i = static_cast<std::size_t>(t * 4 + a), next = i + 4;
-      NetworkInputs<float> one;
-      one.resize(city.dimension, 1, 1);
-      one.frames = city.frames;
-      one.copy_column(r.inputs, t * 4 + a, 0);
-      if (t == 12) {
-        EXPECT_TRUE(r.states.col(4 + a).isApprox(state, 1e-5f));
-      }
-      agent.network->forward(agent.parameters, one, state, *workspace);
-      EXPECT_NEAR(workspace->heads.values(0), r.value[i], 1e-5);
-      state = workspace->state;
-      if (t == 23) break;
-      const bool ended = r.ended[i] != Rollout::kGoesOn;
-      EXPECT_EQ(r.inputs.first[next] != 0, ended);
-      EXPECT_EQ(r.inputs.previous_action[next], ended ? std::uint8_t{kNoAction} : r.action[i]);
-      const int moved = r.action[i] == kNext ? 1 : r.action[i] == kPrevious ? -1 : 0;
-      EXPECT_EQ(r.inputs.position[next], r.inputs.position[i] + moved);
-      if (r.ended[i] == Rollout::kTerminated) {
-        ++terminated;
-        EXPECT_EQ(r.inputs.position[next], r.inputs.goal[i]);
-        EXPECT_EQ(r.reward[i], 1.0f);
-      } else {
-        EXPECT_LE(r.reward[i], 0.0f);
-      }
-      if (r.ended[i] != Rollout::kTruncated) continue;
-      ++truncated;
-      one.copy_column(r.inputs, t * 4 + a + 4, 0);
-      one.goal[0] = r.inputs.goal[i];
-      one.previous_action[0] = r.action[i];
-      one.first[0] = 0;
-      agent.network->forward(agent.parameters, one, state, *workspace);
-      EXPECT_NEAR(workspace->heads.values(0), r.final_value[i], 1e-5);
-    }
-  }
-  EXPECT_GT(terminated, 0);
-  EXPECT_GT(truncated, 0);
-}
-
-/// Seen again in the same episode a place looks the same, whichever noise it is that stays.
-TEST(Trainer, DisguisesFramesTheSameWayAllThroughAnEpisode) {
-  for (const std::string noise : {"noise-place", "noise-episode"}) {
-    SCOPED_TRACE(noise);
-    const Traversal city = small_city();
-    TrainerOptions options = small("features");
-    options.learner = "recorder";
-    options.learner_parameters.clear();
-    options.trainer_parameters["noise-frame"] = options.trainer_parameters["noise-episode"] = 0;
-    options.trainer_parameters[noise] = 2;
-    Loop loop(city, options);
-    loop.update();
-    const Rollout& r = Recorder::last;
-    // What was added, seen from the frame as it is.
-    const auto added = [&](int column) -> Vector<float> {
-      const std::span<const float> plain = city.feature(r.inputs.position[static_cast<std::size_t>(column)]);
-      const Eigen::Map<const Vector<float>> frame(plain.data(), static_cast<std::ptrdiff_t>(plain.size()));
-      return r.inputs.features_of(column) / r.inputs.features_of(column).dot(frame) - frame / frame.squaredNorm();
-    };
-    bool differs = false, places_differ = false;
-    for (int column = 0; column < 96; ++column) {
-      EXPECT_NEAR(r.inputs.features_of(column).norm(), 1, 1e-5);
-      for (int earlier = column % 4; earlier < column; earlier += 4) {
-        const auto c = static_cast<std::size_t>(column), e = static_cast<std::size_t>(earlier);
-        bool same_episode = true;
-        for (int between = earlier + 4; between <= column; between += 4)
-          same_episode &= !r.inputs.first[static_cast<std::size_t>(between)];
-        if (r.inputs.position[c] != r.inputs.position[e]) {
-          const Vector<float> one = added(column).normalized(), other = added(earlier).normalized();
-          places_differ |= same_episode && std::abs(one.dot(other)) < 0.5f;
-          continue;
-        }
-        const bool alike = r.inputs.features_of(column).isApprox(r.inputs.features_of(earlier), 1e-5f);
-        if (same_episode) {
-          EXPECT_TRUE(alike);
-        }
-        differs |= !alike;
-      }
-    }
-    EXPECT_TRUE(differs);
-    EXPECT_EQ(places_differ, noise == "noise-place");
-  }
-}
-
 TEST(Trainer, GoesThroughTheLessons) {
   const Traversal city = small_city();
-  TrainerOptions options = small("baseline");
+  TrainerOptions options = small_options("baseline");
   options.curriculum = true;
   options.learner_parameters["learning-rate"] = 3e-3;
   Loop loop(city, options, 2, 8);
@@ -470,7 +294,7 @@ msg::Observation without(const msg::Observation& all, const std::set<std::size_t
 /// Those whose tasks are done disturb nobody.
 TEST_P(EachNetwork, ActsAsIfIdleAgentsWereNotThere) {
   const Traversal city = small_city_for(GetParam());
-  TrainerOptions options = small(GetParam());
+  TrainerOptions options = small_options(GetParam());
   Loop loop(city, options, 1, 6);
   loop.update();
   const TrainedAgent agent = loop.trainer.agent();
@@ -509,7 +333,7 @@ TEST_P(EachNetwork, ActsAsIfIdleAgentsWereNotThere) {
 /// Each network learns the small city, looking at it, within its budget of steps. (A blind sweep has SPL 0.85 or less.)
 TEST_P(EachNetwork, LearnsTheSmallCity) {
   const Traversal city = small_city_for(GetParam());
-  TrainerOptions options = small(GetParam());
+  TrainerOptions options = small_options(GetParam());
   if (GetParam() != "place_filter") options.network_parameters = {{"hidden", 64}, {"cells", 32}};
   if (GetParam() == "raw_images") options.network_parameters["side"] = 28, options.network_parameters["maps"] = 4;
   options.learner_parameters = {{"learning-rate", 3e-3}, {"minibatch", 8}, {"entropy-until", 0.7}, {"gamma", 0.95}};
@@ -541,7 +365,7 @@ double spl_without_turning(const Traversal& city) {
 TEST(PlaceFilter, LearnsToTurnAtCrossings) {
   const Traversal city = crossed(small_city());
   ASSERT_LT(spl_without_turning(city), 0.85);
-  TrainerOptions options = small("place_filter");
+  TrainerOptions options = small_options("place_filter");
   options.learner_parameters = {{"learning-rate", 3e-3}, {"minibatch", 8}, {"gamma", 0.95}};
   options.trainer_parameters = {{"segment", 32},      {"sequence", 16},     {"steps", 80000},
                                 {"noise-frame", 0.3}, {"noise-place", 0.3}, {"noise-episode", 0.3}};

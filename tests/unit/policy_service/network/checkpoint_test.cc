@@ -9,18 +9,15 @@
 
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "tests/support/files.h"
+#include "tests/support/text.h"
 
-namespace citylearn {
+namespace citylearn::testing {
 namespace {
 
-class CheckpointFile : public testing::Test {
+class CheckpointFile : public ::testing::Test {
  protected:
-  void SetUp() override {
-    folder_ = std::filesystem::path(testing::TempDir()) /
-              ("checkpoint_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
-    std::filesystem::remove_all(folder_);
-    std::filesystem::create_directories(folder_);
-    path_ = folder_ / "one.clk";
+  CheckpointFile() {
     checkpoint_.header = {{"agent", "nobody"}, {"number", 0.1}};
     checkpoint_.tensors["a"] = Matrix<float>::Random(3, 5);
     checkpoint_.tensors["empty"] = Matrix<float>(0, 4);
@@ -29,19 +26,13 @@ class CheckpointFile : public testing::Test {
   /// Reading must fail with one line that names the file and says `what`.
   void expect_refused(const std::string& bytes, const std::string& what) {
     std::ofstream(path_, std::ios::binary) << bytes;
-    try {
-      read_checkpoint(path_);
-      FAIL() << "was read: " << what;
-    } catch (const Error& error) {
-      const std::string message = error.what();
-      EXPECT_NE(message.find(path_), std::string::npos) << message;
-      EXPECT_NE(message.find(what), std::string::npos) << message;
-      EXPECT_EQ(message.find('\n'), std::string::npos) << message;
-    }
+    const std::string message = error_of([&] { read_checkpoint(path_); });
+    EXPECT_TRUE(holds(message, path_));
+    EXPECT_TRUE(holds(message, what));
   }
 
-  std::filesystem::path folder_;
-  std::string path_;
+  Folder folder_;
+  const std::string path_ = folder_ / "one.clk";
   Checkpoint checkpoint_;
 };
 
@@ -90,10 +81,10 @@ TEST_F(CheckpointFile, OnlyTheNewestAreKept) {
   EXPECT_FALSE(newest_checkpoint(folder_ / "none"));
   const std::string kept = folder_ / "run";
   for (const std::uint64_t update : {5, 10, 95, 100}) write_checkpoint_of_update(kept, update, checkpoint_);
-  std::ofstream(std::filesystem::path(kept) / "checkpoint-999.clk.tmp") << "left by a crash";
-  EXPECT_EQ(newest_checkpoint(kept), (std::filesystem::path(kept) / "checkpoint-100.clk").string());
-  EXPECT_FALSE(std::filesystem::exists(std::filesystem::path(kept) / "checkpoint-5.clk"));
-  EXPECT_TRUE(std::filesystem::exists(std::filesystem::path(kept) / "checkpoint-10.clk"));
+  std::ofstream(kept + "/checkpoint-999.clk.tmp") << "left by a crash";
+  EXPECT_EQ(newest_checkpoint(kept), kept + "/checkpoint-100.clk");
+  EXPECT_FALSE(std::filesystem::exists(kept + "/checkpoint-5.clk"));
+  EXPECT_TRUE(std::filesystem::exists(kept + "/checkpoint-10.clk"));
 }
 
 TEST_F(CheckpointFile, AFailedWriteLeavesTheOldOnes) {
@@ -123,4 +114,4 @@ TEST_F(CheckpointFile, AnAgentNeedsItsHeader) {
 }
 
 }  // namespace
-}  // namespace citylearn
+}  // namespace citylearn::testing

@@ -19,6 +19,7 @@
 #include "policy_service/records/score.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/policy_service.h"
+#include "tests/support/options.h"
 #include "tests/support/service.h"
 #include "tests/support/some_agent.h"
 #include "tests/support/text.h"
@@ -29,7 +30,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest, std::uint32_t steps, bool completed) {
+msg::EpisodeStat episode(std::uint64_t number, std::uint32_t shortest = 1, std::uint32_t steps = 1,
+                         bool completed = true) {
   msg::EpisodeStat e;
   e.header().sender() = "env-summer";
   e.header().incarnation() = 7;
@@ -64,12 +66,12 @@ TEST(Score, OfNothingAndOfFailuresIsFinite) {
 TEST(EpisodeLog, RecordsOnceWhateverTheOrder) {
   Folder folder;
   EpisodeLog log(folder / "episodes.csv");
-  EXPECT_TRUE(log.record(episode(2, 1, 1, true)));
+  EXPECT_TRUE(log.record(episode(2)));
   EXPECT_EQ(log.recorded("env-summer", 7), 0u);
-  EXPECT_TRUE(log.record(episode(1, 1, 1, true)));
+  EXPECT_TRUE(log.record(episode(1)));
   EXPECT_EQ(log.recorded("env-summer", 7), 2u);
-  EXPECT_FALSE(log.record(episode(2, 1, 1, true)));
-  EXPECT_TRUE(log.record(episode(4, 1, 1, true)));
+  EXPECT_FALSE(log.record(episode(2)));
+  EXPECT_TRUE(log.record(episode(4)));
   EXPECT_EQ(log.recorded("env-summer", 7), 2u) << "3 is missing";
   EXPECT_EQ(log.recorded("env-summer", 8), 0u) << "another incarnation";
   EXPECT_EQ(log.total(), 3u);
@@ -77,7 +79,7 @@ TEST(EpisodeLog, RecordsOnceWhateverTheOrder) {
 
 TEST(EpisodeLog, TakesUpWhereTheEnvironmentWasAcknowledged) {
   EpisodeLog log("");
-  msg::EpisodeStat late = episode(58, 1, 1, true);
+  msg::EpisodeStat late = episode(58);
   late.acknowledged() = 57;
   EXPECT_TRUE(log.record(late));
   EXPECT_EQ(log.recorded("env-summer", 7), 58u);
@@ -87,14 +89,13 @@ TEST(EpisodeLog, HasNoRowsOfWhatItPassesOver) {
   Folder folder;
   const std::string path = folder / "episodes.csv";
   EpisodeLog log(path);
-  log.skip(episode(1, 1, 1, true));
-  EXPECT_TRUE(log.record(episode(3, 1, 1, true)));
-  log.skip(episode(2, 1, 1, true));
+  log.skip(episode(1));
+  EXPECT_TRUE(log.record(episode(3)));
+  log.skip(episode(2));
   EXPECT_EQ(log.recorded("env-summer", 7), 3u) << "nothing is missing";
-  EXPECT_FALSE(log.record(episode(2, 1, 1, true)));
+  EXPECT_FALSE(log.record(episode(2)));
   EXPECT_EQ(log.total(), 1u);
-  const std::string text = read_file(path);
-  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 2) << text;
+  EXPECT_EQ(lines_of(read_file(path)).size(), 2u);
 }
 
 TEST(EpisodeLog, SurvivesAKillInTheMiddleOfARow) {
@@ -102,8 +103,8 @@ TEST(EpisodeLog, SurvivesAKillInTheMiddleOfARow) {
   const std::string path = folder / "episodes.csv";
   {
     EpisodeLog log(path);
-    log.record(episode(1, 1, 1, true));
-    log.record(episode(2, 1, 1, true));
+    log.record(episode(1));
+    log.record(episode(2));
     log.recorded("env-summer", 7);
   }
   std::string text = read_file(path);
@@ -112,8 +113,8 @@ TEST(EpisodeLog, SurvivesAKillInTheMiddleOfARow) {
   EpisodeLog log(path);
   EXPECT_EQ(log.total(), 2u);
   EXPECT_EQ(fs::file_size(path), whole);
-  EXPECT_FALSE(log.record(episode(2, 1, 1, true)));
-  EXPECT_TRUE(log.record(episode(3, 1, 1, true)));
+  EXPECT_FALSE(log.record(episode(2)));
+  EXPECT_TRUE(log.record(episode(3)));
 }
 
 TEST(EpisodeLog, RefusesAForeignFile) {
@@ -139,22 +140,14 @@ TEST(MetricsLog, ForgetsWhatCameAfterTheCheckpoint) {
   std::ofstream(path, std::ios::app) << "6,1";
   MetricsLog log(path, 3);
   EXPECT_DOUBLE_EQ(log.wall(), 6);
-  std::ifstream in(path);
-  std::string line;
-  int rows = 0;
-  while (std::getline(in, line)) ++rows;
-  EXPECT_EQ(rows, 4);
+  EXPECT_EQ(lines_of(read_file(path)).size(), 4u);
 }
 
 /// Two nodes in this process.
 class RunAnnouncerTest : public ::testing::Test {
  protected:
   static Node::Options options(const std::string& id) {
-    Node::Options options;
-    options.middleware.name = "inprocess";
-    options.service = options.id = id;
-    options.session = "run-record-" + std::to_string(getpid());
-    return options;
+    return {middleware_options("inprocess"), id, id, "run-record-" + std::to_string(getpid())};
   }
   RunAnnouncerTest() {
     watcher.create_reader<msg::RunInfo>();
@@ -199,11 +192,11 @@ TEST_F(RunAnnouncerTest, AnnouncesTheRunFromItsStartToItsEnd) {
   EXPECT_EQ(std::string(info.manifest().begin(), info.manifest().end()), "{\"a\": 1}");
   record.handle();
   EXPECT_FALSE(take_info()) << "not all the time";
-  const Clock::time_point deadline = Clock::now() + kPatience;
-  while (!take_info() && Clock::now() < deadline) {
+  const auto turn = [&] {
     policy.wait(Clock::now() + milliseconds(20));
     record.handle();
-  }
+  };
+  EXPECT_TRUE(eventually(turn, [&] { return take_info(); }));
   EXPECT_EQ(info.header().message(), 2u) << "again after a while";
   record.end();
   ASSERT_TRUE(take_info());
@@ -258,12 +251,11 @@ TEST_F(RunAnnouncerTest, AHeartBeatsWhileTheNodesThreadComputes) {
   int beats = 0;
   // Work that ends when two heartbeats were heard, a second apart.
   const bool heard = heart.run([&] {
-    const Clock::time_point deadline = Clock::now() + kPatience;
-    while (beats < 2 && Clock::now() < deadline) {
-      watcher.wait(Clock::now() + milliseconds(20));
-      while (watcher.take(status)) beats += status.header().sender() == "policy";
-    }
-    return beats >= 2;
+    return eventually([&] { watcher.wait(Clock::now() + milliseconds(20)); },
+                      [&] {
+                        while (watcher.take(status)) beats += status.header().sender() == "policy";
+                        return beats >= 2;
+                      });
   });
   EXPECT_TRUE(heard);
   policy.report(msg::RUNNING, "its own again");
@@ -345,11 +337,16 @@ TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
   EXPECT_TRUE(contains(refusal(options), "--initial")) << "the way to train a checkpoint's agent further";
 }
 
-TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
-  const int frames = 24, dimension = 8, first = 5;
+ControlTask some_control_task(int first, int frames, int dimension) {
   Random random(3);
   ControlTask task{first, frames, dimension, {}};
   for (int i = 0; i < frames * dimension; ++i) task.reference.push_back(static_cast<float>(random.normal()));
+  return task;
+}
+
+TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
+  const int frames = 24, dimension = 8, first = 5;
+  ControlTask task = some_control_task(first, frames, dimension);
   ASSERT_EQ(ControlRegistry::instance().entries().size(), 3u);
   for (const auto* entry : ControlRegistry::instance().entries()) {
     const auto policy = entry->create(Parameters(entry->name, entry->parameters, {}), task);
@@ -380,9 +377,7 @@ TEST(Evaluation, RefusesAnAgentThatKnowsAMap) {
 
 TEST(Controls, TakeTheShortestWayOnAMap) {
   const int frames = 24, dimension = 8, first = 5;
-  Random random(3);
-  ControlTask task{first, frames, dimension, {}};
-  for (int i = 0; i < frames * dimension; ++i) task.reference.push_back(static_cast<float>(random.normal()));
+  ControlTask task = some_control_task(first, frames, dimension);
   for (int i = 0; i < frames; ++i) task.turns.push_back(i);
   std::swap(task.turns[3], task.turns[14]);
   task.turns[8] = 17;  // three roads: 8 -> 17 -> 21 -> 8

@@ -97,8 +97,7 @@ TEST(Tables, PutRunsSideBySideAndControlsOnce) {
   finished_run(folder / "second", "features", "other", 0.944, nullptr);
   const std::string text = tables_of({folder / "first/", folder / "second/summary.json"});
   const auto line_with = [&text](const std::string& wanted) {
-    std::istringstream lines(text);
-    for (std::string line; std::getline(lines, line);)
+    for (const std::string& line : lines_of(text))
       if (line.find(wanted) != std::string::npos) return line;
     return std::string("no line with ") + wanted + " in\n" + text;
   };
@@ -107,9 +106,7 @@ TEST(Tables, PutRunsSideBySideAndControlsOnce) {
   EXPECT_TRUE(contains(line_with("| second"), "other")) << text;
   EXPECT_TRUE(contains(line_with("| 40000"), "| 141 ")) << text;
   EXPECT_TRUE(contains(text, "features, shuffled"));
-  std::size_t blind = 0;
-  for (std::size_t at = text.find("blind"); at != std::string::npos; at = text.find("blind", at + 1)) ++blind;
-  EXPECT_EQ(blind, 1u) << text;
+  EXPECT_EQ(occurrences(text, "blind"), 1) << text;
 }
 
 TEST(Tables, NameWhatIsNoRun) {

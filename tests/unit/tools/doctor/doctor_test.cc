@@ -11,6 +11,7 @@
 #include "core/util/wall_clock.h"
 #include "core/wire/node.h"
 #include "tests/paths.h"
+#include "tests/support/options.h"
 #include "tests/support/service.h"
 #include "tools/doctor/findings.h"
 
@@ -23,16 +24,6 @@ constexpr std::uint32_t kDomain = 62;  // and the next one
 
 class Doctor : public ::testing::Test {
  protected:
-  Doctor() { options_.name = "inprocess", options_.domain = kDomain; }
-
-  Node::Options node(const std::string& id) const {
-    Node::Options options;
-    options.middleware = options_;
-    options.service = "env_service";
-    options.id = id;
-    options.session = "walk";
-    return options;
-  }
   /// A heartbeat that its sender wrote so many seconds ago.
   static msg::ServiceStatus heartbeat(const std::string& id, double age, msg::State state = msg::RUNNING) {
     msg::ServiceStatus status;
@@ -58,14 +49,9 @@ class Doctor : public ::testing::Test {
     return "";
   }
 
-  MiddlewareOptions options_;
-  const std::unique_ptr<Middleware> middleware_ = create_middleware([] {
-    MiddlewareOptions options;
-    options.name = "inprocess";
-    options.domain = kDomain;
-    options.participant = "another";
-    return options;
-  }());
+  MiddlewareOptions options_ = testing::middleware_options("inprocess", kDomain);
+  const std::unique_ptr<Middleware> middleware_ =
+      create_middleware(testing::middleware_options("inprocess", kDomain, "another"));
   const std::unique_ptr<Publisher> publisher_ = middleware_->create_publisher(topic_of<msg::ServiceStatus>());
 };
 
@@ -122,11 +108,7 @@ TEST_F(Doctor, AlarmsFailuresTypesAndProtocolsAreProblems) {
   old->publish(bytes);
   Topic wrong = topic_of<msg::Action>();
   wrong.type = "citylearn::msg::Reaction";
-  const auto writer = create_middleware([&] {
-    MiddlewareOptions options = options_;
-    options.participant = "stranger";
-    return options;
-  }());
+  const auto writer = create_middleware(testing::middleware_options("inprocess", kDomain, "stranger"));
   const auto stranger = writer->create_publisher(wrong);
   const Findings findings = examine(options_, "", 0.3);
   EXPECT_EQ(problem_with("alarmed", findings), "service 'alarmed' of session 'walk': checkpoint: the disk is full");
@@ -169,13 +151,7 @@ TEST(DoctorProgram, OneLineAndStatusOneWhenAServiceIsNotThere) {
 
 TEST(DoctorProgram, FindsAServiceOfTheOtherVendor) {
   const Folder folder;
-  Node::Options options;
-  options.middleware.domain = kDomain;
-  options.middleware.name = "cyclonedds";
-  options.service = "env_service";
-  options.id = "env";
-  options.session = "walk";
-  Node node(options);
+  Node node({testing::middleware_options("cyclonedds", kDomain), "env_service", "env", "walk"});
   testing::Service doctor({CITYLEARN_DOCTOR, "--service", "env", "--session", "walk", "--seconds", "20", "--domain",
                            std::to_string(kDomain), "--middleware", "fastdds"},
                           folder / "log");

@@ -15,93 +15,81 @@ namespace {
 
 using citylearn::testing::Folder;
 
-Unit counted(int number, int& times) {
-  return {"unit", {{"number", number}}, 1, [&times, number] {
-            ++times;
-            return Json(number * number);
-          }};
-}
-
-TEST(Work, IsDoneOnceAndFoundAgain) {
-  const Folder folder;
-  int times = 0;
-  {
-    Work work(folder / "work");
-    work.add(counted(3, times));
-    work.add(counted(3, times));
-    work.add(counted(4, times));
-    EXPECT_EQ(work.units(), 2);
-    EXPECT_TRUE(work.run());
-    EXPECT_EQ(work.outcome({{"number", 4}}), 16);
+class WorkTest : public ::testing::Test {
+ protected:
+  /// Counts how often it is done.
+  Unit counted(int number) {
+    return {"unit", {{"number", number}}, 1, [this, number] {
+              ++times;
+              return Json(number * number);
+            }};
   }
+  static Json fail() { throw Error("cannot be done"); }
+
+  const Folder folder;
+  Work work{folder / "work"};
+  int times = 0;
+};
+
+TEST_F(WorkTest, IsDoneOnceAndFoundAgain) {
+  work.add(counted(3));
+  work.add(counted(3));
+  work.add(counted(4));
+  EXPECT_EQ(work.units(), 2);
+  EXPECT_TRUE(work.run());
+  EXPECT_EQ(work.outcome({{"number", 4}}), 16);
   Work again(folder / "work");
-  again.add(counted(3, times));
-  again.add(counted(5, times));
+  again.add(counted(3));
+  again.add(counted(5));
   EXPECT_TRUE(again.run());
   EXPECT_EQ(times, 3);
   EXPECT_EQ(again.outcome({{"number", 3}}), 9);
   EXPECT_TRUE(again.outcome({{"number", 4}}).is_null()) << "not asked for by this run";
 }
 
-TEST(Work, WhatFailsOrIsDamagedIsDoneAgain) {
-  const Folder folder;
-  int times = 0;
-  {
-    Work work(folder / "work");
-    work.add({"bad", {{"bad", 1}}, 1, []() -> Json { throw Error("cannot be done"); }});
-    work.add(counted(2, times));
-    EXPECT_FALSE(work.run());
-    EXPECT_TRUE(work.outcome({{"bad", 1}}).is_null());
-    EXPECT_EQ(work.outcome({{"number", 2}}), 4) << "the others go on";
-  }
+TEST_F(WorkTest, WhatFailsOrIsDamagedIsDoneAgain) {
+  work.add({"bad", {{"bad", 1}}, 1, fail});
+  work.add(counted(2));
+  EXPECT_FALSE(work.run());
+  EXPECT_TRUE(work.outcome({{"bad", 1}}).is_null());
+  EXPECT_EQ(work.outcome({{"number", 2}}), 4) << "the others go on";
   for (const auto& file : std::filesystem::directory_iterator(folder / "work")) std::ofstream(file.path()) << "{\"half";
   Work again(folder / "work");
-  again.add(counted(2, times));
+  again.add(counted(2));
   EXPECT_TRUE(again.run());
   EXPECT_EQ(times, 2);
 }
 
-TEST(Work, WhatIsCompleteStaysWhenItStops) {
-  const Folder folder;
-  int times = 0;
-  {
-    Work work(folder / "work");
-    work.add(counted(2, times));
-    work.add({"stopped", {{"stopped", 1}}, 1, []() -> Json { throw Stopped{}; }});
-    EXPECT_THROW(work.run(), Stopped);
-  }
+TEST_F(WorkTest, WhatIsCompleteStaysWhenItStops) {
+  work.add(counted(2));
+  work.add({"stopped", {{"stopped", 1}}, 1, []() -> Json { throw Stopped{}; }});
+  EXPECT_THROW(work.run(), Stopped);
   Work again(folder / "work");
-  again.add(counted(2, times));
+  again.add(counted(2));
   EXPECT_TRUE(again.run());
   EXPECT_EQ(times, 1);
 }
 
-TEST(Work, WhatAnotherRunHasDoneMeanwhileIsNotDoneAgain) {
-  const Folder folder;
-  int times = 0;
+TEST_F(WorkTest, WhatAnotherRunHasDoneMeanwhileIsNotDoneAgain) {
   const auto other_run = [&]() -> Json {
     Work other(folder / "work");
-    other.add(counted(3, times));
+    other.add(counted(3));
     EXPECT_TRUE(other.run());
     return 1;
   };
-  Work work(folder / "work");
   work.add({"slow", {{"slow", 1}}, 1, other_run});
-  work.add(counted(3, times));
+  work.add(counted(3));
   EXPECT_TRUE(work.run());
   EXPECT_EQ(times, 1);
   EXPECT_EQ(work.outcome({{"number", 3}}), 9);
 }
 
-TEST(Work, ResultsAreWithoutWhatTheMachineDecides) {
+TEST_F(WorkTest, ResultsAreWithoutWhatTheMachineDecides) {
   const Json outcome = {
       {"seconds", 3}, {"rows", {{{"spl", 0.5}, {"seconds", {1, 2}}}, nullptr, 7}}, {"bytes", {{"a", 1}}}};
   EXPECT_EQ(repeatable(outcome), (Json{{"rows", {{{"spl", 0.5}}, nullptr, 7}}}));
-  const Folder folder;
-  Work work(folder / "work");
-  int times = 0;
   work.add({"timed", {{"timed", 1}}, 1, [&] { return Json{{"seconds", ++times}, {"spl", 1}}; }});
-  work.add({"bad", {{"bad", 1}}, 1, []() -> Json { throw Error("cannot be done"); }});
+  work.add({"bad", {{"bad", 1}}, 1, fail});
   EXPECT_FALSE(work.run());
   const Json results = Json::parse(work.results());
   ASSERT_EQ(results.size(), 2u);

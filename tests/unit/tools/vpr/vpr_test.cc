@@ -25,14 +25,10 @@ struct Ended {
 };
 
 Ended vpr(const std::string& arguments) {
-  Ended ended;
-  FILE* pipe = popen((CITYLEARN_VPR " " + arguments + " 2>&1").c_str(), "r");
-  if (!pipe) return ended;
-  std::array<char, 4096> part{};
-  while (const std::size_t size = std::fread(part.data(), 1, part.size(), pipe)) ended.text.append(part.data(), size);
-  const int status = pclose(pipe);
-  ended.status = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  return ended;
+  const Folder folder;
+  Service program(split(CITYLEARN_VPR " " + arguments, ' '), folder / "log");
+  const int status = program.wait(seconds(100)).value_or(-1);
+  return {status, program.output()};
 }
 
 /// summer.csv, and fall.csv with noise on it; 60 frames of 16 features.
@@ -48,10 +44,6 @@ void write_features(const Folder& folder) {
     }
 }
 
-std::size_t lines(const std::string& text) {
-  return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
-}
-
 TEST(VprTool, FeaturesNeedNoEncoder) {
   const Folder data, output;
   write_features(data);
@@ -61,7 +53,7 @@ TEST(VprTool, FeaturesNeedNoEncoder) {
                           output.path());
   ASSERT_EQ(ended.status, 0) << ended.text;
   const std::string csv = contents(output / "results.csv");
-  EXPECT_EQ(lines(csv), 1u + 2 * 2 * 4) << csv;
+  EXPECT_EQ(lines_of(csv).size(), 1u + 2 * 2 * 4) << csv;
   const nlohmann::json json = nlohmann::json::parse(contents(output / "results.json"));
   ASSERT_EQ(json["rows"].size(), 16u);
   for (const auto& row : json["rows"]) {
@@ -122,7 +114,7 @@ TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
   const Ended some = vpr(common + " --dimension 8,512");
   EXPECT_EQ(some.status, 0) << some.text;
   EXPECT_TRUE(contains(some.text, "512"));
-  EXPECT_EQ(lines(contents(output / "results.csv")), 2u);
+  EXPECT_EQ(lines_of(contents(output / "results.csv")).size(), 2u);
   EXPECT_EQ(vpr(common + " --dimension 512").status, 1);
 }
 
@@ -133,7 +125,7 @@ TEST(VprTool, ComplainsInOneLine) {
   const auto complaint = [&](const std::string& arguments, int status) {
     const Ended ended = vpr(common + arguments);
     EXPECT_EQ(ended.status, status) << arguments << ": " << ended.text;
-    EXPECT_EQ(lines(ended.text), 1u) << ended.text;
+    EXPECT_EQ(lines_of(ended.text).size(), 1u) << ended.text;
     return ended.text;
   };
   EXPECT_TRUE(contains(complaint("--method nearst", 1), "known: nearest"));

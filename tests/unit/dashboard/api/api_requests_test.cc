@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+// The dashboard's REST API: what is alive, wrong requests, and many at once.
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <filesystem>
+#include <random>
+#include <thread>
+
+#include "tests/support/service.h"
+#include "tests/unit/dashboard/api/api_fixture.h"
+
+namespace citylearn::testing {
+namespace {
+
+TEST_F(ApiTest, WhatIsAlive) {
+  EXPECT_EQ(json({"services"})["services"][0]["id"], "env-summer");
+  EXPECT_EQ(json({"map", "00000000000000ab"})["frames"], 2);
+  const Answer coming = ask({"map", "00000000000000cd"});
+  EXPECT_EQ(coming.status, 503);
+  ASSERT_EQ(coming.headers.size(), 1u);
+  EXPECT_EQ(coming.headers[0].first, "Retry-After");
+  expect_error(404, "00000000000000ef", {"map", "00000000000000ef"});
+  const Answer picture = ask({"frames", "00000000000000ab", "7"});
+  EXPECT_EQ(picture.status, 200);
+  EXPECT_EQ(picture.type, "image/jpeg");
+  EXPECT_EQ(picture.body, "\xFF\xD8");
+  EXPECT_TRUE(contains(picture.headers.at(0).second, "immutable"));
+  EXPECT_EQ(ask({"frames", "00000000000000ab", "8"}).status, 503);
+  EXPECT_EQ(ask({"frames", "00000000000000ab", "9"}).status, 404);
+  for (const std::string hash :
+       {"", "ab", "00000000000000AB", "00000000000000ag", "-0000000000000ab", "../../etc/passwd"})
+    expect_error(400, "hash", {"frames", hash, "7"});
+  for (const std::string index : {"", "-1", "7x", "99999999999"})
+    expect_error(400, "index", {"frames", "00000000000000ab", index});
+}
+
+TEST_F(ApiTest, NothingAliveIsNoError) {
+  Api alone(options_, store_, nullptr);
+  EXPECT_EQ(alone.answer({"GET", {"services"}, {}}).status, 200);
+  EXPECT_EQ(alone.answer({"GET", {"events"}, {}}).status, 200);
+  EXPECT_EQ(alone.answer({"GET", {"map", "00000000000000ab"}, {}}).status, 404);
+}
+
+TEST_F(ApiTest, EventsOfBothNewestFirst) {
+  store_.record(Event{1, "demo", "policy", "run", "begins"});
+  store_.record(Event{3, "", "dashboard", "alarm", "nothing is recorded"});
+  store_.record(Event{2, "demo", "env-summer", "lost", "no heartbeat"});  // as the live one
+  const Json events = json({"events"})["events"];
+  ASSERT_EQ(events.size(), 3u);
+  EXPECT_EQ(sorted(keys(events[0])), sorted({"time", "session", "service", "kind", "text"}));
+  EXPECT_EQ(events[0]["kind"], "alarm");
+  EXPECT_EQ(events[2]["kind"], "run");
+  EXPECT_EQ(json({"events"}, {{"limit", "1"}})["events"].size(), 1u);
+}
+
+TEST_F(ApiTest, About) {
+  store_.record(episodes(1, 3));
+  const Json about = json({"about"});
+  EXPECT_EQ(sorted(keys(about)), sorted({"version", "vendor", "session", "domain", "store", "recording"}));
+  EXPECT_EQ(about["vendor"], "cyclonedds");
+  EXPECT_EQ(about["domain"], 42);
+  EXPECT_EQ(about["recording"], true);
+  EXPECT_EQ(about["store"]["episodes"], 3);
+  EXPECT_EQ(about["store"]["file"], store_.path());
+  EXPECT_GT(about["store"]["bytes"].get<std::uint64_t>(), 10'000u);
+}
+
+TEST_F(ApiTest, DeletesARun) {
+  store_.record(run_info());
+  expect_error(409, "is running", {"runs", id_}, {}, "DELETE");
+  msg::RunInfo end = run_info(0, 500, 2);
+  end.ended(true);
+  store_.record(end);
+  const Answer answer = ask({"runs", id_}, {}, "DELETE");
+  EXPECT_EQ(answer.status, 204);
+  EXPECT_EQ(answer.body, "");
+  expect_error(404, id_, {"runs", id_}, {}, "DELETE");
+  expect_error(404, id_, {"runs", id_, "training"});
+}
+
+TEST_F(ApiTest, WrongRequestsAreToldWhatIsWrong) {
+  store_.record(run_info());
+  store_.record(training_stats(1, 3));
+  const std::vector<std::string> training = {"runs", id_, "training"}, episodes = {"runs", id_, "episodes"};
+  expect_error(400, "'points'", training, {{"points", "9"}});
+  expect_error(400, "10..20000", training, {{"points", "20001"}});
+  expect_error(400, "'points'", training, {{"points", "1e3"}});
+  expect_error(400, "'points'", training, {{"points", ""}});
+  expect_error(400, "'x'", training, {{"x", "reward"}});
+  expect_error(400, "'columns' names 'rewards'", training, {{"columns", "spl,rewards"}});
+  expect_error(400, "'columns' names ''", training, {{"columns", "spl,"}});
+  expect_error(400, "twice", training, {{"columns", "spl,spl"}});
+  expect_error(400, "'from'", training, {{"from", "nan"}});
+  expect_error(400, "'to'", training, {{"to", "inf"}});
+  expect_error(400, "'column' is not known", training, {{"column", "spl"}});
+  expect_error(400, "'limit'", episodes, {{"limit", "0"}});
+  expect_error(400, "'before'", episodes, {{"before", "-1"}});
+  expect_error(400, "'before' goes with", episodes, {{"before", "1"}, {"order", "worst"}});
+  expect_error(400, "'order'", episodes, {{"order", "best"}});
+  expect_error(400, "'evaluation'", episodes, {{"evaluation", "true"}});
+  expect_error(400, "'update'", episodes, {{"update", "99999999999999999999"}});
+  expect_error(400, "'frames' is missing", {"controls"}, {{"max_steps", "5"}});
+  expect_error(400, "'max_steps'", {"controls"}, {{"frames", "5"}, {"max_steps", "0"}});
+  expect_error(400, "'frames'", {"controls"}, {{"frames", "1"}, {"max_steps", "5"}});
+  expect_error(400, "'limit'", {"events"}, {{"limit", "x"}});
+  expect_error(400, "'y' is not known", {"runs"}, {{"y", "1"}});
+  expect_error(404, "nothing of this name", {});
+  expect_error(404, "nothing of this name", {"passwd"});
+  expect_error(404, "nothing of this name", {"runs", id_, "training", "more"});
+  expect_error(404, "a run has no 'secrets'", {"runs", id_, "secrets"});
+  expect_error(404, "run 'nobody' not found", {"runs", "nobody"});
+  expect_error(405, "POST", {"runs"}, {}, "POST");
+  expect_error(405, "DELETE", {"events"}, {}, "DELETE");
+  EXPECT_EQ(ask({"runs", id_}, {}, "PUT").headers.at(0).second, "GET, DELETE");
+}
+
+TEST_F(ApiTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
+  store_.record(run_info());
+  store_.record(training_stats(1, 50));
+  store_.record(episodes(1, 50));
+  std::vector<std::string> words = split(
+      "runs,episodes,training,training.csv,evaluations,controls,services,events,map,frames,recognition,about,demo,1,0,-"
+      "1,"
+      "%,..,../../etc/passwd,00000000000000ab,curve,matrix,nan,1e999,' OR 1=1 --,x'; DROP TABLE episodes; --",
+      ',');
+  words.insert(words.end(), {id_, "", "\xFF\xFE", std::string(5000, 'A'), std::string("a\0b", 3), "\"\\\n"});
+  const std::vector<std::string> names = split(
+      "columns,points,x,from,to,limit,before,evaluation,traversal,policy,update,completed,order,frames,max_steps,file,"
+      "shuffled,'; --",
+      ',');
+  std::mt19937 random(11);
+  const auto any = [&](const std::vector<std::string>& of) { return of[random() % of.size()]; };
+  int fine = 0;
+  for (int i = 0; i < 4000; ++i) {
+    Query query;
+    const std::size_t depth = random() % 4;
+    for (std::size_t segment = 0; segment < depth; ++segment) query.path.push_back(any(words));
+    if (random() % 2) query.path = {"runs", id_, random() % 2 ? "episodes" : "training"};
+    for (std::size_t parameter = random() % 3; parameter > 0; --parameter) query.parameters[any(names)] = any(words);
+    const Answer answer = api_.answer(query);
+    ASSERT_TRUE(answer.status == 200 || answer.status == 400 || answer.status == 404 || answer.status == 503)
+        << answer.status;
+    if (answer.type == "application/json") {
+      ASSERT_TRUE(Json::accept(answer.body)) << answer.body.substr(0, 200);
+    }
+    fine += answer.status == 200;
+  }
+  EXPECT_GT(fine, 100);
+  EXPECT_EQ(json({"runs", id_})["recorded_episodes"], 50);
+  EXPECT_EQ(json({"runs", id_, "episodes"})["total"], 50);
+}
+
+TEST_F(ApiTest, ManyAskAtOnceWhileItIsWritten) {
+  store_.record(run_info());
+  std::atomic<bool> done = false;
+  std::vector<std::thread> readers;
+  std::atomic<int> wrong = 0, answers = 0;
+  for (int i = 0; i < 4; ++i)
+    readers.emplace_back([&] {
+      while (!done) {
+        const Json all = Json::parse(api_.answer({"GET", {"runs", id_, "episodes.json"}, {}}).body);
+        // What is committed together is seen together.
+        wrong += all["total"] != all["episodes"].size() || all["episodes"].size() % 50 != 0;
+        ++answers;
+      }
+    });
+  for (std::uint64_t first = 1; first <= 1000; first += 50) store_.record(episodes(first, first + 49));
+  EXPECT_TRUE(poll_until([&] { return answers >= 8; }, seconds(20)));
+  done = true;
+  for (std::thread& reader : readers) reader.join();
+  EXPECT_EQ(wrong, 0);
+}
+
+TEST_F(ApiTest, Recognition) {
+  EXPECT_EQ(json({"recognition"})["results"], Json::array());
+  const std::string root = folder_ / "recognition";
+  std::filesystem::create_directories(root + "/something");
+  write_file(root + "/vpr-1/results.json", R"({"dataset":"nordland","rows":[{"auc":0.5}]})");
+  write_file(root + "/vpr-1/curves.json", R"({"curves":[]})");
+  write_file(root + "/vpr-1/similarity-b.png", "b");
+  write_file(root + "/vpr-1/similarity-a.png", "a");
+  write_file(root + "/vpr-2/results.json", "cut sho");
+  write_file(folder_ / "similarity-secret.png", "secret");
+  const Json results = json({"recognition"})["results"];
+  ASSERT_EQ(results.size(), 2u);
+  const Json& whole = results[results[0]["name"] == "vpr-1" ? 0 : 1];
+  const Json& broken = results[results[0]["name"] == "vpr-1" ? 1 : 0];
+  EXPECT_EQ(whole["dataset"], "nordland");
+  EXPECT_EQ(whole["file"], root + "/vpr-1/results.json");
+  EXPECT_EQ(whole["matrices"], Json::parse(R"(["similarity-a.png","similarity-b.png"])"));
+  EXPECT_TRUE(contains(broken["error"].get<std::string>(), "vpr-2/results.json"));
+  EXPECT_EQ(json({"recognition", "vpr-1", "curve"})["curves"], Json::array());
+  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}).body, "a");
+  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}, {{"file", "similarity-b.png"}}).body, "b");
+  EXPECT_EQ(ask({"recognition", "vpr-1", "matrix"}).type, "image/png");
+  expect_error(404, "'matrix'", {"recognition", "vpr-1", "matrix"}, {{"file", "../../similarity-secret.png"}});
+  expect_error(404, "'curve'", {"recognition", "..", "curve"});
+  expect_error(404, "run it again", {"recognition", "vpr-2", "curve"});
+  expect_error(404, "'rows'", {"recognition", "vpr-1", "rows"});
+}
+
+}  // namespace
+}  // namespace citylearn::testing
