@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::bench {
 

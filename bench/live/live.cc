@@ -13,7 +13,7 @@
 
 #include "bench/bench.h"
 #include "dashboard/http/server.h"
-#include "tests/support/web_client.h"
+#include "tests/support/web/web_client.h"
 
 namespace {
 

@@ -14,7 +14,7 @@
 #include "bench/bench.h"
 #include "bench/roundtrip/bare.h"
 #include "core/wire/node.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace {
 

@@ -12,8 +12,8 @@
 #include "core/util/error.h"
 #include "dashboard/api/api.h"
 #include "dashboard/store/recorder.h"
-#include "tests/support/records.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/records/records.h"
 
 namespace {
 

@@ -6,8 +6,8 @@
 #include <cctype>
 #include <set>
 
-#include "tests/support/env.h"
-#include "tests/support/service.h"
+#include "tests/support/env/env.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "encoder_service/encoding/encoder.h"
-#include "tests/support/sample_pictures.h"
+#include "tests/support/data/sample_pictures.h"
 
 namespace citylearn::testing {
 namespace {

@@ -9,7 +9,7 @@
 
 #include "policy_service/learning/trainer.h"
 #include "tests/contract/random_rollout.h"
-#include "tests/support/small_city.h"
+#include "tests/support/networks/small_city.h"
 
 namespace {
 std::atomic<std::size_t> allocations{0};

@@ -4,7 +4,7 @@
 
 #include "core/util/error.h"
 #include "policy_service/network/agent_network.h"
-#include "tests/support/small_networks.h"
+#include "tests/support/networks/small_networks.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -10,7 +10,7 @@
 #include "env_service/dataset_io/selection.h"
 #include "env_service/files/files.h"
 #include "tests/fuzz/targets.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::fuzz {
 namespace {

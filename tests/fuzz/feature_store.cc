@@ -9,7 +9,7 @@
 #include <string>
 
 #include "tests/fuzz/targets.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::fuzz {
 namespace {

@@ -5,7 +5,7 @@
 
 #include "env_service/dataset_io/dataset.h"
 #include "tests/fuzz/targets.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::fuzz {
 

@@ -4,7 +4,7 @@
 #include "core/recording/mcap.h"
 #include "core/recording/wire_header.h"
 #include "tests/fuzz/targets.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::fuzz {
 

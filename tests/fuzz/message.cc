@@ -6,7 +6,7 @@
 #include "core/recording/wire_header.h"
 #include "core/wire/messages.h"
 #include "tests/fuzz/messages.h"
-#include "tests/support/samples.h"
+#include "tests/support/records/samples.h"
 
 // The sanitizers' own; absent where there is none. What decode() may allocate is then left to messages_test.
 extern "C" __attribute__((weak)) int __sanitizer_install_malloc_and_free_hooks(void (*allocated)(const volatile void*,

@@ -5,7 +5,7 @@
 #include <fstream>
 
 #include "tests/fuzz/targets.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::fuzz {
 

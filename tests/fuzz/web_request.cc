@@ -7,8 +7,8 @@
 #include "dashboard/http/access.h"
 #include "dashboard/http/target.h"
 #include "tests/fuzz/targets.h"
-#include "tests/support/records.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/records/records.h"
 
 namespace citylearn::fuzz {
 namespace {

@@ -6,8 +6,8 @@
 
 #include "core/util/error.h"
 #include "core/util/version.h"
-#include "tests/support/recordings.h"
-#include "tests/support/samples.h"
+#include "tests/support/records/recordings.h"
+#include "tests/support/records/samples.h"
 
 namespace {
 

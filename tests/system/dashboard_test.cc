@@ -4,9 +4,9 @@
 
 #include "core/util/random.h"
 #include "tests/paths.h"
-#include "tests/support/domain.h"
-#include "tests/support/server_fixture.h"
+#include "tests/support/processes/domain.h"
 #include "tests/support/text.h"
+#include "tests/support/web/server_fixture.h"
 
 namespace citylearn::testing {
 namespace {

@@ -7,10 +7,10 @@
 #include <regex>
 
 #include "tests/paths.h"
-#include "tests/support/domain.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/domain.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/records/witness.h"
 #include "tests/support/text.h"
-#include "tests/support/witness.h"
 
 namespace citylearn::testing {
 namespace {

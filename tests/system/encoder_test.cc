@@ -6,8 +6,8 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "tests/support/processes/trial.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
 
 namespace citylearn::testing {
 namespace {

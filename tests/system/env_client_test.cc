@@ -7,10 +7,10 @@
 #include <unistd.h>
 
 #include "core/util/random.h"
-#include "tests/support/env.h"
-#include "tests/support/env_service_thread.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/env_service_thread.h"
 #include "tests/support/options.h"
-#include "tests/support/samples.h"
+#include "tests/support/records/samples.h"
 #include "tests/support/text.h"
 #include "tests/support/wait.h"
 

@@ -6,10 +6,10 @@
 #include <fstream>
 
 #include "tests/paths.h"
-#include "tests/support/env.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/scripted_policy.h"
 #include "tests/support/options.h"
-#include "tests/support/scripted_policy.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

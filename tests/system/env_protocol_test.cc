@@ -2,11 +2,12 @@
 // One env_service and a scripted policy: over each vendor with the real program, over a transport that loses, repeats
 // and reorders, and within this process. Whatever happens on the way, the episodes are those of an Environment walked
 // by hand.
+#include "tests/support/env/env_protocol.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
 
-#include "tests/support/env_protocol.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -7,8 +7,8 @@
 #include <cstring>
 
 #include "core/wire/transfer.h"
-#include "tests/support/env_protocol.h"
-#include "tests/support/recorder.h"
+#include "tests/support/env/env_protocol.h"
+#include "tests/support/records/recorder.h"
 
 namespace citylearn::testing {
 namespace {

@@ -7,10 +7,10 @@
 #include <nlohmann/json.hpp>
 
 #include "core/util/random.h"
-#include "tests/support/ledger.h"
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/ledger.h"
+#include "tests/support/records/witness.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
-#include "tests/support/witness.h"
 
 namespace citylearn::testing {
 namespace {

@@ -4,11 +4,11 @@
 #include <gtest/gtest.h>
 
 #include "policy_service/network/checkpoint.h"
-#include "tests/support/ledger.h"
-#include "tests/support/private_machine.h"
+#include "tests/support/processes/private_machine.h"
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/ledger.h"
+#include "tests/support/records/witness.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
-#include "tests/support/witness.h"
 
 namespace citylearn::testing {
 namespace {

@@ -4,9 +4,9 @@
 
 #include <limits>
 
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/witness.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
-#include "tests/support/witness.h"
 
 namespace citylearn::testing {
 namespace {

@@ -4,8 +4,8 @@
 #include <iostream>
 
 #include "policy_service/run/policy_service.h"
-#include "tests/support/env.h"
-#include "tests/support/env_service_thread.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/env_service_thread.h"
 
 int main(int argc, char** argv) {
   using namespace citylearn;

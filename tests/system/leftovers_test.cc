@@ -3,8 +3,8 @@
 #include <gtest/gtest.h>
 
 #include "dashboard/store/database.h"
-#include "tests/support/private_machine.h"
-#include "tests/support/trial.h"
+#include "tests/support/processes/private_machine.h"
+#include "tests/support/processes/trial.h"
 
 namespace citylearn::testing {
 namespace {

@@ -3,7 +3,7 @@
 #include <map>
 
 #include "core/util/random.h"
-#include "tests/support/server_fixture.h"
+#include "tests/support/web/server_fixture.h"
 
 namespace citylearn::testing {
 namespace {

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "tests/paths.h"
-#include "tests/support/episodes_csv.h"
-#include "tests/support/hosts.h"
+#include "tests/support/processes/hosts.h"
+#include "tests/support/records/episodes_csv.h"
 #include "tests/support/text.h"
 #include "tests/support/wait.h"
 

@@ -10,7 +10,7 @@
 
 #include "core/util/sha256.h"
 #include "tests/paths.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 #include "tools/paper/work.h"
 

@@ -10,11 +10,11 @@
 
 #include "core/wire/node.h"
 #include "tests/paths.h"
-#include "tests/support/episodes_csv.h"
-#include "tests/support/recorder.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/episodes_csv.h"
+#include "tests/support/records/recorder.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
 
 namespace citylearn::testing {
 namespace {

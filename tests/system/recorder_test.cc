@@ -9,11 +9,11 @@
 #include "core/wire/node.h"
 #include "dashboard/store/database.h"
 #include "dashboard/store/store_reader.h"
-#include "tests/support/ledger.h"
-#include "tests/support/records.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/ledger.h"
+#include "tests/support/records/records.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
 
 namespace citylearn::testing {
 namespace {

@@ -6,10 +6,10 @@
 
 #include "dashboard/store/database.h"
 #include "tests/paths.h"
-#include "tests/support/recordings.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/recordings.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
 
 namespace citylearn::testing {
 namespace {

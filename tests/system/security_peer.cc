@@ -9,7 +9,7 @@
 
 #include "core/dds/middleware_internal.h"
 #include "core/util/error.h"
-#include "tests/support/peer.h"
+#include "tests/support/processes/peer.h"
 
 namespace citylearn {
 namespace {

@@ -19,10 +19,10 @@
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
 #include "tests/paths.h"
-#include "tests/support/keystore.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/keystore.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/processes/trial.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
 
 namespace citylearn::testing {
 namespace {

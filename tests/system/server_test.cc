@@ -5,8 +5,8 @@
 #include <regex>
 
 #include "core/util/random.h"
-#include "tests/support/server_fixture.h"
 #include "tests/support/text.h"
+#include "tests/support/web/server_fixture.h"
 
 namespace citylearn::testing {
 namespace {

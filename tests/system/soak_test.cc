@@ -7,10 +7,10 @@
 #include <cstdlib>
 
 #include "core/util/random.h"
-#include "tests/support/ledger.h"
-#include "tests/support/process_watch.h"
-#include "tests/support/trial.h"
-#include "tests/support/witness.h"
+#include "tests/support/processes/process_watch.h"
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/ledger.h"
+#include "tests/support/records/witness.h"
 
 namespace citylearn::testing {
 namespace {

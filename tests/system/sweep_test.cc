@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 
 #include "tests/paths.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/processes/trial.h"
 #include "tests/support/text.h"
-#include "tests/support/trial.h"
 
 namespace citylearn::testing {
 namespace {

@@ -7,8 +7,8 @@
 
 #include "core/wire/node.h"
 #include "tests/support/options.h"
-#include "tests/support/peer.h"
-#include "tests/support/samples.h"
+#include "tests/support/processes/peer.h"
+#include "tests/support/records/samples.h"
 
 namespace citylearn {
 namespace {

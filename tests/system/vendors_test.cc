@@ -5,10 +5,10 @@
 
 #include "core/wire/node.h"
 #include "tests/paths.h"
-#include "tests/support/domain.h"
 #include "tests/support/options.h"
-#include "tests/support/samples.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/domain.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/records/samples.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "tests/paths.h"
-#include "tests/support/domain.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/domain.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -11,7 +11,7 @@
 #include <random>
 #include <thread>
 
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -8,8 +8,8 @@
 
 #include "core/util/random.h"
 #include "env_service/environment.h"
-#include "tests/support/env.h"
-#include "tests/support/localisers.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/localisers.h"
 
 namespace citylearn::testing {
 namespace {

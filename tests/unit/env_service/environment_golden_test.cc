@@ -8,7 +8,7 @@
 #include <sstream>
 
 #include "tests/paths.h"
-#include "tests/support/env.h"
+#include "tests/support/env/env.h"
 
 namespace citylearn::testing {
 namespace {

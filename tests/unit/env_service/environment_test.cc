@@ -7,7 +7,7 @@
 #include <set>
 #include <tuple>
 
-#include "tests/support/env.h"
+#include "tests/support/env/env.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -7,7 +7,7 @@
 #include <set>
 
 #include "core/util/random.h"
-#include "tests/support/env.h"
+#include "tests/support/env/env.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {

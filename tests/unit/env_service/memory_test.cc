@@ -7,9 +7,9 @@
 #include <string>
 
 #include "env_service/dataset_io/selection.h"
-#include "tests/support/env.h"
-#include "tests/support/pictures.h"
-#include "tests/support/service.h"
+#include "tests/support/data/pictures.h"
+#include "tests/support/env/env.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::testing {
 namespace {

@@ -5,7 +5,7 @@
 #include <CLI/CLI.hpp>
 
 #include "env_service/dataset_io/selection.h"
-#include "tests/support/pictures.h"
+#include "tests/support/data/pictures.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -16,7 +16,7 @@
 #include "tests/fuzz/messages.h"
 #include "tests/fuzz/targets.h"
 #include "tests/paths.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::testing {
 namespace {

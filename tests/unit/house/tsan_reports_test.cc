@@ -5,7 +5,7 @@
 #include <fstream>
 
 #include "tests/paths.h"
-#include "tests/support/hosts.h"
+#include "tests/support/processes/hosts.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -13,8 +13,8 @@
 #include "core/util/error.h"
 #include "core/wire/messages.h"
 #include "tests/paths.h"
-#include "tests/support/keystore.h"
 #include "tests/support/options.h"
+#include "tests/support/processes/keystore.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -7,8 +7,8 @@
 #include "core/util/files.h"
 #include "policy_service/network/checkpoint.h"
 #include "tests/paths.h"
-#include "tests/support/service.h"
-#include "tests/support/small_city.h"
+#include "tests/support/networks/small_city.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

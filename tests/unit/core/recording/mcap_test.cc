@@ -12,9 +12,9 @@
 #include "core/recording/mcap_writer.h"
 #include "core/recording/wire_header.h"
 #include "core/util/error.h"
-#include "tests/support/recordings.h"
-#include "tests/support/samples.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/records/recordings.h"
+#include "tests/support/records/samples.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

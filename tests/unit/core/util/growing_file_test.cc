@@ -10,7 +10,7 @@
 #include "policy_service/interchange/event_log.h"
 #include "policy_service/records/episode_log.h"
 #include "policy_service/records/metrics_log.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -10,7 +10,7 @@
 #include <new>
 #include <set>
 
-#include "tests/support/samples.h"
+#include "tests/support/records/samples.h"
 #include "tests/support/text.h"
 
 // The largest single request, to see that hostile lengths do not make decode allocate.

@@ -10,7 +10,7 @@
 #include <set>
 
 #include "tests/support/options.h"
-#include "tests/support/samples.h"
+#include "tests/support/records/samples.h"
 
 namespace citylearn::testing {
 namespace {

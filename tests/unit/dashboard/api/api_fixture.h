@@ -10,7 +10,7 @@
 
 #include "dashboard/api/api.h"
 #include "tests/support/files.h"
-#include "tests/support/records.h"
+#include "tests/support/records/records.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

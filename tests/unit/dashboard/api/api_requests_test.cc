@@ -7,7 +7,7 @@
 #include <random>
 #include <thread>
 
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/unit/dashboard/api/api_fixture.h"
 
 namespace citylearn::testing {

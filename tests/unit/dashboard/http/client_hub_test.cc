@@ -9,7 +9,7 @@
 
 #include "core/util/error.h"
 #include "dashboard/live/runs_feed.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::testing {
 namespace {

@@ -12,7 +12,7 @@
 #include "dashboard/http/connections.h"
 #include "dashboard/http/page.h"
 #include "dashboard/http/target.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -13,12 +13,12 @@
 
 #include "core/util/image_header.h"
 #include "env_service/images/image_sources.h"
-#include "tests/support/env.h"
-#include "tests/support/env_service_thread.h"
-#include "tests/support/fake_images.h"
+#include "tests/support/data/fake_images.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/env_service_thread.h"
+#include "tests/support/env/scripted_policy.h"
 #include "tests/support/options.h"
-#include "tests/support/records.h"
-#include "tests/support/scripted_policy.h"
+#include "tests/support/records/records.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

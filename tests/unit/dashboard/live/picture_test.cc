@@ -5,7 +5,7 @@
 #include "core/util/image_header.h"
 #include "dashboard/live/live.h"
 #include "dashboard/live/picture_shrink.h"
-#include "tests/support/sample_pictures.h"
+#include "tests/support/data/sample_pictures.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -4,7 +4,7 @@
 
 #include "core/wire/presence.h"
 #include "dashboard/live/live.h"
-#include "tests/support/records.h"
+#include "tests/support/records/records.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {

@@ -9,8 +9,8 @@
 #include "dashboard/store/database.h"
 #include "dashboard/store/store_reader.h"
 #include "tests/support/options.h"
-#include "tests/support/records.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/records/records.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {

@@ -15,8 +15,8 @@
 #include "dashboard/store/database.h"
 #include "dashboard/store/schema.h"
 #include "dashboard/store/store_reader.h"
-#include "tests/support/records.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/records/records.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

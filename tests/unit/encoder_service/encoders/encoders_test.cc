@@ -7,7 +7,7 @@
 #include "encoder_service/encoding/encoder.h"
 #include "encoder_service/encoding/kmeans.h"
 #include "encoder_service/encoding/reduction.h"
-#include "tests/support/sample_pictures.h"
+#include "tests/support/data/sample_pictures.h"
 
 namespace citylearn::testing {
 namespace {

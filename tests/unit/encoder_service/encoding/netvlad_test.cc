@@ -8,9 +8,9 @@
 #include "core/util/random.h"
 #include "encoder_service/encoding/encoder.h"
 #include "encoder_service/encoding/netvlad_head.h"
-#include "tests/support/service.h"
+#include "tests/support/networks/tiny_onnx.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
-#include "tests/support/tiny_onnx.h"
 
 namespace citylearn::testing {
 namespace {

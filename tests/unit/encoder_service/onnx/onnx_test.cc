@@ -9,9 +9,9 @@
 #include "encoder_service/onnx/onnx_file.h"
 #include "encoder_service/onnx/onnx_network.h"
 #include "tests/paths.h"
-#include "tests/support/service.h"
+#include "tests/support/networks/tiny_onnx.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
-#include "tests/support/tiny_onnx.h"
 
 namespace citylearn::testing {
 namespace {

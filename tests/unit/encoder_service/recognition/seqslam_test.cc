@@ -12,7 +12,7 @@
 #include "encoder_service/recognition/evaluation.h"
 #include "encoder_service/recognition/sequence.h"
 #include "tests/paths.h"
-#include "tests/support/matfile.h"
+#include "tests/support/data/matfile.h"
 
 namespace citylearn::testing {
 namespace {

@@ -7,8 +7,8 @@
 #include <map>
 #include <numbers>
 
-#include "tests/support/env.h"
-#include "tests/support/fake_images.h"
+#include "tests/support/data/fake_images.h"
+#include "tests/support/env/env.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

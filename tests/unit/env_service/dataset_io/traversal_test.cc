@@ -6,7 +6,7 @@
 #include <limits>
 #include <set>
 
-#include "tests/support/env.h"
+#include "tests/support/env/env.h"
 
 namespace citylearn::testing {
 namespace {

@@ -4,7 +4,7 @@
 
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/files/files.h"
-#include "tests/support/layouts.h"
+#include "tests/support/data/layouts.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "env_service/images/panorama.h"
-#include "tests/support/layouts.h"
+#include "tests/support/data/layouts.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "tests/paths.h"
-#include "tests/support/layouts.h"
+#include "tests/support/data/layouts.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -4,9 +4,9 @@
 
 #include <cmath>
 
-#include "tests/support/env.h"
-#include "tests/support/pictures.h"
-#include "tests/support/service.h"
+#include "tests/support/data/pictures.h"
+#include "tests/support/env/env.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -5,7 +5,7 @@
 #include <filesystem>
 
 #include "tests/paths.h"
-#include "tests/support/env.h"
+#include "tests/support/env/env.h"
 #include "tests/support/files.h"
 #include "tests/support/text.h"
 

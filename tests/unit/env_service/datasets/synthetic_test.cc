@@ -7,8 +7,8 @@
 #include <set>
 
 #include "tests/paths.h"
-#include "tests/support/env.h"
-#include "tests/support/localisers.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/localisers.h"
 
 namespace citylearn::testing {
 namespace {

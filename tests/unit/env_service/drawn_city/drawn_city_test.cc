@@ -8,7 +8,7 @@
 #include <opencv2/imgproc.hpp>
 #include <set>
 
-#include "tests/support/env.h"
+#include "tests/support/env/env.h"
 
 namespace citylearn::testing {
 namespace {

@@ -9,8 +9,8 @@
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
-#include "tests/support/pictures.h"
-#include "tests/support/service.h"
+#include "tests/support/data/pictures.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

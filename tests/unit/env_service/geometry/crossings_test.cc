@@ -14,7 +14,7 @@
 #include "core/util/random.h"
 #include "core/wire/messages.h"
 #include "env_service/env_service.h"
-#include "tests/support/env.h"
+#include "tests/support/env/env.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -9,10 +9,10 @@
 
 #include "env_service/files/files.h"
 #include "tests/paths.h"
-#include "tests/support/env.h"
-#include "tests/support/fake_images.h"
-#include "tests/support/pictures.h"
-#include "tests/support/service.h"
+#include "tests/support/data/fake_images.h"
+#include "tests/support/data/pictures.h"
+#include "tests/support/env/env.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

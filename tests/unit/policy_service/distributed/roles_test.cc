@@ -6,7 +6,7 @@
 
 #include "policy_service/distributed/parameter_chunks.h"
 #include "policy_service/distributed/trajectories.h"
-#include "tests/support/small_city.h"
+#include "tests/support/networks/small_city.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -16,7 +16,7 @@
 #include <limits>
 
 #include "core/util/files.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

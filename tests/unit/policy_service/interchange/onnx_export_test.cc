@@ -16,8 +16,8 @@
 #include "policy_service/interchange/export.h"
 #include "policy_service/network/checkpoint.h"
 #include "tests/paths.h"
-#include "tests/support/service.h"
-#include "tests/support/some_agent.h"
+#include "tests/support/networks/some_agent.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -8,7 +8,7 @@
 #include "policy_service/learning/optimization/ppo_loss.h"
 #include "policy_service/network/checkpoint.h"
 #include "tests/paths.h"
-#include "tests/support/small_networks.h"
+#include "tests/support/networks/small_networks.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

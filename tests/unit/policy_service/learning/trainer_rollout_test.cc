@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "policy_service/learning/trainer.h"
-#include "tests/support/small_networks.h"
+#include "tests/support/networks/small_networks.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

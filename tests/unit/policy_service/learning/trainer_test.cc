@@ -13,7 +13,7 @@
 #include "core/util/files.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
-#include "tests/support/small_networks.h"
+#include "tests/support/networks/small_networks.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -7,7 +7,7 @@
 #include "core/util/random.h"
 #include "policy_service/learning/learners/relabel.h"
 #include "policy_service/learning/optimization/vtrace_loss.h"
-#include "tests/support/small_city.h"
+#include "tests/support/networks/small_city.h"
 
 namespace citylearn {
 namespace {

@@ -19,9 +19,9 @@
 #include "policy_service/records/score.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/policy_service.h"
+#include "tests/support/networks/some_agent.h"
 #include "tests/support/options.h"
-#include "tests/support/service.h"
-#include "tests/support/some_agent.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 #include "tests/support/wait.h"
 

@@ -12,7 +12,7 @@
 
 #include "core/util/error.h"
 #include "policy_service/records/comparison.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "tests/support/env.h"
-#include "tests/support/pictures.h"
-#include "tests/support/service.h"
+#include "tests/support/data/pictures.h"
+#include "tests/support/env/env.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -12,7 +12,7 @@
 #include "core/wire/node.h"
 #include "tests/paths.h"
 #include "tests/support/options.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tools/doctor/findings.h"
 
 namespace citylearn::doctor {

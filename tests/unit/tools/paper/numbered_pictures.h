@@ -4,7 +4,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "env_service/images/image_sources.h"
-#include "tests/support/fake_images.h"
+#include "tests/support/data/fake_images.h"
 
 namespace citylearn::paper {
 

@@ -8,7 +8,7 @@
 #include <fstream>
 
 #include "core/util/error.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::paper {
 namespace {

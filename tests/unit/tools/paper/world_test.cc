@@ -8,7 +8,7 @@
 
 #include "core/util/error.h"
 #include "encoder_service/encoding/encoder.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/unit/tools/paper/numbered_pictures.h"
 
 namespace citylearn::paper {

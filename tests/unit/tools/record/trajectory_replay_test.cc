@@ -5,9 +5,9 @@
 #include <gtest/gtest.h>
 
 #include "tests/support/options.h"
-#include "tests/support/recordings.h"
-#include "tests/support/records.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/records/recordings.h"
+#include "tests/support/records/records.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -13,7 +13,7 @@
 
 #include "core/util/random.h"
 #include "tests/paths.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -7,7 +7,7 @@
 #include <fstream>
 
 #include "core/util/random.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 #include "tests/unit/tools/paper/looped_recording.h"
 #include "tools/paper/sections/sections.h"
 

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::paper {
 namespace {

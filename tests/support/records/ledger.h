@@ -7,7 +7,7 @@
 #include <string>
 
 #include "dashboard/store/database.h"
-#include "tests/support/episodes_csv.h"
+#include "tests/support/records/episodes_csv.h"
 
 namespace citylearn::testing {
 

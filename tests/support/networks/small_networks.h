@@ -8,7 +8,7 @@
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/traversal.h"
 #include "policy_service/network/agent_network.h"
-#include "tests/support/small_city.h"
+#include "tests/support/networks/small_city.h"
 
 namespace citylearn {
 

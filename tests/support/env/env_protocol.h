@@ -10,11 +10,11 @@
 #include <vector>
 
 #include "tests/paths.h"
-#include "tests/support/env.h"
-#include "tests/support/env_service_thread.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/env_service_thread.h"
+#include "tests/support/env/scripted_policy.h"
 #include "tests/support/options.h"
-#include "tests/support/scripted_policy.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::testing {
 
@@ -35,7 +35,9 @@ inline constexpr Wire kWires[] = {{"cyclonedds", "cyclonedds", 40, false},
                                   {"lossy_inprocess", "inprocess", 44, true}};
 inline std::string wire_name(const ::testing::TestParamInfo<Wire>& wire) { return wire.param.name; }
 
-inline Traversal summer() { return make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer"); }
+inline Traversal summer() {
+  return make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
+}
 
 /// An env_service on traversal `summer` of a small synthetic city, as a program or (inprocess) as a thread.
 class Host {

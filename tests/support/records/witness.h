@@ -7,8 +7,8 @@
 #include <string>
 
 #include "core/wire/node.h"
-#include "tests/support/episodes_csv.h"
 #include "tests/support/options.h"
+#include "tests/support/records/episodes_csv.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {

@@ -14,8 +14,8 @@
 #include <nlohmann/json.hpp>
 
 #include "dashboard/http/server.h"
-#include "tests/support/service.h"
-#include "tests/support/web_client.h"
+#include "tests/support/processes/service.h"
+#include "tests/support/web/web_client.h"
 
 namespace citylearn::testing {
 

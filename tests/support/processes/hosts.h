@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::testing {
 

@@ -11,9 +11,9 @@
 
 #include "env_service/files/text_table.h"
 #include "env_service/images/image_sources.h"
-#include "tests/support/env.h"
-#include "tests/support/pictures.h"
-#include "tests/support/service.h"
+#include "tests/support/data/pictures.h"
+#include "tests/support/env/env.h"
+#include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
 // Small trees in the layouts of published datasets.

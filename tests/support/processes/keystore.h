@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "tests/paths.h"
-#include "tests/support/service.h"
+#include "tests/support/processes/service.h"
 
 namespace citylearn::testing {
 
