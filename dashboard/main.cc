@@ -147,7 +147,7 @@ int serve(CommandLine& line) {
     recorder.poll();
     live.poll();
     for (const std::string& text : playback ? playback->take_messages() : std::vector<std::string>()) {
-      const Event event{now_seconds(), "", line.node.id, "recording", text};
+      const Event event{seconds_since_epoch(), "", line.node.id, "recording", text};
       spdlog::info("{}", text);
       live.publish(event);
       try {

@@ -99,7 +99,7 @@ Answer Api::controls(const Query& query) {
 
 Answer Api::services() {
   if (live_) return json_answer(live_->services());
-  return json_answer({{"now", now_seconds()}, {"services", Json::array()}});
+  return json_answer({{"now", seconds_since_epoch()}, {"services", Json::array()}});
 }
 
 Answer Api::events(const Query& query) {

@@ -60,7 +60,7 @@ Json positions_of(const StoreReader::Replay& replay) {
 Json Api::run_json(const RunRow& row) {
   const Store::Liveness liveness = store_.liveness(row.id);
   const double last = std::max(row.last, liveness.last);
-  const bool heard = now_seconds() - last < options_.silence;
+  const bool heard = seconds_since_epoch() - last < options_.silence;
   const char* state = row.ended ? "ended" : heard ? "running" : row.policy ? "lost" : "ended";
   Json json = {{"id", row.name},
                {"session", row.session},

@@ -12,7 +12,7 @@ namespace {
 using Json = nlohmann::json;
 
 Event event_of(const msg::ServiceStatus& status, const char* kind, const std::string& text) {
-  return {now_seconds(), status.header().session().c_str(), status.header().sender().c_str(), kind, text};
+  return {seconds_since_epoch(), status.header().session().c_str(), status.header().sender().c_str(), kind, text};
 }
 
 std::string where(const msg::ServiceStatus& status) {
@@ -25,7 +25,7 @@ std::string where(const msg::ServiceStatus& status) {
 bool ServiceList::set(Service& service, const char* state) {
   if (std::strcmp(service.state, state) == 0) return false;
   service.state = state;
-  service.since = now_seconds();
+  service.since = seconds_since_epoch();
   return true;
 }
 
@@ -38,7 +38,7 @@ void ServiceList::on_message(const msg::ServiceStatus& status, Clock::time_point
   if (!first && is < before && !service.silent) return;
   const std::string state = service.state;
   if (first) {
-    service.since = now_seconds();
+    service.since = seconds_since_epoch();
     events.push_back(event_of(status, "started", where(status)));
   } else if (is > before) {
     events.push_back(event_of(status, "restarted", where(status)));
@@ -111,7 +111,7 @@ nlohmann::json ServiceList::json(Clock::time_point now) const {
                         {"alarm", status.alarm().c_str()},
                         {"since", service.since}});
   }
-  return {{"now", now_seconds()}, {"services", services}};
+  return {{"now", seconds_since_epoch()}, {"services", services}};
 }
 
 }  // namespace citylearn

@@ -33,7 +33,8 @@ bool Recorder::attempt(const std::function<void()>& work) {
     wake_at(next_try_);
     node_.alarm("store", std::string("nothing is recorded: ") + error.what());
     if (!failing_)
-      report({now_seconds(), "", node_.options().id, "alarm", std::string("nothing is recorded: ") + error.what()});
+      report({seconds_since_epoch(), "", node_.options().id, "alarm",
+              std::string("nothing is recorded: ") + error.what()});
     failing_ = true;
     return false;
   }
@@ -93,7 +94,7 @@ void Recorder::on_message(const msg::RunInfo& info) {
     requests.heard = Clock::now();
     requests.made = std::max(requests.made, info.updates());
     if (changed)
-      report({now_seconds(), sender.session, sender.id, "run",
+      report({seconds_since_epoch(), sender.session, sender.id, "run",
               std::string(info.agent().c_str()) + ", seed " + std::to_string(info.seed()) +
                   (info.ended()         ? " has ended"
                    : info.updates() > 0 ? " resumes after update " + std::to_string(info.updates())
@@ -164,7 +165,7 @@ void Recorder::commit() {
     // Only here, as what merely reads succeeds on a full disk too.
     failing_ = false;
     node_.alarm("store", "");
-    report({now_seconds(), "", node_.options().id, "alarm", "recording again"});
+    report({seconds_since_epoch(), "", node_.options().id, "alarm", "recording again"});
   });
 }
 

@@ -6,7 +6,6 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <chrono>
 #include <cstring>
 
 #include "core/task/training_figures.h"
@@ -75,10 +74,6 @@ std::string run_id(const msg::RunInfo& info) {
 }
 
 std::string run_id(const std::string& session) { return escaped(session); }
-
-double now_seconds() {
-  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
-}
 
 Store::Impl::Impl(const Options& options)
     : path(options.path), lock(path), database((prepare_file(path), open_for_writing(options))) {
@@ -213,7 +208,7 @@ Store::Removal Store::remove(const std::string& name) {
     double last = 0;
     read_row(state, ended, last);
     if (heard != impl_->liveness.end()) last = std::max(last, heard->second.last);
-    return !ended && now_seconds() - last < kRunSilence;
+    return !ended && seconds_since_epoch() - last < kRunSilence;
   };
   const Removal possible = impl_->locked([&] {
     SQLite::Statement found(database, "SELECT id FROM runs WHERE name = ?");

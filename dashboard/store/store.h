@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/util/number_set.h"
+#include "core/util/wall_clock.h"
 #include "core/wire/messages.h"
 
 namespace citylearn {
@@ -99,8 +100,5 @@ class Store {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
-
-/// Returns the seconds since 1970.
-double now_seconds();
 
 }  // namespace citylearn

@@ -35,7 +35,7 @@ Store::Impl::Source& Store::Impl::source(const Sender& environment) {
 }
 
 std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std::vector<Event>* lost) {
-  const double now = now_seconds();
+  const double now = seconds_since_epoch();
   // What is remembered changes only when the file has: first all happens to copies.
   struct Change {
     Source source;

@@ -59,7 +59,7 @@ void Store::Impl::claim_episodes(const std::string& session, std::uint64_t run_i
 
 bool Store::Impl::record(const msg::RunInfo& info) {
   const Sender sender(info.header());
-  const double now = now_seconds();
+  const double now = seconds_since_epoch();
   KnownRun* known = find(sender.session, info.run_id());
   // One of a predecessor that the middleware kept for late joiners, or one that was overtaken on the way.
   if (known && std::pair(sender.incarnation, info.header().message()) <= std::pair(known->incarnation, known->message))
@@ -107,7 +107,7 @@ void Store::Impl::mark_ended(const Sender& policy) {
     if (known.ended || key.first != policy.session || known.policy != policy.id ||
         known.incarnation != policy.incarnation)
       continue;
-    run(statements->run_ended, known.row, now_seconds());
+    run(statements->run_ended, known.row, seconds_since_epoch());
     known.ended = true;
   }
 }
@@ -149,7 +149,7 @@ NumberSet Store::Impl::recorded_updates(const Sender& policy, std::uint64_t run_
 }
 
 void Store::Impl::flush(bool at_once) {
-  const double now = now_seconds();
+  const double now = seconds_since_epoch();
   const bool due = std::any_of(unwritten.begin(), unwritten.end(), [&](const auto& entry) {
     return at_once || now - entry.second >= kFlushEvery || entry.second > now;
   });
