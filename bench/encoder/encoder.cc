@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <functional>
 #include <opencv2/core/utils/logger.hpp>
@@ -13,6 +12,7 @@
 
 #include "bench/bench.h"
 #include "encoder_service/onnx/onnx_network.h"
+#include "tests/support/data/real_data.h"
 
 namespace {
 
@@ -47,7 +47,7 @@ struct Options {
 void measure(const Options& options) {
   const std::string& model = options.files.model;
   if (!std::filesystem::exists(model)) {
-    std::printf("skipped: no model %s (name one with --model)\n", model.c_str());
+    std::printf("skipped: no model '%s' (name one with --model)\n", model.c_str());
     return;
   }
   const auto& entry = EncoderRegistry::instance().find("encoder", "onnx");
@@ -112,9 +112,7 @@ void measure(const Options& options) {
 
 int main(int argc, char** argv) {
   Options options;
-  const char* shared = std::getenv("CITYLEARN_SHARED_DATA");
-  options.files.model =
-      (shared ? shared : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nets/osnet_x0_25_msmt17.onnx");
+  options.files.model = testing::real_data(CITYLEARN_SOURCE_DIR, "nets/osnet_x0_25_msmt17.onnx");
   CLI::App app("What the encoder of ONNX networks costs beside OpenCV's forward pass", "bench_encoder");
   app.add_option("--model", options.files.model, "ONNX file")->capture_default_str();
   app.add_option("--layer", options.files.layer, "output layer; the last one by default");

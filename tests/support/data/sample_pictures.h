@@ -11,6 +11,7 @@
 
 #include "core/util/random.h"
 #include "tests/paths.h"
+#include "tests/support/data/real_data.h"
 
 namespace citylearn::testing {
 
@@ -29,9 +30,7 @@ inline cv::Mat drawn_picture(int width, int height, std::uint64_t seed) {
 /// Every `step`-th picture of a traversal of the Nordland sample, in order; empty when the data are not there.
 inline std::vector<cv::Mat> nordland(const std::string& traversal, std::size_t step) {
   namespace fs = std::filesystem;
-  const char* given = std::getenv("CITYLEARN_SHARED_DATA");
-  const fs::path folder =
-      fs::path(given ? given : CITYLEARN_SOURCE_DIR "/../shared/data") / "nordland-64x32" / traversal;
+  const fs::path folder = real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32/" + traversal);
   std::vector<fs::path> files;
   if (fs::is_directory(folder))
     for (const auto& entry : fs::directory_iterator(folder))

@@ -10,6 +10,7 @@
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
 #include "env_service/environment.h"
+#include "tests/support/data/real_data.h"
 
 namespace citylearn::testing {
 
@@ -45,13 +46,6 @@ inline std::unique_ptr<Dataset> make_dataset(const std::string& name, const std:
                                              const std::map<std::string, double>& parameters = {}) {
   const auto& entry = DatasetRegistry::instance().find("dataset", name);
   return entry.create(Parameters(name, entry.parameters, parameters), folder);
-}
-
-/// Folder of the real recordings: $CITYLEARN_DATA, or shared/data beside the sources. Empty where there is none.
-inline std::string real_data(const std::string& source, const std::string& folder) {
-  const char* given = std::getenv("CITYLEARN_DATA");
-  const std::string path = (given && *given ? std::string(given) : source + "/../shared/data") + "/" + folder;
-  return std::filesystem::is_directory(path) ? path : "";
 }
 
 }  // namespace citylearn::testing

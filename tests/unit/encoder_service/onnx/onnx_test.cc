@@ -9,6 +9,7 @@
 #include "encoder_service/onnx/onnx_file.h"
 #include "encoder_service/onnx/onnx_network.h"
 #include "tests/paths.h"
+#include "tests/support/data/real_data.h"
 #include "tests/support/networks/tiny_onnx.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
@@ -34,11 +35,7 @@ cv::Mat noise(int width, int height, int seed) {
 }
 
 /// A real network among the shared data; empty when there is none.
-std::string net(const std::string& name) {
-  const char* folder = std::getenv("CITYLEARN_SHARED_DATA");
-  const std::string path = (folder ? folder : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nets/") + name;
-  return std::filesystem::exists(path) ? path : "";
-}
+std::string net(const std::string& name) { return testing::real_data(CITYLEARN_SOURCE_DIR, "nets/" + name); }
 
 /// One picture through OpenCV alone: its own preprocessing (ImageNet), its own network.
 Eigen::VectorXf bare(const std::string& path, const std::string& layer, const cv::Mat& picture) {

@@ -13,6 +13,7 @@
 #include "encoder_service/recognition/sequence.h"
 #include "tests/paths.h"
 #include "tests/support/data/matfile.h"
+#include "tests/support/data/real_data.h"
 
 namespace citylearn::testing {
 namespace {
@@ -20,9 +21,8 @@ namespace {
 class Golden : public ::testing::Test {
  protected:
   void SetUp() override {
-    const char* data = std::getenv("CITYLEARN_SHARED_DATA");
-    folder_ = (data ? data : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/seqslam-golden");
-    if (!std::filesystem::is_directory(folder_)) GTEST_SKIP() << "no " << folder_;
+    folder_ = testing::real_data(CITYLEARN_SOURCE_DIR, "seqslam-golden");
+    if (folder_.empty()) GTEST_SKIP() << "skipped: no results of the port; CITYLEARN_DATA names their folder";
   }
   Eigen::MatrixXd read(const std::string& name) const {
     const bool of_one = name.starts_with("preprocessing");

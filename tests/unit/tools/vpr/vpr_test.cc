@@ -13,6 +13,7 @@
 
 #include "core/util/random.h"
 #include "tests/paths.h"
+#include "tests/support/data/real_data.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
@@ -142,9 +143,8 @@ TEST(VprTool, ComplainsInOneLine) {
 }
 
 TEST(VprTool, PicturesThroughAnEncoderAndAStore) {
-  const char* shared = std::getenv("CITYLEARN_SHARED_DATA");
-  const std::string data = (shared ? shared : CITYLEARN_SOURCE_DIR "/../shared/data") + std::string("/nordland-64x32");
-  if (!std::filesystem::is_directory(data)) GTEST_SKIP() << "no " << data;
+  const std::string data = testing::real_data(CITYLEARN_SOURCE_DIR, "nordland-64x32");
+  if (data.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
   const Folder output, store;
   const std::string common =
       "--dataset plain --data " + data +
