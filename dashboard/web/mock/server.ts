@@ -5,6 +5,7 @@ import { createServer, type IncomingMessage, type Server, type ServerResponse } 
 import type { AddressInfo, Socket } from 'node:net';
 import { extname, join, normalize } from 'node:path';
 import { WebSocketServer, WebSocket } from 'ws';
+import type { Run, Services } from '../src/api/types';
 import { view, matrix } from './pictures';
 import { CONTROLS, FIRST, PLACES, recognition, World, type RunData } from './world';
 
@@ -46,6 +47,13 @@ class HttpError extends Error {
   ) {
     super(message);
   }
+}
+
+/** Returns the first of the list that `is` accepts. Throws HttpError 404 with the text `otherwise` if there is none. */
+function found<T>(list: readonly T[], is: (one: T) => boolean, otherwise: string): T {
+  const one = list.find(is);
+  if (!one) throw new HttpError(404, otherwise);
+  return one;
 }
 
 interface Client {
@@ -123,20 +131,21 @@ export class Mock {
   }
 
   lose(id: string): void {
-    this.tell(this.world.lose(id));
+    this.change(id, 'lost', 'no heartbeat for 3 s', { state: 'lost' });
   }
 
   bring(id: string): void {
-    this.tell(this.world.bring(id));
+    this.change(id, 'back', 'heartbeats arrive again', { state: 'running' });
   }
 
+  /** The service reports a fault, or with an empty text that it is over. */
   alarm(id: string, text: string): void {
-    this.tell(this.world.alarm(id, text));
+    this.change(id, 'alarm', text || 'resolved', { alarm: text });
   }
 
-  private tell(event: ReturnType<World['lose']>): void {
-    if (!event) return;
-    this.send('events', {}, JSON.stringify(event));
+  private change(...what: Parameters<World['change']>): void {
+    if (this.world.services.length === 0) return;
+    this.sendJson('events', this.world.change(...what));
     this.sendServices();
   }
 
@@ -163,14 +172,22 @@ export class Mock {
         if (run && ticks % 4 === 0) {
           run.update();
           this.sendTraining(run);
-          if (ticks % 8 === 0) this.send('runs', {}, JSON.stringify(this.runs()));
+          if (ticks % 8 === 0) this.sendJson('runs', this.runs());
         }
       }, 100),
     );
   }
 
   private sendServices(): void {
-    this.send('services', {}, JSON.stringify({ now: Date.now() / 1000, services: this.world.services }));
+    this.sendJson('services', this.services());
+  }
+
+  private services(): Services {
+    return { now: Date.now() / 1000, services: this.world.services };
+  }
+
+  private sendJson(topic: string, value: object): void {
+    this.send(topic, {}, JSON.stringify(value));
   }
 
   private sendTraining(run: RunData): void {
@@ -245,14 +262,8 @@ export class Mock {
     response.writeHead(200, { 'Content-Type': TYPES[extname(file)] ?? 'application/octet-stream' }).end(readFileSync(file));
   }
 
-  private runs(): { runs: ReturnType<RunData['summary']>[] } {
+  private runs(): { runs: Run[] } {
     return { runs: this.world.runs.map((run) => run.summary()).sort((a, b) => (b.started ?? 0) - (a.started ?? 0)) };
-  }
-
-  private find(id: string | undefined): RunData {
-    const run = this.world.runs.find((one) => one.id === id);
-    if (!run) throw new HttpError(404, `run '${id}' not found`);
-    return run;
   }
 
   private api(method: string, path: string[], query: URLSearchParams): Reply {
@@ -273,19 +284,15 @@ export class Mock {
           recording: false,
         });
       case 'services':
-        return json({ now: Date.now() / 1000, services: world.services });
+        return json(this.services());
       case 'events':
         return json({ events: world.events.slice(0, Number(query.get('limit') ?? 200)) });
       case 'controls':
         return json(CONTROLS);
-      case 'map': {
-        const traversal = world.traversals.find((one) => one.hash === id);
-        if (!traversal) throw new HttpError(404, `no traversal has the hash ${id}`);
-        return json(traversal.map);
-      }
+      case 'map':
+        return json(found(world.traversals, (one) => one.hash === id, `no traversal has the hash ${id}`).map);
       case 'frames': {
-        const traversal = world.traversals.find((one) => one.hash === id);
-        if (!traversal?.images) throw new HttpError(404, 'this traversal has no pictures');
+        const traversal = found(world.traversals, (one) => one.hash === id && one.images, 'this traversal has no pictures');
         return { type: 'image/svg+xml', body: view(traversal.name, Number(what)), cache: 'public, max-age=31536000, immutable' };
       }
       case 'recognition': {
@@ -295,21 +302,18 @@ export class Mock {
         if (what === 'curve') return json({ curves });
         return { type: 'image/svg+xml', body: matrix(40) };
       }
-      case 'episodes': {
-        const found = world.runs.flatMap((run) => run.episodes()).find((one) => one.rowid === Number(id));
-        if (!found) throw new HttpError(404, `episode ${id} not found`);
-        return json(found);
-      }
+      case 'episodes':
+        return json(found(world.runs.flatMap((run) => run.episodes()), (one) => one.rowid === Number(id), `episode ${id} not found`));
       case 'runs':
         break;
       default:
         throw new HttpError(404, `there is nothing at /api/${path.join('/')}`);
     }
     if (id === undefined) return json(this.runs());
-    const run = this.find(id);
+    const run = found(world.runs, (one) => one.id === id, `run '${id}' not found`);
     if (method === 'DELETE') {
       world.runs.splice(world.runs.indexOf(run), 1);
-      this.send('runs', {}, JSON.stringify(this.runs()));
+      this.sendJson('runs', this.runs());
       return { type: 'text/plain', body: '' };
     }
     switch (what) {

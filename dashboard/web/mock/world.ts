@@ -345,22 +345,10 @@ export class World {
     }
   }
 
-  lose(id: string): ServiceEvent | null {
-    return this.change(id, 'lost', 'no heartbeat for 3 s', { state: 'lost' });
-  }
-
-  bring(id: string): ServiceEvent | null {
-    return this.change(id, 'back', 'heartbeats arrive again', { state: 'running' });
-  }
-
-  /** The service reports a fault, or with an empty text that it is over. */
-  alarm(id: string, text: string): ServiceEvent | null {
-    return this.change(id, 'alarm', text || 'resolved', { alarm: text });
-  }
-
-  private change(id: string, kind: EventKind, text: string, what: Partial<Service>): ServiceEvent | null {
+  /** Changes a service. Returns the event, which it records. */
+  change(id: string, kind: EventKind, text: string, what: Partial<Service>): ServiceEvent {
     const service = this.services.find((one) => one.id === id);
-    if (!service) return null;
+    if (!service) throw new Error(`no service has the ID ${id}`);
     Object.assign(service, what);
     const event = { time: Date.now() / 1000, session: service.session, service: id, kind, text };
     this.events.unshift(event);
