@@ -6,26 +6,8 @@ import { groupRuns } from '../../src/maths/groups';
 import { compareManifests, flatten } from '../../src/maths/manifest';
 import { extend, Trails } from '../../src/maths/trail';
 
-function run(name: string, seed: number, agent: string): Run {
-  return {
-    id: `${name}/policy/${seed}`,
-    session: name,
-    policy: 'policy',
-    seed,
-    agent,
-    learner: 'ppo',
-    state: 'ended',
-    started: 0,
-    last: 0,
-    updates: 1,
-    steps: 1,
-    episodes: 1,
-    recorded_episodes: 1,
-    reward: 1,
-    spl: 1,
-    wall: 1,
-    steps_per_second: 1,
-  };
+function run(session: string, seed: number, agent: string): Run {
+  return { id: `${session}/policy/${seed}`, session, policy: 'policy', seed, agent, learner: 'ppo', started: 0 } as Run;
 }
 
 describe('groupRuns', () => {
