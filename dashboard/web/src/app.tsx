@@ -130,8 +130,8 @@ function Link(): JSX.Element {
     <p class={classes('hint state', toneOf(kind === 'open' ? 'running' : kind === 'connecting' ? 'starting' : 'lost'))} data-link={kind} role="status">
       {text}
       {lost > 0 && (
-        <span class="hint" title="This browser was too slow to show them all. What it shows is up to date.">
-          {integer(lost)} skipped
+        <span class="hint" title="This browser was too slow to show every message. What it shows is up to date.">
+          {integer(lost)} messages skipped
         </span>
       )}
     </p>

@@ -15,7 +15,7 @@ import { seriesColour } from '../state/theme';
 import { useTraining } from '../state/training';
 import { Card, Empty, Failed, IconButton, Select, State, Swatch, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
-import { AXIS, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
+import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
 import { runName } from '../ui/run_select';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
@@ -203,10 +203,9 @@ function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
       </div>
       <Chart
         title={metric.label}
-        hint="smoothed with 0.9"
+        hint="smoothing 0.90"
         name="compare"
-        xLabel={x === 'wall' ? 'wall time' : x}
-        xFormat={x === 'wall' ? duration : short}
+        {...axisProps(x)}
         format={metric.value === 'steps_per_second' ? short : (value) => significant(value)}
         lines={lines}
         height={300}

@@ -88,7 +88,7 @@ function EvaluationCard({ traversal, list }: { traversal: string; list: readonly
     figure('reward', 'Reward', threeDecimals),
     figure('mean_steps', 'Steps', (steps: number) => fixed(steps, 1)),
     figure('shortest_mean', 'Shortest', (steps: number) => fixed(steps, 1)),
-    figure('excess', 'Excess', (excess: number | null) => fixed(excess, 2)),
+    figure('excess', 'Steps / shortest', (excess: number | null) => fixed(excess, 2)),
     { ...figure('tasks', 'Tasks', integer), hidden: alike },
     {
       key: 'show',

@@ -18,7 +18,7 @@ export function Login(): JSX.Element {
       await logIn(token.trim());
     } catch (cause) {
       const failed = failure(cause);
-      setError(failed.status === 401 ? 'That is not the token.' : failed.error);
+      setError(failed.status === 401 ? 'The token is wrong.' : failed.error);
     }
     setBusy(false);
   };
@@ -28,8 +28,8 @@ export function Login(): JSX.Element {
         <img src="favicon.svg" alt="" width="40" height="40" />
         <h1>CityLearn-DDS</h1>
         <p>
-          This dashboard asks for its token. It stands in the file that <code>--token-file</code> names; the link that the
-          dashboard printed when it started needs none.
+          This dashboard requires its token, which is in the file that its option <code>--token-file</code> names. The link that
+          the dashboard printed when it started needs no token.
         </p>
         <label class="field hint">
           <span>Token</span>
@@ -44,7 +44,7 @@ export function Login(): JSX.Element {
         </label>
         {error && <Failed error={error} />}
         <button type="submit" class="primary" disabled={busy}>
-          {busy ? 'Asking …' : 'Open'}
+          {busy ? 'Checking …' : 'Open'}
         </button>
       </form>
     </main>

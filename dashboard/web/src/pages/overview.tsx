@@ -98,7 +98,7 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
     ['Episodes recorded', short(store && Math.max(store.episodes, 0)), store && bytes(store.bytes)],
   ];
   return (
-    <dl class="figures">
+    <dl class="card figures">
       {figures.map(([name, value, note]) => (
         <div key={name}>
           <dt class="hint">{name}</dt>
@@ -198,7 +198,7 @@ function Services(): JSX.Element {
     figure('resent', 'Resent', short),
     figure('repeated', 'Repeated', short),
     figure('rejected', 'Rejected', short),
-    figure('foreign', 'Foreign', short),
+    figure('foreign', 'Other sessions', short),
     text('session', 'Session'),
   ];
   const list = [...(there?.services ?? [])].sort(

@@ -35,8 +35,8 @@ export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunD
             one.positions && one.positions.length > 0 ? (
               <Player episode={one} positions={one.positions} detail={detail} />
             ) : (
-              <Empty title="Its actions were not recorded">
-                An episode of more steps than a message can carry is recorded with its figures alone.
+              <Empty title="The actions of this episode were not recorded">
+                It has more steps than fit into one message, so only its figures were recorded.
               </Empty>
             )
           }

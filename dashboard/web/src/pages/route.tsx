@@ -129,14 +129,14 @@ function Scenery({ run, traversal, all, detail, whole }: {
         >
           {!scene && !running && (
             <p class="note">
-              This run has ended: nobody moves. Its episodes can be replayed under{' '}
+              This run has ended, so no agent moves. Its episodes can be replayed under{' '}
               <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>.
             </p>
           )}
           {running && silent >= 3 && (
             <p class="note" role="status">
-              {scene ? `Nothing new for ${silent} s: ` : 'Nothing moves here yet: '}
-              {traversal.environment} waits for its turn, or is gone.
+              {scene ? `No news for ${silent} s: ` : 'No agent has moved yet: '}
+              {traversal.environment} is not in use now, or it has stopped.
             </p>
           )}
           <RouteMap
@@ -206,7 +206,7 @@ function Eyes({ source, traversal, all, agent, frame }: {
             quiet
             label="Sibling traversal"
             value={sibling.traversal}
-            options={siblings.map((one) => ({ value: one.traversal, label: `beside ${one.traversal}` }))}
+            options={siblings.map((one) => ({ value: one.traversal, label: `compare with ${one.traversal}` }))}
             onChange={(name) => setParams({ sibling: name })}
           />
         )

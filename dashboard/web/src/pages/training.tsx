@@ -5,7 +5,7 @@ import { runPath } from '../api/client';
 import { TRAINING_FIGURES } from '../api/training_figures';
 import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
 import { linesOf, type Display, type GroupRows } from '../maths/curves';
-import { duration, fixed, percent, short, significant, threeDecimals } from '../maths/format';
+import { fixed, percent, short, significant, threeDecimals } from '../maths/format';
 import { groupRuns, type Group } from '../maths/groups';
 import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
@@ -16,7 +16,7 @@ import { seriesColour } from '../state/theme';
 import { useDetail, useTraining } from '../state/training';
 import { Card, Failed, Loading, Slider } from '../ui/basics';
 import { Chart, type Reference } from '../ui/chart';
-import { AXIS, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
+import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
 import { RunPicker } from '../ui/run_picker';
 import { WithRuns } from '../ui/with_runs';
 
@@ -38,7 +38,6 @@ const OPTIMISATION: Metric[] = TRAINING_FIGURES.filter(
   ({ name }) => !AXES.includes(name) && !PERFORMANCE.some(({ key }) => key === name),
 ).map(({ name, unit, title, help }) => ({ key: name, title, hint: help, format: FORMATS[unit] ?? ((v) => significant(v)) }));
 
-const X_LABELS: Record<XAxis, string> = { episodes: 'episodes', steps: 'steps', wall: 'wall time', update: 'updates' };
 const MAX_RUNS = 24; // curves fetched at once
 
 const SEEDS: ChoiceOf<Display> = { name: 'show', label: 'Seeds', values: { both: 'Both', mean: 'Mean and spread', runs: 'Each' } };
@@ -192,8 +191,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
       title={metric.title}
       hint={metric.hint}
       name="training"
-      xLabel={X_LABELS[x]}
-      xFormat={x === 'wall' ? duration : short}
+      {...axisProps(x)}
       format={metric.format}
       lines={lines}
       references={references}

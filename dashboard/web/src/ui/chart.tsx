@@ -384,7 +384,7 @@ const TOOLTIP_LINES = 8;
 /** Shows the values of the lines at the cursor. */
 function tooltip(current: { current: Current | null }): uPlot.Plugin {
   const box = document.createElement('div');
-  box.className = 'tooltip';
+  box.className = 'framed tooltip';
   box.hidden = true;
   box.setAttribute('aria-live', 'polite');
   return {

@@ -2,6 +2,7 @@
 // Choices that are parameters of the address.
 
 import type { JSX } from 'preact';
+import { duration, short } from '../maths/format';
 import type { XAxis } from '../maths/rows';
 import { param, setParams } from '../state/router';
 
@@ -31,7 +32,7 @@ export function Choice<T extends string>({ of, onChange }: { of: ChoiceOf<T>; on
   return (
     <fieldset class="hint">
       <legend>{of.label}</legend>
-      <div class="segments">
+      <div class="framed segments">
         {valuesOf(of).map((value) => (
           <label key={value}>
             <input class="visually-hidden" type="radio" name={of.name} value={value} checked={value === chosen(of)} onChange={() => select(value)} />
@@ -41,6 +42,12 @@ export function Choice<T extends string>({ of, onChange }: { of: ChoiceOf<T>; on
       </div>
     </fieldset>
   );
+}
+
+/** Returns how a chart names and writes an axis of training curves. */
+export function axisProps(x: XAxis): { xLabel: string; xFormat: (value: number) => string } {
+  const names: Partial<Record<XAxis, string>> = { wall: 'wall time', update: 'updates' };
+  return { xLabel: names[x] ?? x, xFormat: x === 'wall' ? duration : short };
 }
 
 /** The horizontal axis of training curves. */

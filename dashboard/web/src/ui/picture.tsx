@@ -19,7 +19,7 @@ async function fetchFrame(path: string, frame: number, abort: AbortSignal): Prom
   } catch (error) {
     if (!(error instanceof ApiError) || error.status === 0) return null;
     const gone = error.status === 404;
-    return { state: 'none', text: gone ? 'No picture of this place, or its env_service is not there.' : `The picture did not come (${error.status}).` };
+    return { state: 'none', text: gone ? 'This place has no picture, or its env_service does not run.' : `The picture could not be loaded (${error.status}).` };
   }
 }
 

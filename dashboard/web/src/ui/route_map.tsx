@@ -117,7 +117,7 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
         {walkers.map((walker, i) => i !== selected && <WalkerSigns key={i} scene={scene} walker={walker} index={i} />)}
         {walkers[selected] && <WalkerSigns scene={scene} walker={walkers[selected]} index={selected} />}
       </svg>
-      <div class="map-buttons">
+      <div class="framed map-buttons">
         <IconButton icon="plus" label="Zoom in" onClick={() => zoom(1.4)} />
         <IconButton icon="minus" label="Zoom out" onClick={() => zoom(1 / 1.4)} />
         <IconButton icon="home" label="Show all of it" disabled={view === null} onClick={() => setView(null)} />

@@ -24,7 +24,7 @@ describe.runIf(onMock)('a dashboard with a token', () => {
     await field.fill('wrong');
     expect(await violations(page)).toEqual([]);
     await page.getByRole('button', { name: 'Open' }).click();
-    await page.getByText('That is not the token.').waitFor();
+    await page.getByText('The token is wrong.').waitFor();
     await field.fill('open-sesame');
     await page.getByRole('button', { name: 'Open' }).click();
     await page.locator('[data-link="open"]').waitFor();

@@ -106,7 +106,7 @@ describe.runIf(onMock)('deployment', () => {
 
   it('says so when the actions of an episode were not kept', async () => {
     const { page } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}&episode=1000097`);
-    await page.getByText('Its actions were not recorded').waitFor();
+    await page.getByText('The actions of this episode were not recorded').waitFor();
   });
 });
 
