@@ -17,7 +17,7 @@ using Json = nlohmann::json;
 
 constexpr std::size_t kReadersKept = 16;
 
-std::uint64_t bytes_of(const std::string& path) {
+std::uint64_t file_bytes(const std::string& path) {
   struct stat status {};
   return ::stat(path.c_str(), &status) == 0 ? static_cast<std::uint64_t>(status.st_size) : 0;
 }
@@ -173,7 +173,7 @@ Answer Api::about() {
        {"session", options_.session},
        {"domain", options_.domain},
        {"store",
-        {{"file", path}, {"bytes", bytes_of(path) + bytes_of(path + "-wal")}, {"episodes", reader->episodes()}}},
+        {{"file", path}, {"bytes", file_bytes(path) + file_bytes(path + "-wal")}, {"episodes", reader->episodes()}}},
        {"recording", !options_.recording || options_.recording()}});
 }
 
