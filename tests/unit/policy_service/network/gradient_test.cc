@@ -43,7 +43,7 @@ struct Case {
 
 std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one.network; }
 
-class Gradients : public testing::TestWithParam<Case> {};
+class Gradients : public ::testing::TestWithParam<Case> {};
 
 TEST_P(Gradients, AgreeWithCentralDifferences) {
   NetworkTask task = small_task(small_network(GetParam().network).features);
@@ -98,15 +98,15 @@ TEST_P(Gradients, AgreeWithCentralDifferences) {
 const std::map<std::string, double> kSmall = {{"hidden", 6}, {"cells", 4}};
 
 INSTANTIATE_TEST_SUITE_P(Networks, Gradients,
-                         testing::Values(Case{"features", {{"hidden", 6}, {"cells", 4}, {"relu", 0}}, kFrames, 0.5},
-                                         Case{"features", kSmall, kFrames, 0},
-                                         Case{"baseline", {{"hidden", 6}, {"cells", 4}, {"mask-input", 0}}},
-                                         Case{"place_filter", {{"units", 5}}},
-                                         Case{"place_filter", {{"units", 5}}, kFrames - 2},
-                                         Case{"place_filter", {{"units", 5}}, kFrames, 0, {0, 5, 3, 6, 4, 1, 2}},
-                                         Case{"place_memory", kSmall, kFrames, 0.5},
-                                         Case{"place_memory", kSmall, kFrames - 2},
-                                         Case{"raw_images", small_network("raw_images").parameters, kFrames, 0.5}),
+                         ::testing::Values(Case{"features", {{"hidden", 6}, {"cells", 4}, {"relu", 0}}, kFrames, 0.5},
+                                           Case{"features", kSmall, kFrames, 0},
+                                           Case{"baseline", {{"hidden", 6}, {"cells", 4}, {"mask-input", 0}}},
+                                           Case{"place_filter", {{"units", 5}}},
+                                           Case{"place_filter", {{"units", 5}}, kFrames - 2},
+                                           Case{"place_filter", {{"units", 5}}, kFrames, 0, {0, 5, 3, 6, 4, 1, 2}},
+                                           Case{"place_memory", kSmall, kFrames, 0.5},
+                                           Case{"place_memory", kSmall, kFrames - 2},
+                                           Case{"raw_images", small_network("raw_images").parameters, kFrames, 0.5}),
                          [](const auto& tested) { return tested.param.network + std::to_string(tested.index); });
 
 /// One agent: goes on, ends at its goal, goes on, is cut by its step limit, goes on.
