@@ -10,7 +10,7 @@ export type LinkState =
 
 type Handler = (frame: Frame) => void;
 
-export const MAX_TOPICS = 64;
+const MAX_TOPICS = 64;
 const SILENCE = 15_000;
 
 /** Returns the milliseconds before the n-th attempt (n from 1): from 0.5 s doubling to 10 s, less a random part up to a quarter. */

@@ -2,7 +2,7 @@
 export type Cell = string | number | boolean | null | undefined;
 
 /** RFC 4180; a cell that a spreadsheet would take for a formula is text there too. */
-export function csvCell(cell: Cell): string {
+function csvCell(cell: Cell): string {
   if (cell === null || cell === undefined || (typeof cell === 'number' && Number.isNaN(cell))) return '';
   if (typeof cell === 'number') return String(cell);
   let text = String(cell);

@@ -18,7 +18,7 @@ export function evaluationKey(one: Evaluation): string {
 }
 
 /** Sorts agents before controls, newest checkpoints first, shuffled frames last. */
-export function sortEvaluations(list: readonly Evaluation[]): Evaluation[] {
+function sortEvaluations(list: readonly Evaluation[]): Evaluation[] {
   return [...list].sort(
     (a, b) =>
       CONTROLS.indexOf(a.policy) - CONTROLS.indexOf(b.policy) ||

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Run } from '../api/types';
 
-export type GroupBy = 'sweep' | 'agent';
+type GroupBy = 'sweep' | 'agent';
 
 /** Runs that differ only in their seed, as far as the grouping knows. */
 export interface Group {

@@ -86,7 +86,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   // A zoomed part of a decimated run is fetched with all of its points. It begins further left, where the smoothing starts.
   const decimated = zoom ? ids.filter((id) => training.get(id)?.rows.decimated) : [];
   const detail = useDetail(decimated, zoom && { x, from: Math.max(0, 2 * zoom.from - zoom.to), to: zoom.to });
-  const coloured = useMemo(() => colourOf(fitting), [ids.join('\n'), by]);
+  const coloured = useMemo(() => coloursOf(fitting, true), [ids.join('\n'), by]);
 
   const groupRows: GroupRows[] = useMemo(
     () =>
@@ -125,7 +125,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
         groups={groups}
         shown={new Set(fitting.map((group) => group.key))}
         hidden={hidden}
-        colours={display === 'runs' ? coloured : groupColours(fitting)}
+        colours={coloursOf(fitting, display === 'runs')}
         omitted={shown.length - fitting.length}
       />
       <div class="stack">
@@ -164,13 +164,10 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   );
 }
 
-function colourOf(groups: readonly Group[]): Map<string, string> {
-  const all = groups.flatMap((group) => group.runs);
-  return new Map(all.map((run, i) => [run.id, seriesColour(i)]));
-}
-
-function groupColours(groups: readonly Group[]): Map<string, string> {
-  return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, seriesColour(g)] as const)));
+/** Returns run ID -> colour: one for each run, or one for each group. */
+function coloursOf(groups: readonly Group[], each: boolean): Map<string, string> {
+  let n = 0;
+  return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, seriesColour(each ? n++ : g)] as const)));
 }
 
 function MetricChart({ metric, groups, options, references, zoom, onZoom }: {

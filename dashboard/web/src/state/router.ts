@@ -10,7 +10,7 @@ export interface Place {
 }
 
 /** Parses "#/training?x=steps". An unknown page is the overview. */
-export function placeOf(hash: string): Place {
+function placeOf(hash: string): Place {
   const [path = '', query = ''] = hash.replace(/^#\/?/, '').split('?', 2);
   const page = PAGES.find((name) => name === path) ?? 'overview';
   return { page, params: new URLSearchParams(query) };

@@ -17,7 +17,7 @@ export function Spark({ curve, low, high }: { curve: Curve; low: number; high: n
   });
   return (
     <svg class="spark" viewBox="0 0 200 48" preserveAspectRatio="none" aria-hidden="true">
-      <path d="M0 47H200" style={{ stroke: 'var(--line)' }} vector-effect="non-scaling-stroke" />
+      <path d="M0 47H200" stroke="var(--line)" vector-effect="non-scaling-stroke" />
       <path d={path} vector-effect="non-scaling-stroke" />
     </svg>
   );
