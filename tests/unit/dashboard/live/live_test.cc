@@ -139,10 +139,12 @@ class LiveRun : public LiveTest {
       with.policy() = "blind";
       policy->command(with);
     }
-    return until([&] {
-      policy->spin();
-      return condition();
-    });
+    return eventually(
+        [&] {
+          policy->spin();
+          spin();
+        },
+        condition);
   }
   const std::string source = "env-street@" + run;
   std::shared_ptr<GreyImages> images;

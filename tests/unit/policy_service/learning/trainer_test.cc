@@ -144,7 +144,7 @@ TEST(Trainer, SaysWhyAnInitialAgentDoesNotFit) {
   expect_refusal(wider, city, "is a 'baseline', the one to train a 'features'");
   wider.initial = Trainer(small_options("features"), task_of(city)).agent();
   wider.initial->parameters[5] = NAN;
-  expect_refusal(wider, city, "no numbers");
+  expect_refusal(wider, city, "not finite");
 }
 
 TEST(Trainer, SaysWhyTensorsCannotBeFrozen) {

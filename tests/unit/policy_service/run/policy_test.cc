@@ -281,14 +281,14 @@ TEST(RunAnnouncer, AResumedRunKeepsItsJob) {
 TEST(Files, AFailedWriteLeavesTheOldFile) {
   Folder folder;
   const std::string path = folder / "file";
-  write_file(path, "old");
+  citylearn::write_file(path, "old");
   fs::create_directory(path + "." + std::to_string(::getpid()) + ".tmp");  // in the way of the temporary file
-  EXPECT_THROW(write_file(path, "new"), Error);
+  EXPECT_THROW(citylearn::write_file(path, "new"), Error);
   EXPECT_EQ(read_file(path), "old");
 }
 
 TEST(Files, ANamedErrorForAMissingFolder) {
-  EXPECT_THROW(write_file("/nonexistent/folder/file", "x"), Error);
+  EXPECT_THROW(citylearn::write_file("/nonexistent/folder/file", "x"), Error);
   EXPECT_THROW(read_file("/nonexistent/file"), Error);
 }
 
