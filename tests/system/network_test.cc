@@ -198,7 +198,7 @@ TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {
   EXPECT_EQ(found["participants"][0]["addresses"], nlohmann::json({Hosts::address(1)}));
   ASSERT_EQ(found["services"].size(), 1u) << found;
   EXPECT_EQ(found["services"][0]["id"], "peer-1");
-  EXPECT_EQ(found["services"][0]["run"], "stroll");
+  EXPECT_EQ(found["services"][0]["session"], "stroll");
   EXPECT_EQ(found["services"][0]["state"], "running");
   EXPECT_NEAR(found["services"][0]["clock_ahead"].get<double>(), 0, 0.5);
 }
