@@ -38,7 +38,7 @@ inline std::string contents(const std::string& path) {
 }
 
 /// Writes a file, and makes the folders above it.
-inline void write_file(const std::string& path, const std::string& text) {
+inline void make_file(const std::string& path, const std::string& text) {
   std::filesystem::create_directories(std::filesystem::path(path).parent_path());
   std::ofstream(path, std::ios::binary) << text;
 }

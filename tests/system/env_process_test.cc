@@ -22,7 +22,7 @@ class EnvProcess : public ::testing::Test {
     return std::make_unique<Service>(arguments, folder_ / log);
   }
   std::string write(const std::string& name, const std::string& text) const {
-    write_file(folder_ / name, text);
+    make_file(folder_ / name, text);
     return folder_ / name;
   }
   /// What it prints; it must end by itself with `status`.

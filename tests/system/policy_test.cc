@@ -238,7 +238,7 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
   EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"],
             Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
   const std::string damaged = run.folder() / "damaged";
-  write_file(damaged, bytes.substr(0, bytes.size() - 7));
+  make_file(damaged, bytes.substr(0, bytes.size() - 7));
   const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", damaged});
   EXPECT_EQ(policy->wait(seconds(10)), 1) << policy->output();
   EXPECT_TRUE(contains(policy->output(), damaged));

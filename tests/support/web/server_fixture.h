@@ -71,10 +71,10 @@ class ServerTest : public ::testing::Test {
     getrlimit(RLIMIT_NOFILE, &files);
     files.rlim_cur = files.rlim_max;
     setrlimit(RLIMIT_NOFILE, &files);
-    write_file(folder_ / "secret", "secret");
-    write_file(folder_ / "page/index.html", "<!doctype html>");
-    write_file(folder_ / "page/assets/index-a1B2c3_4.js", "let x = 1;");
-    write_file(folder_ / "page/assets/index-a1B2c3_4.js.gz", "gzip");
+    make_file(folder_ / "secret", "secret");
+    make_file(folder_ / "page/index.html", "<!doctype html>");
+    make_file(folder_ / "page/assets/index-a1B2c3_4.js", "let x = 1;");
+    make_file(folder_ / "page/assets/index-a1B2c3_4.js.gz", "gzip");
     options_.port = 0;
     options_.page = folder_ / "page";
   }

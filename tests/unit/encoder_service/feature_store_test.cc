@@ -281,7 +281,7 @@ class DamagedStore : public ::testing::Test {
   }
   /// What opening says of these bytes; nothing may have touched them.
   std::string opened(const std::string& bytes) {
-    write_file(path_, bytes);
+    make_file(path_, bytes);
     const std::string message = opening(folder_);
     EXPECT_EQ(contents(path_), bytes);
     EXPECT_TRUE(message.empty() || contains(message, path_)) << message;
@@ -314,7 +314,7 @@ TEST_F(DamagedStore, EveryBitOfTheHeaderCounts) {
   for (std::size_t bit = 0; bit < 512 * 8; bit += 3) {
     std::string bytes = bytes_;
     bytes[bit / 8] = static_cast<char>(bytes[bit / 8] ^ 1 << bit % 8);
-    write_file(path_, bytes);
+    make_file(path_, bytes);
     const std::string message = opening(folder_);
     EXPECT_TRUE(contains(message, bit < 64 ? "is not a feature store" : "damaged header")) << bit << message;
   }
@@ -328,7 +328,7 @@ TEST_F(DamagedStore, AFlippedBitCostsOneFrame) {
     const std::size_t begin = round % 2 ? 512 : 4096, size = round % 2 ? 50 * 8 : 50 * 128;
     const std::size_t at = random() % size;
     bytes[begin + at] = static_cast<char>(bytes[begin + at] ^ 1 << random() % 8);
-    write_file(path_, bytes);
+    make_file(path_, bytes);
     FeatureStore store(folder_.path(), kKey);
     const int broken = static_cast<int>(at / (round % 2 ? 8 : 128));
     for (int frame = 0; frame < 50; ++frame) ASSERT_EQ(read(store, kKey, frame), frame != broken) << frame;
@@ -341,7 +341,7 @@ TEST_F(DamagedStore, FramesInEachOthersPlaceAreNone) {
   std::string bytes = bytes_;
   std::swap_ranges(bytes.begin() + 512, bytes.begin() + 520, bytes.begin() + 520);
   std::swap_ranges(bytes.begin() + 4096, bytes.begin() + 4096 + 128, bytes.begin() + 4096 + 128);
-  write_file(path_, bytes);
+  make_file(path_, bytes);
   const FeatureStore store(folder_.path(), kKey);
   EXPECT_FALSE(read(store, kKey, 0));
   EXPECT_FALSE(read(store, kKey, 1));
@@ -357,7 +357,7 @@ TEST_F(DamagedStore, AnotherKeysFileIsNamedAndLeft) {
   // The same encoder and traversal, but not the same shape.
   FeatureStore::Key wider = kKey;
   wider.dimension = 33;
-  write_file(path_, bytes_);
+  make_file(path_, bytes_);
   EXPECT_TRUE(contains(opening(folder_, wider), "belongs to encoder 'hog-1 bins=12' with 32 numbers"));
 }
 
@@ -374,7 +374,7 @@ TEST_F(DamagedStore, ForeignFilesAreNamedAndLeft) {
 
 TEST(FeatureStore, UnwritableFolders) {
   const Folder folder;
-  write_file(folder / "file", "text");
+  make_file(folder / "file", "text");
   EXPECT_TRUE(contains(error_of([&] { FeatureStore(folder / "file", kKey); }), "file"));
   EXPECT_TRUE(contains(error_of([&] { FeatureStore(folder / "file/below", kKey); }), "file/below"));
   EXPECT_TRUE(contains(error_of([&] { FeatureStore("", kKey); }), "folder"));

@@ -73,11 +73,11 @@ TEST_F(Keys, WhatIsMissingOrDamagedIsNamed) {
     fs::remove(file);
     expect_complaint(folder, name, "is missing");
     for (const std::string& damage : {std::string(), text.substr(0, text.size() / 2), std::string(2 << 20, 'x')}) {
-      write_file(file, damage);
+      make_file(file, damage);
       if (name == "key.pem") fs::permissions(file, fs::perms::owner_read | fs::perms::owner_write);
       expect_complaint(folder, name, "");
     }
-    write_file(file, text);
+    make_file(file, text);
     EXPECT_EQ(complaint(folder), "") << name;
   }
 }
@@ -102,7 +102,7 @@ TEST_F(Keys, MustBeValidNow) {
   permissions = permissions.substr(permissions.find("<?xml"));
   permissions = permissions.substr(0, permissions.find("</dds>") + 6);
   permissions.replace(permissions.find("env-4"), 5, "env-3");
-  write_file(store_.folder() / "document", permissions);
+  make_file(store_.folder() / "document", permissions);
   store_.sign(store_.folder() / "document", folder + "/permissions.p7s");
   expect_complaint(folder, "permissions.p7s", "expired on ", "env-3");
 }
@@ -125,12 +125,12 @@ TEST_F(Keys, MustFitTogether) {
     const std::string before = contents(folder + "/" + name);
     replace(from, folder + "/" + name);
     expect_complaint(folder, expected.first, expected.second);
-    write_file(folder + "/" + name, before);
+    make_file(folder + "/" + name, before);
   }
   expect_complaint(folder, "cert.pem", "is that of 'env-1', this service is 'env-2'", "env-2");
   std::string changed = contents(folder + "/permissions.p7s");
   changed.replace(changed.find("citylearn/scene"), 15, "citylearn/other");
-  write_file(folder + "/permissions.p7s", changed);
+  make_file(folder + "/permissions.p7s", changed);
   expect_complaint(folder, "permissions.p7s", "has not signed it");
 }
 
@@ -147,7 +147,7 @@ TEST_F(Keys, AGovernanceThatProtectsHalfIsRefused) {
     std::string text = whole;
     ASSERT_NE(text.find(from), std::string::npos) << from;
     text.replace(text.find(from), from.size(), to);
-    write_file(store_.folder() / "document", text);
+    make_file(store_.folder() / "document", text);
     store_.sign(store_.folder() / "document", folder + "/governance.p7s");
     expect_complaint(folder, "governance.p7s", "must be ");
   }

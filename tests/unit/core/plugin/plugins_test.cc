@@ -57,8 +57,8 @@ TEST(Plugins, AreNamedOnTheCommandLineInAFileOrInTheEnvironment) {
   EXPECT_TRUE(contains(run({"--plugin", SAMPLE_PLUGIN, "--list"}, 0), "--sample-rate"));
   EXPECT_TRUE(contains(run({"--help", std::string("--plugin=") + SAMPLE_PLUGIN}, 0), "--sample-rate"));
   const Folder folder;
-  write_file(folder / "options.toml",
-             std::string("plugin = \"") + SAMPLE_PLUGIN + "\"\nlearner = \"sample\"\nsample-rate = 0.125\n");
+  make_file(folder / "options.toml",
+            std::string("plugin = \"") + SAMPLE_PLUGIN + "\"\nlearner = \"sample\"\nsample-rate = 0.125\n");
   EXPECT_TRUE(contains(run({"--config", folder / "options.toml", "--list"}, 0), "--sample-rate"));
   setenv("CITYLEARN_PLUGIN", SAMPLE_PLUGIN, 1);
   EXPECT_TRUE(contains(run({"--list"}, 0), "--sample-rate"));
@@ -72,16 +72,16 @@ TEST(Plugins, ThatAreNoneAreRefusedInOneLine) {
   const Folder folder;
   EXPECT_TRUE(contains(refusal_of(folder / "nowhere.so"), "nowhere.so: there is no such file"));
   EXPECT_TRUE(contains(refusal_of(folder.path()), "there is no such file"));
-  write_file(folder / "text.so", "citylearn plug-in: a text that only says so");
+  make_file(folder / "text.so", "citylearn plug-in: a text that only says so");
   EXPECT_TRUE(contains(refusal_of(folder / "text.so"), "text.so: is not a plug-in of this program"));
   EXPECT_TRUE(contains(refusal_of("/bin/sh"), "is not a plug-in of this program"));
   EXPECT_TRUE(contains(refusal_of(EMPTY_PLUGIN), "registers nothing"));
   const std::string whole = read_file(SAMPLE_PLUGIN);
-  write_file(folder / "half.so", whole.substr(0, whole.size() - 100));
+  make_file(folder / "half.so", whole.substr(0, whole.size() - 100));
   EXPECT_TRUE(contains(refusal_of(folder / "half.so"), "half.so: is cut short"));
   std::string foreign = whole;
   foreign[18] = 0;  // the processor
-  write_file(folder / "foreign.so", foreign);
+  make_file(folder / "foreign.so", foreign);
   EXPECT_TRUE(contains(refusal_of(folder / "foreign.so"), "foreign.so: cannot be loaded: "));
 
   const std::string said = run({"--plugin", folder / "text.so", "--list"}, 1);
@@ -97,7 +97,7 @@ TEST(Plugins, OfAnotherVersionAreRefusedBeforeTheirCodeRuns) {
   const std::size_t begin = changed.find(mark);
   ASSERT_NE(begin, std::string::npos);
   changed.replace(begin + mark.size(), 12, "0123456789ab");
-  write_file(folder / "older.so", changed);
+  make_file(folder / "older.so", changed);
   const std::string refusal = refusal_of(folder / "older.so");
   EXPECT_TRUE(contains(refusal, "older.so: was built for interface 0123456789ab, "));
   EXPECT_TRUE(contains(refusal, "; this program is interface "));

@@ -117,7 +117,7 @@ TEST_F(Mcap, AFileThatEndsAnywhereIsReadUpToItsLastWholeChunk) {
   write_small();
   const std::string file = contents(path);
   const std::vector<Heard> whole = all_of(path);
-  write_file(other, file);
+  make_file(other, file);
   std::size_t least = whole.size();
   std::set<std::size_t> counts;
   for (std::size_t size = file.size() - 1; size > 0; --size) {
@@ -163,7 +163,7 @@ TEST_F(Mcap, ADamagedFileIsRefusedOrReadButNeverWrong) {
   write_small();
   const std::string file = contents(path);
   const std::vector<Heard> whole = all_of(path);
-  write_file(other, file);
+  make_file(other, file);
   int refused = 0;
   for (std::size_t at = 0; at < file.size(); ++at) {
     SCOPED_TRACE(at);
@@ -190,7 +190,7 @@ TEST_F(Mcap, ADamagedFileIsRefusedOrReadButNeverWrong) {
 }
 
 TEST_F(Mcap, ErrorsSayWhatIsWrong) {
-  write_file(path, "PK\3\4 and so on");
+  make_file(path, "PK\3\4 and so on");
   EXPECT_EQ(error_of([&] { McapReader reader(path); }),
             path + ": is no MCAP file (it does not begin as one of version 0 does)");
   EXPECT_EQ(error_of([&] { McapReader reader(folder / "none.mcap"); }),
@@ -205,12 +205,12 @@ TEST_F(Mcap, ErrorsSayWhatIsWrong) {
   std::string chunk("\x06\x2C\0\0\0\0\0\0\0", 9);
   chunk += std::string(16, '\0') + std::string(8, '\0') + std::string(4, '\0') + std::string("\4\0\0\0zstd", 8) +
            std::string(8, '\0');
-  write_file(path, magic + chunk);
+  make_file(path, magic + chunk);
   EXPECT_EQ(error_of([&] { all_of(path); }),
             path +
                 ": byte 8: a chunk is compressed with 'zstd', which is not read here (mcap compress --compression "
                 "none writes the file anew)");
-  write_file(path, magic + std::string("\x05\x16\0\0\0\0\0\0\0", 9) + std::string("\7\0", 2) + std::string(20, '\0'));
+  make_file(path, magic + std::string("\x05\x16\0\0\0\0\0\0\0", 9) + std::string("\7\0", 2) + std::string(20, '\0'));
   EXPECT_EQ(error_of([&] { all_of(path); }), path + ": byte 8: a message of channel 7, which was not announced");
 }
 

@@ -141,7 +141,7 @@ TEST(Replay, GoesOnWhereNobodyListensAndIntoTheNextFile) {
   write_run(folder / "a.mcap", 5, 5);
   write_run(folder / "b.mcap", 5, 5);
   std::string file = contents(folder / "b.mcap");
-  write_file(folder / "b.mcap", file.substr(0, file.size() - 100));
+  make_file(folder / "b.mcap", file.substr(0, file.size() - 100));
   const auto wire = middleware(33);
   Replayer replayer(*wire, {{folder / "a.mcap", folder / "b.mcap"}, 0, {}, ""});
   ASSERT_TRUE(play(*wire, replayer));

@@ -176,12 +176,12 @@ TEST_F(ApiTest, Recognition) {
   EXPECT_EQ(json({"recognition"})["results"], Json::array());
   const std::string root = folder_ / "recognition";
   std::filesystem::create_directories(root + "/something");
-  write_file(root + "/vpr-1/results.json", R"({"dataset":"nordland","rows":[{"auc":0.5}]})");
-  write_file(root + "/vpr-1/curves.json", R"({"curves":[]})");
-  write_file(root + "/vpr-1/similarity-b.png", "b");
-  write_file(root + "/vpr-1/similarity-a.png", "a");
-  write_file(root + "/vpr-2/results.json", "cut sho");
-  write_file(folder_ / "similarity-secret.png", "secret");
+  make_file(root + "/vpr-1/results.json", R"({"dataset":"nordland","rows":[{"auc":0.5}]})");
+  make_file(root + "/vpr-1/curves.json", R"({"curves":[]})");
+  make_file(root + "/vpr-1/similarity-b.png", "b");
+  make_file(root + "/vpr-1/similarity-a.png", "a");
+  make_file(root + "/vpr-2/results.json", "cut sho");
+  make_file(folder_ / "similarity-secret.png", "secret");
   const Json results = json({"recognition"})["results"];
   ASSERT_EQ(results.size(), 2u);
   const Json& whole = results[results[0]["name"] == "vpr-1" ? 0 : 1];

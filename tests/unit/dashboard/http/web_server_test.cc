@@ -55,11 +55,11 @@ TEST(Target, AnyBytesAreRefusedOrUtf8) {
 
 TEST(PageFiles, AreOnlyThoseOfTheFolder) {
   const Folder folder;
-  write_file(folder / "secret", "secret");
-  write_file(folder / "page/index.html", "<p>");
-  write_file(folder / "page/assets/index-a1B2c3_4.js", "let x;");
-  write_file(folder / "page/assets/index-a1B2c3_4.js.gz", "compressed");
-  write_file(folder / "page/assets/plain.css", "p {}");
+  make_file(folder / "secret", "secret");
+  make_file(folder / "page/index.html", "<p>");
+  make_file(folder / "page/assets/index-a1B2c3_4.js", "let x;");
+  make_file(folder / "page/assets/index-a1B2c3_4.js.gz", "compressed");
+  make_file(folder / "page/assets/plain.css", "p {}");
   std::filesystem::create_symlink("../secret", folder / "page/link");
   const Page page(folder / "page");
   ASSERT_NE(page.find("/"), nullptr);

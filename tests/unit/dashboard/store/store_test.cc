@@ -265,7 +265,7 @@ TEST_F(StoreTest, OnlyItsOwnerReadsIt) {
 
 TEST_F(StoreTest, RefusesWhatIsNoStoreAndLeavesItAlone) {
   const std::string text = "update,reward\n1,0.5\n";
-  write_file(path_, text);
+  make_file(path_, text);
   EXPECT_TRUE(contains(refusal(), "is not a store of the dashboard"));
   EXPECT_EQ(contents(path_), text);
 
@@ -297,12 +297,12 @@ TEST_F(StoreTest, RefusesADamagedFileAndLeavesItAlone) {
   std::string bytes = contents(path_);
   ASSERT_GT(bytes.size(), 100000u);
   for (std::size_t i = bytes.size() / 2; i < bytes.size() / 2 + 20000; ++i) bytes[i] = static_cast<char>(i * 7);
-  write_file(path_, bytes);
+  make_file(path_, bytes);
   EXPECT_TRUE(contains(refusal(), "damaged"));
   EXPECT_TRUE(contains(refusal(), "restore a copy"));
   EXPECT_EQ(contents(path_), bytes);
   bytes.resize(5000);
-  write_file(path_, bytes);
+  make_file(path_, bytes);
   EXPECT_NE(refusal(), "");
   EXPECT_EQ(contents(path_), bytes);
 }

@@ -204,7 +204,7 @@ TEST(Onnx, BadFilesGetOneLine) {
   const Folder folder;
   const std::string good = tiny_convolution({1, 3, 6, 8}, 2).bytes();
   const auto write = [&](const std::string& bytes) {
-    write_file(folder / "bad.onnx", bytes);
+    make_file(folder / "bad.onnx", bytes);
     return folder / "bad.onnx";
   };
   EXPECT_TRUE(contains(refusal(network("")), "--model"));

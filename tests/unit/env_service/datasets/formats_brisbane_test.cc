@@ -20,7 +20,7 @@ std::string numbered(const std::string& before, int number, std::size_t digits, 
 TEST(Layout, HolesAreMissingFilesUnlessTheFolderWasThinned) {
   const Folder folder;
   for (int i = 1; i <= 12; ++i)
-    if (i != 5) write_file(folder / numbered("Image", i, 5, ".jpg"), "x");
+    if (i != 5) make_file(folder / numbered("Image", i, 5, ".jpg"), "x");
   const std::vector<NumberedFile> whole = numbered_files(folder.path(), {".jpg"});
   ASSERT_EQ(whole.size(), 12u);
   EXPECT_EQ(whole[4].number, 5);
@@ -28,7 +28,7 @@ TEST(Layout, HolesAreMissingFilesUnlessTheFolderWasThinned) {
   for (int i = 2; i <= 11; ++i)
     if (i % 3) fs::remove(folder / numbered("Image", i, 5, ".jpg"));
   EXPECT_EQ(numbered_files(folder.path(), {".jpg"}).size(), 5u);  // 1 3 6 9 12
-  write_file(folder / "other00012.jpg", "x");
+  make_file(folder / "other00012.jpg", "x");
   EXPECT_TRUE(holds(error_of([&] { numbered_files(folder.path(), {".jpg"}); }), "other00012.jpg"));
 }
 
@@ -43,16 +43,16 @@ TEST(Layout, FormsAndNumbers) {
 
 TEST(Layout, LogsOfPositions) {
   const Folder folder;
-  write_file(folder / "a.txt", "latitude,longitude\n27.5,153.0\n0,0\n27.6,153.1,40\n");
+  make_file(folder / "a.txt", "latitude,longitude\n27.5,153.0\n0,0\n27.6,153.1,40\n");
   const GpsRows rows = read_gps_rows(folder / "a.txt");
   ASSERT_EQ(rows.latitude.size(), 3u);
   EXPECT_EQ(rows.longitude[2], 153.1);
   EXPECT_TRUE(std::isnan(rows.latitude[1]));
-  write_file(folder / "b.txt", "-27.5 153.0\n-27.6\t153.1\n");
+  make_file(folder / "b.txt", "-27.5 153.0\n-27.6\t153.1\n");
   EXPECT_EQ(read_gps_rows(folder / "b.txt").latitude[1], -27.6);
-  write_file(folder / "c.txt", "-27.5,153.0\n2730.1,15300.2\n");
+  make_file(folder / "c.txt", "-27.5,153.0\n2730.1,15300.2\n");
   EXPECT_TRUE(holds(error_of([&] { read_gps_rows(folder / "c.txt"); }), "c.txt:2"));
-  write_file(folder / "d.txt", "");
+  make_file(folder / "d.txt", "");
   EXPECT_TRUE(holds(error_of([&] { read_gps_rows(folder / "d.txt"); }), "d.txt"));
   // Three rows over five frames.
   const GpsRows wide = spread({{1, 2, 4}, {10, 20, 40}}, 5);
@@ -73,7 +73,7 @@ class Alderley : public ::testing::Test {
       write_picture(folder_ / numbered("FRAMESA/Image", i, 5, ".jpg"), cv::Scalar::all(10 * i));
     for (int i = 1; i <= 4; ++i)
       write_picture(folder_ / numbered("FRAMESB/FRAMESB/Image", i, 5, ".jpg"), cv::Scalar::all(100 + 10 * i));
-    write_file(folder_ / "framematches.csv", "1,2\n2,3\n3,4\n");
+    make_file(folder_ / "framematches.csv", "1,2\n2,3\n3,4\n");
   }
   Folder folder_;
 };
@@ -101,11 +101,11 @@ TEST_F(Alderley, MatchesAreOfTheNightThenOfTheDayAndCountFromOne) {
   // Only every other frame was kept.
   fs::remove(folder_ / "FRAMESA/Image00002.jpg");
   EXPECT_EQ(dataset->matches("night", "day"), (std::vector<std::pair<int, int>>{{0, 1}, {1, 3}}));
-  write_file(folder_ / "framematches.csv", "1,2\n2,three\n");
+  make_file(folder_ / "framematches.csv", "1,2\n2,three\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->matches("night", "day"); }), "framematches.csv:2"));
-  write_file(folder_ / "framematches.csv", "1,2\n2,2.5\n");
+  make_file(folder_ / "framematches.csv", "1,2\n2,2.5\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->matches("night", "day"); }), "framematches.csv:2"));
-  write_file(folder_ / "framematches.csv", "100,200\n");
+  make_file(folder_ / "framematches.csv", "100,200\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->matches("night", "day"); }), "framematches.csv"));
   fs::remove(folder_ / "framematches.csv");
   EXPECT_TRUE(holds(error_of([&] { dataset->matches("night", "day"); }), "framematches.csv"));
@@ -115,7 +115,7 @@ TEST_F(Alderley, TellsWhatIsMissingOrBroken) {
   for (int i = 5; i <= 20; ++i)
     write_picture(folder_ / numbered("FRAMESB/FRAMESB/Image", i, 5, ".jpg"), cv::Scalar::all(5 * i));
   fs::remove(folder_ / "FRAMESB/FRAMESB/Image00007.jpg");
-  write_file(folder_ / "FRAMESB/FRAMESB/Image00008.jpg", "cut off");
+  make_file(folder_ / "FRAMESB/FRAMESB/Image00008.jpg", "cut off");
   const Traversal day = make_dataset("alderley", folder_.path())->load("day");
   EXPECT_EQ(day.frames, 20);
   EXPECT_NE(day.images->fault(6), "");
@@ -142,7 +142,7 @@ class UqStLucia : public ::testing::Test {
              numbered("101215_153851_MultiCamera0/cam0_image", i, 5, ".bmp ") +
              numbered("101215_153851_MultiCamera0/cam1_image", i, 5, ".bmp\n");
     }
-    write_file(folder_ / "101215_153851_MultiCamera0.log", log);
+    make_file(folder_ / "101215_153851_MultiCamera0.log", log);
   }
   Traversal load(const std::map<std::string, double>& parameters = {}) const {
     return make_dataset("st_lucia", folder_.path(), parameters)->load("101215_153851");
@@ -155,7 +155,7 @@ TEST_F(UqStLucia, ReadsTheDrive) {
   for (const std::string ins :
        {"1292391531 0 -27.5 153.0 30 30 0 0 0 0 0 0\n1292391531 200000 -27.501 153.0 30 30 0 0 0 0 0 0\n",
         "1292391531 0 153.0 -27.5 30 30 0 0 0 0 0 0\n1292391531 200000 153.0 -27.501 30 30 0 0 0 0 0 0\n"}) {
-    write_file(folder_ / "101215_153851_Ins0.log", ins);
+    make_file(folder_ / "101215_153851_Ins0.log", ins);
     const Traversal traversal = load();
     ASSERT_EQ(traversal.frames, 3);
     EXPECT_NEAR(traversal.times[1], 1292391531.1, 1e-6);
@@ -179,13 +179,13 @@ TEST_F(UqStLucia, FindsPicturesThatBecamePng) {
 TEST_F(UqStLucia, TellsWhatIsMissingOrBroken) {
   EXPECT_TRUE(std::isnan(load().positions[0]));  // no Ins0.log
   fs::remove(folder_ / "101215_153851_MultiCamera0/cam0_image00001.bmp");
-  write_file(folder_ / "101215_153851_MultiCamera0/cam0_image00002.bmp", "BM");
+  make_file(folder_ / "101215_153851_MultiCamera0/cam0_image00002.bmp", "BM");
   EXPECT_NE(load().images->fault(1), "");
   EXPECT_NE(load().images->fault(2), "");
   EXPECT_TRUE(holds(load().images->name(1), "cam0_image00001.bmp"));
-  write_file(folder_ / "101215_153851_Ins0.log", "1292391531 0 -27.5 153.0\n1292391531 200000 -127.5 153.0\n");
+  make_file(folder_ / "101215_153851_Ins0.log", "1292391531 0 -27.5 153.0\n1292391531 200000 -127.5 153.0\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "Ins0.log:2"));
-  write_file(folder_ / "101215_153851_MultiCamera0.log", "header\n1 2 3\n");
+  make_file(folder_ / "101215_153851_MultiCamera0.log", "header\n1 2 3\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "MultiCamera0.log:2"));
   fs::remove(folder_ / "101215_153851_MultiCamera0.log");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "MultiCamera0.log"));
@@ -197,7 +197,7 @@ TEST(StLuciaMultipleTimes, ReadsVideosWithARowOfGpsAFrame) {
   const Folder folder;
   write_avi(folder / "190809_0845/webcam_video.avi", 4, 15);
   // As published, without the minus of the southern latitude.
-  write_file(folder / "190809_0845/fGPS.txt", "27.500,153.0\n27.501,153.0\n0,0\n27.503,153.0\n");
+  make_file(folder / "190809_0845/fGPS.txt", "27.500,153.0\n27.501,153.0\n0,0\n27.503,153.0\n");
   write_avi(folder / "180809_1545/webcam_video.avi", 3, 15);
   const auto dataset = make_dataset("st_lucia_multiple_times", folder.path());
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"180809_1545", "190809_0845"}));
@@ -221,7 +221,7 @@ TEST(StLuciaMultipleTimes, ThinnedPicturesTakeTheRowOfTheirNumber) {
   for (const int number : {1, 4, 9}) write_picture(folder / numbered("180809_1545/", number, 7, ".png"));
   std::string log;
   for (int row = 0; row < 10; ++row) log += "27." + std::to_string(500 + row) + ",153.0\n";
-  write_file(folder / "180809_1545/fGPS.txt", log);
+  make_file(folder / "180809_1545/fGPS.txt", log);
   const Traversal traversal = make_dataset("st_lucia_multiple_times", folder.path())->load("180809_1545");
   ASSERT_EQ(traversal.frames, 3);
   EXPECT_DOUBLE_EQ(traversal.latitude[0], -27.501);
@@ -236,18 +236,18 @@ TEST(StLuciaMultipleTimes, TellsWhatIsMissingOrBroken) {
   fs::create_directories(folder / "180809_1545");
   const auto dataset = make_dataset("st_lucia_multiple_times", folder.path());
   EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "180809_1545: has neither a video nor pictures"));
-  write_file(folder / "180809_1545/webcam_video.avi", "not a video");
+  make_file(folder / "180809_1545/webcam_video.avi", "not a video");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "webcam_video.avi"));
   write_avi(folder / "180809_1545/webcam_video.avi", 3, 15);
-  write_file(folder / "180809_1545/fGPS.txt", "27.5,153.0\n27.5;153.0\n27.5,153.0\n");
+  make_file(folder / "180809_1545/fGPS.txt", "27.5,153.0\n27.5;153.0\n27.5,153.0\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("180809_1545"); }), "fGPS.txt:2"));
 }
 
 TEST(MultilaneRoad, ReadsWhatIsBelowTheNamesOfTheRoads) {
   const Folder folder;
   for (int i = 1; i <= 3; ++i) write_picture(folder / numbered("data/highway/day_lane1/", i, 4, ".jpg"));
-  write_file(folder / "data/highway/day_lane1/gps.csv",
-             "latitude,longitude\n-28.0,153.4\n-28.001,153.4\n-28.002,153.4\n");
+  make_file(folder / "data/highway/day_lane1/gps.csv",
+            "latitude,longitude\n-28.0,153.4\n-28.001,153.4\n-28.002,153.4\n");
   write_avi(folder / "suburban_night_lane2.avi", 3, 15);
   write_avi(folder / "unrelated.avi", 3, 15);
   const auto dataset = make_dataset("multilane_road", folder.path());
@@ -258,13 +258,13 @@ TEST(MultilaneRoad, ReadsWhatIsBelowTheNamesOfTheRoads) {
   EXPECT_EQ(night.condition, "night");
   EXPECT_NEAR(day.positions[2], 0.002 * kDegree, 0.05);
   EXPECT_TRUE(std::isnan(night.positions[2]));
-  write_file(folder / "suburban_night_lane2_gps.txt", "-28.1 153.4\n-28.2 153.4\n-28.3 153.4\n");
+  make_file(folder / "suburban_night_lane2_gps.txt", "-28.1 153.4\n-28.2 153.4\n-28.3 153.4\n");
   EXPECT_NEAR(dataset->load("suburban_night_lane2").latitude[1], -28.2, 1e-9);
   const std::uint64_t hash = day.hash();
-  write_file(folder / "data/highway/day_lane1/0002.jpg", "broken");
+  make_file(folder / "data/highway/day_lane1/0002.jpg", "broken");
   EXPECT_NE(dataset->load("data-highway-day_lane1").images->fault(1), "");
   EXPECT_NE(dataset->load("data-highway-day_lane1").hash(), hash);
-  write_file(folder / "data/highway/day_lane1/gps.csv", "a,b\n1,2\n3,x\n");
+  make_file(folder / "data/highway/day_lane1/gps.csv", "a,b\n1,2\n3,x\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("data-highway-day_lane1"); }), "gps.csv:3"));
   const Folder other;
   write_avi(other / "unrelated.avi", 3, 15);
@@ -286,9 +286,9 @@ TEST(GoldCoastDrive, ReadsItsVideos) {
   EXPECT_NEAR(picture_of(traversal, 2).at<cv::Vec3b>(8, 8)[0], 40, 3);
   EXPECT_EQ(dataset->load("GoldCoast frames").frames, 3);
   fs::remove(folder / "GoldCoast frames/000002.png");
-  write_file(folder / "GoldCoast frames/000003.png", "");
+  make_file(folder / "GoldCoast frames/000003.png", "");
   EXPECT_NE(dataset->load("GoldCoast frames").images->fault(1), "");
-  write_file(folder / "gold_coast_compressed.mp4", "not a video");
+  make_file(folder / "gold_coast_compressed.mp4", "not a video");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("gold_coast_compressed"); }), "gold_coast_compressed.mp4"));
 }
 

@@ -16,10 +16,10 @@ class Bdd : public ::testing::Test {
   void SetUp() override {
     write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 60, 30);  // 2 s
     // Its first frame at 1503828163.0 s; one location a second, each 0.001 degrees to the north.
-    write_file(info_, R"({"rideID": "r", "startTime": 1503828163000, "endTime": 1503828165000, "locations": [)"
-                      R"({"timestamp": 1503828163000, "latitude": 40.000, "longitude": -74.0, "speed": 1},)"
-                      R"({"timestamp": 1503828164000, "latitude": 40.001, "longitude": -74.0, "speed": 1},)"
-                      R"({"timestamp": 1503828165000, "latitude": 40.002, "longitude": -74.0, "speed": 1}]})");
+    make_file(info_, R"({"rideID": "r", "startTime": 1503828163000, "endTime": 1503828165000, "locations": [)"
+                     R"({"timestamp": 1503828163000, "latitude": 40.000, "longitude": -74.0, "speed": 1},)"
+                     R"({"timestamp": 1503828164000, "latitude": 40.001, "longitude": -74.0, "speed": 1},)"
+                     R"({"timestamp": 1503828165000, "latitude": 40.002, "longitude": -74.0, "speed": 1}]})");
     write_avi(folder_ / "videos/100k/train/no-info.mov", 3, 30);
   }
   Traversal load() const { return make_dataset("bdd100k", folder_.path(), {{"seconds", 2}})->load(kRide); }
@@ -44,37 +44,37 @@ TEST_F(Bdd, ReadsRidesThatHaveInfo) {
 }
 
 TEST_F(Bdd, ConditionsComeFromLabels) {
-  write_file(folder_ / "labels/bdd100k_labels_images_train.json",
-             R"([{"name": "0000f77c-6257be58.jpg", "labels": [{"category": "car", "box2d": {"x1": 1}}],)"
-             R"( "attributes": {"weather": "rainy", "scene": "city street", "timeofday": "night"}}])");
+  make_file(folder_ / "labels/bdd100k_labels_images_train.json",
+            R"([{"name": "0000f77c-6257be58.jpg", "labels": [{"category": "car", "box2d": {"x1": 1}}],)"
+            R"( "attributes": {"weather": "rainy", "scene": "city street", "timeofday": "night"}}])");
   EXPECT_EQ(make_dataset("bdd100k", folder_.path())->condition(kRide), "night+rainy");
   EXPECT_EQ(load().condition, "night+rainy");
-  write_file(folder_ / "labels/100k/train/0000f77c-6257be58.json",
-             R"({"name": "x", "attributes": {"weather": "undefined", "timeofday": "daytime"}, "frames": [1, 2]})");
+  make_file(folder_ / "labels/100k/train/0000f77c-6257be58.json",
+            R"({"name": "x", "attributes": {"weather": "undefined", "timeofday": "daytime"}, "frames": [1, 2]})");
   EXPECT_EQ(make_dataset("bdd100k", folder_.path())->condition(kRide), "daytime");
   fs::remove_all(folder_ / "labels/100k");
-  write_file(folder_ / "labels/bdd100k_labels_images_train.json", R"([{"name": )");
+  make_file(folder_ / "labels/bdd100k_labels_images_train.json", R"([{"name": )");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "bdd100k_labels_images_train.json"));
 }
 
 TEST_F(Bdd, TellsWhatIsMissingOrBroken) {
   const std::uint64_t hash = load().hash();
   EXPECT_TRUE(holds(error_of([&] { make_dataset("bdd100k", folder_.path())->load(kRide); }), "--bdd100k-seconds"));
-  write_file(info_, R"({"startTime": 1, "locations": []})");
+  make_file(info_, R"({"startTime": 1, "locations": []})");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.json: 0 locations"));
-  write_file(info_, R"({"startTime": 1, "locations": [{"timestamp": 1, "latitude": "north"}]})");
+  make_file(info_, R"({"startTime": 1, "locations": [{"timestamp": 1, "latitude": "north"}]})");
   EXPECT_TRUE(holds(error_of([&] { load(); }), R"(0000f77c-6257be58.json: "latitude")"));
-  write_file(info_, R"({"locations": []})");
+  make_file(info_, R"({"locations": []})");
   EXPECT_TRUE(holds(error_of([&] { load(); }), R"(no "startTime")"));
-  write_file(info_, R"([1, 2])");
+  make_file(info_, R"([1, 2])");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.json"));
-  write_file(info_, R"({"startTime": 15038)");
+  make_file(info_, R"({"startTime": 15038)");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.json: is not JSON"));
   SetUp();
   EXPECT_EQ(load().hash(), hash);
   write_avi(folder_ / "videos/100k/train/0000f77c-6257be58.mov", 61, 30);
   EXPECT_NE(load().hash(), hash);
-  write_file(folder_ / "videos/100k/train/0000f77c-6257be58.mov", "not a video");
+  make_file(folder_ / "videos/100k/train/0000f77c-6257be58.mov", "not a video");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "0000f77c-6257be58.mov"));
   const Folder other;
   write_avi(other / "videos/train/a.mov", 3, 30);
@@ -89,16 +89,15 @@ class Cityscapes : public ::testing::Test {
       const std::string frame = "train/aachen/aachen_000000_00000" + std::to_string(i);
       write_picture(folder_ / ("leftImg8bit_sequence/" + frame + "_leftImg8bit.png"), cv::Scalar::all(50 + 50 * i));
       write_vehicle(i, 50.78 + 0.001 * i, 10 + 2 * i);
-      write_file(folder_ / ("timestamp_sequence/" + frame + "_timestamp.txt"),
-                 std::to_string(1000000000L + 60000000L * i));
+      make_file(folder_ / ("timestamp_sequence/" + frame + "_timestamp.txt"),
+                std::to_string(1000000000L + 60000000L * i));
     }
   }
   void write_vehicle(int frame, double latitude, double speed) const {
-    write_file(
-        folder_ / ("vehicle_sequence/train/aachen/aachen_000000_00000" + std::to_string(frame) + "_vehicle.json"),
-        R"({"gpsHeading": 281, "gpsLatitude": )" + std::to_string(latitude) +
-            R"(, "gpsLongitude": 6.06, "outsideTemperature": 19.5, "speed": )" + std::to_string(speed) +
-            R"(, "yawRate": 0.17})");
+    make_file(folder_ / ("vehicle_sequence/train/aachen/aachen_000000_00000" + std::to_string(frame) + "_vehicle.json"),
+              R"({"gpsHeading": 281, "gpsLatitude": )" + std::to_string(latitude) +
+                  R"(, "gpsLongitude": 6.06, "outsideTemperature": 19.5, "speed": )" + std::to_string(speed) +
+                  R"(, "yawRate": 0.17})");
   }
   Traversal load() const { return make_dataset("cityscapes", folder_.path())->load("aachen_000000"); }
   Folder folder_;
@@ -119,7 +118,7 @@ TEST_F(Cityscapes, ReadsASnippet) {
 }
 
 TEST_F(Cityscapes, GapsAreMeasuredByGpsAndTimesAreOptional) {
-  write_file(folder_ / "timestamp_sequence/train/aachen/aachen_000000_000002_timestamp.txt", "9000000000");
+  make_file(folder_ / "timestamp_sequence/train/aachen/aachen_000000_000002_timestamp.txt", "9000000000");
   EXPECT_NEAR(load().positions[2], 0.66 + 0.001 * kDegree, 0.05);
   fs::remove_all(folder_ / "timestamp_sequence");
   EXPECT_NEAR(load().positions[2], 11 / 17.0 + 13 / 17.0, 1e-5);
@@ -128,18 +127,18 @@ TEST_F(Cityscapes, GapsAreMeasuredByGpsAndTimesAreOptional) {
 }
 
 TEST_F(Cityscapes, TellsWhatIsMissingOrBroken) {
-  write_file(folder_ / "leftImg8bit_sequence/train/aachen/aachen_000000_000001_leftImg8bit.png", "broken");
+  make_file(folder_ / "leftImg8bit_sequence/train/aachen/aachen_000000_000001_leftImg8bit.png", "broken");
   EXPECT_NE(load().images->fault(1), "");
   EXPECT_TRUE(holds(load().images->name(1), "aachen_000000_000001_leftImg8bit.png"));
   const std::string vehicle = folder_ / "vehicle_sequence/train/aachen/aachen_000000_000001_vehicle.json";
-  write_file(vehicle, R"({"gpsLatitude": 50.78, "gpsLongitude": 6.06})");
+  make_file(vehicle, R"({"gpsLatitude": 50.78, "gpsLongitude": 6.06})");
   EXPECT_TRUE(holds(error_of([&] { load(); }), R"(aachen_000000_000001_vehicle.json: has no "speed")"));
-  write_file(vehicle, "{");
+  make_file(vehicle, "{");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "aachen_000000_000001_vehicle.json: is not JSON"));
   fs::remove(vehicle);
   EXPECT_TRUE(holds(error_of([&] { load(); }), "aachen_000000_000001_vehicle.json"));
   write_vehicle(1, 50, 10);
-  write_file(folder_ / "timestamp_sequence/train/aachen/aachen_000000_000001_timestamp.txt", "5");
+  make_file(folder_ / "timestamp_sequence/train/aachen/aachen_000000_000001_timestamp.txt", "5");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "aachen_000000_000001_timestamp.txt"));
   const Folder other;
   EXPECT_TRUE(holds(error_of([&] { make_dataset("cityscapes", other.path())->names(); }), "leftImg8bit_sequence"));
@@ -192,9 +191,9 @@ class StreetLearn : public ::testing::Test {
  protected:
   void SetUp() override {
     // Their middle columns head south (180).
-    write_file(folder_ / "nodes.txt",
-               "a,180,0.0,0.000\nb,180,0.0,0.001\nc,180,0.0,0.002\nd,180,0.0,0.003\ne,180,0.0005,0.002\n");
-    write_file(folder_ / "links.txt", "a,90,b\nb,270,a\nb,90,c\nc,270,b\nc,90,d\nd,270,c\nc,0,e\ne,180,c\n");
+    make_file(folder_ / "nodes.txt",
+              "a,180,0.0,0.000\nb,180,0.0,0.001\nc,180,0.0,0.002\nd,180,0.0,0.003\ne,180,0.0005,0.002\n");
+    make_file(folder_ / "links.txt", "a,90,b\nb,270,a\nb,90,c\nc,270,b\nc,90,d\nd,270,c\nc,0,e\ne,180,c\n");
     for (const std::string id : {"a", "b", "c", "d", "e"}) {
       fs::create_directories(folder_ / "panos");
       ASSERT_TRUE(cv::imwrite(folder_ / ("panos/" + id + ".png"), sectors(720)));
@@ -210,7 +209,7 @@ class StreetLearn : public ::testing::Test {
 };
 
 TEST_F(StreetLearn, WalksTheGivenRoutesLookingAhead) {
-  write_file(folder_ / "routes.txt", "corner,a,e\nthere and back,a,c,a\n");
+  make_file(folder_ / "routes.txt", "corner,a,e\nthere and back,a,c,a\n");
   EXPECT_EQ(dataset()->names(), (std::vector<std::string>{"corner", "there and back"}));
   const Traversal corner = dataset()->load("corner");
   ASSERT_EQ(corner.frames, 4);  // a b c e
@@ -247,8 +246,8 @@ TEST_F(StreetLearn, FindsFarRoutesItself) {
 
 TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
   fs::remove(folder_ / "panos/b.png");
-  write_file(folder_ / "panos/c.png", "broken");
-  write_file(folder_ / "routes.txt", "street,a,d\n");
+  make_file(folder_ / "panos/c.png", "broken");
+  make_file(folder_ / "routes.txt", "street,a,d\n");
   const Traversal street = dataset()->load("street");
   EXPECT_TRUE(holds(street.images->name(1), "panos/b.jpg"));
   EXPECT_NE(street.images->fault(1), "");
@@ -256,22 +255,22 @@ TEST_F(StreetLearn, TellsWhatIsMissingOrBroken) {
   Bytes bytes;
   EXPECT_TRUE(holds(error_of([&] { street.images->read(2, bytes); }), "panos/c.png"));
 
-  write_file(folder_ / "routes.txt", "street,a,d\nother,a,z\n");
+  make_file(folder_ / "routes.txt", "street,a,d\nother,a,z\n");
   const auto one = dataset();
   for (int again = 0; again < 2; ++again) EXPECT_TRUE(holds(error_of([&] { one->names(); }), "routes.txt:2: id z"));
-  write_file(folder_ / "routes.txt", "street,a,d\nstreet,d,a\n");
+  make_file(folder_ / "routes.txt", "street,a,d\nstreet,d,a\n");
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "routes.txt:2: a second route street"));
-  write_file(folder_ / "routes.txt", "street,a,a\n");
+  make_file(folder_ / "routes.txt", "street,a,a\n");
   EXPECT_TRUE(holds(error_of([&] { dataset()->load("street"); }), "has 0 frames"));
   fs::remove(folder_ / "routes.txt");
-  write_file(folder_ / "links.txt", "a,90,b\nb,east,c\n");
+  make_file(folder_ / "links.txt", "a,90,b\nb,east,c\n");
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "links.txt:2"));
-  write_file(folder_ / "links.txt", "a,90,b\nb,90,q\n");
+  make_file(folder_ / "links.txt", "a,90,b\nb,90,q\n");
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "links.txt:2: id q"));
-  write_file(folder_ / "links.txt", "a,90,b\n");
-  write_file(folder_ / "routes.txt", "back,b,a\n");
+  make_file(folder_ / "links.txt", "a,90,b\n");
+  make_file(folder_ / "routes.txt", "back,b,a\n");
   EXPECT_TRUE(holds(error_of([&] { dataset()->load("back"); }), "no way from b to a"));
-  write_file(folder_ / "nodes.txt", "a,180,0.0,0.000\na,180,0.0,0.001\n");
+  make_file(folder_ / "nodes.txt", "a,180,0.0,0.000\na,180,0.0,0.001\n");
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "nodes.txt:2"));
   fs::remove_all(folder_ / "panos");
   EXPECT_TRUE(holds(error_of([&] { dataset()->names(); }), "panos"));

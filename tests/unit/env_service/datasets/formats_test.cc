@@ -33,7 +33,7 @@ class Robotcar : public ::testing::Test {
       text += stamp + " 1\n";
     }
     // A chunk that nobody fetched.
-    write_file(drive_ + "/" + timestamps, text + "1400075172300000 2\n1400075172400000 2\n");
+    make_file(drive_ + "/" + timestamps, text + "1400075172300000 2\n1400075172400000 2\n");
   }
   Traversal load(const std::map<std::string, double>& parameters = {}) const {
     return make_dataset("oxford_robotcar", folder_.path(), parameters)->load(kDrive);
@@ -45,10 +45,10 @@ class Robotcar : public ::testing::Test {
 
 TEST_F(Robotcar, ReadsADriveWithInsPositions) {
   write_frames("stereo/centre", "stereo.timestamps");
-  write_file(folder_ / "tags/2014-05-14-13-46-12.yaml", "- sun\n- alternate-route\n- clouds");
-  write_file(drive_ + "/gps/ins.csv", kInsHeader + ins_row(1400075171900000, 0, 0, 0, 0) +
-                                          ins_row(1400075172000000, 51.75, -1.25, 5735000, 619000) +
-                                          ins_row(1400075172200000, 51.76, -1.26, 5735006, 619008));
+  make_file(folder_ / "tags/2014-05-14-13-46-12.yaml", "- sun\n- alternate-route\n- clouds");
+  make_file(drive_ + "/gps/ins.csv", kInsHeader + ins_row(1400075171900000, 0, 0, 0, 0) +
+                                         ins_row(1400075172000000, 51.75, -1.25, 5735000, 619000) +
+                                         ins_row(1400075172200000, 51.76, -1.26, 5735006, 619008));
   const auto dataset = make_dataset("oxford_robotcar", folder_.path());
   EXPECT_EQ(dataset->names(), std::vector<std::string>{kDrive});
   EXPECT_EQ(dataset->condition(kDrive), "sun+clouds");
@@ -71,21 +71,21 @@ TEST_F(Robotcar, ReadsADriveWithInsPositions) {
 TEST_F(Robotcar, RtkBeforeInsAndOdometryLast) {
   write_frames("stereo/centre", "stereo.timestamps");
   // Steps of 3 m and of 4 m sideways and 3 m up, each told with its end first, as the SDK reads them.
-  write_file(drive_ + "/vo/vo.csv",
-             "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw\n"
-             "1400075172100000,1400075172000000,3,0,0,0,0,0.1\n"
-             "1400075172200000,1400075172100000,0,4,3,0,0,0.1\n");
+  make_file(drive_ + "/vo/vo.csv",
+            "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw\n"
+            "1400075172100000,1400075172000000,3,0,0,0,0,0.1\n"
+            "1400075172200000,1400075172100000,0,4,3,0,0,0.1\n");
   Traversal traversal = load();
   EXPECT_FLOAT_EQ(traversal.positions[0], 0);
   EXPECT_NEAR(traversal.positions[1], 3, 1e-4);
   EXPECT_NEAR(traversal.positions[2], 8, 1e-4);
   EXPECT_TRUE(traversal.latitude.empty());
 
-  write_file(drive_ + "/gps/ins.csv",
-             kInsHeader + ins_row(1400075172000000, 51, -1, 0, 0) + ins_row(1400075172200000, 51, -1, 10, 0));
+  make_file(drive_ + "/gps/ins.csv",
+            kInsHeader + ins_row(1400075172000000, 51, -1, 0, 0) + ins_row(1400075172200000, 51, -1, 10, 0));
   EXPECT_NEAR(load().positions[2], 10, 1e-3);
-  write_file(drive_ + "/rtk.csv",
-             kInsHeader + ins_row(1400075172000000, 51, -1, 0, 0) + ins_row(1400075172200000, 51, -1, 20, 0));
+  make_file(drive_ + "/rtk.csv",
+            kInsHeader + ins_row(1400075172000000, 51, -1, 0, 0) + ins_row(1400075172200000, 51, -1, 20, 0));
   EXPECT_NEAR(load().positions[2], 20, 1e-3);
 }
 
@@ -128,7 +128,7 @@ TEST_F(Robotcar, FingerprintsFollowPicturesAndDemosaicing) {
 TEST_F(Robotcar, TellsWhatIsMissingOrBroken) {
   write_frames("stereo/centre", "stereo.timestamps");
   fs::remove(drive_ + "/stereo/centre/1400075172100000.png");
-  write_file(drive_ + "/stereo/centre/1400075172200000.png", "not a picture");
+  make_file(drive_ + "/stereo/centre/1400075172200000.png", "not a picture");
   const Traversal traversal = load();
   ASSERT_EQ(traversal.frames, 3);  // two of three: the chunk counts
   EXPECT_EQ(traversal.images->fault(0), "");
@@ -142,10 +142,10 @@ TEST_F(Robotcar, TellsWhatIsMissingOrBroken) {
                       }),
                       std::to_string(1400075172000000L + 100000L * frame) + ".png"));
 
-  write_file(drive_ + "/gps/ins.csv",
-             std::string(kInsHeader) + "1400075172000000,GOOD,here,-1,0,0,0,0,30U,0,0,0,0,0,0\n");
+  make_file(drive_ + "/gps/ins.csv",
+            std::string(kInsHeader) + "1400075172000000,GOOD,here,-1,0,0,0,0,30U,0,0,0,0,0,0\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "gps/ins.csv:2"));
-  write_file(drive_ + "/gps/ins.csv", "timestamp,latitude\n1,2\n");
+  make_file(drive_ + "/gps/ins.csv", "timestamp,latitude\n1,2\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "gps/ins.csv"));
 }
 
@@ -153,13 +153,13 @@ TEST_F(Robotcar, ThinnedPicturesAreNotMissing) {
   write_frames("stereo/centre", "stereo.timestamps");
   std::string stamps;
   for (int i = 0; i < 30; ++i) stamps += std::to_string(1400075172000000L + 10000L * i) + " 1\n";
-  write_file(drive_ + "/stereo.timestamps", stamps);
+  make_file(drive_ + "/stereo.timestamps", stamps);
   EXPECT_EQ(load().frames, 3);
   fs::remove(drive_ + "/stereo.timestamps");
   EXPECT_EQ(load().frames, 3);
-  write_file(drive_ + "/stereo.timestamps", "1400075172000000 1\n14000751721 1\n");
+  make_file(drive_ + "/stereo.timestamps", "1400075172000000 1\n14000751721 1\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "stereo.timestamps:2"));
-  write_file(drive_ + "/stereo.timestamps", "1400075172000000 1\n1400075172000000 1\n");
+  make_file(drive_ + "/stereo.timestamps", "1400075172000000 1\n1400075172000000 1\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "stereo.timestamps:2"));
 }
 
@@ -213,12 +213,12 @@ class KittiRaw : public ::testing::Test {
     for (int i = 0; i < 3; ++i) {
       const std::string number = "000000000" + std::to_string(i);
       write_picture(drive_ + "/image_02/data/" + number + ".png", cv::Scalar::all(50 + 50 * i));
-      write_file(drive_ + "/oxts/data/" + number + ".txt",
-                 std::to_string(0.001 * i) + " 8.4 116.4 0.03 0.009 -2.6 -6.8 -11.2 13.1\n");
+      make_file(drive_ + "/oxts/data/" + number + ".txt",
+                std::to_string(0.001 * i) + " 8.4 116.4 0.03 0.009 -2.6 -6.8 -11.2 13.1\n");
       times += "2011-09-26 13:02:25.9" + std::to_string(i) + "0000000\n";
     }
-    write_file(drive_ + "/image_02/timestamps.txt", times);
-    write_file(drive_ + "/oxts/timestamps.txt", times);
+    make_file(drive_ + "/image_02/timestamps.txt", times);
+    make_file(drive_ + "/oxts/timestamps.txt", times);
   }
   Traversal load() const { return make_dataset("kitti", folder_.path())->load("2011_09_26_drive_0001_sync"); }
 
@@ -240,30 +240,30 @@ TEST_F(KittiRaw, ReadsADrive) {
 
 TEST_F(KittiRaw, PositionsAreThoseOfThePicturesTimes) {
   // The packets came when the pictures were half way.
-  write_file(drive_ + "/oxts/timestamps.txt",
-             "2011-09-26 13:02:25.895000000\n2011-09-26 13:02:25.905000000\n2011-09-26 13:02:25.915000000\n");
+  make_file(drive_ + "/oxts/timestamps.txt",
+            "2011-09-26 13:02:25.895000000\n2011-09-26 13:02:25.905000000\n2011-09-26 13:02:25.915000000\n");
   EXPECT_NEAR(load().latitude[0], 0.0005, 1e-7);
   EXPECT_NEAR(load().latitude[1], 0.0015, 1e-7);
 }
 
 TEST_F(KittiRaw, LatePacketsArePassedOver) {
-  write_file(drive_ + "/oxts/timestamps.txt",
-             "2011-09-26 13:02:25.900000000\n2011-09-26 13:02:25.890000000\n2011-09-26 13:02:25.920000000\n");
+  make_file(drive_ + "/oxts/timestamps.txt",
+            "2011-09-26 13:02:25.900000000\n2011-09-26 13:02:25.890000000\n2011-09-26 13:02:25.920000000\n");
   EXPECT_NEAR(load().latitude[1], 0.001, 1e-7);  // between packets 0 and 2
 }
 
 TEST_F(KittiRaw, TellsWhatIsMissingOrBroken) {
   fs::remove(drive_ + "/image_02/data/0000000001.png");
-  write_file(drive_ + "/image_02/data/0000000002.png", "broken");
+  make_file(drive_ + "/image_02/data/0000000002.png", "broken");
   const Traversal traversal = load();
   EXPECT_NE(traversal.images->fault(1), "");
   EXPECT_NE(traversal.images->fault(2), "");
   EXPECT_TRUE(holds(traversal.images->name(1), "0000000001.png"));
   fs::remove(drive_ + "/oxts/data/0000000002.txt");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "oxts/data/0000000002.txt"));
-  write_file(drive_ + "/oxts/data/0000000002.txt", "north east\n");
+  make_file(drive_ + "/oxts/data/0000000002.txt", "north east\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "oxts/data/0000000002.txt:1"));
-  write_file(drive_ + "/image_02/timestamps.txt", "2011-09-26 13:02:25.9\n26.9.2011 1 p.m.\n");
+  make_file(drive_ + "/image_02/timestamps.txt", "2011-09-26 13:02:25.9\n26.9.2011 1 p.m.\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "image_02/timestamps.txt:2"));
   fs::remove_all(drive_ + "/oxts");
   fs::remove(drive_ + "/image_02/timestamps.txt");
@@ -280,9 +280,9 @@ TEST_F(KittiRaw, OtherFoldersAreNotIt) {
 TEST(KittiOdometry, ReadsASequence) {
   const Folder folder;
   for (int i = 0; i < 3; ++i) write_picture(folder / "sequences/04/image_2/00000" + std::to_string(i) + ".png");
-  write_file(folder / "sequences/04/times.txt", "0.0e+00\n1.03e-01\n2.07e-01\n");
+  make_file(folder / "sequences/04/times.txt", "0.0e+00\n1.03e-01\n2.07e-01\n");
   // Translations (0 0 0), (1 2 2), (1 2 5): steps of 3 m each.
-  write_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1 0 1 0 2 0 0 1 2\n1 0 0 1 0 1 0 2 0 0 1 5\n");
+  make_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1 0 1 0 2 0 0 1 2\n1 0 0 1 0 1 0 2 0 0 1 5\n");
   const auto dataset = make_dataset("kitti", folder.path());
   EXPECT_EQ(dataset->names(), std::vector<std::string>{"04"});
   EXPECT_EQ(dataset->correspondence(), Correspondence::kDistance);
@@ -293,9 +293,9 @@ TEST(KittiOdometry, ReadsASequence) {
   write_picture(folder / "sequences/04/image_2/000001.png", {9, 9, 9});
   EXPECT_NE(make_dataset("kitti", folder.path())->load("04").hash(), hash);
 
-  write_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n");
+  make_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("04"); }), "poses/04.txt: has 1 poses"));
-  write_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0\n1 0 0 0 0 1 0 0 0 0 1 0\n");
+  make_file(folder / "poses/04.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0\n1 0 0 0 0 1 0 0 0 0 1 0\n");
   EXPECT_TRUE(holds(error_of([&] { dataset->load("04"); }), "poses/04.txt:2"));
   fs::remove(folder / "poses/04.txt");
   EXPECT_TRUE(std::isnan(dataset->load("04").positions[2]));

@@ -72,15 +72,15 @@ TEST_F(Nordland, OtherFolders) {
 TEST_F(Nordland, GpsLog) {
   write_season("summer", 0, 6);
   // CR alone, degrees times 100,000; a row without sense, and a clock put forward by an hour.
-  write_file(folder_ / "gpsData/summer.csv",
-             "tid,lat,lon,speed,course,alt\r5595900,6300000,1000000,0,0,0\r6000000,6300100,1000000,0,0,0\r"
-             "322.28,-0.36,1.41,0,,\r6000200,6300300,1000000,0,0,0\r7000300,6300400,1000000,0,0,0");
+  make_file(folder_ / "gpsData/summer.csv",
+            "tid,lat,lon,speed,course,alt\r5595900,6300000,1000000,0,0,0\r6000000,6300100,1000000,0,0,0\r"
+            "322.28,-0.36,1.41,0,,\r6000200,6300300,1000000,0,0,0\r7000300,6300400,1000000,0,0,0");
   const Traversal summer = nordland()->load("summer");
   ASSERT_EQ(summer.latitude.size(), 6u);
   const std::vector<double> expected{63, 63.001, 63.002, 63.003, 63.004, 63.004};
   for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(summer.latitude[i], expected[i], 1e-9) << i;
   EXPECT_NEAR(summer.positions[3], 333.585, 0.01);
-  write_file(folder_ / "gpsData/summer.csv", "tid,lat\r1,2");
+  make_file(folder_ / "gpsData/summer.csv", "tid,lat\r1,2");
   EXPECT_EQ(error_of([&] { nordland()->load("summer"); }),
             folder_ / "gpsData/summer.csv: no column 'lon' (there are: tid, lat)");
 }

@@ -31,9 +31,9 @@ class PlainImages : public ::testing::Test {
 TEST_F(PlainImages, AFolderATraversal) {
   write_drive("night");
   write_drive("day");
-  write_file(folder_ / "feat.csv", "1,2\n3,4\n");
+  make_file(folder_ / "feat.csv", "1,2\n3,4\n");
   std::filesystem::create_directory(folder_ / "empty");
-  write_file(folder_ / "notes/readme.txt", "x");
+  make_file(folder_ / "notes/readme.txt", "x");
   EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "feat", "night"}));
   EXPECT_EQ(plain()->correspondence(), Correspondence::kIndex);
   const Traversal day = load("day");
@@ -52,7 +52,7 @@ TEST_F(PlainImages, AFolderATraversal) {
 
 TEST_F(PlainImages, ATableWithNamedColumnsBesidePicturesIsNoTraversal) {
   write_drive("day");
-  write_file(folder_ / "ground_truth.csv", "query,reference\n1,2\n");
+  make_file(folder_ / "ground_truth.csv", "query,reference\n1,2\n");
   EXPECT_EQ(plain()->names(), std::vector<std::string>{"day"});
   std::filesystem::remove_all(folder_ / "day");
   EXPECT_EQ(plain()->names(), std::vector<std::string>{"ground_truth"}) << "else it is taken for features";
@@ -66,14 +66,14 @@ TEST_F(PlainImages, AVideoATraversal) {
   EXPECT_EQ(drive.images->name(3), "drive.avi, frame 3");
   ASSERT_EQ(drive.times.size(), 20u);
   EXPECT_NEAR(drive.times[5], 0.2, 1e-6);
-  write_file(folder_ / "broken.mp4", "x");
+  make_file(folder_ / "broken.mp4", "x");
   EXPECT_EQ(complaint("broken"),
             "broken.mp4: the video cannot be opened (broken, or of a kind that OpenCV was built without)");
 }
 
 TEST_F(PlainImages, OneNameTwice) {
   write_drive("day");
-  write_file(folder_ / "day.csv", "1\n2\n");
+  make_file(folder_ / "day.csv", "1\n2\n");
   EXPECT_EQ(error_of([&] { plain()->names(); }),
             folder_.path() + ": traversal 'day' is both day and day.csv (rename or remove one of them)");
 }
@@ -89,14 +89,14 @@ TEST_F(PlainImages, PicturesWhereFoldersShouldBe) {
 
 TEST_F(PlainImages, PosesInAPlane) {
   write_drive("day");
-  write_file(folder_ / "day.poses.csv", "frame,x,y\n2,0,0\n3,3,4\n7,3,10\n");
+  make_file(folder_ / "day.poses.csv", "frame,x,y\n2,0,0\n3,3,4\n7,3,10\n");
   Traversal day = load("day");
   EXPECT_TRUE(std::isnan(day.positions[0]));
   EXPECT_EQ(day.positions[2], 0);
   EXPECT_EQ(day.positions[3], 5);
   EXPECT_EQ(day.positions[7], 11);
   EXPECT_TRUE(day.latitude.empty());
-  write_file(folder_ / "day.poses.csv", "file,x,y,z,time\nimg2.png,0,0,0,5\nimg3.png,2,3,6,6\n");
+  make_file(folder_ / "day.poses.csv", "file,x,y,z,time\nimg2.png,0,0,0,5\nimg3.png,2,3,6,6\n");
   day = load("day");
   EXPECT_EQ(day.positions[3], 7);
   EXPECT_EQ(day.times[3], 6);
@@ -107,13 +107,13 @@ TEST_F(PlainImages, PosesOnTheEarthAndInMetres) {
   write_drive("day");
   std::string rows = "lat,lon\n";
   for (int i = 0; i < 12; ++i) rows += std::to_string(0.001 * i) + ",7\n";
-  write_file(folder_ / "day/poses.csv", rows);
+  make_file(folder_ / "day/poses.csv", rows);
   const Traversal day = load("day");
   EXPECT_NEAR(day.positions[11], 11 * 111.195, 0.1);
   EXPECT_EQ(day.longitude[5], 7);
   // Features may have positions too.
-  write_file(folder_ / "feat.csv", "1,2\n3,4\n");
-  write_file(folder_ / "feat.poses.csv", "metres\n0\n2.5\n");
+  make_file(folder_ / "feat.csv", "1,2\n3,4\n");
+  make_file(folder_ / "feat.poses.csv", "metres\n0\n2.5\n");
   EXPECT_EQ(load("feat").positions, (std::vector<float>{0, 2.5f}));
   EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "feat"}));
 }
@@ -121,7 +121,7 @@ TEST_F(PlainImages, PosesOnTheEarthAndInMetres) {
 TEST_F(PlainImages, WrongPoses) {
   write_drive("day");
   const auto told = [&](const std::string& text) {
-    write_file(folder_ / "day.poses.csv", text);
+    make_file(folder_ / "day.poses.csv", text);
     return complaint("day");
   };
   EXPECT_EQ(told("a,b\n1,2\n"), "day.poses.csv: no column gives places (its header needs lat,lon or x,y or metres)");
@@ -134,7 +134,7 @@ TEST_F(PlainImages, WrongPoses) {
             "day.poses.csv:2: not the number of a frame in column 'frame' (frames begin with 0)");
   EXPECT_EQ(told("file,metres\nimg99.png,2\n"), "day.poses.csv:2: no picture of this name in day");
   EXPECT_EQ(told("metres\nx\n"), "day.poses.csv:2: 'x' in column 'metres' is not a number");
-  write_file(folder_ / "day/poses.csv", "metres\n1\n");
+  make_file(folder_ / "day/poses.csv", "metres\n1\n");
   EXPECT_TRUE(contains(complaint("day"), "remove one of them"));
 }
 
@@ -142,7 +142,7 @@ TEST_F(PlainImages, Matches) {
   write_drive("day");
   write_drive("night");
   EXPECT_NE(error_of([&] { plain()->matches("day", "night"); }), "");
-  write_file(folder_ / "matches.csv", "day,night\n0,2\n5,7\n");
+  make_file(folder_ / "matches.csv", "day,night\n0,2\n5,7\n");
   EXPECT_EQ(plain()->correspondence(), Correspondence::kMatches);
   EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "night"}));
   const std::vector<std::pair<int, int>> pairs{{0, 2}, {5, 7}}, turned{{2, 0}, {7, 5}};
@@ -150,7 +150,7 @@ TEST_F(PlainImages, Matches) {
   EXPECT_EQ(plain()->matches("night", "day"), turned);
   EXPECT_EQ(error_of([&] { plain()->matches("day", "dusk"); }),
             folder_ / "matches.csv: no column 'dusk' (its header names traversals, its rows hold their frames)");
-  write_file(folder_ / "matches.csv", "day,night\n0,2.5\n");
+  make_file(folder_ / "matches.csv", "day,night\n0,2.5\n");
   EXPECT_EQ(error_of([&] { plain()->matches("day", "night"); }),
             folder_ / "matches.csv:2: not the number of a frame in column 'night' (frames begin with 0)");
 }

@@ -15,7 +15,7 @@ namespace {
 class Plain : public ::testing::Test {
  protected:
   Traversal load(const std::string& text) const {
-    write_file(folder_ / "x.csv", text);
+    make_file(folder_ / "x.csv", text);
     return make_dataset("plain", folder_.path())->load("x");
   }
   /// The one line that loading `text` ends in, less the folder.
@@ -98,10 +98,10 @@ TEST_F(Plain, RefusesMoreFramesThanMessagesHold) {
 }
 
 TEST_F(Plain, ListsTraversalsAndNamesThemWhenOneIsMissing) {
-  write_file(folder_ / "night.csv", "1\n2\n");
-  write_file(folder_ / "day.csv", "1\n2\n");
-  write_file(folder_ / "notes.txt", "hello");
-  write_file(folder_ / ".hidden.csv", "1\n2\n");
+  make_file(folder_ / "night.csv", "1\n2\n");
+  make_file(folder_ / "day.csv", "1\n2\n");
+  make_file(folder_ / "notes.txt", "hello");
+  make_file(folder_ / ".hidden.csv", "1\n2\n");
   std::filesystem::create_directory(folder_ / "folder.csv");
   const auto dataset = make_dataset("plain", folder_.path());
   EXPECT_EQ(dataset->names(), (std::vector<std::string>{"day", "night"}));

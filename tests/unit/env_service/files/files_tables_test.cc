@@ -21,7 +21,7 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 TEST(Files, ListsInNaturalOrder) {
   const Folder folder;
   for (const std::string name : {"img10.PNG", "img2.png", "img1.png", "img02.jpg", ".img3.png", "notes.txt", ".png"})
-    write_file(folder / name, "x");
+    make_file(folder / name, "x");
   std::filesystem::create_directory(folder / "img4.png");
   EXPECT_EQ(files_in(folder.path(), image_suffixes()),
             (std::vector<std::string>{"img1.png", "img02.jpg", "img2.png", "img10.PNG"}));
@@ -32,7 +32,7 @@ TEST(Files, ListsInNaturalOrder) {
 TEST(Files, NamesOfLongNumbers) {
   const Folder folder;
   const std::string big = "123456789012345678901234567890";
-  for (const std::string& name : {big + "1.png", big + ".png", std::string("9.png")}) write_file(folder / name, "x");
+  for (const std::string& name : {big + "1.png", big + ".png", std::string("9.png")}) make_file(folder / name, "x");
   EXPECT_EQ(files_in(folder.path(), {".png"}), (std::vector<std::string>{"9.png", big + ".png", big + "1.png"}));
 }
 
@@ -50,7 +50,7 @@ TEST(Files, PathsBelowAFolder) {
 TEST(Files, ReadsAWholeFile) {
   const Folder folder;
   const std::string text = std::string(100'000, 'a') + '\0' + "b";
-  write_file(folder / "x", text);
+  make_file(folder / "x", text);
   EXPECT_EQ(read_file(folder / "x"), text);
   EXPECT_EQ(error_of([&] { read_file(folder / "x", 1000); }), folder / "x: is larger than 1000 bytes");
   EXPECT_EQ(error_of([&] { read_file(folder / "y"); }), folder / "y: No such file or directory");
@@ -60,8 +60,8 @@ TEST(Files, ReadsAWholeFile) {
 TEST(Table, AnyLineEndsAndAHeader) {
   const Folder folder;
   for (const std::string end : {"\n", "\r\n", "\r"}) {
-    write_file(folder / "t.csv", "\xEF\xBB\xBF# made by hand" + end + "time, x ,name" + end + end + "1,+2.5, a b " +
-                                     end + "-3e1,4,c" + end);
+    make_file(folder / "t.csv", "\xEF\xBB\xBF# made by hand" + end + "time, x ,name" + end + end + "1,+2.5, a b " +
+                                    end + "-3e1,4,c" + end);
     const TextTable table(folder / "t.csv", {});
     ASSERT_EQ(table.rows(), 2);
     EXPECT_EQ(table.columns(0), 3);
@@ -76,7 +76,7 @@ TEST(Table, AnyLineEndsAndAHeader) {
 
 TEST(Table, RunsOfBlanksSeparate) {
   const Folder folder;
-  write_file(folder / "poses.txt", "  1  2\t3 \n4 5 6");
+  make_file(folder / "poses.txt", "  1  2\t3 \n4 5 6");
   const TextTable table(folder / "poses.txt", {' ', false});
   ASSERT_EQ(table.rows(), 2);
   EXPECT_EQ(table.columns(0), 3);
@@ -87,7 +87,7 @@ TEST(Table, RunsOfBlanksSeparate) {
 TEST(Table, NamesFileLineAndColumnOfWhatIsWrong) {
   const Folder folder;
   const std::string path = folder / "t.csv";
-  write_file(path, "a,b\n1,x\n2\n3,\n4,nan\n5,1e999\n");
+  make_file(path, "a,b\n1,x\n2\n3,\n4,nan\n5,1e999\n");
   const TextTable table(path, {});
   EXPECT_EQ(error_of([&] { table.number(0, "b"); }), path + ":2: 'x' in column 'b' is not a number");
   EXPECT_EQ(error_of([&] { table.number(1, "b"); }), path + ":3: nothing in column 'b'");
@@ -96,7 +96,7 @@ TEST(Table, NamesFileLineAndColumnOfWhatIsWrong) {
   EXPECT_EQ(error_of([&] { table.number(4, "b"); }), path + ":6: a number that is not finite in column 'b'");
   EXPECT_EQ(error_of([&] { table.number(0, "c"); }), path + ": no column 'c' (there are: a, b)");
   EXPECT_EQ(error_of([&] { table.text(0, 2); }), path + ":2: no column 3, there are 2");
-  write_file(path, "");
+  make_file(path, "");
   EXPECT_EQ(error_of([&] { TextTable(path, {}); }), path + ": is empty (its first line should name the columns)");
   EXPECT_EQ(TextTable(path, {',', false}).rows(), 0);
 }

@@ -62,12 +62,12 @@ TEST(ImageFiles, TellsWhatIsBroken) {
   write_grey(folder / "good.png", 10);
   write_grey(folder / "good.jpg", 10);
   const std::string png = contents(folder / "good.png"), jpeg = contents(folder / "good.jpg");
-  write_file(folder / "empty.png", "");
-  write_file(folder / "text.png", "hello");
-  write_file(folder / "cut.png", png.substr(0, png.size() / 2));
-  write_file(folder / "cut.jpg", jpeg.substr(0, jpeg.size() - 20));
-  write_file(folder / "huge.png", png_header(40000, 40000));
-  write_file(folder / "none.png", png_header(0, 5));
+  make_file(folder / "empty.png", "");
+  make_file(folder / "text.png", "hello");
+  make_file(folder / "cut.png", png.substr(0, png.size() / 2));
+  make_file(folder / "cut.jpg", jpeg.substr(0, jpeg.size() - 20));
+  make_file(folder / "huge.png", png_header(40000, 40000));
+  make_file(folder / "none.png", png_header(0, 5));
   std::filesystem::create_directory(folder / "folder.png");
   const std::vector<std::pair<std::string, std::string>> cases{
       {"missing.png", "missing"},
@@ -96,7 +96,7 @@ TEST(ImageFiles, SizeBehindALongThumbnail) {
   const std::string jpeg = contents(folder / "x.jpg");
   std::string comments;
   for (int i = 0; i < 3; ++i) comments += std::string("\xFF\xFE\xFF\xFF", 4) + std::string(65533, 'x');
-  write_file(folder / "x.jpg", jpeg.substr(0, 2) + comments + jpeg.substr(2));
+  make_file(folder / "x.jpg", jpeg.substr(0, 2) + comments + jpeg.substr(2));
   const auto images = image_files({folder / "x.jpg"}, "");
   EXPECT_EQ(images->fault(0), "");
   EXPECT_NEAR(brightness(*images, 0), 10, 2);
@@ -177,14 +177,14 @@ INSTANTIATE_TEST_SUITE_P(Codecs, Video,
 
 TEST(BrokenVideo, IsOneClearLine) {
   const Folder folder;
-  write_file(folder / "x.mp4", "no video at all");
+  make_file(folder / "x.mp4", "no video at all");
   EXPECT_EQ(error_of([&] { video_frames(folder / "x.mp4", folder.path()); }),
             "x.mp4: the video cannot be opened (broken, or of a kind that OpenCV was built without)");
   EXPECT_NE(error_of([&] { video_frames(folder / "y.mp4", folder.path()); }), "");
   EXPECT_NE(error_of([&] { video_frames(folder.path(), ""); }), "");
   ASSERT_TRUE(write_video(folder / "m.avi", 50));
   const std::string whole = contents(folder / "m.avi");
-  write_file(folder / "cut.avi", whole.substr(0, whole.size() / 2));
+  make_file(folder / "cut.avi", whole.substr(0, whole.size() / 2));
   // Half of it is gone: told at once, or as fewer frames that can all be had.
   std::shared_ptr<Images> images;
   const std::string told = error_of([&] { images = video_frames(folder / "cut.avi", folder.path()); });

@@ -224,7 +224,7 @@ TEST(EventLog, ARunThatGoesOnHasEachPointOnce) {
   }
   std::string cut = read_file(event_files(runs)[0]);
   cut.resize(cut.size() - 7);  // killed while it wrote
-  write_file(event_files(runs)[0], cut);
+  make_file(event_files(runs)[0], cut);
   {
     EventLog log(runs, 3000);  // its last checkpoint was update 3
     for (std::uint64_t update = 4; update <= 8; ++update) log.write(stat(update));
@@ -251,7 +251,7 @@ TEST(EventLog, ANewRunBeginsAnew) {
   Folder folder;
   const std::string runs = folder / "tensorboard";
   std::filesystem::create_directories(runs);
-  write_file(runs + "/notes.txt", "mine");
+  make_file(runs + "/notes.txt", "mine");
   EventLog(runs, 0).write(stat(1));
   EventLog(runs, 0).write(stat(2));
   const std::vector<std::string> files = event_files(runs);

@@ -38,7 +38,7 @@ std::string parse_error(const std::string& bytes) {
 TEST(SafetensorsFile, APerlProgramReadsWhatWeWrite) {
   Folder folder;
   const TrainedAgent agent = small_agent();
-  write_file(folder / "a.safetensors", parameters_of(agent, {{"agent", agent.name}, {"frames", "7"}}).bytes());
+  make_file(folder / "a.safetensors", parameters_of(agent, {{"agent", agent.name}, {"frames", "7"}}).bytes());
   Service perl({CITYLEARN_PERL, std::string(CITYLEARN_SOURCE_DIR) + "/tests/support/read_safetensors.pl",
                 folder / "a.safetensors"},
                folder / "read");
@@ -71,7 +71,7 @@ TEST(SafetensorsFile, ComesBackAsItWas) {
     const TrainedAgent agent = some_agent(name, some_task());
     const std::string bytes = parameters_of(agent, {{"agent", name}}).bytes();
     EXPECT_EQ(Safetensors::parse(bytes, "there").bytes(), bytes) << name;
-    write_file(folder / "a.safetensors", bytes);
+    make_file(folder / "a.safetensors", bytes);
     TrainedAgent other = agent;
     other.parameters.setConstant(7);
     load_parameters(folder / "a.safetensors", other);
@@ -84,7 +84,7 @@ TEST(SafetensorsFile, LoadedOverACheckpointItLeavesWithItsNumbers) {
   const NetworkTask task = some_task();
   write_checkpoint(folder / "one.clk", some_checkpoint("place_filter", task));
   const TrainedAgent other = some_agent("place_filter", task);
-  write_file(folder / "other.safetensors", parameters_of(other, {}).bytes());
+  make_file(folder / "other.safetensors", parameters_of(other, {}).bytes());
   export_agent({folder / "one.clk", folder / "other.safetensors", folder / "both.safetensors"});
   const Safetensors both = Safetensors::parse(read_file(folder / "both.safetensors"), "both");
   TrainedAgent read = trained_agent(read_checkpoint(folder / "one.clk"));
@@ -152,7 +152,7 @@ TEST(SafetensorsFile, WhatDoesNotFitTheAgentIsRefused) {
   const std::string path = folder / "a.safetensors";
   const Safetensors good = parameters_of(agent, {{"agent", "features"}});
   const auto expect_refused = [&](const Safetensors& file, const std::string& what) {
-    write_file(path, file.bytes());
+    make_file(path, file.bytes());
     TrainedAgent over = agent;
     const std::string refusal = error_of([&] { load_parameters(path, over); });
     EXPECT_TRUE(contains(refusal, path));
@@ -179,7 +179,7 @@ TEST(SafetensorsFile, WhatDoesNotFitTheAgentIsRefused) {
   vectors.tensors["lstm.bias"].shape = {16};
   vectors.tensors.erase("reference");
   vectors.metadata.clear();
-  write_file(path, vectors.bytes());
+  make_file(path, vectors.bytes());
   TrainedAgent over = agent;
   over.parameters.setZero();
   load_parameters(path, over);

@@ -39,12 +39,12 @@ TEST(Inspection, NamesEachBadFrame) {
   write_drives(folder);
   EXPECT_TRUE(inspect(*opened("plain", folder.path()), kOn).faults.empty());
   const std::string png = contents(folder / "day/2.png");
-  write_file(folder / "day/2.png", png.substr(0, 40));
+  make_file(folder / "day/2.png", png.substr(0, 40));
   // A file whose ends look fine and whose middle does not.
   std::string hollow = png;
   std::fill(hollow.begin() + 37, hollow.end() - 12, 'x');
-  write_file(folder / "night/1.png", hollow);
-  write_file(folder / "table.csv", "1,2\n3,x\n");
+  make_file(folder / "night/1.png", hollow);
+  make_file(folder / "table.csv", "1,2\n3,x\n");
   long last = 0, all = 0;
   const Inspection inspection = inspect(*opened("plain", folder.path()), [&](long done, long total) {
     last = done;
@@ -70,10 +70,10 @@ TEST(Inspection, NamesEachBadFrame) {
 TEST(Inspection, Summarises) {
   const Folder folder;
   write_drives(folder);
-  write_file(folder / "day.poses.csv", "frame,lat,lon\n0,0,0\n1,0.001,0\n4,0.003,0\n");
-  write_file(folder / "feat.csv", "1,2,3\n4,5,6\n");
-  write_file(folder / "night/1.png", "");
-  write_file(folder / "bad.csv", "1\n");
+  make_file(folder / "day.poses.csv", "frame,lat,lon\n0,0,0\n1,0.001,0\n4,0.003,0\n");
+  make_file(folder / "feat.csv", "1,2,3\n4,5,6\n");
+  make_file(folder / "night/1.png", "");
+  make_file(folder / "bad.csv", "1\n");
   const auto dataset = opened("plain", folder.path());
   const Summary day = summarise(*dataset, "day"), night = summarise(*dataset, "night");
   EXPECT_EQ(day.frames, 5);
