@@ -46,7 +46,7 @@ inline NetworkInputs<double> some_inputs(const NetworkTask& task, int frames, bo
   inputs.frames = frames;
   for (int t = 0; t < kSteps; ++t)
     for (int b = 0; b < kAgents; ++b) {
-      const std::size_t index = static_cast<std::size_t>(t * kAgents + b);
+      const std::size_t index = static_cast<std::size_t>(t) * kAgents + static_cast<std::size_t>(b);
       const bool first = (t == 0 && b == 0) || (t == 3 && b == 1);
       const int position = static_cast<int>(random.below(frames));
       inputs.first[index] = first;
