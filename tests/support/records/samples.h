@@ -22,10 +22,11 @@ class Filler {
   template <class Number>
   void operator()(const char*, Number& number) {
     ++count_;
+    const int value = count_ * 7 + 1;
     if (size_ == Size::kLeast)
       number = Number{};
     else if (size_ == Size::kTypical)
-      number = static_cast<Number>(count_ * 7 + 1);
+      number = static_cast<Number>(value);
     else if constexpr (std::is_floating_point_v<Number>)
       number = static_cast<Number>(-1e30 - count_ * 1e28);
     else
