@@ -3,7 +3,8 @@
 # anonymous namespaces must therefore differ within a library.
 option(CITYLEARN_MERGED "Compile several files at once: a whole build is faster, one after a small change slower" ON)
 
-# citylearn_merged(TARGET [EXCEPT pattern...]): all files of the target but those whose path matches a pattern.
+# citylearn_merged(TARGET [EXCEPT pattern...]): all files of the target but those whose path matches a pattern: large ones, that
+# would keep other processors waiting, and the drawn city, whose pictures must stay the same to the last bit.
 function(citylearn_merged target)
   cmake_parse_arguments(PARSE_ARGV 1 merged "" "" "EXCEPT")
   if(NOT CITYLEARN_MERGED)
@@ -18,7 +19,8 @@ function(citylearn_merged target)
   endforeach()
 endfunction()
 
-# citylearn_cold(FILE...): command lines and the like, where optimizing takes the compiler time and gives the user nothing.
+# citylearn_cold(FILE...): command lines and the like, where optimizing takes the compiler time and gives the user nothing. No
+# file that has numeric code: of an inline function that others have too, the linker may keep this file's slow copy.
 function(citylearn_cold)
   set_source_files_properties(${ARGN} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>")
 endfunction()

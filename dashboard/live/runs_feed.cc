@@ -16,7 +16,9 @@ RunsFeed::RunsFeed(Hub& hub, std::function<nlohmann::json()> runs, std::chrono::
 void RunsFeed::work(const std::stop_token& stop) {
   std::string last;
   std::unique_lock guard(mutex_);
-  while (!wake_.wait_for(guard, stop, period_, [] { return false; }) && !stop.stop_requested()) {
+  while (true) {
+    wake_.wait_for(guard, stop, period_, [] { return false; });  // a pause that `stop` ends
+    if (stop.stop_requested()) return;
     const std::vector<std::string> watched = hub_.watched();
     if (std::find(watched.begin(), watched.end(), "runs") == watched.end()) {
       last.clear();  // the next watcher gets the list

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an env_service tells whoever listens: what it hosts, where its frames were recorded, its scenes, and its
+// What an env_service tells every reader: what it hosts, where its frames were recorded, its scenes, and its
 // episodes.
 #include <gtest/gtest.h>
 

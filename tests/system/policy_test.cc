@@ -148,7 +148,7 @@ TEST_P(Vendors, AKilledEnvServiceIsWelcomedBack) {
 TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
   Trial run(GetParam());
   auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
-  const auto policy = run.train(600, "out", {"--environments", "2"});  // each update is of both, or of who is left
+  const auto policy = run.train(600, "out", {"--environments", "2"});  // each update uses both, or the one that is left
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
   two->send(SIGKILL);
   ASSERT_TRUE(policy->says("goes on without it", seconds(20))) << policy->output();

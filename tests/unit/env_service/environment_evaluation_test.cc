@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whole evaluations: the same tasks whoever acts, shuffled frames, seeds, and the figures of known policies.
+// Whole evaluations: the same tasks for every policy, shuffled frames, seeds, and the figures of known policies.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -114,7 +114,7 @@ TEST(EnvironmentShuffle, ShowsAnotherOrderInEachEpisodeAndTheSameInOneTask) {
     return shown;
   };
   const auto one = orders(1), four = orders(4);
-  EXPECT_EQ(one, four) << "the order belongs to the task, whoever walks it";
+  EXPECT_EQ(one, four) << "the order depends on the task, not on the agent";
   int differing = 0;
   for (const auto& [position, frame] : one.at(0))
     if (const auto other = one.at(1).find(position); other != one.at(1).end()) differing += other->second != frame;

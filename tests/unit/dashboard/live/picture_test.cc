@@ -29,7 +29,7 @@ TEST(PictureCache, KeepsWhatWasAskedForLately) {
   EXPECT_FALSE(cache.find({3, 0})) << "larger than all";
   for (std::uint32_t frame = 0; frame < 1000; ++frame) cache.put({4, frame}, {"image/jpeg", bytes});
   EXPECT_LE(cache.bytes(), 10u * 1256);
-  EXPECT_EQ(held->bytes, bytes) << "whoever has it keeps it";
+  EXPECT_EQ(held->bytes, bytes) << "a picture in use stays valid";
 }
 
 Bytes encoded(const std::string& extension, int width, int height) {
