@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cstring>
+#include <span>
+#include <vector>
 
 #include "core/wire/transfer.h"
 #include "tests/support/env/env_protocol.h"
@@ -54,9 +56,10 @@ TEST_P(EnvWatchers, HandsOutItsTraversal) {
   ASSERT_TRUE(transfer.complete());
   EXPECT_EQ(transfer.positions, traversal.positions);
   EXPECT_EQ(transfer.features, traversal.features);
-  const auto& first = policy_->chunks.at(0).data();  // as idl/traversal.idl says, byte by byte
-  EXPECT_EQ(std::memcmp(first.data() + 3 * 65 * 4, &traversal.positions[3], 4), 0);
-  EXPECT_EQ(std::memcmp(first.data() + 3 * 65 * 4 + 4, traversal.feature(3).data(), 64 * 4), 0);
+  std::vector<float> fourth(65);  // position and feature of frame 3, as idl/traversal.idl lays them out
+  std::memcpy(fourth.data(), policy_->chunks.at(0).data().data() + 3 * 65 * 4, 65 * 4);
+  EXPECT_EQ(fourth[0], traversal.positions[3]);
+  EXPECT_TRUE(std::ranges::equal(std::span(fourth).subspan(1), traversal.feature(3)));
 }
 
 TEST_P(EnvWatchers, EveryRecorderGetsEveryEpisode) {

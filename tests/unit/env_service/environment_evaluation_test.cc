@@ -115,13 +115,9 @@ TEST(EnvironmentShuffle, ShowsAnotherOrderInEachEpisodeAndTheSameInOneTask) {
   };
   const auto one = orders(1), four = orders(4);
   EXPECT_EQ(one, four) << "the order depends on the task, not on the agent";
-  int differing = 0;
-  for (const auto& [position, frame] : one.at(0))
-    if (const auto other = one.at(1).find(position); other != one.at(1).end()) differing += other->second != frame;
   std::set<std::uint32_t> frames;
   for (const auto& [position, frame] : one.at(0)) frames.insert(frame);
   EXPECT_EQ(frames.size(), one.at(0).size()) << "each frame at one place";
-  EXPECT_GT(one.at(0).size() + one.at(1).size(), 0u);
   EXPECT_NE(one.at(0), one.at(1));
 }
 
