@@ -133,7 +133,7 @@ std::vector<ParameterSpec> parameters(double words) {
           {"bin", "pixels of a bin of a local descriptor, which has 4 x 4", 8, 2, 64, true}};
 }
 
-const EncoderRegistry::Registration plain({
+const EncoderRegistry::Registration vlad_registration({
     .name = "vlad",
     .help = "dense RootSIFT in VLAD: for changes of viewpoint; learns its words on the reference",
     .parameters = parameters(64),
@@ -142,7 +142,7 @@ const EncoderRegistry::Registration plain({
     },
 });
 
-const EncoderRegistry::Registration spatial({
+const EncoderRegistry::Registration vlad_spatial_registration({
     .name = "vlad_spatial",
     .help = "vlad in each of 4 x 2 parts of the picture: between vlad and hog",
     .parameters = parameters(16),

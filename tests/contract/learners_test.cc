@@ -18,7 +18,7 @@ std::atomic<std::size_t> allocations{0};
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
 // Counts what is allocated, Eigen's matrices too. (Sanitizers have a malloc of their own.)
 #define COUNTS_ALLOCATIONS
-extern "C" void* __libc_malloc(std::size_t);
+extern "C" void* __libc_malloc(std::size_t);  // NOLINT: the C library's own name
 extern "C" void* malloc(std::size_t size) {
   ++allocations;
   return __libc_malloc(size);

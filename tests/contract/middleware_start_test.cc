@@ -22,7 +22,7 @@ constexpr std::uint32_t kMeetingDomain = 64;
 
 std::string start_error(MiddlewareOptions options) {
   const Clock::time_point begin = Clock::now();
-  const std::string line = error_of([&] { create_middleware(options); });
+  std::string line = error_of([&] { create_middleware(options); });
   EXPECT_LT(Clock::now() - begin, seconds(5 * kSlowness));
   EXPECT_FALSE(contains(line, "\n"));
   return line;

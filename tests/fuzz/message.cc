@@ -9,6 +9,7 @@
 #include "tests/support/records/samples.h"
 
 // The sanitizers' own; absent where there is none. What decode() may allocate is then left to messages_test.
+// NOLINTNEXTLINE: their name
 extern "C" __attribute__((weak)) int __sanitizer_install_malloc_and_free_hooks(void (*allocated)(const volatile void*,
                                                                                                  std::size_t),
                                                                                void (*freed)(const volatile void*));

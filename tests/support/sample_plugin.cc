@@ -33,7 +33,7 @@ class Sample : public Learner {
   Vector<float> parameters_;
 };
 
-const LearnerRegistry::Registration registration{
+const LearnerRegistry::Registration sample_registration{
     {SAMPLE_NAME,
      "adds a number, for tests",
      {{"rate", "what is added", 0.5, 0, 1}},

@@ -76,10 +76,10 @@ msg::TaskSettings route(std::uint32_t first, std::uint32_t frames) {
 
 class EnvClientTest : public ::testing::Test {
  protected:
-  EnvClientTest() : run_("client-" + std::to_string(getpid()) + "-" + std::to_string(++count_)) {
+  EnvClientTest() : run_("client-" + std::to_string(getpid()) + "-" + std::to_string(++clients)) {
     spdlog::set_level(spdlog::level::warn);
   }
-  static inline int count_ = 0;
+  static inline int clients = 0;
   const std::string run_;
 };
 

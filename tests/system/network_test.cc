@@ -64,7 +64,7 @@ TEST_F(Network, HostsOfAKilledTestAreCleared) {
   const pid_t child = ::fork();
   if (child == 0) {
     const Hosts hosts(1);
-    hosts.start(0, {NETWORK_PEER, "meet", "--domain", "2", "--interface", Hosts::interface()}, report).release();
+    (void)hosts.start(0, {NETWORK_PEER, "meet", "--domain", "2", "--interface", Hosts::interface()}, report).release();
     ::_exit(0);
   }
   ASSERT_GT(child, 0);
@@ -207,12 +207,12 @@ TEST_P(Pairing, TheDoctorNamesWhoIsHeard) {
 class Training : public Network, public ::testing::WithParamInterface<std::tuple<std::string, std::string>> {
  protected:
   std::unique_ptr<Service> env(const Hosts& hosts, int host) {
-    return hosts.start(
-        host,
-        with_node({CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--id", "env-" + std::to_string(++count_),
-                   "--agents", "8", "--synthetic-images", "0", "--synthetic-frames", "160"},
-                  std::get<0>(GetParam()), Hosts::address(0)),
-        folder_ / ("env-" + std::to_string(count_) + ".log"));
+    const std::string id = "env-" + std::to_string(++count_);
+    return hosts.start(host,
+                       with_node({CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--id", id, "--agents", "8",
+                                  "--synthetic-images", "0", "--synthetic-frames", "160"},
+                                 std::get<0>(GetParam()), Hosts::address(0)),
+                       folder_ / (id + ".log"));
   }
   std::unique_ptr<Service> policy(const Hosts& hosts, const std::string& output, int steps,
                                   const Arguments& more = {}) {

@@ -174,6 +174,7 @@ struct Intruder {
 };
 
 /// Prints its name alone in test names.
+// NOLINTNEXTLINE: GoogleTest looks for this name
 void PrintTo(const Intruder& intruder, std::ostream* out) { *out << intruder.name; }
 
 const Intruder kIntruders[] = {
@@ -209,7 +210,8 @@ std::pair<std::string, Arguments> arm(const std::string& name, Keystore& keys, K
 }
 
 TEST_P(Intruders, GetNothingInOrOutAndAreLogged) {
-  const auto& [vendor, intruder] = GetParam();
+  const auto& vendor = std::get<0>(GetParam());
+  const auto& intruder = std::get<1>(GetParam());
   const std::uint32_t domain = own_domain();
   Keystore keys, other;
   const std::string friend_keys = keys.add("policy_service", "friend");

@@ -233,7 +233,7 @@ TEST_F(ServerTest, BytesOfAnyKindDoNoHarm) {
     const auto one = client();
     std::string text = round % 2 ? "GET /api/live HTTP/1.1\r\nHost: localhost\r\n" : "";
     static const std::vector<std::string> words = {
-        "Upgrade: websocket\r\n",  "Connection: Upgrade\r\n",        "\r\n", "\0",
+        "Upgrade: websocket\r\n",  "Connection: Upgrade\r\n",        "\r\n", std::string(1, 0),
         "Content-Length: -1\r\n",  "Transfer-Encoding: chunked\r\n", "%",    "Sec-WebSocket-Version: 13\r\n",
         "Sec-WebSocket-Key: x\r\n"};
     for (std::uint64_t part = random.below(30); part > 0; --part)

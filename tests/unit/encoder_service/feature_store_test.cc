@@ -282,7 +282,7 @@ class DamagedStore : public ::testing::Test {
   /// What opening says of these bytes; nothing may have touched them.
   std::string opened(const std::string& bytes) {
     make_file(path_, bytes);
-    const std::string message = opening(folder_);
+    std::string message = opening(folder_);
     EXPECT_EQ(contents(path_), bytes);
     EXPECT_TRUE(message.empty() || contains(message, path_)) << message;
     return message;

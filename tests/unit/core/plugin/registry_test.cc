@@ -59,13 +59,15 @@ struct Square : Shape {
   double side;
 };
 using Shapes = Registry<Shape, int>;
-const Shapes::Registration square({"square",
-                                   "four sides",
-                                   {{.name = "side", .help = "metres", .default_value = 2, .maximum = 9}},
-                                   [](const Parameters& p, int scale) {
-                                     return std::make_unique<Square>(p["side"] * scale);
-                                   }});
-const Shapes::Registration circle({"circle", "no sides", {}, [](const Parameters&, int) { return nullptr; }});
+const Shapes::Registration square_registration({"square",
+                                                "four sides",
+                                                {{.name = "side", .help = "metres", .default_value = 2, .maximum = 9}},
+                                                [](const Parameters& p, int scale) {
+                                                  return std::make_unique<Square>(p["side"] * scale);
+                                                }});
+const Shapes::Registration circle_registration({"circle", "no sides", {}, [](const Parameters&, int) {
+                                                  return nullptr;
+                                                }});
 
 TEST(Registry, FindsSortsAndCreates) {
   ASSERT_EQ(Shapes::instance().entries().size(), 2u);

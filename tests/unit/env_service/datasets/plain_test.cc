@@ -45,9 +45,7 @@ TEST_F(Plain, LineEndsAndBlanksDoNotMatter) {
   const std::vector<float> expected{1, 2, 3, 4, 5, 6};
   const std::uint64_t hash = load("1,2\n3,4\n5,6\n").hash();
   for (const std::string text : {"1,2\n3,4\n5,6", "1,2\r\n3,4\r\n5,6\r\n", "1,2\r3,4\r5,6", "1,2\r3,4\r5,6\r",
-                                 " 1 ,\t2 \n3, 4\n5,6  \n", "1,2\n3,4\n5,6\n\n\r\n  \n",
-                                 "\xEF\xBB\xBF"
-                                 "1,2\n3,4\n5,6\n"}) {
+                                 " 1 ,\t2 \n3, 4\n5,6  \n", "1,2\n3,4\n5,6\n\n\r\n  \n", "\uFEFF1,2\n3,4\n5,6\n"}) {
     const Traversal traversal = load(text);
     EXPECT_EQ(traversal.features, expected) << text;
     EXPECT_EQ(traversal.hash(), hash);

@@ -30,7 +30,7 @@ class Recorder : public Learner {
  private:
   Vector<float> parameters_;
 };
-const LearnerRegistry::Registration recorder{
+const LearnerRegistry::Registration recorder_registration{
     {"recorder", "for tests", {}, [](const Parameters&, const LearnerTask& task) {
        return std::make_unique<Recorder>(task);
      }}};
