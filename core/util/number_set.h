@@ -34,6 +34,14 @@ class NumberSet {
     }
     ranges_[first] = last;
   }
+  void add(const NumberSet& others) {
+    for (const auto& [first, last] : others.ranges_) add(first, last);
+  }
+  /// Removes all numbers from `first` on.
+  void remove_from(std::uint64_t first) {
+    ranges_.erase(ranges_.lower_bound(first), ranges_.end());
+    if (!ranges_.empty() && ranges_.rbegin()->second >= first) ranges_.rbegin()->second = first - 1;
+  }
   bool contains(std::uint64_t number) const {
     const auto next = ranges_.upper_bound(number);
     return next != ranges_.begin() && std::prev(next)->second >= number;
@@ -58,6 +66,32 @@ class NumberSet {
  private:
   static constexpr std::uint64_t kMost = std::numeric_limits<std::uint64_t>::max();
   std::map<std::uint64_t, std::uint64_t> ranges_;  // first to last, neither touching nor overlapping
+};
+
+/// What was recorded of things that somebody counts from 1 without gaps, and what was given up because it will never
+/// come. Only the word of others says the latter, so a thing that comes all the same is recorded, and from it on
+/// nothing counts as given up any more: one wrong number does not silence what follows.
+class RecordedNumbers {
+ public:
+  /// Returns false when the number was recorded already.
+  bool record(std::uint64_t number) {
+    if (!recorded_.add(number)) return false;
+    if (!settled_.add(number)) {
+      settled_.remove_from(number);
+      settled_.add(recorded_);
+    }
+    return true;
+  }
+  void record(const NumberSet& numbers) {
+    recorded_.add(numbers);
+    settled_.add(numbers);
+  }
+  void give_up(std::uint64_t first, std::uint64_t last) { settled_.add(first, last); }
+  const NumberSet& recorded() const { return recorded_; }
+  const NumberSet& settled() const { return settled_; }  ///< recorded or given up
+
+ private:
+  NumberSet recorded_, settled_;
 };
 
 }  // namespace citylearn

@@ -187,6 +187,11 @@ void check(const Observation& m, const std::string& type) {
 }
 
 void check(const EpisodeStat& m, const std::string& type) {
+  if (m.episode() == 0) refuse(type, "episode", "is 0, they count from 1");
+  if (m.acknowledged() >= m.episode())
+    refuse(
+        type, "acknowledged",
+        "is " + std::to_string(m.acknowledged()) + " though episode " + std::to_string(m.episode()) + " is still sent");
   const std::size_t octets = path_octets(m.steps());
   if (!m.path().empty() && m.path().size() != octets) refuse(type, "path", counts(m.path().size(), octets));
 }

@@ -88,7 +88,7 @@ void Recorder::on_message(const msg::RunInfo& info) {
     StatRequests& requests = known->second;
     if (changed || fresh) {
       requests = StatRequests();
-      requests.have = store_.recorded_updates(sender, info.run_id());
+      requests.updates.record(store_.recorded_updates(sender, info.run_id()));
       requests.complete = Clock::now();
     }
     requests.heard = Clock::now();
@@ -109,7 +109,7 @@ void Recorder::on_message(const msg::TrainingStat& stat) {
   if (run == runs_.end()) return;
   StatRequests& requests = run->second;
   requests.made = std::max(requests.made, stat.update());
-  if (requests.have.contains(stat.update())) return;
+  if (requests.updates.recorded().contains(stat.update())) return;
   if (stat.update() >= requests.first && stat.update() <= requests.last) {
     ++requests.answers;
     requests.tries = 0;
@@ -135,7 +135,7 @@ void Recorder::commit() {
       store_.record(stats_);
       for (const msg::TrainingStat& stat : stats_)
         if (const auto run = runs_.find({Sender(stat.header()), stat.run_id()}); run != runs_.end())
-          run->second.have.add(stat.update());
+          run->second.updates.record(stat.update());
       stats_.clear();
     }
     if (!episodes_.empty()) {
@@ -192,7 +192,7 @@ void Recorder::request_missing() {
   for (auto& [run, requests] : runs_) {
     const Sender& sender = run.first;
     if (now - requests.heard > options_.policy_silence) continue;
-    const auto gap = requests.have.gap(requests.made);
+    const auto gap = requests.updates.settled().gap(requests.made);
     if (!gap) {
       requests.complete = now;
       requests.first = requests.last = 0;
@@ -216,7 +216,7 @@ void Recorder::request_missing() {
       if (requests.answers == 0 && ++requests.tries >= kTries) {
         // A process that resumed from a checkpoint does not have what its predecessor did.
         spdlog::info("updates {}..{} of '{}' are unavailable", gap->first, gap->second, sender.id);
-        requests.have.add(gap->first, gap->second);
+        requests.updates.give_up(gap->first, gap->second);
         requests.first = requests.last = 0;
         requests.tries = 0;
         continue;

@@ -52,7 +52,7 @@ class Recorder {
  private:
   /// The state of requests to one policy_service process about one run.
   struct StatRequests {
-    NumberSet have;           ///< updates, recorded or unavailable
+    RecordedNumbers updates;  ///< given up: those that the process does not have
     std::uint64_t made = 0;   ///< updates it has made
     Clock::time_point heard;  ///< of its last RunInfo
     Clock::time_point complete;

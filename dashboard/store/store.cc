@@ -137,7 +137,7 @@ std::size_t Store::record(std::span<const msg::EpisodeStat> episodes, std::vecto
 }
 
 std::uint64_t Store::recorded_up_to(const Sender& environment) {
-  return impl_->locked([&] { return impl_->source(environment).episodes.reach(); });
+  return impl_->locked([&] { return impl_->source(environment).episodes.settled().reach(); });
 }
 
 void Store::describe(const msg::TraversalInfo& info) {

@@ -26,9 +26,11 @@ Store::Impl::Source& Store::Impl::source(const Sender& environment) {
   if (found.executeStep()) {
     std::uint64_t contiguous = 0;
     read_row(found, source.id, contiguous, source.described);
-    source.episodes.add(1, contiguous);
-    SQLite::Statement& episode = bind_values(statements->source_episodes, source.id, source.episodes.reach());
-    while (episode.executeStep()) source.episodes.add(value_at<std::uint64_t>(episode, 0));
+    NumberSet recorded;
+    recorded.add(1, contiguous);
+    SQLite::Statement& episode = bind_values(statements->source_episodes, source.id, recorded.reach());
+    while (episode.executeStep()) recorded.add(value_at<std::uint64_t>(episode, 0));
+    source.episodes.record(recorded);
   }
   found.reset();
   return sources.emplace(environment, std::move(source)).first->second;
@@ -57,11 +59,12 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
     if (found == changes.end()) found = changes.emplace(sender, Change{source(sender)}).first;
     auto& [source, missed, changed] = found->second;
     if (source.id == 0) source.id = add_source(sender);
-    if (const std::uint64_t given_up = episode.acknowledged(); given_up > source.episodes.reach()) {
+    const NumberSet& settled = source.episodes.settled();
+    if (const std::uint64_t given_up = episode.acknowledged(); given_up > settled.reach()) {
       // Others recorded these, and the env_service has forgotten them since.
-      const std::uint64_t first = source.episodes.reach() + 1;
-      const std::uint64_t number = given_up - first + 1 - source.episodes.count(first, given_up);
-      source.episodes.add(first, given_up);
+      const std::uint64_t first = settled.reach() + 1;
+      const std::uint64_t number = given_up - first + 1 - settled.count(first, given_up);
+      source.episodes.give_up(first, given_up);
       changed = true;
       if (number > 0) {
         missed += number;
@@ -71,7 +74,7 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
         add(events.back());
       }
     }
-    if (!source.episodes.add(episode.episode())) continue;
+    if (!source.episodes.record(episode.episode())) continue;
     changed = true;
     const KnownRun* known = find(sender.session, episode.run_id());
     std::int64_t row = known ? known->row : unclaimed_row(sender.session);
@@ -102,7 +105,7 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
   for (const auto& [row, count] : counts) run(statements->count_episodes, row, count, now);
   for (const auto& [sender, change] : changes)
     if (change.changed)
-      run(statements->source_progress, change.source.id, change.source.episodes.reach(), change.missed);
+      run(statements->source_progress, change.source.id, change.source.episodes.settled().reach(), change.missed);
   all.commit();
   for (auto& [sender, change] : changes) sources[sender] = std::move(change.source);
   for (const auto& [session, row] : new_rows) unclaimed_rows[session] = row;

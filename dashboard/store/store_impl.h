@@ -61,7 +61,7 @@ struct Store::Impl {
   };
   struct Source {
     std::int64_t id = 0;
-    NumberSet episodes;  // recorded, here or elsewhere
+    RecordedNumbers episodes;  // given up: those that others alone recorded
     bool described = false;
   };
   using RunKey = std::pair<std::string, std::uint64_t>;  // session and run_id, as in messages

@@ -35,7 +35,7 @@ void EpisodeLog::load() {
       std::uint64_t incarnation, episode;
       if (std::sscanf(line.c_str(), "%64[^,],%" SCNu64 ",%" SCNu64, environment, &incarnation, &episode) != 3)
         throw Error("is not an episode log: " + line.substr(0, 40), path_, "choose another --output");
-      received_[{environment, incarnation}].episodes.add(episode);
+      received_[{environment, incarnation}].episodes.record(episode);
       ++total_;
     }
     first = false;
@@ -47,15 +47,15 @@ void EpisodeLog::load() {
 
 EpisodeLog::Received& EpisodeLog::received_from(const msg::EpisodeStat& episode) {
   Received& received = received_[{episode.header().sender().c_str(), episode.header().incarnation()}];
-  received.episodes.add(1, episode.acknowledged());
+  received.episodes.give_up(1, episode.acknowledged());
   return received;
 }
 
-void EpisodeLog::skip(const msg::EpisodeStat& episode) { received_from(episode).episodes.add(episode.episode()); }
+void EpisodeLog::skip(const msg::EpisodeStat& episode) { received_from(episode).episodes.record(episode.episode()); }
 
 bool EpisodeLog::record(const msg::EpisodeStat& episode) {
   if (file_ && file_->waiting() > kMostWaiting) return false;
-  if (!received_from(episode).episodes.add(episode.episode())) return false;
+  if (!received_from(episode).episodes.record(episode.episode())) return false;
   ++total_;
   if (file_)
     file_->add(fmt::format("{},{},{},{},{},{},{},{},{},{},{},{:.6f},{}\n", episode.header().sender().c_str(),
@@ -70,7 +70,7 @@ std::uint64_t EpisodeLog::recorded(const std::string& environment, std::uint64_t
   const bool handed_on = !file_ || file_->flush();
   const auto found = received_.find({environment, incarnation});
   if (found == received_.end()) return 0;
-  if (handed_on) found->second.handed_on = found->second.episodes.reach();
+  if (handed_on) found->second.handed_on = found->second.episodes.settled().reach();
   return found->second.handed_on;
 }
 

@@ -34,7 +34,7 @@ class EpisodeLog {
 
  private:
   struct Received {
-    NumberSet episodes;           ///< recorded, or waiting for the disk
+    RecordedNumbers episodes;     ///< recorded, or waiting for the disk
     std::uint64_t handed_on = 0;  ///< up to this one none waits
   };
   static constexpr std::size_t kMostWaiting = 16 << 20;

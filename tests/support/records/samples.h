@@ -87,7 +87,10 @@ inline void agree(Filler& f, msg::Observation& m) {
 
 inline void agree(Filler&, msg::Action& m) { make_actions(m.choice()); }
 
-inline void agree(Filler&, msg::EpisodeStat& m) { m.steps(static_cast<std::uint32_t>(m.path().size() * 4)); }
+inline void agree(Filler&, msg::EpisodeStat& m) {
+  m.episode(m.acknowledged() + 1);
+  m.steps(static_cast<std::uint32_t>(m.path().size() * 4));
+}
 
 inline void agree(Filler&, msg::TrainingStat& m) {
   m.reward(std::numeric_limits<float>::quiet_NaN());

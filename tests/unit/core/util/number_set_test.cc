@@ -39,5 +39,36 @@ TEST(NumberSet, IsTheSetOfItsNumbers) {
   }
 }
 
+TEST(NumberSet, LosesItsEndAndTakesInOthers) {
+  NumberSet set, more;
+  set.add(1, 5);
+  set.add(8, 9);
+  set.remove_from(4);
+  EXPECT_EQ(set.reach(), 3u);
+  EXPECT_EQ(set.count(1, 100), 3u);
+  more.add(4);
+  more.add(7, 8);
+  set.add(more);
+  EXPECT_EQ(set.reach(), 4u);
+  EXPECT_EQ(set.count(1, 100), 6u);
+  set.remove_from(1);
+  EXPECT_EQ(set.count(1, 100), 0u);
+}
+
+TEST(RecordedNumbers, GoOnAfterAWrongWordOfWhatWillNeverCome) {
+  RecordedNumbers numbers;
+  numbers.give_up(1, 3);
+  EXPECT_TRUE(numbers.record(4));
+  EXPECT_EQ(numbers.settled().reach(), 4u);
+  EXPECT_TRUE(numbers.record(7)) << "5 and 6 are on their way";
+  numbers.give_up(1, 1'000'000'000'000);
+  EXPECT_EQ(numbers.settled().reach(), 1'000'000'000'000u);
+  EXPECT_TRUE(numbers.record(5)) << "it comes all the same";
+  EXPECT_EQ(numbers.settled().reach(), 5u);
+  EXPECT_TRUE(numbers.record(6));
+  EXPECT_EQ(numbers.settled().reach(), 7u);
+  EXPECT_FALSE(numbers.record(6));
+}
+
 }  // namespace
 }  // namespace citylearn

@@ -187,6 +187,12 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::Observation>("features: 1024 entries, should be 68719476720: agents x feature_dimension",
                                  [](auto& m) { m.feature_dimension(0xFFFFFFFF); });
   expect_error<msg::Observation>("previous_action: unknown action 3", [](auto& m) { m.previous_action()[3] = 3; });
+  expect_error<msg::EpisodeStat>("episode: is 0, they count from 1",
+                                 [](auto& m) { m.episode() = m.acknowledged() = 0; });
+  expect_error<msg::EpisodeStat>("acknowledged: is 1000000000000 though episode 150 is still sent", [](auto& m) {
+    m.episode() = 150;
+    m.acknowledged() = 1'000'000'000'000;
+  });
   expect_error<msg::Action>("choice: unknown action 255", [](auto& m) { m.choice()[0] = 255; });
   expect_error<msg::TraversalInfo>("frames: must be 1..1048576", [](auto& m) { m.frames(0); });
   expect_error<msg::TraversalInfo>("agents: must be 1..256", [](auto& m) { m.agents(257); });

@@ -300,6 +300,22 @@ TEST_F(RecorderTest, GivesUpUpdatesThatNobodyHas) {
   EXPECT_LE(learner.requests, enough);
 }
 
+TEST_F(RecorderTest, UpdatesThatWereGivenUpAreRecordedWhenTheyCome) {
+  ScriptedLearner learner;
+  const auto dashboard = make_dashboard();
+  learner.last = 50;
+  learner.say(1'000'000'000);  // a wrong number: nobody has these
+  ASSERT_TRUE(until([&] { return number("SELECT COUNT(*) FROM training") == 50; }, learner, *dashboard));
+  const int all = learner.requests + 5;
+  ASSERT_TRUE(until([&] { return learner.requests >= all; }, learner, *dashboard));
+  ASSERT_TRUE(until(
+      [&] {
+        learner.send(51);
+        return number("SELECT COUNT(*) FROM training") == 51;
+      },
+      learner, *dashboard));
+}
+
 TEST_F(RecorderTest, KnowsRunsAndWhatEnvironmentsHost) {
   ScriptedEnvironment env;
   ScriptedLearner learner;

@@ -85,6 +85,16 @@ TEST(EpisodeLog, TakesUpWhereTheEnvironmentWasAcknowledged) {
   EXPECT_EQ(log.recorded("env-summer", 7), 58u);
 }
 
+TEST(EpisodeLog, OneWrongNumberDoesNotSilenceIt) {
+  EpisodeLog log("");
+  for (std::uint64_t number = 1; number <= 150; ++number) log.record(episode(number));
+  msg::EpisodeStat forged = episode(1'000'000'000'001);
+  forged.acknowledged() = 1'000'000'000'000;
+  log.record(forged);
+  EXPECT_TRUE(log.record(episode(151)));
+  EXPECT_EQ(log.recorded("env-summer", 7), 151u);
+}
+
 TEST(EpisodeLog, HasNoRowsOfWhatItPassesOver) {
   Folder folder;
   const std::string path = folder / "episodes.csv";
