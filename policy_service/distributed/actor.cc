@@ -132,6 +132,10 @@ void Actor::on_info(const msg::LearnerInfo& info) {
   }
   const bool fresh = !session_ || info.header().incarnation() > session_->info().header().incarnation();
   if (!fresh && !of_learner(info.header(), "an announcement")) return;
+  if (!fresh && !same_task(session_->info(), info)) {
+    rejections_.add(info.header(), "an announcement that differs from what this learner said before");
+    return;
+  }
   learner_presence_.heard(Clock::now());
   if (!fresh) {
     // Unacknowledged trajectories stay: the learner counts them, and drops those of an old lesson.
@@ -145,6 +149,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
   // Trajectories for another incarnation are of no use to this one, which may continue from an older checkpoint.
   for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, true);
   session_ = std::make_unique<LearnerSession>(node_, info);
+  client_.require(session_->requirements());
   warned_ = false;
   next_status_ = Clock::now();
 }
@@ -166,7 +171,10 @@ void Actor::assign() {
   for (const auto& [env, served] : served_)
     if (EnvClient::lost(*env) || !session_->serves(*env)) lost.push_back(env);
   for (EnvHandle* env : lost) {
-    spdlog::info("env_service '{}' {}", env->id, EnvClient::lost(*env) ? "is served by another actor" : "is gone");
+    spdlog::info("env_service '{}' {}", env->id,
+                 EnvClient::lost(*env)  ? "is served by another actor"
+                 : env->refusal.empty() ? "is gone"
+                                        : "is not used");
     drop(*env, false);
   }
   std::size_t all = 0;

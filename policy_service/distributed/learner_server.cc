@@ -42,8 +42,8 @@ LearnerServer::LearnerServer(Node& node, Trainer& trainer, const LearnerServerOp
   node_.create_reader<msg::Trajectory>();
   node_.create_reader<msg::ParametersRequest>();
   info_.training() = true;
-  info_.traversal() = options_.traversal.c_str();
-  info_.traversal_hash() = options_.traversal_hash;
+  info_.traversal() = options_.learned.traversal.c_str();
+  info_.traversal_hash() = options_.learned.hash;
   info_.window() = static_cast<std::uint32_t>(options_.window);
   info_.run_id() = options_.run_id;
   send_parameters();

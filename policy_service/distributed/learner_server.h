@@ -12,16 +12,16 @@
 #include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/distributed/parameter_chunks.h"
 #include "policy_service/distributed/trajectories.h"
+#include "policy_service/env_client/env_requirements.h"
 #include "policy_service/learning/trainer.h"
 
 namespace citylearn {
 
 struct LearnerServerOptions {
-  std::string traversal;             ///< that is learned from
-  std::uint64_t traversal_hash = 0;  ///< of the env_services that actors may serve
-  int window = 2;                    ///< segments of one env_service that may be unacknowledged
-  std::uint64_t max_lag = 0;         ///< updates; older trajectories are dropped; 0 = none is too old
-  std::uint64_t run_id = 0;          ///< that the actors' work is part of
+  TraversalContents learned;  ///< contents of the env_services that actors may serve
+  int window = 2;             ///< segments of one env_service that may be unacknowledged
+  std::uint64_t max_lag = 0;  ///< updates; older trajectories are dropped; 0 = none is too old
+  std::uint64_t run_id = 0;   ///< that the actors' work is part of
 };
 
 /// Serves the actors of a learner: tells them what to do, takes in their trajectories and sends them parameters

@@ -33,17 +33,40 @@ std::string validation_error(const msg::LearnerInfo& info) {
   if (info.steps() < 1 || info.steps() > msg::MAX_STEPS) return "with trajectories of " + std::to_string(info.steps());
   if (info.lesson_frames() < 1 || info.lesson_frames() > info.frames()) return "with a lesson beyond the route";
   if (info.window() < 1) return "with no window";
+  if (info.frames() > msg::MAX_FRAMES || info.first_frame() > msg::MAX_FRAMES) return "with an impossible route";
   for (const double noise : {info.noise_frame(), info.noise_place(), info.noise_episode()})
     if (!std::isfinite(noise) || noise < 0) return "with an invalid noise";
   return "";
 }
 
+bool same_task(const msg::LearnerInfo& one, const msg::LearnerInfo& other) {
+  msg::LearnerInfo same = other;
+  same.header() = one.header();
+  same.training() = one.training();
+  same.lesson() = one.lesson();
+  same.lesson_frames() = one.lesson_frames();
+  same.max_steps() = one.max_steps();
+  same.version() = one.version();
+  same.hash() = one.hash();
+  return same == one;
+}
+
 LearnerSession::LearnerSession(Node& node, const msg::LearnerInfo& info)
     : outbox(node), node_(node), info_(info), requester_(node, learner()) {}
 
+EnvRequirements LearnerSession::requirements() const {
+  EnvRequirements required;
+  required.traversals = {info_.traversal().c_str()};
+  required.first_frame = info_.first_frame();
+  required.frames = info_.frames();
+  required.feature_dimension = info_.feature_dimension();
+  required.learned =
+      TraversalContents{info_.traversal().c_str(), info_.traversal_hash(), info_.feature_dimension(), std::nullopt};
+  return required;
+}
+
 bool LearnerSession::serves(const EnvHandle& env) const {
-  return env.traversal() == info_.traversal().c_str() && env.info.hash() == info_.traversal_hash() &&
-         EnvClient::alive(env);
+  return env.traversal() == info_.traversal().c_str() && EnvClient::usable(env);
 }
 
 bool LearnerSession::prepare(EnvClient& client) {
@@ -58,11 +81,11 @@ bool LearnerSession::prepare(EnvClient& client) {
   task.features = static_cast<int>(info.feature_dimension());
   if (task.features > 0) {
     try {
-      const std::vector<float> features = client.fetch_features(*source, static_cast<int>(info.first_frame()),
-                                                                task.frames, Clock::now() + std::chrono::seconds(10));
+      const std::vector<float> features =
+          client.fetch_features(*source, static_cast<int>(info.first_frame()), task.frames, std::chrono::seconds(10));
       task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, task.frames);
     } catch (const Error& error) {  // tries another env_service next time
-      spdlog::warn("{}", error.what());
+      if (source->refusal.empty()) spdlog::warn("{}", error.what());
       return false;
     }
   }

@@ -15,12 +15,17 @@ namespace citylearn {
 /// Returns what is wrong with a learner's announcement; empty when nothing is.
 std::string validation_error(const msg::LearnerInfo& info);
 
+/// Returns whether two announcements differ only in what changes while a learner learns: its lesson and parameters.
+bool same_task(const msg::LearnerInfo& one, const msg::LearnerInfo& other);
+
 /// An actor's work for one incarnation of a learner. Used by one thread.
 class LearnerSession {
  public:
   LearnerSession(Node& node, const msg::LearnerInfo& info);
 
-  /// Returns whether an env_service hosts the traversal that is learned from.
+  /// Returns what the learner's announcement requires of env_services.
+  EnvRequirements requirements() const;
+  /// Returns whether an env_service hosts the traversal that is learned from, and is usable under requirements().
   bool serves(const EnvHandle& env) const;
   /// Builds network and collector once the route's features are available. Returns whether they exist. Throws Error
   /// when the learner's network is not that of this program.

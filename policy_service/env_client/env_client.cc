@@ -13,6 +13,9 @@ namespace {
 
 constexpr auto kSettingsAgain = std::chrono::milliseconds(100);
 constexpr auto kAcknowledgementsAgain = std::chrono::seconds(1);
+constexpr auto kRefusalsAgain = std::chrono::seconds(1);
+constexpr std::size_t kMostAlarms = 8;
+constexpr int kMostInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
 
 Error did_not_come(const RouteFeatures& route, const EnvHandle& env) {
   return Error(std::to_string(route.transfer.missing()) + " chunks of its features did not come",
@@ -34,6 +37,8 @@ std::string validation_error(const EnvHandle& env, const msg::Observation& obser
     });
   };
   if (observation.goal().size() != env.info.agents()) return "of another number of agents";
+  if (!observation.by_reference() && observation.feature_dimension() != env.info.feature_dimension())
+    return "of another number of features";
   if (off_route(observation.position())) return "with a position beside the route";
   if (off_route(observation.goal())) return "with a goal beside the route";
   if (off_route(observation.frame())) return "with a frame beside the route";
@@ -99,6 +104,7 @@ void EnvClient::spin(Clock::time_point deadline) {
   while (wants_observations_ && node_.take(observation_)) on_observation(observation_);
   while (wants_episodes_ && node_.take(episode_))
     if (EnvHandle* env = speaking(episode_.header()); env && finished) finished(*env, episode_);
+  if (Clock::now() >= next_refusals_) report_refusals();
   if (!records_ || Clock::now() < next_acknowledgements_) return;
   next_acknowledgements_ = Clock::now() + kAcknowledgementsAgain;
   for (const auto& [id, env] : envs_)
@@ -128,35 +134,114 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     rejections_.add(info.header(), "an announcement that differs from what this process said before");
     return;
   }
+  if (!fresh && contents_of(info) != contents_of(slot->info) &&
+      (slot->refusal.empty() ? answers_requests(*slot) : !why_refused(info).empty())) {
+    rejections_.add(info.header(), "an announcement that a second encoder_service completed");
+    return;
+  }
   if (!slot) slot = std::make_unique<EnvHandle>();
   EnvHandle& env = *slot;
   env.presence.heard(Clock::now());
   env.info = info;
   if (fresh) {
-    spdlog::info("{} '{}' joins: traversal {} of {}, {} frames x {} features, {} agents",
-                 env.settings.settings().version() == 0 ? "env_service" : "restarted env_service",
-                 info.header().sender().c_str(), info.traversal().c_str(), info.dataset().c_str(), info.frames(),
-                 info.feature_dimension(), info.agents());
     env.id = info.header().sender().c_str();
-    env.settings = msg::TaskSettings();
+    env.until_restart = false;
+    env.invalid = 0;
     env.in_force = env.waiting = env.busy = false;
     env.heard_lease = info.settings().incarnation();
     env.features.reset();
     env.acknowledged = 0;
-    if (records_) send_acknowledgement(env, false);
-    if (joined) joined(env);
   } else if (info.settings() == env.settings.settings()) {
     env.in_force = true;
   }
   env.heard_lease = std::max<std::uint64_t>(env.heard_lease, info.settings().incarnation());
+  join_or_refuse(env, fresh);
+}
+
+/// Decides by an announcement whether the env_service takes part.
+void EnvClient::join_or_refuse(EnvHandle& env, bool fresh) {
+  const bool joins = fresh || !env.refusal.empty();
+  if (!env.until_restart) set_refusal(env, why_refused(env.info));
+  if (!joins || !env.refusal.empty()) return;
+  const msg::TraversalInfo& info = env.info;
+  EnvHandle*& first = first_[env.traversal()];
+  if (!first || !usable(*first)) first = &env;
+  spdlog::info("{} '{}' joins: traversal {} of {}, {} frames x {} features, {} agents",
+               env.settings.settings().version() == 0 ? "env_service" : "restarted env_service", env.id,
+               info.traversal().c_str(), info.dataset().c_str(), info.frames(), info.feature_dimension(),
+               info.agents());
+  env.settings = msg::TaskSettings();
+  if (records_) send_acknowledgement(env, false);
+  if (joined) contain(env, [&] { joined(env); });
+}
+
+/// Returns why the run does not use the env_service that announced this; empty when it does.
+std::string EnvClient::why_refused(const msg::TraversalInfo& info) const {
+  if (std::string wrong = misfit(info, required_); !wrong.empty()) return wrong;
+  if (const auto first = first_.find(info.traversal().c_str());
+      first != first_.end() && usable(*first->second) && info.header().sender() != first->second->id)
+    if (std::string wrong = contents_misfit(contents_of(info), contents_of(first->second->info),
+                                            "env_service '" + first->second->id + "'");
+        !wrong.empty())
+      return wrong;
+  try {
+    by_reference(info);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+void EnvClient::require(EnvRequirements required) {
+  required_ = std::move(required);
+  for (const auto& [id, env] : envs_)
+    if (env->refusal.empty()) set_refusal(*env, why_refused(env->info));
+}
+
+void EnvClient::refuse(EnvHandle& env, const std::string& why) {
+  if (env.until_restart) return;
+  env.until_restart = true;
+  set_refusal(env, why);
+}
+
+void EnvClient::set_refusal(EnvHandle& env, const std::string& why) {
+  if (why == env.refusal) return;
+  env.refusal = why;
+  if (!why.empty()) release(env);
+  report_refusals();
+}
+
+/// Keeps an alarm for each env_service that is refused and present.
+void EnvClient::report_refusals() {
+  next_refusals_ = Clock::now() + kRefusalsAgain;
+  for (const auto& [id, env] : envs_) {
+    const bool refused = !env->refusal.empty() && alive(*env);
+    if (refused ? alarms_.contains(id) || (alarms_.size() < kMostAlarms && alarms_.insert(id).second)
+                : alarms_.erase(id) > 0)
+      node_.alarm("env_service '" + id + "'", refused ? "is not used: " + env->refusal : "");
+  }
+}
+
+/// Runs `call`, whose errors concern this env_service alone.
+template <class Call>
+void EnvClient::contain(EnvHandle& env, const Call& call) {
+  try {
+    call();
+  } catch (const Error& error) {
+    refuse(env, error.what());
+  }
 }
 
 void EnvClient::on_observation(msg::Observation& observation) {
   EnvHandle* env = speaking(observation.header());
   if (!env) return;
   env->heard_lease = std::max<std::uint64_t>(env->heard_lease, observation.settings().incarnation());
-  // An encoder_service will publish the same observation again, with features.
-  if (!observation.by_reference() && observation.feature_dimension() != env->info.feature_dimension()) return;
+  if (!env->refusal.empty()) {
+    rejections_.add(observation.header(), "an observation of an env_service that is not used");
+    return;
+  }
+  // The encoder_service that this run knows will publish the same observation again, with features.
+  if (!observation.by_reference() && observation.encoder_incarnation() != env->info.encoder_incarnation()) return;
   if (env->settings.settings().version() == 0 || observation.settings() != env->settings.settings()) {
     ++node_.traffic.repeated;
     return;
@@ -175,12 +260,19 @@ void EnvClient::on_observation(msg::Observation& observation) {
   std::string wrong = validation_error(*env, observation);
   if (wrong.empty() && observation.by_reference() && !complete(*env, observation)) wrong = "of frames without features";
   if (!wrong.empty()) {
-    rejections_.add(observation.header(), "an observation " + wrong);
-    env->presence.forget();  // counts as lost
+    on_invalid(*env, observation.header(), wrong);
     return;
   }
+  env->invalid = 0;
   env->waiting = true;
-  if (decide && decide(*env, observation, choice_)) answer(*env, choice_);
+  contain(*env, [&] {
+    if (decide && decide(*env, observation, choice_)) answer(*env, choice_);
+  });
+}
+
+void EnvClient::on_invalid(EnvHandle& env, const msg::Header& header, const std::string& wrong) {
+  rejections_.add(header, "an observation " + wrong);
+  if (++env.invalid >= kMostInvalid) refuse(env, "sends observations " + wrong);
 }
 
 /// Fills in the features that the env_service left out.
@@ -199,15 +291,15 @@ bool EnvClient::complete(const EnvHandle& env, msg::Observation& observation) {
   return true;
 }
 
-bool EnvClient::by_reference(const EnvHandle& env) const {
-  const std::size_t numbers = std::size_t{env.info.agents()} * env.info.feature_dimension();
+bool EnvClient::by_reference(const msg::TraversalInfo& info) const {
+  const std::size_t numbers = std::size_t{info.agents()} * info.feature_dimension();
   if (options_.observing == Observing::kWhole && numbers > msg::MAX_FEATURES)
-    throw Error("the features of " + std::to_string(env.info.agents()) + " agents x " +
-                    std::to_string(env.info.feature_dimension()) + " do not fit one observation (at most " +
+    throw Error("the features of " + std::to_string(info.agents()) + " agents x " +
+                    std::to_string(info.feature_dimension()) + " do not fit one observation (at most " +
                     std::to_string(msg::MAX_FEATURES) + ")",
-                "env_service '" + env.id + "'", "ask for observations by reference");
+                "", "ask for observations by reference");
   if (options_.observing == Observing::kByReference) return numbers > 0;
-  return options_.observing == Observing::kAsFits && (env.info.images() || numbers * sizeof(float) > kLargestWhole);
+  return options_.observing == Observing::kAsFits && (info.images() || numbers * sizeof(float) > kLargestWhole);
 }
 
 void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) {
@@ -223,14 +315,19 @@ void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) 
 }
 
 void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
+  const bool idle = settings.task_mode() == msg::IDLE;
+  if (!idle && !env.refusal.empty()) return;
   settings.environment() = env.id.c_str();
   settings.settings().incarnation() = env.lease > 0 ? env.lease : node_.incarnation();
   settings.settings().version() = ++version_;
-  settings.by_reference() = settings.task_mode() != msg::IDLE && by_reference(env);
+  settings.by_reference() = !idle && by_reference(env.info);
+  std::shared_ptr<RouteFeatures> features;
+  contain(env, [&] {
+    if (settings.by_reference()) features = features_.want(env.info, settings.first_frame(), settings.frames());
+  });
+  if (!idle && !env.refusal.empty()) return;
   // Releases the earlier features last: they may be the same ones.
-  const auto before = std::exchange(
-      env.features,
-      settings.by_reference() ? features_.want(env.info, settings.first_frame(), settings.frames()) : nullptr);
+  const auto before = std::exchange(env.features, features);
   env.settings = settings;
   env.in_force = env.waiting = false;
   env.next_step = 0;
@@ -252,7 +349,8 @@ void EnvClient::ask_for_features() {
     if (!answers_requests(*env)) {
       route.progress = Clock::now();  // it may come back
     } else if (Clock::now() - route.progress > options_.patience) {
-      throw did_not_come(route, *env);
+      refuse(*env, did_not_come(route, *env).what());
+      continue;
     }
     features_.ask(route, id);
   }
@@ -314,12 +412,17 @@ void EnvClient::end_recording() {
   for (const auto& [id, env] : envs_) send_acknowledgement(*env, true);
 }
 
-std::vector<float> EnvClient::fetch_features(EnvHandle& env, int first, int count, Clock::time_point deadline) {
+std::vector<float> EnvClient::fetch_features(EnvHandle& env, int first, int count, std::chrono::milliseconds patience) {
   const auto route =
       features_.want(env.info, static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(std::max(count, 0)));
+  const Clock::time_point since = Clock::now();
   while (!route->complete()) {
-    const Clock::time_point now = Clock::now();
-    if (now >= deadline) throw did_not_come(*route, env);
+    const Clock::time_point now = Clock::now(), deadline = std::max(since, route->progress) + patience;
+    if (now >= deadline) {
+      const Error error = did_not_come(*route, env);
+      if (answers_requests(env)) refuse(env, error.what());
+      throw error;
+    }
     features_.ask(*route, env.id);
     spin(std::min(deadline, std::max(now, route->transfer.due())));
   }

@@ -4,6 +4,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include "core/wire/rejections.h"
 #include "policy_service/env_client/encoder_monitor.h"
 #include "policy_service/env_client/env_handle.h"
+#include "policy_service/env_client/env_requirements.h"
 
 namespace citylearn {
 
@@ -24,12 +26,14 @@ enum class Observing {
 
 struct EnvClientOptions {
   Observing observing = Observing::kAsFits;
-  /// How long a running service may fail to deliver features before that is an error.
+  /// How long a running service may fail to deliver features before its env_service is refused.
   std::chrono::milliseconds patience{30'000};
 };
 
 /// Finds the env_services of a run, commands their tasks and answers each of their observations exactly once, over a
-/// transport that may lose, repeat and reorder messages. Used by one thread; handles stay at their addresses.
+/// transport that may lose, repeat and reorder messages. An env_service that does not fit the run, or does not do its
+/// part, is refused: that is logged and reported as an alarm, and concerns it alone. Used by one thread; handles stay
+/// at their addresses.
 class EnvClient {
  public:
   /// Called for each new observation while the settings are in force. Fills `choice` and returns true, or returns false
@@ -37,7 +41,7 @@ class EnvClient {
   using Decide = std::function<bool(EnvHandle&, const msg::Observation&, std::vector<std::uint8_t>& choice)>;
   /// Called for each EpisodeStat, repetitions included. A caller that has recorded it calls acknowledge().
   using Finished = std::function<void(EnvHandle&, const msg::EpisodeStat&)>;
-  /// Called when an env_service appears or restarts; it then waits for settings.
+  /// Called when an env_service that fits appears or restarts; it then waits for settings.
   using Joined = std::function<void(EnvHandle&)>;
 
   explicit EnvClient(Node& node, const EnvClientOptions& options = {});
@@ -46,13 +50,19 @@ class EnvClient {
   Finished finished;
   Joined joined;
 
-  /// Handles all messages that have arrived, re-sends what is due, then waits for more until `deadline` at most. Throws
-  /// Error when the features of a route do not arrive.
+  /// Handles all messages that have arrived, re-sends what is due, then waits for more until `deadline` at most. An
+  /// Error of decide() or joined() makes it refuse the env_service that they were called for.
   void spin(Clock::time_point deadline);
 
+  /// Refuses the env_services that do not meet these, now and whenever they announce themselves. Where two of a
+  /// traversal differ, the one that joined later is refused in any case.
+  void require(EnvRequirements required);
+  /// Goes on without an env_service, until it restarts.
+  void refuse(EnvHandle& env, const std::string& why);
+
   /// Sends new settings under a new SettingsId until they are confirmed. Fills their ids and by_reference. Settings by
-  /// reference wait for the features of their route; other env_services do not. Throws Error when a whole observation
-  /// is asked for and too large, or when the route does not lie on the traversal.
+  /// reference wait for the features of their route; other env_services do not. A refused env_service receives nothing
+  /// but the command to be idle.
   void command(EnvHandle& env, msg::TaskSettings settings);
   /// Answers the observation that waits.
   void answer(EnvHandle& env, const std::vector<std::uint8_t>& choice);
@@ -78,12 +88,15 @@ class EnvClient {
   const EncoderMonitor& encoders() const { return encoders_; }
   /// Returns whether it was heard lately.
   static bool alive(const EnvHandle& env);
+  /// Returns whether it was heard lately and is not refused.
+  static bool usable(const EnvHandle& env) { return env.refusal.empty() && alive(env); }
   /// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
   static constexpr std::size_t kLargestWhole = 60'000;
 
   /// Returns the features of frames first .. first + count - 1 of a traversal (count x D, frame-major), fetched over
-  /// the wire. Throws Error when they are not complete by the deadline, or the range does not lie on the traversal.
-  std::vector<float> fetch_features(EnvHandle& env, int first, int count, Clock::time_point deadline);
+  /// the wire. Throws Error when none of them arrives for `patience`, and then refuses the env_service unless its
+  /// encoder_service is gone; also when the range does not lie on the traversal.
+  std::vector<float> fetch_features(EnvHandle& env, int first, int count, std::chrono::milliseconds patience);
 
  private:
   EnvHandle* known(const msg::Header& header);
@@ -91,8 +104,15 @@ class EnvClient {
   bool serves_features(const msg::Header& header) const;
   void on_status(const msg::ServiceStatus& status);
   void on_info(const msg::TraversalInfo& info);
+  std::string why_refused(const msg::TraversalInfo& info) const;
+  void set_refusal(EnvHandle& env, const std::string& why);
+  void join_or_refuse(EnvHandle& env, bool fresh);
+  void report_refusals();
+  template <class Call>
+  void contain(EnvHandle& env, const Call& call);
   void on_observation(msg::Observation& observation);
-  bool by_reference(const EnvHandle& env) const;
+  void on_invalid(EnvHandle& env, const msg::Header& header, const std::string& wrong);
+  bool by_reference(const msg::TraversalInfo& info) const;
   static bool complete(const EnvHandle& env, msg::Observation& observation);
   bool answers_requests(const EnvHandle& env) const;
   void ask_for_features();
@@ -102,8 +122,12 @@ class EnvClient {
   Node& node_;
   EnvClientOptions options_;
   Rejections rejections_;
+  EnvRequirements required_;
+  std::set<std::string> alarms_;  ///< ids of the refused env_services that are reported
+  Clock::time_point next_refusals_{};
   FeatureCache features_;
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;
+  std::map<std::string, EnvHandle*> first_;  ///< by traversal: its env_service that the others must agree with
   std::uint32_t version_ = 0;
   bool wants_observations_ = true, wants_episodes_ = true, records_ = false;
   Clock::time_point next_acknowledgements_{};

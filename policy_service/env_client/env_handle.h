@@ -28,6 +28,9 @@ struct EnvHandle {
   std::uint64_t heard_lease = 0;   ///< the largest incarnation that the env_service's messages carried
   std::uint64_t acknowledged = 0;  ///< the last episode acknowledged; all before it are too
   bool busy = false;               ///< the env_service reports that it receives actions
+  std::string refusal;             ///< why it is not used, as EnvClient::refuse(); else empty
+  bool until_restart = false;      ///< it stays refused whatever it announces
+  int invalid = 0;                 ///< invalid observations since the last valid one
 
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "policy_service/env_client/env_requirements.h"
+
 namespace citylearn {
 
 std::shared_ptr<RouteFeatures> FeatureCache::want(const msg::TraversalInfo& info, std::uint32_t first,
@@ -10,10 +12,8 @@ std::shared_ptr<RouteFeatures> FeatureCache::want(const msg::TraversalInfo& info
   const std::string where = "traversal '" + info.traversal().to_string() + "'";
   if (info.feature_dimension() == 0)
     throw Error("has no features", where, "choose another agent, or a traversal with features");
-  if (count < 1 || std::uint64_t{first} + count > info.frames())
-    throw Error("has " + std::to_string(info.frames()) + " frames, the route needs frames " + std::to_string(first) +
-                    ".." + std::to_string(std::uint64_t{first} + count - 1),
-                where, "choose fewer --frames");
+  if (const std::string wrong = route_misfit(info, first, count); !wrong.empty())
+    throw Error(wrong, where, "choose fewer --frames");
   const std::string encoder = info.encoder().c_str();
   const auto holds = [&](const std::shared_ptr<RouteFeatures>& route) {
     const Transfer::What& what = route->transfer.what();

@@ -45,7 +45,8 @@ void RunRecords::open_training_logs(std::uint64_t updates, std::uint64_t steps, 
 
 std::string RunRecords::manifest(const Parameters& parameters) const {
   std::map<std::string, msg::TraversalInfo> traversals;
-  for (const auto& [id, env] : client_.envs()) traversals[env->traversal()] = env->info;
+  for (const auto& [id, env] : client_.envs())
+    if (env->refusal.empty()) traversals[env->traversal()] = env->info;
   return manifest_json(options_, parameters, traversals, node_.middleware_name(), run_id_);
 }
 

@@ -20,17 +20,24 @@ constexpr std::chrono::seconds kPatience{30};  // with an env_service that is si
 
 }  // namespace
 
-Evaluation::Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, msg::TaskSettings settings,
-                       MakePolicy make_policy)
-    : client_(client), settings_(std::move(settings)), make_policy_(std::move(make_policy)) {
-  for (EnvHandle* env : envs) parts_[env];
-}
+Evaluation::Evaluation(EnvClient& client, msg::TaskSettings settings, MakePolicy make_policy)
+    : client_(client), settings_(std::move(settings)), make_policy_(std::move(make_policy)) {}
 
 void Evaluation::begin(EnvHandle& env) {
-  Part& part = parts_.at(&env);
+  Part& part = parts_[&env];
   part.policy = make_policy_(env);
   part.episodes.clear();
   client_.command(env, settings_);
+}
+
+std::vector<std::string> Evaluation::remove_refused() {
+  std::vector<std::string> traversals;
+  std::erase_if(parts_, [&](const auto& entry) {
+    if (entry.first->refusal.empty()) return false;
+    traversals.push_back(entry.first->traversal());
+    return true;
+  });
+  return traversals;
 }
 
 bool Evaluation::decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
@@ -41,7 +48,8 @@ bool Evaluation::decide(EnvHandle& env, const msg::Observation& observation, std
 
 void Evaluation::add(const EnvHandle& env, const msg::EpisodeStat& episode) {
   const auto part = parts_.find(&env);
-  if (part == parts_.end() || episode.settings() != env.settings.settings()) return;
+  if (part == parts_.end() || episode.settings() != env.settings.settings() || episode.task() >= settings_.tasks())
+    return;
   part->second.episodes.emplace(episode.task(), episode);
 }
 
@@ -143,7 +151,7 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
   if (agent_ && name == options.agent) settings.update() = agent_->update;
   settings.run_id() = context_.records.run_id();
   const std::string label = shuffle ? "shuffled" : name;
-  Evaluation evaluation(context_.client, envs, settings, make);
+  Evaluation evaluation(context_.client, settings, make);
   {
     const EvaluationHandlers handlers(context_.client, evaluation);
     const Clock::time_point since = Clock::now();
@@ -151,6 +159,13 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
     context_.node.report(msg::RUNNING, "evaluating " + label);
     while (!evaluation.done()) {
       context_.spin();
+      for (const std::string& traversal : evaluation.remove_refused()) {
+        if (EnvHandle* other = context_.env_on(traversal))
+          evaluation.begin(*other);
+        else
+          spdlog::error("no evaluation of {} on '{}': its env_service is not used, and there is no other", label,
+                        traversal);
+      }
       evaluation.check_alive();
       const double rate = static_cast<double>(evaluation.steps()) / std::max(1e-9, seconds_since(since));
       context_.progress.show("evaluating " + label, evaluation.fraction(), rate, -1, "");
@@ -188,6 +203,8 @@ void EvaluationRun::evaluate_all() {
       evaluate(name, false, control(name), envs);
     }
   }
+  if (rows_.empty())
+    throw Error("nothing was evaluated", "", "the log says why the env_services that were found are not used");
 }
 
 }  // namespace citylearn

@@ -21,11 +21,14 @@ class Evaluation {
  public:
   using MakePolicy = std::function<std::unique_ptr<Policy>(const EnvHandle&)>;
 
-  /// `envs` and `client` must outlive it.
-  Evaluation(EnvClient& client, std::vector<EnvHandle*> envs, msg::TaskSettings settings, MakePolicy make_policy);
+  /// `client` must outlive it.
+  Evaluation(EnvClient& client, msg::TaskSettings settings, MakePolicy make_policy);
 
-  /// Sends the settings; call once. An env_service that restarts begins again from its first task: call again for it.
+  /// Sends the settings to an env_service; call once for each. One that restarts begins again from its first task: call
+  /// again for it.
   void begin(EnvHandle& env);
+  /// Removes the env_services that are refused by now and returns their traversals.
+  std::vector<std::string> remove_refused();
   /// Chooses actions, as EnvClient::Decide.
   bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
   /// Takes in a finished episode; repetitions and those of other settings are ignored.
@@ -76,6 +79,8 @@ class EvaluationRun {
 
   /// Takes the agent, its route and its step limit from --checkpoint. Throws Error naming the file.
   void load_agent();
+  /// Returns the number of features a frame that the agent needs; nothing where there is no agent.
+  std::optional<int> feature_dimension() const { return agent_ ? std::optional(agent_->task.features) : std::nullopt; }
   /// Evaluates this agent from now on.
   void set_agent(TrainedAgent agent) { agent_ = std::move(agent); }
 

@@ -23,11 +23,13 @@ void leave(RunContext& context) {
   msg::TaskSettings idle;
   idle.task_mode() = msg::IDLE;
   for (const auto& [id, env] : context.client.envs())
-    if (EnvClient::alive(*env)) context.client.command(*env, idle);
+    if (EnvClient::alive(*env) && env->settings.settings().version() != 0) context.client.command(*env, idle);
   const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(500);
   const auto pending = [&context] {
-    return std::any_of(context.client.envs().begin(), context.client.envs().end(),
-                       [](const auto& entry) { return EnvClient::alive(*entry.second) && !entry.second->in_force; });
+    return std::any_of(context.client.envs().begin(), context.client.envs().end(), [](const auto& entry) {
+      const EnvHandle& env = *entry.second;
+      return EnvClient::alive(env) && env.settings.settings().version() != 0 && !env.in_force;
+    });
   };
   while (pending() && Clock::now() < deadline && !stop_requested()) {
     context.client.spin(deadline);
@@ -49,8 +51,9 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
       else
         training = std::make_unique<LocalTrainingRun>(context, evaluation);
       training->execute();
-    } else if (!options.checkpoint.empty()) {
-      evaluation.load_agent();
+    } else {
+      if (!options.checkpoint.empty()) evaluation.load_agent();
+      context.require(evaluation.feature_dimension());
     }
     evaluation.evaluate_all();
   } catch (const StopRequested&) {

@@ -20,10 +20,21 @@ void RunContext::spin() {
   if (stop_requested()) throw StopRequested();
 }
 
+void RunContext::require(std::optional<int> feature_dimension, const std::optional<TraversalContents>& learned) {
+  EnvRequirements required;
+  required.traversals = {options.evaluate.begin(), options.evaluate.end()};
+  if (!required.traversals.empty()) required.traversals.insert(options.train);
+  required.first_frame = static_cast<std::uint32_t>(options.first_frame);
+  required.frames = static_cast<std::uint32_t>(options.frames);
+  if (feature_dimension) required.feature_dimension = static_cast<std::uint32_t>(*feature_dimension);
+  required.learned = learned;
+  client.require(std::move(required));
+}
+
 std::vector<EnvHandle*> RunContext::envs_on(const std::string& traversal) const {
   std::vector<EnvHandle*> found;
   for (const auto& [id, env] : client.envs())
-    if (env->traversal() == traversal && EnvClient::alive(*env)) found.push_back(env.get());
+    if (env->traversal() == traversal && EnvClient::usable(*env)) found.push_back(env.get());
   return found;
 }
 
@@ -48,7 +59,10 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
     if (!node.faults().empty() && Clock::now() - since > std::chrono::seconds(3))
       throw Error("no env_service on " + missing + "; " + node.faults().front());
     std::string found;
-    for (const auto& [id, env] : client.envs()) found += (found.empty() ? "" : ", ") + id + " on " + env->traversal();
+    for (const auto& [id, env] : client.envs()) {
+      found += (found.empty() ? "" : ", ") + id + " on " + env->traversal();
+      if (!env->refusal.empty()) found += ", which " + env->refusal;
+    }
     const auto unencoded = client.encoders().unencoded();
     const auto encoders = client.encoders().encoders();
     const bool encoding = !unencoded.empty() && std::any_of(encoders.begin(), encoders.end(),
@@ -80,7 +94,7 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
   std::set<std::string> traversals(options.evaluate.begin(), options.evaluate.end());
   if (traversals.empty())
     for (const auto& [id, env] : client.envs())
-      if (EnvClient::alive(*env)) traversals.insert(env->traversal());
+      if (EnvClient::usable(*env)) traversals.insert(env->traversal());
   wait_for_envs(traversals, 1);
   std::vector<EnvHandle*> envs;
   for (const std::string& traversal : traversals) envs.push_back(env_on(traversal));
@@ -88,11 +102,16 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
 }
 
 const std::vector<float>& RunContext::reference() {
-  if (!reference_.empty()) return reference_;
-  EnvHandle* env = env_on(options.train);
-  if (!env || env->info.feature_dimension() == 0) return reference_;
-  return reference_ =
-             client.fetch_features(*env, options.first_frame, options.frames, Clock::now() + std::chrono::seconds(30));
+  while (reference_.empty()) {
+    EnvHandle* env = env_on(options.train);
+    if (!env || env->info.feature_dimension() == 0) break;
+    try {
+      reference_ = client.fetch_features(*env, options.first_frame, options.frames, options.client.patience);
+    } catch (const Error&) {
+      if (env->refusal.empty()) throw;  // its encoder_service is gone
+    }
+  }
+  return reference_;
 }
 
 }  // namespace citylearn

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
@@ -33,16 +34,20 @@ class RunContext {
   /// Handles messages for a moment, and everything that is due. All waiting of a run happens here. Throws
   /// StopRequested.
   void spin();
+  /// Refuses env_services that do not fit the route of the options, the agent's features and what is learned from, as
+  /// far as these are known.
+  void require(std::optional<int> feature_dimension = {}, const std::optional<TraversalContents>& learned = {});
   /// Waits until every traversal has an env_service, and the training traversal `training_envs` of them. Throws Error
   /// after --wait.
   void wait_for_envs(const std::set<std::string>& traversals, int training_envs);
-  /// Returns the env_services of a traversal that are alive.
+  /// Returns the env_services of a traversal that are usable.
   std::vector<EnvHandle*> envs_on(const std::string& traversal) const;
   /// Returns one of them, or null.
   EnvHandle* env_on(const std::string& traversal) const;
   /// Waits for the env_services to evaluate on and returns one for each traversal.
   std::vector<EnvHandle*> evaluation_envs();
   /// Returns the features of the training traversal's route, fetched once; empty when it has none or no env_service.
+  /// An env_service that does not deliver them is refused.
   const std::vector<float>& reference();
 
  private:

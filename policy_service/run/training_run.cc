@@ -11,12 +11,19 @@ namespace citylearn {
 
 void TrainingRun::build_trainer() {
   const PolicyServiceOptions& options = context_.options;
-  const EnvHandle& first = *context_.env_on(options.train);
+  const EnvHandle* first = nullptr;
+  do {
+    context_.wait_for_envs({options.train}, options.environments);
+    context_.reference();  // refuses env_services that do not deliver theirs
+    first = context_.env_on(options.train);
+  } while (!first);
+  learned_ = contents_of(first->info);
   TrainerOptions trainer = options;
   if (options.steps > 0) trainer.trainer_parameters["steps"] = static_cast<double>(options.steps);
   NetworkTask task;
   task.frames = options.frames;
-  task.features = static_cast<int>(first.info.feature_dimension());
+  task.features = static_cast<int>(learned_.feature_dimension);
+  context_.require(task.features, learned_);
   const std::vector<float>& features = context_.reference();
   if (!features.empty())
     task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, options.frames);
@@ -100,7 +107,7 @@ void TrainingRun::record_update(const UpdateFigures& figures, std::uint64_t step
 
 void TrainingRun::execute() {
   const PolicyServiceOptions& options = context_.options;
-  context_.wait_for_envs({options.train}, options.environments);
+  context_.require();
   build_trainer();
   spdlog::info("training {} on '{}': {} steps, seed {}, {}", options.agent, options.train, trainer_->total_steps(),
                options.seed, context_.node.middleware_name());
@@ -136,17 +143,33 @@ void LocalTrainingRun::enroll(EnvHandle& env) {
   context_.client.command(env, settings);
 }
 
+void LocalTrainingRun::drop(EnvHandle& env) {
+  trainer_->remove(slots_.at(&env));
+  active_.erase(&env);
+}
+
 void LocalTrainingRun::drop_lost_envs() {
-  if (context_.options.lockstep) return;
-  std::vector<EnvHandle*> lost;
-  for (EnvHandle* env : active_)
-    if (!EnvClient::alive(*env)) lost.push_back(env);
-  if (lost.size() == active_.size()) return;  // none is left to continue with
-  for (EnvHandle* env : lost) {
-    spdlog::warn("env_service '{}' went silent: training goes on without it", env->id);
-    trainer_->remove(slots_.at(env));
-    active_.erase(env);
+  std::vector<EnvHandle*> silent;
+  for (EnvHandle* env : std::set<EnvHandle*>(active_)) {
+    if (!env->refusal.empty()) {
+      spdlog::warn("training goes on without env_service '{}'", env->id);
+      drop(*env);
+    } else if (!EnvClient::alive(*env)) {
+      silent.push_back(env);
+    }
   }
+  if (silent.size() < active_.size()) {
+    if (context_.options.lockstep) return;
+    for (EnvHandle* env : silent) {
+      spdlog::warn("env_service '{}' went silent: training goes on without it", env->id);
+      drop(*env);
+    }
+    return;
+  }
+  // None is left to continue with.
+  context_.wait_for_envs({context_.options.train}, 1);
+  for (EnvHandle* env : context_.envs_on(context_.options.train))
+    if (!active_.contains(env)) enroll(*env);
 }
 
 void LocalTrainingRun::train() {
@@ -201,8 +224,7 @@ void LearnerRun::evaluate_others() {
 
 void LearnerRun::train() {
   LearnerServerOptions options;
-  options.traversal = context_.options.train;
-  options.traversal_hash = context_.env_on(context_.options.train)->info.hash();
+  options.learned = learned_;
   options.window = context_.options.window;
   options.max_lag = context_.options.max_lag;
   options.run_id = context_.records.run_id();

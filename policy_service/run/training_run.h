@@ -57,6 +57,7 @@ class TrainingRun {
   RunContext& context_;
   EvaluationRun& evaluation_;
   std::unique_ptr<Trainer> trainer_;
+  TraversalContents learned_;  ///< of the training traversal
   TrainingReport report_;
 
  private:
@@ -78,6 +79,8 @@ class LocalTrainingRun : public TrainingRun {
  private:
   void train() override;
   void enroll(EnvHandle& env);
+  void drop(EnvHandle& env);
+  /// Goes on without env_services that are refused or silent. Waits while none is left; throws Error after --wait.
   void drop_lost_envs();
   void train_on();
 

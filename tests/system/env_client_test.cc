@@ -162,12 +162,12 @@ TEST_F(EnvClientTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   EXPECT_TRUE(player.shown["env-wide"][before] == player.shown["env-wide"][0]);
   EXPECT_EQ(requests(), 0) << "fetched once";
   // Features asked for directly are those at hand, too.
-  const auto some = player.client.fetch_features(*player.env("env-wide"), 3, 2, Clock::now() + kPatience);
+  const auto some = player.client.fetch_features(*player.env("env-wide"), 3, 2, kPatience);
   EXPECT_EQ(some, std::vector<float>(traversal.features.begin() + 3 * 30000, traversal.features.begin() + 5 * 30000));
   EXPECT_EQ(requests(), 0);
 }
 
-TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsAnErrorInTheEnd) {
+TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsRefusedInTheEnd) {
   const Traversal small = small_traversal(20);
   const Host host(small, 2, run_);
   // One that announces features and never hands them out.
@@ -191,14 +191,17 @@ TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsAnErrorInTheEnd) {
   }));
   player.client.command(*player.env("miser"), route(0, 20));
   player.client.command(*player.env("env-line"), route(0, 20));
-  const auto wait = [&] {
-    player.until([&] {
-      tell();
-      return false;
-    });
-  };
-  EXPECT_EQ(error_of(wait),
+  const EnvHandle& refused = *player.env("miser");
+  ASSERT_TRUE(player.until([&] {
+    tell();
+    return !refused.refusal.empty();
+  }));
+  EXPECT_EQ(refused.refusal,
             "traversal 'hoard': 163 chunks of its features did not come (is env_service 'miser' still running?)");
+  const std::size_t before = player.shown["env-line"].size();
+  ASSERT_TRUE(player.until([&] { return player.shown["env-line"].size() > before + 10; }));
+  tell();
+  EXPECT_FALSE(EnvClient::usable(refused)) << "until it restarts";
   EXPECT_GT(player.shown["env-line"].size(), 10u);
   EXPECT_TRUE(player.shown["miser"].empty());
 }
@@ -274,7 +277,68 @@ TEST_F(EnvClientTest, WholeObservationsThatCannotBeAreRefused) {
   Player player(run_, options);
   EnvHandle* env = player.env("env-wide");
   ASSERT_TRUE(env);
-  EXPECT_THROW(player.client.command(*env, route(0, 3)), Error);
+  EXPECT_TRUE(contains(env->refusal, "the features of 3 agents x 100000 do not fit one observation"));
+  player.client.command(*env, route(0, 3));
+  EXPECT_EQ(env->settings.settings().version(), 0u);
+}
+
+TEST_F(EnvClientTest, AnErrorAboutOneEnvServiceConcernsItAlone) {
+  const Host one(small_traversal(20), 2, run_);
+  const Host two(wide_traversal("two", 20, 2), 2, run_);
+  Player player(run_);
+  const auto act = player.client.decide;
+  player.client.decide = [&](EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
+    if (env.id == "env-two" && observation.step() == 5) throw Error("makes no sense");
+    return act(env, observation, choice);
+  };
+  player.client.joined = [&](EnvHandle& env) { player.client.command(env, route(0, 20)); };
+  ASSERT_TRUE(player.until([&] { return player.shown["env-line"].size() > 20 && player.env("env-two"); }));
+  const EnvHandle& refused = *player.env("env-two");
+  ASSERT_TRUE(player.until([&] { return !refused.refusal.empty(); }));
+  EXPECT_EQ(refused.refusal, "makes no sense");
+  const std::size_t before = player.shown["env-line"].size();
+  ASSERT_TRUE(player.until([&] { return player.shown["env-line"].size() > before + 20; }));
+}
+
+TEST_F(EnvClientTest, WhatIsRequiredMayBeMetLater) {
+  const Host host(small_traversal(20), 2, run_);
+  Player player(run_);
+  int joined = 0;
+  player.client.joined = [&](EnvHandle&) { ++joined; };
+  EnvRequirements required;
+  required.frames = 30;
+  player.client.require(required);
+  EnvHandle* env = player.env("env-line");
+  ASSERT_TRUE(env);
+  EXPECT_EQ(env->refusal, "has 20 frames, the route needs frames 0..29");
+  EXPECT_EQ(joined, 0);
+  required.traversals = {"another"};
+  player.client.require(required);
+  ASSERT_TRUE(player.until([&] { return joined == 1; })) << "it is not for this traversal";
+  required.traversals = {"line"};
+  player.client.require(required);
+  EXPECT_FALSE(EnvClient::usable(*env));
+  required.frames = 20;
+  player.client.require(required);
+  ASSERT_TRUE(player.until([&] { return joined == 2; }));
+  EXPECT_TRUE(EnvClient::usable(*env));
+}
+
+TEST_F(EnvClientTest, OfTwoContentsTheSecondIsRefusedUntilTheFirstIsGone) {
+  auto first = std::make_unique<Host>(wide_traversal("road", 20, 2), 2, run_);
+  Player player(run_);
+  ASSERT_TRUE(player.env("env-road"));
+  const Traversal other = wide_traversal("road", 20, 3);
+  EnvServiceOptions options;
+  options.node = {middleware_options("inprocess"), "", "second", run_};
+  options.agents = 2;
+  const EnvServiceThread second(options, other);
+  EnvHandle* refused = player.env("second");
+  ASSERT_TRUE(refused);
+  EXPECT_TRUE(contains(refused->refusal, "has other contents (hash")) << refused->refusal;
+  EXPECT_TRUE(contains(refused->refusal, "than env_service 'env-road'")) << refused->refusal;
+  first.reset();
+  EXPECT_TRUE(player.until([&] { return EnvClient::usable(*refused); }));
 }
 
 TEST_F(EnvClientTest, TheCacheKeepsWhatIsHeldAndLittleElse) {

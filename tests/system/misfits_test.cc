@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+// env_services that do not fit a run, or do not do their part: the run names each of them and goes on without it.
+#include <gtest/gtest.h>
+
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/witness.h"
+#include "tests/support/text.h"
+
+namespace citylearn::testing {
+namespace {
+
+constexpr seconds kSoon{10};
+
+class Misfits : public ::testing::Test {
+ protected:
+  Misfits() : witness_("cyclonedds", trial_.domain()) {}
+
+  /// An env_service with this id on a small city of `frames` frames, which differs by `more`.
+  std::unique_ptr<Service> env(const std::string& id, const std::string& traversal, int frames,
+                               const Arguments& more = {}) {
+    Arguments all = {"--id", id, "--synthetic-frames", std::to_string(frames)};
+    all.insert(all.end(), more.begin(), more.end());
+    return trial_.env(traversal, all);
+  }
+  std::unique_ptr<Service> policy(const Arguments& more) {
+    Arguments all = {"--agent", "place_filter", "--frames", "64", "--tasks", "16", "--wait", "20"};
+    all.insert(all.end(), more.begin(), more.end());
+    return trial_.policy(all);
+  }
+  bool trains(const std::string& id = "policy") {
+    return witness_.until([&] { return witness_.updates >= 3 && witness_.status.contains(id); }, kLong);
+  }
+  /// The service's status names the env_service and what is wrong with it.
+  void expect_alarm(const std::string& id, const std::string& env, const std::string& what) {
+    const auto named = [&] {
+      return contains(witness_.alarm(id), "'" + env + "'") && contains(witness_.alarm(id), what);
+    };
+    EXPECT_TRUE(witness_.until(named, kSoon)) << env << ": " << witness_.alarm(id);
+  }
+  void expect_training_goes_on() {
+    const std::uint64_t updates = witness_.updates;
+    EXPECT_TRUE(witness_.until([&] { return witness_.updates > updates + 3; }, kSoon));
+  }
+  static int times_logged(const Service& service, const std::string& env) {
+    return occurrences(service.output(), "env_service '" + env + "': is not used");
+  }
+
+  Trial trial_{"cyclonedds"};
+  Witness witness_;
+};
+
+TEST_F(Misfits, EachThatJoinsATrainingIsNamedOnceAndLeftAside) {
+  const auto summer = env("summer", "summer", 160);
+  const auto run = policy({"--steps", "100000000", "--time-limit", "15"});
+  ASSERT_TRUE(trains()) << run->output();
+  const std::map<std::string, std::pair<std::string, Arguments>> misfits = {
+      {"wide", {"has other contents", {"--synthetic-dimension", "128"}}},
+      {"short", {"has other contents", {"--synthetic-frames", "50"}}},
+      {"another", {"has other contents", {"--synthetic-seed", "2"}}},
+  };
+  for (const auto& [id, misfit] : misfits) {
+    const auto service = env(id, "summer", 160, misfit.second);
+    expect_alarm("policy", id, misfit.first);
+    expect_training_goes_on();
+  }
+  const auto sibling = env("short-winter", "winter", 50);
+  expect_alarm("policy", "short-winter", "has 50 frames, the route needs frames 0..63");
+  const auto wide_sibling = env("wide-fall", "fall", 160, {"--synthetic-dimension", "128"});
+  expect_alarm("policy", "wide-fall", "has 128 features a frame, the agent needs 64");
+  expect_training_goes_on();
+  ASSERT_EQ(run->wait(kLong), 0) << run->output();
+  for (const std::string id : {"wide", "short", "another", "short-winter", "wide-fall"})
+    EXPECT_EQ(times_logged(*run, id), 1) << id << "\n" << run->output();
+  EXPECT_TRUE(contains(run->output(), "place_filter  summer")) << "evaluated, and nothing else is waited for";
+}
+
+TEST_F(Misfits, ATraversalThatOnlyAMisfitHostsIsMissedAfterTheWait) {
+  const auto winter = env("short-winter", "winter", 50);
+  const auto run = policy({"--mode", "evaluate", "--agent", "blind", "--evaluate", "winter", "--wait", "5"});
+  EXPECT_EQ(run->wait(seconds(20)), 1) << run->output();
+  EXPECT_TRUE(contains(run->output(),
+                       "no env_service on winter within 5 s (found: short-winter on winter, which has "
+                       "50 frames, the route needs frames 0..63"))
+      << run->output();
+}
+
+TEST_F(Misfits, OneThatDeliversNoFeaturesDoesNotEndATraining) {
+  // Its id comes first, so that the run asks it for the features of the route.
+  Node miser({trial_.middleware(), "env_service", "a-miser", "default"});
+  miser.create_writer<msg::TraversalInfo>();
+  const auto run = policy({"--steps", "20000"});
+  msg::TraversalInfo info;
+  info.traversal() = "summer";
+  info.hash() = 7;
+  info.frames() = 160;
+  info.feature_dimension() = 64;
+  info.agents() = 8;
+  info.chunks() = 1;
+  Clock::time_point again{};
+  const auto introduce = [&] {
+    if (Clock::now() < again) return;
+    miser.publish(info);
+    again = Clock::now() + milliseconds(500);
+  };
+  ASSERT_TRUE(witness_.until(
+      [&] {
+        introduce();
+        return run->says("'a-miser' joins", milliseconds(1));
+      },
+      kLong))
+      << run->output();
+  const auto summer = env("summer", "summer", 160);
+  std::optional<int> status;
+  EXPECT_TRUE(witness_.until(
+      [&] {
+        introduce();
+        return (status = run->wait(milliseconds(1))).has_value();
+      },
+      kLong))
+      << run->output();
+  EXPECT_EQ(status, 0) << run->output();
+  EXPECT_EQ(times_logged(*run, "a-miser"), 1) << run->output();
+  EXPECT_TRUE(contains(run->output(), "chunks of its features did not come")) << run->output();
+}
+
+TEST_F(Misfits, LearnerAndActorsRefuseOtherContentsToo) {
+  const auto summer = env("summer", "summer", 160);
+  const auto learner = policy({"--role", "learner", "--steps", "100000000", "--trainer-agents", "8"});
+  const auto actor = trial_.policy({"--role", "actor", "--id", "actor"});
+  ASSERT_TRUE(trains()) << learner->output() << actor->output();
+  const auto another = env("another", "summer", 160, {"--synthetic-seed", "2"});
+  expect_alarm("policy", "another", "has other contents");
+  expect_alarm("actor", "another", "has other contents");
+  expect_training_goes_on();
+  EXPECT_FALSE(contains(actor->output(), "serving env_service 'another'")) << actor->output();
+}
+
+TEST_F(Misfits, AnEvaluationRefusesTheSecondOfTwoContents) {
+  const auto summer = env("summer", "summer", 160);
+  const auto run = policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "1000000"});
+  ASSERT_TRUE(run->says("'summer' joins", kLong)) << run->output();
+  const auto another = env("another", "summer", 160, {"--synthetic-seed", "2"});
+  expect_alarm("policy", "another", "has other contents");
+}
+
+/// A learner of other features than the env_services have, as with two encoder_services.
+TEST_F(Misfits, AnActorServesNoEnvServiceThatItsLearnerDoesNotKnow) {
+  const auto summer = env("summer", "summer", 160);
+  const auto learner = policy({"--role", "learner", "--steps", "100000000", "--trainer-agents", "8"});
+  Node stranger({trial_.middleware(), "policy_service", "stranger", "default"});
+  msg::LearnerInfo info;
+  stranger.create_reader<msg::LearnerInfo>();
+  ASSERT_TRUE(witness_.until([&] { return stranger.take(info); }, kLong)) << learner->output();
+  ASSERT_EQ(learner->end(SIGKILL, seconds(5)), 128 + SIGKILL);
+  info.feature_dimension() = 4096;
+  const auto actor = trial_.policy({"--role", "actor", "--id", "actor"});
+  Clock::time_point again{};
+  const auto announced = [&] {
+    if (Clock::now() >= again) stranger.publish(info), again = Clock::now() + milliseconds(500);
+    return contains(witness_.alarm("actor"), "has 64 features a frame, what the run learns from has 4096");
+  };
+  EXPECT_TRUE(witness_.until(announced, kLong)) << witness_.alarm("actor") << "\n" << actor->output();
+  EXPECT_EQ(actor->end(SIGTERM, seconds(5)), 130) << actor->output();
+}
+
+}  // namespace
+}  // namespace citylearn::testing
