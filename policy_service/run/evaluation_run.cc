@@ -203,8 +203,10 @@ void EvaluationRun::evaluate_all() {
       evaluate(name, false, control(name), envs);
     }
   }
-  if (rows_.empty())
+  if (!rows_.empty()) return;
+  if (options.mode == "evaluate")
     throw Error("nothing was evaluated", "", "the log says why the env_services that were found are not used");
+  spdlog::warn("nothing was evaluated: there is no env_service that is used");
 }
 
 }  // namespace citylearn

@@ -95,6 +95,7 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
   if (traversals.empty())
     for (const auto& [id, env] : client.envs())
       if (EnvClient::usable(*env)) traversals.insert(env->traversal());
+  if (traversals.empty() && options.mode == "evaluate") traversals.insert(options.train);
   wait_for_envs(traversals, 1);
   std::vector<EnvHandle*> envs;
   for (const std::string& traversal : traversals) envs.push_back(env_on(traversal));
