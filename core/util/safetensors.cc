@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "core/util/error.h"
+#include "core/util/json.h"
 #include "core/util/text.h"
 
 namespace citylearn {
@@ -19,13 +20,12 @@ static_assert(std::endian::native == std::endian::little, "tensors are copied as
 using Json = nlohmann::ordered_json;
 
 constexpr std::uint64_t kLargestHeader = 100'000'000;  // the format's own limit
-constexpr int kDeepest = 3;                            // header, tensor, shape
 constexpr const char* kMetadata = "__metadata__";
 
 /// Reads a file piece by piece.
-class Reader {
+class SafetensorsReader {
  public:
-  Reader(std::string_view bytes, const std::string& where) : where_(where) {
+  SafetensorsReader(std::string_view bytes, const std::string& where) : where_(where) {
     if (bytes.size() < 8) fail("is not a safetensors file: fewer than 8 bytes");
     std::uint64_t length = 0;
     std::memcpy(&length, bytes.data(), 8);
@@ -40,13 +40,7 @@ class Reader {
   [[noreturn]] void fail(const std::string& what) const { throw Error(what, where_); }
 
   void read_header(std::string_view text) {
-    bool deep = false;
-    const auto shallow = [&](int depth, Json::parse_event_t, Json&) {
-      deep = deep || depth > kDeepest;
-      return !deep;  // what lies deeper is not built
-    };
-    const Json header = Json::parse(text, shallow, false);
-    if (deep) fail("is not a safetensors file: its header is nested too deeply");
+    const auto header = parse_json_or_null<Json>(text);
     if (!header.is_object()) fail("is not a safetensors file: its header is not a JSON object");
     std::map<std::uint64_t, std::pair<std::uint64_t, std::string>> ranges;  // begin: end and name
     for (const auto& [name, entry] : header.items()) {
@@ -157,6 +151,8 @@ std::string Safetensors::bytes(const std::vector<std::string>& first) const {
   return all;
 }
 
-Safetensors Safetensors::parse(std::string_view bytes, const std::string& where) { return Reader(bytes, where).take(); }
+Safetensors Safetensors::parse(std::string_view bytes, const std::string& where) {
+  return SafetensorsReader(bytes, where).take();
+}
 
 }  // namespace citylearn

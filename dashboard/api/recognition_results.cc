@@ -6,6 +6,7 @@
 
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/json.h"
 
 namespace citylearn {
 namespace {
@@ -16,6 +17,7 @@ constexpr std::size_t kMostFolders = 1000;
 constexpr std::size_t kMostBytes = 32 << 20;  // of a file: what vpr writes is far smaller
 constexpr const char* kSummary = "results.json";
 constexpr const char* kCurves = "curves.json";
+constexpr const char* kRemedy = "run vpr again";
 
 }  // namespace
 
@@ -60,9 +62,9 @@ nlohmann::json RecognitionResults::list() const {
     const std::string path = folder.path + "/" + kSummary;
     nlohmann::json result = nlohmann::json::object();
     try {
-      const nlohmann::json summary = nlohmann::json::parse(read_file(path, kMostBytes), nullptr, false);
-      if (!summary.is_object()) throw Error("is not what vpr writes", path, "run it again");
-      result = summary;
+      nlohmann::json summary = parse_json(read_file(path, kMostBytes), path, kRemedy);
+      if (!summary.is_object()) throw Error("is not what vpr writes", path, kRemedy);
+      result = std::move(summary);
     } catch (const std::exception& error) {
       result["error"] = error.what();
     }

@@ -3,6 +3,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "core/util/json.h"
+
 namespace citylearn {
 namespace {
 
@@ -80,7 +82,7 @@ std::optional<Target> parse_target(std::string_view text) {
 }
 
 std::optional<std::set<std::string>> parse_watch(const std::string& text) {
-  const auto said = nlohmann::json::parse(text, nullptr, false);
+  const auto said = parse_json_or_null(text);
   if (!said.is_object() || !said.contains("watch") || !said["watch"].is_array()) return std::nullopt;
   if (said["watch"].size() > kMostTopics) return std::nullopt;
   std::set<std::string> topics;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <limits>
 
+#include "core/util/json.h"
 #include "policy_service/learning/trainer_state.h"
 
 namespace citylearn {
@@ -53,7 +54,7 @@ Checkpoint Trainer::checkpoint(const std::string& manifest) {
                                    {"recent_next", p.recent_next},
                                    {"cut", p.generation}};
   checkpoint.header["counters"] = state.counters;
-  if (!manifest.empty()) checkpoint.header["manifest"] = nlohmann::json::parse(manifest);
+  if (!manifest.empty()) checkpoint.header["manifest"] = parse_json(manifest, "the manifest");
   return checkpoint;
 }
 

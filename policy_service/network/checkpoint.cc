@@ -14,6 +14,7 @@
 #include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/json.h"
 
 namespace citylearn {
 namespace {
@@ -22,6 +23,7 @@ static_assert(std::endian::native == std::endian::little, "checkpoints are writt
 
 constexpr std::string_view kMagic = "CLKPT\r\n\x1a";
 constexpr std::uint32_t kVersion = 1;
+constexpr const char* kRemedy = "use an older one";
 constexpr std::string_view kPrefix = "checkpoint-", kSuffix = ".clk";
 
 template <class T>
@@ -54,7 +56,7 @@ class Reader {
     return value;
   }
   std::size_t left() const { return rest_.size(); }
-  Error damaged(const std::string& what) const { return Error("the checkpoint " + what, path_, "use an older one"); }
+  Error damaged(const std::string& what) const { return Error("the checkpoint " + what, path_, kRemedy); }
 
  private:
   std::string_view rest_;
@@ -126,7 +128,7 @@ Checkpoint read_checkpoint(const std::string& path) {
 
   Checkpoint checkpoint;
   try {
-    checkpoint.header = nlohmann::json::parse(reader.take(reader.number<std::uint64_t>()));
+    checkpoint.header = parse_json(reader.take(reader.number<std::uint64_t>()), path, kRemedy);
     for (const nlohmann::json& entry : checkpoint.header.at("tensors")) {
       const auto rows = entry.at("rows").get<std::uint64_t>(), cols = entry.at("cols").get<std::uint64_t>();
       if (rows > bytes.size() || cols > bytes.size()) throw reader.damaged("is damaged");

@@ -13,6 +13,7 @@
 
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/json.h"
 
 namespace citylearn {
 namespace {
@@ -32,11 +33,7 @@ double number_or_nan(const Json& value) {
 Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 Json parse_file(const std::string& path) {
-  try {
-    return Json::parse(read_file(path));
-  } catch (const nlohmann::json::exception& error) {
-    throw Error("is not JSON", path, "a run that ended writes it anew");
-  }
+  return parse_json<Json>(read_file(path), path, "a run that ended writes it anew");
 }
 
 void append(Figures& to, const Figures& from) {

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "core/util/json.h"
 #include "core/util/wall_clock.h"
 
 namespace citylearn {
@@ -75,7 +76,7 @@ std::uint64_t new_run_id() { return microseconds_since_epoch(); }
 
 std::uint64_t run_id_of(const std::string& manifest_path) {
   std::ifstream in(manifest_path);
-  const nlohmann::json manifest = nlohmann::json::parse(in, nullptr, /*allow_exceptions=*/false);
+  const nlohmann::json manifest = parse_json_or_null(std::string(std::istreambuf_iterator(in), {}));
   const auto job = manifest.is_object() ? manifest.find("job") : manifest.end();
   return job != manifest.end() && job->is_number_unsigned() ? job->get<std::uint64_t>() : new_run_id();
 }

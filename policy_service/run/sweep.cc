@@ -13,6 +13,7 @@
 
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/json.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/records/comparison.h"
@@ -29,9 +30,9 @@ constexpr std::size_t kMostSeeds = 1000;
 /// Throws Error unless the manifest of a finished seed agrees with the present options.
 void require_same_run(const std::string& folder, const PolicyServiceOptions& options) {
   const std::string path = folder + "/manifest.json";
-  const Json found = Json::parse(read_file(path), nullptr, false);
+  const auto found = parse_json_or_null<Json>(read_file(path));
   if (!found.is_object()) throw Error("is not JSON", path, "choose another --output or leave --resume out");
-  const Json wanted = Json::parse(manifest_json(options, {}, {}, "", 0));
+  const auto wanted = parse_json<Json>(manifest_json(options, {}, {}, "", 0), "the manifest");
   const auto refuse = [&path](const std::string& what, const Json& was, const Json& is) {
     throw Error(what + " was " + was.dump() + ", is " + is.dump(), path,
                 "choose another --output or leave --resume out");

@@ -11,6 +11,7 @@
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "core/util/json.h"
 #include "core/util/progress.h"
 #include "core/util/sha256.h"
 #include "core/wire/service.h"
@@ -52,7 +53,7 @@ std::string Work::path_of(const Json& spec) const {
 Work::Done Work::read(const std::string& path, const Json& spec) {
   std::ifstream file(path);
   if (!file) return {};
-  const Json stored = Json::parse(file, nullptr, /*allow_exceptions=*/false);
+  const Json stored = parse_json_or_null(std::string(std::istreambuf_iterator(file), {}));
   if (!stored.is_object() || !stored.contains("outcome") || stored.value("spec", Json()) != spec ||
       !stored.value("seconds", Json()).is_number())
     return {};

@@ -96,6 +96,16 @@ TEST(Floors, SubFoldersIncludeOnlyLowerOnes) {
   }
 }
 
+TEST(Floors, JsonIsParsedInOnePlace) {
+  const std::regex parses(R"([Jj]son::(parse|accept|sax_parse)\()");
+  for (const std::string& folder : kProduct)
+    for (const std::string& path : sources_below(folder)) {
+      const std::string text = contents(kRoot / path);
+      EXPECT_TRUE(path == "core/util/json.cc" || !std::regex_search(text, parses))
+          << path << ": use parse_json(), which bounds how deep it nests";
+    }
+}
+
 TEST(Floors, FilesStayShort) {
   for (const std::string& folder : kProduct)
     for (const std::string& path : sources_below(folder)) {

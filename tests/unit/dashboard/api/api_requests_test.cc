@@ -159,7 +159,7 @@ TEST_F(ApiTest, ManyAskAtOnceWhileItIsWritten) {
   for (int i = 0; i < 4; ++i)
     readers.emplace_back([&] {
       while (!done) {
-        const Json all = Json::parse(api_.answer({"GET", {"runs", id_, "episodes.json"}, {}}).body);
+        const Json all = Json::parse(whole(api_.answer({"GET", {"runs", id_, "episodes.json"}, {}})).body);
         // What is committed together is seen together.
         wrong += all["total"] != all["episodes"].size() || all["episodes"].size() % 50 != 0;
         ++answers;
@@ -170,6 +170,19 @@ TEST_F(ApiTest, ManyAskAtOnceWhileItIsWritten) {
   done = true;
   for (std::thread& reader : readers) reader.join();
   EXPECT_EQ(wrong, 0);
+}
+
+TEST_F(ApiTest, DeeplyNestedJsonIsRefusedByName) {
+  const std::size_t depth = 100'000;
+  const std::string deep = "{\"a\":" + std::string(depth, '[') + std::string(depth, ']') + "}";
+  make_file(folder_ / "recognition/vpr-1/results.json", deep);
+  const Json result = json({"recognition"})["results"].at(0);
+  EXPECT_TRUE(contains(result["error"].get<std::string>(), "vpr-1/results.json: nests more than 64 levels deep"));
+  msg::RunInfo info = run_info();
+  const std::string manifest = "{\"a\":" + std::string(20'000, '[') + std::string(20'000, ']') + "}";
+  info.manifest(std::vector<std::uint8_t>(manifest.begin(), manifest.end()));
+  store_.record(info);
+  EXPECT_EQ(json({"runs", id_})["manifest"], nullptr);
 }
 
 TEST_F(ApiTest, Recognition) {

@@ -124,7 +124,7 @@ TEST(SafetensorsFile, ABadOneIsRefusedInOneLine) {
   expect_refused(raw("[" + a + "]", 8), "its header is not a JSON object");
   expect_refused(raw("[1]", 0), "its header is not a JSON object");
   expect_refused(raw("", 0), "its header is not a JSON object");
-  expect_refused(raw(std::string(100000, '['), 0), "nested too deeply");
+  expect_refused(raw(std::string(100000, '['), 0), "its header is not a JSON object");
   expect_refused(raw("{\"a\":1}", 0), "tensor 'a' is not a JSON object");
   expect_refused(raw("{\"a\":{\"dtype\":\"F32\",\"shape\":[2]}}", 8), "has no data_offsets");
   expect_refused(raw("{" + tensor("a", "[4]", "[0,8]", "BF16") + "}", 8), "has dtype \"BF16\"");
