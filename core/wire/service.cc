@@ -8,6 +8,7 @@
 #include <csignal>
 #include <iostream>
 
+#include "core/util/log_format.h"
 #include "core/util/version.h"
 
 namespace citylearn {
@@ -99,9 +100,7 @@ void add_node_options(CLI::App& app, Node::Options& options) {
   app.add_option_function<std::string>(
          "--log-format",
          [&options](const std::string& format) {
-           if (format == "json")
-             spdlog::set_pattern(R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l","session":")" + options.session +
-                                 R"(","service":")" + options.service + R"(","text":"%v"})");
+           if (format == "json") spdlog::set_formatter(json_log_format(options.session, options.service));
          },
          "text or json (one object a line)")
       ->check(CLI::IsMember({"text", "json"}));
@@ -144,7 +143,7 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     check_processor();
     catch_stop_signals();
     spdlog::set_default_logger(spdlog::stderr_color_mt(program));
-    spdlog::set_pattern("%H:%M:%S.%e %^%L%$ [%n] %v");
+    spdlog::set_formatter(text_log_format());
     CLI::App app(summary, program);
     app.option_defaults()->multi_option_policy(
         CLI::MultiOptionPolicy::TakeLast);  // scripts append their user's options

@@ -198,13 +198,16 @@ std::string as_text(const Findings& findings) {
   text += fmt::format("services: {}\n", findings.services.size());
   for (const Heartbeats::Service& service : findings.services) {
     const msg::ServiceStatus& status = service.newest;
-    text += fmt::format("  {:<24} {:<16} session {}, host {}, process {}, {}: {}{}\n", status.header().sender().c_str(),
-                        status.service().c_str(), status.header().session().c_str(), status.host().c_str(),
-                        status.process(), shown(status.service_state()), status.activity().c_str(),
-                        status.foreign() ? fmt::format(" ({} messages of other sessions)", status.foreign()) : "");
+    // Names and activities are what others say.
+    text += one_line(fmt::format(
+                "  {:<24} {:<16} session {}, host {}, process {}, {}: {}{}", status.header().sender().c_str(),
+                status.service().c_str(), status.header().session().c_str(), status.host().c_str(), status.process(),
+                shown(status.service_state()), status.activity().c_str(),
+                status.foreign() ? fmt::format(" ({} messages of other sessions)", status.foreign()) : "")) +
+            "\n";
   }
-  for (const std::string& hint : findings.hints) text += "hint: " + hint + "\n";
-  for (const std::string& problem : findings.problems) text += "PROBLEM: " + problem + "\n";
+  for (const std::string& hint : findings.hints) text += one_line("hint: " + hint) + "\n";
+  for (const std::string& problem : findings.problems) text += one_line("PROBLEM: " + problem) + "\n";
   if (findings.problems.empty()) text += "no problems\n";
   return text;
 }

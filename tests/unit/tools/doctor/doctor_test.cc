@@ -95,6 +95,19 @@ TEST_F(Doctor, NobodyIsAProblem) {
   EXPECT_NE(as_text(findings).find("PROBLEM: no participant was heard"), std::string::npos);
 }
 
+TEST_F(Doctor, WhatOthersSayBeginsNoLineAndCommandsNoTerminal) {
+  Findings findings;
+  Heartbeats::Service& service = findings.services.emplace_back();
+  service.newest = heartbeat("a\nno problems", 0);
+  service.newest.activity("\x1B[2J");
+  findings.hints = {"service 'b\r\nno problems'"};
+  findings.problems = {"service 'c\nno problems\x1B[2J'"};
+  const std::string text = as_text(findings);
+  EXPECT_EQ(text.find('\x1B'), std::string::npos);
+  EXPECT_EQ(text.find('\r'), std::string::npos);
+  EXPECT_EQ(text.find("\nno problems"), std::string::npos);
+}
+
 TEST_F(Doctor, AlarmsFailuresTypesAndProtocolsAreProblems) {
   msg::ServiceStatus alarmed = heartbeat("alarmed", 0);
   alarmed.alarm("checkpoint: the disk is full");
