@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <utility>
 
 #include "core/recording/wire_header.h"
 
@@ -42,7 +43,7 @@ constexpr milliseconds kLongestEnd{30000};
 constexpr milliseconds kGlance{5};
 constexpr std::size_t kMostVoices = 4096;
 constexpr double kLongestWait = 1e18;                  // nanoseconds: what the clock bears
-constexpr std::uint64_t kLongestGap = 10'000'000'000;  // nanoseconds between two files
+constexpr std::uint64_t kLongestGap = 10'000'000'000;  // nanoseconds: whoever records says something every second
 
 bool is(const Topic& topic, const Topic& other) { return topic.name == other.name; }
 
@@ -167,6 +168,10 @@ void Replayer::send_again(Clock::time_point now) {
 /// Opens the next file. Returns false when there is none.
 bool Replayer::open() {
   if (reader_ && !reader_->missing().empty()) figures_.remarks.push_back(reader_->path() + ": " + reader_->missing());
+  if (leaps_ > 0)
+    figures_.remarks.push_back(reader_->path() + ": its clock leaps " + std::to_string(leaps_) +
+                               " times; a leap ahead is played as 10 s, one back as none");
+  leaps_ = 0;
   reader_.reset();
   if (files_opened_ == options_.files.size()) return false;
   reader_ = std::make_unique<McapReader>(options_.files[files_opened_++]);
@@ -174,21 +179,26 @@ bool Replayer::open() {
   return true;
 }
 
-/// Returns when a message that came at `time` is to be played. Call it in the order of the recording.
-Clock::time_point Replayer::due_time(std::uint64_t time) {
-  if (!begin_) {
-    begin_ = Clock::now();
-    first_time_ = last_time_ = time;
-  }
-  if (fresh_ && (time < last_time_ || time - last_time_ > kLongestGap))
-    first_time_ += time - last_time_;  // another recording, not the next part of this one: it follows at once
-  else if (time > last_time_)
-    figures_.seconds += 1e-9 * static_cast<double>(time - last_time_);
-  fresh_ = false;
+/// Takes the time at which a message came. Call it with every message, in the order of the recording: those that are
+/// not played show whether time passed or a clock was set.
+void Replayer::follow_clock(std::uint64_t time) {
+  const std::uint64_t last = last_time_.value_or(time);
+  const std::uint64_t ahead = time > last ? time - last : 0, back = last > time ? last - time : 0;
   last_time_ = time;
-  const auto after = static_cast<double>(static_cast<std::int64_t>(time - first_time_));
-  if (options_.speed <= 0 || after <= 0) return *begin_;
-  return *begin_ + nanoseconds(static_cast<std::int64_t>(std::min(after / options_.speed, kLongestWait)));
+  const bool another = std::exchange(fresh_, false) && (back > 0 || ahead > kLongestGap);
+  if (another) return;  // not the next part of this recording: it follows at once
+  if (ahead > kLongestGap || back > kLongestGap) ++leaps_;
+  elapsed_ += static_cast<std::int64_t>(std::min(ahead, kLongestGap));
+  if (back <= kLongestGap) elapsed_ -= static_cast<std::int64_t>(back);
+  figures_.seconds = std::max(figures_.seconds, 1e-9 * static_cast<double>(elapsed_));
+}
+
+/// Returns when the message that came last is to be played.
+Clock::time_point Replayer::due_time() {
+  const double after = options_.speed > 0 ? static_cast<double>(elapsed_) / options_.speed : 0;
+  const nanoseconds wait(static_cast<std::int64_t>(std::min(after, kLongestWait)));
+  if (!begin_) begin_ = Clock::now() - wait;
+  return *begin_ + wait;
 }
 
 /// Reads the next message to be played into next_ and bytes_. Returns false when there is none.
@@ -197,6 +207,7 @@ bool Replayer::fetch() {
     if (!reader_ && !open()) return false;
     std::optional<McapMessage> message;
     while ((message = reader_->next())) {
+      follow_clock(message->log_time);
       const McapChannel& channel = *message->channel;
       const auto topic = topics_.find(channel.topic);
       if (topic == topics_.end()) {
@@ -220,7 +231,7 @@ bool Replayer::fetch() {
       }
       if (options_.session.empty() || !with_session(message->data, options_.session, bytes_))
         bytes_.assign(message->data.begin(), message->data.end());
-      next_ = Next{topic->second, {header->sender, header->incarnation}, due_time(message->log_time)};
+      next_ = Next{topic->second, {header->sender, header->incarnation}, due_time()};
       return true;
     }
     if (!open()) return false;

@@ -68,7 +68,8 @@ class Replayer {
     Clock::time_point due;
   };
 
-  Clock::time_point due_time(std::uint64_t time);
+  void follow_clock(std::uint64_t time);
+  Clock::time_point due_time();
   bool fetch();
   bool open();
   Voice& voice(const Topic& topic, const Key& sender);
@@ -92,11 +93,11 @@ class Replayer {
   std::optional<Next> next_;
   Bytes bytes_;                             // of next_
   bool fresh_ = false;                      // nothing of the file was taken yet
-  std::uint64_t first_time_ = 0;            // recorded, nanoseconds
-  std::uint64_t last_time_ = 0;             // likewise
-  std::optional<Clock::time_point> begin_;  // when first_time_ is, or would have been
-  std::optional<Clock::time_point> held_since_;
-  std::optional<Clock::time_point> begun_;                                       // the first message was to be played
+  std::optional<std::uint64_t> last_time_;  // recorded, nanoseconds
+  std::int64_t elapsed_ = 0;                // nanoseconds played up to last_time_, without leaps of the clock
+  std::size_t leaps_ = 0;                   // of the file
+  std::optional<Clock::time_point> begin_;  // when elapsed_ was 0, or would have been
+  std::optional<Clock::time_point> held_since_, begun_;  // begun_: the first message was to be played
   std::map<std::tuple<std::string, std::string, std::uint64_t>, Voice> voices_;  // by topic and sender
   std::set<std::string> heard_;                                                  // topics with a reader
   std::map<Key, Episodes> episodes_;
@@ -104,7 +105,6 @@ class Replayer {
   bool acknowledged_ = false;                                         // a recorder has acknowledged
   using Job = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, job
   std::map<Job, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
-
   using Map = std::tuple<std::string, std::uint64_t, std::uint32_t>;  // env_service, hash, first
   std::map<Map, std::pair<Voice*, Bytes>> maps_;                      // played
 

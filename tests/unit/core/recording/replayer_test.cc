@@ -172,6 +172,28 @@ TEST(Replay, TakesTheTimeThatItTook) {
   EXPECT_GE(seconds(1), 0.5);
 }
 
+TEST(Replay, ClocksThatAreSetHoldNobodyUp) {
+  const Folder folder;
+  {
+    Tape tape(folder / "a.mcap");
+    const std::uint64_t hour = 3600 * kSecond;
+    for (const std::uint64_t time : {kStart, kStart + kSecond, kStart + 5 * hour, kStart + 5 * hour + kSecond,
+                                     kStart - hour, kStart - hour + kSecond, std::uint64_t{1}, ~std::uint64_t{0}})
+      tape.say(heartbeat("env_service", "env", 7), time);
+    tape.writer.close();
+  }
+  const auto wire = middleware(39);
+  const Clock::time_point begin = Clock::now();
+  Replayer replayer(*wire, {{folder / "a.mcap"}, 50, {}, ""});
+  ASSERT_TRUE(play(*wire, replayer));
+  EXPECT_EQ(replayer.figures().played.at("citylearn/service_status"), 8u);
+  EXPECT_NEAR(replayer.figures().seconds, 3 + 10 + 10, 1e-3) << "three seconds and two leaps of ten";
+  EXPECT_GE(Clock::now() - begin, milliseconds(23'000 / 50));
+  ASSERT_EQ(replayer.figures().remarks.size(), 1u);
+  EXPECT_EQ(replayer.figures().remarks[0],
+            folder / "a.mcap" + ": its clock leaps 4 times; a leap ahead is played as 10 s, one back as none");
+}
+
 TEST(Replay, SendsAMapAgainToWhomAsksForIt) {
   const Folder folder;
   msg::MapChunk map;
