@@ -7,6 +7,7 @@
 
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
 
 #include "core/task/training_figures.h"
 #include "dashboard/store/schema.h"
@@ -16,6 +17,7 @@ namespace citylearn {
 namespace {
 
 constexpr std::int64_t kMostEvents = 100'000;  // older ones go
+constexpr int kMostLinks = 40;                 // as the kernel
 
 std::string escaped(const std::string& name) {
   std::string text;
@@ -52,10 +54,18 @@ SQLite::Database open_for_writing(const Store::Options& options) {
   return database;
 }
 
+/// Returns the file that a path leads to, which need not be there yet. Two dashboards may know it by different links.
+std::string without_links(std::filesystem::path path) {
+  std::error_code none;
+  for (int links = 0; links < kMostLinks && std::filesystem::is_symlink(path, none); ++links)
+    path = path.parent_path() / std::filesystem::read_symlink(path, none);
+  return path;
+}
+
 }  // namespace
 
 StoreLock::StoreLock(const std::string& path) {
-  const std::string name = path + ".lock";
+  const std::string name = without_links(path) + ".lock";
   file_ = ::open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
   if (file_ < 0) throw Error(std::strerror(errno), name, "choose a store in a folder that can be written");
   if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {

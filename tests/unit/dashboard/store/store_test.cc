@@ -263,6 +263,22 @@ TEST_F(StoreTest, OneDashboardAFile) {
   EXPECT_EQ(refusal(), "");
 }
 
+TEST_F(StoreTest, OneDashboardAFileWhateverItsName) {
+  const std::string link = folder_ / "link.sqlite", early = folder_ / "early.sqlite", later = folder_ / "later.sqlite";
+  std::filesystem::create_symlink("dashboard.sqlite", link);
+  std::filesystem::create_directory_symlink(".", folder_ / "folder");
+  std::filesystem::create_symlink(folder_ / "folder/later.sqlite", early);  // leads to nothing yet
+  const Store store(options()), created({early, 0});
+  const auto refused = [](const std::string& path) {
+    return contains(error_of([&] { const Store second({path, 0}); }), path + ": another dashboard records here");
+  };
+  EXPECT_TRUE(refused(link));
+  EXPECT_TRUE(refused(folder_ / "folder/link.sqlite"));
+  EXPECT_TRUE(refused(later));
+  std::filesystem::create_symlink("circle", folder_ / "circle");
+  EXPECT_TRUE(holds(error_of([&] { const Store second({folder_ / "circle", 0}); }), folder_ / "circle"));
+}
+
 TEST_F(StoreTest, OnlyItsOwnerReadsIt) {
   Store store(options());
   store.record(episodes(1, 1));
