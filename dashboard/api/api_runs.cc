@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/task/path.h"
+#include "core/util/json.h"
 #include "core/util/text.h"
 #include "dashboard/api/api.h"
 #include "dashboard/api/parameters.h"
@@ -26,20 +27,6 @@ double shortest(double value) {
 }
 
 Json number_or_null(double value) { return std::isfinite(value) ? Json(shortest(value)) : Json(nullptr); }
-
-/// An answer to be kept as a file.
-Answer file_answer(const std::string& run, const std::string& what, bool csv) {
-  Answer answer;
-  answer.type = csv ? "text/csv; charset=utf-8" : "application/json";
-  std::string name;
-  for (const char c : run + "-" + what) {
-    const bool plain =
-        (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
-    name += plain ? c : '-';
-  }
-  if (csv) answer.headers.emplace_back("Content-Disposition", "attachment; filename=\"" + name + "\"");
-  return answer;
-}
 
 /// Returns the frames stood at, the start's first, from the actions of EpisodeStat.path.
 Json positions_of(const StoreReader::Replay& replay) {
@@ -124,7 +111,7 @@ Answer Api::answer_run(const Query& query) {
 Answer Api::run(const RunRow& row) {
   Json json = run_json(row);
   BorrowedReader reader(*this);
-  const Json manifest = Json::parse(reader->manifest(row.id), nullptr, false);
+  const Json manifest = parse_json_or_null(reader->manifest(row.id));
   json["manifest"] = manifest.is_object() ? manifest : Json(nullptr);
   json["traversals"] = Json::array();
   for (const TraversalRow& traversal : reader->traversals(row.id))
@@ -204,41 +191,6 @@ Answer Api::training(const RunRow& row, const Query& query) {
   return answer;
 }
 
-Answer Api::all_training(const RunRow& row, bool csv) {
-  const std::span<const TrainingFigure> columns = training_figures();
-  Answer answer = file_answer(row.name, csv ? "training.csv" : "training.json", csv);
-  BorrowedReader reader(*this);
-  if (csv) {
-    for (const TrainingFigure& column : columns)
-      answer.body += (answer.body.empty() ? "" : ",") + std::string(column.name);
-    answer.body += '\n';
-    reader->training(row.id, [&](std::span<const double> values) {
-      for (std::size_t i = 0; i < columns.size(); ++i) {
-        if (i > 0) answer.body += ',';
-        append_figure(answer.body, columns[i], values[i], true);
-      }
-      answer.body += '\n';
-    });
-    return answer;
-  }
-  std::vector<std::string> texts(columns.size());
-  std::uint64_t total = 0;
-  reader->training(row.id, [&](std::span<const double> values) {
-    for (std::size_t i = 0; i < columns.size(); ++i) {
-      if (total > 0) texts[i] += ',';
-      append_figure(texts[i], columns[i], values[i], false);
-    }
-    ++total;
-  });
-  answer.body = "{\"id\":";
-  append_json(answer.body, row.name);
-  answer.body += ",\"total\":" + std::to_string(total) + ",\"columns\":{";
-  for (std::size_t i = 0; i < columns.size(); ++i)
-    answer.body += (i == 0 ? "\"" : ",\"") + std::string(columns[i].name) + "\":[" + texts[i] + "]";
-  answer.body += "}}";
-  return answer;
-}
-
 Answer Api::episodes(const RunRow& row, const Query& query) {
   allow_only(query,
              {"limit", "before", "evaluation", "traversal", "policy", "update", "shuffled", "completed", "order"});
@@ -270,29 +222,6 @@ Answer Api::episodes(const RunRow& row, const Query& query) {
     append_json_episode(answer.body, one);
   }
   answer.body += "]}";
-  return answer;
-}
-
-Answer Api::all_episodes(const RunRow& row, bool csv) {
-  Answer answer = file_answer(row.name, csv ? "episodes.csv" : "episodes.json", csv);
-  std::string& text = answer.body;
-  BorrowedReader reader(*this);
-  if (csv) {
-    append_csv_episode_header(text);
-    text += '\n';
-    reader->episodes(row.id, [&](const EpisodeRow& one) {
-      append_csv_episode(text, one);
-      text += '\n';
-    });
-    return answer;
-  }
-  text = "{\"episodes\":[";
-  std::uint64_t total = 0;
-  reader->episodes(row.id, [&](const EpisodeRow& one) {
-    if (total++ > 0) text += ',';
-    append_json_episode(text, one);
-  });
-  text += "],\"total\":" + std::to_string(total) + "}";
   return answer;
 }
 

@@ -10,7 +10,10 @@
 namespace citylearn {
 namespace {
 
-void append_csv(std::string& text, const std::string& value) {
+/// Appends a name. Spreadsheets take what begins like a formula as one, and run it; an apostrophe makes it text.
+void append_csv(std::string& text, std::string value) {
+  if (!value.empty() && std::string_view("=+-@\t\r").find(value.front()) != std::string_view::npos)
+    value.insert(0, "'");
   if (value.find_first_of(",\"\r\n") == value.npos) {
     text += value;
     return;

@@ -19,13 +19,13 @@ class Connection {
   virtual void tick(Time now) = 0;
 
   boost::asio::ip::address address;
-  bool idle = true;                 ///< no request is being answered: it may be closed for a new one
-  Time since = Time::clock::now();  ///< of `idle`
+  bool idle = true;                 ///< it waits for its client: it may be closed for a new one
+  Time since = Time::clock::now();  ///< of `idle`, or when the client last took a part of an answer
   Time deadline = Time::max();      ///< then it is closed
 };
 
-/// Limits the connections in all and per address. At a limit the connection that has been idle longest is closed for a
-/// new one, so that clients that connect and send nothing cannot lock out others.
+/// Limits the connections in all and per address. At a limit the connection that has waited longest for its client is
+/// closed for a new one, so that clients that send nothing, half a request, or take nothing cannot lock out others.
 class Connections {
  public:
   Connections(std::size_t most, std::size_t most_each) : most_(most), most_each_(most_each) {}

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <poll.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <boost/asio/awaitable.hpp>
 #include <boost/asio/co_spawn.hpp>
 #include <boost/asio/detached.hpp>
@@ -75,20 +77,21 @@ RequestHead head_of(const Request& request) {
           {view(request[http::field::host]), view(request[http::field::origin]),
            view(request[http::field::authorization]), view(request[http::field::cookie])},
           view(request[http::field::if_none_match]),
-          view(request[http::field::accept_encoding])};
+          view(request[http::field::accept_encoding]),
+          view(request["Sec-Fetch-Site"])};
 }
 
 // GCC 12 destroys temporaries in a co_await's arguments twice when they are converted there (bug 99576 and its kin):
 // what coroutines take has a name before.
 using Call = std::function<Answer()>;
 
-/// Answers an API call on a worker and continues on the server's thread.
-asio::awaitable<Answer> on_worker(ServerContext& context, const Call& call) {
-  const auto begin = [&context, &call](auto handler) {
-    asio::post(context.workers, [&context, call, handler = std::move(handler)]() mutable {
+/// Answers an API call on a worker, unless the client has `gone` by then, and continues on the server's thread.
+asio::awaitable<Answer> on_worker(ServerContext& context, const Call& call, const std::atomic<bool>& gone) {
+  const auto begin = [&context, &call, &gone](auto handler) {
+    asio::post(context.workers, [&context, &gone, call, handler = std::move(handler)]() mutable {
       Answer answer;
       try {
-        answer = call();
+        if (!gone) answer = call();
       } catch (const std::exception& error) {
         spdlog::error("an API call failed: {}", error.what());
         answer = error_answer(500, error.what());
@@ -131,6 +134,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
   }
 
   void tick(Time at) override {
+    if (!live_ && !idle && hung_up()) close();
     if (!live_ || !live_->is_open()) return;
     const auto patience = context_.options.patience;
     if (at - heard_ > patience || at - writing_ > patience) {  // either may be Time::max()
@@ -146,6 +150,12 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
  private:
   tcp::socket& socket() { return live_ ? live_->next_layer().socket() : stream_.socket(); }
 
+  /// Returns whether the client has closed its end, also when it has sent more before.
+  bool hung_up() {
+    pollfd poll{socket().native_handle(), POLLRDHUP, 0};
+    return ::poll(&poll, 1, 0) == 1;
+  }
+
   asio::awaitable<void> run() {
     error_code error;
     // Nothing is allocated, and no TLS begun, for clients that connect and send nothing.
@@ -159,16 +169,17 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
 
   /// Serves one request. Returns false when it was the last.
   asio::awaitable<bool> exchange() {
-    idle = true;
-    since = now();
-    deadline = since + context_.options.request_time;
+    wait_for_client();
     http::request_parser<http::string_body> parser;
     parser.header_limit(context_.options.header_bytes);
     parser.body_limit(context_.options.body_bytes);
     error_code error;
     co_await http::async_read_header(stream_, buffer_, parser, with(error));
-    idle = false;
     const auto target = error ? std::nullopt : parse_target(view(parser.get().target()));
+    if (!error && parser.get().count(http::field::host) > 1) {
+      const Reply reply = error_reply(400, "the header has more than one Host");
+      co_return co_await send(reply, parser.get(), false);
+    }
     if (!error) {
       const std::optional<Reply> refusal = handler_.refusal(head_of(parser.get()), target);
       if (refusal) co_return co_await send(*refusal, parser.get(), parser.is_done() && parser.get().keep_alive());
@@ -180,6 +191,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
       co_return false;
     }
     const Request request = parser.release();
+    idle = false;
     if (target->path == "/api/live") {
       if (websocket::is_upgrade(request)) {
         co_await live(request);
@@ -195,6 +207,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
       reply = co_await metrics();
     else
       reply = handler_.reply(head_of(request), *target);
+    if (ended_) co_return false;
     co_return co_await send(reply, request, request.keep_alive());
   }
 
@@ -239,7 +252,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     }
     ++context_.calls;
     deadline = Time::max();  // the client waits for us now
-    Answer answer = co_await on_worker(context_, call);
+    Answer answer = co_await on_worker(context_, call, ended_);
     --context_.calls;
     co_return Reply{std::move(answer), {}};
   }
@@ -248,7 +261,9 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
   asio::awaitable<bool> send(const Reply& reply, const Request& request, bool keep) {
     const Answer& answer = reply.answer;
     const std::string_view body = reply.file.empty() ? std::string_view(answer.body) : reply.file;
-    const bool bodiless = answer.status == 204 || answer.status == 304;
+    const bool bodiless = answer.status == 204 || answer.status == 304, head = request.method() == http::verb::head;
+    const bool chunked = answer.more && request.version() != 10;
+    if (answer.more && !chunked) keep = false;  // the connection's end is the body's
     ++context_.answers[answer.status];
     Response response;
     response.version(request.version() == 10 ? 10 : 11);
@@ -259,18 +274,66 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
       response.set(name, one_line(value));  // no value can begin another header
     if (!bodiless) {
       response.set(http::field::content_type, answer.type);
-      response.content_length(body.size());
-      if (request.method() != http::verb::head) response.body() = beast::span<const char>(body.data(), body.size());
+      if (chunked) response.chunked(true);
+      if (!answer.more) response.content_length(body.size());
+      if (!head && !answer.more) response.body() = beast::span<const char>(body.data(), body.size());
     }
     response.keep_alive(keep);
     http::response_serializer<http::span_body<const char>> serializer(response);
+    serializer.split(answer.more != nullptr);
     error_code error;
-    while (!error && !serializer.is_done()) {
-      deadline = now() + context_.options.request_time;
+    while (!error && !(answer.more ? serializer.is_header_done() : serializer.is_done())) {
+      wait_for_client();
       co_await http::async_write_some(stream_, serializer, with(error));
+    }
+    if (!error && answer.more && !head) {
+      const bool whole = co_await send_pieces(answer, chunked);
+      if (!whole) co_return false;
     }
     if (!error && !keep) co_await linger();
     co_return !error && keep;
+  }
+
+  /// Sends a body that is made while it is sent. Returns false when the client does not get its end.
+  asio::awaitable<bool> send_pieces(const Answer& answer, bool chunked) {
+    std::string piece = answer.body;
+    for (bool more = true;;) {
+      if (chunked && !piece.empty()) piece = fmt::format("{:x}\r\n{}\r\n", piece.size(), piece);
+      const bool taken = co_await write(piece);
+      if (!taken) co_return false;
+      if (!more) break;
+      const Call call = [&answer, &more] {
+        Answer next;
+        more = answer.more(next.body);
+        return next;
+      };
+      idle = false;
+      deadline = Time::max();  // the client waits for us now
+      Answer next = co_await on_worker(context_, call, ended_);
+      if (ended_ || next.status != 200) co_return false;
+      piece = std::move(next.body);
+    }
+    const std::string end = chunked ? "0\r\n\r\n" : "";
+    const bool taken = co_await write(end);
+    co_return taken;
+  }
+
+  /// Returns false when the connection ended before the client had taken all.
+  asio::awaitable<bool> write(const std::string& bytes) {
+    error_code error;
+    for (std::size_t sent = 0; sent < bytes.size() && !error;) {
+      wait_for_client();
+      const asio::const_buffer rest(bytes.data() + sent, bytes.size() - sent);
+      sent += co_await stream_.async_write_some(rest, with(error));
+    }
+    co_return !error;
+  }
+
+  /// The client has to take what is sent next.
+  void wait_for_client() {
+    idle = true;
+    since = now();
+    deadline = since + context_.options.request_time;
   }
 
   /// Takes what the client still sends for a moment: a connection closed before is reset, and the last answer is lost.
@@ -365,7 +428,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
   RequestHandler handler_;
   Transport stream_;
   beast::flat_buffer buffer_;
-  bool ended_ = false;
+  std::atomic<bool> ended_{false};  // workers read it
 
   // The WebSocket.
   std::optional<websocket::stream<Transport>> live_;

@@ -42,7 +42,12 @@ std::optional<Reply> RequestHandler::refusal(const RequestHead& head, const std:
     return reply;
   }
   if (!target) return error_reply(400, "the path or a parameter of it is not properly percent-encoded UTF-8");
-  if ((api || target->path == "/metrics") && !context_.access->allows(head.credentials)) {
+  const bool data = api || target->path == "/metrics";
+  // Any page that is open in a browser may name an address here as its image: such a request has no Origin.
+  if (data && !head.fetch_site.empty() && head.fetch_site != "same-origin" && head.fetch_site != "none")
+    return error_reply(403,
+                       "Sec-Fetch-Site '" + std::string(head.fetch_site) + "': this is for the dashboard's own page");
+  if (data && !context_.access->allows(head.credentials)) {
     Reply reply = error_reply(401, "this needs the token: 'Authorization: Bearer TOKEN', or the link that was printed");
     reply.answer.headers.emplace_back("WWW-Authenticate", "Bearer");
     return reply;

@@ -18,6 +18,7 @@ struct RequestHead {
   std::string_view method;
   Access::Request credentials;
   std::string_view if_none_match, accept_encoding;
+  std::string_view fetch_site;  ///< Sec-Fetch-Site: where a browser's request comes from
 };
 
 /// An answer on its way out.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/store/store_reader.h"
 
+#include <algorithm>
+
 #include "core/util/error.h"
 #include "core/util/text.h"
 #include "dashboard/store/database.h"
@@ -82,7 +84,7 @@ struct StoreReader::Impl {
 
   const std::string path;
   SQLite::Database database;
-  SQLite::Statement runs, run, newest, manifest, traversals, training, episodes, episode, groups, tasks, total;
+  SQLite::Statement runs, run, newest, manifest, traversals, episodes, episode, groups, tasks, total;
 };
 
 StoreReader::Impl::Impl(const std::string& file)
@@ -99,9 +101,7 @@ StoreReader::Impl::Impl(const std::string& file)
                  "SELECT s.environment, s.dataset, s.traversal, s.condition, s.hash, s.frames, s.agents, s.images, "
                  "MAX(s.incarnation) FROM run_sources r JOIN sources s ON s.id = r.source "
                  "WHERE r.run = ? AND s.dataset IS NOT NULL GROUP BY s.environment ORDER BY s.environment"),
-      training(database, "SELECT " + joined(training_figures(), column_of) +
-                             " FROM training WHERE key BETWEEN ? AND ? ORDER BY key"),
-      episodes(database, select_episodes() + "e.run = ? ORDER BY e.id"),
+      episodes(database, select_episodes() + "e.run = ? AND e.id BETWEEN ? AND ? ORDER BY e.id LIMIT ?"),
       episode(database, select_episodes(", e.path, s.hash") + "e.id = ?"),
       groups(database,
              "SELECT policy, \"update\", shuffled, traversal, COUNT(*), MAX(id) FROM episodes "
@@ -190,13 +190,28 @@ Decimator StoreReader::training(const TrainingQuery& query, std::size_t points) 
   });
 }
 
-void StoreReader::training(std::int64_t run, const std::function<void(std::span<const double>)>& each) {
-  std::vector<double> values(training_figures().size());
+void StoreReader::training(std::int64_t run, const std::function<void(std::span<const double>)>& each,
+                           const RowRange& range, const TrainingFigure* figure) {
+  const std::span<const TrainingFigure> all = training_figures();
+  const std::string columns = figure ? column_of(all.front()) + ", " + column_of(*figure) : joined(all, column_of);
+  std::vector<double> values(figure ? 2 : all.size());
   const auto read = [&](const auto& row) {
     for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_at<double>(row, static_cast<int>(i));
     each(values);
   };
-  impl_->each_row(impl_->training, read, training_key(run, 0), training_key(run, kMostUpdates));
+  with_file_errors(impl_->path, [&] {
+    SQLite::Statement rows(impl_->database,
+                           "SELECT " + columns + " FROM training WHERE key BETWEEN ? AND ? ORDER BY key LIMIT ?");
+    impl_->each_row(rows, read, training_key(run, std::min(range.first, kMostUpdates)),
+                    training_key(run, std::min(range.last, kMostUpdates)), range.limit);
+  });
+}
+
+NumberSet StoreReader::updates(std::int64_t run, std::uint64_t last) {
+  NumberSet numbers;
+  const auto add = [&](std::span<const double> values) { numbers.add(static_cast<std::uint64_t>(values[0])); };
+  training(run, add, {.last = last}, &training_figures().front());
+  return numbers;
 }
 
 std::vector<EpisodeRow> StoreReader::episodes(std::int64_t run, const EpisodeFilter& filter, bool worst,
@@ -220,9 +235,11 @@ std::uint64_t StoreReader::count(std::int64_t run, const EpisodeFilter& filter) 
   });
 }
 
-void StoreReader::episodes(std::int64_t run, const std::function<void(const EpisodeRow&)>& each) {
+void StoreReader::episodes(std::int64_t run, const std::function<void(const EpisodeRow&)>& each,
+                           const RowRange& range) {
   impl_->each_row(
-      impl_->episodes, [&](const auto& row) { each(read_episode(row).first); }, run);
+      impl_->episodes, [&](const auto& row) { each(read_episode(row).first); }, run, range.first, range.last,
+      range.limit);
 }
 
 std::optional<StoreReader::Replay> StoreReader::episode(std::int64_t rowid) {

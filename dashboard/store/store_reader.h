@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -9,10 +10,17 @@
 #include <vector>
 
 #include "core/task/training_figures.h"
+#include "core/util/number_set.h"
 #include "dashboard/store/decimate.h"
 #include "dashboard/store/rows.h"
 
 namespace citylearn {
+
+/// Which rows of a run, by update or rowid, in this order.
+struct RowRange {
+  std::uint64_t first = 0, last = std::numeric_limits<std::int64_t>::max();
+  std::size_t limit = std::numeric_limits<std::int64_t>::max();
+};
 
 /// Reads a store while it is written, over a connection of its own. Used by one thread at a time.
 class StoreReader {
@@ -35,13 +43,16 @@ class StoreReader {
     std::optional<double> from, to;
   };
   Decimator training(const TrainingQuery& query, std::size_t points);
-  /// Calls `each` with every row of a run, all training figures.
-  void training(std::int64_t run, const std::function<void(std::span<const double>)>& each);
+  /// Calls `each` with all training figures of updates, or with the update and `figure` alone.
+  void training(std::int64_t run, const std::function<void(std::span<const double>)>& each, const RowRange& range = {},
+                const TrainingFigure* figure = nullptr);
+  /// Returns which updates up to `last` there are.
+  NumberSet updates(std::int64_t run, std::uint64_t last);
 
   std::vector<EpisodeRow> episodes(std::int64_t run, const EpisodeFilter& filter, bool worst, std::size_t limit);
   std::uint64_t count(std::int64_t run, const EpisodeFilter& filter);
-  /// All of a run, in the order in which they were recorded.
-  void episodes(std::int64_t run, const std::function<void(const EpisodeRow&)>& each);
+  /// Calls `each` with episodes in the order in which they were recorded, numbered by rowid.
+  void episodes(std::int64_t run, const std::function<void(const EpisodeRow&)>& each, const RowRange& range = {});
   struct Replay {
     EpisodeRow row;
     std::optional<std::vector<std::uint8_t>> path;  ///< as in EpisodeStat; nothing: not kept

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <random>
 
+#include "tests/support/wait.h"
 #include "tests/unit/dashboard/api/api_fixture.h"
 
 namespace citylearn::testing {
@@ -188,11 +189,77 @@ TEST_F(ApiTest, Episodes) {
   EXPECT_EQ(keys(whole["episodes"][15]), kEpisodeFields);
 }
 
+TEST_F(ApiTest, ExportsAreReadInPieces) {
+  store_.record(run_info());
+  store_.record(training_stats(1, 1700));
+  store_.record(episodes(1, 1700));
+  std::size_t rows = 1700;
+  for (const std::string what : {"episodes.csv", "episodes.json", "training.csv", "training.json"}) {
+    Answer answer = ask({"runs", id_, what});
+    std::size_t largest = answer.body.size(), pieces = 1;
+    for (bool more = answer.more != nullptr; more; ++pieces) {
+      std::string piece;
+      more = answer.more(piece);
+      largest = std::max(largest, piece.size());
+      answer.body += piece;
+      if (pieces > 1) continue;
+      // What comes meanwhile is left out, what goes meanwhile leaves no column shorter.
+      store_.record(episodes(rows + 1, rows + 10));
+      store_.record(training_stats(rows + 1, rows + 10));
+    }
+    EXPECT_GT(pieces, 3u) << what;
+    EXPECT_LT(largest, 200'000u) << what;
+    if (what.ends_with(".csv")) {
+      EXPECT_EQ(static_cast<std::size_t>(std::count(answer.body.begin(), answer.body.end(), '\n')), rows + 1) << what;
+      EXPECT_EQ(answer.body.back(), '\n');
+    } else if (what == "episodes.json") {
+      const Json all = Json::parse(answer.body);
+      EXPECT_EQ(all["total"], rows);
+      EXPECT_EQ(all["episodes"].size(), rows);
+      for (std::size_t i = 0; i < rows; ++i) ASSERT_EQ(all["episodes"][i]["episode"], i + 1);
+    } else {
+      const Json all = Json::parse(answer.body);
+      ASSERT_EQ(all["columns"].size(), training_figures().size());
+      for (const auto& [name, column] : all["columns"].items()) EXPECT_EQ(column.size(), rows) << name;
+      for (std::size_t i = 0; i < rows; ++i) ASSERT_EQ(all["columns"]["steps"][i], 512 * (i + 1));
+    }
+    rows += 10;
+  }
+}
+
+TEST_F(ApiTest, ColumnsStayAlignedWhenUpdatesGoMeanwhile) {
+  store_.record(run_info());
+  store_.record(training_stats(1, 1700));
+  Answer answer = ask({"runs", id_, "training.json"});
+  ASSERT_NE(answer.more, nullptr);
+  for (int piece = 0; piece < 8; ++piece) ASSERT_TRUE(answer.more(answer.body));
+  store_.record(run_info(1000, 501));  // a resumed run goes back to its checkpoint
+  store_.record(training_stats(1001, 1100, 501));
+  const Json all = Json::parse(whole(answer).body);
+  EXPECT_EQ(all["total"], 1700);
+  for (const auto& [name, column] : all["columns"].items()) EXPECT_EQ(column.size(), 1700u) << name;
+  EXPECT_EQ(all["columns"]["wall"][1099], 275.0);
+  EXPECT_EQ(all["columns"]["wall"][1100], nullptr);
+  EXPECT_EQ(all["columns"]["policy_lag"][1699], nullptr);
+}
+
 TEST_F(ApiTest, CsvQuotesWhatNeedsIt) {
   msg::EpisodeStat e = episode(1);
   e.policy("a,\"b\"");
   store_.record(std::vector{e});
   EXPECT_TRUE(contains(ask({"runs", "demo", "episodes.csv"}).body, ",summer,\"a,\"\"b\"\"\",3,"));
+}
+
+TEST_F(ApiTest, NoNameIsAFormulaInCsv) {
+  std::vector<msg::EpisodeStat> all = episodes(1, 5);
+  const std::vector<std::string> names = {"=1+2", "+1", "-1", "@SUM(A1)", "\t=1"};
+  for (std::size_t i = 0; i < names.size(); ++i) all[i].policy(names[i]);
+  store_.record(all);
+  const std::string csv = ask({"runs", "demo", "episodes.csv"}).body;
+  for (const std::string& name : names) {
+    EXPECT_TRUE(contains(csv, ",summer,'" + name + ",3,"));
+    EXPECT_EQ(json({"runs", "demo", "episodes"}, {{"policy", name}})["episodes"][0]["policy"], name) << "elsewhere not";
+  }
 }
 
 TEST_F(ApiTest, AnEpisodeStepByStep) {
@@ -282,6 +349,13 @@ TEST_F(ApiTest, ControlsAreExact) {
       EXPECT_NEAR(one["steps"].get<double>(), expected.steps, 1e-9);
       EXPECT_NEAR(one["completed"].get<double>(), expected.completed, 1e-9);
     }
+}
+
+TEST_F(ApiTest, ControlsOfLongRoutesAreCheap) {
+  const auto begin = Clock::now();
+  for (int max_steps = 1; max_steps <= 1000; ++max_steps)
+    ASSERT_EQ(ask({"controls"}, {{"frames", "4096"}, {"max_steps", std::to_string(max_steps)}}).status, 200);
+  EXPECT_LT(Clock::now() - begin, seconds(10) * kSlowness);
 }
 
 }  // namespace

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// What one client or another site's page may cost the others.
+#include "tests/support/text.h"
+#include "tests/support/web/server_fixture.h"
+
+namespace citylearn::testing {
+namespace {
+
+TEST_F(ServerTest, PagesOfOtherSitesGetNothing) {
+  start();
+  for (const std::string site : {"cross-site", "same-site"}) {
+    for (const std::string target : {"/api/controls?frames=4096&max_steps=9", "/metrics"}) {
+      const auto refused = get(target, {{"sec-fetch-site", site}});
+      EXPECT_EQ(refused.status, 403) << target;
+      EXPECT_TRUE(contains(refused.body, site));
+    }
+    EXPECT_EQ(client()->upgrade({{"sec-fetch-site", site}}).status, 403);
+    EXPECT_EQ(get("/", {{"sec-fetch-site", site}}).status, 200) << "a link to the page";
+    EXPECT_EQ(get("/login", {{"sec-fetch-site", site}}).status, 303) << "a link that logs in";
+  }
+  for (const std::string site : {"same-origin", "none"})
+    EXPECT_EQ(get("/api/runs", {{"sec-fetch-site", site}}).status, 200);
+}
+
+TEST_F(ServerTest, ARequestForTwoHostsIsRefused) {
+  start();
+  for (const std::string hosts :
+       {"Host: localhost\r\nHost: evil.example\r\n", "Host: localhost\r\nhost: localhost\r\n"}) {
+    const auto one = client();
+    one->send("GET /api/runs HTTP/1.1\r\n" + hosts + "\r\n");
+    const auto refused = one->read();
+    EXPECT_EQ(refused.status, 400);
+    EXPECT_TRUE(contains(refused.body, "Host"));
+    EXPECT_TRUE(one->ended()) << "what follows may be meant for the other one";
+  }
+}
+
+TEST_F(ServerTest, NoWorkIsDoneForAClientThatHasGone) {
+  options_.workers = 1;
+  options_.ping = 80ms;  // so it looks often
+  start();
+  const auto waiting = client();
+  waiting->send("GET /api/slow HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  ASSERT_TRUE(poll_until([&] { return slow() == 1; }, WebClient::kPatience));
+  for (int i = 0; i < 100; ++i) client()->send("GET /api/slow HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  const auto pipelined = client();  // says more than it is asked for, but is there
+  pipelined->send("GET /api/a HTTP/1.1\r\nHost: localhost\r\n\r\nGET /api/b HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_TRUE(poll_until([&] { return metric("citylearn_dashboard_connections") == 3; }, WebClient::kPatience))
+      << "those that wait and the one that looks";
+  release();
+  EXPECT_EQ(waiting->read().status, 200);
+  EXPECT_EQ(pipelined->read().status, 200);
+  EXPECT_EQ(pipelined->read().status, 200);
+  EXPECT_EQ(slow(), 1) << "calls that began";
+}
+
+TEST_F(ServerTest, HalfRequestsLockNobodyOut) {
+  options_.connections_each = 4;
+  start();
+  std::vector<std::unique_ptr<WebClient>> half;
+  for (int i = 0; i < 4; ++i) {
+    half.push_back(client());
+    half.back()->send("GET /api/runs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n\r\nbody");
+    EXPECT_EQ(client("127.0.0.2")->get("/healthz").status, 200) << "the header has been read";
+  }
+  for (int i = 0; i < 8; ++i) EXPECT_EQ(get("/healthz").status, 200);
+  EXPECT_TRUE(half[0]->ended()) << "the oldest made room";
+}
+
+TEST_F(ServerTest, ClientsThatTakeNothingLockNobodyOut) {
+  options_.connections_each = 4;
+  start();
+  std::vector<std::unique_ptr<WebClient>> stopped;
+  for (int i = 0; i < 4; ++i) {
+    stopped.push_back(client("127.0.0.1", 4096));
+    stopped.back()->send("GET /api/large HTTP/1.1\r\nHost: localhost\r\n\r\n");
+    EXPECT_EQ(client("127.0.0.2")->get("/healthz").status, 200);
+  }
+  EXPECT_TRUE(poll_until([&] { return get("/healthz").status == 200; }, WebClient::kPatience / 4));
+  for (int i = 0; i < 8; ++i) EXPECT_EQ(get("/healthz").status, 200);
+}
+
+TEST_F(ServerTest, ALongAnswerIsMadeAsItIsTaken) {
+  start();
+  const auto one = client();
+  const auto whole = one->get("/api/pieces");
+  EXPECT_EQ(whole.status, 200);
+  EXPECT_EQ(whole.headers.at("transfer-encoding"), "chunked");
+  EXPECT_EQ(whole.headers.count("content-length"), 0u);
+  ASSERT_EQ(whole.body.size(), 6 + 200 * kPiece);
+  EXPECT_EQ(whole.body.substr(0, 8), "begin,jj");
+  EXPECT_EQ(whole.body.back(), 'b');
+  EXPECT_EQ(one->request("HEAD", "/api/pieces").body, "");
+  EXPECT_EQ(one->get("/healthz").body, "ok\n") << "the connection goes on";
+  const auto old = client();
+  old->send("GET /api/pieces HTTP/1.0\r\nHost: localhost\r\n\r\n");
+  const auto plain = old->read();
+  EXPECT_EQ(plain.status, 200);
+  EXPECT_EQ(plain.headers.count("transfer-encoding"), 0u);
+  EXPECT_TRUE(old->ended()) << "which ends the body";
+}
+
+TEST_F(ServerTest, SlowReadersOfLongAnswersCostLittle) {
+  start();
+  ASSERT_LT(health(), 100ms);
+  pieces_ = 0;
+  const std::size_t before = resident();
+  std::vector<std::unique_ptr<WebClient>> readers;
+  for (int i = 0; i < 30; ++i) {
+    readers.push_back(client("127.0.0.1", 4096));
+    readers.back()->send("GET /api/pieces HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  }
+  int made = -1;
+  EXPECT_TRUE(
+      poll_until([&] { return pieces_ >= 30 && std::exchange(made, pieces_) == pieces_; }, WebClient::kPatience));
+  EXPECT_LT(pieces_, 30 * 400 / 4) << "what fits into the kernel's buffers and one more for each";
+  EXPECT_LT(resident(), before + kMemory);
+  EXPECT_LT(health(), 100ms);
+  EXPECT_EQ(readers[7]->read().body.size(), 6 + 200 * kPiece) << "who goes on reading gets all";
+}
+
+TEST_F(ServerTest, ALongAnswerThatFailsHasNoEnd) {
+  start();
+  EXPECT_EQ(get("/api/fails").status, 0);
+  EXPECT_LT(health(), 100ms);
+}
+
+}  // namespace
+}  // namespace citylearn::testing
