@@ -1,12 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/store/store.h"
 
-#include <fcntl.h>
-#include <sys/file.h>
-#include <unistd.h>
-
-#include <cerrno>
-#include <cstring>
 #include <filesystem>
 
 #include "core/task/training_figures.h"
@@ -64,20 +58,6 @@ std::string without_links(std::filesystem::path path) {
 
 }  // namespace
 
-StoreLock::StoreLock(const std::string& path) {
-  const std::string name = without_links(path) + ".lock";
-  file_ = ::open(name.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0600);
-  if (file_ < 0) throw Error(std::strerror(errno), name, "choose a store in a folder that can be written");
-  if (::flock(file_, LOCK_EX | LOCK_NB) != 0) {
-    const int fault = errno;
-    ::close(file_);
-    if (fault == EWOULDBLOCK) throw Error("another dashboard records here", path, "end it, or choose another file");
-    throw Error(std::strerror(fault), name, "choose a store on a local disk");
-  }
-}
-
-StoreLock::~StoreLock() { ::close(file_); }
-
 std::string run_id(const msg::RunInfo& info) {
   return escaped(info.header().session().c_str()) + "/" + escaped(info.header().sender().c_str()) + "/" +
          std::to_string(info.seed()) + "/" + std::to_string(info.run_id());
@@ -86,7 +66,11 @@ std::string run_id(const msg::RunInfo& info) {
 std::string run_id(const std::string& session) { return escaped(session); }
 
 Store::Impl::Impl(const Options& options)
-    : path(options.path), lock(path), database((prepare_file(path), open_for_writing(options))) {
+    : path(options.path),
+      // A file of its own, as closing any descriptor of the database would drop SQLite's locks.
+      lock(without_links(path) + ".lock",
+           Error("another dashboard records here", path, "end it, or choose another file")),
+      database((prepare_file(path), open_for_writing(options))) {
   with_file_errors(path, [&] {
     statements = std::make_unique<Statements>(database);
     load_runs();

@@ -5,23 +5,11 @@
 #include <set>
 #include <utility>
 
+#include "core/util/file_lock.h"
 #include "dashboard/store/database.h"
 #include "dashboard/store/store.h"
 
 namespace citylearn {
-
-/// Holds the lock file that keeps a second dashboard off a store. It is a file of its own, as closing any descriptor of
-/// the database would drop SQLite's locks.
-class StoreLock {
- public:
-  explicit StoreLock(const std::string& path);
-  ~StoreLock();
-  StoreLock(const StoreLock&) = delete;
-  StoreLock& operator=(const StoreLock&) = delete;
-
- private:
-  int file_;
-};
 
 /// What Store does under its lock. Faults of SQLite leave these methods as SQLite::Exception.
 struct Store::Impl {
@@ -84,7 +72,7 @@ struct Store::Impl {
 
   const std::string path;
   std::mutex mutex;
-  StoreLock lock;
+  FileLock lock;  // keeps a second dashboard off
   SQLite::Database database;
   std::unique_ptr<Statements> statements;
   std::map<RunKey, KnownRun> runs;
