@@ -80,8 +80,11 @@ int main(int argc, char** argv) {
     app.add_option("--checkpoint", options.checkpoint, "File to act from (--mode evaluate) or to export");
     app.add_option("--parameters", options.parameters,
                    "Safetensors file whose parameters replace those of --checkpoint");
-    app.add_flag("--resume", options.resume,
-                 "Continue from the newest checkpoint in --output; start anew where there is none");
+    auto* resume = app.add_flag("--resume", options.resume,
+                                "Continue from the newest checkpoint in --output; start anew where there is none");
+    app.add_flag("--overwrite", options.overwrite,
+                 "Replace an earlier run in --output; evaluations replace its summary.json and episodes.csv alone")
+        ->excludes(resume);
     app.add_option("--initial", options.initial_checkpoint,
                    "Checkpoint whose agent's parameters training starts from, of any route (--mode train)")
         ->type_name("FILE");

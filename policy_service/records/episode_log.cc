@@ -22,6 +22,12 @@ EpisodeLog::EpisodeLog(const std::string& path) : path_(path) {
   if (file_->size() == 0) file_->add(std::string(kHeader) + "\n");
 }
 
+bool EpisodeLog::has_rows(const std::string& path) {
+  std::error_code none;
+  const std::uintmax_t size = std::filesystem::file_size(path, none);
+  return !none && size > std::string_view(kHeader).size() + 1;
+}
+
 void EpisodeLog::load() {
   std::ifstream in(path_);
   if (!in) return;

@@ -21,6 +21,9 @@ class EpisodeLog {
   /// path records in memory alone. Throws Error naming the file when it is not an episode log or cannot be written.
   explicit EpisodeLog(const std::string& path);
 
+  /// Returns whether the file has more than its header.
+  static bool has_rows(const std::string& path);
+
   /// Returns whether this episode was new. Order and repetition do not matter. While the disk accepts nothing, rows
   /// wait; beyond kMostWaiting bytes of them episodes are refused, and their env_service sends them again.
   bool record(const msg::EpisodeStat& episode);

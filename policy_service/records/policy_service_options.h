@@ -21,6 +21,7 @@ struct PolicyServiceOptions : TrainerOptions {
   std::string parameters;          ///< with `checkpoint`: safetensors file whose parameters go before its own
   std::string role = "both";       ///< "both", "actor" or "learner" (docs/decisions/0008-roles.md)
   bool resume = false;             ///< continue from the newest checkpoint of `output`; start anew where there is none
+  bool overwrite = false;          ///< replace an earlier run in `output`
   std::string initial_checkpoint;  ///< its agent becomes `initial`; empty: random parameters
 
   // Where.

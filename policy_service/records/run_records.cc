@@ -1,30 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/records/run_records.h"
 
-#include <filesystem>
-
 #include "core/util/files.h"
 #include "policy_service/records/report.h"
 
 namespace citylearn {
 
 RunRecords::RunRecords(const PolicyServiceOptions& options, Node& node, EnvClient& client)
-    : options_(options), node_(node), client_(client) {
-  if (!options_.output.empty()) {
-    // It is not overwritten, and a later --resume must not take its checkpoints for those of this run.
-    if (const auto earlier = newest_checkpoint(checkpoint_folder());
-        earlier && options_.mode == "train" && !options_.resume)
-      throw Error("belongs to an earlier run", *earlier, "continue it with --resume, or choose another --output");
-    create_folder(checkpoint_folder(), "choose another --output");
-    std::error_code error;
-    // Removes what a killed process left half-written.
-    for (const std::string& folder : {options_.output, checkpoint_folder()})
-      for (const auto& entry : std::filesystem::directory_iterator(folder, error))
-        if (entry.path().extension() == ".tmp") std::filesystem::remove(entry.path(), error);
-  }
+    : options_(options), node_(node), client_(client), folder_(options.output) {
+  prepare_output(options_);
   run_id_ = options_.resume ? run_id_of(options_.output + "/manifest.json") : new_run_id();
   const std::string log = options_.output.empty() ? "" : options_.output + "/episodes.csv";
-  if (!options_.resume && !log.empty()) std::filesystem::remove(log);
   episodes_ = std::make_unique<EpisodeLog>(log);
   client_.finished = [this](EnvHandle& env, const msg::EpisodeStat& episode) {
     to_acknowledge_.insert(&env);

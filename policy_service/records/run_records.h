@@ -13,6 +13,7 @@
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/records/episode_log.h"
 #include "policy_service/records/metrics_log.h"
+#include "policy_service/records/output_folder.h"
 #include "policy_service/records/policy_service_options.h"
 #include "policy_service/records/run_announcer.h"
 
@@ -66,6 +67,7 @@ class RunRecords {
   const PolicyServiceOptions& options_;
   Node& node_;
   EnvClient& client_;
+  const OutputFolder folder_;
   std::uint64_t run_id_ = 0;
   std::unique_ptr<RunAnnouncer> announcer_;
   std::unique_ptr<EpisodeLog> episodes_;

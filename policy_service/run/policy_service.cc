@@ -85,6 +85,7 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
     if (name != "shuffled") ControlRegistry::instance().find("control", name);
   if (options.mode != "train" && (!options.initial_checkpoint.empty() || !options.frozen.empty()))
     throw Error("is for --mode train", options.initial_checkpoint.empty() ? "--freeze" : "--initial");
+  if (options.overwrite && options.output.empty()) throw Error("needs --output", "--overwrite");
   if (options.role != "both" && options.mode != "train") throw Error("is for --role both", "--mode " + options.mode);
   if (options.role == "learner" && options.lockstep)
     throw Error("is for --role both", "--lockstep", "what a learner gets when depends on its actors");

@@ -17,6 +17,7 @@
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/records/comparison.h"
+#include "policy_service/records/output_folder.h"
 #include "policy_service/records/report.h"
 
 namespace citylearn {
@@ -94,7 +95,12 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
     one.output = options.output + "/seed-" + std::to_string(seed);
     return one;
   };
-  // An old summary would pass for this sweep's if its seed fails now.
+  const OutputFolder folder(options.output);
+  const std::string joint = options.output + "/sweep.json";
+  if (std::error_code none; !options.resume && !options.overwrite && fs::exists(joint, none))
+    throw Error("belongs to an earlier sweep", joint,
+                "continue it with --resume, replace it with --overwrite, or choose another --output");
+  for (const std::uint64_t seed : seeds) require_no_other_run(of_seed(seed));  // before the first one begins
   std::set<std::uint64_t> complete;
   for (const std::uint64_t seed : seeds) {
     const PolicyServiceOptions one = of_seed(seed);
@@ -105,7 +111,7 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
       require_same_run(one.output, one);
       complete.insert(seed);
     } else {
-      fs::remove(summary, ignored);
+      fs::remove(summary, ignored);  // it would pass for this sweep's if the seed fails now
     }
   }
   Node node(options.node);
@@ -135,9 +141,9 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
   if (!runs.empty()) {
     RunGroup group = join(runs);
     group.name = fs::path(options.output + "/").parent_path().filename().string();
-    write_file(options.output + "/sweep.json", sweep_json(group, failed));
+    write_file(joint, sweep_json(group, failed));
     std::cout << "\n" << tables({group}) << std::flush;
-    spdlog::info("wrote {}/sweep.json", options.output);
+    spdlog::info("wrote {}", joint);
   }
   if (!failed.empty())
     throw Error(

@@ -237,6 +237,14 @@ TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
   ASSERT_EQ(again->wait(kLong), 0) << again->output();
   EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"],
             Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
+  const std::string episodes = contents(run.folder() / "out/episodes.csv");
+  const std::string summary = contents(run.folder() / "out/summary.json");
+  const auto into_it = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer",
+                                   "--output", run.folder() / "out"});
+  EXPECT_EQ(into_it->wait(kLong), 1) << into_it->output();
+  EXPECT_TRUE(contains(into_it->output(), "out/manifest.json: belongs to an earlier run"));
+  EXPECT_EQ(contents(run.folder() / "out/episodes.csv"), episodes) << "the training's";
+  EXPECT_EQ(contents(run.folder() / "out/summary.json"), summary) << "the training's";
   const std::string damaged = run.folder() / "damaged";
   make_file(damaged, bytes.substr(0, bytes.size() - 7));
   const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", damaged});
