@@ -212,8 +212,8 @@ class Units(unittest.TestCase):
         common = (COMPOSE / "systemd/citylearn-.service.d/common.conf").read_text()
         for unit in UNITS:
             text = common + unit.read_text()
-            for line in ("Restart=on-failure", "RestartPreventExitStatus=2", "NoNewPrivileges=yes", "ProtectSystem=strict",
-                         "CapabilityBoundingSet=", "User=citylearn"):
+            for line in ("Restart=on-failure", "StartLimitIntervalSec=0", "RestartPreventExitStatus=2",
+                         "NoNewPrivileges=yes", "ProtectSystem=strict", "CapabilityBoundingSet=", "User=citylearn"):
                 self.assertRegex(text, rf"(?m)^{re.escape(line)}$", unit.name)
 
 
