@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "core/util/random.h"
-#include "core/wire/presence.h"
+#include "core/wire/incumbent.h"
 #include "encoder_service/encoding_pipeline.h"
 
 namespace citylearn {
@@ -25,7 +25,7 @@ constexpr milliseconds kBusyInterval{5};   // between checks of what the backgro
 /// An env_service whose traversal has images.
 struct Environment {
   msg::TraversalInfo info;  // as it sent it
-  Presence presence;
+  Incumbent presence;
   std::uint64_t server = 0;  // incarnation of the encoder_service that completes its observations; 0: none yet
   Clock::time_point unserved{};
   std::string fault;              // why it cannot be served
@@ -133,20 +133,25 @@ void EncoderService::take_messages() {
   while (node_.take(image_)) pipeline_.on_image(image_);
 }
 
-/// Another encoder_service completed it. Two with the same encoder share the work; of two with different ones, the
-/// later is a mistake.
+/// Another encoder_service completed it. Two with the same encoder share the work; of two with different ones, the one
+/// that serves nobody yet is a mistake.
 void EncoderService::on_completed_info(const msg::TraversalInfo& info) {
   if (info.encoder_incarnation() == node_.incarnation()) return;
   Peer& peer = peers_[info.encoder_incarnation()];
   peer.presence.heard(now_);
-  if (peer.beats && pipeline_.encoder_ready() && info.encoder().c_str() != pipeline_.feature_recipe() &&
-      info.encoder_incarnation() < node_.incarnation())
-    throw Error(fmt::format("'{}' already encodes with {}, this one would with {}", info.encoder_service().c_str(),
-                            info.encoder().c_str(), pipeline_.feature_recipe()),
-                "session '" + node_.options().session + "'", "give both the same encoder, or choose another --session");
+  const bool serves = std::any_of(environments_.begin(), environments_.end(),
+                                  [this](const auto& entry) { return serving(entry.second); });
+  if (peer.beats && pipeline_.encoder_ready() && info.encoder().c_str() != pipeline_.feature_recipe()) {
+    const Error wrong(fmt::format("'{}' already encodes with {}, this one with {}", info.encoder_service().c_str(),
+                                  info.encoder().c_str(), pipeline_.feature_recipe()),
+                      "session '" + node_.options().session + "'",
+                      "give both the same encoder, or choose another --session");
+    if (!serves) throw wrong;
+    node_.alarm("encoder", wrong.what());
+  }
   const auto found = environments_.find(info.header().sender().c_str());
   if (found == environments_.end()) return;
-  // Of two that serve the same env_service, the earlier continues.
+  // Of two that began to serve the same env_service, both know by this which one continues.
   if (!serving(found->second) || info.encoder_incarnation() < node_.incarnation())
     found->second.server = info.encoder_incarnation();
 }
@@ -155,13 +160,15 @@ void EncoderService::on_info(const msg::TraversalInfo& info) {
   if (!info.images()) return;
   if (info.encoder_incarnation() != 0) return on_completed_info(info);
   Environment& environment = environments_[info.header().sender().c_str()];
-  if (environment.info.header().incarnation() > info.header().incarnation() && alive(environment)) return;
-  if (environment.info.header().incarnation() != info.header().incarnation()) {
-    environment = {};
+  const Incumbent::Heard heard = environment.presence.hear(info.header().incarnation(), now_);
+  if (heard == Incumbent::Heard::kOther) return;
+  if (heard == Incumbent::Heard::kSuccessor) {
+    environment.server = 0;
     environment.unserved = now_;
+    environment.fault.clear();
+    environment.too_large_logged = false;
   }
   environment.info = info;
-  environment.presence.heard(now_);
   pipeline_.add(info);
   if (serving(environment)) send_info(environment);
 }
@@ -170,8 +177,8 @@ void EncoderService::on_observation(msg::Observation& observation) {
   const auto found = environments_.find(observation.header().sender().c_str());
   if (found == environments_.end()) return;
   Environment& environment = found->second;
-  if (observation.header().incarnation() != environment.info.header().incarnation()) return;
-  environment.presence.heard(now_);
+  if (observation.header().incarnation() != environment.presence.incarnation()) return;
+  environment.presence.hear(observation.header().incarnation(), now_);
   // One may be complete already: another encoder_service has sent it.
   if (observation.by_reference() || observation.feature_dimension() != 0 || !serving(environment)) return;
   const EncodedTraversal* traversal = pipeline_.find(observation.traversal_hash());
@@ -225,8 +232,10 @@ void EncoderService::on_request(const msg::TraversalRequest& request) {
 }
 
 void EncoderService::on_status(const msg::ServiceStatus& status) {
+  node_.check_twin(status);
   if (const auto found = environments_.find(status.header().sender().c_str()); found != environments_.end())
-    if (found->second.info.header().incarnation() == status.header().incarnation()) found->second.presence.heard(now_);
+    if (found->second.presence.incarnation() == status.header().incarnation())
+      found->second.presence.hear(status.header().incarnation(), now_);
   if (std::string(status.service().c_str()) != "encoder_service") return;
   if (status.service_state() == msg::STOPPING)
     peers_.erase(status.header().incarnation());

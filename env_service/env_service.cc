@@ -5,12 +5,11 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <map>
 #include <string>
-#include <tuple>
 #include <utility>
 
-#include "core/util/wall_clock.h"
-#include "core/wire/presence.h"
+#include "core/wire/incumbent.h"
 #include "core/wire/rejections.h"
 #include "core/wire/transfer.h"
 #include "env_service/environment.h"
@@ -29,7 +28,7 @@ constexpr seconds kInfoInterval{1};
 constexpr milliseconds kSceneInterval{100};
 constexpr milliseconds kUnheardLinger{500};  // at the end, for acknowledgements of recorders that were never heard
 constexpr milliseconds kStopCheck{50};
-constexpr std::uint64_t kClockTolerance = 24ull * 3600 * 1'000'000;  // microseconds between two hosts' clocks
+constexpr std::size_t kMostPolicies = 256;  // whose newest settings are remembered
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
   for (const auto& [what, text] : {std::pair{"name", traversal.name}, {"condition", traversal.condition}})
@@ -37,10 +36,6 @@ Node::Options node_options(Node::Options options, const Traversal& traversal) {
   options.service = "env_service";
   if (options.id.empty()) options.id = ("env-" + traversal.name).substr(0, 64);
   return options;
-}
-
-bool newer(const msg::SettingsId& a, const msg::SettingsId& b) {
-  return std::make_tuple(a.incarnation(), a.version()) > std::make_tuple(b.incarnation(), b.version());
 }
 
 std::string route(const msg::TaskSettings& settings) {
@@ -87,6 +82,8 @@ class EnvService {
   }
 
   bool running() const { return awaiting_action_; }
+  /// Returns whether a policy_service has given it work and not released it since.
+  bool in_charge() const { return info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE; }
 
   const Traversal& traversal_;
   Node node_;
@@ -94,11 +91,13 @@ class EnvService {
   Environment environment_;
   TraversalServer server_;
 
-  msg::TraversalInfo info_;       // its `settings` are those in force
-  msg::SettingsId newest_;        // settings seen, in force or refused
-  msg::TaskSettings settings_;    // in force when info_.settings().version() != 0
-  msg::Observation observation_;  // the last one sent
-  std::string refusal_;           // why the newest settings are not in force
+  msg::TraversalInfo info_;                          // its `settings` are those in force
+  msg::SettingsId newest_;                           // settings taken, in force or refused
+  msg::TaskSettings settings_;                       // in force when info_.settings().version() != 0
+  Incumbent holder_;                                 // the policy_service that sent them
+  std::map<std::uint64_t, std::uint32_t> versions_;  // newest version of each policy_service's settings, by incarnation
+  msg::Observation observation_;                     // the last one sent
+  std::string refusal_;                              // why the newest settings are not in force
   bool awaiting_action_ = false;
   bool policy_silent_ = false;
   bool masked_action_logged_ = false;
@@ -193,22 +192,25 @@ void EnvService::take_messages() {
 
 void EnvService::on_settings(const msg::TaskSettings& settings) {
   if (settings.environment() != node_.options().id) return;
-  if (settings.settings().version() == 0) {
-    rejections_.add(settings.header(), "settings without a version");
+  const msg::SettingsId& id = settings.settings();
+  if (id.version() == 0 || id.incarnation() != settings.header().incarnation()) {
+    rejections_.add(settings.header(), "settings without a version, or in the name of another process");
     return;
   }
-  // The incarnation is a time: one from the far future would win over all others for ever.
-  if (settings.settings().incarnation() > microseconds_since_epoch() + kClockTolerance) {
-    rejections_.add(settings.header(), "settings from the future");
-    return;
-  }
-  if (!newer(settings.settings(), newest_)) {
+  if (const auto known = versions_.find(id.incarnation()); known != versions_.end() && id.version() <= known->second) {
     ++node_.traffic.repeated;
     // Their sender has not seen yet that they are in force. Observations show it too, but not while idle.
-    if (settings.settings() == info_.settings()) send_info();
+    if (id == info_.settings()) send_info();
     return;
   }
-  newest_ = settings.settings();
+  if (!in_charge()) holder_.leave();
+  if (holder_.hear(id.incarnation(), now_) == Incumbent::Heard::kOther) {
+    rejections_.add(settings.header(), "settings while another policy_service is in charge");
+    return;
+  }
+  if (versions_.size() >= kMostPolicies) versions_.clear();
+  versions_[id.incarnation()] = id.version();
+  newest_ = id;
   info_.settings() = msg::SettingsId();
   info_.by_reference() = false;
   settings_ = settings;
@@ -268,6 +270,7 @@ void EnvService::on_action(const msg::Action& action) {
     return;
   }
   policy_.heard(now_);
+  holder_.hear(action.header().incarnation(), now_);
   steps_ += action.choice().size();
   send_observation();  // first: the policy_service waits for it
   record_episodes();
@@ -299,12 +302,10 @@ void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowled
 
 void EnvService::on_status(const msg::ServiceStatus& status) {
   outbox_.heartbeat(status.header(), status.service_state() == msg::STOPPING, now_);
-  if (status.header().sender() != node_.options().id || status.service_state() == msg::STOPPING) return;
-  // The incarnation is the time of the start, so of two only one gives way.
-  if (status.header().incarnation() < node_.incarnation())
-    throw Error("already runs in session '" + node_.options().session + "' on " + status.host().c_str() + " (process " +
-                    std::to_string(status.process()) + ")",
-                "id '" + node_.options().id + "'", "choose another --id or --session");
+  node_.check_twin(status);
+  if (!in_charge() || status.header().incarnation() != holder_.incarnation()) return;
+  holder_.hear(status.header().incarnation(), now_);
+  if (status.service_state() == msg::STOPPING || status.service_state() == msg::FAILED) holder_.leave();
 }
 
 void EnvService::send_info() {

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <tuple>
+#include <utility>
 
 namespace citylearn {
 namespace {
@@ -64,18 +65,23 @@ void EpisodeOutbox::fill(std::uint64_t number, msg::EpisodeStat& stat) const {
 
 // Recorders.
 
+bool EpisodeOutbox::Recorder::hear(const msg::Header& header, Clock::time_point now) {
+  const Incumbent::Heard heard = presence.hear(header.incarnation(), now);
+  if (heard == Incumbent::Heard::kSuccessor) {
+    message = 0;
+    fresh = true;
+  }
+  return heard != Incumbent::Heard::kOther;
+}
+
 EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowledgement& acknowledgement,
                                                        Clock::time_point now) {
   if (acknowledgement.episode() > episodes_) return Acknowledged::kImpossible;
   const msg::Header& header = acknowledgement.header();
   Recorder& recorder = recorders_[header.sender().c_str()];
-  if (std::make_tuple(header.incarnation(), header.message()) <=
-      std::make_tuple(recorder.incarnation, recorder.message))
-    return Acknowledged::kRepeated;
-  const bool fresh = !recorder.registered || header.incarnation() != recorder.incarnation;
-  recorder.incarnation = header.incarnation();
+  if (!recorder.hear(header, now) || header.message() <= recorder.message) return Acknowledged::kRepeated;
+  const bool fresh = std::exchange(recorder.fresh, false) || !recorder.registered;
   recorder.message = header.message();
-  recorder.presence.heard(now);
   recorder.stopping = false;
   const std::uint64_t has = std::max<std::uint64_t>(acknowledgement.episode(), discarded_);
   const bool progress = has > recorder.acknowledged, loss = has < recorder.acknowledged;
@@ -97,9 +103,9 @@ EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowl
 
 void EpisodeOutbox::heartbeat(const msg::Header& header, bool stopping, Clock::time_point now) {
   const auto found = recorders_.find(header.sender().c_str());
-  if (found == recorders_.end() || header.incarnation() < found->second.incarnation) return;
-  found->second.presence.heard(now);
+  if (found == recorders_.end() || !found->second.hear(header, now)) return;
   found->second.stopping = stopping;
+  if (stopping) found->second.presence.leave();
 }
 
 bool EpisodeOutbox::recorder_expected(Clock::time_point now) const {
@@ -145,7 +151,9 @@ void EpisodeOutbox::enforce_capacity() {
   while (entries_.size() > capacity_ && registered_ > 0) {
     auto last = recorders_.end();
     for (auto recorder = recorders_.begin(); recorder != recorders_.end(); ++recorder) {
-      const auto key = [](const auto& of) { return std::make_tuple(of->second.acknowledged, of->second.presence); };
+      const auto key = [](const auto& of) {
+        return std::make_tuple(of->second.acknowledged, of->second.presence.last_heard());
+      };
       if (recorder->second.registered && (last == recorders_.end() || key(recorder) < key(last))) last = recorder;
     }
     problem_ = "more than " + std::to_string(capacity_) + " episodes wait for recorder '" + last->first +

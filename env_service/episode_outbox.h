@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "core/wire/incumbent.h"
 #include "core/wire/messages.h"
-#include "core/wire/presence.h"
 #include "env_service/environment.h"
 
 namespace citylearn {
@@ -73,15 +73,19 @@ class EpisodeOutbox {
   };
   static constexpr std::chrono::milliseconds kResendInterval{200};
   struct Recorder {
-    bool registered = false;                     ///< it has not left
-    std::uint64_t incarnation = 0, message = 0;  ///< of its newest acknowledgement
+    bool registered = false;    ///< it has not left
+    std::uint64_t message = 0;  ///< number of its newest acknowledgement
+    bool fresh = true;          ///< no acknowledgement of its present process has come
     std::uint64_t acknowledged = 0;
     std::uint64_t sent = 0;   ///< episodes after `acknowledged` up to this one are on their way to it
     std::uint64_t limit = 0;  ///< episodes up to this one may be sent
     Clock::duration interval = kResendInterval;
     Clock::time_point again{};  ///< when all that is on its way counts as lost
-    Presence presence;
+    Incumbent presence;
     bool stopping = false;
+
+    /// Returns false for a message of another process than the one that records.
+    bool hear(const msg::Header& header, Clock::time_point now);
   };
   void open_window(Recorder& recorder, std::uint64_t window, Clock::time_point now) const;
   void unregister(Recorder& recorder);

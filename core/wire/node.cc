@@ -8,11 +8,14 @@
 #include <atomic>
 
 #include "core/util/wall_clock.h"
+#include "core/wire/presence.h"
 
 namespace citylearn {
 namespace {
 
 constexpr std::chrono::seconds kHeartbeat{1};
+constexpr double kNew = 10;          // seconds in which a process gives way to another one with its id
+constexpr double kSameMoment = 0.1;  // seconds between two starts that count as one
 constexpr std::chrono::milliseconds kLastMessages{500};  // for readers that do not acknowledge
 
 MiddlewareOptions named(MiddlewareOptions options, const std::string& id) {
@@ -31,7 +34,7 @@ std::string host_name() {
   return std::string(name).substr(0, 64);
 }
 
-/// Returns the time, larger at each later start. Its last 4 ms distinguish services that start at the same moment, as
+/// Returns the time, another one at each start. Its last 4 ms distinguish services that start at the same moment, as
 /// those of one script do, because the incarnation alone says which service serves which. Processes of one host differ
 /// by number, those of containers, which all have the same one, by host or id.
 std::uint64_t new_incarnation(const std::string& id) {
@@ -84,7 +87,7 @@ Node::Channel& Node::subscription(const Topic& topic) {
 
 void Node::stamp(msg::Header& header, const std::string& session, std::uint64_t number) const {
   header.protocol(msg::PROTOCOL);
-  header.session(session);
+  header.session(session.empty() ? options_.session : session);
   header.sender(options_.id);
   header.incarnation(incarnation_);
   header.message(number);
@@ -111,6 +114,7 @@ void Node::reject(const Error& error) {
 void Node::heartbeat() {
   const Clock::time_point now = Clock::now();
   next_heartbeat_ = now + kHeartbeat;
+  if (now - twin_heard_ >= kSilence) alarm("id", "");
   status_.uptime(std::chrono::duration<double>(now - started_).count());
   status_.received(traffic.received);
   status_.repeated(traffic.repeated);
@@ -120,8 +124,9 @@ void Node::heartbeat() {
   publish(status_);
 }
 
-void Node::publish_heartbeat_if_due() {
+Clock::time_point Node::publish_heartbeat_if_due() {
   if (Clock::now() >= next_heartbeat_) heartbeat();
+  return next_heartbeat_;
 }
 
 bool Node::wait(Clock::time_point deadline) {
@@ -144,6 +149,21 @@ void Node::report(msg::State state, const std::string& activity, float rate) {
   status_.activity(activity.substr(0, 256));
   status_.rate(rate);
   if (changed) heartbeat();
+}
+
+void Node::check_twin(const msg::ServiceStatus& status) {
+  const msg::Header& header = status.header();
+  if (header.sender() != options_.id || header.session() != options_.session || header.incarnation() == incarnation_ ||
+      status.service_state() == msg::STOPPING || status.service_state() == msg::FAILED)
+    return;
+  const std::string where = std::string(status.host().c_str()) + " (process " + std::to_string(status.process()) + ")";
+  const double uptime = seconds_since(started_), older = status.uptime() - uptime;
+  const bool is_new = uptime < kNew && status_.service_state() != msg::RUNNING;
+  if (is_new && (older > kSameMoment || (older > -kSameMoment && header.incarnation() < incarnation_)))
+    throw Error("already runs in session '" + options_.session + "' on " + where, "id '" + options_.id + "'",
+                "choose another --id or --session");
+  twin_heard_ = Clock::now();
+  alarm("id", "another process has the same id, on " + where + ": end one of them");
 }
 
 void Node::alarm(const std::string& what, const std::string& problem) {

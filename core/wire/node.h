@@ -20,13 +20,9 @@ class Node {
   explicit Node(Options options);
   ~Node();
 
+  /// Publishes in this node's session, or in the one given, for a node that hears all of them.
   template <class Message>
-  void publish(Message& message) {
-    publish(message, options_.session);
-  }
-  /// Publishes in another session, for a node that hears all of them.
-  template <class Message>
-  void publish(Message& message, const std::string& session) {
+  void publish(Message& message, const std::string& session = "") {
     Channel& channel = publisher(topic_of<Message>());
     stamp(message.header(), session, ++channel.written);
     encode(message, buffer_);
@@ -78,13 +74,15 @@ class Node {
   /// Waits until there may be something to take (true) or the deadline has passed. Publishes due heartbeats and logs
   /// the middleware's faults.
   bool wait(Clock::time_point deadline);
-  void publish_heartbeat_if_due();
-  Clock::time_point next_heartbeat() const { return next_heartbeat_; }
+  /// Publishes a heartbeat when it is due. Returns when the next one is.
+  Clock::time_point publish_heartbeat_if_due();
   /// Sets what the next heartbeats say. A changed state is published at once.
   void report(msg::State state, const std::string& activity, float rate = 0);
   /// Reports in every heartbeat, and once in the log, that `what` ("checkpoint") has a problem ("the disk is full; the
   /// one before is kept"), until called with an empty `problem`.
   void alarm(const std::string& what, const std::string& problem);
+  /// Throws Error when another process with this id was there first. Alarms when this one was, or is at work.
+  void check_twin(const msg::ServiceStatus& status);
   const Options& options() const { return options_; }
   DiscoveryMonitor& discovery() { return middleware_->discovery(); }
   std::uint64_t incarnation() const { return incarnation_; }
@@ -111,7 +109,7 @@ class Node {
   std::map<const Topic*, Channel> channels_;
   Bytes buffer_;
   msg::ServiceStatus status_;
-  Clock::time_point started_, next_heartbeat_;
+  Clock::time_point started_, next_heartbeat_, twin_heard_;
   std::vector<std::string> faults_;
   std::map<std::string, std::string> alarms_;
   std::set<std::string> rejected_;  // kinds logged: type and field

@@ -63,10 +63,8 @@ void Live::on_message(const msg::TraversalInfo& info) {
   const Environment environment(info.header().session().c_str(), info.header().sender().c_str());
   const std::lock_guard lock(mutex_);
   HostedTraversal& hosted = hosted_[environment];
-  // A message of a dead process, kept by the middleware for late joiners.
-  if (info.header().incarnation() < hosted.incarnation && services_.is_alive(environment.first, environment.second))
-    return;
-  hosted = {info.header().incarnation(),
+  if (hosted.process.hear(info.header().incarnation(), Clock::now()) == Incumbent::Heard::kOther) return;
+  hosted = {hosted.process,
             {environment.second, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(),
              info.hash(), info.frames(), info.agents(), info.images()}};
   if (hosted_.size() <= kMostHosted) return;

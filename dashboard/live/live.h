@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "core/wire/incumbent.h"
 #include "core/wire/node.h"
 #include "dashboard/http/hub.h"
 #include "dashboard/live/live_view.h"
@@ -59,7 +60,7 @@ class Live : public LiveView {
  private:
   using Environment = std::pair<std::string, std::string>;  // session and id
   struct HostedTraversal {
-    std::uint64_t incarnation = 0;
+    Incumbent process;
     TraversalRow row;
   };
   /// A watched picture topic: what one agent sees.

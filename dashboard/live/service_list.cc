@@ -34,13 +34,12 @@ void ServiceList::on_message(const msg::ServiceStatus& status, Clock::time_point
   const auto [entry, first] = services_.try_emplace(key);
   Service& service = entry->second;
   const std::uint64_t before = service.status.header().incarnation(), is = status.header().incarnation();
-  // Of two processes with one id the later is shown, unless only the earlier one is alive.
-  if (!first && is < before && !service.silent) return;
+  if (service.presence.hear(is, now) == Incumbent::Heard::kOther) return;
   const std::string state = service.state;
   if (first) {
     service.since = seconds_since_epoch();
     events.push_back(event_of(status, "started", where(status)));
-  } else if (is > before) {
+  } else if (is != before) {
     events.push_back(event_of(status, "restarted", where(status)));
   } else if (service.silent) {
     events.push_back(event_of(status, "back", "heartbeats arrive again"));
@@ -52,13 +51,13 @@ void ServiceList::on_message(const msg::ServiceStatus& status, Clock::time_point
   if (const std::string alarm = status.alarm().c_str(), earlier = is == before ? service.status.alarm().c_str() : "";
       alarm != earlier)
     events.push_back(event_of(status, "alarm", alarm.empty() ? "resolved: " + earlier : alarm));
+  if (status.service_state() == msg::STOPPING) service.presence.leave();
   service.status = status;
-  service.presence.heard(now);
   service.silent = false;
   set(service, name_of(status.service_state()));
   if (services_.size() <= kMost) return;
   const auto oldest = std::min_element(services_.begin(), services_.end(), [](const auto& a, const auto& b) {
-    return a.second.presence < b.second.presence;
+    return a.second.presence.last_heard() < b.second.presence.last_heard();
   });
   services_.erase(oldest);
 }

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "core/dds/middleware.h"
+#include "core/wire/incumbent.h"
 #include "core/wire/messages.h"
-#include "core/wire/presence.h"
 #include "dashboard/store/store.h"
 
 namespace citylearn {
@@ -33,7 +33,7 @@ class ServiceList {
   struct Service {
     msg::ServiceStatus status;  ///< the newest
     const char* state = "starting";
-    Presence presence;
+    Incumbent presence;
     double since = 0;  ///< seconds since 1970, of the state
     bool silent = false;
   };

@@ -86,7 +86,7 @@ class Actor {
   bool warned_ = false;
   std::string logged_;  // why nothing is served
   double waited_ = 0;
-  Presence learner_presence_;
+  Incumbent learner_;
   Clock::time_point started_, next_status_{}, next_assign_{}, next_report_{}, last_report_, last_turn_;
   std::vector<std::uint8_t> choice_;
   msg::LearnerInfo info_;
@@ -116,9 +116,9 @@ Actor::Actor(const ActorOptions& options)
 
 /// Returns whether the learner sent it that this actor works for. Others are outdated or rejected.
 bool Actor::of_learner(const msg::Header& header, const std::string& what) {
-  const msg::Header& learner = session_->info().header();
-  if (header.incarnation() == learner.incarnation() && header.sender() == learner.sender()) return true;
-  if (header.incarnation() < learner.incarnation())
+  if (header.incarnation() == learner_.incarnation() && header.sender() == session_->info().header().sender())
+    return true;
+  if (learner_.preceded(header.incarnation()))
     ++node_.traffic.repeated;
   else
     rejections_.add(header, what + " from another service than the learner");
@@ -130,20 +130,26 @@ void Actor::on_info(const msg::LearnerInfo& info) {
     rejections_.add(info.header(), "a learner " + wrong);
     return;
   }
-  const bool fresh = !session_ || info.header().incarnation() > session_->info().header().incarnation();
-  if (!fresh && !of_learner(info.header(), "an announcement")) return;
-  if (!fresh && !same_task(session_->info(), info)) {
+  if (!session_ || info.header().incarnation() != learner_.incarnation()) {
+    if (!info.training()) return;  // it has ended already
+    if (session_ && !session_->info().training()) learner_.leave();
+  }
+  const Incumbent::Heard heard = learner_.hear(info.header().incarnation(), Clock::now());
+  if (heard == Incumbent::Heard::kOther) {
+    of_learner(info.header(), "an announcement");
+    return;
+  }
+  if (heard == Incumbent::Heard::kIncumbent && !of_learner(info.header(), "an announcement")) return;
+  if (heard == Incumbent::Heard::kIncumbent && !same_task(session_->info(), info)) {
     rejections_.add(info.header(), "an announcement that differs from what this learner said before");
     return;
   }
-  learner_presence_.heard(Clock::now());
-  if (!fresh) {
+  if (heard == Incumbent::Heard::kIncumbent) {
     // Unacknowledged trajectories stay: the learner counts them, and drops those of an old lesson.
     if (session_->update(info))
       for (auto& [env, served] : std::map<EnvHandle*, Served>(served_)) enroll(*env);
     return;
   }
-  if (!info.training()) return;  // it has ended already
   spdlog::info("learner '{}'{}: {} on '{}', version {}", info.header().sender().c_str(), session_ ? " is back" : "",
                info.agent().c_str(), info.traversal().c_str(), info.version());
   // Trajectories for another incarnation are of no use to this one, which may continue from an older checkpoint.
@@ -161,7 +167,8 @@ void Actor::on_parameters(const msg::PolicyParameters& chunk) {
 
 // The env_services.
 
-/// Takes free env_services up to this actor's share and releases those beyond it. The last lease wins.
+/// Takes free env_services up to this actor's share and releases those beyond it. Of two actors that take the same one,
+/// it obeys the first.
 void Actor::assign() {
   const Clock::time_point now = Clock::now();
   if (now < next_assign_ || now < started_ + kSettle) return;
@@ -195,7 +202,6 @@ void Actor::assign() {
   // Actors begin with different ones.
   for (std::size_t i = 0; i < free.size() && served_.size() < share; ++i) {
     EnvHandle& env = *free[(before + i) % free.size()];
-    client_.acquire_lease(env);
     enroll(env);
     spdlog::info("serving env_service '{}'", env.id);
     logged_.clear();
@@ -390,7 +396,7 @@ void Actor::report() {
     return;
   }
   const std::string learner = session_->info().header().sender().c_str();
-  const bool silent = !learner_presence_.here(now);
+  const bool silent = !learner_.here(now);
   if (silent && !std::exchange(warned_, true))
     spdlog::warn("learner '{}' is silent: continuing up to {} unacknowledged segments, then waiting", learner,
                  session_->info().window());
@@ -433,8 +439,7 @@ int Actor::execute() {
     spin();
     if (!session_ || session_->info().training() || session_->over) continue;
     session_->over = true;
-    // The learner acquires the leases itself.
-    for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, false);
+    for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, true);
     spdlog::info("learner '{}' has ended: sent {} trajectories, waited {:.1f} s for room",
                  session_->info().header().sender().c_str(), session_->outbox.last(), waited_);
     if (options_.stay) continue;

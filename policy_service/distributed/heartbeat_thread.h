@@ -46,8 +46,8 @@ class HeartbeatThread {
   void loop(const std::stop_token& stop) {
     std::unique_lock lock(mutex_);
     while (wake_.wait(lock, stop, [this] { return lent_; }) && !stop.stop_requested()) {
-      node_.publish_heartbeat_if_due();
-      wake_.wait_until(lock, stop, node_.next_heartbeat(), [this] { return !lent_; });
+      const Clock::time_point next = node_.publish_heartbeat_if_due();
+      wake_.wait_until(lock, stop, next, [this] { return !lent_; });
     }
   }
 

@@ -89,19 +89,19 @@ void LearnerServer::count_actors() {
 void LearnerServer::on_status(const msg::ActorStatus& status) {
   const std::string id = status.header().sender().c_str();
   Actor& actor = actors_[id];
-  if (status.header().incarnation() < actor.incarnation) {  // of a process that has ended
+  const bool first = actor.presence.incarnation() == 0;
+  const Incumbent::Heard heard = actor.presence.hear(status.header().incarnation(), Clock::now());
+  if (heard == Incumbent::Heard::kOther) {
     ++node_.traffic.repeated;
     return;
   }
-  if (status.header().incarnation() > actor.incarnation) actor.waited_before += std::exchange(actor.waited, 0);
-  if (!actor.present || actor.incarnation != status.header().incarnation())
-    spdlog::info("actor '{}' {}", id, actor.incarnation == 0 ? "joins" : "is back");
-  actor.incarnation = status.header().incarnation();
+  const bool fresh = heard == Incumbent::Heard::kSuccessor;
+  if (fresh) actor.waited_before += std::exchange(actor.waited, 0);
+  if (!actor.present || fresh) spdlog::info("actor '{}' {}", id, first ? "joins" : "is back");
   actor.present = true;
-  actor.presence.heard(Clock::now());
   actor.serves = status.environments().size() > 0;
   if (status.learner_incarnation() == node_.incarnation()) actor.waited = status.waited();
-  queue_.register_actor(id, actor.incarnation);
+  queue_.register_actor(id, actor.presence.incarnation());
   to_acknowledge_.insert(id);
 }
 
@@ -111,7 +111,14 @@ void LearnerServer::on_trajectory(msg::Trajectory& trajectory) {
     ++node_.traffic.repeated;
     return;
   }
-  if (const auto known = actors_.find(id); known != actors_.end()) known->second.presence.heard(Clock::now());
+  if (const auto known = actors_.find(id); known != actors_.end()) {
+    // An actor that was restarted sends it again, after its status.
+    if (known->second.presence.incarnation() != trajectory.header().incarnation()) {
+      ++node_.traffic.repeated;
+      return;
+    }
+    known->second.presence.hear(trajectory.header().incarnation(), Clock::now());
+  }
   try {
     if (queue_.take(trajectory, version()) != TrajectoryQueue::Taken::kTaken) ++node_.traffic.repeated;
     to_acknowledge_.insert(id);
@@ -126,7 +133,7 @@ void LearnerServer::acknowledge(const std::string& actor) {
   if (found == actors_.end()) return;  // its status will come
   const TrajectoryQueue::Window window = queue_.window(actor);
   acknowledgement_.actor() = actor.c_str();
-  acknowledgement_.actor_incarnation() = found->second.incarnation;
+  acknowledgement_.actor_incarnation() = found->second.presence.incarnation();
   acknowledgement_.number() = window.number;
   acknowledgement_.limit() = window.limit;
   node_.publish(acknowledgement_);

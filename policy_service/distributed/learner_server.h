@@ -6,8 +6,8 @@
 #include <set>
 #include <string>
 
+#include "core/wire/incumbent.h"
 #include "core/wire/node.h"
-#include "core/wire/presence.h"
 #include "core/wire/rejections.h"
 #include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/distributed/parameter_chunks.h"
@@ -48,8 +48,7 @@ class LearnerServer {
 
  private:
   struct Actor {
-    std::uint64_t incarnation = 0;
-    Presence presence;
+    Incumbent presence;
     bool serves = false, present = false;
     double waited = 0, waited_before = 0;  ///< by this incarnation, and by earlier ones
   };

@@ -7,17 +7,9 @@ namespace citylearn {
 
 void OtherActors::on_status(const msg::ActorStatus& status) {
   const std::string id = status.header().sender().c_str();
-  if (id == node_.options().id) {
-    // The incarnation is the time of the start, so only one of the two gives way.
-    if (status.header().incarnation() < node_.incarnation())
-      throw Error("already runs in session '" + node_.options().session + "'", "id '" + id + "'",
-                  "choose another --id or --session");
-    return;
-  }
+  if (id == node_.options().id) return;  // Node::check_twin
   Actor& actor = actors_[id];
-  if (status.header().incarnation() < actor.incarnation) return;
-  actor.incarnation = status.header().incarnation();
-  actor.presence.heard(Clock::now());
+  if (actor.presence.hear(status.header().incarnation(), Clock::now()) == Incumbent::Heard::kOther) return;
   actor.environments = std::set<std::uint64_t>(status.environments().begin(), status.environments().end());
 }
 

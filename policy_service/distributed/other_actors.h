@@ -5,8 +5,8 @@
 #include <set>
 #include <string>
 
+#include "core/wire/incumbent.h"
 #include "core/wire/node.h"
-#include "core/wire/presence.h"
 
 namespace citylearn {
 
@@ -16,7 +16,7 @@ class OtherActors {
  public:
   explicit OtherActors(const Node& node) : node_(node) {}
 
-  /// Takes in a status. Throws Error when another process has this actor's id and started later.
+  /// Takes in a status.
   void on_status(const msg::ActorStatus& status);
   /// Forgets the actors that are gone.
   void forget_gone();
@@ -32,8 +32,7 @@ class OtherActors {
 
  private:
   struct Actor {
-    std::uint64_t incarnation = 0;
-    Presence presence;
+    Incumbent presence;
     std::set<std::uint64_t> environments;
   };
   const Node& node_;

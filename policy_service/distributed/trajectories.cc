@@ -70,7 +70,7 @@ TrajectoryQueue::TrajectoryQueue(const TrajectoryShape& shape, int capacity)
 
 void TrajectoryQueue::register_actor(const std::string& actor, std::uint64_t incarnation) {
   Actor& known = known_[actor];
-  if (incarnation <= known.incarnation) return;
+  if (incarnation == known.incarnation) return;
   known = Actor();
   known.incarnation = incarnation;
   std::erase_if(episodes_, [&](const auto& entry) { return std::get<0>(entry.first) == actor; });
@@ -124,10 +124,10 @@ void TrajectoryQueue::check(const msg::Trajectory& trajectory, std::uint64_t ver
 
 TrajectoryQueue::Taken TrajectoryQueue::take(msg::Trajectory& trajectory, std::uint64_t version) {
   const std::string actor = trajectory.header().sender().c_str();
-  register_actor(actor, trajectory.header().incarnation());
   Actor& known = known_[actor];
+  if (known.incarnation == 0) known.incarnation = trajectory.header().incarnation();
   const std::uint64_t number = trajectory.number();
-  if (trajectory.header().incarnation() < known.incarnation || number <= known.number || known.early.contains(number))
+  if (trajectory.header().incarnation() != known.incarnation || number <= known.number || known.early.contains(number))
     return Taken::kRepeated;
   if (number > known.number + room(known)) return Taken::kNoRoom;
   check(trajectory, version);

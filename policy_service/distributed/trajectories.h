@@ -36,7 +36,8 @@ class TrajectoryQueue {
  public:
   TrajectoryQueue(const TrajectoryShape& shape, int capacity);
 
-  /// Notes that an actor is present. A newer incarnation counts from 1 again; an older one is ignored.
+  /// Notes which process an actor is; until then it is the first that sends a trajectory. Another one counts from 1
+  /// again.
   void register_actor(const std::string& actor, std::uint64_t incarnation);
   /// Divides the room among so many actors.
   void share_among(int actors) { actors_ = actors; }

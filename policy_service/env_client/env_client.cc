@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "core/util/wall_clock.h"
-
 namespace citylearn {
 namespace {
 
@@ -16,6 +14,7 @@ constexpr auto kAcknowledgementsAgain = std::chrono::seconds(1);
 constexpr auto kRefusalsAgain = std::chrono::seconds(1);
 constexpr std::size_t kMostAlarms = 8;
 constexpr int kMostInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
+constexpr auto kTakingOver = std::chrono::seconds(1);  // until an env_service has seen our settings
 
 Error did_not_come(const RouteFeatures& route, const EnvHandle& env) {
   return Error(std::to_string(route.transfer.missing()) + " chunks of its features did not come",
@@ -67,16 +66,15 @@ bool EnvClient::alive(const EnvHandle& env) { return env.presence.here(Clock::no
 EnvHandle* EnvClient::known(const msg::Header& header) {
   const auto found = envs_.find(header.sender().c_str());
   if (found == envs_.end() || found->second->incarnation() != header.incarnation()) return nullptr;
-  found->second->presence.heard(Clock::now());
+  found->second->presence.hear(header.incarnation(), Clock::now());
   return found->second.get();
 }
 
-/// As known(), for messages that only the newest process of an env_service sends. An older one has ended; a newer one
-/// would have announced itself.
+/// As known(), for messages that only the process sends that announced itself.
 EnvHandle* EnvClient::speaking(const msg::Header& header) {
   if (EnvHandle* env = known(header)) return env;
   const auto found = envs_.find(header.sender().c_str());
-  if (found == envs_.end() || header.incarnation() < found->second->incarnation())
+  if (found == envs_.end() || found->second->presence.preceded(header.incarnation()))
     ++node_.traffic.repeated;
   else
     rejections_.add(header, "a message of another process than the one that announced itself");
@@ -112,7 +110,11 @@ void EnvClient::spin(Clock::time_point deadline) {
 }
 
 void EnvClient::on_status(const msg::ServiceStatus& status) {
-  if (EnvHandle* env = known(status.header())) env->busy = status.service_state() == msg::RUNNING;
+  node_.check_twin(status);
+  if (EnvHandle* env = known(status.header())) {
+    env->busy = status.service_state() == msg::RUNNING;
+    if (status.service_state() == msg::STOPPING) env->presence.leave();
+  }
   encoders_.on_status(status);
 }
 
@@ -123,39 +125,39 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
   }
   encoders_.on_complete(info.header());
   std::unique_ptr<EnvHandle>& slot = envs_[info.header().sender().c_str()];
-  // The middleware keeps announcements of ended processes for late joiners. But the newer process may be the one that
-  // ended: an env_service leaves when it finds another one with its id.
-  if (slot && slot->incarnation() > info.header().incarnation() && alive(*slot)) {
+  if (!slot) slot = std::make_unique<EnvHandle>();
+  EnvHandle& env = *slot;
+  const Incumbent::Heard heard = env.presence.hear(info.header().incarnation(), Clock::now());
+  if (heard == Incumbent::Heard::kOther) {
     ++node_.traffic.repeated;
     return;
   }
-  const bool fresh = !slot || slot->incarnation() != info.header().incarnation();
-  if (!fresh && !same_traversal(info, slot->info)) {
+  const bool fresh = heard == Incumbent::Heard::kSuccessor;
+  if (!fresh && !same_traversal(info, env.info)) {
     rejections_.add(info.header(), "an announcement that differs from what this process said before");
     return;
   }
-  if (!fresh && contents_of(info) != contents_of(slot->info) &&
-      (slot->refusal.empty() ? answers_requests(*slot) : !why_refused(info).empty())) {
+  if (!fresh && info.header().message() < env.info.header().message()) return;  // late
+  if (!fresh && contents_of(info) != contents_of(env.info) &&
+      (env.refusal.empty() ? answers_requests(env) : !why_refused(info).empty())) {
     rejections_.add(info.header(), "an announcement that a second encoder_service completed");
     return;
   }
-  if (!slot) slot = std::make_unique<EnvHandle>();
-  EnvHandle& env = *slot;
-  env.presence.heard(Clock::now());
+  // One without settings that had some was told to begin anew by nobody that we know.
+  const bool begins_anew = fresh || (env.in_force && info.settings().version() == 0);
   env.info = info;
-  if (fresh) {
+  note_settings(env, info.settings());
+  if (begins_anew) {
     env.id = info.header().sender().c_str();
-    env.until_restart = false;
+    if (fresh) env.until_restart = false;
     env.invalid = 0;
     env.in_force = env.waiting = env.busy = false;
-    env.heard_lease = info.settings().incarnation();
     env.features.reset();
     env.acknowledged = 0;
   } else if (info.settings() == env.settings.settings()) {
     env.in_force = true;
   }
-  env.heard_lease = std::max<std::uint64_t>(env.heard_lease, info.settings().incarnation());
-  join_or_refuse(env, fresh);
+  join_or_refuse(env, begins_anew);
 }
 
 /// Decides by an announcement whether the env_service takes part.
@@ -211,14 +213,18 @@ void EnvClient::set_refusal(EnvHandle& env, const std::string& why) {
   report_refusals();
 }
 
-/// Keeps an alarm for each env_service that is refused and present.
+/// Keeps an alarm for each env_service that is present and refused, or that another policy_service has.
 void EnvClient::report_refusals() {
   next_refusals_ = Clock::now() + kRefusalsAgain;
   for (const auto& [id, env] : envs_) {
-    const bool refused = !env->refusal.empty() && alive(*env);
-    if (refused ? alarms_.contains(id) || (alarms_.size() < kMostAlarms && alarms_.insert(id).second)
-                : alarms_.erase(id) > 0)
-      node_.alarm("env_service '" + id + "'", refused ? "is not used: " + env->refusal : "");
+    std::string trouble;
+    if (alive(*env) && !env->refusal.empty())
+      trouble = "is not used: " + env->refusal;
+    else if (alive(*env) && lost(*env))
+      trouble = "obeys another policy_service; this one waits until that one ends";
+    if (trouble.empty() ? alarms_.erase(id) > 0
+                        : alarms_.contains(id) || (alarms_.size() < kMostAlarms && alarms_.insert(id).second))
+      node_.alarm("env_service '" + id + "'", trouble);
   }
 }
 
@@ -232,10 +238,25 @@ void EnvClient::contain(EnvHandle& env, const Call& call) {
   }
 }
 
+/// Notes which settings an env_service obeys by its message.
+void EnvClient::note_settings(EnvHandle& env, const msg::SettingsId& settings) {
+  if (settings.version() == 0 || settings.incarnation() == node_.incarnation()) {
+    env.heard_other = {};
+    return;
+  }
+  if (env.heard_other == Clock::time_point{}) env.heard_other = Clock::now();
+  env.in_force = false;
+}
+
+bool EnvClient::lost(const EnvHandle& env) {
+  return env.settings.settings().version() != 0 && env.heard_other != Clock::time_point{} &&
+         Clock::now() >= std::max(env.heard_other, env.commanded) + kTakingOver;
+}
+
 void EnvClient::on_observation(msg::Observation& observation) {
   EnvHandle* env = speaking(observation.header());
   if (!env) return;
-  env->heard_lease = std::max<std::uint64_t>(env->heard_lease, observation.settings().incarnation());
+  note_settings(*env, observation.settings());
   if (!env->refusal.empty()) {
     rejections_.add(observation.header(), "an observation of an env_service that is not used");
     return;
@@ -318,7 +339,7 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   const bool idle = settings.task_mode() == msg::IDLE;
   if (!idle && !env.refusal.empty()) return;
   settings.environment() = env.id.c_str();
-  settings.settings().incarnation() = env.lease > 0 ? env.lease : node_.incarnation();
+  settings.settings().incarnation() = node_.incarnation();
   settings.settings().version() = ++version_;
   settings.by_reference() = !idle && by_reference(env.info);
   std::shared_ptr<RouteFeatures> features;
@@ -331,7 +352,7 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   env.settings = settings;
   env.in_force = env.waiting = false;
   env.next_step = 0;
-  env.next_settings = Clock::now();
+  env.commanded = env.next_settings = Clock::now();
   send_due_settings();
 }
 
@@ -356,11 +377,6 @@ void EnvClient::ask_for_features() {
   }
 }
 
-void EnvClient::acquire_lease(EnvHandle& env) {
-  // The present time, like incarnations; as clocks of hosts differ, never less than what is known.
-  env.lease = std::max({microseconds_since_epoch(), env.heard_lease + 1, env.lease + 1});
-}
-
 void EnvClient::release(EnvHandle& env) {
   env.settings = msg::TaskSettings();
   env.in_force = env.waiting = false;
@@ -378,10 +394,6 @@ void EnvClient::send_due_settings() {
   const Clock::time_point now = Clock::now();
   for (const auto& [id, env] : envs_) {
     if (env->in_force || env->settings.settings().version() == 0 || now < env->next_settings) continue;
-    if (lost(*env)) {
-      release(*env);
-      continue;
-    }
     if (env->features && !env->features->complete()) continue;
     node_.publish(env->settings);
     env->next_settings = now + kSettingsAgain;

@@ -73,10 +73,8 @@ class EnvClient {
   /// Releases the env_services from keeping episodes for this process.
   void end_recording();
 
-  /// Makes later settings win over those of every policy_service that held the env_service before.
-  void acquire_lease(EnvHandle& env);
-  /// Returns whether another policy_service has acquired the lease since.
-  static bool lost(const EnvHandle& env) { return env.lease > 0 && env.heard_lease > env.lease; }
+  /// Returns whether it obeys another policy_service, a second after settings of this one were sent to it.
+  static bool lost(const EnvHandle& env);
   /// Stops re-sending the env_service's settings.
   static void release(EnvHandle& env);
   /// Chooses the topics to receive; both unless set otherwise.
@@ -101,6 +99,7 @@ class EnvClient {
  private:
   EnvHandle* known(const msg::Header& header);
   EnvHandle* speaking(const msg::Header& header);
+  void note_settings(EnvHandle& env, const msg::SettingsId& settings);
   bool serves_features(const msg::Header& header) const;
   void on_status(const msg::ServiceStatus& status);
   void on_info(const msg::TraversalInfo& info);
@@ -123,7 +122,7 @@ class EnvClient {
   EnvClientOptions options_;
   Rejections rejections_;
   EnvRequirements required_;
-  std::set<std::string> alarms_;  ///< ids of the refused env_services that are reported
+  std::set<std::string> alarms_;  ///< ids of the env_services whose trouble is reported
   Clock::time_point next_refusals_{};
   FeatureCache features_;
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;

@@ -4,8 +4,8 @@
 #include <memory>
 #include <string>
 
+#include "core/wire/incumbent.h"
 #include "core/wire/node.h"
-#include "core/wire/presence.h"
 #include "policy_service/env_client/feature_cache.h"
 
 namespace citylearn {
@@ -18,19 +18,19 @@ struct EnvHandle {
   bool in_force = false;              ///< the env_service has confirmed the settings
   std::uint64_t next_step = 0;        ///< step of the observation to be answered next, under `settings`
   bool waiting = false;               ///< that observation has arrived and waits for answer()
-  Presence presence;                  ///< when its last message arrived
+  Incumbent presence;                 ///< which process it is, and when its last message arrived
   msg::Action last_action;            ///< sent again when the observation it answers is repeated
   Clock::time_point next_settings{};  ///< when the settings are sent again, while not in force
   /// Features of the route, when `settings` ask for observations by reference. The settings are sent once these are
   /// complete.
   std::shared_ptr<RouteFeatures> features;
-  std::uint64_t lease = 0;         ///< incarnation that our settings carry; 0 = that of this process
-  std::uint64_t heard_lease = 0;   ///< the largest incarnation that the env_service's messages carried
-  std::uint64_t acknowledged = 0;  ///< the last episode acknowledged; all before it are too
-  bool busy = false;               ///< the env_service reports that it receives actions
-  std::string refusal;             ///< why it is not used, as EnvClient::refuse(); else empty
-  bool until_restart = false;      ///< it stays refused whatever it announces
-  int invalid = 0;                 ///< invalid observations since the last valid one
+  Clock::time_point commanded{};    ///< when `settings` were given
+  Clock::time_point heard_other{};  ///< since when it obeys another policy_service; the clock's epoch: it does not
+  std::uint64_t acknowledged = 0;   ///< the last episode acknowledged; all before it are too
+  bool busy = false;                ///< the env_service reports that it receives actions
+  std::string refusal;              ///< why it is not used, as EnvClient::refuse(); else empty
+  bool until_restart = false;       ///< it stays refused whatever it announces
+  int invalid = 0;                  ///< invalid observations since the last valid one
 
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }

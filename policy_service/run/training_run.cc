@@ -258,8 +258,6 @@ void LearnerRun::await_release() {
   const Clock::time_point deadline = Clock::now() + std::chrono::seconds(5);
   while (!server_->released() && Clock::now() < deadline) context_.spin();
   context_.client.subscribe(/*observations=*/true, /*episodes=*/true);
-  // The env_services obey the service that started last, which may be an actor.
-  for (const auto& [id, env] : context_.client.envs()) context_.client.acquire_lease(*env);
 }
 
 }  // namespace citylearn

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 
+#include "core/wire/incumbent.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -145,6 +146,45 @@ TEST_P(EnvProtocol, RestartedPolicyTakesOverMidEpisode) {
   const std::uint64_t from = policy_->episodes.begin()->first;
   EXPECT_EQ(policy_->episodes.rbegin()->first - from + 1, policy_->episodes.size()) << "no gap";
   policy_->send_acknowledgement(policy_->episodes.rbegin()->first);
+}
+
+TEST_P(EnvProtocol, AnotherPolicyWaitsUntilTheFirstIsGone) {
+  policy_->walker = &blind_;
+  policy_->command(settings(msg::TRAIN, 32, 64));
+  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 20; }));
+  ScriptedPolicy other(Host::middleware(GetParam(), 7), run_, "env-summer");
+  other.walker = &blind_;
+  other.command(settings(msg::TRAIN, 16, 64));
+  const auto both = [&](const std::function<bool()>& condition) {
+    return eventually([&] { policy_->spin(), other.spin(); }, condition, kPatience);
+  };
+  const Clock::time_point end = Clock::now() + Incumbent::kHandover + seconds(1);
+  ASSERT_TRUE(both([&] { return Clock::now() > end; }));
+  EXPECT_FALSE(other.in_force()) << "the first is in charge";
+  const std::uint64_t steps = policy_->steps();
+  ASSERT_TRUE(both([&] { return policy_->steps() > steps + 20; })) << "and goes on";
+  ASSERT_TRUE(other.until([&] { return other.in_force() && other.steps() > 20; })) << "the first is silent now";
+}
+
+// A policy_service that was restarted after its host's clock had been set back.
+TEST_P(EnvProtocol, APolicyWhoseClockWasSetBackTakesOver) {
+  policy_->walker = &blind_;
+  policy_->command(settings(msg::TRAIN, 32, 64));
+  ASSERT_TRUE(policy_->until([&] { return policy_->steps() > 20; }));
+  msg::TaskSettings earlier = settings(msg::TRAIN, 16, 64);
+  earlier.environment() = "env-summer";
+  earlier.header() = policy_->commanded().header();
+  earlier.header().incarnation() -= 3'600'000'000;  // microseconds
+  earlier.settings().incarnation() = earlier.header().incarnation();
+  earlier.settings().version() = 1;
+  policy_.reset();
+  policy_ = new_policy();
+  EXPECT_TRUE(eventually(
+      [&] {
+        policy_->node.forward(earlier);
+        policy_->spin();
+      },
+      [&] { return same(policy_->seen.settings(), earlier.settings()); }, kPatience));
 }
 
 TEST_P(EnvProtocol, OlderSettingsAreIgnoredAndRepeatedOnesConfirmedAgain) {

@@ -115,8 +115,7 @@ void Heartbeats::take() {
     }
     Service& service = services_[{status_.header().session().to_string(), status_.header().sender().to_string()}];
     const auto &known = service.newest.header(), &header = status_.header();
-    if (service.heard > 0 && (header.incarnation() < known.incarnation() ||
-                              (header.incarnation() == known.incarnation() && header.message() <= known.message())))
+    if (service.heard > 0 && header.incarnation() == known.incarnation() && header.message() <= known.message())
       continue;
     // A late heartbeat seems to come from a clock that is behind, so the least late one is the best estimate.
     const double ahead = sent_at(status_) - seconds_since_epoch();

@@ -28,8 +28,9 @@ TrajectoryReplay::TrajectoryReplay(Node& node, std::vector<std::string> files)
 }
 
 void TrajectoryReplay::on_info(const msg::LearnerInfo& info) {
-  if (info.header().incarnation() < info_.header().incarnation()) return;
-  if (info.header().incarnation() > info_.header().incarnation()) {
+  const Incumbent::Heard heard = learner_.hear(info.header().incarnation(), Clock::now());
+  if (heard == Incumbent::Heard::kOther) return;
+  if (heard == Incumbent::Heard::kSuccessor) {
     if (info_.header().incarnation() != 0)
       throw Error("restarted while the recording was played to it",
                   "learner '" + info.header().sender().to_string() + "'", "play it again");

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/recording/mcap.h"
+#include "core/wire/incumbent.h"
 #include "core/wire/node.h"
 #include "policy_service/distributed/trajectory_outbox.h"
 
@@ -47,6 +48,7 @@ class TrajectoryReplay {
   bool read_all_ = false;
   std::set<std::tuple<std::string, std::uint64_t, std::uint64_t, std::uint64_t>> seen_;  // sent twice when recorded
 
+  Incumbent learner_;
   msg::LearnerInfo info_;  // of the learner; incarnation 0: none yet
   bool ended_ = false;
   TrajectoryOutbox outbox_;

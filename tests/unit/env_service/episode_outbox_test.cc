@@ -176,6 +176,7 @@ TEST(EpisodeOutbox, ARecorderThatWasGoneTakesOverAsFastAsItAcknowledges) {
   }
   EXPECT_EQ(fixture.outbox.kept(), static_cast<std::size_t>(kMany));
   // Another process, whose store holds the first 50: no time passes from here on.
+  fixture.now += kSilence;
   EXPECT_EQ(fixture.acknowledge("dashboard", 50, false, 2), Acknowledged::kYes);
   EXPECT_EQ(fixture.outbox.acknowledged(), 50u);
   std::uint64_t has = 50;
@@ -208,6 +209,8 @@ TEST(EpisodeOutbox, TheNewestWordOfARecorderCounts) {
   EXPECT_EQ(fixture.acknowledge("dashboard", 21), Acknowledged::kImpossible);
   fixture.sent();
   // Its store was lost: it gets again what is still kept for the policy_service.
+  EXPECT_EQ(fixture.acknowledge("dashboard", 0, false, 2), Acknowledged::kRepeated) << "the process before lives";
+  fixture.now += kSilence;
   EXPECT_EQ(fixture.acknowledge("dashboard", 0, false, 2), Acknowledged::kYes);
   EXPECT_EQ(fixture.sent(), again(1, 20));
   EXPECT_EQ(fixture.repeat("dashboard", 1000, 20, false, 1), Acknowledged::kRepeated) << "of the process before";

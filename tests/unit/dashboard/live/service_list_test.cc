@@ -83,15 +83,17 @@ TEST(ServiceList, WhoSaysThatItStopsIsNotLost) {
   EXPECT_EQ(beats.state("policy"), "failed");
 }
 
-TEST(ServiceList, TheLaterOfTwoProcessesIsShownWhileItLives) {
+TEST(ServiceList, TheFirstOfTwoProcessesIsShownWhileItLives) {
   Beats beats;
   beats.beat("env", msg::RUNNING, 7);
-  EXPECT_EQ(beats.beat("env", msg::STARTING, 8), Kinds{"restarted"});
+  EXPECT_EQ(beats.beat("env", msg::STARTING, 8), Kinds{});
   EXPECT_EQ(beats.beat("env", msg::RUNNING, 7), Kinds{});
-  EXPECT_EQ(beats.state("env"), "starting");
-  beats.after(kSilence);
-  EXPECT_EQ(beats.beat("env", msg::RUNNING, 7), Kinds{"back"}) << "the later one gave way";
   EXPECT_EQ(beats.state("env"), "running");
+  beats.after(kSilence);
+  EXPECT_EQ(beats.beat("env", msg::STARTING, 6), Kinds{"restarted"}) << "whatever its clock says";
+  EXPECT_EQ(beats.state("env"), "starting");
+  beats.beat("env", msg::STOPPING, 6);
+  EXPECT_EQ(beats.beat("env", msg::STARTING, 9), Kinds{"restarted"}) << "at once";
 }
 
 TEST(ServiceList, AnAlarmIsAnEventWhenItBeginsChangesAndEnds) {
