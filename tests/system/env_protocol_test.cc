@@ -184,7 +184,7 @@ TEST_P(EnvProtocol, APolicyWhoseClockWasSetBackTakesOver) {
         policy_->node.forward(earlier);
         policy_->spin();
       },
-      [&] { return same(policy_->seen.settings(), earlier.settings()); }, kPatience));
+      [&] { return same(policy_->info.settings(), earlier.settings()); }, kPatience));
 }
 
 TEST_P(EnvProtocol, OlderSettingsAreIgnoredAndRepeatedOnesConfirmedAgain) {
