@@ -335,7 +335,7 @@ Sizes sizes_of(const std::string& agent, int agents, int dimension, int frames) 
   for (auto* each : {&observation.frame(), &observation.position(), &observation.goal()}) each->resize(m);
   for (auto* each : {&observation.previous_action(), &observation.allowed(), &observation.flags()}) each->resize(m);
   observation.reward().resize(m);
-  // Larger ones go by reference (EnvClient::kLargestWhole).
+  // Larger ones go by reference (kLargestWhole).
   if (m * d * sizeof(float) <= 60000) observation.features().resize(m * d);
   observation.feature_dimension() = observation.features().empty() ? 0 : static_cast<std::uint32_t>(d);
   observation.by_reference() = observation.features().empty() && d > 0;

@@ -135,8 +135,8 @@ class Run {
 
  private:
   struct Env : Process {
-    Env(int host_number, Host& where, const Costs& costs, int index_)
-        : Process(host_number, where, costs), index(index_) {}
+    Env(int host_number, Host& where, const Costs& costs, int own_index)
+        : Process(host_number, where, costs), index(own_index) {}
     const int index;
     int actor = 0;
     std::uint64_t step = 0;      // of the Observation that waits
@@ -156,8 +156,8 @@ class Run {
     std::uint64_t version;
   };
   struct Actor : Process {
-    Actor(int host_number, Host& where, const Costs& costs, int index_)
-        : Process(host_number, where, costs), index(index_) {}
+    Actor(int host_number, Host& where, const Costs& costs, int own_index)
+        : Process(host_number, where, costs), index(own_index) {}
     const int index;
     std::vector<int> envs;
     std::uint64_t number = 0, acknowledged = 0, sent_up_to = 0, limit = 0;
@@ -184,8 +184,8 @@ class Run {
   void copies_out(Process& from, double copies, double bytes);
   template <class Processes>
   void hand_over(Heard& heard, Processes& processes, double period);
-  template <class Process_>
-  void also_heard(Heard& heard, Process_& by, double bytes);
+  template <class Other>
+  void also_heard(Heard& heard, Other& by, double bytes);
 
   void publish_observation(Env& env, bool again);
   void watch_observation(Env& env, double interval);
@@ -284,8 +284,8 @@ void Run::copies_out(Process& from, double copies, double bytes) {
   if (away > 0) host(from.host).out.send(away * bytes, [] {});
 }
 
-template <class Process_>
-void Run::also_heard(Heard& heard, Process_& by, double bytes) {
+template <class Other>
+void Run::also_heard(Heard& heard, Other& by, double bytes) {
   heard.own_messages[static_cast<std::size_t>(by.index)] += 1;
   heard.own_bytes[static_cast<std::size_t>(by.index)] += bytes;
 }

@@ -205,7 +205,7 @@ void products() {
 class BareProducts {
  public:
   BareProducts(int sensors, int hidden, int cells, int extra, int steps, int sequences)
-      : cells_(cells), steps_(steps), sequences_(sequences) {
+      : steps_(steps), sequences_(sequences) {
     const int columns = steps * sequences, gates = 4 * cells;
     const auto random = [](int rows, int cols) { return Matrix<float>(Matrix<float>::Random(rows, cols)); };
     sensor_ = random(hidden, sensors), input_ = random(gates, hidden + extra), recurrent_ = random(gates, cells);
@@ -231,7 +231,7 @@ class BareProducts {
   Eigen::Block<Matrix<float>> columns(Matrix<float>& all, int t) {
     return all.block(0, t * sequences_, all.rows(), sequences_);
   }
-  int cells_, steps_, sequences_;
+  int steps_, sequences_;
   Matrix<float> sensor_, input_, recurrent_, back_, head_, sensed_, embedded_, gates_, h_, out_, hidden_;
   Matrix<float> head_gradient_, h_gradient_, carried_, recurrent_gradient_, input_gradient_, hidden_gradient_,
       sensor_gradient_;

@@ -237,7 +237,7 @@ fs::path plugin_folder() {
   Dl_info library{};
   void* const symbol = dlsym(RTLD_DEFAULT, "dds_create_domain");
   if (!symbol || dladdr(symbol, &library) == 0) throw Error("cyclonedds' library is not to be found", "security");
-  const fs::path beside = fs::canonical(library.dli_fname).parent_path();
+  fs::path beside = fs::canonical(library.dli_fname).parent_path();
   const auto has_it = [](const fs::path& folder) { return fs::exists(folder / "libdds_security_auth.so"); };
   if (has_it(beside)) return beside;
   std::error_code wrong;

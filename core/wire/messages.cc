@@ -309,10 +309,12 @@ void decode(std::span<const std::byte> bytes, Message& message) {
   check(message, type);
 }
 
+// NOLINTBEGIN(bugprone-macro-parentheses): TYPE is a type
 #define CITYLEARN_INSTANTIATE(TYPE, NAME, PROFILE)               \
   template const Topic& topic_of<TYPE>();                        \
   template void encode<TYPE>(const TYPE& message, Bytes& bytes); \
   template void decode<TYPE>(std::span<const std::byte> bytes, TYPE & message);
+// NOLINTEND(bugprone-macro-parentheses)
 CITYLEARN_MESSAGES(CITYLEARN_INSTANTIATE)
 
 std::vector<Topic> all_topics() {

@@ -35,7 +35,7 @@ bool same_secret(std::string_view a, std::string_view b) {
 }
 
 std::string create_token(const std::string& path) {
-  const std::string token = random_text(32);
+  std::string token = random_text(32);
   const int file = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
   if (file < 0) throw Error(std::string("cannot create it: ") + std::strerror(errno), "--token-file " + path);
   const std::string line = token + "\n";
@@ -138,9 +138,9 @@ std::optional<std::string> Access::foreign(const Request& request) const {
 
 bool Access::allows(const Request& request) const {
   if (token_.empty()) return true;
-  constexpr std::string_view scheme = "bearer ";
-  if (lower(std::string(request.authorization.substr(0, scheme.size()))) == scheme)
-    return same_secret(request.authorization.substr(scheme.size()), token_);
+  constexpr std::string_view kScheme = "bearer ";
+  if (lower(std::string(request.authorization.substr(0, kScheme.size()))) == kScheme)
+    return same_secret(request.authorization.substr(kScheme.size()), token_);
   for (std::string_view rest = request.cookie; !rest.empty();) {
     const std::size_t end = rest.find(';');
     std::string_view pair = rest.substr(0, end);

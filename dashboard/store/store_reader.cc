@@ -116,7 +116,7 @@ RunRow StoreReader::Impl::run_row(const SQLite::Statement& row) {
   read_row(row, r.id, r.name, r.session, r.policy, r.seed, r.agent, r.learner, r.started, r.last, r.ended, r.updates,
            r.recorded);
   if (bind_run(newest, r.id).executeStep()) {
-    RunRow::Newest& n = r.newest.emplace();
+    RunRow::Newest& n = r.newest.emplace(RunRow::Newest());
     read_row(newest, n.update, n.steps, n.episodes, n.wall, n.reward, n.spl, n.steps_per_second);
     n.update &= kMostUpdates;
   }

@@ -50,8 +50,10 @@ Eigen::MatrixXf first_centres(const Eigen::Ref<const Eigen::MatrixXf>& features,
     Eigen::Index chosen = static_cast<Eigen::Index>(random.below(features.cols()));
     if (k > 0) {
       double left = random.uniform() * distance.cast<double>().sum();
-      for (chosen = 0; chosen + 1 < features.cols(); ++chosen)
-        if ((left -= static_cast<double>(distance[chosen])) < 0) break;
+      for (chosen = 0; chosen + 1 < features.cols(); ++chosen) {
+        left -= static_cast<double>(distance[chosen]);
+        if (left < 0) break;
+      }
     }
     centres.col(k) = features.col(chosen);
     distance = distance.cwiseMin((features.colwise() - centres.col(k)).colwise().squaredNorm().transpose());

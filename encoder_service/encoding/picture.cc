@@ -12,7 +12,7 @@ cv::Mat decode_picture(std::span<const std::byte> file, const std::string& where
   try {
     const cv::Mat bytes(1, static_cast<int>(file.size()), CV_8U, const_cast<std::byte*>(file.data()));
     // Files are shown as their pixels lie: positions and siblings know nothing of a camera's orientation tag.
-    const cv::Mat picture = cv::imdecode(bytes, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+    cv::Mat picture = cv::imdecode(bytes, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
     if (picture.cols == header.width && picture.rows == header.height) return picture;
   } catch (const cv::Exception& exception) {
     throw Error(std::string("OpenCV cannot decode it: ") + exception.err, where);

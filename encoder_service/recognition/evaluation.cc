@@ -122,10 +122,10 @@ double recall_at(const Answers& answers, int n) {
 
 Interval wilson_interval(double successes, double trials) {
   if (trials <= 0) return {};
-  constexpr double z = 1.959963984540054;  // 97.5 % of the normal distribution
-  const double share = successes / trials, scale = 1 + z * z / trials;
-  const double centre = share + z * z / (2 * trials);
-  const double spread = z * std::sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials));
+  constexpr double kZ = 1.959963984540054;  // 97.5 % of the normal distribution
+  const double share = successes / trials, scale = 1 + kZ * kZ / trials;
+  const double centre = share + kZ * kZ / (2 * trials);
+  const double spread = kZ * std::sqrt(share * (1 - share) / trials + kZ * kZ / (4 * trials * trials));
   return {std::max(0.0, (centre - spread) / scale), std::min(1.0, (centre + spread) / scale)};
 }
 

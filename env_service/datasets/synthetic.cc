@@ -46,7 +46,7 @@ double normal(Random& random) {
   std::int64_t sum = 0;
   for (int draw = 0; draw < 3; ++draw)
     for (std::uint64_t lanes = random.next(), lane = 0; lane < 4; ++lane, lanes >>= 16) sum += lanes & 0xFFFF;
-  return static_cast<double>(sum - 12 * 65535 / 2) / 65536.0;
+  return static_cast<double>(sum - 6 * 65535) / 65536.0;
 }
 
 using Vector = std::vector<double>;

@@ -134,7 +134,7 @@ Skin Painter::draw_conifer(Random random) const {
   constexpr int kWidth = 56, kHeight = 96;
   const Colour needles = Colour(52, 82, 46) * in(random, 0.8, 1.1);
   cv::Mat picture = canvas(kWidth, kHeight, needles);
-  box(picture, kWidth / 2 - 2, kHeight * 0.88f, 4, kHeight * 0.12f, opaque({44, 56, 72}));
+  box(picture, kWidth / 2.f - 2, kHeight * 0.88f, 4, kHeight * 0.12f, opaque({44, 56, 72}));
   const int tiers = 6 + static_cast<int>(random.below(3));
   for (int tier = tiers; tier-- > 0;) {
     const float share = (static_cast<float>(tier) + 1) / static_cast<float>(tiers);
@@ -332,7 +332,7 @@ Skin Painter::car(View view, Random mood) const {
   const bool side = view == View::kSide;
   static const std::array<Colour, 7> kPaints{
       {{50, 50, 56}, {190, 190, 190}, {230, 230, 230}, {50, 45, 165}, {140, 80, 45}, {110, 110, 110}, {70, 100, 60}}};
-  const Colour paint = kPaints[mood.below(kPaints.size())], glass{70, 60, 52},
+  const Colour &paint = kPaints[mood.below(kPaints.size())], glass{70, 60, 52},
                roof = mix(paint, kSnow, look_.snow * 0.9f);
   const int width = side ? 80 : 36;
   cv::Mat picture = canvas(width, 28, paint);

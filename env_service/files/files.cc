@@ -107,7 +107,7 @@ std::string below(const std::string& folder, const std::string& name) { return (
 
 std::string first_folder(const std::string& folder, const std::vector<std::string>& candidates) {
   for (const std::string& candidate : candidates) {
-    const std::string path = candidate == "." ? folder : below(folder, candidate);
+    std::string path = candidate == "." ? folder : below(folder, candidate);
     if (is_folder(path)) return path;
   }
   return "";

@@ -278,7 +278,7 @@ cv::Mat decode_image(const Bytes& file, const std::string& where) {
 }
 
 std::string decoding_fault(Images& images, int frame, Bytes& bytes) {
-  if (const std::string fault = images.fault(frame); !fault.empty()) return fault;
+  if (std::string fault = images.fault(frame); !fault.empty()) return fault;
   try {
     images.read(frame, bytes);
     decode_image(bytes, "");

@@ -176,10 +176,10 @@ void Actor::assign() {
   others_.forget_gone();
   std::vector<EnvHandle*> lost;
   for (const auto& [env, served] : served_)
-    if (EnvClient::lost(*env) || !session_->serves(*env)) lost.push_back(env);
+    if (env->lost() || !session_->serves(*env)) lost.push_back(env);
   for (EnvHandle* env : lost) {
     spdlog::info("env_service '{}' {}", env->id,
-                 EnvClient::lost(*env)  ? "is served by another actor"
+                 env->lost()            ? "is served by another actor"
                  : env->refusal.empty() ? "is gone"
                                         : "is not used");
     drop(*env, false);

@@ -66,7 +66,7 @@ EnvRequirements LearnerSession::requirements() const {
 }
 
 bool LearnerSession::serves(const EnvHandle& env) const {
-  return env.traversal() == info_.traversal().c_str() && EnvClient::usable(env);
+  return env.traversal() == info_.traversal().c_str() && env.usable();
 }
 
 bool LearnerSession::prepare(EnvClient& client) {

@@ -14,7 +14,6 @@ constexpr auto kAcknowledgementsAgain = std::chrono::seconds(1);
 constexpr auto kRefusalsAgain = std::chrono::seconds(1);
 constexpr std::size_t kMostAlarms = 8;
 constexpr int kMostInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
-constexpr auto kTakingOver = std::chrono::seconds(1);  // until an env_service has seen our settings
 
 Error did_not_come(const RouteFeatures& route, const EnvHandle& env) {
   return Error(std::to_string(route.transfer.missing()) + " chunks of its features did not come",
@@ -61,8 +60,6 @@ EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
   node_.create_reader<msg::ServiceStatus>();
 }
 
-bool EnvClient::alive(const EnvHandle& env) { return env.presence.here(Clock::now()); }
-
 EnvHandle* EnvClient::known(const msg::Header& header) {
   const auto found = envs_.find(header.sender().c_str());
   if (found == envs_.end() || found->second->incarnation() != header.incarnation()) return nullptr;
@@ -106,7 +103,7 @@ void EnvClient::spin(Clock::time_point deadline) {
   if (!records_ || Clock::now() < next_acknowledgements_) return;
   next_acknowledgements_ = Clock::now() + kAcknowledgementsAgain;
   for (const auto& [id, env] : envs_)
-    if (alive(*env)) send_acknowledgement(*env, false);
+    if (env->alive()) send_acknowledgement(*env, false);
 }
 
 void EnvClient::on_status(const msg::ServiceStatus& status) {
@@ -167,7 +164,7 @@ void EnvClient::join_or_refuse(EnvHandle& env, bool fresh) {
   if (!joins || !env.refusal.empty()) return;
   const msg::TraversalInfo& info = env.info;
   EnvHandle*& first = first_[env.traversal()];
-  if (!first || !usable(*first)) first = &env;
+  if (!first || !first->usable()) first = &env;
   spdlog::info("{} '{}' joins: traversal {} of {}, {} frames x {} features, {} agents",
                env.settings.settings().version() == 0 ? "env_service" : "restarted env_service", env.id,
                info.traversal().c_str(), info.dataset().c_str(), info.frames(), info.feature_dimension(),
@@ -181,7 +178,7 @@ void EnvClient::join_or_refuse(EnvHandle& env, bool fresh) {
 std::string EnvClient::why_refused(const msg::TraversalInfo& info) const {
   if (std::string wrong = misfit(info, required_); !wrong.empty()) return wrong;
   if (const auto first = first_.find(info.traversal().c_str());
-      first != first_.end() && usable(*first->second) && info.header().sender() != first->second->id)
+      first != first_.end() && first->second->usable() && info.header().sender() != first->second->id)
     if (std::string wrong = contents_misfit(contents_of(info), contents_of(first->second->info),
                                             "env_service '" + first->second->id + "'");
         !wrong.empty())
@@ -218,9 +215,9 @@ void EnvClient::report_refusals() {
   next_refusals_ = Clock::now() + kRefusalsAgain;
   for (const auto& [id, env] : envs_) {
     std::string trouble;
-    if (alive(*env) && !env->refusal.empty())
+    if (env->alive() && !env->refusal.empty())
       trouble = "is not used: " + env->refusal;
-    else if (alive(*env) && lost(*env))
+    else if (env->alive() && env->lost())
       trouble = "obeys another policy_service; this one waits until that one ends";
     if (trouble.empty() ? alarms_.erase(id) > 0
                         : alarms_.contains(id) || (alarms_.size() < kMostAlarms && alarms_.insert(id).second))
@@ -229,8 +226,7 @@ void EnvClient::report_refusals() {
 }
 
 /// Runs `call`, whose errors concern this env_service alone.
-template <class Call>
-void EnvClient::contain(EnvHandle& env, const Call& call) {
+void EnvClient::contain(EnvHandle& env, const std::function<void()>& call) {
   try {
     call();
   } catch (const Error& error) {
@@ -246,11 +242,6 @@ void EnvClient::note_settings(EnvHandle& env, const msg::SettingsId& settings) {
   }
   if (env.heard_other == Clock::time_point{}) env.heard_other = Clock::now();
   env.in_force = false;
-}
-
-bool EnvClient::lost(const EnvHandle& env) {
-  return env.settings.settings().version() != 0 && env.heard_other != Clock::time_point{} &&
-         Clock::now() >= std::max(env.heard_other, env.commanded) + kTakingOver;
 }
 
 void EnvClient::on_observation(msg::Observation& observation) {
@@ -358,7 +349,7 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
 
 /// Returns whether the service that has the features is alive: the env_service, or the encoder_service behind it.
 bool EnvClient::answers_requests(const EnvHandle& env) const {
-  if (!alive(env)) return false;
+  if (!env.alive()) return false;
   const std::uint64_t encoder = env.info.encoder_incarnation();
   return encoder == 0 || encoders_.alive(encoder);
 }

@@ -11,24 +11,11 @@
 #include "core/wire/node.h"
 #include "core/wire/rejections.h"
 #include "policy_service/env_client/encoder_monitor.h"
+#include "policy_service/env_client/env_client_options.h"
 #include "policy_service/env_client/env_handle.h"
 #include "policy_service/env_client/env_requirements.h"
 
 namespace citylearn {
-
-/// How env_services send what their agents see. Policies receive the same numbers either way.
-enum class Observing {
-  kAsFits,       ///< by reference where an encoder_service made the features, so that observations need not pass by
-                 ///< it, and where an observation with its features exceeds EnvClient::kLargestWhole
-  kWhole,        ///< with features
-  kByReference,  ///< frames by name; their features are fetched once, before
-};
-
-struct EnvClientOptions {
-  Observing observing = Observing::kAsFits;
-  /// How long a running service may fail to deliver features before its env_service is refused.
-  std::chrono::milliseconds patience{30'000};
-};
 
 /// Finds the env_services of a run, commands their tasks and answers each of their observations exactly once, over a
 /// transport that may lose, repeat and reorder messages. An env_service that does not fit the run, or does not do its
@@ -73,8 +60,6 @@ class EnvClient {
   /// Releases the env_services from keeping episodes for this process.
   void end_recording();
 
-  /// Returns whether it obeys another policy_service, a second after settings of this one were sent to it.
-  static bool lost(const EnvHandle& env);
   /// Stops re-sending the env_service's settings.
   static void release(EnvHandle& env);
   /// Chooses the topics to receive; both unless set otherwise.
@@ -84,12 +69,6 @@ class EnvClient {
   const std::map<std::string, std::unique_ptr<EnvHandle>>& envs() const { return envs_; }
   /// Knows the encoder_services, and the env_services that wait for one and have no handle yet.
   const EncoderMonitor& encoders() const { return encoders_; }
-  /// Returns whether it was heard lately.
-  static bool alive(const EnvHandle& env);
-  /// Returns whether it was heard lately and is not refused.
-  static bool usable(const EnvHandle& env) { return env.refusal.empty() && alive(env); }
-  /// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
-  static constexpr std::size_t kLargestWhole = 60'000;
 
   /// Returns the features of frames first .. first + count - 1 of a traversal (count x D, frame-major), fetched over
   /// the wire. Throws Error when none of them arrives for `patience`, and then refuses the env_service unless its
@@ -107,8 +86,7 @@ class EnvClient {
   void set_refusal(EnvHandle& env, const std::string& why);
   void join_or_refuse(EnvHandle& env, bool fresh);
   void report_refusals();
-  template <class Call>
-  void contain(EnvHandle& env, const Call& call);
+  void contain(EnvHandle& env, const std::function<void()>& call);
   void on_observation(msg::Observation& observation);
   void on_invalid(EnvHandle& env, const msg::Header& header, const std::string& wrong);
   bool by_reference(const msg::TraversalInfo& info) const;
@@ -123,13 +101,12 @@ class EnvClient {
   Rejections rejections_;
   EnvRequirements required_;
   std::set<std::string> alarms_;  ///< ids of the env_services whose trouble is reported
-  Clock::time_point next_refusals_{};
   FeatureCache features_;
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;
   std::map<std::string, EnvHandle*> first_;  ///< by traversal: its env_service that the others must agree with
   std::uint32_t version_ = 0;
   bool wants_observations_ = true, wants_episodes_ = true, records_ = false;
-  Clock::time_point next_acknowledgements_{};
+  Clock::time_point next_acknowledgements_{}, next_refusals_{};
   EncoderMonitor encoders_;
   // Messages, kept to use their memory again.
   msg::Observation observation_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <memory>
 #include <string>
 
@@ -32,6 +33,15 @@ struct EnvHandle {
   bool until_restart = false;       ///< it stays refused whatever it announces
   int invalid = 0;                  ///< invalid observations since the last valid one
 
+  /// Returns whether it was heard lately.
+  bool alive() const { return presence.here(Clock::now()); }
+  /// Returns whether it was heard lately and is not refused.
+  bool usable() const { return refusal.empty() && alive(); }
+  /// Returns whether it obeys another policy_service, a second after settings of this one were sent to it.
+  bool lost() const {
+    return settings.settings().version() != 0 && heard_other != Clock::time_point{} &&
+           Clock::now() >= std::max(heard_other, commanded) + std::chrono::seconds(1);
+  }
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }
 };

@@ -23,12 +23,12 @@ void leave(RunContext& context) {
   msg::TaskSettings idle;
   idle.task_mode() = msg::IDLE;
   for (const auto& [id, env] : context.client.envs())
-    if (EnvClient::alive(*env) && env->settings.settings().version() != 0) context.client.command(*env, idle);
+    if (env->alive() && env->settings.settings().version() != 0) context.client.command(*env, idle);
   const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(500);
   const auto pending = [&context] {
     return std::any_of(context.client.envs().begin(), context.client.envs().end(), [](const auto& entry) {
       const EnvHandle& env = *entry.second;
-      return EnvClient::alive(env) && env.settings.settings().version() != 0 && !env.in_force;
+      return env.alive() && env.settings.settings().version() != 0 && !env.in_force;
     });
   };
   while (pending() && Clock::now() < deadline && !stop_requested()) {

@@ -34,7 +34,7 @@ void RunContext::require(std::optional<int> feature_dimension, const std::option
 std::vector<EnvHandle*> RunContext::envs_on(const std::string& traversal) const {
   std::vector<EnvHandle*> found;
   for (const auto& [id, env] : client.envs())
-    if (env->traversal() == traversal && EnvClient::usable(*env)) found.push_back(env.get());
+    if (env->traversal() == traversal && env->usable()) found.push_back(env.get());
   return found;
 }
 
@@ -94,7 +94,7 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
   std::set<std::string> traversals(options.evaluate.begin(), options.evaluate.end());
   if (traversals.empty())
     for (const auto& [id, env] : client.envs())
-      if (EnvClient::usable(*env)) traversals.insert(env->traversal());
+      if (env->usable()) traversals.insert(env->traversal());
   if (traversals.empty() && options.mode == "evaluate") traversals.insert(options.train);
   wait_for_envs(traversals, 1);
   std::vector<EnvHandle*> envs;

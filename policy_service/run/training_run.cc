@@ -154,7 +154,7 @@ void LocalTrainingRun::drop_lost_envs() {
     if (!env->refusal.empty()) {
       spdlog::warn("training goes on without env_service '{}'", env->id);
       drop(*env);
-    } else if (!EnvClient::alive(*env)) {
+    } else if (!env->alive()) {
       silent.push_back(env);
     }
   }

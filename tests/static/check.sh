@@ -34,12 +34,13 @@ PYTHON
 }
 
 tidy() {
-  need clang-tidy
+  need clang-tidy-16  # clang 14, the default, cannot read coroutines
   local build=$1/tests/tidy; shift
   [ $# -gt 0 ] || { echo 'no source has changed'; return 0; }
   printf '%s\n' "$@"
   printf '%s\0' "$@" |
-    xargs -0 -P "$(nproc)" -n 1 clang-tidy --quiet -p "$build" --extra-arg=-Wno-unknown-warning-option 2> >(grep -v 'warnings\? ' >&2)
+    xargs -0 -P "$(nproc)" -n 1 clang-tidy-16 --quiet -p "$build" --extra-arg=-Wno-unknown-warning-option \
+      --extra-arg=-DBOOST_ASIO_HAS_CO_AWAIT --extra-arg=-DBOOST_ASIO_HAS_STD_COROUTINE 2> >(grep -v 'warnings\? ' >&2)
 }
 
 case $1 in

@@ -201,7 +201,7 @@ TEST_F(EnvClientTest, WhereFeaturesDoNotComeOthersGoOnAndItIsRefusedInTheEnd) {
   const std::size_t before = player.shown["env-line"].size();
   ASSERT_TRUE(player.until([&] { return player.shown["env-line"].size() > before + 10; }));
   tell();
-  EXPECT_FALSE(EnvClient::usable(refused)) << "until it restarts";
+  EXPECT_FALSE(refused.usable()) << "until it restarts";
   EXPECT_GT(player.shown["env-line"].size(), 10u);
   EXPECT_TRUE(player.shown["miser"].empty());
 }
@@ -317,11 +317,11 @@ TEST_F(EnvClientTest, WhatIsRequiredMayBeMetLater) {
   ASSERT_TRUE(player.until([&] { return joined == 1; })) << "it is not for this traversal";
   required.traversals = {"line"};
   player.client.require(required);
-  EXPECT_FALSE(EnvClient::usable(*env));
+  EXPECT_FALSE(env->usable());
   required.frames = 20;
   player.client.require(required);
   ASSERT_TRUE(player.until([&] { return joined == 2; }));
-  EXPECT_TRUE(EnvClient::usable(*env));
+  EXPECT_TRUE(env->usable());
 }
 
 TEST_F(EnvClientTest, OfTwoContentsTheSecondIsRefusedUntilTheFirstIsGone) {
@@ -338,7 +338,7 @@ TEST_F(EnvClientTest, OfTwoContentsTheSecondIsRefusedUntilTheFirstIsGone) {
   EXPECT_TRUE(contains(refused->refusal, "has other contents (hash")) << refused->refusal;
   EXPECT_TRUE(contains(refused->refusal, "than env_service 'env-road'")) << refused->refusal;
   first.reset();
-  EXPECT_TRUE(player.until([&] { return EnvClient::usable(*refused); }));
+  EXPECT_TRUE(player.until([&] { return refused->usable(); }));
 }
 
 TEST_F(EnvClientTest, TheCacheKeepsWhatIsHeldAndLittleElse) {

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+
+namespace citylearn {
+
+/// Bytes of an observation's features that still fit one datagram beside the rest; more are sent by reference.
+inline constexpr std::size_t kLargestWhole = 60'000;
+
+/// How env_services send what their agents see. Policies receive the same numbers either way.
+enum class Observing {
+  kAsFits,       ///< by reference where an encoder_service made the features, so that observations need not pass by
+                 ///< it, and where an observation with its features exceeds kLargestWhole
+  kWhole,        ///< with features
+  kByReference,  ///< frames by name; their features are fetched once, before
+};
+
+struct EnvClientOptions {
+  Observing observing = Observing::kAsFits;
+  /// How long a running service may fail to deliver features before its env_service is refused.
+  std::chrono::milliseconds patience{30'000};
+};
+
+}  // namespace citylearn
