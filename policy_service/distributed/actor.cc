@@ -243,7 +243,7 @@ void Actor::drop(EnvHandle& env, bool idle) {
     settings.task_mode() = msg::IDLE;
     client_.command(env, settings);
   } else {
-    EnvClient::release(env);
+    env.release();
   }
   next_status_ = Clock::now();
 }

@@ -45,6 +45,35 @@ std::string validation_error(const EnvHandle& env, const msg::Observation& obser
   return "";
 }
 
+/// Fills in the features that the env_service left out.
+bool complete(const EnvHandle& env, msg::Observation& observation) {
+  if (!env.features) return false;
+  const std::size_t dimension = env.features->dimension();
+  observation.features().resize(observation.frame().size() * dimension);
+  float* to = observation.features().data();
+  for (const std::uint32_t frame : observation.frame()) {
+    const float* from = env.features->at(frame);
+    if (!from) return false;
+    to = std::copy_n(from, dimension, to);
+  }
+  observation.by_reference() = false;
+  observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
+  return true;
+}
+
+/// Returns whether the env_service that announced this sends frames by name. Throws Error when it must not and cannot
+/// send features.
+bool by_reference(Observing observing, const msg::TraversalInfo& info) {
+  const std::size_t numbers = std::size_t{info.agents()} * info.feature_dimension();
+  if (observing == Observing::kWhole && numbers > msg::MAX_FEATURES)
+    throw Error("the features of " + std::to_string(info.agents()) + " agents x " +
+                    std::to_string(info.feature_dimension()) + " do not fit one observation (at most " +
+                    std::to_string(msg::MAX_FEATURES) + ")",
+                "", "ask for observations by reference");
+  if (observing == Observing::kByReference) return numbers > 0;
+  return observing == Observing::kAsFits && (info.images() || numbers * sizeof(float) > kLargestWhole);
+}
+
 }  // namespace
 
 EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
@@ -113,6 +142,11 @@ void EnvClient::on_status(const msg::ServiceStatus& status) {
     if (status.service_state() == msg::STOPPING) env->presence.leave();
   }
   encoders_.on_status(status);
+  policies_.on_status(status);
+}
+
+std::string EnvClient::other_policy(const EnvHandle& env) const {
+  return env.obeys != node_.incarnation() && (env.busy || env.lost()) ? policies_.id_of(env.obeys) : "";
 }
 
 void EnvClient::on_info(const msg::TraversalInfo& info) {
@@ -184,7 +218,7 @@ std::string EnvClient::why_refused(const msg::TraversalInfo& info) const {
         !wrong.empty())
       return wrong;
   try {
-    by_reference(info);
+    by_reference(options_.observing, info);
   } catch (const Error& error) {
     return error.what();
   }
@@ -206,7 +240,7 @@ void EnvClient::refuse(EnvHandle& env, const std::string& why) {
 void EnvClient::set_refusal(EnvHandle& env, const std::string& why) {
   if (why == env.refusal) return;
   env.refusal = why;
-  if (!why.empty()) release(env);
+  if (!why.empty()) env.release();
   report_refusals();
 }
 
@@ -218,7 +252,9 @@ void EnvClient::report_refusals() {
     if (env->alive() && !env->refusal.empty())
       trouble = "is not used: " + env->refusal;
     else if (env->alive() && env->lost())
-      trouble = "obeys another policy_service; this one waits until that one ends";
+      trouble = "works for " +
+                (other_policy(*env).empty() ? "another policy_service" : "'" + other_policy(*env) + "'") +
+                "; this one waits until that one ends";
     if (trouble.empty() ? alarms_.erase(id) > 0
                         : alarms_.contains(id) || (alarms_.size() < kMostAlarms && alarms_.insert(id).second))
       node_.alarm("env_service '" + id + "'", trouble);
@@ -236,6 +272,7 @@ void EnvClient::contain(EnvHandle& env, const std::function<void()>& call) {
 
 /// Notes which settings an env_service obeys by its message.
 void EnvClient::note_settings(EnvHandle& env, const msg::SettingsId& settings) {
+  env.obeys = settings.version() == 0 ? 0 : settings.incarnation();
   if (settings.version() == 0 || settings.incarnation() == node_.incarnation()) {
     env.heard_other = {};
     return;
@@ -287,33 +324,6 @@ void EnvClient::on_invalid(EnvHandle& env, const msg::Header& header, const std:
   if (++env.invalid >= kMostInvalid) refuse(env, "sends observations " + wrong);
 }
 
-/// Fills in the features that the env_service left out.
-bool EnvClient::complete(const EnvHandle& env, msg::Observation& observation) {
-  if (!env.features) return false;
-  const std::size_t dimension = env.features->dimension();
-  observation.features().resize(observation.frame().size() * dimension);
-  float* to = observation.features().data();
-  for (const std::uint32_t frame : observation.frame()) {
-    const float* from = env.features->at(frame);
-    if (!from) return false;
-    to = std::copy_n(from, dimension, to);
-  }
-  observation.by_reference() = false;
-  observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
-  return true;
-}
-
-bool EnvClient::by_reference(const msg::TraversalInfo& info) const {
-  const std::size_t numbers = std::size_t{info.agents()} * info.feature_dimension();
-  if (options_.observing == Observing::kWhole && numbers > msg::MAX_FEATURES)
-    throw Error("the features of " + std::to_string(info.agents()) + " agents x " +
-                    std::to_string(info.feature_dimension()) + " do not fit one observation (at most " +
-                    std::to_string(msg::MAX_FEATURES) + ")",
-                "", "ask for observations by reference");
-  if (options_.observing == Observing::kByReference) return numbers > 0;
-  return options_.observing == Observing::kAsFits && (info.images() || numbers * sizeof(float) > kLargestWhole);
-}
-
 void EnvClient::answer(EnvHandle& env, const std::vector<std::uint8_t>& choice) {
   msg::Action& action = env.last_action;
   action.environment() = env.id.c_str();
@@ -332,7 +342,7 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   settings.environment() = env.id.c_str();
   settings.settings().incarnation() = node_.incarnation();
   settings.settings().version() = ++version_;
-  settings.by_reference() = !idle && by_reference(env.info);
+  settings.by_reference() = !idle && by_reference(options_.observing, env.info);
   std::shared_ptr<RouteFeatures> features;
   contain(env, [&] {
     if (settings.by_reference()) features = features_.want(env.info, settings.first_frame(), settings.frames());
@@ -343,7 +353,7 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   env.settings = settings;
   env.in_force = env.waiting = false;
   env.next_step = 0;
-  env.commanded = env.next_settings = Clock::now();
+  env.commanded = env.unconfirmed = env.next_settings = Clock::now();
   send_due_settings();
 }
 
@@ -368,12 +378,6 @@ void EnvClient::ask_for_features() {
   }
 }
 
-void EnvClient::release(EnvHandle& env) {
-  env.settings = msg::TaskSettings();
-  env.in_force = env.waiting = false;
-  env.features.reset();
-}
-
 void EnvClient::subscribe(bool observations, bool episodes) {
   wants_observations_ = observations;
   wants_episodes_ = episodes;
@@ -385,7 +389,12 @@ void EnvClient::send_due_settings() {
   const Clock::time_point now = Clock::now();
   for (const auto& [id, env] : envs_) {
     if (env->in_force || env->settings.settings().version() == 0 || now < env->next_settings) continue;
+    if (!env->alive() || env->lost() || (env->features && !env->features->complete())) env->unconfirmed = now;
     if (env->features && !env->features->complete()) continue;
+    if (now - env->unconfirmed > options_.patience) {
+      refuse(*env, "does not confirm its settings");
+      continue;
+    }
     node_.publish(env->settings);
     env->next_settings = now + kSettingsAgain;
   }

@@ -14,6 +14,7 @@
 #include "policy_service/env_client/env_client_options.h"
 #include "policy_service/env_client/env_handle.h"
 #include "policy_service/env_client/env_requirements.h"
+#include "policy_service/env_client/policy_monitor.h"
 
 namespace citylearn {
 
@@ -60,8 +61,8 @@ class EnvClient {
   /// Releases the env_services from keeping episodes for this process.
   void end_recording();
 
-  /// Stops re-sending the env_service's settings.
-  static void release(EnvHandle& env);
+  /// Returns the id of the living policy_service that the env_service works for instead of this one; empty: of none.
+  std::string other_policy(const EnvHandle& env) const;
   /// Chooses the topics to receive; both unless set otherwise.
   void subscribe(bool observations, bool episodes);
 
@@ -89,8 +90,6 @@ class EnvClient {
   void contain(EnvHandle& env, const std::function<void()>& call);
   void on_observation(msg::Observation& observation);
   void on_invalid(EnvHandle& env, const msg::Header& header, const std::string& wrong);
-  bool by_reference(const msg::TraversalInfo& info) const;
-  static bool complete(const EnvHandle& env, msg::Observation& observation);
   bool answers_requests(const EnvHandle& env) const;
   void ask_for_features();
   void send_due_settings();
@@ -108,6 +107,7 @@ class EnvClient {
   bool wants_observations_ = true, wants_episodes_ = true, records_ = false;
   Clock::time_point next_acknowledgements_{}, next_refusals_{};
   EncoderMonitor encoders_;
+  PolicyMonitor policies_;
   // Messages, kept to use their memory again.
   msg::Observation observation_;
   msg::EpisodeStat episode_;

@@ -19,7 +19,7 @@ enum class Observing {
 
 struct EnvClientOptions {
   Observing observing = Observing::kAsFits;
-  /// How long a running service may fail to deliver features before its env_service is refused.
+  /// How long a running service may fail to deliver features or to confirm settings before its env_service is refused.
   std::chrono::milliseconds patience{30'000};
 };
 

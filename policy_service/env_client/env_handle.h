@@ -25,7 +25,9 @@ struct EnvHandle {
   /// Features of the route, when `settings` ask for observations by reference. The settings are sent once these are
   /// complete.
   std::shared_ptr<RouteFeatures> features;
+  std::uint64_t obeys = 0;          ///< incarnation of the policy_service whose settings are in force; 0: none are
   Clock::time_point commanded{};    ///< when `settings` were given
+  Clock::time_point unconfirmed{};  ///< since when it could have confirmed them
   Clock::time_point heard_other{};  ///< since when it obeys another policy_service; the clock's epoch: it does not
   std::uint64_t acknowledged = 0;   ///< the last episode acknowledged; all before it are too
   bool busy = false;                ///< the env_service reports that it receives actions
@@ -41,6 +43,12 @@ struct EnvHandle {
   bool lost() const {
     return settings.settings().version() != 0 && heard_other != Clock::time_point{} &&
            Clock::now() >= std::max(heard_other, commanded) + std::chrono::seconds(1);
+  }
+  /// Forgets the settings, so that they are not sent again.
+  void release() {
+    settings = msg::TaskSettings();
+    in_force = waiting = false;
+    features.reset();
   }
   std::string traversal() const { return info.traversal().c_str(); }
   std::uint64_t incarnation() const { return info.header().incarnation(); }

@@ -46,7 +46,7 @@ bool Evaluation::decide(EnvHandle& env, const msg::Observation& observation, std
   return true;
 }
 
-void Evaluation::add(const EnvHandle& env, const msg::EpisodeStat& episode) {
+void Evaluation::add(EnvHandle& env, const msg::EpisodeStat& episode) {
   const auto part = parts_.find(&env);
   if (part == parts_.end() || episode.settings() != env.settings.settings() || episode.task() >= settings_.tasks())
     return;
@@ -65,11 +65,20 @@ double Evaluation::fraction() const {
   return parts_.empty() ? 1 : finished / (static_cast<double>(parts_.size()) * settings_.tasks());
 }
 
-void Evaluation::check_alive() const {
-  for (const auto& [env, part] : parts_)
+void Evaluation::check_alive(double wait) {
+  for (auto& [env, part] : parts_) {
+    if (env->lost()) {
+      const std::string other = client_.other_policy(*env);
+      if (other.empty())
+        begin(*env);
+      else if (wait > 0 && seconds_since(env->heard_other) > wait)
+        throw Error("works for policy_service '" + other + "'", "env_service '" + env->id + "'",
+                    "wait until that one ends, or evaluate in another --session");
+    }
     if (Clock::now() - env->presence.last_heard() > kPatience)
       throw Error("went silent during the evaluation on '" + env->traversal() + "'", "env_service '" + env->id + "'",
                   "start it again, then evaluate the checkpoint with --mode evaluate");
+  }
 }
 
 std::map<std::string, Score> Evaluation::scores() const {
@@ -166,7 +175,7 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
           spdlog::error("no evaluation of {} on '{}': its env_service is not used, and there is no other", label,
                         traversal);
       }
-      evaluation.check_alive();
+      evaluation.check_alive(context_.options.wait);
       const double rate = static_cast<double>(evaluation.steps()) / std::max(1e-9, seconds_since(since));
       context_.progress.show("evaluating " + label, evaluation.fraction(), rate, -1, "");
     }

@@ -32,15 +32,16 @@ class Evaluation {
   /// Chooses actions, as EnvClient::Decide.
   bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
   /// Takes in a finished episode; repetitions and those of other settings are ignored.
-  void add(const EnvHandle& env, const msg::EpisodeStat& episode);
+  void add(EnvHandle& env, const msg::EpisodeStat& episode);
 
   bool done() const;
   /// Returns the fraction of tasks finished, 0..1.
   double fraction() const;
   std::uint64_t steps() const { return steps_; }
-  /// Throws Error when an env_service has been silent for half a minute.
-  void check_alive() const;
-  bool includes(const EnvHandle& env) const { return parts_.contains(&env); }
+  /// Begins again on env_services that were taken by a policy_service that has ended. Throws Error when one has been
+  /// silent for half a minute, or works for another policy_service for `wait` seconds (0: for ever).
+  void check_alive(double wait);
+  bool includes(EnvHandle& env) const { return parts_.contains(&env); }
   /// Returns the scores by traversal, in the order of the tasks.
   std::map<std::string, Score> scores() const;
 
@@ -52,7 +53,7 @@ class Evaluation {
   EnvClient& client_;
   const msg::TaskSettings settings_;
   MakePolicy make_policy_;
-  std::map<const EnvHandle*, Part> parts_;
+  std::map<EnvHandle*, Part> parts_;
   std::uint64_t steps_ = 0;
 };
 

@@ -31,10 +31,15 @@ void RunContext::require(std::optional<int> feature_dimension, const std::option
   client.require(std::move(required));
 }
 
+/// Returns whether this run may use an env_service. A learner leaves them to its actors.
+bool RunContext::free(const EnvHandle& env) const {
+  return env.usable() && (options.role == "learner" || client.other_policy(env).empty());
+}
+
 std::vector<EnvHandle*> RunContext::envs_on(const std::string& traversal) const {
   std::vector<EnvHandle*> found;
   for (const auto& [id, env] : client.envs())
-    if (env->traversal() == traversal && env->usable()) found.push_back(env.get());
+    if (env->traversal() == traversal && free(*env)) found.push_back(env.get());
   return found;
 }
 
@@ -62,6 +67,8 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
     for (const auto& [id, env] : client.envs()) {
       found += (found.empty() ? "" : ", ") + id + " on " + env->traversal();
       if (!env->refusal.empty()) found += ", which " + env->refusal;
+      if (const std::string other = client.other_policy(*env); !other.empty())
+        found += ", which works for '" + other + "'";
     }
     const auto unencoded = client.encoders().unencoded();
     const auto encoders = client.encoders().encoders();
@@ -94,7 +101,7 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
   std::set<std::string> traversals(options.evaluate.begin(), options.evaluate.end());
   if (traversals.empty())
     for (const auto& [id, env] : client.envs())
-      if (env->usable()) traversals.insert(env->traversal());
+      if (free(*env)) traversals.insert(env->traversal());
   if (traversals.empty() && options.mode == "evaluate") traversals.insert(options.train);
   wait_for_envs(traversals, 1);
   std::vector<EnvHandle*> envs;

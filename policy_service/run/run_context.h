@@ -40,7 +40,7 @@ class RunContext {
   /// Waits until every traversal has an env_service, and the training traversal `training_envs` of them. Throws Error
   /// after --wait.
   void wait_for_envs(const std::set<std::string>& traversals, int training_envs);
-  /// Returns the env_services of a traversal that are usable.
+  /// Returns the env_services of a traversal that are usable and do not work for another policy_service.
   std::vector<EnvHandle*> envs_on(const std::string& traversal) const;
   /// Returns one of them, or null.
   EnvHandle* env_on(const std::string& traversal) const;
@@ -51,6 +51,8 @@ class RunContext {
   const std::vector<float>& reference();
 
  private:
+  bool free(const EnvHandle& env) const;
+
   std::vector<float> reference_;
 };
 

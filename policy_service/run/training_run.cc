@@ -154,22 +154,24 @@ void LocalTrainingRun::drop_lost_envs() {
     if (!env->refusal.empty()) {
       spdlog::warn("training goes on without env_service '{}'", env->id);
       drop(*env);
-    } else if (!env->alive()) {
+    } else if (!env->alive() || env->lost()) {
       silent.push_back(env);
     }
   }
   if (silent.size() < active_.size()) {
     if (context_.options.lockstep) return;
     for (EnvHandle* env : silent) {
-      spdlog::warn("env_service '{}' went silent: training goes on without it", env->id);
+      spdlog::warn("env_service '{}' {}: training goes on without it", env->id,
+                   env->alive() ? "works for another policy_service" : "went silent");
       drop(*env);
+      env->release();
     }
     return;
   }
   // None is left to continue with.
   context_.wait_for_envs({context_.options.train}, 1);
   for (EnvHandle* env : context_.envs_on(context_.options.train))
-    if (!active_.contains(env)) enroll(*env);
+    if (!active_.contains(env) || env->lost()) enroll(*env);
 }
 
 void LocalTrainingRun::train() {

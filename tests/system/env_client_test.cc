@@ -300,6 +300,25 @@ TEST_F(EnvClientTest, AnErrorAboutOneEnvServiceConcernsItAlone) {
   ASSERT_TRUE(player.until([&] { return player.shown["env-line"].size() > before + 20; }));
 }
 
+TEST_F(EnvClientTest, OneThatNeverConfirmsItsSettingsIsRefused) {
+  Node deaf({middleware_options("inprocess"), "env_service", "deaf", run_});
+  msg::TraversalInfo info = sample_of<msg::TraversalInfo>(Size::kLeast);
+  info.frames() = 20;
+  info.feature_dimension() = 2;
+  EnvClientOptions options;
+  options.patience = milliseconds(300);
+  Player player(run_, options);
+  deaf.publish(info);
+  EnvHandle* env = player.env("deaf");
+  ASSERT_TRUE(env);
+  player.client.command(*env, route(0, 20));
+  EXPECT_TRUE(player.until([&] {
+    deaf.publish(info);
+    return !env->refusal.empty();
+  }));
+  EXPECT_EQ(env->refusal, "does not confirm its settings");
+}
+
 TEST_F(EnvClientTest, WhatIsRequiredMayBeMetLater) {
   const Host host(small_traversal(20), 2, run_);
   Player player(run_);
