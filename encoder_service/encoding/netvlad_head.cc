@@ -122,11 +122,11 @@ Eigen::VectorXf NetvladHead::operator()(const Eigen::Ref<const Eigen::MatrixXf>&
 }
 
 NetvladHead NetvladHead::learn(const Eigen::Ref<const Eigen::MatrixXf>& features, int clusters) {
-  const std::string kWhere = "netvlad";
+  const std::string where = "netvlad";
   if (features.cols() < clusters)
     throw Error(
         "only " + std::to_string(features.cols()) + " local features for " + std::to_string(clusters) + " clusters",
-        kWhere, "give a larger training sample (--netvlad-lessons) or fewer clusters");
+        where, "give a larger training sample (--netvlad-lessons) or fewer clusters");
   NetvladHead head;
   head.centroids = find_centres(features, clusters);
   double alpha = 0;  // with a single cluster everything is assigned to it, whatever alpha
@@ -134,7 +134,7 @@ NetvladHead NetvladHead::learn(const Eigen::Ref<const Eigen::MatrixXf>& features
     const Nearest nearest = assign(features, head.centroids);
     const double gap = (nearest.second - nearest.distance).cast<double>().mean();
     if (!(gap > 1e-7))
-      throw Error("the local features are too similar for this many clusters", kWhere, "fewer clusters");
+      throw Error("the local features are too similar for this many clusters", where, "fewer clusters");
     alpha = std::log(kSharpness) / gap;
   }
   head.weight = static_cast<float>(2 * alpha) * head.centroids;

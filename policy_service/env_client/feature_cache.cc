@@ -29,7 +29,7 @@ std::shared_ptr<RouteFeatures> FeatureCache::want(const msg::TraversalInfo& info
   } else {
     std::rotate(found, found + 1, routes_.end());
   }
-  const std::shared_ptr<RouteFeatures> wanted = routes_.back();
+  std::shared_ptr<RouteFeatures> wanted = routes_.back();
   forget();
   return wanted;
 }

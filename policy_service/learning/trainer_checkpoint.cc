@@ -30,7 +30,7 @@ Checkpoint Trainer::checkpoint(const std::string& manifest) {
   checkpoint.header = p.identity();
   LearnerState state;
   p.learner->save(state);
-  for (auto& [name, tensor] : state.tensors) checkpoint.tensors["learner." + name] = std::move(tensor);
+  for (const auto& [name, tensor] : state.tensors) checkpoint.tensors["learner." + name] = tensor;
   checkpoint.tensors["reference"] = p.task.reference;
   if (!p.task.turns.empty()) checkpoint.header["turns"] = p.task.turns;
   nlohmann::json layout = nlohmann::json::array();

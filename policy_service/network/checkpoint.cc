@@ -147,7 +147,7 @@ Checkpoint read_checkpoint(const std::string& path) {
 std::string write_checkpoint_of_update(const std::string& folder, std::uint64_t update, const Checkpoint& checkpoint,
                                        int keep) {
   create_folder(folder);
-  const std::string path =
+  std::string path =
       (std::filesystem::path(folder) / (std::string(kPrefix) + std::to_string(update) + std::string(kSuffix))).string();
   write_checkpoint(path, checkpoint);
   const auto all = checkpoints_in(folder);

@@ -45,8 +45,8 @@ void TrainingRun::build_trainer() {
   const TrainingProgress& progress = trainer_->progress();
   context_.records.open_training_logs(progress.updates, progress.steps, trainer_->parameters());
   earlier_wall_ = context_.records.earlier_wall();
-  if (!options.output.empty() && (report_.episodes_to_spl95 = progress.episodes_to_spl95))
-    report_.wall_to_spl95 = context_.records.earlier_wall_at(*report_.episodes_to_spl95);
+  if (!options.output.empty()) report_.episodes_to_spl95 = progress.episodes_to_spl95;
+  if (report_.episodes_to_spl95) report_.wall_to_spl95 = context_.records.earlier_wall_at(*report_.episodes_to_spl95);
   context_.records.announce(options.learner, progress.updates, trainer_->parameters());
 }
 

@@ -88,12 +88,12 @@ TEST(FullDisk, AStartIsTriedAgainUntilThereIsRoom) {
   const auto first = run.train(4, "disk/out");
   ASSERT_EQ(first->wait(kLong), 0) << first->output();
   disk.fill();
-  const auto second = run.train(8, "disk/out", {"--resume"});
+  const auto second = run.train(4, "disk/out", {"--resume"});
   // Status 2 would be final for a supervisor.
   EXPECT_EQ(second->wait(kLong), 1) << second->output();
   EXPECT_TRUE(contains(second->output(), "No space left on device"));
   disk.make_room();
-  const auto third = run.train(8, "disk/out", {"--resume"});
+  const auto third = run.train(4, "disk/out", {"--resume"});
   EXPECT_EQ(third->wait(kLong), 0) << third->output();
   EXPECT_TRUE(contains(third->output(), "resuming after update 4"));
 }
