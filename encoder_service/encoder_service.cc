@@ -139,14 +139,14 @@ void EncoderService::on_completed_info(const msg::TraversalInfo& info) {
   if (info.encoder_incarnation() == node_.incarnation()) return;
   Peer& peer = peers_[info.encoder_incarnation()];
   peer.presence.heard(now_);
-  const bool serves = std::any_of(environments_.begin(), environments_.end(),
-                                  [this](const auto& entry) { return serving(entry.second); });
   if (peer.beats && pipeline_.encoder_ready() && info.encoder().c_str() != pipeline_.feature_recipe()) {
     const Error wrong(fmt::format("'{}' already encodes with {}, this one with {}", info.encoder_service().c_str(),
                                   info.encoder().c_str(), pipeline_.feature_recipe()),
                       "session '" + node_.options().session + "'",
                       "give both the same encoder, or choose another --session");
-    if (!serves) throw wrong;
+    if (std::none_of(environments_.begin(), environments_.end(),
+                     [this](const auto& entry) { return serving(entry.second); }))
+      throw wrong;
     node_.alarm("encoder", wrong.what());
   }
   const auto found = environments_.find(info.header().sender().c_str());

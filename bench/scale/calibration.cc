@@ -12,6 +12,7 @@
 
 #include "core/wire/blob.h"
 #include "core/wire/messages.h"
+#include "policy_service/env_client/env_client_options.h"
 #include "policy_service/network/agent_network.h"
 
 namespace citylearn::scale {
@@ -335,8 +336,8 @@ Sizes sizes_of(const std::string& agent, int agents, int dimension, int frames) 
   for (auto* each : {&observation.frame(), &observation.position(), &observation.goal()}) each->resize(m);
   for (auto* each : {&observation.previous_action(), &observation.allowed(), &observation.flags()}) each->resize(m);
   observation.reward().resize(m);
-  // Larger ones go by reference (kLargestWhole).
-  if (m * d * sizeof(float) <= 60000) observation.features().resize(m * d);
+  // Larger ones go by reference.
+  if (m * d * sizeof(float) <= kLargestWhole) observation.features().resize(m * d);
   observation.feature_dimension() = observation.features().empty() ? 0 : static_cast<std::uint32_t>(d);
   observation.by_reference() = observation.features().empty() && d > 0;
   sizes.observation = size_of(observation);

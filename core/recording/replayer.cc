@@ -43,7 +43,7 @@ constexpr milliseconds kLongestEnd{30000};
 constexpr milliseconds kGlance{5};
 constexpr std::size_t kMostVoices = 4096;
 constexpr double kLongestWait = 1e18;                  // nanoseconds: what the clock bears
-constexpr std::uint64_t kLongestGap = 10'000'000'000;  // nanoseconds: whoever records says something every second
+constexpr std::uint64_t kLongestGap = 10'000'000'000;  // nanoseconds: in a recording something comes every second
 
 bool is(const Topic& topic, const Topic& other) { return topic.name == other.name; }
 

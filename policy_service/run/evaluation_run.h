@@ -80,7 +80,7 @@ class EvaluationRun {
 
   /// Takes the agent, its route and its step limit from --checkpoint. Throws Error naming the file.
   void load_agent();
-  /// Returns the number of features a frame that the agent needs; nothing where there is no agent.
+  /// Returns the number of features a frame that the agent needs; unset without an agent.
   std::optional<int> feature_dimension() const { return agent_ ? std::optional(agent_->task.features) : std::nullopt; }
   /// Evaluates this agent from now on.
   void set_agent(TrainedAgent agent) { agent_ = std::move(agent); }
