@@ -4,6 +4,7 @@
 #include <iostream>
 #include <opencv2/core.hpp>
 
+#include "core/util/name.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/encoder_service.h"
@@ -53,7 +54,8 @@ void add_options(CLI::App& app, CommandLine& line) {
 
   app.option_defaults()->group("Reduction");
   app.add_option("--reference", service.reference, "Traversal that the encoder and the reduction learn from")
-      ->capture_default_str();
+      ->capture_default_str()
+      ->transform(name_from);
   app.add_option("--dimension", service.reduction.dimension,
                  "Features a frame, by PCA; 0 keeps all that the encoder gives")
       ->capture_default_str()

@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "core/util/name.h"
 #include "core/wire/incumbent.h"
 #include "core/wire/rejections.h"
 #include "core/wire/transfer.h"
@@ -31,10 +32,13 @@ constexpr milliseconds kStopCheck{50};
 constexpr std::size_t kMostPolicies = 256;  // whose newest settings are remembered
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
-  for (const auto& [what, text] : {std::pair{"name", traversal.name}, {"condition", traversal.condition}})
-    if (text.size() > 64) throw Error("has more than 64 characters: " + text, std::string(what) + " of the traversal");
+  if (const std::string problem = name_problem(traversal.name); !problem.empty())
+    throw Error(problem, "name of the traversal");
+  if (traversal.condition.size() > kLongestName)
+    throw Error("has more than " + std::to_string(kLongestName) + " characters: " + traversal.condition,
+                "condition of the traversal");
   options.service = "env_service";
-  if (options.id.empty()) options.id = ("env-" + traversal.name).substr(0, 64);
+  if (options.id.empty()) options.id = name_from("env-" + traversal.name);
   return options;
 }
 

@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
+#include "core/util/name.h"
 #include "core/wire/messages.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/dataset.h"
@@ -35,11 +36,8 @@ void add_options(CLI::App& app, CommandLine& line) {
                  "Ids of services that record episodes, A,B,...: their episodes are kept from the start, not only "
                  "once they are heard of")
       ->delimiter(',')
-      ->check(CLI::Validator(
-          [](std::string& id) {
-            return id.empty() || id.size() > 64 ? std::string("must have 1 to 64 characters") : std::string();
-          },
-          "ID", ""));
+      ->type_name("ID")
+      ->check(name_problem);
   app.add_option("--linger", line.service.linger,
                  "Seconds to wait at the end for live recorders to acknowledge the last episodes")
       ->capture_default_str()
@@ -72,12 +70,13 @@ int serve(CommandLine& line) {
     for (const std::string& name : dataset->names()) std::cout << name << "\n";
     return 0;
   }
-  const Traversal traversal = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);
+  Traversal traversal = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);
   if (line.show) {
     std::cout << "traversal " << traversal.name << "\nframes " << traversal.frames << "\nimages "
               << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension << "\n";
     return 0;
   }
+  traversal.name = name_from(traversal.name);  // folders and files may be called anything
   run_env_service(line.service, traversal, stop_requested);
   return 0;
 }

@@ -10,6 +10,7 @@ It reads one declaration a line, and annotations that begin a comment, so that I
   //@topic(PROFILE)    above a struct: it is a message, sent on a topic of its own with this QoS profile
   //@length(OTHER)     behind a sequence: it has as many entries as OTHER; OTHER+1: one more
   //@finite            behind a float, a double or a sequence of them: NaN and infinities are refused
+  //@name              behind a string: it follows the rule for names (core/util/name.h); name(optional): or is empty
   //@protocol          behind the number that must be PROTOCOL
 """
 import os
@@ -95,10 +96,19 @@ class Idl:
                     f'check.length("{name}", m.{name}().size(), "{other[1]}", m.{other[1]}().size(), {more});')
             elif note == "finite" and re.search("float|double", type_):
                 self.open.checks.append(f'check.finite("{name}", m.{name}());')
+            elif note == "name" and type_.startswith("string") and argument in ("", "optional"):
+                self.open.checks.append(f'check.name("{name}", m.{name}(), {"true" if argument else "false"});')
             elif note == "protocol" and type_ == "unsigned long":
                 self.open.fields[name] = "protocol"
             else:
                 raise ValueError(f"unknown annotation, or one that does not fit '{code}': //@{note}")
+
+    def checks(self, struct):
+        """Its own checks, and those of the structs in it."""
+        for name, type_ in struct.fields.items():
+            if type_ in self.structs and [*self.checks(self.structs[type_])]:
+                yield f"check_fields(m.{name}(), check);"
+        yield from struct.checks
 
     def visits(self, struct):
         for name, type_ in struct.fields.items():
@@ -133,7 +143,7 @@ def main(folder, *paths):
                       "void visit(Message& m, Visitor& visitor) {", *idl.visits(struct), "}",
                       "template <class Check>",
                       f"void check_fields([[maybe_unused]] const {struct.name}& m, [[maybe_unused]] Check& check) {{",
-                      *struct.checks, "}"]
+                      *idl.checks(struct), "}"]
     write(f"{folder}/core/wire/message_fields.h", "#include <concepts>", "#include <type_traits>",
           *(f'#include "idl/{os.path.basename(path)[:-4]}.h"' for path in idl.files),
           "namespace citylearn::msg {", *functions, "}", "#define CITYLEARN_MESSAGES(X) \\",

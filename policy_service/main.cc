@@ -3,6 +3,7 @@
 #include <iostream>
 
 #include "core/plugin/plugins.h"
+#include "core/util/name.h"
 #include "core/wire/service.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/interchange/onnx_graph.h"
@@ -108,10 +109,12 @@ int main(int argc, char** argv) {
                    "empty: nothing is written. With --mode export the file to write");
 
     app.option_defaults()->group("Task");
-    app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str();
+    // env_services announce recordings under such names.
+    app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str()->transform(name_from);
     app.add_option("--evaluate", options.evaluate,
                    "Traversals to evaluate on, A,B,...; all that are found unless given")
-        ->delimiter(',');
+        ->delimiter(',')
+        ->transform(name_from);
     app.add_option("--first-frame", options.first_frame, "The route begins at this frame of the traversal")
         ->capture_default_str()
         ->check(at_least(0));

@@ -10,6 +10,7 @@
 #include <cstring>
 
 #include "core/task/path.h"
+#include "core/util/name.h"
 #include "core/wire/blob.h"
 #include "core/wire/message_fields.h"
 #include "core/wire/transfer.h"
@@ -156,6 +157,11 @@ struct FieldCheck {
   void length(const char* field, std::size_t is, const char* other, std::size_t others, std::size_t more) {
     if (is == others + more) return;
     refuse(type, field, counts(is, others + more) + (more ? ", one more than " : " as many as ") + other + " has");
+  }
+  template <std::size_t N>
+  void name(const char* field, const Text<N>& text, bool optional) {
+    if (optional && text.size() == 0) return;
+    if (!is_name({text.c_str(), text.size()})) refuse(type, field, name_problem(text.c_str()));
   }
   void finite(const char* field, double number) {
     if (!std::isfinite(number)) refuse(type, field, "not finite");

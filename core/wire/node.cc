@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 
+#include "core/util/name.h"
 #include "core/util/wall_clock.h"
 #include "core/wire/presence.h"
 
@@ -23,9 +24,8 @@ MiddlewareOptions named(MiddlewareOptions options, const std::string& id) {
   return options;
 }
 
-void require_id(const std::string& value, const std::string& where) {
-  if (value.empty() || value.size() > 64)
-    throw Error("must have 1 to 64 characters, has " + std::to_string(value.size()), where);
+void require_name(const std::string& value, const std::string& where) {
+  if (const std::string problem = name_problem(value); !problem.empty()) throw Error(problem, where);
 }
 
 std::string host_name() {
@@ -53,8 +53,8 @@ std::uint64_t new_incarnation(const std::string& id) {
 }  // namespace
 
 Node::Node(Options options) : options_(std::move(options)), incarnation_(new_incarnation(options_.id)) {
-  require_id(options_.id, "id");
-  if (!options_.session.empty()) require_id(options_.session, "session");
+  require_name(options_.id, "id");
+  if (!options_.session.empty()) require_name(options_.session, "session");
   middleware_ = create_middleware(named(options_.middleware, options_.id));
   started_ = next_heartbeat_ = Clock::now();
   status_.service(options_.service);

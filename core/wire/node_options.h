@@ -11,10 +11,9 @@ namespace citylearn {
 /// What a service is on the wire.
 struct NodeOptions {
   MiddlewareOptions middleware;
-  std::string service;  ///< kind: "env_service"
-  std::string id;       ///< unique within the session, at most 64 characters
-  std::string session =
-      "default";  ///< messages of other sessions are ignored, at most 64 characters; empty: hears all sessions
+  std::string service;              ///< kind: "env_service"
+  std::string id;                   ///< a name (core/util/name.h), unique within the session
+  std::string session = "default";  ///< a name: messages of other sessions are ignored; empty: hears all sessions
 };
 
 /// Counts of a node's traffic, as published in ServiceStatus.

@@ -9,6 +9,7 @@
 #include <iostream>
 
 #include "core/util/log_format.h"
+#include "core/util/name.h"
 #include "core/util/version.h"
 
 namespace citylearn {
@@ -59,17 +60,12 @@ void add_node_options(CLI::App& app, Node::Options& options) {
   const OptionGroup group(app, "Service");
   MiddlewareOptions& middleware = options.middleware;
   const std::string names = joined(list_middlewares(), &std::pair<std::string, std::string>::first);
-  const auto name_length = CLI::Validator(
-      [](std::string& text) {
-        return text.empty() || text.size() > 64 ? std::string("must have 1 to 64 characters") : std::string();
-      },
-      "", "");
   app.add_option("--session", options.session,
                  "Session this service belongs to; services of other sessions are ignored")
       ->capture_default_str()
       ->envname("CITYLEARN_SESSION")
-      ->check(name_length);
-  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the session")->check(name_length);
+      ->check(name_problem);
+  auto* id = app.add_option("--id", options.id, "Name of this service, unique within the session")->check(name_problem);
   if (!options.id.empty()) id->capture_default_str();
   app.add_option("--middleware", middleware.name, "One of " + names + "; lossy:NAME loses messages, for tests")
       ->capture_default_str()

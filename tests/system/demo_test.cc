@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 
+#include <cmath>
 #include <filesystem>
 #include <regex>
 
@@ -66,6 +67,20 @@ TEST(Demo, PrintsItsTable) {
        {"place_filter +summer +[0-9.]+ %", "place_filter +fall +[0-9.]+ %", "shortest_path +fall +100.0 %"})
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
   EXPECT_TRUE(fs::exists(demo.output() + "/summary.json")) << "a folder with a blank";
+}
+
+TEST(Demo, TakesRecordingsWhoseNamesHaveBlanks) {
+  Folder data;
+  for (const std::string name : {"my drive", "the other  drive"}) {
+    std::string table;
+    for (int frame = 0; frame < 80; ++frame)
+      table += std::to_string(std::cos(frame)) + "," + std::to_string(std::sin(frame)) + "\n";
+    make_file(data / (name + ".csv"), table);
+  }
+  Demo demo({"--data", data.path(), "--steps", "1024", "--tasks", "4", "--agent", "features", "--no-dashboard"});
+  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  for (const char* row : {"features +my_drive +[0-9.]+ %", "features +the_other__drive +[0-9.]+ %"})
+    EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
 }
 
 TEST(Demo, CtrlCAndSigtermStopAllWithinTwoSeconds) {

@@ -263,6 +263,8 @@ TEST(CommandLine, WrongInputIsOneClearLine) {
       {"negative time limit", {{"--time-limit", "-1"}, "--time-limit: '-1' must be 0 or more (try --help)"}},
       {"never a checkpoint", {{"--checkpoint-every", "0"}, "--checkpoint-every: '0' must be 1 or more (try --help)"}},
       {"domain out of range", {{"--domain", "300"}, "domain"}},
+      {"two words as id", {{"--id", "my policy"}, "--id: 'my policy' must be 1 to 64 of the characters"}},
+      {"a comma in a session", {{"--session", "a,b"}, "--session: 'a,b' must be 1 to 64 of the characters"}},
       {"unknown agent", {{"--agent", "oracle"}, "place_filter"}},
       {"unknown learner", {{"--learner", "sarsa"}, "ppo"}},
       {"unknown control", {{"--controls", "drunk"}, "blind"}},

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "core/util/csv.h"
 #include "core/util/version.h"
 
 namespace citylearn::vpr {
@@ -50,16 +51,8 @@ Json json_of(const Row& row) {
           {"seconds", row.seconds}};
 }
 
-/// Returns text as a field of a CSV, quoted where it needs to be (RFC 4180).
-std::string cell(const std::string& text) {
-  if (text.find_first_of(",\"\r\n") == text.npos) return text;
-  std::string quoted = "\"";
-  for (const char c : text) quoted += c == '"' ? "\"\"" : std::string(1, c);
-  return quoted + "\"";
-}
-
 std::string cell(const Json& value) {
-  if (value.is_string()) return cell(value.get<std::string>());
+  if (value.is_string()) return csv_field(value.get<std::string>());
   if (value.is_boolean()) return value ? "1" : "0";
   return value.is_number_float() ? number(value) : value.dump();
 }

@@ -21,7 +21,7 @@ GOOD = """module citylearn { module msg {
   @final struct BigThing {
     Header header;
     Mode task_mode;
-    string<64> name;
+    string<64> name;                            //@name(optional) of the thing
     sequence<float, MOST> number;               //@finite metres
     sequence<octet, MOST> flags;                //@length(number) one for each number
     double uptime;
@@ -48,6 +48,7 @@ class Generate(unittest.TestCase):
                      'visitor.enumerator("task_mode", m.task_mode(), TRAIN);', 'visitor("name", m.name());',
                      'visitor("number", m.number(), MOST);', 'check.finite("number", m.number());',
                      'check.length("flags", m.flags().size(), "number", m.number().size(), 0);',
+                     'check.name("name", m.name(), true);',
                      'X(BigThing, "citylearn/big_thing", kState)', '#include "idl/thing.h"'):
             self.assertIn(line, fields)
         forward = (pathlib.Path(self.folder.name) / "idl/forward.h").read_text()
@@ -63,7 +64,8 @@ class Generate(unittest.TestCase):
                 ("sequence<octet, MOST>", "sequence<octet, LEAST>", 16, "unknown bound 'LEAST'"),
                 ("length(number)", "length(numbers)", 18, "no sequence 'numbers'"),
                 ("length(number)", "length", 16, "does not fit"),
-                ("string<64> name;", "string<64> name; //@finite", 14, "does not fit"),
+                ("//@name(optional)", "//@finite", 14, "does not fit"),
+                ("//@name(optional)", "//@name(maybe)", 14, "does not fit"),
                 ("//@finite", "//@finit", 15, "unknown annotation"),
                 ("topic(state)", "topic(fast)", 10, "one of stream, state, command, durable"),
                 ("    Header header;\n", "", 17, "first field must be a Header"),

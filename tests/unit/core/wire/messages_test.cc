@@ -219,6 +219,22 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::Trajectory>("ended: unknown end 3", [](auto& m) { m.ended()[1] = 3; });
 }
 
+TEST(Messages, NamesFollowOneRule) {
+  const std::string rule = "must be 1 to 64 of the characters A-Z a-z 0-9 . _ -";
+  for (const char* name : {"two words", "a,b", "<img>", "\xC3\xA9t\xC3\xA9", "a/b", "a\x1B[2J"}) {
+    const std::string error = "'" + one_line(name) + "' " + rule;
+    expect_error<msg::EpisodeStat>("sender: " + error, [&](auto& m) { m.header().sender(name); });
+    expect_error<msg::ServiceStatus>("session: " + error, [&](auto& m) { m.header().session(name); });
+    expect_error<msg::EpisodeStat>("traversal: " + error, [&](auto& m) { m.traversal(name); });
+    expect_error<msg::EpisodeStat>("policy: " + error, [&](auto& m) { m.policy(name); });
+    expect_error<msg::RunInfo>("agent: " + error, [&](auto& m) { m.agent(name); });
+    expect_error<msg::TraversalInfo>("", [&](auto& m) { m.condition(name); });  // a text
+  }
+  expect_error<msg::RunInfo>("sender: '' " + rule, [](auto& m) { m.header().sender(""); });
+  expect_error<msg::RunInfo>("", [](auto& m) { m.learner(""); });
+  expect_error<msg::RunInfo>("", [](auto& m) { m.header().sender("Env-1.a_Z"); });
+}
+
 TEST(Messages, UnknownEnumeratorIsRefused) {
   auto message = sample_of<msg::TaskSettings>(Size::kLeast);
   Bytes bytes = encoded(message);

@@ -49,6 +49,7 @@ class Segments {
   msg::Trajectory trajectory(int agent, std::uint64_t number, std::uint64_t version = 0, const char* actor = "a") {
     msg::Trajectory made;
     made.header().protocol() = msg::PROTOCOL;
+    made.header().session() = "session";
     made.header().sender() = actor;
     made.header().incarnation() = 1;
     made.number() = number;
