@@ -3,6 +3,9 @@
 
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <utility>
+
 namespace citylearn {
 namespace {
 
@@ -65,10 +68,37 @@ void Recorder::on_message(const msg::ServiceStatus& status) {
     environments_.insert(sender);
     // Repeated with each heartbeat until its episodes show that it knows this recorder: any message may be lost.
     if (!senders_.contains(sender)) attempt([&] { acknowledge(sender, false); });
-  } else if (status.service() == "policy_service" && status.service_state() == msg::STOPPING) {
+  } else if (status.service() == "policy_service") {
+    const bool stopping = status.service_state() == msg::STOPPING;
+    for (auto& [run, requests] : runs_)
+      if (run.first == sender) stopping ? requests.process.forget() : requests.process.heard(Clock::now());
+    if (!stopping) return;
     endings_.insert(sender);
     wake_at(Clock::now());
   }
+}
+
+/// Returns whether another process than the sender goes on with this run, and lives. Two cannot be one run at a time.
+bool Recorder::contest(const msg::RunInfo& info) {
+  const Sender sender(info.header());
+  const auto owner = std::find_if(runs_.begin(), runs_.end(), [&](const auto& entry) {
+    const Sender& known = entry.first.first;
+    return known.session == sender.session && known.id == sender.id && known.incarnation != sender.incarnation &&
+           entry.first.second == info.run_id() && entry.second.process.here(Clock::now());
+  });
+  if (owner == runs_.end()) return false;
+  owner->second.contender = info;
+  wake_at(owner->second.process.gone_at());
+  return true;
+}
+
+/// Takes up what contenders of processes that are silent by now said last: they may have ended since.
+void Recorder::believe_successors() {
+  std::vector<msg::RunInfo> successors;
+  for (auto& [run, requests] : runs_)
+    if (requests.contender && !requests.process.here(Clock::now()))
+      successors.push_back(*std::exchange(requests.contender, std::nullopt));
+  for (const msg::RunInfo& info : successors) on_message(info);
 }
 
 void Recorder::on_message(const msg::TraversalInfo& info) {
@@ -82,12 +112,25 @@ void Recorder::on_message(const msg::TraversalInfo& info) {
 
 void Recorder::on_message(const msg::RunInfo& info) {
   const Sender sender(info.header());
+  if (contest(info)) {
+    rejections_.add(info.header(), "a RunInfo of a run that another process goes on with, until that one is silent");
+    return;
+  }
   attempt([&] {
     const bool changed = store_.record(info);
     const auto [known, fresh] = runs_.try_emplace({sender, info.run_id()});
     StatRequests& requests = known->second;
+    info.ended() ? requests.process.forget() : requests.process.heard(Clock::now());
+    // The other one was no predecessor.
+    if (std::exchange(requests.contender, std::nullopt) && !std::exchange(requests.reported, true))
+      report({seconds_since_epoch(), sender.session, sender.id, "alarm",
+              "another process announces run " + std::to_string(info.run_id()) + " of '" + sender.id +
+                  "' too: what it sends is not recorded"});
     if (changed || fresh) {
-      requests = StatRequests();
+      StatRequests next;
+      next.process = requests.process;
+      next.reported = requests.reported;
+      requests = std::move(next);
       requests.updates.record(store_.recorded_updates(sender, info.run_id()));
       requests.complete = Clock::now();
     }
@@ -171,6 +214,7 @@ void Recorder::commit() {
 
 void Recorder::poll() {
   due_ = Clock::now() + kIdle;
+  believe_successors();
   for (int batch = 0; batch < kBatchesPerPoll; ++batch) {
     take();
     const bool full = episodes_.size() >= options_.most_at_once;

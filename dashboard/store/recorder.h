@@ -3,11 +3,14 @@
 
 #include <functional>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <vector>
 
 #include "core/wire/node.h"
+#include "core/wire/presence.h"
+#include "core/wire/rejections.h"
 #include "dashboard/store/store.h"
 
 namespace citylearn {
@@ -55,6 +58,9 @@ class Recorder {
     RecordedNumbers updates;  ///< given up: those that the process does not have
     std::uint64_t made = 0;   ///< updates it has made
     Clock::time_point heard;  ///< of its last RunInfo
+    Presence process;
+    std::optional<msg::RunInfo> contender;  ///< newest one of another process, believed once this one is silent
+    bool reported = false;                  ///< that one process too many goes on with this run
     Clock::time_point complete;
     Clock::time_point next;
     std::uint64_t first = 0, last = 0;  ///< requested; 0: nothing
@@ -64,12 +70,15 @@ class Recorder {
   void take();
   void commit();
   void request_missing();
+  bool contest(const msg::RunInfo& info);
+  void believe_successors();
   void acknowledge(const Sender& environment, bool leaving);
   void report(Event event);
   bool attempt(const std::function<void()>& work);
   void wake_at(Clock::time_point time) { due_ = std::min(due_, time); }
 
   Node& node_;
+  Rejections rejections_{node_};
   Store& store_;
   const Options options_;
   std::vector<msg::EpisodeStat> episodes_;      // not committed yet

@@ -130,6 +130,31 @@ ALTER TABLE training RENAME COLUMN clipped TO clip_fraction;
 ALTER TABLE training RENAME COLUMN lag TO policy_lag;
 )";
 
+// Two runs may have the same run_id: it is a time. `name` says all that tells runs apart.
+const char* const kRunsByName = R"(
+CREATE TABLE runs_by_name (
+  id INTEGER PRIMARY KEY,
+  name TEXT NOT NULL UNIQUE,           -- the ID of the API
+  session TEXT NOT NULL,               -- as in the messages' headers
+  run_id INTEGER,                      -- as in RunInfo; NULL: what belongs to no run that was heard of
+  policy TEXT,                         -- id of the policy_service
+  seed INTEGER,
+  agent TEXT,
+  learner TEXT,
+  incarnation INTEGER NOT NULL DEFAULT 0,  -- newest of the policy_service
+  updates INTEGER NOT NULL DEFAULT 0,  -- so far, as it told
+  manifest TEXT,
+  started REAL NOT NULL,
+  last REAL NOT NULL,                  -- heard of it, at least; written now and then
+  ended INTEGER NOT NULL DEFAULT 0,    -- it said so
+  recorded INTEGER NOT NULL DEFAULT 0  -- its rows of `episodes`
+);
+INSERT INTO runs_by_name SELECT id, name, session, run_id, policy, seed, agent, learner, incarnation, updates, manifest,
+  started, last, ended, recorded FROM runs;
+DROP TABLE runs;
+ALTER TABLE runs_by_name RENAME TO runs;
+)";
+
 /// Returns whether there is something in the file. Throws Error when that is certainly not SQLite.
 bool holds_something(const std::string& path) {
   std::error_code none;
@@ -176,7 +201,7 @@ void keep_copy(SQLite::Database& database, const std::string& copy) {
 }  // namespace
 
 const std::vector<std::string>& schema_steps() {
-  static const std::vector<std::string> steps = {kFirst, kPlainNames};
+  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName};
   return steps;
 }
 

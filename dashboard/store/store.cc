@@ -109,7 +109,6 @@ Store::Impl::Statements::Statements(const SQLite::Database& d)
       add_to_count(d, "UPDATE runs SET recorded = recorded + ?2 WHERE id = ?1"),
       add_training(d, insert_training()),
       drop_training_from(d, "DELETE FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation <> ?3"),
-      drop_training_beyond(d, "DELETE FROM training WHERE key > ?1 AND key <= ?2"),
       process_updates(d, "SELECT key FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation = ?3 ORDER BY key"),
       least_update(d, "SELECT key FROM training WHERE key BETWEEN ?1 AND ?2 AND incarnation = ?3 ORDER BY key LIMIT 1"),
       add_event(d, "INSERT INTO events (time, session, service, kind, text) VALUES (?, ?, ?, ?, ?)"),

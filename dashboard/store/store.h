@@ -67,8 +67,8 @@ class Store {
   /// Records what an env_service hosts.
   void describe(const msg::TraversalInfo& info);
 
-  /// Records that a run begins or goes on; it gets the episodes that came before this message. Returns true when the
-  /// run is new, resumed, or has other options.
+  /// Records that a run begins or goes on; it gets the episodes that came before this message. Removes nothing. Returns
+  /// true when the run is new, resumed, or has other options.
   bool record(const msg::RunInfo& info);
   /// Records that a policy_service, and with it its run, has ended.
   void mark_ended(const Sender& policy);

@@ -76,7 +76,11 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
     }
     if (!source.episodes.record(episode.episode())) continue;
     changed = true;
-    const KnownRun* known = find(sender.session, episode.run_id());
+    // Of several, that of the process whose settings these are, else the first one: another may merely name it.
+    const KnownRun* known = find(sender.session, episode.run_id(), [&](const KnownRun& run) {
+      return run.incarnation == episode.settings().incarnation();
+    });
+    if (!known) known = find(sender.session, episode.run_id(), [](const KnownRun&) { return true; });
     std::int64_t row = known ? known->row : unclaimed_row(sender.session);
     if (row == 0) {
       std::int64_t& made = new_rows[sender.session];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <map>
 #include <set>
 #include <utility>
@@ -40,8 +41,10 @@ struct Store::Impl {
   struct KnownRun {
     std::int64_t row = 0;  // in `runs`
     std::string policy;
-    std::uint64_t incarnation = 0;  // newest process that sent its RunInfo
-    std::uint64_t message = 0;      // number of its newest RunInfo
+    std::uint64_t seed = 0;
+    std::uint64_t incarnation = 0;         // newest process that sent its RunInfo
+    std::set<std::uint64_t> predecessors;  // of it, as far as this process heard of them
+    std::uint64_t message = 0;             // number of its newest RunInfo
     std::uint64_t updates = 0;
     std::uint64_t least = 0;  // of that process's updates that are recorded; 0: none is
     bool ended = false;
@@ -56,7 +59,13 @@ struct Store::Impl {
 
   Source& source(const Sender& environment);
   std::int64_t add_source(const Sender& environment);
-  KnownRun* find(const std::string& session, std::uint64_t run_id);
+  template <class Fits>
+  KnownRun* find(const std::string& session, std::uint64_t run_id, Fits fits) {
+    const auto [begin, end] = runs.equal_range({session, run_id});
+    const auto found = std::find_if(begin, end, [&](const auto& entry) { return fits(entry.second); });
+    return found == end ? nullptr : &found->second;
+  }
+  KnownRun* find_of(const Sender& policy, std::uint64_t run_id);
   std::int64_t unclaimed_row(const std::string& session);
   void claim_episodes(const std::string& session, std::uint64_t run_id, const KnownRun& run);
 
@@ -66,7 +75,7 @@ struct Store::Impl {
     SQLite::Statement add_episode, add_run_source, count_episodes;
     SQLite::Statement add_run, add_unclaimed, find_unclaimed, update_run, run_liveness, run_ended;
     SQLite::Statement claim_episodes, claim_sources, add_to_count;
-    SQLite::Statement add_training, drop_training_from, drop_training_beyond, process_updates, least_update;
+    SQLite::Statement add_training, drop_training_from, process_updates, least_update;
     SQLite::Statement add_event, drop_events, events;
   };
 
@@ -75,7 +84,7 @@ struct Store::Impl {
   FileLock lock;  // keeps a second dashboard off
   SQLite::Database database;
   std::unique_ptr<Statements> statements;
-  std::map<RunKey, KnownRun> runs;
+  std::multimap<RunKey, KnownRun> runs;  // several only where somebody uses the run_id of another one
   std::map<Sender, Source> sources;
   std::map<std::string, std::int64_t> unclaimed_rows;           // by session
   std::set<std::pair<std::int64_t, std::int64_t>> run_sources;  // those in the table

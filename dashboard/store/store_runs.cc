@@ -15,25 +15,28 @@ void Store::Impl::load_runs() {
   runs.clear();
   unclaimed_rows.clear();
   run_sources.clear();
-  SQLite::Statement all(database,
-                        "SELECT session, run_id, id, policy, incarnation, updates, ended, agent, learner, manifest "
-                        "FROM runs WHERE run_id IS NOT NULL");
+  SQLite::Statement all(
+      database,
+      "SELECT session, run_id, id, policy, seed, incarnation, updates, ended, agent, learner, manifest "
+      "FROM runs WHERE run_id IS NOT NULL ORDER BY id");
   while (all.executeStep()) {
     RunKey key;
     KnownRun known;
-    read_row(all, key.first, key.second, known.row, known.policy, known.incarnation, known.updates, known.ended,
-             known.agent, known.learner, known.manifest);
+    read_row(all, key.first, key.second, known.row, known.policy, known.seed, known.incarnation, known.updates,
+             known.ended, known.agent, known.learner, known.manifest);
     SQLite::Statement& least = bind_values(statements->least_update, training_key(known.row, 1),
                                            training_key(known.row, kMostUpdates), known.incarnation);
     if (least.executeStep()) known.least = update_of(value_at<std::int64_t>(least, 0));
     least.reset();
-    runs[key] = std::move(known);
+    runs.emplace(key, std::move(known));
   }
 }
 
-Store::Impl::KnownRun* Store::Impl::find(const std::string& session, std::uint64_t run_id) {
-  const auto known = runs.find({session, run_id});
-  return known == runs.end() ? nullptr : &known->second;
+/// Returns the run that this process goes on with; null when there is none.
+Store::Impl::KnownRun* Store::Impl::find_of(const Sender& policy, std::uint64_t run_id) {
+  return find(policy.session, run_id, [&policy](const KnownRun& run) {
+    return run.policy == policy.id && run.incarnation == policy.incarnation;
+  });
 }
 
 /// Returns 0 when there is no row for it yet.
@@ -60,14 +63,18 @@ void Store::Impl::claim_episodes(const std::string& session, std::uint64_t run_i
 bool Store::Impl::record(const msg::RunInfo& info) {
   const Sender sender(info.header());
   const double now = seconds_since_epoch();
-  KnownRun* known = find(sender.session, info.run_id());
+  KnownRun* known = find(sender.session, info.run_id(),
+                         [&](const KnownRun& run) { return run.policy == sender.id && run.seed == info.seed(); });
+  const bool successor = !known || known->incarnation != sender.incarnation;
   // One of a predecessor that the middleware kept for late joiners, or one that was overtaken on the way.
-  if (known && std::pair(sender.incarnation, info.header().message()) <= std::pair(known->incarnation, known->message))
+  if (known &&
+      (successor ? known->predecessors.contains(sender.incarnation) : info.header().message() <= known->message))
     return false;
   KnownRun next;
   if (known) next = *known;
-  const bool successor = !known || known->incarnation != sender.incarnation;
+  if (known && successor) next.predecessors.insert(known->incarnation);
   next.policy = sender.id;
+  next.seed = info.seed();
   next.incarnation = sender.incarnation;
   next.message = info.header().message();
   next.updates = std::min(info.updates(), kMostUpdates);
@@ -90,15 +97,15 @@ bool Store::Impl::record(const msg::RunInfo& info) {
   }
   run(statements->update_run, next.row, next.incarnation, next.agent, next.learner, next.updates, next.manifest, now,
       next.ended);
-  // The process begins with the updates that it has. What its predecessors did beyond them is dropped.
-  if (successor && known)
-    run(statements->drop_training_beyond, training_key(next.row, next.updates), training_key(next.row, kMostUpdates));
   if (!known) claim_episodes(sender.session, info.run_id(), next);
   all.commit();
   run_sources.clear();
   liveness[next.row] = {now, next.updates};
   unwritten.erase(next.row);
-  runs[{sender.session, info.run_id()}] = std::move(next);
+  if (known)
+    *known = std::move(next);
+  else
+    runs.emplace(RunKey(sender.session, info.run_id()), std::move(next));
   return true;
 }
 
@@ -118,8 +125,8 @@ std::size_t Store::Impl::record(std::span<const msg::TrainingStat> stats) {
   SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
   for (const msg::TrainingStat& stat : stats) {
     if (stat.update() == 0 || stat.update() > kMostUpdates) continue;
-    KnownRun* known = find(stat.header().session().c_str(), stat.run_id());
-    if (!known || known->incarnation != stat.header().incarnation()) continue;
+    KnownRun* known = find_of(Sender(stat.header()), stat.run_id());
+    if (!known) continue;
     const std::int64_t key = training_key(known->row, stat.update());
     std::uint64_t& least = leasts.try_emplace(known, known->least).first->second;
     if (least == 0 || stat.update() < least) {
@@ -140,7 +147,7 @@ std::size_t Store::Impl::record(std::span<const msg::TrainingStat> stats) {
 
 NumberSet Store::Impl::recorded_updates(const Sender& policy, std::uint64_t run_id) {
   NumberSet updates;
-  const KnownRun* known = find(policy.session, run_id);
+  const KnownRun* known = find_of(policy, run_id);
   if (!known) return updates;
   SQLite::Statement& row = bind_values(statements->process_updates, training_key(known->row, 1),
                                        training_key(known->row, kMostUpdates), policy.incarnation);

@@ -3,9 +3,12 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
 #include <cinttypes>
 #include <filesystem>
 #include <fstream>
+
+#include "core/util/csv.h"
 
 namespace citylearn {
 namespace {
@@ -31,21 +34,28 @@ bool EpisodeLog::has_rows(const std::string& path) {
 void EpisodeLog::load() {
   std::ifstream in(path_);
   if (!in) return;
-  std::string line;
+  std::string line, row;
   std::uintmax_t whole = 0;  // bytes up to the last complete row
   bool first = true;
   while (std::getline(in, line) && !in.eof()) {
-    if (first && line != kHeader) throw Error("is not an episode log", path_, "choose another --output");
+    row += line;
+    if (std::count(row.begin(), row.end(), '"') % 2 == 1) {  // a field goes on in the next line
+      row += '\n';
+      continue;
+    }
+    if (first && row != kHeader) throw Error("is not an episode log", path_, "choose another --output");
     if (!first) {
-      char environment[65];
-      std::uint64_t incarnation, episode;
-      if (std::sscanf(line.c_str(), "%64[^,],%" SCNu64 ",%" SCNu64, environment, &incarnation, &episode) != 3)
-        throw Error("is not an episode log: " + line.substr(0, 40), path_, "choose another --output");
-      received_[{environment, incarnation}].episodes.record(episode);
+      const std::vector<std::string> fields = csv_fields(row);
+      std::uint64_t incarnation = 0, episode = 0;
+      if (fields.size() < 3 || std::sscanf(fields[1].c_str(), "%" SCNu64, &incarnation) != 1 ||
+          std::sscanf(fields[2].c_str(), "%" SCNu64, &episode) != 1)
+        throw Error("is not an episode log: " + row.substr(0, 40), path_, "choose another --output");
+      received_[{fields[0], incarnation}].episodes.record(episode);
       ++total_;
     }
     first = false;
-    whole += line.size() + 1;
+    whole += row.size() + 1;
+    row.clear();
   }
   in.close();
   if (whole != std::filesystem::file_size(path_)) std::filesystem::resize_file(path_, whole);
@@ -57,18 +67,33 @@ EpisodeLog::Received& EpisodeLog::received_from(const msg::EpisodeStat& episode)
   return received;
 }
 
-void EpisodeLog::skip(const msg::EpisodeStat& episode) { received_from(episode).episodes.record(episode.episode()); }
+void EpisodeLog::write_in_order(Received& received) {
+  const std::uint64_t reach = received.episodes.settled().reach();
+  while (!received.early.empty() && received.early.begin()->first <= reach) {
+    if (file_) file_->add(received.early.begin()->second);
+    received.early.erase(received.early.begin());
+  }
+}
+
+void EpisodeLog::skip(const msg::EpisodeStat& episode) {
+  Received& received = received_from(episode);
+  received.episodes.record(episode.episode());
+  write_in_order(received);
+}
 
 bool EpisodeLog::record(const msg::EpisodeStat& episode) {
   if (file_ && file_->waiting() > kMostWaiting) return false;
-  if (!received_from(episode).episodes.record(episode.episode())) return false;
+  Received& received = received_from(episode);
+  const std::uint64_t number = episode.episode();
+  if (received.early.size() >= kMostEarly && number > received.episodes.settled().reach() + 1) return false;
+  if (!received.episodes.record(number)) return false;
   ++total_;
-  if (file_)
-    file_->add(fmt::format("{},{},{},{},{},{},{},{},{},{},{},{:.6f},{}\n", episode.header().sender().c_str(),
-                           episode.header().incarnation(), episode.episode(), episode.agent(),
-                           episode.traversal().c_str(), episode.evaluation() ? 1 : 0, episode.task(), episode.start(),
-                           episode.goal(), episode.steps(), episode.shortest(), episode.reward(),
-                           episode.completed() ? 1 : 0));
+  received.early[number] =
+      fmt::format("{},{},{},{},{},{},{},{},{},{},{},{:.6f},{}\n", csv_field(episode.header().sender().c_str()),
+                  episode.header().incarnation(), number, episode.agent(), csv_field(episode.traversal().c_str()),
+                  episode.evaluation() ? 1 : 0, episode.task(), episode.start(), episode.goal(), episode.steps(),
+                  episode.shortest(), episode.reward(), episode.completed() ? 1 : 0);
+  write_in_order(received);
   return true;
 }
 

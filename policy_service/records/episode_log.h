@@ -13,8 +13,9 @@
 
 namespace citylearn {
 
-/// Writes every finished episode once into `episodes.csv`. An episode counts as recorded when its row has left this
-/// process, so that an env_service that is told so may forget it.
+/// Writes every finished episode once into `episodes.csv`, those of an env_service in their order: if it dies, none is
+/// missing between those that are there. An episode counts as recorded when its row has left this process, so that an
+/// env_service that is told so may forget it.
 class EpisodeLog {
  public:
   /// Continues the file when it exists: its rows count as recorded, a row cut short by a crash is dropped. An empty
@@ -24,8 +25,9 @@ class EpisodeLog {
   /// Returns whether the file has more than its header.
   static bool has_rows(const std::string& path);
 
-  /// Returns whether this episode was new. Order and repetition do not matter. While the disk accepts nothing, rows
-  /// wait; beyond kMostWaiting bytes of them episodes are refused, and their env_service sends them again.
+  /// Returns whether this episode was new. They may come in any order: rows wait in memory for earlier ones. Rows also
+  /// wait while the disk accepts nothing. When too much waits episodes are refused, and their env_service sends them
+  /// again.
   bool record(const msg::EpisodeStat& episode);
   /// Counts an episode of another run as recorded, without a row.
   void skip(const msg::EpisodeStat& episode);
@@ -37,11 +39,14 @@ class EpisodeLog {
 
  private:
   struct Received {
-    RecordedNumbers episodes;     ///< recorded, or waiting for the disk
-    std::uint64_t handed_on = 0;  ///< up to this one none waits
+    std::map<std::uint64_t, std::string> early;  ///< rows that wait for earlier ones
+    RecordedNumbers episodes;                    ///< recorded, or waiting for the disk
+    std::uint64_t handed_on = 0;                 ///< up to this one none waits
   };
-  static constexpr std::size_t kMostWaiting = 16 << 20;
+  static constexpr std::size_t kMostWaiting = 16 << 20;  ///< bytes for the disk
+  static constexpr std::size_t kMostEarly = 4096;        ///< rows of an env_service
   void load();
+  void write_in_order(Received& received);
   Received& received_from(const msg::EpisodeStat& episode);
 
   std::string path_;

@@ -1,10 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/records/output_folder.h"
 
+#include <spdlog/spdlog.h>
+#include <sys/stat.h>
+
 #include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "core/util/files.h"
+#include "core/util/json.h"
+#include "core/util/wall_clock.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/records/episode_log.h"
 
@@ -78,6 +85,28 @@ void prepare_output(const PolicyServiceOptions& options) {
   for (const std::string& of : {folder, folder + "/checkpoints"})
     for (const auto& entry : fs::directory_iterator(of, error))
       if (entry.path().extension() == ".tmp") fs::remove(entry.path(), error);
+}
+
+std::uint64_t folder_identity(const std::string& folder) {
+  struct stat about {};
+  return ::stat(folder.c_str(), &about) == 0 ? about.st_ino : 0;
+}
+
+std::uint64_t run_id_for(const PolicyServiceOptions& options) {
+  using Json = nlohmann::json;
+  const std::uint64_t fresh = microseconds_since_epoch();
+  if (!options.resume) return fresh;
+  std::ifstream in(options.output + "/manifest.json");
+  const Json manifest = parse_json_or_null(std::string(std::istreambuf_iterator(in), {}));
+  if (!manifest.is_object()) return fresh;
+  const auto job = manifest.find("job");
+  if (job == manifest.end() || !job->is_number_unsigned()) return fresh;
+  // Manifests of earlier versions say neither.
+  if (manifest.value("id", Json(options.node.id)) == options.node.id &&
+      manifest.value("folder", Json(folder_identity(options.output))) == folder_identity(options.output))
+    return job->get<std::uint64_t>();
+  spdlog::info("{}: was copied or written by another service: it goes on as a run of its own", options.output);
+  return fresh;
 }
 
 OutputFolder::OutputFolder(const std::string& folder) {

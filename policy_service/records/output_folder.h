@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 
@@ -26,5 +27,12 @@ void require_no_other_run(const PolicyServiceOptions& options);
 /// Prepares a locked options.output for a run: removes what --overwrite replaces, and what a killed process left
 /// half-written. Throws as require_no_other_run(), before anything has changed.
 void prepare_output(const PolicyServiceOptions& options);
+
+/// Returns the id of a run: with --resume that in its manifest.json, else a new one. A copy of a folder, and a folder
+/// that a service of another id wrote, begin a run of their own, so that recorders keep it apart from the first one.
+std::uint64_t run_id_for(const PolicyServiceOptions& options);
+
+/// Returns what tells a folder from copies of it: its inode; 0 where there is none.
+std::uint64_t folder_identity(const std::string& folder);
 
 }  // namespace citylearn

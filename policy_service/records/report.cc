@@ -8,6 +8,7 @@
 
 #include "core/plugin/plugins.h"
 #include "core/util/version.h"
+#include "policy_service/records/output_folder.h"
 
 namespace citylearn {
 namespace {
@@ -81,6 +82,8 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"vendor", vendor},
       {"run", options.node.session},
       {"job", job},
+      {"id", options.node.id},
+      {"folder", folder_identity(options.output)},
       {"mode", options.mode},
       {"role", options.role},
       {"agent", options.agent},

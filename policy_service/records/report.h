@@ -32,7 +32,7 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
                          const std::vector<ScoreRow>& rows);
 
 /// Returns the text of manifest.json: everything needed to repeat the run. `agent` holds the effective parameters of
-/// network, learner and trainer; `traversals` what the env_services announced, by name; `job` the run's, as in RunInfo.
+/// network, learner and trainer; `traversals` what the env_services announced, by name; `job` the run_id of RunInfo.
 std::string manifest_json(const PolicyServiceOptions& options,
                           const std::map<std::string, std::map<std::string, double>>& agent,
                           const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,

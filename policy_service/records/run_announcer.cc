@@ -4,11 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <fstream>
-#include <nlohmann/json.hpp>
-
-#include "core/util/json.h"
-#include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
@@ -36,11 +31,8 @@ void RunAnnouncer::add(msg::TrainingStat& stat) {
   stat.run_id() = info_.run_id();
   node_.publish(stat);
   info_.updates() = stat.update();
-  stat_ = stat;
-  stat_.header() = msg::Header();  // so that all are of one size
-  stat_.header().protocol() = msg::PROTOCOL;
   Bytes bytes;
-  encode(stat_, bytes);
+  encode(stat, bytes);  // all are of one size, as their headers name one sender
   size_ = bytes.size();
   stats_.insert(stats_.end(), bytes.begin(), bytes.end());
 }
@@ -70,15 +62,6 @@ void RunAnnouncer::end() {
 void RunAnnouncer::send_info() {
   node_.publish(info_);
   next_info_ = Clock::now() + kInfoAgain;
-}
-
-std::uint64_t new_run_id() { return microseconds_since_epoch(); }
-
-std::uint64_t run_id_of(const std::string& manifest_path) {
-  std::ifstream in(manifest_path);
-  const nlohmann::json manifest = parse_json_or_null(std::string(std::istreambuf_iterator(in), {}));
-  const auto job = manifest.is_object() ? manifest.find("job") : manifest.end();
-  return job != manifest.end() && job->is_number_unsigned() ? job->get<std::uint64_t>() : new_run_id();
 }
 
 }  // namespace citylearn

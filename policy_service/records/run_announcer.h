@@ -40,10 +40,4 @@ class RunAnnouncer {
   msg::TrainingStatRequest request_;
 };
 
-/// Returns the time in microseconds since 1970, which names a run from its beginning on.
-std::uint64_t new_run_id();
-
-/// Returns the id in a run's manifest.json; a new one where there is none.
-std::uint64_t run_id_of(const std::string& manifest_path);
-
 }  // namespace citylearn

@@ -9,7 +9,7 @@ namespace citylearn {
 RunRecords::RunRecords(const PolicyServiceOptions& options, Node& node, EnvClient& client)
     : options_(options), node_(node), client_(client), folder_(options.output) {
   prepare_output(options_);
-  run_id_ = options_.resume ? run_id_of(options_.output + "/manifest.json") : new_run_id();
+  run_id_ = run_id_for(options_);
   const std::string log = options_.output.empty() ? "" : options_.output + "/episodes.csv";
   episodes_ = std::make_unique<EpisodeLog>(log);
   client_.finished = [this](EnvHandle& env, const msg::EpisodeStat& episode) {

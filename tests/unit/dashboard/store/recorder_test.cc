@@ -316,6 +316,38 @@ TEST_F(RecorderTest, UpdatesThatWereGivenUpAreRecordedWhenTheyCome) {
       learner, *dashboard));
 }
 
+TEST_F(RecorderTest, ARunStaysWithItsProcessWhileThatLives) {
+  auto learner = std::make_unique<ScriptedLearner>();
+  const auto dashboard = make_dashboard();
+  learner->last = 10;
+  learner->say(10);
+  const auto rows = [&] { return number("SELECT COUNT(*) FROM training"); };
+  ASSERT_TRUE(until([&] { return rows() == 10; }, *learner, *dashboard));
+  // Another process says that it goes on with this run, from its beginning.
+  ScriptedLearner stranger;
+  stranger.say(0);
+  stranger.last = 1;
+  stranger.send(1);
+  ASSERT_TRUE(until([&] { return dashboard->node.traffic.rejected > 0; }, *learner, stranger, *dashboard));
+  learner->say(10);
+  ASSERT_TRUE(until([&] { return dashboard->told("another process announces run"); }, *learner, *dashboard));
+  EXPECT_EQ(number("SELECT COUNT(DISTINCT incarnation) FROM training"), 1);
+  EXPECT_EQ(rows(), 10);
+  learner->last = 11;
+  learner->send(11);
+  ASSERT_TRUE(until([&] { return rows() == 11; }, *learner, *dashboard));
+  // Once it is silent, its successor goes on.
+  learner.reset();
+  stranger.first = stranger.last = 8;
+  ASSERT_TRUE(until(
+      [&] {
+        stranger.say(8);
+        return rows() == 8;
+      },
+      stranger, *dashboard));
+  EXPECT_EQ(number("SELECT COUNT(DISTINCT incarnation) FROM training"), 2);
+}
+
 TEST_F(RecorderTest, KnowsRunsAndWhatEnvironmentsHost) {
   ScriptedEnvironment env;
   ScriptedLearner learner;

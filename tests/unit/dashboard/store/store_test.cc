@@ -152,6 +152,27 @@ TEST_F(StoreTest, KnowsRunsByTheirJobThroughRestartsAndEnds) {
   EXPECT_TRUE(reader.run("demo/policy/1/1700000000000005")->ended);
 }
 
+TEST_F(StoreTest, KeepsRunsOfOneIdApart) {
+  Store store(options());
+  store.record(run_info());
+  store.record(training_stats(1, 10, 500, 0.25f));
+  msg::RunInfo other = run_info(0, 900, 1);
+  other.header().sender("mallory");
+  EXPECT_TRUE(store.record(other));
+  EXPECT_TRUE(store.record(run_info(0, 901, 1, 2))) << "another seed";
+  EXPECT_EQ(store.record(std::vector{training_stat(1, 900, 0.5f)}), 0u) << "in the name of the first one";
+  msg::TrainingStat stat = training_stat(1, 900, 0.5f);
+  stat.header().sender("mallory");
+  EXPECT_EQ(store.record(std::vector{stat}), 1u);
+  EXPECT_EQ(store.record(training_stats(11, 12, 500, 0.25f)), 2u) << "the first one goes on";
+  store.record(episodes(1, 5));
+  StoreReader reader(path_);
+  ASSERT_EQ(reader.runs().size(), 3u);
+  EXPECT_EQ(reader.run("demo/policy/1/1700000000000000")->recorded, 5u) << "who was there first";
+  EXPECT_EQ(number("SELECT COUNT(*) FROM training t JOIN runs r ON r.id = t.key >> 40 WHERE r.policy = 'policy'"), 12);
+  EXPECT_EQ(number("SELECT COUNT(*) FROM training t JOIN runs r ON r.id = t.key >> 40 WHERE r.policy = 'mallory'"), 1);
+}
+
 TEST_F(StoreTest, FlushWritesWhatWasOnlyRemembered) {
   {
     Store store(options());
@@ -180,7 +201,7 @@ TEST_F(StoreTest, AResumedRunReplacesTheUpdatesAfterItsCheckpoint) {
   }
   Store store(options());
   store.record(run_info(6, 900, 1));
-  EXPECT_EQ(rewards(path_), std::vector<double>(6, 0.25)) << "it went back to update 6";
+  EXPECT_EQ(rewards(path_), std::vector<double>(10, 0.25)) << "a RunInfo alone, which anybody may send, removes none";
   EXPECT_EQ(store.record(training_stats(7, 8, 900, 0.75f)), 2u);
   EXPECT_EQ(store.record(std::vector{training_stat(9, 500)}), 0u) << "of the one that is gone";
   std::vector<double> expected(6, 0.25);
@@ -311,7 +332,7 @@ TEST_F(StoreTest, RefusesANewerSchemaAndLeavesItAlone) {
   { Store store(options()); }
   open_database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 99");
   const std::string before = contents(path_);
-  EXPECT_TRUE(contains(refusal(), "has schema 99, this dashboard knows 2"));
+  EXPECT_TRUE(contains(refusal(), "has schema 99, this dashboard knows 3"));
   EXPECT_EQ(contents(path_), before);
 }
 
@@ -364,6 +385,8 @@ TEST_F(StoreTest, KeepsTheRecordsOfTheFirstSchema) {
   StoreReader reader(path_);
   const RunRow run = reader.runs().at(0);
   EXPECT_EQ(run.session, "demo");
+  EXPECT_EQ(number("SELECT COUNT(*) FROM pragma_foreign_key_check"), 0) << "nothing refers to what is gone";
+  EXPECT_EQ(number("SELECT COUNT(*) FROM pragma_foreign_key_list('episodes') WHERE \"table\" = 'runs'"), 1);
   std::vector<double> row;
   reader.training(run.id, [&](std::span<const double> values) { row.assign(values.begin(), values.end()); });
   const auto figure = [&](const std::string& name) {

@@ -6,6 +6,7 @@
 
 #include <filesystem>
 
+#include "policy_service/records/report.h"
 #include "tests/support/files.h"
 #include "tests/support/text.h"
 
@@ -101,6 +102,34 @@ TEST_F(OutputFolderTest, ResumeContinuesARunOfItsKind) {
   EXPECT_TRUE(contains(refusal(), "belongs to a training"));
   options_.mode = "train";
   EXPECT_EQ(refusal(), "");
+}
+
+TEST_F(OutputFolderTest, AResumedRunKeepsItsIdAndACopyGetsItsOwn) {
+  options_.node.id = "policy";
+  std::filesystem::create_directories(options_.output);
+  const std::uint64_t first = run_id_for(options_);
+  options_.resume = true;
+  EXPECT_GE(run_id_for(options_), first) << "there is no manifest";
+  make_file(path("manifest.json"), manifest_json(options_, {}, {}, "", first));
+  EXPECT_EQ(run_id_for(options_), first);
+  options_.node.id = "another";
+  EXPECT_NE(run_id_for(options_), first);
+  options_.node.id = "policy";
+  const std::string original = options_.output;
+  options_.output = folder_ / "copy";
+  std::filesystem::copy(original, options_.output, std::filesystem::copy_options::recursive);
+  const std::uint64_t second = run_id_for(options_);
+  EXPECT_NE(second, first);
+  make_file(path("manifest.json"), manifest_json(options_, {}, {}, "", second));
+  EXPECT_EQ(run_id_for(options_), second) << "once it has written its own";
+  std::filesystem::remove_all(original);
+  std::filesystem::rename(options_.output, original);
+  options_.output = original;
+  EXPECT_EQ(run_id_for(options_), second) << "moved, it is the same";
+  make_file(path("manifest.json"), "{\"job\": 1234}");
+  EXPECT_EQ(run_id_for(options_), 1234U) << "of an earlier version";
+  make_file(path("manifest.json"), "{\"jo");
+  EXPECT_GE(run_id_for(options_), second);
 }
 
 }  // namespace

@@ -22,6 +22,7 @@
 #include "tests/support/networks/some_agent.h"
 #include "tests/support/options.h"
 #include "tests/support/processes/service.h"
+#include "tests/support/records/episodes_csv.h"
 #include "tests/support/text.h"
 #include "tests/support/wait.h"
 
@@ -77,6 +78,27 @@ TEST(EpisodeLog, RecordsOnceWhateverTheOrder) {
   EXPECT_EQ(log.total(), 3u);
 }
 
+TEST(EpisodeLog, WritesEpisodesInTheirOrder) {
+  Folder folder;
+  const std::string path = folder / "episodes.csv";
+  {
+    EpisodeLog log(path);
+    for (const std::uint64_t number : {1, 3, 4, 6}) EXPECT_TRUE(log.record(episode(number)));
+    EXPECT_EQ(log.recorded("env-summer", 7), 1u);
+    EXPECT_EQ(csv_rows(path).size(), 1u) << "if the env_service dies before it sends 2 again, nothing has a gap";
+    EXPECT_TRUE(log.record(episode(2)));
+    EXPECT_EQ(log.recorded("env-summer", 7), 4u);
+    EXPECT_EQ(csv_rows(path).size(), 4u);
+    log.skip(episode(5));
+    EXPECT_EQ(log.recorded("env-summer", 7), 6u);
+    EXPECT_TRUE(log.record(episode(8)));
+  }
+  std::vector<std::string> numbers;
+  for (const auto& row : csv_rows(path)) numbers.push_back(row.at(2));
+  EXPECT_EQ(numbers, (std::vector<std::string>{"1", "2", "3", "4", "6"}));
+  EXPECT_TRUE(EpisodeLog(path).record(episode(8))) << "it was never recorded";
+}
+
 TEST(EpisodeLog, TakesUpWhereTheEnvironmentWasAcknowledged) {
   EpisodeLog log("");
   msg::EpisodeStat late = episode(58);
@@ -125,6 +147,19 @@ TEST(EpisodeLog, SurvivesAKillInTheMiddleOfARow) {
   EXPECT_EQ(fs::file_size(path), whole);
   EXPECT_FALSE(log.record(episode(2)));
   EXPECT_TRUE(log.record(episode(3)));
+}
+
+TEST(EpisodeLog, TakesNamesOfAnyCharactersBack) {
+  Folder folder;
+  const std::string path = folder / "episodes.csv";
+  for (const char* name : {"a,b", "two\nlines", "say \"hi\"", "a,1,2\nb"}) {
+    msg::EpisodeStat one = episode(1);
+    one.header().sender() = name;
+    one.traversal() = name;
+    EXPECT_TRUE(EpisodeLog(path).record(one)) << name;
+    EXPECT_FALSE(EpisodeLog(path).record(one)) << name << " is there already";
+  }
+  EXPECT_EQ(EpisodeLog(path).total(), 4u);
 }
 
 TEST(EpisodeLog, RefusesAForeignFile) {
@@ -276,16 +311,6 @@ TEST_F(RunAnnouncerTest, AHeartBeatsWhileTheNodesThreadComputes) {
         return false;
       },
       kPatience));
-}
-
-TEST(RunAnnouncer, AResumedRunKeepsItsJob) {
-  Folder folder;
-  const std::uint64_t before = new_run_id();
-  EXPECT_GE(run_id_of(folder / "manifest.json"), before) << "there is none";
-  std::ofstream(folder / "manifest.json") << "{\"job\": 1234}";
-  EXPECT_EQ(run_id_of(folder / "manifest.json"), 1234u);
-  std::ofstream(folder / "manifest.json") << "{\"jo";
-  EXPECT_GE(run_id_of(folder / "manifest.json"), before);
 }
 
 TEST(Files, AFailedWriteLeavesTheOldFile) {
