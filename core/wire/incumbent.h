@@ -41,8 +41,6 @@ class Incumbent {
   }
   /// Notes that the incumbent said that it ends, or gave up its place: the next process that is heard takes over.
   void leave() { leaves_ = true; }
-  /// Counts the incumbent as gone until it is heard again.
-  void forget() { presence_.forget(); }
 
   /// Returns the incumbent, also when it is gone; 0: none was heard.
   std::uint64_t incarnation() const { return incarnation_; }

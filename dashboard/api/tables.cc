@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <type_traits>
 
+#include "core/util/csv.h"
 #include "dashboard/api/parameters.h"
 
 namespace citylearn {
@@ -14,13 +15,7 @@ namespace {
 void append_csv(std::string& text, std::string value) {
   if (!value.empty() && std::string_view("=+-@\t\r").find(value.front()) != std::string_view::npos)
     value.insert(0, "'");
-  if (value.find_first_of(",\"\r\n") == value.npos) {
-    text += value;
-    return;
-  }
-  text += '"';
-  for (const char c : value) text += c == '"' ? "\"\"" : std::string(1, c);
-  text += '"';
+  text += csv_field(value);
 }
 
 /// Appends a float; nothing (CSV) or null (JSON) where there is none.
