@@ -17,6 +17,8 @@ export interface MockOptions {
   token?: string;
   /** Has no runs. */
   empty?: boolean;
+  /** Is put before every text that does not come from the dashboard itself, to attack the page. */
+  mark?: string;
 }
 
 const CSP =
@@ -38,6 +40,10 @@ const PARAMETERS: Record<string, string[]> = {
   matrix: ['file'],
 };
 
+/** Texts of the dashboard itself, by their keys, and one that the page looks for. All others come from services and files. */
+const OWN = ['hash', 'incarnation', 'kind', 'state'];
+const CONTROL = 'sequence_filter';
+
 const ORDERS: Record<string, string> = { updates: 'update', episodes: 'episodes', steps: 'steps', wall: 'wall' };
 
 class HttpError extends Error {
@@ -58,7 +64,8 @@ function found<T>(list: readonly T[], is: (one: T) => boolean, otherwise: string
 
 interface Client {
   socket: WebSocket;
-  topics: Set<string>;
+  /** What it watches, and how it called that. */
+  topics: Map<string, string>;
   sequence: number;
 }
 
@@ -158,7 +165,7 @@ export class Mock {
         const watched = new Set(this.watched());
         for (const scene of this.world.scenes) {
           const { agents, traversal, mode, step } = scene;
-          const header = { traversal: traversal.name, hash: traversal.hash, first_frame: FIRST, frames: PLACES, step, mode, policy: 'place_filter', agents: agents.length };
+          const header = { traversal: this.mark + traversal.name, hash: traversal.hash, first_frame: FIRST, frames: PLACES, step, mode, policy: `${this.mark}place_filter`, agents: agents.length };
           const fields = (['position', 'position', 'start', 'goal', 'steps', 'flags'] as const).flatMap((name) => agents.map((agent) => agent[name]));
           const topic = `${scene.environment}@demo-2211`;
           this.send(`scene:${topic}`, header, Buffer.from(Uint32Array.from(fields).buffer));
@@ -187,7 +194,7 @@ export class Mock {
   }
 
   private sendJson(topic: string, value: object): void {
-    this.send(topic, {}, JSON.stringify(value));
+    this.send(topic, {}, this.json(value));
   }
 
   private sendTraining(run: RunData): void {
@@ -198,13 +205,31 @@ export class Mock {
 
   /** Returns the topics that somebody watches. */
   watched(): string[] {
-    return [...new Set([...this.clients].flatMap((client) => [...client.topics]))];
+    return [...new Set([...this.clients].flatMap((client) => [...client.topics.keys()]))];
+  }
+
+  private get mark(): string {
+    return this.options.mark ?? '';
+  }
+
+  private json(value: object): string {
+    return JSON.stringify(value, (key, one: unknown) => {
+      if (typeof one === 'string') return OWN.includes(key) || one === CONTROL ? one : this.mark + one;
+      // Names of options too, but for those that the page reads.
+      if (key === 'parameters') return Object.fromEntries(Object.entries(one as object).map(([name, inner]) => [this.mark + name, inner as unknown]));
+      return one;
+    });
+  }
+
+  private unmarked(text: string): string {
+    return this.mark ? text.replaceAll(this.mark, '') : text;
   }
 
   private send(topic: string, header: object, payload: Buffer | string): void {
     for (const client of this.clients) {
-      if (!client.topics.has(topic)) continue;
-      let text = JSON.stringify({ topic, sequence: ++client.sequence, dropped: 0, ...header });
+      const name = client.topics.get(topic);
+      if (name === undefined) continue;
+      let text = JSON.stringify({ topic: name, sequence: ++client.sequence, dropped: 0, ...header });
       text += ' '.repeat((8 - ((4 + Buffer.byteLength(text)) % 8)) % 8);
       const head = Buffer.alloc(4);
       head.writeUInt32LE(Buffer.byteLength(text));
@@ -213,12 +238,12 @@ export class Mock {
   }
 
   private join(socket: WebSocket): void {
-    const client: Client = { socket, topics: new Set(), sequence: 0 };
+    const client: Client = { socket, topics: new Map(), sequence: 0 };
     this.clients.add(client);
     socket.on('close', () => this.clients.delete(client));
     socket.on('message', (data) => {
       const { watch } = JSON.parse((data as Buffer).toString()) as { watch: string[] };
-      client.topics = new Set(watch);
+      client.topics = new Map(watch.map((topic) => [this.unmarked(topic), topic]));
     });
   }
 
@@ -235,7 +260,7 @@ export class Mock {
     response.setHeader('X-Content-Type-Options', 'nosniff');
     response.setHeader('Referrer-Policy', 'no-referrer');
     const fail = (status: number, error: string): void => {
-      response.writeHead(status, { 'Content-Type': 'application/json' }).end(JSON.stringify({ error }));
+      response.writeHead(status, { 'Content-Type': 'application/json' }).end(this.json({ error }));
     };
     try {
       if (url.pathname === '/healthz') response.writeHead(200, { 'Content-Type': 'text/plain' }).end('ok\n');
@@ -244,8 +269,9 @@ export class Mock {
         response.writeHead(204, { 'Set-Cookie': `session=${this.cookie}; HttpOnly; SameSite=Strict; Path=/` }).end();
       } else if (url.pathname.startsWith('/api/')) {
         if (!this.knows(request)) return fail(401, 'this needs the token');
-        const path = url.pathname.slice(5).split('/').map(decodeURIComponent);
-        const reply = this.api(request.method ?? 'GET', path, url.searchParams);
+        const path = url.pathname.slice(5).split('/').map((part) => this.unmarked(decodeURIComponent(part)));
+        const query = new URLSearchParams([...url.searchParams].map(([name, value]) => [name, this.unmarked(value)]));
+        const reply = this.api(request.method ?? 'GET', path, query);
         response.writeHead(reply.body === '' ? 204 : 200, { 'Content-Type': reply.type, 'Cache-Control': reply.cache ?? 'no-store' }).end(reply.body);
       } else this.file(url.pathname, response);
     } catch (error) {
@@ -267,7 +293,7 @@ export class Mock {
   }
 
   private api(method: string, path: string[], query: URLSearchParams): Reply {
-    const json = (value: unknown): Reply => ({ type: 'application/json', body: JSON.stringify(value) });
+    const json = (value: object): Reply => ({ type: 'application/json', body: this.json(value) });
     const { world } = this;
     const [head, id, what] = path;
     const known = PARAMETERS[head === 'runs' ? (what ?? '') : what === 'matrix' ? what : (head ?? '')] ?? [];

@@ -15,7 +15,7 @@ import { valueOf } from './state/resource';
 import { hrefOf, PAGES, place, type PageName } from './state/router';
 import { about, lostServices, now } from './state/shared';
 import { theme, type Theme } from './state/theme';
-import { classes, Icon, IconButton, toneOf, type IconName } from './ui/basics';
+import { classes, Guard, Icon, IconButton, toneOf, type IconName } from './ui/basics';
 
 const TITLES: Record<PageName, string> = {
   overview: 'Overview',
@@ -49,7 +49,9 @@ export function App(): JSX.Element {
         <Disconnected />
         <main id="main" class="stack" tabIndex={-1}>
           <PageTitle title={TITLES[page]} />
-          <Body key={page} />
+          <Guard key={page}>
+            <Body />
+          </Guard>
         </main>
       </div>
     </div>

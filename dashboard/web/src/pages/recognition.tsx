@@ -7,7 +7,7 @@ import { fixed, integer, threeDecimals } from '../maths/format';
 import { useJson } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { seriesColour } from '../state/theme';
-import { Card, Empty, Failed, Loading, Select, Show, Swatch, Tick } from '../ui/basics';
+import { Card, Empty, Failed, Guard, Loading, Select, Show, Swatch, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Whisker } from '../ui/marks';
 import { figure, TableCard, text, type Column } from '../ui/table';
@@ -30,7 +30,9 @@ export function Recognition(): JSX.Element {
                 />
               </div>
             )}
-            <ResultOf key={chosen.name} result={chosen} />
+            <Guard key={chosen.name}>
+              <ResultOf result={chosen} />
+            </Guard>
           </>
         ) : (
           <Card title="Results">

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { ComponentChildren, JSX } from 'preact';
-import type { Resource } from '../state/resource';
+import { useErrorBoundary } from 'preact/hooks';
+import { failure, type Resource } from '../state/resource';
 
 export function classes(...names: (string | false | null | undefined)[]): string {
   return names.filter(Boolean).join(' ');
@@ -53,6 +54,12 @@ export function Failed({ error }: { error: string }): JSX.Element {
       <span>{error}</span>
     </div>
   );
+}
+
+/** Shows its children, or that what they were given cannot be shown: the rest of the page goes on. */
+export function Guard({ children }: { children: ComponentChildren }): JSX.Element {
+  const [error] = useErrorBoundary((cause: unknown) => console.error(cause)) as [unknown, () => void];
+  return error ? <Failed error={`This cannot be shown, as it is not what the page expects: ${failure(error).error}`} /> : <>{children}</>;
 }
 
 export function Loading({ lines = 3 }: { lines?: number }): JSX.Element {

@@ -34,19 +34,11 @@ interface RouteMapProps {
 /** What is drawn, and where. */
 interface Scene extends RouteMapProps {
   frames: number;
-  /** A point of the plane for each frame. */
-  points: readonly (Point | null)[];
-  /** The points are where the frames were recorded; else they are on a straight ruler with one unit per frame. */
-  gps: boolean;
+  /** Where each frame was recorded, on a plane. Null: the frames are on a straight ruler with one unit per frame. */
+  points: readonly (Point | null)[] | null;
   view: View;
   width: number;
   height: number;
-}
-
-function placesOf(map: TraversalMap | null, frames: number): Pick<Scene, 'points' | 'gps'> {
-  const places = map?.latitude && map.longitude ? project(map.latitude, map.longitude) : null;
-  if (places) return { points: places, gps: true };
-  return { points: Array.from({ length: frames }, (_, i) => ({ x: i, y: 0 })), gps: false };
 }
 
 /** Draws the route with its agents: a map, north up, where positions are known; else a ruler with a lane per agent. */
@@ -54,17 +46,22 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
   const { map, first, count, walkers, selected, whole, label } = props;
   const [room, { width }] = useSize<HTMLDivElement>();
   const frames = Math.max(map?.frames ?? 0, first + count);
-  const { points, gps } = useMemo(() => placesOf(map, frames), [map, frames]);
+  const points = useMemo(() => (map?.latitude && map.longitude ? project(map.latitude, map.longitude) : null), [map]);
+  const gps = points !== null;
   // A ruler needs one lane per agent.
   const height = gps ? (width > 1100 ? 640 : 440) : Math.min(560, 90 + 22 * walkers.length);
   const [view, setView] = useState<View | null>(null); // null: everything fits
   const from = whole ? 0 : first;
   const to = whole ? frames : first + count;
   useEffect(() => setView(null), [points, from, to, width]);
-  const fitted = useMemo(() => fit(points.slice(from, to), width, height, gps ? 36 : 60), [points, from, to, width, height, gps]);
+  const fitted = useMemo(() => {
+    // Frames are counted by services: nothing is made for each that they claim.
+    const ends = [{ x: from, y: 0 }, { x: to - 1, y: 0 }];
+    return points ? fit(points.slice(from, to), width, height, 36) : fit(ends, width, height, 60);
+  }, [points, from, to, width, height]);
   const current = view ?? fitted;
   const drag = useRef<Point | null>(null);
-  const scene: Scene = { ...props, frames, points, gps, view: current, width, height };
+  const scene: Scene = { ...props, frames, points, view: current, width, height };
 
   const zoom = (factor: number, about: Point = { x: width / 2, y: height / 2 }): void => setView(zoomAt(current, about, factor));
   const pan = (x: number, y: number): void => setView({ ...current, x: current.x + x, y: current.y + (gps ? y : 0) });
@@ -113,7 +110,7 @@ export function RouteMap(props: RouteMapProps): JSX.Element {
         onPointerUp={() => (drag.current = null)}
         onPointerLeave={() => (drag.current = null)}
       >
-        {gps ? <Track {...scene} /> : <Ruler {...scene} />}
+        {points ? <Track {...scene} points={points} /> : <Ruler {...scene} />}
         {walkers.map((walker, i) => i !== selected && <WalkerSigns key={i} scene={scene} walker={walker} index={i} />)}
         {walkers[selected] && <WalkerSigns scene={scene} walker={walkers[selected]} index={selected} />}
       </svg>
@@ -135,13 +132,12 @@ function laneOf(index: number, { height, walkers }: Scene): number {
 
 /** Returns where a frame is on the screen; on a ruler, in the lane of the given agent. */
 function screenAt(scene: Scene, frame: number, lane: number): Point | null {
+  if (!scene.points) return { x: toScreen(scene.view, { x: frame, y: 0 }).x, y: laneOf(lane, scene) };
   const point = scene.points[frame];
-  if (!point) return null;
-  const at = toScreen(scene.view, point);
-  return scene.gps ? at : { x: at.x, y: laneOf(lane, scene) };
+  return point ? toScreen(scene.view, point) : null;
 }
 
-function Track({ points, first, count, path, selected, view, width, height }: Scene): JSX.Element {
+function Track({ points, first, count, path, selected, view, width, height }: Scene & { points: readonly (Point | null)[] }): JSX.Element {
   const whole = useMemo(() => pathOf(points), [points]);
   const route = useMemo(() => pathOf(points.slice(first, first + count)), [points, first, count]);
   const bar = scaleBar(view, Math.min(160, width / 3));
@@ -220,7 +216,7 @@ function WalkerSigns({ scene, walker, index }: { scene: Scene; walker: Walker; i
   const mine = index === scene.selected;
   const signs: [name: SignName, frame: number, word: string][] = [['agent', walker.position, walker.label]];
   // A map shows only the selected agent's start and goal: others would hide the route.
-  if (mine || !scene.gps) signs.unshift(['start', walker.start, 'start'], ['goal', walker.goal, 'goal']);
+  if (mine || !scene.points) signs.unshift(['start', walker.start, 'start'], ['goal', walker.goal, 'goal']);
   const placed = signs.flatMap(([name, frame, word]) => {
     const at = screenAt(scene, frame, index);
     return at ? [{ name, at, word }] : [];
@@ -231,7 +227,7 @@ function WalkerSigns({ scene, walker, index }: { scene: Scene; walker: Walker; i
         <Sign key={name} name={name} at={at} size={mine ? 8 : 5} />
       ))}
       {mine &&
-        scene.gps &&
+        scene.points &&
         placed.map(({ name, at, word }) => {
           const left = at.x > scene.width - 80; // there is no room to the right
           return (

@@ -2,7 +2,7 @@
 import { describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
 import { PAGES } from '../chromium';
-import { Stage, violations } from './stage';
+import { Stage, violations, wider } from './stage';
 
 const stage = Stage.forSpecs();
 
@@ -11,8 +11,6 @@ async function settled(page: Page): Promise<void> {
   await page.waitForSelector('h1');
   await page.waitForFunction(() => document.querySelector('[data-link="open"]') && !document.querySelector('.loading'));
 }
-
-const wider = (page: Page): Promise<number> => page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
 
 describe.each(PAGES)('%s', (name) => {
   it('shows its content without a complaint, and asks nobody else', async () => {

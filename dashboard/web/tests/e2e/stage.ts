@@ -67,6 +67,9 @@ export class Stage {
   }
 }
 
+/** Returns how far a page is wider than its window. */
+export const wider = (page: Page): Promise<number> => page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
+
 /** Repeats a call until its result satisfies the condition, for at most 10 s. */
 export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 10_000): Promise<T> {
   const end = Date.now() + limit;
