@@ -8,7 +8,7 @@
 namespace citylearn {
 
 // One rule for the names of services, sessions, traversals, agents and learners, which become fields of files, names of
-// folders, parts of addresses and words of log lines: 1 to 64 of A-Z, a-z, 0-9, '.', '_' and '-'.
+// folders, parts of addresses and words of log lines: 1 to 64 of A-Z, a-z, 0-9, '.', '_' and '-', not dots alone.
 
 inline constexpr std::size_t kLongestName = 64;
 
@@ -17,7 +17,9 @@ constexpr bool may_be_in_name(char c) {
 }
 
 constexpr bool is_name(std::string_view text) {
-  if (text.empty() || text.size() > kLongestName) return false;
+  if (text.size() > kLongestName) return false;
+  // Also refuses an empty one. ".." leads elsewhere in a path, and browsers resolve it in an address, however written.
+  if (text.find_first_not_of('.') == std::string_view::npos) return false;
   for (const char c : text)
     if (!may_be_in_name(c)) return false;
   return true;
@@ -27,7 +29,7 @@ constexpr bool is_name(std::string_view text) {
 inline std::string name_problem(const std::string& text) {
   if (is_name(text)) return "";
   return "'" + text.substr(0, kLongestName) + "' must be 1 to " + std::to_string(kLongestName) +
-         " of the characters A-Z a-z 0-9 . _ -";
+         " of the characters A-Z a-z 0-9 . _ -, not dots alone";
 }
 
 /// Returns the name of a recording whose folder or file may be called anything: other characters become '_'.

@@ -10,11 +10,13 @@ namespace citylearn::testing {
 namespace {
 
 TEST(Name, IsOfFewCharacters) {
-  for (const char* good : {"a", "env-summer", "2014-12-09-13-21-02", "A.b_C-9", ".", "-"})
+  for (const char* good : {"a", "env-summer", "2014-12-09-13-21-02", "A.b_C-9", ".a", "-"})
     EXPECT_EQ(name_problem(good), "");
   EXPECT_EQ(name_problem(std::string(64, 'x')), "");
-  for (const char* bad : {"", " ", "a b", "a,b", "a\nb", "a/b", "\xC3\xA9", "=1+1", "<b>", "'", "%2F", "a\x7F"})
-    EXPECT_EQ(name_problem(bad), "'" + std::string(bad) + "' must be 1 to 64 of the characters A-Z a-z 0-9 . _ -");
+  for (const char* bad :
+       {"", ".", "..", "...", " ", "a b", "a,b", "a\nb", "a/b", "\xC3\xA9", "=1+1", "<b>", "'", "%2F", "a\x7F"})
+    EXPECT_EQ(name_problem(bad),
+              "'" + std::string(bad) + "' must be 1 to 64 of the characters A-Z a-z 0-9 . _ -, not dots alone");
   EXPECT_NE(name_problem(std::string(65, 'x')), "");
 }
 

@@ -220,8 +220,8 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
 }
 
 TEST(Messages, NamesFollowOneRule) {
-  const std::string rule = "must be 1 to 64 of the characters A-Z a-z 0-9 . _ -";
-  for (const char* name : {"two words", "a,b", "<img>", "\xC3\xA9t\xC3\xA9", "a/b", "a\x1B[2J"}) {
+  const std::string rule = "must be 1 to 64 of the characters A-Z a-z 0-9 . _ -, not dots alone";
+  for (const char* name : {"two words", "a,b", "<img>", "\xC3\xA9t\xC3\xA9", "a/b", "a\x1B[2J", ".."}) {
     const std::string error = "'" + one_line(name) + "' " + rule;
     expect_error<msg::EpisodeStat>("sender: " + error, [&](auto& m) { m.header().sender(name); });
     expect_error<msg::ServiceStatus>("session: " + error, [&](auto& m) { m.header().session(name); });
