@@ -72,13 +72,14 @@ void put_strict_headers(http::fields& fields) {
   fields.set("Cache-Control", "no-store");
 }
 
-RequestHead head_of(const Request& request) {
+RequestHead head_of(const Request& request, const asio::ip::address& client) {
   return {view(request.method_string()),
           {view(request[http::field::host]), view(request[http::field::origin]),
            view(request[http::field::authorization]), view(request[http::field::cookie])},
           view(request[http::field::if_none_match]),
           view(request[http::field::accept_encoding]),
-          view(request["Sec-Fetch-Site"])};
+          view(request["Sec-Fetch-Site"]),
+          client.to_string()};
 }
 
 // GCC 12 destroys temporaries in a co_await's arguments twice when they are converted there (bug 99576 and its kin):
@@ -181,7 +182,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
       co_return co_await send(reply, parser.get(), false);
     }
     if (!error) {
-      const std::optional<Reply> refusal = handler_.refusal(head_of(parser.get()), target);
+      const std::optional<Reply> refusal = handler_.refusal(head_of(parser.get(), address), target);
       if (refusal) co_return co_await send(*refusal, parser.get(), parser.is_done() && parser.get().keep_alive());
       if (!parser.is_done()) co_await http::async_read(stream_, buffer_, parser, with(error));
     }
@@ -206,7 +207,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     else if (target->path == "/metrics")
       reply = co_await metrics();
     else
-      reply = handler_.reply(head_of(request), *target);
+      reply = handler_.reply(head_of(request, address), *target);
     if (ended_) co_return false;
     co_return co_await send(reply, request, request.keep_alive());
   }

@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 #include <sys/resource.h>
 
+#include <bit>
 #include <cstdio>
 
 #include "dashboard/http/server_context.h"
@@ -47,12 +48,21 @@ std::optional<Reply> RequestHandler::refusal(const RequestHead& head, const std:
   if (data && !head.fetch_site.empty() && head.fetch_site != "same-origin" && head.fetch_site != "none")
     return error_reply(403,
                        "Sec-Fetch-Site '" + std::string(head.fetch_site) + "': this is for the dashboard's own page");
-  if (data && !context_.access->allows(head.credentials)) {
-    Reply reply = error_reply(401, "this needs the token: 'Authorization: Bearer TOKEN', or the link that was printed");
-    reply.answer.headers.emplace_back("WWW-Authenticate", "Bearer");
-    return reply;
-  }
+  if (data && !context_.access->allows(head.credentials)) return unauthorised(head);
   return std::nullopt;
+}
+
+void RequestHandler::report_guess(const RequestHead& head) const {
+  // More rarely as they go on, so that nobody fills the log.
+  if (std::has_single_bit(++context_.guesses))
+    spdlog::warn("a wrong token or login link came from {} ({} so far)", head.client, context_.guesses);
+}
+
+Reply RequestHandler::unauthorised(const RequestHead& head) const {
+  if (!head.credentials.authorization.empty()) report_guess(head);
+  Reply reply = error_reply(401, "this needs the token: 'Authorization: Bearer TOKEN', or the link that was printed");
+  reply.answer.headers.emplace_back("WWW-Authenticate", "Bearer");
+  return reply;
 }
 
 Reply RequestHandler::reply(const RequestHead& head, const Target& target) const {
@@ -99,7 +109,7 @@ Reply RequestHandler::login(const RequestHead& head, const Target& target) const
   const auto code = target.parameters.find("once");
   if (code == target.parameters.end()) {
     // The page asks the user for the token; from then on the WebSocket has the cookie.
-    if (!access.allows(head.credentials)) return error_reply(401, "this needs 'Authorization: Bearer TOKEN'");
+    if (!access.allows(head.credentials)) return unauthorised(head);
     Reply reply;
     reply.answer.status = 204;
     reply.answer.headers.emplace_back("Set-Cookie", access.cookie());
@@ -107,7 +117,7 @@ Reply RequestHandler::login(const RequestHead& head, const Target& target) const
   }
   if (head.method != "GET") return error_reply(405, "a link is used with GET");
   if (!access.redeem(code->second)) {
-    spdlog::warn("a login link was refused: wrong, or used before");
+    report_guess(head);
     return html_page(401, "This link is not valid",
                      "It works once. The token itself opens the dashboard too: it is in the token file.");
   }
@@ -128,6 +138,7 @@ std::string RequestHandler::metrics() const {
   add("connections_refused_total", "counter", "Connections refused, as too many were busy.", context_.refused);
   add("connections_made_room_total", "counter", "Idle connections closed for newcomers.",
       context_.connections.made_room());
+  add("guesses_total", "counter", "Requests with a wrong token or login link.", context_.guesses);
   add("live_clients", "gauge", "WebSocket clients.", counts.clients);
   add("live_messages_total", "counter", "Messages published on watched topics.", counts.published);
   add("live_frames_total", "counter", "Frames taken by WebSocket clients.", counts.taken);

@@ -19,6 +19,7 @@ struct RequestHead {
   Access::Request credentials;
   std::string_view if_none_match, accept_encoding;
   std::string_view fetch_site;  ///< Sec-Fetch-Site: where a browser's request comes from
+  std::string client;           ///< the address that it comes from
 };
 
 /// An answer on its way out.
@@ -42,6 +43,9 @@ class RequestHandler {
   std::string metrics() const;
 
  private:
+  /// Counts a wrong token or login link.
+  void report_guess(const RequestHead& head) const;
+  Reply unauthorised(const RequestHead& head) const;
   Reply login(const RequestHead& head, const Target& target) const;
 
   ServerContext& context_;

@@ -39,6 +39,7 @@ struct ServerContext {
   std::uint64_t refused = 0;    // connections, as all were busy
   std::uint64_t malformed = 0;  // WebSocket connections closed for malformed frames or messages
   std::uint64_t timed_out = 0;  // WebSocket clients that neither took nor sent anything
+  std::uint64_t guesses = 0;    // wrong tokens and login links
   std::uint64_t frame_bytes = 0;
 
   std::unique_ptr<boost::asio::ssl::context> tls;  // null: plain HTTP

@@ -143,6 +143,9 @@ TEST_F(ServerTest, WithoutTheTokenNothingIsTold) {
     EXPECT_EQ(get(target, {{"cookie", "citylearn_" + std::to_string(server_->port()) + "=0"}}).status, 401) << target;
   }
   EXPECT_EQ(client()->upgrade().status, 401);
+  EXPECT_EQ(get("/login?once=0").status, 401);
+  const auto metrics = get("/metrics", {{"authorization", "Bearer " + token}});
+  EXPECT_TRUE(contains(metrics.body, "citylearn_dashboard_guesses_total 5\n"));
   EXPECT_EQ(get("/").status, 200) << "the page itself asks for the token";
   EXPECT_EQ(get("/healthz").status, 200);
   EXPECT_EQ(get("/api/runs", {{"authorization", "Bearer " + token}}).status, 200);
