@@ -81,6 +81,19 @@ class ComposeFiles(unittest.TestCase):
                 if service.address:
                     self.assertEqual(service.extra_hosts[service.name], service.address, f"{path.name}: {service.name}")
 
+    def test_no_shell_reads_a_setting(self):
+        def scripts(path, **more):
+            for service in topology(path, **more).services:
+                for command in (service.command, service.health.test):
+                    yield from (word for flag, word in zip(command, command[1:]) if flag == "-c")
+
+        names = ("SOURCE", "TRAIN", "EVALUATE", "FRAMES", "AGENTS", "PLACES", "SEED", "SESSION", "ENV_OPTIONS", "ENCODER_OPTIONS",
+                 "POLICY_OPTIONS", "ACTOR_OPTIONS")
+        for path in FILES:
+            odd = dict.fromkeys(names + (("PORT",) if path.stem == "multi-host" else ()), "a;$(b)`c`")
+            self.assertTrue(list(scripts(path)), path)
+            self.assertEqual(list(scripts(path, **odd)), list(scripts(path)), path)
+
     def test_example_env_lists_every_setting_with_its_value(self):
         listed = dict(re.findall(r"^#([A-Z_]+)=(.*)$", (COMPOSE / "example.env").read_text(), re.MULTILINE))
         used = {}

@@ -97,6 +97,17 @@ class Slurm(unittest.TestCase):
         self.assertEqual(self.job.returncode, 0, said + logs)
         self.assertIn("resuming after update", self.log("policy"))
 
+    def test_odd_settings_are_refused_and_nothing_in_them_is_run(self):
+        command = f"$(touch {self.folder}/run)"
+        for name, value in (("ENVS", f"PATH[{command}]"), ("ENVS", "08"), ("ENVS", "99999999999999999999"),
+                            ("FRAMES", f"PATH[{command}]:128"), ("FRAMES", f"0:PATH[{command}]"), ("FRAMES", "128"),
+                            ("FRAMES", "9:9"), ("TRAIN", f"a{command}"), ("TRAIN", "a\nb"), ("EVALUATE", "fall ../../fall"), ("EVALUATE", f"fall{command}"), ("EVALUATE", "*")):
+            self.start(**{name: value})
+            said, logs = self.finish()
+            self.assertEqual((self.job.returncode, logs), (2, ""), f"{name}={value}: {said}")
+            self.assertRegex(said, rf"^train.sbatch: .*{name}.*: ", f"{name}={value}")
+        self.assertFalse((self.folder / "run").exists())
+
     def test_a_wrong_option_is_not_tried_again(self):
         self.start(POLICY_OPTIONS="--no-such-option", DOMAIN="20")
         said, _ = self.finish()
