@@ -11,6 +11,7 @@
 
 #include "core/recording/mcap_writer.h"
 #include "core/util/error.h"
+#include "core/util/files.h"
 
 namespace citylearn {
 namespace {
@@ -120,9 +121,15 @@ McapWriter::McapWriter(const std::string& path, const Options& options) : path_(
   file_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
   if (file_ < 0 && errno == EEXIST) throw Error("is there already", path, "choose another name, or remove it");
   if (file_ < 0) throw Error(std::string("cannot be made: ") + std::strerror(errno), path);
-  put(kMagic);
-  put(Out().text("citylearn").text(options_.library).record(kHeader));
-  put(Out().text("recording").map(options_.about).record(kMetadata));
+  try {
+    put(kMagic);
+    put(Out().text("citylearn").text(options_.library).record(kHeader));
+    put(Out().text("recording").map(options_.about).record(kMetadata));
+  } catch (const Error&) {
+    ::close(file_);
+    ::unlink(path.c_str());  // a recording without a beginning would only stand in the way of the next start
+    throw;
+  }
 }
 
 McapWriter::~McapWriter() {
@@ -271,7 +278,9 @@ void McapWriter::close() {
 
 // Reading.
 
-McapReader::McapReader(const std::string& path) : path_(path), file_(path, std::ios::binary) {
+McapReader::McapReader(const std::string& path) : path_(path) {
+  refuse_special_file(path_);
+  file_.open(path_, std::ios::binary);
   std::string magic(kMagic.size(), '\0');
   if (!file_) throw Error(std::string("cannot be read: ") + std::strerror(errno), path_);
   file_.seekg(0, std::ios::end);

@@ -48,16 +48,28 @@ void create_folder(const std::string& path, const std::string& remedy) {
   if (error) throw Error("this folder cannot be created: " + error.message(), path, remedy);
 }
 
-std::string read_file(const std::string& path, std::size_t most) {
+void refuse_special_file(const std::string& path) {
   std::error_code error;
-  if (std::filesystem::is_directory(path, error)) throw Error("is a folder, not a file", path);
+  const std::filesystem::file_status status = std::filesystem::status(path, error);
+  if (std::filesystem::is_directory(status)) throw Error("is a folder, not a file", path);
+  if (std::filesystem::is_other(status)) throw Error("is a FIFO, socket or device, not a file", path);
+}
+
+std::string read_file(const std::string& path, std::size_t most) {
+  refuse_special_file(path);
   std::ifstream file(path, std::ios::binary);
   if (!file) throw Error(std::strerror(errno), path);
+  const auto fail_if_larger = [&](std::uintmax_t size) {
+    if (size > most) throw Error("is larger than " + std::to_string(most) + " bytes", path);
+  };
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (!error) fail_if_larger(size);
   std::string text;
   char block[1 << 16];
   while (file.read(block, sizeof block), file.gcount() > 0) {
     text.append(block, static_cast<std::size_t>(file.gcount()));
-    if (text.size() > most) throw Error("is larger than " + std::to_string(most) + " bytes", path);
+    fail_if_larger(text.size());
   }
   if (file.bad()) throw Error("cannot be read", path);
   return text;

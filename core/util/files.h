@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <limits>
 #include <string>
 #include <string_view>
 
@@ -16,7 +15,15 @@ void write_file(const std::string& path, std::string_view contents);
 /// Creates a folder and those above it, unless they are there. Throws Error naming it.
 void create_folder(const std::string& path, const std::string& remedy = "");
 
-/// Returns the whole file. Throws Error naming it when it cannot be read, is a folder or is larger than `most` bytes.
-std::string read_file(const std::string& path, std::size_t most = std::numeric_limits<std::size_t>::max());
+/// Throws Error naming what `path` leads to when that is a folder, a FIFO or a device. Opening a FIFO waits for its
+/// writer, and a device may have no end. A path that leads nowhere passes: opening it will say so.
+void refuse_special_file(const std::string& path);
+
+/// Bytes that no file is meant to have: reading more would rather exhaust the memory.
+inline constexpr std::size_t kLargestFile = std::size_t{16} << 30;
+
+/// Returns the whole file. Throws Error naming it when it cannot be read, refuse_special_file() does or it is larger
+/// than `most` bytes.
+std::string read_file(const std::string& path, std::size_t most = kLargestFile);
 
 }  // namespace citylearn

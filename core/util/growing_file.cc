@@ -10,10 +10,12 @@
 #include <cstring>
 
 #include "core/util/error.h"
+#include "core/util/files.h"
 
 namespace citylearn {
 
 GrowingFile::GrowingFile(const std::string& path, bool keep) : path_(path) {
+  refuse_special_file(path);
   file_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC | (keep ? 0 : O_TRUNC), 0644);
   struct stat about {};
   if (file_ < 0 || ::fstat(file_, &about) != 0) {

@@ -17,7 +17,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "tensors are copied as they lie in the file");
 
-using Json = nlohmann::ordered_json;
+using Json = nlohmann::json;  // its objects are quick with any number of names
 
 constexpr std::uint64_t kLargestHeader = 100'000'000;  // the format's own limit
 constexpr const char* kMetadata = "__metadata__";
@@ -130,7 +130,7 @@ std::string Safetensors::bytes(const std::vector<std::string>& first) const {
     if (const auto found = tensors.find(name); found != tensors.end()) order.push_back(&*found);
   for (const auto& named : tensors)
     if (std::find(first.begin(), first.end(), named.first) == first.end()) order.push_back(&named);
-  Json header = Json::object();
+  auto header = nlohmann::ordered_json::object();
   if (!metadata.empty()) header[kMetadata] = metadata;
   std::uint64_t at = 0;
   for (const auto* named : order) {

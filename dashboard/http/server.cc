@@ -14,6 +14,7 @@
 #include <thread>
 
 #include "core/util/error.h"
+#include "core/util/files.h"
 #include "dashboard/http/server_context.h"
 
 namespace citylearn {
@@ -27,6 +28,8 @@ std::unique_ptr<asio::ssl::context> open_tls(const ServerOptions& options) {
   const std::string &certificate = options.tls_certificate, &key = options.tls_key;
   if (certificate.empty() && key.empty()) return nullptr;
   if (certificate.empty() || key.empty()) throw Error("both are needed", "--tls-cert, --tls-key", "give both");
+  refuse_special_file(certificate);
+  refuse_special_file(key);
   auto context = std::make_unique<asio::ssl::context>(asio::ssl::context::tls_server);
   error_code wrong;
   context->set_options(asio::ssl::context::default_workarounds | asio::ssl::context::no_tlsv1 |

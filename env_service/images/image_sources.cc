@@ -11,6 +11,7 @@
 #include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <span>
 #include <unordered_map>
 
 #include "core/util/error.h"
@@ -26,7 +27,8 @@ constexpr std::size_t kEnds = 16 << 10;  // bytes looked at, at each end of a fi
 /// An open file, whose reads report what went wrong.
 class File {
  public:
-  explicit File(const std::string& path) : path_(path), file_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
+  explicit File(const std::string& path)
+      : path_(path), file_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY)) {  // a FIFO would wait
     struct stat status {};
     if (file_ < 0 || ::fstat(file_, &status) != 0) {
       const int reason = errno;
@@ -100,6 +102,10 @@ class ImageFiles : public Images {
       throw Error("larger than " + std::to_string(kMaxImageBytes >> 20) + " MiB", path, "shrink the picture");
     file.read(0, file.size(), bytes);
     if (const auto reason = image_fault(bytes)) throw Error(*reason, path);
+    const std::span<const std::byte> all(bytes);
+    const std::size_t head = std::min(all.size(), kEnds), tail = std::min(all.size() - head, kEnds);
+    if (fingerprint_of(all.size(), all.first(head), all.last(tail)) != at(frame).fingerprint)
+      throw Error("has changed since this traversal was opened", path, "restart what reads it");
   }
 
  private:
@@ -115,6 +121,15 @@ class ImageFiles : public Images {
     return folders_[entry.folder] + names_.substr(entry.name, entry.size);
   }
 
+  static std::uint64_t fingerprint_of(std::uint64_t size, std::span<const std::byte> head,
+                                      std::span<const std::byte> tail) {
+    Sha256 sha;
+    sha.add(size);
+    sha.add(head.data(), head.size());
+    sha.add(tail.data(), tail.size());
+    return sha.first_8_bytes();
+  }
+
   /// Returns the fault. A file that cannot be looked at has the fingerprint 0.
   static std::string look(const std::string& path, Bytes& head, Bytes& tail, std::uint64_t& fingerprint) {
     try {
@@ -122,11 +137,7 @@ class ImageFiles : public Images {
       file.read(0, std::min(file.size(), kEnds), head);
       const std::size_t rest = std::min(file.size() - head.size(), kEnds);
       file.read(file.size() - rest, rest, tail);
-      Sha256 sha;
-      sha.add(std::uint64_t{file.size()});
-      sha.add(head.data(), head.size());
-      sha.add(tail.data(), tail.size());
-      fingerprint = sha.first_8_bytes();
+      fingerprint = fingerprint_of(file.size(), head, tail);
       if (file.size() > kMaxImageBytes) return "larger than " + std::to_string(kMaxImageBytes >> 20) + " MiB";
       const std::size_t last = std::min(file.size(), kEnds);
       file.read(file.size() - last, last, tail);

@@ -8,6 +8,7 @@
 #include <opencv2/videoio/registry.hpp>
 
 #include "core/util/error.h"
+#include "core/util/files.h"
 #include "core/util/image_header.h"
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
@@ -108,8 +109,9 @@ class VideoFrames : public Images {
 
   /// Hashes the size and 16 KiB at 64 places, which distinguishes videos without reading gigabytes.
   std::uint64_t hash_of_samples() const {
+    refuse_special_file(path_);
     std::ifstream file(path_, std::ios::binary | std::ios::ate);
-    if (!file || !std::filesystem::is_regular_file(path_)) throw Error("the video cannot be read", name_);
+    if (!file) throw Error("the video cannot be read", name_);
     const auto size = static_cast<std::uint64_t>(file.tellg());
     Sha256 sha;
     sha.add(size);

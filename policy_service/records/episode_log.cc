@@ -9,6 +9,7 @@
 #include <fstream>
 
 #include "core/util/csv.h"
+#include "core/util/files.h"
 
 namespace citylearn {
 namespace {
@@ -32,6 +33,7 @@ bool EpisodeLog::has_rows(const std::string& path) {
 }
 
 void EpisodeLog::load() {
+  refuse_special_file(path_);
   std::ifstream in(path_);
   if (!in) return;
   std::string line, row;

@@ -14,6 +14,7 @@ MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) {
   for (const TrainingFigure& figure : training_figures()) kept += (kept.empty() ? "" : ",") + std::string(figure.name);
   kept += "\n";
   if (after_update > 0) {
+    refuse_special_file(path);
     std::ifstream in(path);
     std::string line;
     while (std::getline(in, line)) {

@@ -5,7 +5,6 @@
 #include <sys/stat.h>
 
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <vector>
 
@@ -96,8 +95,9 @@ std::uint64_t run_id_for(const PolicyServiceOptions& options) {
   using Json = nlohmann::json;
   const std::uint64_t fresh = microseconds_since_epoch();
   if (!options.resume) return fresh;
-  std::ifstream in(options.output + "/manifest.json");
-  const Json manifest = parse_json_or_null(std::string(std::istreambuf_iterator(in), {}));
+  const std::string path = options.output + "/manifest.json";
+  std::error_code none;
+  const Json manifest = fs::exists(path, none) ? parse_json_or_null(read_file(path)) : Json();
   if (!manifest.is_object()) return fresh;
   const auto job = manifest.find("job");
   if (job == manifest.end() || !job->is_number_unsigned()) return fresh;

@@ -6,6 +6,7 @@
 #include <signal.h>
 #include <sys/resource.h>
 
+#include "core/recording/mcap_writer.h"
 #include "core/util/error.h"
 #include "policy_service/interchange/event_log.h"
 #include "policy_service/records/episode_log.h"
@@ -45,6 +46,13 @@ msg::TrainingStat update(std::uint64_t number) {
   stat.update() = number;
   stat.steps() = 100 * number;
   return stat;
+}
+
+TEST(McapWriter, LeavesNoRecordingThatHasNoRoomToBegin) {
+  const Folder folder;
+  const FullDisk full(20);
+  EXPECT_TRUE(contains(error_of([&] { McapWriter(folder / "x.mcap", {}); }), "cannot be written: File too large"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "x.mcap"));
 }
 
 TEST(GrowingFile, WhatFindsNoRoomWaitsAndNoPartOfARecordIsEverThere) {

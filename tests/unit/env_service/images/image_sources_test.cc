@@ -3,6 +3,7 @@
 #include "env_service/images/image_sources.h"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <chrono>
 #include <set>
@@ -69,6 +70,7 @@ TEST(ImageFiles, TellsWhatIsBroken) {
   make_file(folder / "huge.png", png_header(40000, 40000));
   make_file(folder / "none.png", png_header(0, 5));
   std::filesystem::create_directory(folder / "folder.png");
+  ASSERT_EQ(::mkfifo((folder / "fifo.png").c_str(), 0600), 0);
   const std::vector<std::pair<std::string, std::string>> cases{
       {"missing.png", "missing"},
       {"empty.png", "an empty file"},
@@ -77,7 +79,8 @@ TEST(ImageFiles, TellsWhatIsBroken) {
       {"cut.jpg", "the JPEG file is cut short"},
       {"huge.png", "an image of 40000 x 40000 pixels, at most 67108864 are allowed"},
       {"none.png", "an image of 0 x 5 pixels"},
-      {"folder.png", "not a file"}};
+      {"folder.png", "not a file"},
+      {"fifo.png", "not a file"}};
   std::vector<std::string> paths{folder / "good.png"};
   for (const auto& [name, fault] : cases) paths.push_back(folder / name);
   const auto images = image_files(paths, folder.path());
@@ -88,6 +91,16 @@ TEST(ImageFiles, TellsWhatIsBroken) {
     Bytes bytes;
     EXPECT_EQ(error_of([&] { images->read(frame, bytes); }), folder / (cases[i].first + ": " + cases[i].second));
   }
+}
+
+/// Features are stored under the fingerprints, so others' pixels must not pass for them.
+TEST(ImageFiles, APictureThatChangedIsRefused) {
+  const Folder folder;
+  write_grey(folder / "x.png", 10);
+  const auto images = image_files({folder / "x.png"}, "");
+  EXPECT_NEAR(brightness(*images, 0), 10, 2);
+  write_grey(folder / "x.png", 200);
+  EXPECT_TRUE(contains(error_of([&] { brightness(*images, 0); }), "x.png: has changed since"));
 }
 
 TEST(ImageFiles, SizeBehindALongThumbnail) {
