@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <limits>
+#include <cstdlib>
 
 #include "core/util/files.h"
 #include "core/wire/messages.h"
@@ -67,13 +67,9 @@ class Table {
     const bool plus = at + 1 < end && *at == '+' && at[1] != '-';  // from_chars knows no plus sign
     auto [after, error] = std::from_chars(at + plus, end, value);
     if (error == std::errc::result_out_of_range) {
-      // Too small for a float is zero; too large is an error.
-      double wide = 0;
-      after = std::from_chars(at + plus, end, wide).ptr;
-      const std::string_view digits(at, after);
-      const bool small = digits.find("e-") != digits.npos || digits.find("E-") != digits.npos ||
-                         (digits.find_first_of("eE") == digits.npos && std::abs(wide) < 1);
-      value = small ? 0.0f : std::numeric_limits<float>::infinity();
+      // Too small for a float is zero; too large is an error. strtof distinguishes them, whatever the digits.
+      const float nearest = std::strtof(std::string(at + plus, after).c_str(), nullptr);
+      value = std::isinf(nearest) ? nearest : 0.0f;
     }
     while (error != std::errc::invalid_argument && after != end && blank(*after)) ++after;
     if (error == std::errc::invalid_argument || (after != end && *after != ',')) {

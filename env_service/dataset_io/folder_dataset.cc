@@ -29,6 +29,8 @@ Traversal FolderDataset::load(const std::string& name) {
   require_known(name);
   Traversal traversal = read(name);
   traversal.condition = condition(name);
+  if (std::any_of(traversal.positions.begin(), traversal.positions.end(), [](float x) { return std::isinf(x); }))
+    throw Error("traversal '" + name + "' has places that are too far apart to measure", folder_, "mend its positions");
   return traversal;
 }
 

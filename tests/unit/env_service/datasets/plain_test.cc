@@ -53,7 +53,7 @@ TEST_F(Plain, LineEndsAndBlanksDoNotMatter) {
 }
 
 TEST_F(Plain, TinyNumbersAreZero) {
-  EXPECT_EQ(load("1e-60,1\n-1e-400,1\n").features, (std::vector<float>{0, 1, 0, 1}));
+  EXPECT_EQ(load("1e-60,1\n-1e-400,0." + std::string(400, '0') + "1\n").features, (std::vector<float>{0, 1, 0, 0}));
 }
 
 TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {
@@ -72,12 +72,21 @@ TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {
   EXPECT_EQ(complaint("1,2\n3,-inf\n"), "x.csv:2: a number that is not finite in column 2");
   EXPECT_EQ(complaint("1,2\n3,1e39\n"), "x.csv:2: a number that is not finite in column 2");
   EXPECT_EQ(complaint("1,2\n3,1e999\n"), "x.csv:2: a number that is not finite in column 2");
+  EXPECT_EQ(complaint("1,2\n3," + std::string(400, '9') + "\n"), "x.csv:2: a number that is not finite in column 2");
+  EXPECT_EQ(complaint("1,2\n3," + std::string(400, '9') + "e-2\n"), "x.csv:2: a number that is not finite in column 2");
   EXPECT_EQ(complaint(""), "x.csv: has no frames");
   EXPECT_EQ(complaint("\n\n"), "x.csv: has no frames");
   EXPECT_EQ(complaint("1,2\n"), "x.csv: has only one frame, a route needs two");
   EXPECT_EQ(complaint("1,2\n\n3,4\n"),
             "x.csv:2: an empty line between frames (remove it, or put the missing frame there)");
   EXPECT_EQ(complaint(std::string("1,2\n3,\0\x1b[2J\n", 12)), "x.csv:2: '??[2J' in column 2 is not a number");
+}
+
+TEST_F(Plain, RefusesPlacesInfinitelyFarApart) {
+  for (const std::string poses : {"metres\n1e300\n2\n", "x,y\n0,0\n1e308,-1e308\n"}) {
+    make_file(folder_ / "x.poses.csv", poses);
+    EXPECT_TRUE(contains(error_of([&] { load("1,2\n3,4\n"); }), "'x' has places that are too far apart")) << poses;
+  }
 }
 
 TEST_F(Plain, RefusesMoreColumnsThanMessagesHold) {
