@@ -3,6 +3,7 @@
 #include <iostream>
 
 #include "core/util/name.h"
+#include "core/util/text.h"
 #include "core/wire/messages.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/dataset.h"
@@ -67,7 +68,7 @@ int serve(CommandLine& line) {
   }
   const std::unique_ptr<Dataset> dataset = open_dataset(line.source);
   if (line.list_traversals) {
-    for (const std::string& name : dataset->names()) std::cout << name << "\n";
+    for (const std::string& name : dataset->names()) std::cout << one_line(name) << "\n";
     return 0;
   }
   Traversal traversal = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);

@@ -31,7 +31,9 @@ std::vector<RecognitionResults::Folder> RecognitionResults::folders() const {
     folder.time = std::chrono::duration<double>(time).count();
     for (const fs::directory_entry& entry : fs::directory_iterator(path, none)) {
       const std::string file = entry.path().filename().string();
-      if (file.starts_with("similarity-") && file.ends_with(".png") && entry.is_regular_file(none))
+      // A link could show any file that this process may read.
+      if (file.starts_with("similarity-") && file.ends_with(".png") && entry.is_regular_file(none) &&
+          !entry.is_symlink(none))
         folder.matrices.push_back(file);
     }
     std::sort(folder.matrices.begin(), folder.matrices.end());
@@ -80,7 +82,7 @@ std::optional<std::string> RecognitionResults::curves(const std::string& name) c
   const auto folder = find(name);
   if (!folder) return std::nullopt;
   const std::string path = folder->path + "/" + kCurves;
-  if (!fs::is_regular_file(path)) return std::nullopt;  // an older vpr wrote none
+  if (!fs::exists(path) || fs::is_symlink(path)) return std::nullopt;  // an older vpr wrote none
   return read_file(path, kMostBytes);
 }
 

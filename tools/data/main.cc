@@ -7,6 +7,7 @@
 #include <sstream>
 
 #include "core/util/progress.h"
+#include "core/util/text.h"
 #include "core/wire/service.h"
 #include "tools/data/inspection.h"
 
@@ -68,9 +69,10 @@ int check(const CommandLine& line) {
     std::cout << to_json(name, inspection) << "\n";
   } else {
     for (const Fault& fault : inspection.faults)
-      std::cout << fault.traversal
-                << (fault.frame < 0 ? "" : ", frame " + std::to_string(fault.frame) + ", " + fault.name) << ": "
-                << fault.what << "\n";
+      std::cout << one_line(fault.traversal +
+                            (fault.frame < 0 ? "" : ", frame " + std::to_string(fault.frame) + ", " + fault.name) +
+                            ": " + fault.what)
+                << "\n";
     std::cout << name << ": " << inspection.frames << " frames, " << inspection.faults.size() << " bad\n";
   }
   if (stop_requested()) throw Error("stopped before the end", line.folder);
@@ -100,7 +102,7 @@ int info(const CommandLine& line) {
             << std::setw(12) << "pixels" << std::setw(9) << "features" << std::setw(5) << "bad"
             << "\n";
   for (const Summary& one : summaries) {
-    std::cout << std::left << std::setw(26) << one.name;
+    std::cout << std::left << std::setw(26) << one_line(one.name);
     if (!one.error.empty()) {
       std::cout << "cannot be loaded: " << one.error << "\n";
       continue;

@@ -195,6 +195,7 @@ TEST_F(ApiTest, Recognition) {
   make_file(root + "/vpr-1/similarity-a.png", "a");
   make_file(root + "/vpr-2/results.json", "cut sho");
   make_file(folder_ / "similarity-secret.png", "secret");
+  std::filesystem::create_symlink(folder_ / "similarity-secret.png", root + "/vpr-1/similarity-c.png");
   const Json results = json({"recognition"})["results"];
   ASSERT_EQ(results.size(), 2u);
   const Json& whole = results[results[0]["name"] == "vpr-1" ? 0 : 1];
