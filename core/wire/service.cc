@@ -3,9 +3,15 @@
 
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <cerrno>
 #include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <exception>
 #include <iostream>
 
 #include "core/util/log_format.h"
@@ -19,12 +25,45 @@ volatile std::sig_atomic_t stop_signal = 0;
 
 extern "C" void on_stop_signal(int signal) { stop_signal = signal; }
 
-void catch_stop_signals() {
+/// Ends with one line where nobody catches an exception: threads of the DDS libraries find no memory either.
+[[noreturn]] void on_terminate() {
+  try {
+    if (const std::exception_ptr thrown = std::current_exception()) std::rethrow_exception(thrown);
+    ::dprintf(STDERR_FILENO, "%s: ended by a library\n", program_invocation_short_name);
+  } catch (const std::bad_alloc&) {
+    ::dprintf(STDERR_FILENO, "%s: out of memory\n", program_invocation_short_name);
+  } catch (const std::exception& error) {
+    ::dprintf(STDERR_FILENO, "%s: unexpected failure of a thread: %s\n", program_invocation_short_name, error.what());
+  } catch (...) {
+    ::dprintf(STDERR_FILENO, "%s: unexpected failure of a thread\n", program_invocation_short_name);
+  }
+  std::_Exit(1);
+}
+
+/// Cyclone DDS aborts without a word when it finds no memory. The process then ends as it would have.
+extern "C" void on_abort(int) {
+  ::dprintf(STDERR_FILENO, "%s: aborted by a library, as some do when they are out of memory\n",
+            program_invocation_short_name);
+}
+
+void install_handlers() {
   struct sigaction action {};
   action.sa_handler = on_stop_signal;
   sigaction(SIGTERM, &action, nullptr);
   sigaction(SIGINT, &action, nullptr);
   std::signal(SIGPIPE, SIG_IGN);
+  std::signal(SIGABRT, on_abort);
+  std::set_terminate(on_terminate);
+  std::signal(SIGXFSZ, SIG_IGN);  // a file beyond `ulimit -f` is an error of its write, as on a full disk
+}
+
+/// The DDS libraries crash when they may open no more files.
+void check_file_limit() {
+  constexpr rlim_t kLeast = 64;
+  rlimit files{};
+  if (getrlimit(RLIMIT_NOFILE, &files) == 0 && files.rlim_cur < kLeast)
+    throw Error("only " + std::to_string(files.rlim_cur) + " files may be open at a time", "ulimit -n",
+                "allow " + std::to_string(kLeast) + " or more");
 }
 
 // A program built with -march=native must say so on a lesser processor instead of dying of an illegal instruction.
@@ -137,7 +176,8 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
   };
   try {
     check_processor();
-    catch_stop_signals();
+    check_file_limit();
+    install_handlers();
     spdlog::set_default_logger(spdlog::stderr_color_mt(program));
     spdlog::set_formatter(text_log_format());
     CLI::App app(summary, program);

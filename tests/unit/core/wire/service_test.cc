@@ -2,11 +2,16 @@
 #include "core/wire/service.h"
 
 #include <gtest/gtest.h>
+#include <signal.h>
 #include <spdlog/spdlog.h>
+#include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
+#include <thread>
 
+#include "core/util/files.h"
+#include "tests/support/files.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -63,6 +68,48 @@ TEST(ServiceLog, JsonIsJsonWhateverItSays) {
   EXPECT_EQ(line["level"], "warning");
   EXPECT_EQ(line["session"], "demo-1");
   EXPECT_EQ(line["service"], "env_service");
+}
+
+/// What `ulimit` forbids ends in one line; without it the kernel or a DDS library would end the process without a word.
+TEST(ServiceLimits, EndWithOneLine) {
+  const Folder folder;
+  const auto ends_with = [&](__rlimit_resource resource, rlim_t most, const std::string& line) {
+    const auto limited_service = [&] {
+      ::signal(SIGXFSZ, SIG_DFL);
+      const rlimit limit{most, most};
+      ::setrlimit(resource, &limit);
+      std::string name = "limited";
+      char* arguments[] = {name.data(), nullptr};
+      std::exit(service_main(
+          1, arguments, "A service.", [](CLI::App&) {},
+          [&] {
+            write_file(folder / "x", std::string(10000, 'x'));
+            return 0;
+          }));
+    };
+    EXPECT_EXIT(limited_service(), ::testing::ExitedWithCode(1), line);
+  };
+  ends_with(RLIMIT_NOFILE, 20, "^limited: ulimit -n: only 20 files may be open at a time .allow 64 or more.\n$");
+  ends_with(RLIMIT_FSIZE, 4096, "^limited: " + folder / "x: cannot write it: File too large");
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path())) << "nothing is written in part";
+}
+
+/// Threads of libraries have nobody who catches what they throw.
+TEST(ServiceLimits, AThreadThatFailsEndsTheServiceWithOneLine) {
+  const auto service_of = [](const std::function<void()>& thread) {
+    std::string name = "limited";
+    char* arguments[] = {name.data(), nullptr};
+    std::exit(service_main(
+        1, arguments, "A service.", [](CLI::App&) {},
+        [&] {
+          std::thread(thread).join();
+          return 0;
+        }));
+  };
+  EXPECT_EXIT(service_of([] { throw std::bad_alloc(); }), ::testing::ExitedWithCode(1), "^[^:]*: out of memory\n$");
+  EXPECT_EXIT(service_of([] { throw std::runtime_error("no more"); }), ::testing::ExitedWithCode(1),
+              "^[^:]*: unexpected failure of a thread: no more\n$");
+  EXPECT_EXIT(service_of([] { std::abort(); }), ::testing::KilledBySignal(SIGABRT), "^[^:]*: aborted by a library");
 }
 
 }  // namespace
