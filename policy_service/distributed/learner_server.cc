@@ -4,6 +4,9 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <utility>
+
+#include "core/util/text.h"
 
 namespace citylearn {
 namespace {
@@ -76,11 +79,17 @@ void LearnerServer::handle() {
 }
 
 void LearnerServer::count_actors() {
+  std::set<std::string> elsewhere;
   for (auto& [id, actor] : actors_) {
-    if (!actor.present || actor.presence.here(Clock::now())) continue;
-    spdlog::warn("actor '{}' went silent", id);
-    actor.present = false;
+    if (actor.presence.here(Clock::now())) {
+      if (!actor.elsewhere.empty()) elsewhere.insert("'" + actor.elsewhere + "'");
+    } else if (std::exchange(actor.present, false)) {
+      spdlog::warn("actor '{}' went silent", id);
+    }
   }
+  node_.alarm("actors", actors() > 0 || elsewhere.empty() ? ""
+                                                          : "all work for learner " + joined(elsewhere) +
+                                                                ": start others, or end one of the learners");
   // An actor without env_services needs no room.
   queue_.share_among(static_cast<int>(std::count_if(
       actors_.begin(), actors_.end(), [](const auto& entry) { return entry.second.present && entry.second.serves; })));
@@ -89,7 +98,7 @@ void LearnerServer::count_actors() {
 void LearnerServer::on_status(const msg::ActorStatus& status) {
   const std::string id = status.header().sender().c_str();
   Actor& actor = actors_[id];
-  const bool first = actor.presence.incarnation() == 0;
+  const bool first = actor.presence.incarnation() == 0 || !actor.elsewhere.empty();
   const Incumbent::Heard heard = actor.presence.hear(status.header().incarnation(), Clock::now());
   if (heard == Incumbent::Heard::kOther) {
     ++node_.traffic.repeated;
@@ -97,6 +106,11 @@ void LearnerServer::on_status(const msg::ActorStatus& status) {
   }
   const bool fresh = heard == Incumbent::Heard::kSuccessor;
   if (fresh) actor.waited_before += std::exchange(actor.waited, 0);
+  actor.elsewhere = status.learner() == node_.options().id ? "" : status.learner().c_str();
+  if (!actor.elsewhere.empty()) {
+    actor.present = false;
+    return;
+  }
   if (!actor.present || fresh) spdlog::info("actor '{}' {}", id, first ? "joins" : "is back");
   actor.present = true;
   actor.serves = status.environments().size() > 0;

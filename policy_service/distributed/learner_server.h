@@ -40,8 +40,8 @@ class LearnerServer {
   /// Tells the actors that training is over, so that they release their env_services.
   void end();
 
-  int actors() const;                                         ///< number of actors heard lately
-  bool released() const;                                      ///< whether none of them serves an env_service any more
+  int actors() const;     ///< number of actors heard lately that do not work for another learner
+  bool released() const;  ///< whether none of them serves an env_service any more
   double policy_lag() const { return policy_lag_; }           ///< of the last update, mean over its trajectories
   std::uint64_t dropped() const { return queue_.dropped(); }  ///< trajectories that were too old
   double waited() const;  ///< seconds in which actors waited for room here, all together
@@ -50,6 +50,7 @@ class LearnerServer {
   struct Actor {
     Incumbent presence;
     bool serves = false, present = false;
+    std::string elsewhere;                 ///< the other learner that it works for
     double waited = 0, waited_before = 0;  ///< by this incarnation, and by earlier ones
   };
   struct Version {

@@ -254,6 +254,22 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
   EXPECT_EQ(actor->end(SIGTERM, seconds(5)), 130);
 }
 
+TEST(TwoLearners, TheSecondSaysWhomTheActorsWorkForAndGetsThemAfterwards) {
+  Learning run("cyclonedds");
+  const auto summer = run.trial.env("summer");
+  const auto actor = run.actor("a", {"--stay"});
+  const auto first = run.learner(100000, {"--id", "first"});
+  ASSERT_TRUE(run.reaches(2)) << first->output() << actor->output();
+  const auto second = run.trial.policy({"--role", "learner", "--id", "second", "--steps", "1024", "--trainer-agents",
+                                        "8", "--tasks", "10", "--evaluate", "summer"});
+  ASSERT_TRUE(second->says("actors: all work for learner 'first'", seconds(20))) << second->output();
+  EXPECT_FALSE(contains(second->output(), "actor 'a' joins"));
+  const int updates = run.updates();
+  EXPECT_TRUE(run.reaches(updates + 3)) << "the first one is not disturbed";
+  EXPECT_EQ(first->end(SIGTERM, seconds(5)), 130);
+  EXPECT_EQ(second->wait(kLong), 0) << second->output() << actor->output();
+}
+
 TEST(CommandLine, WrongRolesAreOneClearLine) {
   Learning run("cyclonedds");
   const auto summer = run.trial.env("summer");
