@@ -261,6 +261,15 @@ std::string check_security(const std::string& folder, const std::string& partici
   return path.string();
 }
 
+std::string outdated_revocations(const std::string& folder, std::uint64_t started) {
+  const std::string list = (fs::path(folder) / kRevoked).string();
+  struct stat about {};
+  // The time of the change on this host: a copy may keep the time of the original's last write.
+  if (stat(list.c_str(), &about) != 0 || static_cast<std::uint64_t>(about.st_ctim.tv_sec) * 1'000'000 <= started)
+    return "";
+  return list + " has changed since this service started: restart it to keep out who was revoked since";
+}
+
 std::optional<std::string> explain_security(const std::string& message) {
   struct Meaning {
     const char* part;     // of the vendor's message

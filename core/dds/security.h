@@ -20,6 +20,10 @@ namespace citylearn::internal {
 /// path.
 std::string check_security(const std::string& folder, const std::string& participant);
 
+/// Returns what is wrong, and what to do, when the folder's crl.pem has changed since the service started, in
+/// microseconds since 1970: the vendors read it once. Returns an empty text when it has not.
+std::string outdated_revocations(const std::string& folder, std::uint64_t started);
+
 /// The highest domain that governance and permissions can name (DDS Security 1.1, 9.4.1.2).
 inline constexpr std::uint32_t kMostSecureDomain = 230;
 

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <atomic>
 
+#include "core/dds/security.h"
 #include "core/util/name.h"
 #include "core/util/wall_clock.h"
 #include "core/wire/presence.h"
@@ -115,6 +116,8 @@ void Node::heartbeat() {
   const Clock::time_point now = Clock::now();
   next_heartbeat_ = now + kHeartbeat;
   if (now - twin_heard_ >= kSilence) alarm("id", "");
+  if (const std::string& keys = options_.middleware.security; !keys.empty())
+    alarm("security", internal::outdated_revocations(keys, incarnation_));
   status_.uptime(std::chrono::duration<double>(now - started_).count());
   status_.received(traffic.received);
   status_.repeated(traffic.repeated);

@@ -181,6 +181,8 @@ const Intruder kIntruders[] = {
     {"unauthenticated", "'unauthenticated'"},
     {"other_authority", "'other_authority'"},
     {"expired", "'expired'"},
+    {"not_yet_valid", "'not_yet_valid'"},
+    {"expired_permissions", "expired_permissions"},
     {"self_signed_permissions", "authority has not signed"},
     {"topic_not_permitted", "citylearn/action"},
 };
@@ -196,6 +198,21 @@ std::pair<std::string, Arguments> arm(const std::string& name, Keystore& keys, K
   if (name == "other_authority") return {other.add("policy_service", name), {}};
   if (name == "expired")
     return {keys.add("policy_service", name, "1 day ago"), {"LD_PRELOAD=" UNLAWFUL, "CITYLEARN_CLOCK=-172800"}};
+  if (name == "not_yet_valid") {
+    keys.expect({"add", keys.of(""), "policy_service", name, "--from", "1 day", "--until", "1 month"});
+    return {keys.of(name), {"LD_PRELOAD=" UNLAWFUL, "CITYLEARN_CLOCK=172800"}};
+  }
+  if (name == "expired_permissions") {
+    // A valid identity, with permissions that the true authority signed and that have run out.
+    const std::string own = keys.add("policy_service", name), donor = "donor";
+    keys.add("policy_service", donor, "1 day ago");
+    std::string text = contents(keys.of(donor) + "/permissions.p7s");
+    text = text.substr(text.find("<?xml"), text.find("</dds>") + 6 - text.find("<?xml"));
+    text.replace(text.find("CN=" + donor), 3 + donor.size(), "CN=" + name);
+    make_file(keys.folder() / "document", text);
+    keys.sign(keys.folder() / "document", own + "/permissions.p7s");
+    return {own, {"LD_PRELOAD=" UNLAWFUL, "CITYLEARN_CLOCK=-172800"}};
+  }
   if (name == "topic_not_permitted")
     return {keys.add("encoder_service", name), {"LD_PRELOAD=" UNLAWFUL, "CITYLEARN_LAWLESS=1"}};
   if (name == "self_signed_permissions") {
@@ -258,6 +275,22 @@ TEST_P(Secured, WhoeverWasRevokedIsKeptOut) {
   EXPECT_TRUE(victim.until([&] { return victim.heard("friend") && log.has("'lost'"); }, log)) << log.text();
   EXPECT_FALSE(victim.heard("lost")) << log.text();
   EXPECT_EQ(hostile.finish(seconds(10)), 0);
+}
+
+/// The vendors read the list at their start, so a service that runs on says what it does not know.
+TEST_P(Secured, ARunningServiceSaysThatItsListOfRevokedIdentitiesHasChanged) {
+  Keystore keys;
+  const std::string env_keys = keys.add("env_service", "env-summer");
+  keys.add("policy_service", "lost");
+  Trial run(GetParam());
+  const auto env = run.env("summer", {"--security", env_keys});
+  ASSERT_TRUE(env->says("in session", kLong)) << env->output();
+  EXPECT_FALSE(contains(env->output(), "crl.pem"));
+  const auto now = [] { return std::time(nullptr); };
+  const std::time_t before = now();
+  ASSERT_TRUE(poll_until([&] { return now() > before + 1; }, kLong)) << "times of files have seconds";
+  keys.expect({"revoke", keys.of(""), "lost"});
+  EXPECT_TRUE(env->says("crl.pem has changed since this service started: restart it", kLong)) << env->output();
 }
 
 /// A known limit of the two vendors together (docs/how-to/secure-a-run.md): the names settle which side asks first, and

@@ -175,6 +175,8 @@ TEST_F(Keys, AreRenewedAndNeverOverwritten) {
   refused({"create", store_.of("")}, "nothing is overwritten");
   refused({"add", store_.of(""), "env_service", "env-1"}, "nothing is overwritten");
   refused({"add", store_.of(""), "spy", "env-2"}, "unknown kind 'spy'; there are: env_service encoder_service");
+  for (const std::string kind : {".*", "env_service\n<grant/>"})  // becomes a part of the permissions
+    refused({"add", store_.of(""), kind, "env-2"}, "unknown kind '" + kind + "'");
   refused({"add", store_.of(""), "actor", "../up"}, "an id has");
   refused({"add", store_.of(""), "actor", "authority"}, "is a folder of the keystore itself");
   refused({"add", store_.of("env-1"), "actor", "a"}, "is no keystore");
