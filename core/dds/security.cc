@@ -275,7 +275,8 @@ std::optional<std::string> explain_security(const std::string& message) {
     const char* part;     // of the vendor's message
     const char* meaning;  // followed by the vendor's words
   };
-  static constexpr const char* kUnsigned = "refused a participant whose permissions our authority has not signed";
+  static constexpr const char* kUnsigned =
+      "refused a participant whose permissions our authority has not signed, or which are not valid now";
   static constexpr const char* kInvalid =
       "refused a participant whose certificate is not valid, or of another authority";
   static constexpr const char* kNoIdentity = "refused a participant that could not show an identity";
