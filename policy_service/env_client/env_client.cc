@@ -185,7 +185,7 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     env.in_force = env.waiting = env.busy = false;
     env.features.reset();
     env.acknowledged = 0;
-  } else if (info.settings() == env.settings.settings()) {
+  } else if (info.settings().version() != 0 && info.settings() == env.settings.settings()) {
     env.in_force = true;
   }
   join_or_refuse(env, begins_anew);
@@ -430,13 +430,14 @@ std::vector<float> EnvClient::fetch_features(EnvHandle& env, int first, int coun
   const Clock::time_point since = Clock::now();
   while (!route->complete()) {
     const Clock::time_point now = Clock::now(), deadline = std::max(since, route->progress) + patience;
-    if (now >= deadline) {
+    if (now >= deadline || !env.alive()) {
       const Error error = did_not_come(*route, env);
       if (answers_requests(env)) refuse(env, error.what());
       throw error;
     }
     features_.ask(*route, env.id);
     spin(std::min(deadline, std::max(now, route->transfer.due())));
+    if (fetching) fetching();
   }
   // The cache may hold more than was asked for.
   const float* begin = route->at(static_cast<std::uint32_t>(first));

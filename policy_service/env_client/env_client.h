@@ -31,12 +31,15 @@ class EnvClient {
   using Finished = std::function<void(EnvHandle&, const msg::EpisodeStat&)>;
   /// Called when an env_service that fits appears or restarts; it then waits for settings.
   using Joined = std::function<void(EnvHandle&)>;
+  /// Called again and again while fetch_features() waits, which ends with what this throws.
+  using Fetching = std::function<void()>;
 
   explicit EnvClient(Node& node, const EnvClientOptions& options = {});
 
   Decide decide;
   Finished finished;
   Joined joined;
+  Fetching fetching;
 
   /// Handles all messages that have arrived, re-sends what is due, then waits for more until `deadline` at most. An
   /// Error of decide() or joined() makes it refuse the env_service that they were called for.
@@ -73,7 +76,7 @@ class EnvClient {
 
   /// Returns the features of frames first .. first + count - 1 of a traversal (count x D, frame-major), fetched over
   /// the wire. Throws Error when none of them arrives for `patience`, and then refuses the env_service unless its
-  /// encoder_service is gone; also when the range does not lie on the traversal.
+  /// encoder_service is gone; when the env_service is gone; also when the range does not lie on the traversal.
   std::vector<float> fetch_features(EnvHandle& env, int first, int count, std::chrono::milliseconds patience);
 
  private:

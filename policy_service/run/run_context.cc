@@ -11,10 +11,16 @@
 namespace citylearn {
 
 RunContext::RunContext(const PolicyServiceOptions& given, Node& at, EnvClient& envs)
-    : options(given), node(at), client(envs), records(options, node, client) {}
+    : options(given), node(at), client(envs), records(options, node, client) {
+  client.fetching = [this] { handle(); };
+}
 
 void RunContext::spin() {
   client.spin(Clock::now() + std::chrono::milliseconds(50));
+  handle();
+}
+
+void RunContext::handle() {
   if (on_spin) on_spin();
   records.handle();
   if (stop_requested()) throw StopRequested();
@@ -113,10 +119,11 @@ const std::vector<float>& RunContext::reference() {
   while (reference_.empty()) {
     EnvHandle* env = env_on(options.train);
     if (!env || env->info.feature_dimension() == 0) break;
+    node.report(msg::WAITING, "waiting for the features of '" + options.train + "'");
     try {
       reference_ = client.fetch_features(*env, options.first_frame, options.frames, options.client.patience);
     } catch (const Error&) {
-      if (env->refusal.empty()) throw;  // its encoder_service is gone
+      if (env->alive() && env->refusal.empty()) throw;  // its encoder_service is gone
     }
   }
   return reference_;

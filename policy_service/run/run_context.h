@@ -22,7 +22,7 @@ class RunContext {
  public:
   /// `node` and `client` must outlive it.
   RunContext(const PolicyServiceOptions& options, Node& node, EnvClient& client);
-  ~RunContext() { client.decide = nullptr, client.joined = nullptr; }
+  ~RunContext() { client.decide = nullptr, client.joined = nullptr, client.fetching = nullptr; }
 
   PolicyServiceOptions options;  ///< describe the agent itself, once a checkpoint is loaded
   Node& node;
@@ -51,6 +51,7 @@ class RunContext {
   const std::vector<float>& reference();
 
  private:
+  void handle();
   bool free(const EnvHandle& env) const;
 
   std::vector<float> reference_;

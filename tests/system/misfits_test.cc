@@ -84,43 +84,63 @@ TEST_F(Misfits, ATraversalThatOnlyAMisfitHostsIsMissedAfterTheWait) {
       << run->output();
 }
 
+/// Announces a traversal and delivers no features of it. Its id comes first, so that a run asks it for them.
+class Miser {
+ public:
+  explicit Miser(const MiddlewareOptions& middleware) : node_({middleware, "env_service", "a-miser", "default"}) {
+    node_.create_writer<msg::TraversalInfo>();
+    info_.traversal() = "summer";
+    info_.hash() = 7;
+    info_.frames() = 160;
+    info_.feature_dimension() = 64;
+    info_.agents() = 8;
+    info_.chunks() = 1;
+  }
+  void introduce() {
+    if (Clock::now() < again_) return;
+    node_.publish(info_);
+    again_ = Clock::now() + milliseconds(500);
+  }
+  bool joins(const Service& run) {
+    return poll_until([&] { return introduce(), contains(run.output(), "'a-miser' joins"); }, kLong);
+  }
+
+ private:
+  Node node_;
+  msg::TraversalInfo info_;
+  Clock::time_point again_{};
+};
+
 TEST_F(Misfits, OneThatDeliversNoFeaturesDoesNotEndATraining) {
-  // Its id comes first, so that the run asks it for the features of the route.
-  Node miser({trial_.middleware(), "env_service", "a-miser", "default"});
-  miser.create_writer<msg::TraversalInfo>();
+  Miser miser(trial_.middleware());
   const auto run = policy({"--steps", "20000"});
-  msg::TraversalInfo info;
-  info.traversal() = "summer";
-  info.hash() = 7;
-  info.frames() = 160;
-  info.feature_dimension() = 64;
-  info.agents() = 8;
-  info.chunks() = 1;
-  Clock::time_point again{};
-  const auto introduce = [&] {
-    if (Clock::now() < again) return;
-    miser.publish(info);
-    again = Clock::now() + milliseconds(500);
-  };
-  ASSERT_TRUE(witness_.until(
-      [&] {
-        introduce();
-        return run->says("'a-miser' joins", milliseconds(1));
-      },
-      kLong))
-      << run->output();
+  ASSERT_TRUE(miser.joins(*run)) << run->output();
   const auto summer = env("summer", "summer", 160);
   std::optional<int> status;
-  EXPECT_TRUE(witness_.until(
-      [&] {
-        introduce();
-        return (status = run->wait(milliseconds(1))).has_value();
-      },
-      kLong))
+  EXPECT_TRUE(
+      witness_.until([&] { return miser.introduce(), (status = run->wait(milliseconds(1))).has_value(); }, kLong))
       << run->output();
   EXPECT_EQ(status, 0) << run->output();
   EXPECT_EQ(times_logged(*run, "a-miser"), 1) << run->output();
   EXPECT_TRUE(contains(run->output(), "chunks of its features did not come")) << run->output();
+}
+
+TEST_F(Misfits, OneThatDiesBeforeItsFeaturesCameIsNotWaitedFor) {
+  const auto run = policy({"--steps", "2000"});
+  ASSERT_TRUE(Miser(trial_.middleware()).joins(*run)) << run->output();
+  const auto summer = env("summer", "summer", 160);
+  EXPECT_EQ(run->wait(seconds(20)), 0) << run->output();
+}
+
+TEST_F(Misfits, AStopEndsTheWaitForFeatures) {
+  Miser miser(trial_.middleware());
+  const auto run = policy({"--steps", "2000"});
+  ASSERT_TRUE(miser.joins(*run)) << run->output();
+  EXPECT_TRUE(witness_.until(
+      [&] { return miser.introduce(), contains(witness_.status["policy"].activity().c_str(), "features of 'summer'"); },
+      kSoon));
+  EXPECT_EQ(run->end(SIGTERM, seconds(3)), 130) << run->output();
+  EXPECT_EQ(occurrences(run->output(), "'a-miser' joins"), 1) << run->output();
 }
 
 TEST_F(Misfits, LearnerAndActorsRefuseOtherContentsToo) {
