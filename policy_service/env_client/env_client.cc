@@ -12,6 +12,7 @@ namespace {
 constexpr auto kSettingsAgain = std::chrono::milliseconds(100);
 constexpr auto kAcknowledgementsAgain = std::chrono::seconds(1);
 constexpr auto kRefusalsAgain = std::chrono::seconds(1);
+constexpr auto kNamed = std::chrono::seconds(5);  // what lasts longer is an alarm
 constexpr std::size_t kMostAlarms = 8;
 constexpr int kMostInvalid = 5;  // observations in a row: a forged one among valid ones is not the env_service's fault
 
@@ -244,7 +245,8 @@ void EnvClient::set_refusal(EnvHandle& env, const std::string& why) {
   report_refusals();
 }
 
-/// Keeps an alarm for each env_service that is present and refused, or that another policy_service has.
+/// Keeps an alarm for each env_service that is present and refused, that another policy_service has, or that does not
+/// do as it is told.
 void EnvClient::report_refusals() {
   next_refusals_ = Clock::now() + kRefusalsAgain;
   for (const auto& [id, env] : envs_) {
@@ -255,6 +257,9 @@ void EnvClient::report_refusals() {
       trouble = "works for " +
                 (other_policy(*env).empty() ? "another policy_service" : "'" + other_policy(*env) + "'") +
                 "; this one waits until that one ends";
+    else if (env->alive() && !env->in_force && env->settings.settings().version() != 0 &&
+             Clock::now() - env->unconfirmed > kNamed)
+      trouble = "does not confirm its settings";
     if (trouble.empty() ? alarms_.erase(id) > 0
                         : alarms_.contains(id) || (alarms_.size() < kMostAlarms && alarms_.insert(id).second))
       node_.alarm("env_service '" + id + "'", trouble);

@@ -30,14 +30,11 @@ void Evaluation::begin(EnvHandle& env) {
   client_.command(env, settings_);
 }
 
-std::vector<std::string> Evaluation::remove_refused() {
-  std::vector<std::string> traversals;
-  std::erase_if(parts_, [&](const auto& entry) {
-    if (entry.first->refusal.empty()) return false;
-    traversals.push_back(entry.first->traversal());
-    return true;
-  });
-  return traversals;
+std::vector<EnvHandle*> Evaluation::unusable() const {
+  std::vector<EnvHandle*> found;
+  for (const auto& [env, part] : parts_)
+    if (!env->refusal.empty() || (!env->alive() && part.episodes.size() < settings_.tasks())) found.push_back(env);
+  return found;
 }
 
 bool Evaluation::decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
@@ -145,6 +142,27 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
   return [&entry, parameters, task](const EnvHandle&) { return entry.create(parameters, task); };
 }
 
+/// Goes on with another env_service of the same traversal. Returns which silent ones are waited for, as there is none.
+std::string EvaluationRun::replace_unusable(Evaluation& evaluation, const std::string& label) {
+  std::string awaited;
+  for (EnvHandle* env : evaluation.unusable()) {
+    EnvHandle* const other = context_.env_on(env->traversal());
+    if (!other && env->refusal.empty()) {
+      awaited += (awaited.empty() ? "waiting for silent env_services: '" : ", '") + env->id + "'";
+      continue;
+    }
+    evaluation.remove(*env);
+    if (other) {
+      spdlog::warn("'{}' evaluates {} on '{}' instead of '{}'", other->id, label, env->traversal(), env->id);
+      evaluation.begin(*other);
+    } else {
+      spdlog::error("no evaluation of {} on '{}': its env_service is not used, and there is no other", label,
+                    env->traversal());
+    }
+  }
+  return awaited;
+}
+
 void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
                              const std::vector<EnvHandle*>& envs) {
   const PolicyServiceOptions& options = context_.options;
@@ -166,15 +184,16 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
     const Clock::time_point since = Clock::now();
     for (EnvHandle* env : envs) evaluation.begin(*env);
     context_.node.report(msg::RUNNING, "evaluating " + label);
+    std::string waiting;
     while (!evaluation.done()) {
       context_.spin();
-      for (const std::string& traversal : evaluation.remove_refused()) {
-        if (EnvHandle* other = context_.env_on(traversal))
-          evaluation.begin(*other);
-        else
-          spdlog::error("no evaluation of {} on '{}': its env_service is not used, and there is no other", label,
-                        traversal);
+      const std::string awaited = replace_unusable(evaluation, label);
+      if (awaited != waiting) {
+        if (!awaited.empty()) spdlog::warn("{}", awaited);
+        context_.node.report(awaited.empty() ? msg::RUNNING : msg::WAITING,
+                             awaited.empty() ? "evaluating " + label : awaited);
       }
+      waiting = awaited;
       evaluation.check_alive(context_.options.wait);
       const double rate = static_cast<double>(evaluation.steps()) / std::max(1e-9, seconds_since(since));
       context_.progress.show("evaluating " + label, evaluation.fraction(), rate, -1, "");

@@ -27,8 +27,9 @@ class Evaluation {
   /// Sends the settings to an env_service; call once for each. One that restarts begins again from its first task: call
   /// again for it.
   void begin(EnvHandle& env);
-  /// Removes the env_services that are refused by now and returns their traversals.
-  std::vector<std::string> remove_refused();
+  /// Returns the env_services that are refused by now, and those that are silent before their last task is done.
+  std::vector<EnvHandle*> unusable() const;
+  void remove(EnvHandle& env) { parts_.erase(&env); }
   /// Chooses actions, as EnvClient::Decide.
   bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
   /// Takes in a finished episode; repetitions and those of other settings are ignored.
@@ -93,6 +94,7 @@ class EvaluationRun {
   const std::vector<ScoreRow>& rows() const { return rows_; }
 
  private:
+  std::string replace_unusable(Evaluation& evaluation, const std::string& label);
   void evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
                 const std::vector<EnvHandle*>& envs);
   Evaluation::MakePolicy agent_policy() const;

@@ -143,6 +143,32 @@ TEST_F(Misfits, AStopEndsTheWaitForFeatures) {
   EXPECT_EQ(occurrences(run->output(), "'a-miser' joins"), 1) << run->output();
 }
 
+TEST_F(Misfits, OneThatDoesNotConfirmItsSettingsIsNamedSoon) {
+  Miser miser(trial_.middleware());
+  const auto run = policy({"--mode", "evaluate", "--agent", "blind"});
+  const auto named = [&] {
+    miser.introduce();
+    return contains(witness_.alarm("policy"), "env_service 'a-miser': does not confirm its settings");
+  };
+  EXPECT_TRUE(witness_.until(named, kSoon)) << run->output();
+}
+
+TEST_F(Misfits, AnEvaluationGoesOnWithAnotherWhenItsOwnDies) {
+  auto one = env("one", "summer", 160);
+  const auto run = policy({"--mode", "evaluate", "--agent", "blind", "--tasks", "1000000"});
+  ASSERT_TRUE(witness_.until([&] { return witness_.episodes("one") > 0; }, kLong)) << run->output();
+  const auto two = env("two", "summer", 160);
+  ASSERT_TRUE(run->says("'two' joins", kLong)) << run->output();
+  one.reset();
+  EXPECT_TRUE(witness_.until([&] { return witness_.episodes("two") > 0; }, kSoon)) << run->output();
+  two->send(SIGKILL);
+  const auto named = [&] {
+    const msg::ServiceStatus& status = witness_.status["policy"];
+    return status.service_state() == msg::WAITING && contains(status.activity().c_str(), "'two'");
+  };
+  EXPECT_TRUE(witness_.until(named, kSoon)) << run->output();
+}
+
 TEST_F(Misfits, LearnerAndActorsRefuseOtherContentsToo) {
   const auto summer = env("summer", "summer", 160);
   const auto learner = policy({"--role", "learner", "--steps", "100000000", "--trainer-agents", "8"});
