@@ -40,10 +40,13 @@ class Trial {
     return start({path}, more, name + "-" + std::to_string(++count_) + ".log");
   }
   std::unique_ptr<Service> dashboard(const Arguments& more) { return program(CITYLEARN_DASHBOARD, "dashboard", more); }
+  std::unique_ptr<Service> start_recorder(const std::string& store) {
+    return std::make_unique<Service>(Arguments{RECORDER_PROCESS, middleware_, std::to_string(domain_), store},
+                                     folder_ / ("recorder-" + std::to_string(++count_) + ".log"));
+  }
   /// A recorder with this store, once it records.
   std::unique_ptr<Service> recorder(const std::string& store) {
-    auto recorder = std::make_unique<Service>(Arguments{RECORDER_PROCESS, middleware_, std::to_string(domain_), store},
-                                              folder_ / ("recorder-" + std::to_string(++count_) + ".log"));
+    auto recorder = start_recorder(store);
     EXPECT_TRUE(recorder->says("records", seconds(60))) << recorder->output();
     return recorder;
   }
