@@ -11,6 +11,7 @@
 
 #include "core/util/name.h"
 #include "core/wire/incumbent.h"
+#include "core/wire/message_order.h"
 #include "core/wire/rejections.h"
 #include "core/wire/transfer.h"
 #include "env_service/environment.h"
@@ -45,6 +46,11 @@ Node::Options node_options(Node::Options options, const Traversal& traversal) {
 std::string route(const msg::TaskSettings& settings) {
   return "frames " + std::to_string(settings.first_frame()) + ".." +
          std::to_string(std::uint64_t{settings.first_frame()} + settings.frames() - 1);
+}
+
+bool same_but_header(const msg::TaskSettings& one, msg::TaskSettings other) {
+  other.header() = one.header();
+  return one == other;
 }
 
 /// Puts one Environment on the wire: announces its traversal, applies a policy_service's TaskSettings, publishes one
@@ -95,11 +101,11 @@ class EnvService {
   Environment environment_;
   TraversalServer server_;
 
-  msg::TraversalInfo info_;                          // its `settings` are those in force
-  msg::SettingsId newest_;                           // settings taken, in force or refused
-  msg::TaskSettings settings_;                       // in force when info_.settings().version() != 0
-  Incumbent holder_;                                 // the policy_service that sent them
-  std::map<std::uint64_t, std::uint32_t> versions_;  // newest version of each policy_service's settings, by incarnation
+  msg::TraversalInfo info_;     // its `settings` are those in force
+  msg::SettingsId newest_;      // of settings_
+  msg::TaskSettings settings_;  // taken last, in force when info_.settings().version() != 0, else refused
+  Incumbent holder_;            // the policy_service that sent them
+  std::map<std::uint64_t, std::uint32_t> versions_;  // newest version obeyed of each policy_service's, by incarnation
   msg::Observation observation_;                     // the last one sent
   std::string refusal_;                              // why the newest settings are not in force
   bool awaiting_action_ = false;
@@ -201,7 +207,9 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     rejections_.add(settings.header(), "settings without a version, or in the name of another process");
     return;
   }
-  if (const auto known = versions_.find(id.incarnation()); known != versions_.end() && id.version() <= known->second) {
+  const auto known = versions_.find(id.incarnation());
+  const std::uint32_t version = known == versions_.end() ? 0 : known->second;
+  if (id.version() <= version || (!refusal_.empty() && same_but_header(settings, settings_))) {
     ++node_.traffic.repeated;
     // Their sender has not seen yet that they are in force. Observations show it too, but not while idle.
     if (id == info_.settings()) send_info();
@@ -212,8 +220,10 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     rejections_.add(settings.header(), "settings while another policy_service is in charge");
     return;
   }
-  if (versions_.size() >= kMostPolicies) versions_.clear();
-  versions_[id.incarnation()] = id.version();
+  if (id.version() - version > kMostVersionsAhead) {
+    rejections_.add(settings.header(), "settings with a version far ahead of the last ones");
+    return;
+  }
   newest_ = id;
   info_.settings() = msg::SettingsId();
   info_.by_reference() = false;
@@ -224,6 +234,8 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
   const bool idle = settings.task_mode() == msg::IDLE;
   if (idle) spdlog::info("settings {}: idle", newest_.version());
   if (idle || start_task(settings)) {
+    if (versions_.size() >= kMostPolicies) versions_.clear();
+    versions_[id.incarnation()] = id.version();
     info_.settings() = newest_;
     info_.by_reference() = settings.by_reference();
     outbox_.set_context(settings, traversal_.name);

@@ -68,7 +68,7 @@ void EpisodeOutbox::fill(std::uint64_t number, msg::EpisodeStat& stat) const {
 bool EpisodeOutbox::Recorder::hear(const msg::Header& header, Clock::time_point now) {
   const Incumbent::Heard heard = presence.hear(header.incarnation(), now);
   if (heard == Incumbent::Heard::kSuccessor) {
-    message = 0;
+    order = MessageOrder();
     fresh = true;
   }
   return heard != Incumbent::Heard::kOther;
@@ -79,9 +79,8 @@ EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowl
   if (acknowledgement.episode() > episodes_) return Acknowledged::kImpossible;
   const msg::Header& header = acknowledgement.header();
   Recorder& recorder = recorders_[header.sender().c_str()];
-  if (!recorder.hear(header, now) || header.message() <= recorder.message) return Acknowledged::kRepeated;
+  if (!recorder.hear(header, now) || !recorder.order.in_order(header, now)) return Acknowledged::kRepeated;
   const bool fresh = std::exchange(recorder.fresh, false) || !recorder.registered;
-  recorder.message = header.message();
   recorder.stopping = false;
   const std::uint64_t has = std::max<std::uint64_t>(acknowledgement.episode(), discarded_);
   const bool progress = has > recorder.acknowledged, loss = has < recorder.acknowledged;

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/wire/incumbent.h"
+#include "core/wire/message_order.h"
 #include "core/wire/messages.h"
 #include "env_service/environment.h"
 
@@ -73,9 +74,9 @@ class EpisodeOutbox {
   };
   static constexpr std::chrono::milliseconds kResendInterval{200};
   struct Recorder {
-    bool registered = false;    ///< it has not left
-    std::uint64_t message = 0;  ///< number of its newest acknowledgement
-    bool fresh = true;          ///< no acknowledgement of its present process has come
+    bool registered = false;  ///< it has not left
+    MessageOrder order;       ///< of its acknowledgements
+    bool fresh = true;        ///< no acknowledgement of its present process has come
     std::uint64_t acknowledged = 0;
     std::uint64_t sent = 0;   ///< episodes after `acknowledged` up to this one are on their way to it
     std::uint64_t limit = 0;  ///< episodes up to this one may be sent

@@ -20,8 +20,9 @@ class Incumbent {
     kSuccessor,  ///< it does from now on, and did not before
     kOther,      ///< it does not
   };
-  /// Notes a message of a process, by its incarnation (Header), which is never 0.
+  /// Notes a message of a process, by its incarnation (Header). That of no process is 0.
   Heard hear(std::uint64_t incarnation, Clock::time_point now) {
+    if (incarnation == 0) return Heard::kOther;  // forged
     if (incarnation == incarnation_) {
       presence_.heard(now);
       rival_ = 0;

@@ -166,7 +166,7 @@ void Node::check_twin(const msg::ServiceStatus& status) {
     throw Error("already runs in session '" + options_.session + "' on " + where, "id '" + options_.id + "'",
                 "choose another --id or --session");
   twin_heard_ = Clock::now();
-  alarm("id", "another process has the same id, on " + where + ": end one of them");
+  if (!alarms_.contains("id")) alarm("id", "another process has the same id, on " + where + ": end one of them");
 }
 
 void Node::alarm(const std::string& what, const std::string& problem) {

@@ -25,7 +25,9 @@ using std::chrono::seconds;
 constexpr seconds kStatusInterval{1};
 constexpr seconds kSettle{1};  // in which other actors are heard before any env_service is taken
 constexpr milliseconds kAssignInterval{100};
-constexpr milliseconds kLeaving{500};  // in which the learner should confirm the last status
+constexpr std::size_t kMostLearners = 256;   // remembered
+constexpr milliseconds kLeaving{500};        // in which the learner should confirm the last status
+constexpr milliseconds kEndContested{1500};  // in which a learner that still trains says so: an end may be forged
 
 /// Returns an id that no other actor of the run has, on any host.
 std::string own_id() {
@@ -87,6 +89,7 @@ class Actor {
   std::string logged_;  // why nothing is served
   double waited_ = 0;
   Incumbent learner_;
+  std::map<std::uint64_t, std::uint64_t> acknowledged_;  // last trajectory, by incarnation of earlier learners
   Clock::time_point started_, next_status_{}, next_assign_{}, next_report_{}, last_report_, last_turn_;
   std::vector<std::uint8_t> choice_;
   msg::LearnerInfo info_;
@@ -130,10 +133,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
     rejections_.add(info.header(), "a learner " + wrong);
     return;
   }
-  if (!session_ || info.header().incarnation() != learner_.incarnation()) {
-    if (!info.training()) return;  // it has ended already
-    if (session_ && !session_->info().training()) learner_.leave();
-  }
+  if ((!session_ || info.header().incarnation() != learner_.incarnation()) && !info.training()) return;  // has ended
   const Incumbent::Heard heard = learner_.hear(info.header().incarnation(), Clock::now());
   if (heard == Incumbent::Heard::kOther) {
     of_learner(info.header(), "an announcement");
@@ -154,7 +154,12 @@ void Actor::on_info(const msg::LearnerInfo& info) {
                info.agent().c_str(), info.traversal().c_str(), info.version());
   // Trajectories for another incarnation are of no use to this one, which may continue from an older checkpoint.
   for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, true);
+  if (session_) {
+    if (acknowledged_.size() >= kMostLearners) acknowledged_.clear();
+    acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
+  }
   session_ = std::make_unique<LearnerSession>(node_, info);
+  session_->outbox.continue_after(acknowledged_[info.header().incarnation()]);
   client_.require(session_->requirements());
   warned_ = false;
   next_status_ = Clock::now();
@@ -162,6 +167,8 @@ void Actor::on_info(const msg::LearnerInfo& info) {
 
 void Actor::on_parameters(const msg::PolicyParameters& chunk) {
   if (!session_ || !session_->prepared() || !of_learner(chunk.header(), "parameters")) return;
+  // The learner's announcement comes first and counts: a forged version would be newer than all that it will ever send.
+  if (chunk.version() > session_->info().version()) return;
   if (!session_->parameters()->take(chunk)) rejections_.add(chunk.header(), "damaged parameters");
 }
 
@@ -435,13 +442,21 @@ int Actor::execute() {
   const FinalStatusGuard final_status(node_);
   spdlog::info("actor '{}' in session '{}' over {}", node_.options().id, node_.options().session,
                node_.middleware_name());
+  Clock::time_point ended{};  // when the learner said so
   while (!stop_requested()) {
     spin();
-    if (!session_ || session_->info().training() || session_->over) continue;
-    session_->over = true;
-    for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, true);
-    spdlog::info("learner '{}' has ended: sent {} trajectories, waited {:.1f} s for room",
-                 session_->info().header().sender().c_str(), session_->outbox.last(), waited_);
+    if (!session_ || session_->info().training()) {
+      ended = {};
+      continue;
+    }
+    if (ended == Clock::time_point{}) {
+      ended = Clock::now();
+      for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, true);
+      spdlog::info("learner '{}' has ended: sent {} trajectories, waited {:.1f} s for room",
+                   session_->info().header().sender().c_str(), session_->outbox.last(), waited_);
+    }
+    if (Clock::now() < ended + kEndContested) continue;
+    learner_.leave();
     if (options_.stay) continue;
     leave();
     return 0;

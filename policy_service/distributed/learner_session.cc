@@ -31,7 +31,7 @@ std::map<std::string, double> parse_parameters(const std::string& text) {
 
 std::string validation_error(const msg::LearnerInfo& info) {
   if (info.steps() < 1 || info.steps() > msg::MAX_STEPS) return "with trajectories of " + std::to_string(info.steps());
-  if (info.lesson_frames() < 1 || info.lesson_frames() > info.frames()) return "with a lesson beyond the route";
+  if (info.lesson_frames() < 2 || info.lesson_frames() > info.frames()) return "with a lesson beyond the route";
   if (info.window() < 1) return "with no window";
   if (info.frames() > msg::MAX_FRAMES || info.first_frame() > msg::MAX_FRAMES) return "with an impossible route";
   for (const double noise : {info.noise_frame(), info.noise_place(), info.noise_episode()})
@@ -117,7 +117,8 @@ void LearnerSession::expect_parameters() {
 }
 
 bool LearnerSession::update(const msg::LearnerInfo& info) {
-  const bool lesson = info.lesson() != info_.lesson();
+  const bool lesson = info.lesson() != info_.lesson() || info.lesson_frames() != info_.lesson_frames() ||
+                      info.max_steps() != info_.max_steps();
   info_ = info;
   if (!prepared()) return false;
   expect_parameters();

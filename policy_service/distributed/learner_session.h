@@ -45,7 +45,6 @@ class LearnerSession {
   void request_missing_parameters() { requester_.request_missing(*parameters_); }
 
   TrajectoryOutbox outbox;
-  bool over = false;  ///< training has ended, and all env_services are released
 
  private:
   void begin_lesson();

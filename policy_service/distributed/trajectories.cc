@@ -122,24 +122,36 @@ void TrajectoryQueue::check(const msg::Trajectory& trajectory, std::uint64_t ver
   require(all_finite(trajectory.reward()), "reward", "is not all finite");
 }
 
-TrajectoryQueue::Taken TrajectoryQueue::take(msg::Trajectory& trajectory, std::uint64_t version) {
+TrajectoryQueue::Taken TrajectoryQueue::take(msg::Trajectory& trajectory, std::uint64_t version,
+                                             Clock::time_point now) {
   const std::string actor = trajectory.header().sender().c_str();
   Actor& known = known_[actor];
   if (known.incarnation == 0) known.incarnation = trajectory.header().incarnation();
+  if (!known.early.empty() && room(known) > 0 && now - known.waits >= kGivenUp) {
+    known.number = known.early.begin()->first - 1;
+    enqueue(actor, known, now);
+  }
   const std::uint64_t number = trajectory.number();
   if (trajectory.header().incarnation() != known.incarnation || number <= known.number || known.early.contains(number))
     return Taken::kRepeated;
   if (number > known.number + room(known)) return Taken::kNoRoom;
   check(trajectory, version);
+  if (known.early.empty()) known.waits = now;
   known.early.emplace(number, std::move(trajectory));
+  enqueue(actor, known, now);
+  return Taken::kTaken;
+}
+
+/// Queues what has come without a gap.
+void TrajectoryQueue::enqueue(const std::string& actor, Actor& known, Clock::time_point now) {
   while (!known.early.empty() && known.early.begin()->first == known.number + 1) {
     follow(actor, known.early.begin()->second);
     queue_.push_back({actor, known.incarnation, std::move(known.early.begin()->second)});
     known.early.erase(known.early.begin());
+    known.waits = now;
     ++known.number;
     ++known.queued;
   }
-  return Taken::kTaken;
 }
 
 /// Sums up the agent's episodes, which continue from one trajectory to the next.

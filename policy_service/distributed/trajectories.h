@@ -43,9 +43,10 @@ class TrajectoryQueue {
   void share_among(int actors) { actors_ = actors; }
 
   enum class Taken { kTaken, kRepeated, kNoRoom };
-  /// `trajectory` is moved from when it is taken. `version` is the newest of the parameters. Throws Error naming the
-  /// field when it is not like the shape.
-  Taken take(msg::Trajectory& trajectory, std::uint64_t version);
+  /// `trajectory` is moved from when it is taken. `version` is the newest of the parameters. A number that later ones
+  /// wait for in vain is given up after kGivenUp. Throws Error naming the field when it is not like the shape.
+  Taken take(msg::Trajectory& trajectory, std::uint64_t version, Clock::time_point now = Clock::now());
+  static constexpr std::chrono::seconds kGivenUp{4};  ///< actors resend every 2 s: it was acknowledged in our name
 
   struct Window {
     std::uint64_t number = 0, limit = 0;  ///< as in TrajectoryAcknowledgement
@@ -69,6 +70,7 @@ class TrajectoryQueue {
     std::uint64_t incarnation = 0, number = 0;       ///< all up to `number` are taken
     std::size_t queued = 0;                          ///< of this incarnation
     std::map<std::uint64_t, msg::Trajectory> early;  ///< after a gap
+    Clock::time_point waits{};                       ///< since when they wait for the gap to be filled
   };
   struct Entry {
     std::string actor;
@@ -84,6 +86,7 @@ class TrajectoryQueue {
   };
 
   void check(const msg::Trajectory& trajectory, std::uint64_t version) const;
+  void enqueue(const std::string& actor, Actor& known, Clock::time_point now);
   void follow(const std::string& actor, const msg::Trajectory& trajectory);
   std::size_t room(const Actor& actor) const;
   void leave(const Entry& entry);

@@ -14,6 +14,8 @@ class TrajectoryOutbox {
  public:
   explicit TrajectoryOutbox(Node& node) : node_(node) {}
 
+  /// Begins behind this number: the learner has those up to it from this process.
+  void continue_after(std::uint64_t number) { number_ = sent_ = acknowledged_ = limit_ = number; }
   /// Adds a trajectory, for the caller to fill in, and numbers it.
   msg::Trajectory& add();
   /// Sends what there is room for, and the first ones again when it is time to.

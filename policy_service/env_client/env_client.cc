@@ -169,14 +169,17 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     rejections_.add(info.header(), "an announcement that differs from what this process said before");
     return;
   }
-  if (!fresh && info.header().message() < env.info.header().message()) return;  // late
+  if (fresh) env.order = MessageOrder();
+  if (!env.order.in_order(info.header(), Clock::now())) return;
   if (!fresh && contents_of(info) != contents_of(env.info) &&
       (env.refusal.empty() ? answers_requests(env) : !why_refused(info).empty())) {
     rejections_.add(info.header(), "an announcement that a second encoder_service completed");
     return;
   }
+  const bool forged = obeys_forged_settings(env, info);
   // One without settings that had some was told to begin anew by nobody that we know.
-  const bool begins_anew = fresh || (env.in_force && info.settings().version() == 0);
+  const bool commanded = env.settings.settings().version() != 0;
+  const bool begins_anew = fresh || (commanded && (forged || (env.in_force && info.settings().version() == 0)));
   env.info = info;
   note_settings(env, info.settings());
   if (begins_anew) {
@@ -186,10 +189,22 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     env.in_force = env.waiting = env.busy = false;
     env.features.reset();
     env.acknowledged = 0;
-  } else if (info.settings().version() != 0 && info.settings() == env.settings.settings()) {
+  } else if (commanded && info.settings() == env.settings.settings()) {
     env.in_force = true;
   }
   join_or_refuse(env, begins_anew);
+}
+
+/// Returns whether an env_service obeys settings in this service's name that it did not give. The next ones will be
+/// newer.
+bool EnvClient::obeys_forged_settings(EnvHandle& env, const msg::TraversalInfo& info) {
+  const msg::SettingsId& id = info.settings();
+  if (id.incarnation() != node_.incarnation() || id.version() <= env.given) return false;
+  if (id.version() - env.given > kMostVersionsAhead) return false;  // an env_service would not have taken them
+  rejections_.add(info.header(), "settings in force that another participant gave in this service's name");
+  version_ = std::max<std::uint32_t>(version_, id.version());
+  env.given = id.version();
+  return true;
 }
 
 /// Decides by an announcement whether the env_service takes part.
@@ -346,7 +361,7 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   if (!idle && !env.refusal.empty()) return;
   settings.environment() = env.id.c_str();
   settings.settings().incarnation() = node_.incarnation();
-  settings.settings().version() = ++version_;
+  settings.settings().version() = env.given = ++version_;
   settings.by_reference() = !idle && by_reference(options_.observing, env.info);
   std::shared_ptr<RouteFeatures> features;
   contain(env, [&] {

@@ -19,9 +19,8 @@
 namespace citylearn {
 
 /// Finds the env_services of a run, commands their tasks and answers each of their observations exactly once, over a
-/// transport that may lose, repeat and reorder messages. An env_service that does not fit the run, or does not do its
-/// part, is refused: that is logged and reported as an alarm, and concerns it alone. Used by one thread; handles stay
-/// at their addresses.
+/// transport that may lose, repeat and reorder messages. One that does not fit the run or do its part is refused: that
+/// is logged and an alarm, and concerns it alone. Used by one thread; handles stay at their addresses.
 class EnvClient {
  public:
   /// Called for each new observation while the settings are in force. Fills `choice` and returns true, or returns false
@@ -31,15 +30,12 @@ class EnvClient {
   using Finished = std::function<void(EnvHandle&, const msg::EpisodeStat&)>;
   /// Called when an env_service that fits appears or restarts; it then waits for settings.
   using Joined = std::function<void(EnvHandle&)>;
-  /// Called again and again while fetch_features() waits, which ends with what this throws.
-  using Fetching = std::function<void()>;
 
   explicit EnvClient(Node& node, const EnvClientOptions& options = {});
-
   Decide decide;
   Finished finished;
   Joined joined;
-  Fetching fetching;
+  std::function<void()> fetching;  ///< called while fetch_features() waits, which ends with what it throws
 
   /// Handles all messages that have arrived, re-sends what is due, then waits for more until `deadline` at most. An
   /// Error of decide() or joined() makes it refuse the env_service that they were called for.
@@ -88,6 +84,7 @@ class EnvClient {
   void on_info(const msg::TraversalInfo& info);
   std::string why_refused(const msg::TraversalInfo& info) const;
   void set_refusal(EnvHandle& env, const std::string& why);
+  bool obeys_forged_settings(EnvHandle& env, const msg::TraversalInfo& info);
   void join_or_refuse(EnvHandle& env, bool fresh);
   void report_refusals();
   void contain(EnvHandle& env, const std::function<void()>& call);

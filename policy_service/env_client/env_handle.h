@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/wire/incumbent.h"
+#include "core/wire/message_order.h"
 #include "core/wire/node.h"
 #include "policy_service/env_client/feature_cache.h"
 
@@ -16,9 +17,11 @@ struct EnvHandle {
   std::string id;
   msg::TraversalInfo info;            ///< of the running incarnation
   msg::TaskSettings settings;         ///< those commanded last; version 0 = none
+  std::uint32_t given = 0;            ///< newest version of settings given to it, also before it was released
   bool in_force = false;              ///< the env_service has confirmed the settings
   std::uint64_t next_step = 0;        ///< step of the observation to be answered next, under `settings`
   bool waiting = false;               ///< that observation has arrived and waits for answer()
+  MessageOrder order;                 ///< of its announcements
   Incumbent presence;                 ///< which process it is, and when its last message arrived
   msg::Action last_action;            ///< sent again when the observation it answers is repeated
   Clock::time_point next_settings{};  ///< when the settings are sent again, while not in force

@@ -26,7 +26,8 @@ class Adam {
     second_moment_.setZero(parameters);
   }
 
-  /// One step. `gradient` becomes the sum of both. Returns its length before it was scaled down.
+  /// One step. `gradient` becomes the sum of both. Returns its length before it was scaled down. One that is not finite
+  /// changes nothing: it would stay in the parameters for ever.
   double step(double learning_rate, Vector<float>& gradient, const Vector<float>& other, Vector<float>& parameters,
               Worker& worker) {
     const std::ptrdiff_t half_size = parameters.size() / 2;
@@ -41,6 +42,7 @@ class Adam {
     };
     worker.both(std::cref(add));
     const double norm = std::sqrt(squares[0] + squares[1]);
+    if (!std::isfinite(norm)) return norm;
     ++steps_;
     const double correction1 = 1 - std::pow(kBeta1, static_cast<double>(steps_));
     const double correction2 = 1 - std::pow(kBeta2, static_cast<double>(steps_));

@@ -11,12 +11,13 @@
 
 namespace citylearn::testing {
 
-/// Of a dashboard's store. Each must be there once.
+/// Of a dashboard's store, in the session "default". Each must be there once.
 inline Ledger in_store(const std::string& path) {
   Ledger ledger;
   SQLite::Database database = open_database(path);
   SQLite::Statement rows(database,
-                         "SELECT environment, incarnation, episode FROM episodes e JOIN sources s ON s.id = e.source");
+                         "SELECT environment, incarnation, episode FROM episodes e JOIN sources s ON s.id = e.source "
+                         "WHERE s.session = 'default'");
   while (rows.executeStep()) {
     const Source source{value_at<std::string>(rows, 0), std::stoull(value_at<std::string>(rows, 1))};
     EXPECT_TRUE(ledger[source].insert(std::stoull(value_at<std::string>(rows, 2))).second)

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <set>
 
 #include "core/util/random.h"
@@ -207,6 +208,12 @@ TEST(EpisodeOutbox, TheNewestWordOfARecorderCounts) {
   EXPECT_EQ(fixture.repeat("dashboard", fixture.message, 15), Acknowledged::kRepeated) << "twice";
   EXPECT_EQ(fixture.acknowledge("dashboard", 15), Acknowledged::kRepeated) << "nothing new in it";
   EXPECT_EQ(fixture.acknowledge("dashboard", 21), Acknowledged::kImpossible);
+  EXPECT_EQ(fixture.repeat("dashboard", std::numeric_limits<std::uint64_t>::max(), 15), Acknowledged::kRepeated);
+  EXPECT_EQ(fixture.acknowledge("dashboard", 16), Acknowledged::kRepeated) << "after a forged number";
+  fixture.now += kSilence - std::chrono::seconds(1);
+  fixture.acknowledge("dashboard", 16);
+  fixture.now += std::chrono::seconds(1);
+  EXPECT_EQ(fixture.acknowledge("dashboard", 16), Acknowledged::kYes) << "it counts for so long alone";
   fixture.sent();
   // Its store was lost: it gets again what is still kept for the policy_service.
   EXPECT_EQ(fixture.acknowledge("dashboard", 0, false, 2), Acknowledged::kRepeated) << "the process before lives";

@@ -28,6 +28,7 @@ TEST_F(IncumbentTest, TheFirstStaysWhileItIsHeardWhateverItsNumber) {
     EXPECT_EQ(hear(kLater, milliseconds(300)), Heard::kOther);
     EXPECT_EQ(hear(kFirst, milliseconds(400)), Heard::kIncumbent);
   }
+  EXPECT_EQ(hear(0), Heard::kOther) << "the number of no process";
 }
 
 TEST_F(IncumbentTest, AnotherFollowsASilentOneAfterAWhile) {

@@ -167,6 +167,23 @@ TEST(Trajectories, EachOnceAndInOrderWhateverTheWireDoes) {
   EXPECT_EQ(send(5), Taken::kRepeated) << "of the dead one";
 }
 
+TEST(Trajectories, AGapThatIsNeverFilledIsGivenUp) {
+  Segments segments;
+  segments.next();
+  TrajectoryQueue queue(segments.shape(), 100);
+  Clock::time_point now = Clock::now();
+  const auto send = [&](std::uint64_t number) {
+    msg::Trajectory trajectory = segments.trajectory(0, number);
+    return queue.take(trajectory, 0, now);
+  };
+  for (const std::uint64_t number : {1u, 3u, 4u}) send(number);
+  EXPECT_EQ(queue.window("a").number, 1u);
+  now += TrajectoryQueue::kGivenUp;
+  EXPECT_EQ(send(3), TrajectoryQueue::Taken::kRepeated) << "sent again";
+  EXPECT_EQ(queue.window("a").number, 4u) << "2 was acknowledged in the learner's name";
+  EXPECT_EQ(send(5), TrajectoryQueue::Taken::kTaken);
+}
+
 TEST(Trajectories, TheRoomIsBoundedAndShared) {
   Segments segments;
   segments.next();

@@ -6,11 +6,13 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <limits>
 #include <set>
 
 #include "core/task/route_map.h"
 #include "core/util/error.h"
 #include "core/util/files.h"
+#include "policy_service/learning/optimization/adam.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
 #include "tests/support/networks/small_networks.h"
@@ -373,6 +375,20 @@ TEST(PlaceFilter, LearnsToTurnAtCrossings) {
   while (!loop.trainer.done()) loop.update();
   EXPECT_GT(spl(loop.trainer.agent(), city, false), 0.95);
   EXPECT_GT(spl(loop.trainer.agent(), city, true), 0.95);
+}
+
+TEST(Adam, AGradientThatIsNotFiniteChangesNothing) {
+  Adam adam(2, {});
+  Worker worker;
+  Vector<float> parameters = Vector<float>::Ones(2);
+  for (const float wrong : {std::nanf(""), std::numeric_limits<float>::infinity(), 1e30f}) {
+    Vector<float> gradient = Vector<float>::Constant(2, wrong);
+    adam.step(0.1, gradient, Vector<float>::Zero(2), parameters, worker);
+    EXPECT_EQ(parameters, Vector<float>::Ones(2)) << wrong;
+  }
+  Vector<float> gradient = Vector<float>::Ones(2);
+  EXPECT_NEAR(adam.step(0.1, gradient, Vector<float>::Zero(2), parameters, worker), std::sqrt(2.0), 1e-6);
+  EXPECT_LT(parameters.maxCoeff(), 1.0f) << "the next one counts";
 }
 
 }  // namespace
