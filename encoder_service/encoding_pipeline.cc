@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <opencv2/core.hpp>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "core/util/random.h"
 
 namespace citylearn {

@@ -15,8 +15,8 @@
 #include <mutex>
 #include <string_view>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
 

@@ -13,8 +13,8 @@
 #include <fstream>
 #include <sstream>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 
 extern char** environ;
 

@@ -10,9 +10,9 @@
 #include <filesystem>
 #include <functional>
 
+#include "core/files/files.h"
 #include "core/plugin/plugin_stamp.h"
 #include "core/plugin/registry.h"
-#include "core/util/files.h"
 
 namespace citylearn {
 namespace {

@@ -9,9 +9,9 @@
 #include <cstring>
 #include <limits>
 
+#include "core/files/files.h"
 #include "core/recording/mcap_writer.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 
 namespace citylearn {
 namespace {

@@ -4,8 +4,8 @@
 #include <cstdlib>
 #include <limits>
 
+#include "core/files/json.h"
 #include "core/task/path.h"
-#include "core/util/json.h"
 #include "core/util/text.h"
 #include "dashboard/api/api.h"
 #include "dashboard/api/parameters.h"

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
-#include "core/util/json.h"
 
 namespace citylearn {
 namespace {

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <type_traits>
 
-#include "core/util/csv.h"
+#include "core/files/csv.h"
 #include "dashboard/api/parameters.h"
 
 namespace citylearn {

@@ -4,8 +4,8 @@
 #include <filesystem>
 #include <regex>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/util/sha256.h"
 
 namespace citylearn {

@@ -13,8 +13,8 @@
 #include <boost/asio/use_awaitable.hpp>
 #include <thread>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "dashboard/http/server_context.h"
 
 namespace citylearn {

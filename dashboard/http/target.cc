@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "core/util/json.h"
+#include "core/files/json.h"
 
 namespace citylearn {
 namespace {

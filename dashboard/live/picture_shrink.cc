@@ -5,8 +5,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "core/files/image_header.h"
 #include "core/util/error.h"
-#include "core/util/image_header.h"
 
 namespace citylearn {
 namespace {

@@ -6,7 +6,7 @@
 #include <set>
 #include <utility>
 
-#include "core/util/file_lock.h"
+#include "core/files/file_lock.h"
 #include "dashboard/store/database.h"
 #include "dashboard/store/store.h"
 

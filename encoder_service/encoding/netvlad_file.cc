@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "core/files/safetensors.h"
 #include "core/util/error.h"
-#include "core/util/safetensors.h"
 #include "core/util/text.h"
 #include "encoder_service/encoding/netvlad_head.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <opencv2/imgcodecs.hpp>
 
-#include "core/util/image_header.h"
+#include "core/files/image_header.h"
 #include "encoder_service/encoding/encoder.h"
 
 namespace citylearn {

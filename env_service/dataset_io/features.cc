@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/dataset.h"
 #include "env_service/files/text_table.h"

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "core/wire/messages.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"

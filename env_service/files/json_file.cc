@@ -4,9 +4,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
-#include "core/util/json.h"
 #include "env_service/files/files.h"
 
 namespace citylearn {

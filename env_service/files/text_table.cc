@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/util/text.h"
 #include "env_service/files/files.h"
 

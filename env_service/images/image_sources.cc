@@ -14,8 +14,8 @@
 #include <span>
 #include <unordered_map>
 
+#include "core/files/image_header.h"
 #include "core/util/error.h"
-#include "core/util/image_header.h"
 #include "core/util/sha256.h"
 #include "env_service/files/files.h"
 

@@ -7,9 +7,9 @@
 #include <opencv2/videoio.hpp>
 #include <opencv2/videoio/registry.hpp>
 
+#include "core/files/files.h"
+#include "core/files/image_header.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
-#include "core/util/image_header.h"
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
 #include "env_service/files/files.h"

@@ -16,9 +16,9 @@
 #include <string_view>
 #include <vector>
 
+#include "core/files/files.h"
 #include "core/task/training_figures.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/util/wall_clock.h"
 
 namespace citylearn {

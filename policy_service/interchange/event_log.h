@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "core/util/growing_file.h"
+#include "core/files/growing_file.h"
 #include "core/wire/messages.h"
 
 namespace citylearn {

@@ -3,8 +3,8 @@
 
 #include <filesystem>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/util/sha256.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "policy_service/interchange/safetensors.h"

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 
 namespace citylearn {
 namespace {

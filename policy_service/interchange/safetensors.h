@@ -4,7 +4,7 @@
 #include <map>
 #include <string>
 
-#include "core/util/safetensors.h"
+#include "core/files/safetensors.h"
 #include "policy_service/network/trained_agent.h"
 
 namespace citylearn {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <limits>
 
-#include "core/util/json.h"
+#include "core/files/json.h"
 #include "policy_service/learning/trainer_state.h"
 
 namespace citylearn {

@@ -11,10 +11,10 @@
 #include <string_view>
 #include <vector>
 
+#include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/task/route_map.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
-#include "core/util/json.h"
 
 namespace citylearn {
 namespace {

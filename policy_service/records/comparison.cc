@@ -11,9 +11,9 @@
 #include <numeric>
 #include <set>
 
+#include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
-#include "core/util/json.h"
 
 namespace citylearn {
 namespace {

@@ -8,8 +8,8 @@
 #include <filesystem>
 #include <fstream>
 
-#include "core/util/csv.h"
-#include "core/util/files.h"
+#include "core/files/csv.h"
+#include "core/files/files.h"
 
 namespace citylearn {
 namespace {

@@ -7,7 +7,7 @@
 #include <string>
 #include <utility>
 
-#include "core/util/growing_file.h"
+#include "core/files/growing_file.h"
 #include "core/util/number_set.h"
 #include "core/wire/messages.h"
 

@@ -5,8 +5,8 @@
 
 #include <fstream>
 
+#include "core/files/files.h"
 #include "core/task/training_figures.h"
-#include "core/util/files.h"
 
 namespace citylearn {
 MetricsLog::MetricsLog(const std::string& path, std::uint64_t after_update) {

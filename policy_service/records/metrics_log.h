@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "core/util/growing_file.h"
+#include "core/files/growing_file.h"
 #include "core/wire/messages.h"
 
 namespace citylearn {

@@ -8,8 +8,8 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
-#include "core/util/files.h"
-#include "core/util/json.h"
+#include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/util/wall_clock.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/records/episode_log.h"

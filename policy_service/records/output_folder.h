@@ -5,7 +5,7 @@
 #include <optional>
 #include <string>
 
-#include "core/util/file_lock.h"
+#include "core/files/file_lock.h"
 #include "policy_service/records/policy_service_options.h"
 
 namespace citylearn {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/records/run_records.h"
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "policy_service/records/report.h"
 
 namespace citylearn {

@@ -7,7 +7,7 @@
 #include <iostream>
 #include <memory>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "core/wire/service.h"
 #include "policy_service/distributed/actor.h"
 #include "policy_service/distributed/final_status_guard.h"

@@ -11,9 +11,9 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
-#include "core/util/json.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/records/comparison.h"

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <opencv2/core.hpp>
 
-#include "core/util/image_header.h"
+#include "core/files/image_header.h"
 #include "encoder_service/encoding/encoder.h"
 #include "env_service/images/image_sources.h"
 #include "tests/fuzz/targets.h"

@@ -6,7 +6,7 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "core/util/image_header.h"
+#include "core/files/image_header.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {

@@ -7,8 +7,8 @@
 #include <iostream>
 #include <optional>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/util/version.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"

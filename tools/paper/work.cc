@@ -9,9 +9,9 @@
 #include <fstream>
 
 #include "core/dds/middleware.h"
+#include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
-#include "core/util/json.h"
 #include "core/util/progress.h"
 #include "core/util/sha256.h"
 #include "core/wire/service.h"

@@ -7,7 +7,7 @@
 #include <iostream>
 #include <memory>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "core/wire/service.h"
 #include "env_service/files/text_table.h"
 #include "tools/vpr/descriptors.h"

@@ -6,8 +6,8 @@
 
 #include <filesystem>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/wire/service.h"
 #include "tools/vpr/child.h"
 #include "tools/vpr/descriptors.h"

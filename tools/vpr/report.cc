@@ -7,7 +7,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "core/util/csv.h"
+#include "core/files/csv.h"
 #include "core/util/version.h"
 
 namespace citylearn::vpr {

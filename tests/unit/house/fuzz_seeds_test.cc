@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "core/util/image_header.h"
+#include "core/files/image_header.h"
 #include "core/wire/messages.h"
 #include "encoder_service/encoding/encoder.h"
 #include "tests/fuzz/messages.h"

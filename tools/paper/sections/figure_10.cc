@@ -3,8 +3,8 @@
 #include <cmath>
 #include <filesystem>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "tools/paper/context.h"
 #include "tools/paper/studies/walk.h"
 

@@ -9,8 +9,8 @@
 #include <fstream>
 #include <thread>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/wire/service.h"
 #include "env_service/environment.h"
 #include "tools/vpr/child.h"

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "policy_service/network/checkpoint.h"
 #include "tests/paths.h"
 #include "tests/support/networks/small_city.h"

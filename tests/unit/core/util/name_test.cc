@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/util/csv.h"
+#include "core/files/csv.h"
 
 namespace citylearn::testing {
 namespace {

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <thread>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "tests/support/files.h"
 #include "tests/support/text.h"
 

@@ -11,7 +11,7 @@
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
 
-#include "core/util/image_header.h"
+#include "core/files/image_header.h"
 #include "env_service/images/image_sources.h"
 #include "tests/support/data/fake_images.h"
 #include "tests/support/env/env.h"

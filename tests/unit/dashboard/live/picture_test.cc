@@ -2,7 +2,7 @@
 // Pictures on their way to browsers: kept for a while, and made small.
 #include <gtest/gtest.h>
 
-#include "core/util/image_header.h"
+#include "core/files/image_header.h"
 #include "dashboard/live/live.h"
 #include "dashboard/live/picture_shrink.h"
 #include "tests/support/data/sample_pictures.h"

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"

@@ -15,7 +15,7 @@
 #include <fstream>
 #include <limits>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 

@@ -11,7 +11,7 @@
 #include <opencv2/dnn.hpp>
 #include <set>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/network/checkpoint.h"

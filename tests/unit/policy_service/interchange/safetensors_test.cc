@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "core/util/files.h"
+#include "core/files/files.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/network/checkpoint.h"
 #include "tests/paths.h"

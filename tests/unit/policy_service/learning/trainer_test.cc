@@ -9,9 +9,9 @@
 #include <limits>
 #include <set>
 
+#include "core/files/files.h"
 #include "core/task/route_map.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "policy_service/learning/optimization/adam.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"

@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/files/files.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "tests/support/files.h"
 #include "tests/support/text.h"
 

@@ -7,9 +7,9 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/files/files.h"
 #include "core/task/route_map.h"
 #include "core/util/error.h"
-#include "core/util/files.h"
 #include "core/util/random.h"
 #include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/network/checkpoint.h"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the doctor makes of heartbeats; what it makes of hosts is in tests/system/network_test.cc.
+// What the doctor makes of heartbeats; what it makes of hosts is in tests/system/network/network_test.cc.
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <sys/socket.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/util/files.h"
+#include "core/files/files.h"
 
 #include <fcntl.h>
 #include <unistd.h>

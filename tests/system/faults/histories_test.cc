@@ -12,7 +12,7 @@
 #include "dashboard/store/database.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/ledger.h"
-#include "tests/system/history_model.h"
+#include "tests/system/faults/history_model.h"
 
 namespace citylearn::testing {
 namespace {

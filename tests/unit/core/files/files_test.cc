@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/util/files.h"
+#include "core/files/files.h"
 
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include "core/files/growing_file.h"
+#include "core/files/safetensors.h"
 #include "core/recording/mcap.h"
-#include "core/util/growing_file.h"
-#include "core/util/safetensors.h"
 #include "policy_service/records/episode_log.h"
 #include "policy_service/records/metrics_log.h"
 #include "tests/support/files.h"

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Files that grow by whole records on a disk that is full for a while, and the logs of a run on top of them.
-#include "core/util/growing_file.h"
+#include "core/files/growing_file.h"
 
 #include <gtest/gtest.h>
 #include <signal.h>

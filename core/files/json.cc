@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/util/json.h"
+#include "core/files/json.h"
 
 #include <algorithm>
 #include <nlohmann/json.hpp>

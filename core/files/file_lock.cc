@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/util/file_lock.h"
+#include "core/files/file_lock.h"
 
 #include <fcntl.h>
 #include <sys/file.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/util/safetensors.h"
+#include "core/files/safetensors.h"
 
 #include <algorithm>
 #include <bit>
@@ -8,8 +8,8 @@
 #include <optional>
 #include <utility>
 
+#include "core/files/json.h"
 #include "core/util/error.h"
-#include "core/util/json.h"
 #include "core/util/text.h"
 
 namespace citylearn {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// network_peer ROLE: one end of what tests/system/network_test.cc sends between hosts. Prints what it saw, and ends at
-// SIGTERM.
+// network_peer ROLE: one end of what tests/system/network/network_test.cc sends between hosts. Prints what it saw, and
+// ends at SIGTERM.
 #include <fmt/core.h>
 
 #include <CLI/CLI.hpp>

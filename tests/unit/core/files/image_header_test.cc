@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "core/util/image_header.h"
+#include "core/files/image_header.h"
 
 #include <gtest/gtest.h>
 
