@@ -168,7 +168,10 @@ void Actor::on_info(const msg::LearnerInfo& info) {
 void Actor::on_parameters(const msg::PolicyParameters& chunk) {
   if (!session_ || !session_->prepared() || !of_learner(chunk.header(), "parameters")) return;
   // The learner's announcement comes first and counts: a forged version would be newer than all that it will ever send.
-  if (chunk.version() > session_->info().version()) return;
+  if (chunk.version() > session_->info().version()) {
+    ++node_.traffic.repeated;
+    return;
+  }
   if (!session_->parameters()->take(chunk)) rejections_.add(chunk.header(), "damaged parameters");
 }
 
