@@ -313,6 +313,8 @@ void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowled
   const auto result = outbox_.acknowledge(acknowledgement, now_);
   if (result == EpisodeOutbox::Acknowledged::kImpossible)
     rejections_.add(acknowledgement.header(), "an acknowledgement of episodes that do not exist");
+  if (result == EpisodeOutbox::Acknowledged::kTooMany)
+    rejections_.add(acknowledgement.header(), "an acknowledgement of one recorder too many");
   if (result == EpisodeOutbox::Acknowledged::kRepeated) ++node_.traffic.repeated;
 }
 

@@ -74,11 +74,23 @@ bool EpisodeOutbox::Recorder::hear(const msg::Header& header, Clock::time_point 
   return heard != Incumbent::Heard::kOther;
 }
 
+bool EpisodeOutbox::has_room(const std::string& name, Clock::time_point now) {
+  if (recorders_.size() < kMostRecorders || recorders_.contains(name)) return true;
+  const auto gone = std::find_if(recorders_.begin(), recorders_.end(), [&](const auto& entry) {
+    return !entry.second.registered && !entry.second.presence.here(now);
+  });
+  if (gone == recorders_.end()) return false;
+  recorders_.erase(gone);
+  return true;
+}
+
 EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowledgement& acknowledgement,
                                                        Clock::time_point now) {
   if (acknowledgement.episode() > episodes_) return Acknowledged::kImpossible;
   const msg::Header& header = acknowledgement.header();
-  Recorder& recorder = recorders_[header.sender().c_str()];
+  const std::string name = header.sender().c_str();
+  if (!has_room(name, now)) return Acknowledged::kTooMany;
+  Recorder& recorder = recorders_[name];
   if (!recorder.hear(header, now) || !recorder.order.in_order(header, now)) return Acknowledged::kRepeated;
   const bool fresh = std::exchange(recorder.fresh, false) || !recorder.registered;
   recorder.stopping = false;

@@ -24,6 +24,7 @@ namespace citylearn {
 class EpisodeOutbox {
  public:
   static constexpr std::size_t kCapacity = 1'000'000;  ///< episodes kept
+  static constexpr std::size_t kMostRecorders = 64;    ///< known at a time: anybody may say that it records
 
   /// `required` names recorders that are known before they are heard of. Beyond `capacity` kept episodes, the recorder
   /// that is furthest behind is dropped; without recorders, the oldest episodes are lost. problem() reports either.
@@ -33,8 +34,9 @@ class EpisodeOutbox {
   void set_context(const msg::TaskSettings& settings, const std::string& traversal);
   void add(const Environment::Episode& episode);
 
-  enum class Acknowledged { kYes, kRepeated, kImpossible };
-  /// Reads the header, episode and leaving of the acknowledgement alone.
+  enum class Acknowledged { kYes, kRepeated, kImpossible, kTooMany };
+  /// Reads the header, episode and leaving of the acknowledgement alone. Beyond kMostRecorders a newcomer takes the
+  /// place of one that left and is silent; kTooMany: there is none.
   Acknowledged acknowledge(const msg::EpisodeAcknowledgement& acknowledgement, Clock::time_point now);
   /// Notes a heartbeat of a recorder; those of other services are ignored. `stopping`: the sender stops.
   void heartbeat(const msg::Header& header, bool stopping, Clock::time_point now);
@@ -88,6 +90,7 @@ class EpisodeOutbox {
     /// Returns false for a message of another process than the one that records.
     bool hear(const msg::Header& header, Clock::time_point now);
   };
+  bool has_room(const std::string& name, Clock::time_point now);
   void open_window(Recorder& recorder, std::uint64_t window, Clock::time_point now) const;
   void unregister(Recorder& recorder);
   void discard_acknowledged();

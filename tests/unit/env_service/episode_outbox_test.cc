@@ -227,6 +227,20 @@ TEST(EpisodeOutbox, TheNewestWordOfARecorderCounts) {
   EXPECT_EQ(fixture.outbox.kept(), 0u);
 }
 
+TEST(EpisodeOutbox, ManyRecordersNeedNoMoreMemory) {
+  Fixture fixture;
+  fixture.end_episodes(1);
+  fixture.acknowledge("dashboard", 0);
+  for (std::size_t i = 1; i < EpisodeOutbox::kMostRecorders; ++i)
+    EXPECT_NE(fixture.acknowledge("stranger-" + std::to_string(i), 0), Acknowledged::kTooMany);
+  EXPECT_EQ(fixture.acknowledge("another", 0), Acknowledged::kTooMany);
+  EXPECT_EQ(fixture.acknowledge("dashboard", 1), Acknowledged::kYes) << "who is known stays";
+  fixture.acknowledge("stranger-5", 1, /*leaving=*/true);
+  EXPECT_EQ(fixture.acknowledge("another", 0), Acknowledged::kTooMany) << "late messages may still come";
+  fixture.now += kSilence;
+  EXPECT_EQ(fixture.acknowledge("another", 0), Acknowledged::kYes);
+}
+
 TEST(EpisodeOutbox, NothingIsKeptForWhoLeft) {
   Fixture fixture;
   fixture.acknowledge("policy", 0);
