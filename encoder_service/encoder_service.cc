@@ -152,8 +152,11 @@ void EncoderService::on_completed_info(const msg::TraversalInfo& info) {
   const auto found = environments_.find(info.header().sender().c_str());
   if (found == environments_.end()) return;
   // Of two that began to serve the same env_service, both know by this which one continues.
-  if (!serving(found->second) || info.encoder_incarnation() < node_.incarnation())
-    found->second.server = info.encoder_incarnation();
+  if (serving(found->second)) {
+    if (info.encoder_incarnation() > node_.incarnation()) return;
+    spdlog::info("leaves '{}' to '{}'", found->first, info.encoder_service().c_str());
+  }
+  found->second.server = info.encoder_incarnation();
 }
 
 void EncoderService::on_info(const msg::TraversalInfo& info) {

@@ -93,8 +93,8 @@ void look_at_services(Findings& findings) {
     if (*status.alarm().c_str()) findings.problems.push_back(fmt::format("{}: {}", who, status.alarm().c_str()));
     if (service.heard > 1 && std::abs(service.ahead) > kClockTolerance)
       findings.hints.push_back(
-          fmt::format("the clock of '{}' was {:.1f} s {} ours when {} started (synchronise both by NTP: of "
-                      "two processes with one name the later start counts)",
+          fmt::format("the clock of '{}' was {:.1f} s {} ours when {} started (synchronise both by NTP, or the times "
+                      "in logs and records do not agree)",
                       status.host().c_str(), std::abs(service.ahead), service.ahead > 0 ? "ahead of" : "behind",
                       status.header().sender().c_str()));
   }

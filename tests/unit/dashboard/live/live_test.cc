@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
+#include <utility>
 
 #include "core/files/image_header.h"
 #include "env_service/images/image_sources.h"
@@ -297,9 +298,13 @@ TEST_F(LiveRun, PicturesShowWhatAnAgentSees) {
   }
   // When it stands still, what is shown is what it sees.
   policy->walker = nullptr;
+  const auto& scenes = hub.published["scene:" + source];
+  std::size_t seen = 0;
+  Clock::time_point last = Clock::now();  // scene; the agent's last step may not be in one yet
   ASSERT_TRUE(drive([&] {
-    const auto& scenes = hub.published["scene:" + source];
-    return !scenes.empty() && newest(topic).header["frame"] == scenes.back().numbers<std::uint32_t>()[1];
+    if (std::exchange(seen, scenes.size()) != scenes.size()) last = Clock::now();
+    return seen > 0 && Clock::now() > last + milliseconds(300) &&
+           newest(topic).header["frame"] == scenes.back().numbers<std::uint32_t>()[1];
   }));
   const int reads = images->reads;
   const std::size_t shown = count(topic);
