@@ -352,9 +352,9 @@ class History {
 };
 
 class Histories : public ::testing::TestWithParam<std::uint64_t> {};
-const std::uint64_t first_seed = number_from("CITYLEARN_HISTORY_SEED", 1);
-const std::uint64_t count = number_from("CITYLEARN_HISTORIES", std::getenv("CITYLEARN_HISTORY_SEED") ? 1 : 8);
-INSTANTIATE_TEST_SUITE_P(, Histories, ::testing::Range(first_seed, first_seed + count),
+const std::uint64_t kFirstSeed = number_from("CITYLEARN_HISTORY_SEED", 1);
+const std::uint64_t kCount = number_from("CITYLEARN_HISTORIES", std::getenv("CITYLEARN_HISTORY_SEED") ? 1 : 8);
+INSTANTIATE_TEST_SUITE_P(, Histories, ::testing::Range(kFirstSeed, kFirstSeed + kCount),
                          [](const auto& seed) { return "Seed" + std::to_string(seed.param); });
 
 TEST_P(Histories, NothingIsLostOrDoubledAndNobodyIsSilent) {
