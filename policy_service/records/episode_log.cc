@@ -38,10 +38,11 @@ void EpisodeLog::load() {
   if (!in) return;
   std::string line, row;
   std::uintmax_t whole = 0;  // bytes up to the last complete row
-  bool first = true;
+  bool first = true, quoted = false;
   while (std::getline(in, line) && !in.eof()) {
     row += line;
-    if (std::count(row.begin(), row.end(), '"') % 2 == 1) {  // a field goes on in the next line
+    if (std::count(line.begin(), line.end(), '"') % 2 == 1) quoted = !quoted;
+    if (quoted) {  // a field goes on in the next line
       row += '\n';
       continue;
     }

@@ -80,7 +80,7 @@ class History {
     note("WRONG: " + what);
     faults_.push_back(what);
   }
-  /// Also looks at who has ended and who is silent.
+  /// Also notes which programs have ended and which are silent.
   bool until(const std::function<bool()>& condition, milliseconds patience) {
     const auto done = [&] {
       look();

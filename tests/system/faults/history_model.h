@@ -122,7 +122,7 @@ class Chronicle {
     }
     return ledger;
   }
-  /// Returns who has been silent for too long, and what it said last.
+  /// Returns which program has been silent for too long, and what it said last.
   std::string silent() {
     for (const auto& program : programs) {
       if (!program->alive() || program->frozen()) continue;
