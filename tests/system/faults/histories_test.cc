@@ -204,7 +204,7 @@ class History {
       return std::find(options.begin(), options.end(), option) != options.end();
     };
     const auto before = files_of(folder);
-    const Program* const other = owner(folder);
+    Program* const other = owner(folder);
     const bool wrong =
         other || (!has("--resume") && !has("--overwrite") &&
                   (fs::exists(folder + "/manifest.json") || !csv_rows(folder + "/episodes.csv").empty()));
@@ -221,6 +221,10 @@ class History {
         if (!other && files_of(folder) != before) fault("a refused start changed files");
         return;
       }
+      if (other && other->frozen()) {  // perhaps when its run had ended and the folder was free
+        thaw(*other);
+        until([&] { return !other->alive(); }, seconds(1));
+      }
       if (!other || other->alive()) fault("a wrong start was not refused");  // else that one ended in time
     }
     if (has("--overwrite")) {
@@ -229,10 +233,14 @@ class History {
     }
     program.overwritten = chronicle_.overwritten[folder];
   }
+  void thaw(Program& program) {
+    program.service->send(SIGCONT);
+    program.thaw = {};
+    program.news = chronicle_.now();
+  }
   void end(Program& program, int signal) {
     note((signal == SIGKILL ? "kill " : "end ") + program.id);
-    if (program.frozen()) program.service->send(SIGCONT);
-    program.thaw = {};
+    if (program.frozen()) thaw(program);
     (signal == SIGKILL ? program.killed : program.warned) = true;
     program.service->send(signal);
   }
