@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/interchange/agent_graph.h"
 
+#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/layers.h"
 
 namespace citylearn {
@@ -14,7 +15,22 @@ OnnxValue AgentGraph::known(const std::string& name, std::int64_t width, const s
 }
 
 OnnxValue AgentGraph::features() {
-  return known("features", agent_.task.features, "what is seen: the frame's features, as the agent was trained on");
+  const std::int64_t width = agent_.task.features;
+  const OnnxValue seen = known("features", width, "what is seen: the frame's features, of the encoder it learned with");
+  if (!agent_.network->normalises()) return seen;
+  const auto found = inputs_.find("normalised");
+  if (found != inputs_.end()) return found->second;
+  const OnnxValue condition =
+      known("condition", width + 1,
+            "sums of the features of all frames that agents have seen on this traversal, this one among them, then "
+            "their number; zeros: as on the training traversal");
+  // Sums and prior by 1 / (their weight): a linear layer each, as readers differ in what they add to a batch.
+  const OnnxValue weight =
+      exp(-1 * log(columns(condition, width, width + 1) + static_cast<float>(FeatureNormaliser::kPrior)));
+  const OnnxValue moved = seen - columns(condition, 0, width) * stretched(weight, width) -
+                          linear(weight, "condition.prior", FeatureNormaliser(agent_.task.reference).prior());
+  const OnnxValue length = linear(moved * moved, "sum", Matrix<float>::Ones(1, width));
+  return inputs_["normalised"] = moved * stretched(exp(-0.5f * log(length + 1e-30f)), width);
 }
 OnnxValue AgentGraph::goal() {
   return known("goal", 1, "place of the goal on the route, 0 .. frames - 1: the goal's frame less first_frame");

@@ -17,7 +17,7 @@ class AgentGraph : public OnnxGraph {
   /// `agent` must outlive it.
   explicit AgentGraph(const TrainedAgent& agent);
 
-  OnnxValue features();         ///< batch x D
+  OnnxValue features();         ///< batch x D, normalised where the network wants it: see FeatureNormaliser
   OnnxValue goal();             ///< batch x 1, place on the route, 0..N-1
   OnnxValue position();         ///< batch x 1, likewise
   OnnxValue previous_action();  ///< batch x 3, one-hot; zeros where there was none

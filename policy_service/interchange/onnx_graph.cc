@@ -171,6 +171,7 @@ OnnxValue operator*(float a, const OnnxValue& b) { return b * one_number(*b.grap
 OnnxValue relu(const OnnxValue& x) { return x.graph->node("Relu", {x}); }
 OnnxValue tanh(const OnnxValue& x) { return x.graph->node("Tanh", {x}); }
 OnnxValue sigmoid(const OnnxValue& x) { return x.graph->node("Sigmoid", {x}); }
+OnnxValue exp(const OnnxValue& x) { return x.graph->node("Exp", {x}); }
 OnnxValue log(const OnnxValue& x) { return x.graph->node("Log", {x}); }
 OnnxValue softmax(const OnnxValue& x) { return x.graph->node("Softmax", {x}, {{"axis", std::int64_t{1}}}); }
 

@@ -29,6 +29,7 @@ OnnxValue operator*(float a, const OnnxValue& b);
 OnnxValue relu(const OnnxValue& x);
 OnnxValue tanh(const OnnxValue& x);
 OnnxValue sigmoid(const OnnxValue& x);
+OnnxValue exp(const OnnxValue& x);
 OnnxValue log(const OnnxValue& x);
 OnnxValue softmax(const OnnxValue& x);  ///< over each row
 

@@ -174,6 +174,8 @@ UpdateFigures Trainer::learn(std::span<Rollout* const> rollouts, std::span<const
   Impl& p = *impl_;
   for (Rollout* rollout : rollouts) {
     rollout->max_steps = p.lesson().max_steps;
+    rollout->step_cost = static_cast<float>(p.parameters.trainer["step-cost"]);
+    for (float& reward : rollout->reward) reward = rollout->learned(reward);
     p.progress.steps += rollout->action.size();
   }
   const UpdateFigures figures = p.learner->update(rollouts);

@@ -24,6 +24,8 @@ std::vector<ParameterSpec> Trainer::parameter_specs() {
           {"sequence", "steps of backpropagation through time; divides the segment", 64, 1, 65536, true},
           {"steps", "environment steps of the whole run", 40000, 1, 1e12, true},
           {"agents", "recommended number of agents; fewer or more work too", 16, 1, msg::MAX_AGENTS, true},
+          {"step-cost", "what a step that leads no nearer costs the learner; 0: 1 / max_steps, as the reward says", 0,
+           0, 1},
           {"noise-frame", "noise on features, drawn at each step, relative to their length", 1, 0, 100},
           {"noise-place", "noise of each place, likewise, drawn for each episode", 0, 0, 100},
           {"noise-episode", "shift of all features of an episode, likewise", 3, 0, 100}};

@@ -44,6 +44,9 @@ class AgentNetwork {
   /// Resizes and fills `parameters`.
   virtual void initialise(Random& random, Vector<S>& parameters) const = 0;
   virtual int state_size() const = 0;
+  /// Returns whether it wants features as FeatureNormaliser makes them (feature_normaliser.h). Whoever gives it inputs
+  /// has to see to that.
+  virtual bool normalises() const { return false; }
   virtual std::unique_ptr<Workspace<S>> make_workspace() const = 0;
   /// `state` (state_size x B) is the state before the first step.
   virtual void forward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, const Matrix<S>& state,

@@ -18,6 +18,8 @@ class Features : public LstmNetwork<S> {
       throw Error("needs features", "features", "give the env_service a features file or start an encoder_service");
   }
 
+  bool normalises() const override { return true; }
+
   static std::vector<ParameterSpec> parameters() {
     std::vector<ParameterSpec> specs = LstmNetwork<S>::lstm_parameters();
     specs.push_back({"scale", "features are multiplied by this", 8, 1e-3, 1e3});

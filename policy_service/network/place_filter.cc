@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cmath>
+#include <limits>
+#include <span>
 
 #include "core/task/route_map.h"
+#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/layers.h"
 
 namespace citylearn {
@@ -11,16 +15,26 @@ namespace {
 /// (after the histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu & Lee, 2018). It is given as knowledge:
 /// the reference frames' features K, the motion of each action, and which actions are masked where.
 ///
-/// Belief p over the N places, uniform at an episode's start. Each step:
-///   q = p moved by the previous action (what falls off is dropped), q' = (1 - k) q + k / N,
-///   e_i = s_f (x . K_i) - s_m |mask - mask of place i|_1 - s_g [i = goal]   (standing at the goal would have ended
-///   it), p = softmax(c log q' + e).
-/// Head: [2 P(place < goal), 2 P(place > goal), 1 - mask (3), half the previous action one-hot (3)] -> tanh -> tanh ->
-/// policy (3) and value (1).
+/// The belief p over the N places is uniform at an episode's start, and kept as scores l, p = softmax(l). Each step, t
+/// steps into the episode:
+///   l moves by the previous action (what falls off is dropped, what enters is excluded),
+///   l_i += s / (1 + h t) (x . K_i), and l_i -= kExclusion for the goal (standing there would have ended the episode)
+///   and wherever the actions allowed would be others.
+/// What is excluded stays so for the episode, however much else speaks for it. Evidence counts for less the longer the
+/// episode is, because neighbouring frames err alike: h says how much.
+///
+/// Head: what the belief says seen from the goal. With places weighed by 1 / distance^g (a wrong turn costs most in
+/// proportion when the goal is near), and the side that asks for turning about by u (doubt alone is no reason to turn),
+/// [2 S(place < goal), 2 S(place > goal)], S being shares of the weighed belief; the belief's mass at distances
+/// 1, 2..3, 4..7 ... before the goal and after it (kScales each, the last one open), times 2; its sharpness sum p_i^2;
+/// 1 - mask (3), half the previous action one-hot (3)] -> tanh -> tanh -> policy (3) and value (1). The first two
+/// inputs also reach the logits of `next` and `previous` directly, times d: an agent that has learned nothing walks to
+/// the side where it believes the goal, as QMDP planning would (Littman et al., 1995; within a network: Karkus, Hsu &
+/// Lee, 2017), on a route of any length. s, h, g, u and d are learned too. The state is l, then t.
 ///
 /// On a map (task.turns) the action `stay` moves the belief along the turns, and the head's first two inputs are what
 /// they are on a line in other words: 2 P(next leads nearer to the goal), 2 P(previous does); 2 P(turning does) comes
-/// last. All places are in use then.
+/// last, and the masses by distance are zero. All places are in use then.
 template <class S>
 class PlaceFilter : public AgentNetwork<S> {
  public:
@@ -28,13 +42,14 @@ class PlaceFilter : public AgentNetwork<S> {
       : places_(task.frames),
         units_(parameters.integer("units")),
         inputs_(kInputs + (task.turns.empty() ? 0 : 1)),
-        keys_(task.reference.template cast<S>().transpose()),
+        keys_(normalised_reference(task.reference).template cast<S>().transpose()),
         turns_(task.turns) {
     if (task.features < 1 || task.reference.rows() != task.features || task.reference.cols() != task.frames)
       throw Error("needs the features of all " + std::to_string(task.frames) + " frames of the training route",
                   "reference", "train where the env_service has features, or give it an encoder_service");
     check_turns(turns_, places_);
     if (!turns_.empty()) find_ways();
+    log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();
     scalars_ = layout_.add("filter.scalars", kScalars, 1);
     weights1_ = layout_.add("head.1.weight", units_, inputs_);
     bias1_ = layout_.add("head.1.bias", units_, 1);
@@ -49,18 +64,21 @@ class PlaceFilter : public AgentNetwork<S> {
   }
 
   const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }
-  int state_size() const override { return places_; }
+  int state_size() const override { return places_ + 1; }
+  bool normalises() const override { return true; }
   std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(); }
 
   void initialise(Random& random, Vector<S>& parameters) const override {
     parameters.setZero(layout_.size());
     auto scalars = layout_.view(parameters, scalars_);
-    scalars(kFeatureScale) = static_cast<S>(std::log(11.0) / kStretch);
-    scalars(kMaskScale) = static_cast<S>(std::log(4.0) / kStretch);
-    scalars(kGoalScale) = static_cast<S>(std::log(4.0) / kStretch);
-    scalars(kPersistence) = static_cast<S>(3.0 / kStretch);
-    // Actions do what they say, so that a belief need not be given up for a stretch that looks like another one.
-    scalars(kFloor) = static_cast<S>(std::log(1e-5) / kStretch);
+    const auto begin_with = [&](int scalar, double value) {
+      scalars(scalar) = static_cast<S>(std::log(value) / kStretch);
+    };
+    begin_with(kEvidence, 16);
+    begin_with(kTempering, 0.15);
+    begin_with(kNearness, 0.6);
+    begin_with(kTurning, 0.3);
+    begin_with(kDirectness, 2);
     orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights1_));
     orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights2_));
     orthogonal<S>(random, 1, layout_.view(parameters, weights3_));
@@ -71,50 +89,55 @@ class PlaceFilter : public AgentNetwork<S> {
                Workspace<S>& workspace) const override {
     Work& work = static_cast<Work&>(workspace);
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
-    for (Matrix<S>* part : {&work.moved, &work.log_prior, &work.belief}) part->resize(places_, columns);
+    for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
     work.head_input.setZero(inputs_, columns);
+    work.step.resize(columns);
     const Scalars s = scalars(parameters);
+    work.weights = (-s.nearness * log_distances_).array().exp();
 
     work.similarity.noalias() = keys_ * inputs.features.leftCols(inputs.distinct);
     for (std::ptrdiff_t column = 0; column < columns; ++column) {
       const std::size_t index = static_cast<std::size_t>(column);
-      auto moved = work.moved.col(column);
-      const std::uint8_t previous = inputs.previous_action[index];
+      const std::uint8_t previous = inputs.previous_action[index], allowed = inputs.allowed[index];
+      auto score = work.score.col(column);
       if (inputs.first[index]) {
-        moved.setZero();
-        moved.head(inputs.frames).setConstant(S(1) / static_cast<S>(inputs.frames));
+        score.setConstant(kNever);
+        score.head(inputs.frames).setZero();
+        work.step(column) = 0;
       } else if (column < agents) {
-        shift(previous, state.col(column), moved);
+        shift(previous, state.col(column).head(places_), score);
+        work.step(column) = state(places_, column) + 1;
       } else {
-        shift(previous, work.belief.col(column - agents), moved);
+        shift(previous, work.score.col(column - agents), score);
+        work.step(column) = work.step(column - agents) + 1;
       }
-      auto log_prior = work.log_prior.col(column);
-      log_prior = ((S(1) - s.floor) * moved.array() + s.floor / static_cast<S>(places_)).log();
+      score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
+      exclude(inputs.goal[index], inputs.frames, allowed, score);
       auto belief = work.belief.col(column);
-      const std::uint8_t allowed = inputs.allowed[index];
-      belief = s.persistence * log_prior + s.features * work.similarity.col(inputs.seen[index]);
-      belief.array() -= s.mask * static_cast<S>(mask_distance(allowed, kInside));
-      belief(0) += s.mask * static_cast<S>(mask_distance(allowed, kInside) - mask_distance(allowed, kFirstPlace));
-      belief(inputs.frames - 1) +=
-          s.mask * static_cast<S>(mask_distance(allowed, kInside) - mask_distance(allowed, kLastPlace));
-      belief(inputs.goal[index]) -= s.goal;
-      belief = (belief.array() - belief.maxCoeff()).exp();
+      belief = (score.array() - score.maxCoeff()).exp();
       belief /= belief.sum();
 
       const std::ptrdiff_t goal = inputs.goal[index];
+      work.head_input(kSharpness, column) = belief.squaredNorm();
       if (turns_.empty()) {
-        work.head_input(0, column) = S(2) * belief.head(goal).sum();
-        work.head_input(1, column) = S(2) * belief.tail(places_ - goal - 1).sum();
+        const Sides sides(belief, work.weights, goal, turning(s, previous));
+        work.head_input(0, column) = S(2) * sides.before / sides.all();
+        work.head_input(1, column) = S(2) * sides.after / sides.all();
+        for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+          work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
+        });
       } else {
-        for (const auto& [input, way] : kWays)
+        for (const auto& [input, way, action] : kWays)
           for (std::ptrdiff_t place = 0; place < places_; ++place)
             if (ways(goal)[place] & way) work.head_input(input, column) += S(2) * belief(place);
       }
       for (int action = 0; action < kActions; ++action)
-        work.head_input(2 + action, column) = static_cast<S>(!(allowed >> action & 1));
-      if (previous < kActions) work.head_input(2 + kActions + previous, column) = S(0.5);
+        work.head_input(kMask + action, column) = static_cast<S>(!(allowed >> action & 1));
+      if (previous < kActions) work.head_input(kMask + kActions + previous, column) = S(0.5);
     }
-    work.state = work.belief.rightCols(agents);
+    work.state.resize(places_ + 1, agents);
+    work.state.topRows(places_) = work.score.rightCols(agents);
+    work.state.bottomRows(1) = work.step.tail(agents).transpose();
 
     work.layer1.noalias() = layout_.view(parameters, weights1_) * work.head_input;
     work.layer1.colwise() += layout_.view(parameters, bias1_).col(0);
@@ -124,6 +147,7 @@ class PlaceFilter : public AgentNetwork<S> {
     work.layer2 = work.layer2.array().tanh();
     work.both.noalias() = layout_.view(parameters, weights3_) * work.layer2;
     work.both.colwise() += layout_.view(parameters, bias3_).col(0);
+    for (const Way& way : ways_to_goal()) work.both.row(way.action) += s.directness * work.head_input.row(way.input);
     work.heads.logits = work.both.topRows(kActions);
     work.heads.values = work.both.bottomRows(1);
     mask_logits(inputs.allowed, work.heads.logits);
@@ -149,66 +173,95 @@ class PlaceFilter : public AgentNetwork<S> {
 
     const Scalars s = scalars(parameters);
     Scalars ds{};
-    work.belief_gradient.setZero(places_, columns);
-    Vector<S>& by_energy = work.column;  // derivative by c log q' + e
+    for (const Way& way : ways_to_goal()) {
+      ds.directness += work.both.row(way.action).dot(work.head_input.row(way.input));
+      work.input_gradient.row(way.input) += s.directness * work.both.row(way.action);
+    }
+    work.by_score.setZero(places_, columns);
+    Vector<S>& by_belief = work.column;
     for (std::ptrdiff_t column = columns - 1; column >= 0; --column) {
       const std::size_t index = static_cast<std::size_t>(column);
       const std::ptrdiff_t goal = inputs.goal[index];
+      const std::uint8_t previous = inputs.previous_action[index];
       const auto belief = work.belief.col(column);
-      auto by_belief = work.belief_gradient.col(column);
+      by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
       if (turns_.empty()) {
-        by_belief.head(goal).array() += S(2) * work.input_gradient(0, column);
-        by_belief.tail(places_ - goal - 1).array() += S(2) * work.input_gradient(1, column);
+        const Turning weight = turning(s, previous);
+        const Sides sides(belief, work.weights, goal, weight);
+        const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
+        const S mean = (before * sides.before + after * sides.after) / sides.all();
+        const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
+        const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
+          part += by * weights;
+          ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
+        };
+        by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
+                log_distances_.head(goal).reverse(), by_before * weight.before);
+        const std::ptrdiff_t rest = places_ - goal - 1;
+        by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
+                by_after * weight.after);
+        if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
+        if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
+        for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+          by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
+        });
       } else {
-        for (const auto& [input, way] : kWays)
+        for (const Way& way : kWays)
           for (std::ptrdiff_t place = 0; place < places_; ++place)
-            if (ways(goal)[place] & way) by_belief(place) += S(2) * work.input_gradient(input, column);
+            if (ways(goal)[place] & way.way) by_belief(place) += S(2) * work.input_gradient(way.input, column);
       }
-      by_energy = belief.array() * (by_belief.array() - by_belief.dot(belief));
+      auto by_score = work.by_score.col(column);
+      by_score.array() += belief.array() * (by_belief.array() - by_belief.dot(belief));
 
-      const std::uint8_t allowed = inputs.allowed[index];
-      const std::ptrdiff_t last = inputs.frames - 1;
-      ds.features += by_energy.dot(work.similarity.col(inputs.seen[index]));
-      ds.goal -= by_energy(goal);
-      ds.mask -= static_cast<S>(mask_distance(allowed, kInside)) * by_energy.sum() +
-                 static_cast<S>(mask_distance(allowed, kFirstPlace) - mask_distance(allowed, kInside)) * by_energy(0) +
-                 static_cast<S>(mask_distance(allowed, kLastPlace) - mask_distance(allowed, kInside)) * by_energy(last);
-      const auto log_prior = work.log_prior.col(column);
-      ds.persistence += by_energy.dot(log_prior);
-      by_energy = s.persistence * by_energy.array() * (-log_prior.array()).exp();  // now by the floored prior q'
-      const auto moved = work.moved.col(column);
-      ds.floor += by_energy.sum() / static_cast<S>(places_) - by_energy.dot(moved);
-      if (column < agents || inputs.first[index]) continue;
-      by_energy *= S(1) - s.floor;
-      unshift(inputs.previous_action[index], by_energy, work.belief_gradient.col(column - agents));
+      const S tempered = 1 / (1 + s.tempering * work.step(column));
+      const S by_evidence = tempered * by_score.dot(work.similarity.col(inputs.seen[index]));
+      ds.evidence += by_evidence;
+      ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
+      if (column >= agents && !inputs.first[index]) unshift(previous, by_score, work.by_score.col(column - agents));
     }
     auto out = layout_.view(gradient, scalars_);
-    const S stretch = static_cast<S>(kStretch);
-    out(kFeatureScale) += stretch * s.features * ds.features;
-    out(kMaskScale) += stretch * s.mask * ds.mask;
-    out(kGoalScale) += stretch * s.goal * ds.goal;
-    out(kPersistence) += stretch * s.persistence * (S(1) - s.persistence) * ds.persistence;
-    out(kFloor) += stretch * s.floor * (S(1) - s.floor) * ds.floor;
+    const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
+    learn(kEvidence, s.evidence, ds.evidence);
+    learn(kTempering, s.tempering, ds.tempering);
+    learn(kNearness, s.nearness, ds.nearness);
+    learn(kTurning, s.turning, ds.turning);
+    learn(kDirectness, s.directness, ds.directness);
   }
 
  private:
-  enum { kFeatureScale, kMaskScale, kPersistence, kFloor, kGoalScale, kScalars };
-  enum { kInputs = 2 + 2 * kActions };  ///< of the head, on a line
+  enum { kEvidence, kTempering, kNearness, kTurning, kDirectness, kScalars };
+  /// The head's inputs: on a line 2 S(before), 2 S(after), then these.
+  enum { kScales = 8, kSharpness = 2 + 2 * kScales, kMask, kInputs = kMask + 2 * kActions };
   enum : std::uint8_t { kByNext = 1, kByPrevious = 2, kByTurning = 4 };
   struct Way {
-    int input;
-    std::uint8_t way;
+    int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
+    std::uint8_t way, action;
   };
-  static constexpr Way kWays[] = {{0, kByNext}, {1, kByPrevious}, {kInputs, kByTurning}};
-  static constexpr std::uint8_t kInside = 0b111, kFirstPlace = 0b011, kLastPlace = 0b101;  ///< actions allowed there
+  static constexpr Way kWays[] = {{0, kByNext, kNext}, {1, kByPrevious, kPrevious}, {kInputs, kByTurning, kStay}};
+  // Scores that no evidence outweighs: it adds up to less than s (1 + log(1 + h N) / h), 1000 on the longest routes.
+  static constexpr S kExclusion = 1000, kNever = -100 * kExclusion;
 
   struct Scalars {
-    S features, mask, persistence, floor, goal;
+    S evidence, tempering, nearness, turning, directness;
+  };
+  struct Turning {
+    S before, after;  ///< weights of the sides
+  };
+  /// The weighed belief before and after the goal.
+  struct Sides {
+    template <class Belief>
+    Sides(const Belief& belief, const Vector<S>& weights, std::ptrdiff_t goal, const Turning& turning)
+        : before(turning.before * belief.head(goal).dot(weights.head(goal).reverse())),
+          after(turning.after * belief.tail(belief.size() - goal - 1).dot(weights.head(belief.size() - goal - 1))) {}
+    S all() const { return before + after + std::numeric_limits<S>::min(); }
+    S before, after;
   };
   struct Work : Workspace<S> {
     Matrix<S> similarity;                      // N x U
-    Matrix<S> moved, log_prior, belief;        // N x TB
-    Matrix<S> belief_gradient;                 // N x TB
+    Matrix<S> score, belief;                   // N x TB
+    Matrix<S> by_score;                        // N x TB
+    Vector<S> step;                            // TB, of the episode
+    Vector<S> weights;                         // N, of places at distances from 1 on to the goal
     Matrix<S> head_input, input_gradient;      // inputs x TB
     Matrix<S> layer1, layer2, layer_gradient;  // units x TB
     Matrix<S> both;                            // 4 x TB: logits and value
@@ -217,16 +270,38 @@ class PlaceFilter : public AgentNetwork<S> {
 
   Scalars scalars(const Vector<S>& parameters) const {
     const auto stored = layout_.view(parameters, scalars_);
-    const auto logistic = [](S x) { return S(1) / (S(1) + std::exp(-x)); };
-    const S stretch = static_cast<S>(kStretch);
-    return {std::exp(stretch * stored(kFeatureScale)), std::exp(stretch * stored(kMaskScale)),
-            logistic(stretch * stored(kPersistence)), logistic(stretch * stored(kFloor)),
-            std::exp(stretch * stored(kGoalScale))};
+    const auto value = [&](int scalar) { return std::exp(static_cast<S>(kStretch) * stored(scalar)); };
+    return {value(kEvidence), value(kTempering), value(kNearness), value(kTurning), value(kDirectness)};
+  }
+  static Turning turning(const Scalars& s, std::uint8_t previous) {
+    return {previous == kPrevious ? s.turning : S(1), previous == kNext ? s.turning : S(1)};
   }
 
-  static int mask_distance(std::uint8_t one, std::uint8_t other) {
-    const unsigned differing = (one ^ other) & 0b111u;
-    return static_cast<int>((differing & 1) + (differing >> 1 & 1) + (differing >> 2 & 1));
+  template <class Score>
+  static void exclude(std::ptrdiff_t goal, std::ptrdiff_t frames, std::uint8_t allowed, Score&& score) {
+    const auto only = [&](std::ptrdiff_t end, bool here) {
+      if (here) score.array() -= kExclusion;
+      score(end) += here ? kExclusion : -kExclusion;
+    };
+    only(0, !(allowed >> kPrevious & 1));
+    only(frames - 1, !(allowed >> kNext & 1));
+    score(goal) -= kExclusion;
+  }
+
+  /// Those that the route has: no turning on a line.
+  std::span<const Way> ways_to_goal() const { return std::span(kWays).first(turns_.empty() ? 2 : 3); }
+
+  /// Calls use(input, first, count) with the places of each input that is a mass by distance.
+  template <class Use>
+  void for_each_scale(std::ptrdiff_t goal, Use&& use) const {
+    for (int scale = 0; scale < kScales; ++scale) {
+      const std::ptrdiff_t near = std::ptrdiff_t{1} << scale;
+      const std::ptrdiff_t far = scale + 1 < kScales ? 2 * near - 1 : places_;
+      const std::ptrdiff_t first = std::max<std::ptrdiff_t>(0, goal - far);
+      if (goal >= near) use(2 + scale, first, goal - near - first + 1);
+      const std::ptrdiff_t last = std::min<std::ptrdiff_t>(places_ - 1, goal + far);
+      if (goal + near < places_) use(2 + kScales + scale, goal + near, last - goal - near + 1);
+    }
   }
 
   /// Which steps lead nearer to each goal from each place.
@@ -257,10 +332,10 @@ class PlaceFilter : public AgentNetwork<S> {
     const std::ptrdiff_t n = places_ - 1;
     if (action == kNext) {
       to.tail(n) = from.head(n);
-      to(0) = 0;
+      to(0) = kNever;
     } else if (action == kPrevious) {
       to.head(n) = from.tail(n);
-      to(n) = 0;
+      to(n) = kNever;
     } else if (turns_.empty()) {
       to = from;
     } else {
@@ -283,6 +358,7 @@ class PlaceFilter : public AgentNetwork<S> {
 
   int places_, units_, inputs_;
   Matrix<S> keys_;                  ///< N x D
+  Vector<S> log_distances_;         ///< N, of places at distances from 1 on to the goal
   std::vector<int> turns_;          ///< N; empty on a line
   std::vector<std::uint8_t> ways_;  ///< N x N on a map, goal-major: which steps lead nearer
   TensorLayout layout_;
@@ -303,6 +379,7 @@ const NetworkRegistration<PlaceFilter> place_filter_registration{
      {"minibatch", 4},
      {"epochs", 3},
      {"relabel.epochs", 8},
+     {"step-cost", 0.05},
      {"relabel.steps", 40000},
      {"vtrace.learning-rate", 3e-3},
      {"learning-rate", 6e-3},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
 
+#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/lstm.h"
 
 namespace citylearn {
@@ -20,7 +21,9 @@ class PlaceMemory : public LstmNetwork<S> {
 
  public:
   PlaceMemory(const Parameters& parameters, const NetworkTask& task)
-      : Base(parameters, kSensors), places_(task.frames), keys_(task.reference.template cast<S>().transpose()) {
+      : Base(parameters, kSensors),
+        places_(task.frames),
+        keys_(normalised_reference(task.reference).template cast<S>().transpose()) {
     if (task.features < 1 || task.reference.rows() != task.features || task.reference.cols() != task.frames)
       throw Error("needs the features of all " + std::to_string(task.frames) + " frames of the training route",
                   "reference", "train where the env_service has features, or give it an encoder_service");
@@ -37,6 +40,7 @@ class PlaceMemory : public LstmNetwork<S> {
     return specs;
   }
 
+  bool normalises() const override { return true; }
   std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Attention>(); }
 
   void initialise(Random& random, Vector<S>& parameters) const override {

@@ -8,6 +8,7 @@
 
 #include "core/task/route_map.h"
 #include "core/task/spl.h"
+#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/worker.h"
 
@@ -22,6 +23,8 @@ enum Purpose : std::uint64_t {
   kFrameNoise = 104,    // step, agent
   kPlaceNoise = 105,    // agent, episode of the agent, frame
 };
+
+constexpr double kMostStretch = 5;  // of a place's noise, a power of two
 
 /// Fills `out` with nearly normal numbers of mean 0 and deviation 1, sums of four uniform ones: one draw of 64 bits
 /// each.
@@ -42,6 +45,7 @@ struct Collector::Impl {
     double reward = 0;
     std::uint64_t episode = 0;  // of this agent in this generation
     float strength = 0;         // of the episode's noise
+    double stretch = 1;         // places over which a place's noise changes
   };
   struct Half {  // of an environment's agents
     NetworkInputs<float> inputs;
@@ -65,6 +69,7 @@ struct Collector::Impl {
 
   Impl(const CollectorOptions& how, const NetworkTask& what, const AgentNetwork<float>& who)
       : options(how), task(what), network(who), frames(what.frames) {
+    if (network.normalises()) normaliser = FeatureNormaliser(task.reference);
     const double components = std::sqrt(std::max(1, task.features));
     noise_frame = static_cast<float>(options.noise_frame / components);
     noise_place = static_cast<float>(options.noise_place / components);
@@ -74,6 +79,7 @@ struct Collector::Impl {
   const CollectorOptions options;
   const NetworkTask& task;
   const AgentNetwork<float>& network;
+  FeatureNormaliser normaliser;                   // sees nothing: agents learn on the traversal that the prior is of
   float noise_frame, noise_place, noise_episode;  // deviation of a component
   std::map<int, EnvState> envs;
   std::uint64_t generation = 0;
@@ -192,6 +198,7 @@ bool Collector::act(int environment, const msg::Observation& observation, const 
   p.check(env, observation);
   const auto agents = static_cast<std::size_t>(env.agents);
   read_observation(observation, p.task.features, p.options.first_frame, p.frames, p.augments(), env.seen);
+  p.normaliser.apply(env.seen.features.leftCols(env.seen.distinct));
   if (env.step > 0) p.end_action(env, observation, parameters);  // an observation that does not fit changes nothing
   for (std::size_t agent = 0; agent < agents; ++agent) {
     if (env.seen.first[agent]) p.begin_episode(env, agent);
@@ -277,6 +284,7 @@ float Collector::Impl::final_value(EnvState& env, const Vector<float>& parameter
   inputs.goal[0] = env.agent[static_cast<std::size_t>(agent)].goal;
   inputs.previous_action[0] = action;
   inputs.first[0] = 0;
+  normaliser.apply(inputs.features.leftCols(1));
   augment_features(env, agent, frame, inputs.features_of(0));
   env.single.state = env.state.col(agent);
   env.single.workspace->fixed = env.parameter_generation;
@@ -300,11 +308,14 @@ void Collector::Impl::begin_episode(EnvState& env, std::size_t index) {
   if (!augments()) return;
   Random random{options.seed, kEpisodeNoise, static_cast<std::uint64_t>(env.id), generation, index, agent.episode};
   agent.strength = static_cast<float>(random.uniform());
+  agent.stretch = std::exp2(random.uniform() * kMostStretch);
   fill_noise(random, env.episode_noise.col(static_cast<std::ptrdiff_t>(index)));
 }
 
 /// x' = x + u (f n + p q + e m), scaled back to the length of x. n is drawn at each step; q belongs to the frame and m
 /// to the episode, so that a place looks the same all along an episode; u, the strength, belongs to the episode too.
+/// Along the route q goes from one draw to the next in `stretch` places, because neighbouring frames err alike: an
+/// agent that learned otherwise would be too sure of itself where all looks strange.
 void Collector::Impl::augment_features(const EnvState& env, std::ptrdiff_t index, std::uint32_t frame,
                                        Eigen::Ref<Vector<float>> features) {
   if (!augments()) return;
@@ -318,7 +329,12 @@ void Collector::Impl::augment_features(const EnvState& env, std::ptrdiff_t index
     features += strength * part * noise;
   };
   add(noise_frame, {options.seed, kFrameNoise, id, generation, env.step, number});
-  add(noise_place, {options.seed, kPlaceNoise, id, generation, number, agent.episode, frame});
+  const double draw = std::floor(frame / agent.stretch);
+  const auto past = static_cast<float>(frame / agent.stretch - draw);
+  const float mixed = noise_place / std::hypot(1 - past, past);
+  for (const int which : {0, 1})
+    add(mixed * (which == 0 ? 1 - past : past), {options.seed, kPlaceNoise, id, generation, number, agent.episode,
+                                                 static_cast<std::uint64_t>(draw) + static_cast<std::uint64_t>(which)});
   features += strength * noise_episode * env.episode_noise.col(index);
   const float changed = features.norm();
   if (changed > 0) features *= length / changed;

@@ -5,17 +5,18 @@
 #include <vector>
 
 #include "core/plugin/registry.h"
+#include "policy_service/network/network_inputs.h"
 #include "policy_service/rollout/policy.h"
 
 namespace citylearn {
 
 /// The route of a control policy. Places are counted from the route's first frame.
 struct ControlTask {
-  int first_frame = 0;           ///< of the route, index on the traversal
-  int frames = 0;                ///< N, places on the route
-  int dimension = 0;             ///< D of `reference`
-  std::vector<float> reference;  ///< N x D, place-major: features of the training traversal's route
-  std::vector<int> turns = {};   ///< N, where `stay` leads (core/task/route_map.h); empty: the route is a line
+  int first_frame = 0;  ///< of the route, index on the traversal
+  int frames = 0;       ///< N, places on the route
+  /// D x N, features of the route on the training traversal (for oracle_filter: on the one walked on).
+  Matrix<float> reference = {};
+  std::vector<int> turns = {};  ///< N, where `stay` leads (core/task/route_map.h); empty: the route is a line
 };
 
 /// Policies that learn nothing: the references for every result of a learned agent.

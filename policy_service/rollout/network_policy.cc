@@ -69,7 +69,10 @@ void read_observation(const msg::Observation& observation, int features, int fir
 
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
     : agent_(std::move(agent)), options_(options), random_{options.seed}, workspace_(agent_.network->make_workspace()) {
-  workspace_->fixed = 1;
+  if (agent_.network->normalises())
+    normaliser_ = FeatureNormaliser(agent_.task.reference);
+  else
+    workspace_->fixed = 1;
 }
 
 void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
@@ -81,6 +84,7 @@ void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::ui
     if (!(observation.flags()[agent] & msg::FLAG_IDLE)) awake_.push_back(agent);
   if (awake_.empty() && observation.flags().size() == agents) return;
   read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, false, inputs_, awake_);
+  normaliser_.see_and_apply(inputs_);
   if (state_.cols() != static_cast<std::ptrdiff_t>(agents))
     state_.setZero(agent_.network->state_size(), static_cast<std::ptrdiff_t>(agents));
   awake_state_ = state_(Eigen::all, awake_);

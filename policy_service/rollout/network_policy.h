@@ -8,6 +8,7 @@
 
 #include "core/util/random.h"
 #include "policy_service/network/agent_network.h"
+#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/trained_agent.h"
 #include "policy_service/rollout/policy.h"
 
@@ -23,7 +24,8 @@ std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Rand
 void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
                       NetworkInputs<float>& inputs, std::span<const std::size_t> who = {});
 
-/// Acts from fixed parameters and keeps the recurrent state along each episode. Idle agents cost nothing.
+/// Acts from fixed parameters and keeps the recurrent state along each episode. Features are normalised by what all
+/// agents of the env_service have seen since this object was made. Idle agents cost nothing.
 class NetworkPolicy : public Policy {
  public:
   struct Options {
@@ -38,6 +40,7 @@ class NetworkPolicy : public Policy {
   TrainedAgent agent_;
   Options options_;
   Random random_;
+  FeatureNormaliser normaliser_;
   NetworkInputs<float> inputs_;
   Matrix<float> state_;  ///< of all agents
   std::vector<std::size_t> awake_;

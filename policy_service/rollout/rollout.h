@@ -15,6 +15,7 @@ struct Rollout {
 
   int sequence = 0;                    ///< L
   int max_steps = 0;                   ///< step limit of an episode
+  float step_cost = 0;                 ///< what the learner is told that a costly step costs; 0: what the reward says
   NetworkInputs<float> inputs;         ///< T, A and what was seen
   NetworkInputs<float> next;           ///< one step: what was seen after the last action
   Matrix<float> states;                ///< state_size x sequences: the recurrent state before each sequence
@@ -28,6 +29,8 @@ struct Rollout {
   std::vector<float> advantage, target;  ///< TA, see estimate_advantages
 
   void resize(int feature_dimension, int state_size, int steps, int agents, int sequence_length);
+  /// Returns what a learner learns from instead of a step's reward.
+  float learned(float given) const { return given < 0 && step_cost > 0 ? -step_cost : given; }
   int sequences() const { return inputs.steps / sequence * inputs.agents; }
 
   /// Fills in generalised advantage estimates (Schulman et al., 2016) and the values' targets, advantage + value. A

@@ -4,64 +4,114 @@
 #include <map>
 
 #include "core/task/route_map.h"
+#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/rollout/control.h"
 
 namespace citylearn {
 namespace {
 
-/// A Bayes filter over the places of the route, without anything learned: uniform at first, moved by the known action,
-/// weighed by exp(-|x - x_ref|^2 / (2 sigma^2)) for each place's reference features, and zero at the goal while the
-/// episode lasts. Walks to the heavier side of the goal; on a map, takes the step that leads nearer from where most of
-/// the belief is.
+/// A Bayes filter over the places of the route, without anything learned: uniform at first, moved by the known action.
+/// What is seen weighs exp(s / (1 + h t) x . K_i) for place i, with x and K as FeatureNormaliser makes them: t steps
+/// into the episode evidence counts for less, as neighbouring frames err alike. The goal, where the episode would have
+/// ended, and places where other actions would be allowed are excluded, for the rest of the episode. Walks to the side
+/// of the goal where the belief, each place weighed by 1 / distance^g, is heavier, because a wrong turn costs most in
+/// proportion when the goal is near; the side that asks for turning about is weighed by u, because doubt alone is no
+/// reason to turn. On a map, takes the step that leads nearer from where most of the belief is.
 class SequenceFilter : public Policy {
  public:
-  SequenceFilter(const ControlTask& task, double sigma) : task_(task), sigma_(sigma) {
-    if (task.reference.empty())
+  SequenceFilter(const ControlTask& task, const Parameters& parameters)
+      : task_(task),
+        evidence_(parameters["evidence"]),
+        tempering_(parameters["tempering"]),
+        turning_(parameters["turning"]),
+        normaliser_(task.reference) {
+    if (task.reference.size() == 0)
       throw Error("needs the features of the training traversal", "sequence_filter",
                   "start an env_service on a traversal that has features");
     check_turns(task.turns, task.frames);
+    weights_ = Vector<double>::LinSpaced(task.frames, 1, task.frames).array().pow(-parameters["nearness"]);
+    keys_ = normalised_reference(task.reference).transpose();
   }
 
   void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override {
-    const std::size_t agents = observation.goal().size();
-    if (static_cast<int>(observation.feature_dimension()) != task_.dimension)
-      throw Error(std::to_string(observation.feature_dimension()) + " features, the reference has " +
-                      std::to_string(task_.dimension),
-                  "traversal " + std::string(observation.traversal().c_str()));
-    belief_.resize(agents, std::vector<double>(task_.frames, 0.0));
-    choice.resize(agents);
-    for (std::size_t i = 0; i < agents; ++i) {
+    const auto agents = static_cast<std::ptrdiff_t>(observation.goal().size());
+    const std::ptrdiff_t dimension = task_.reference.rows();
+    if (observation.feature_dimension() != static_cast<std::uint32_t>(dimension))
+      throw Error(
+          std::to_string(observation.feature_dimension()) + " features, the reference has " + std::to_string(dimension),
+          "traversal " + std::string(observation.traversal().c_str()));
+    if (belief_.cols() != agents) {
+      belief_.setZero(task_.frames, agents);
+      steps_.assign(observation.goal().size(), 0);
+    }
+    choice.assign(observation.goal().size(), kStay);
+    seen_ = Eigen::Map<const Matrix<float>>(observation.features().data(), dimension, agents);
+    const auto idle = [&](std::ptrdiff_t agent) {
+      return (observation.flags()[static_cast<std::size_t>(agent)] & msg::FLAG_IDLE) != 0;
+    };
+    for (std::ptrdiff_t agent = 0; agent < agents; ++agent)
+      if (!idle(agent)) normaliser_.see(seen_.col(agent));
+    normaliser_.apply(seen_);
+    similarity_.noalias() = keys_ * seen_;
+    for (std::ptrdiff_t agent = 0; agent < agents; ++agent) {
+      if (idle(agent)) continue;
+      const auto i = static_cast<std::size_t>(agent);
       const int goal = static_cast<int>(observation.goal()[i]) - task_.first_frame;
-      std::vector<double>& belief = belief_[i];
+      const std::uint8_t allowed = observation.allowed()[i], previous = observation.previous_action()[i];
+      auto belief = belief_.col(agent);
       if (observation.flags()[i] & msg::FLAG_FIRST) {
-        std::fill(belief.begin(), belief.end(), 0.0);
-      } else if (observation.previous_action()[i] == kNext) {
-        belief.insert(belief.begin(), kNever);
-        belief.pop_back();
-      } else if (observation.previous_action()[i] == kPrevious) {
-        belief.erase(belief.begin());
-        belief.push_back(kNever);
-      } else if (!task_.turns.empty()) {
-        turned_ = belief;
-        for (std::size_t place = 0; place < turned_.size(); ++place)
-          belief[static_cast<std::size_t>(task_.turns[place])] = turned_[place];
+        belief.setZero();
+        steps_[i] = 0;
+      } else {
+        move(belief, previous);
       }
-      weigh(belief, observation.features().data() + i * task_.dimension);
-      belief[goal] = kNever;
-      const double top = *std::max_element(belief.begin(), belief.end());
-      double before = 0, behind = 0;
-      for (int place = 0; place < task_.frames; ++place) {
-        belief[place] = std::max(belief[place] - top, kNever);
-        (place < goal ? before : behind) += std::exp(belief[place]);
-      }
-      choice[i] = task_.turns.empty() ? allowed_or_turn(before > behind ? kNext : kPrevious, observation.allowed()[i])
-                                      : on_the_map(belief, goal, observation.allowed()[i]);
+      belief += evidence_ / (1 + tempering_ * steps_[i]++) * similarity_.col(agent).cast<double>();
+      exclude(belief, goal, allowed);
+      odds_ = (belief.array() - belief.maxCoeff()).exp();
+      choice[i] = task_.turns.empty() ? on_the_line(goal, previous, allowed) : on_the_map(goal, allowed);
     }
   }
 
  private:
+  // Beliefs are logarithms. Nothing that is seen outweighs an exclusion.
+  static constexpr double kExclusion = 1e4, kNever = -100 * kExclusion;
+
+  void move(Eigen::Ref<Eigen::VectorXd> belief, std::uint8_t action) {
+    const std::ptrdiff_t last = belief.size() - 1;
+    moved_ = belief;
+    if (action == kNext) {
+      belief.tail(last) = moved_.head(last);
+      belief(0) = kNever;
+    } else if (action == kPrevious) {
+      belief.head(last) = moved_.tail(last);
+      belief(last) = kNever;
+    } else if (!task_.turns.empty()) {
+      for (std::ptrdiff_t place = 0; place <= last; ++place)
+        belief(task_.turns[static_cast<std::size_t>(place)]) = moved_(place);
+    }
+  }
+
+  static void exclude(Eigen::Ref<Eigen::VectorXd> belief, int goal, std::uint8_t allowed) {
+    const auto only = [&](std::ptrdiff_t end, bool here) {
+      if (here) belief.array() -= kExclusion;
+      belief(end) += here ? kExclusion : -kExclusion;
+    };
+    only(0, !(allowed >> kPrevious & 1));
+    only(belief.size() - 1, !(allowed >> kNext & 1));
+    belief(goal) -= kExclusion;
+  }
+
+  std::uint8_t on_the_line(int goal, std::uint8_t previous, std::uint8_t allowed) const {
+    const std::ptrdiff_t rest = odds_.size() - goal - 1;
+    double before = odds_.head(goal).dot(weights_.head(goal).reverse());
+    double after = odds_.tail(rest).dot(weights_.head(rest));
+    if (previous == kPrevious) before *= turning_;
+    if (previous == kNext) after *= turning_;
+    return allowed_or_turn(before > after ? kNext : kPrevious, allowed);
+  }
+
   /// Of what is allowed, the step that most of the belief calls nearer to the goal.
-  std::uint8_t on_the_map(const std::vector<double>& belief, int goal, std::uint8_t allowed) {
+  std::uint8_t on_the_map(int goal, std::uint8_t allowed) {
     std::vector<int>& distances = distances_[goal];
     if (distances.empty()) distances_to(goal, task_.frames, task_.turns, distances);
     std::uint8_t best = kStay;
@@ -71,7 +121,7 @@ class SequenceFilter : public Policy {
       double mass = 0;
       for (int place = 0; place < task_.frames; ++place) {
         const int to = place_after(place, action, task_.turns);
-        if (to >= 0 && to < task_.frames && distances[to] < distances[place]) mass += std::exp(belief[place]);
+        if (to >= 0 && to < task_.frames && distances[to] < distances[place]) mass += odds_(place);
       }
       if (mass > most) {
         best = action;
@@ -81,36 +131,40 @@ class SequenceFilter : public Policy {
     return best;
   }
 
-  // Beliefs are logarithms. Nothing falls below this: a place once excluded by a bad frame can come back.
-  static constexpr double kNever = -50.0;
-
-  void weigh(std::vector<double>& belief, const float* features) const {
-    const double scale = 1.0 / (2.0 * sigma_ * sigma_);
-    for (int place = 0; place < task_.frames; ++place) {
-      const float* reference = task_.reference.data() + static_cast<std::size_t>(place) * task_.dimension;
-      float distance = 0;
-      for (int k = 0; k < task_.dimension; ++k) {
-        const float difference = features[k] - reference[k];
-        distance += difference * difference;
-      }
-      belief[place] -= distance * scale;
-    }
-  }
-
   ControlTask task_;
-  double sigma_;
-  std::vector<std::vector<double>> belief_;
-  std::vector<double> turned_;
+  double evidence_, tempering_, turning_;
+  FeatureNormaliser normaliser_;
+  Vector<double> weights_;                     ///< N, of places at distances from 1 on to the goal
+  Matrix<float> keys_;                         ///< N x D
+  Matrix<float> seen_, similarity_;            ///< D x agents, N x agents
+  Matrix<double> belief_;                      ///< N x agents
+  std::vector<int> steps_;                     ///< by agent, of its episode
+  Vector<double> moved_, odds_;                ///< N
   std::map<int, std::vector<int>> distances_;  ///< by goal, on a map
 };
+
+std::unique_ptr<Policy> make(const Parameters& parameters, const ControlTask& task) {
+  return std::make_unique<SequenceFilter>(task, parameters);
+}
+
+const std::vector<ParameterSpec> kParameters = {
+    {"evidence", "s, how much the first frame of an episode counts", 16, 0.01, 1000},
+    {"tempering", "h, how fast later frames count for less: s / (1 + h t), t in steps", 0.15, 0, 1000},
+    {"nearness", "g, places are weighed by 1 / distance^g to the goal", 0.6, 0, 10},
+    {"turning", "u, the side that asks for turning about is weighed by this", 0.3, 0, 1}};
 
 const ControlRegistry::Registration sequence_filter_registration({
     "sequence_filter",
     "Bayes filter over the training traversal's places, nothing learned, then the heavier side",
-    {{"sigma", "standard deviation of the distance between features of one place", 0.3, 0.01, 10}},
-    [](const Parameters& parameters, const ControlTask& task) {
-      return std::make_unique<SequenceFilter>(task, parameters["sigma"]);
-    },
+    kParameters,
+    make,
+});
+
+const ControlRegistry::Registration oracle_filter_registration({
+    "oracle_filter",
+    "cheats: sequence_filter that knows the features of the traversal itself; the bound of what filters can do",
+    kParameters,
+    make,
 });
 
 }  // namespace

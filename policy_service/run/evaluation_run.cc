@@ -134,12 +134,22 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
   PolicyServiceOptions& options = context_.options;
   const auto& entry = ControlRegistry::instance().find("control", name);
   const Parameters parameters(name, entry.parameters, options.control_parameters[name]);
-  ControlTask task{options.first_frame, options.frames, 0, {}};
-  if (name == "sequence_filter") {
-    task.reference = context_.reference();
-    task.dimension = static_cast<int>(task.reference.size()) / options.frames;
+  const ControlTask route{options.first_frame, options.frames};
+  const auto with_features = [route](const std::vector<float>& features) {
+    ControlTask task = route;
+    task.reference = Eigen::Map<const Matrix<float>>(
+        features.data(), static_cast<std::ptrdiff_t>(features.size()) / route.frames, route.frames);
+    return task;
+  };
+  if (name != "oracle_filter") {
+    const ControlTask task = name == "sequence_filter" ? with_features(context_.reference()) : route;
+    return [&entry, parameters, task](const EnvHandle&) { return entry.create(parameters, task); };
   }
-  return [&entry, parameters, task](const EnvHandle&) { return entry.create(parameters, task); };
+  std::map<std::string, ControlTask> tasks;
+  for (const EnvHandle* env : context_.evaluation_envs())
+    tasks[env->traversal()] = with_features(context_.features_on(env->traversal()));
+  return
+      [&entry, parameters, tasks](const EnvHandle& env) { return entry.create(parameters, tasks.at(env.traversal())); };
 }
 
 /// Goes on with another env_service of the same traversal. Returns which silent ones are waited for, as there is none.
@@ -225,8 +235,8 @@ void EvaluationRun::evaluate_all() {
     if (name == options.agent) continue;
     if (name == "shuffled") {
       evaluate(options.agent, true, agent, envs);
-    } else if (name == "sequence_filter" && context_.reference().empty()) {
-      spdlog::warn("skipping sequence_filter: traversal '{}' has no features or no env_service", options.train);
+    } else if (name.ends_with("_filter") && context_.reference().empty()) {
+      spdlog::warn("skipping {}: traversal '{}' has no features or no env_service", name, options.train);
     } else {
       evaluate(name, false, control(name), envs);
     }

@@ -115,18 +115,19 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
   return envs;
 }
 
-const std::vector<float>& RunContext::reference() {
-  while (reference_.empty()) {
-    EnvHandle* env = env_on(options.train);
+const std::vector<float>& RunContext::features_on(const std::string& traversal) {
+  std::vector<float>& features = features_[traversal];
+  while (features.empty()) {
+    EnvHandle* env = env_on(traversal);
     if (!env || env->info.feature_dimension() == 0) break;
-    node.report(msg::WAITING, "waiting for the features of '" + options.train + "'");
+    node.report(msg::WAITING, "waiting for the features of '" + traversal + "'");
     try {
-      reference_ = client.fetch_features(*env, options.first_frame, options.frames, options.client.patience);
+      features = client.fetch_features(*env, options.first_frame, options.frames, options.client.patience);
     } catch (const Error&) {
       if (env->alive() && env->refusal.empty()) throw;  // its encoder_service is gone
     }
   }
-  return reference_;
+  return features;
 }
 
 }  // namespace citylearn

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <map>
 #include <optional>
 #include <set>
 #include <string>
@@ -46,15 +47,16 @@ class RunContext {
   EnvHandle* env_on(const std::string& traversal) const;
   /// Waits for the env_services to evaluate on and returns one for each traversal.
   std::vector<EnvHandle*> evaluation_envs();
-  /// Returns the features of the training traversal's route, fetched once; empty when it has none or no env_service.
-  /// An env_service that does not deliver them is refused.
-  const std::vector<float>& reference();
+  /// Returns the features of a traversal's route, D numbers a place, fetched once; empty when it has none or no
+  /// env_service. An env_service that does not deliver them is refused.
+  const std::vector<float>& features_on(const std::string& traversal);
+  const std::vector<float>& reference() { return features_on(options.train); }  ///< those of the training traversal
 
  private:
   void handle();
   bool free(const EnvHandle& env) const;
 
-  std::vector<float> reference_;
+  std::map<std::string, std::vector<float>> features_;  ///< by traversal
 };
 
 }  // namespace citylearn

@@ -30,7 +30,7 @@ class Networks : public ::testing::TestWithParam<const Entry*> {
     return GetParam()->create(Parameters(GetParam()->name, GetParam()->parameters, small.parameters), for_task);
   }
 
-  Matrix<double> start(int agents) const { return some_state(*network, GetParam()->name, agents); }
+  Matrix<double> start(int agents) const { return some_state(*network, agents); }
 
   /// Gradient of a sum of all heads, each number weighted by its index.
   Vector<double> gradient(const NetworkInputs<double>& inputs, const Matrix<double>& state) {

@@ -1,60 +1,89 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
+#include <limits>
 
 #include "policy_service/interchange/exporters/places.h"
+#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/layers.h"
 
 namespace citylearn {
 namespace {
 
-enum { kFeatureScale, kMaskScale, kPersistence, kFloor, kGoalScale };  // rows of filter.scalars
+// As in the network: rows of filter.scalars, the number of masses by distance on each side, scores.
+enum { kEvidence, kTempering, kNearness, kTurning, kDirectness };
+constexpr int kScales = 8;
+constexpr float kExclusion = 1000, kNever = -100 * kExclusion;
 
 /// As networks/place_filter.cc.
 std::unique_ptr<AgentGraph> export_place_filter(const Parameters&, const TrainedAgent& agent) {
   auto graph = std::make_unique<AgentGraph>(agent);
   const std::ptrdiff_t places = agent.task.frames;
   const auto scalars = graph->tensor("filter.scalars");
-  const auto stored = [&](int which) { return kStretch * static_cast<double>(scalars(which, 0)); };
-  const auto scale = [&](int which) { return static_cast<float>(std::exp(stored(which))); };
-  const auto share = [&](int which) { return static_cast<float>(1 / (1 + std::exp(-stored(which)))); };
-  const float floor = share(kFloor), each = 1.0f / static_cast<float>(places);
-
-  // Belief, moved by the previous action; uniform at an episode's start.
-  const OnnxValue before = graph->state();
-  const OnnxValue previous = graph->previous_action();
-  const auto moved_by = [&](int action, const OnnxValue& belief) {
-    return graph->stretched(graph->columns(previous, action, action + 1), places) * belief;
+  const auto scalar = [&](int which) {
+    return static_cast<float>(std::exp(kStretch * static_cast<double>(scalars(which, 0))));
   };
-  const OnnxValue nothing = 0 * graph->columns(before, 0, 1);
-  const OnnxValue forward = graph->concat({nothing, graph->columns(before, 0, places - 1)});
-  const OnnxValue back = graph->concat({graph->columns(before, 1, places), nothing});
+
+  // Scores, moved by the previous action; all alike at an episode's start.
+  const OnnxValue state = graph->state(), before = graph->columns(state, 0, places);
+  const OnnxValue previous = graph->previous_action();
+  const auto moved_by = [&](int action, const OnnxValue& scores) {
+    return graph->stretched(graph->columns(previous, action, action + 1), places) * scores;
+  };
+  const OnnxValue never = 0 * graph->columns(before, 0, 1) + kNever;
+  const OnnxValue forward = graph->concat({never, graph->columns(before, 0, places - 1)});
+  const OnnxValue back = graph->concat({graph->columns(before, 1, places), never});
   Matrix<float> moving(1, kActions);
   moving << 0, 1, 1;
   const OnnxValue stayed = graph->stretched(-1 * graph->linear(previous, "moving", moving) + 1, places) * before;
-  const OnnxValue moved =
-      stayed + moved_by(kNext, forward) + moved_by(kPrevious, back) + each * graph->stretched(graph->first(), places);
-  const OnnxValue log_prior = log((1 - floor) * moved + floor * each);
 
-  // Energies: features, masks (linear in what is allowed), not yet at the goal.
-  Matrix<float> mask = Matrix<float>::Constant(places, kActions, 1);  // places x actions: 1 = expected to be allowed
-  mask(0, kPrevious) = 0;
-  mask(places - 1, kNext) = 0;
-  const Matrix<float> mask_weight = scale(kMaskScale) * (2 * mask.array() - 1);
-  const Matrix<float> mask_bias = -scale(kMaskScale) * mask.rowwise().sum();
+  // What is seen, and what is excluded: linear in what is allowed (places x actions: 1 = excluded where it is allowed).
+  Matrix<float> excluded = Matrix<float>::Zero(places, kActions);
+  Matrix<float> otherwise = Matrix<float>::Zero(places, 1);
+  const auto only = [&](std::ptrdiff_t end, int action) {
+    excluded.col(action).array() -= 1;
+    excluded(end, action) += 2;
+    otherwise.array() += 1;
+    otherwise(end) -= 1;
+  };
+  only(0, kPrevious);
+  only(places - 1, kNext);
   const PlacesByGoal by_goal = places_by_goal(*graph);
-  const OnnxValue similarity = graph->linear(graph->features(), "reference", agent.task.reference.transpose());
-  const OnnxValue belief =
-      softmax(share(kPersistence) * log_prior + scale(kFeatureScale) * similarity +
-              graph->linear(graph->allowed(), "masks.weight", mask_weight, "masks.bias", mask_bias) +
-              -scale(kGoalScale) * by_goal.at);
+  const OnnxValue step = graph->columns(state, places, places + 1) - graph->first() + 1;
+  const OnnxValue tempered = exp(-1 * log(scalar(kTempering) * step + 1));
+  const OnnxValue similarity =
+      graph->linear(graph->features(), "reference", normalised_reference(agent.task.reference).transpose());
+  const OnnxValue scores = stayed + moved_by(kNext, forward) + moved_by(kPrevious, back) +
+                           scalar(kEvidence) * graph->stretched(tempered, places) * similarity +
+                           graph->linear(graph->allowed(), "excluded.weight", -kExclusion * excluded, "excluded.bias",
+                                         -kExclusion * otherwise) +
+                           -kExclusion * by_goal.at;
+  const OnnxValue belief = softmax(scores);
 
   // Decision head.
-  const auto mass = [&](const OnnxValue& where) { return 2 * row_sum(*graph, belief * where, places); };
-  OnnxValue layer =
-      graph->concat({mass(by_goal.before), mass(by_goal.after), -1 * graph->allowed() + 1, 0.5f * previous});
+  const auto mass = [&](const OnnxValue& where) { return row_sum(*graph, where, places); };
+  const OnnxValue distance = relu(by_goal.ahead) + relu(-1 * by_goal.ahead);
+  const OnnxValue weighed = belief * exp(-scalar(kNearness) * log(distance + by_goal.at));
+  const auto turning = [&](int action) {  // weight of the side that asks to turn about from it
+    return (scalar(kTurning) - 1) * graph->columns(previous, action, action + 1) + 1;
+  };
+  const OnnxValue sides[] = {mass(weighed * by_goal.before) * turning(kPrevious),
+                             mass(weighed * by_goal.after) * turning(kNext)};
+  const OnnxValue doubled = exp(-1 * log(sides[0] + sides[1] + std::numeric_limits<float>::min()) + std::log(2.0f));
+  std::vector<OnnxValue> inputs = {sides[0] * doubled, sides[1] * doubled};
+  for (const OnnxValue& side : {by_goal.before, by_goal.after})
+    for (int number = 0; number < kScales; ++number) {
+      const auto at_least = [&](float least) { return relu(distance + (1 - least)) - relu(distance + -least); };
+      OnnxValue there = at_least(static_cast<float>(1 << number));
+      if (number + 1 < kScales) there = there - at_least(static_cast<float>(2 << number));
+      inputs.push_back(2 * mass(belief * there * side));
+    }
+  inputs.insert(inputs.end(), {mass(belief * belief), -1 * graph->allowed() + 1, 0.5f * previous});
+  OnnxValue layer = graph->concat(inputs);
   layer = tanh(graph->layer(layer, "head.1.weight", "head.1.bias"));
   layer = tanh(graph->layer(layer, "head.2.weight", "head.2.bias"));
-  graph->finish(graph->layer(layer, "head.out.weight", "head.out.bias"), belief);
+  const OnnxValue nothing_said = 0 * inputs[0];
+  const OnnxValue direct = scalar(kDirectness) * graph->concat({nothing_said, inputs[0], inputs[1], nothing_said});
+  graph->finish(graph->layer(layer, "head.out.weight", "head.out.bias") + direct, graph->concat({scores, step}));
   return graph;
 }
 

@@ -3,6 +3,7 @@
 
 #include "policy_service/interchange/exporters/lstm.h"
 #include "policy_service/interchange/exporters/places.h"
+#include "policy_service/network/feature_normaliser.h"
 
 namespace citylearn {
 namespace {

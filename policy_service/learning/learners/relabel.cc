@@ -104,7 +104,7 @@ class Relabel : public Learner {
       for (const Choice& choice : mine) {
         Random random{choice.seed};
         if (choice.relabelled)
-          relabel(replay_, choice.slot, visited_, random, b, half, trajectories);
+          relabel(replay_, choice.slot, visited_, *rollouts[0], random, b, half, trajectories);
         else
           gather_sequence(Track(rollouts, choice.sequence), b, half, trajectories);
         ++b;

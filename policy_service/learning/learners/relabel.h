@@ -27,8 +27,9 @@ inline int choose_goal(const Replay& replay, std::size_t slot, int begin, double
 /// Replays a stored sequence with other goals, as agent b of half of a minibatch (L + 1 steps). What was seen and done
 /// stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
 /// goal is reached, the steps allowed are used up, or the real episode ended, as the frames' disguise changes there. In
+/// `told` says what the rewards are for the learner. In
 /// the latter two cases the walk stops for one column to value what the episode would have gone on with.
-inline void relabel(const Replay& replay, std::size_t slot, double visited, Random& random, int b,
+inline void relabel(const Replay& replay, std::size_t slot, double visited, const Rollout& told, Random& random, int b,
                     GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
   const int length = replay.sequence();
   const std::ptrdiff_t batch = half.inputs.agents;
@@ -62,7 +63,7 @@ inline void relabel(const Replay& replay, std::size_t slot, double visited, Rand
     trajectories.log_probability[to] = replay.log_probability(from);
     trajectories.final_value[to] = 0;
     ++t;
-    trajectories.reward[to] = reward.step(std::abs(goal - replay.position(from + 1)));
+    trajectories.reward[to] = told.learned(reward.step(std::abs(goal - replay.position(from + 1))));
     trajectories.ended[to] = reward.reached() ? Rollout::kTerminated : Rollout::kGoesOn;
     begins = reward.reached();
     breaks_off = !begins && (replay.ended(from) != Rollout::kGoesOn || reward.out_of_steps());

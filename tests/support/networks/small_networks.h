@@ -63,12 +63,11 @@ inline NetworkInputs<double> some_inputs(const NetworkTask& task, int frames, bo
   return inputs;
 }
 
-/// The recurrent state of so many agents, in the midst of things. A belief adds up to 1.
-inline Matrix<double> some_state(const AgentNetwork<double>& network, const std::string& name, int agents) {
+/// The recurrent state of so many agents, in the midst of things.
+inline Matrix<double> some_state(const AgentNetwork<double>& network, int agents) {
   Random random{6};
   Matrix<double> state(network.state_size(), agents);
   for (double& value : state.reshaped()) value = random.uniform();
-  if (name == "place_filter") state.array().rowwise() /= state.colwise().sum().array();
   return state;
 }
 

@@ -137,7 +137,9 @@ Json train(const MapStudy& study, World& world) {
 Json control(const MapStudy& study, World& world) {
   const Traversal route = cut_out(world.traversal(study.representation, world.train()), study.layout, study.junctions);
   const auto& entry = ControlRegistry::instance().find("control", study.policy);
-  const ControlTask task{0, route.frames, route.dimension, route.features, route.turns};
+  const ControlTask task{0, route.frames,
+                         Eigen::Map<const Matrix<float>>(route.features.data(), route.dimension, route.frames),
+                         route.turns};
   return tried(study, world,
                [&] { return entry.create(Parameters("control " + study.policy, entry.parameters, {}), task); });
 }

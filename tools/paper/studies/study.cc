@@ -243,19 +243,19 @@ Unit unit_of(const ControlStudy& study, World& world) {
   unit.spec = spec_of("control", study, study.traversals, world);
   unit.spec["control"] = study.control;
   unit.seconds = 1;
-  if (study.control == "sequence_filter")  // looks at all places at each step, and longer routes take more of both
+  if (study.control.ends_with("_filter"))  // looks at all places at each step, and longer routes take more of both
     unit.seconds += 4e-8 * study.tasks * study.frames * study.frames * static_cast<double>(study.traversals.size());
   unit.compute = [study, &world] {
-    const NetworkTask route =
-        network_task(world.traversal(study.representation, world.train()), study.first, study.frames);
-    ControlTask task{study.first, study.frames, route.features, {}};
-    task.reference.assign(route.reference.data(), route.reference.data() + route.reference.size());
     Json rows = Json::array();
     const auto& entry = ControlRegistry::instance().find("control", study.control);
-    for (const std::string& name : study.traversals)
+    for (const std::string& name : study.traversals) {
+      const std::string& known = study.control == "oracle_filter" ? name : world.train();
+      const NetworkTask route = network_task(world.traversal(study.representation, known), study.first, study.frames);
+      const ControlTask task{study.first, study.frames, route.reference};
       rows.push_back(tried(entry.create(Parameters("control " + study.control, entry.parameters, {}), task),
                            world.traversal(study.representation, name),
                            trial_of(study.first, study.frames, study.tasks, false)));
+    }
     return rows;
   };
   return unit;

@@ -259,7 +259,7 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
     half.state.setOnes(2, 1);
     trajectories.resize(13);
     Random random{seed};
-    relabel(replay, 0, 0.5, random, 0, half, trajectories);
+    relabel(replay, 0, 0.5, rollout, random, 0, half, trajectories);
     EXPECT_TRUE(half.state.isZero());
     EXPECT_TRUE(half.inputs.first[0]);
     EXPECT_EQ(trajectories.action[12], kNoAction);

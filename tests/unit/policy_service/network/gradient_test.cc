@@ -55,7 +55,7 @@ TEST_P(Gradients, AgreeWithCentralDifferences) {
   network->initialise(random, parameters);
   for (double& value : parameters) value += 0.1 * random.normal();  // no zeros, no tiny policy
   const NetworkInputs<double> inputs = some_inputs(task, GetParam().frames);
-  const Matrix<double> state = some_state(*network, entry.name, inputs.agents);
+  const Matrix<double> state = some_state(*network, inputs.agents);
 
   const auto workspace = network->make_workspace();
   workspace->localise = GetParam().localisation > 0;

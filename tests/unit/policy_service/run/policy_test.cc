@@ -338,16 +338,16 @@ msg::Observation observation(int position, int goal, std::uint8_t flags, int fra
   return o;
 }
 
-int walk(Policy& policy, int first, int frames, int position, int goal, const std::vector<float>& features,
-         int dimension, const std::vector<int>& turns = {}) {
+int walk(Policy& policy, int first, int frames, int position, int goal, const Matrix<float>& features,
+         const std::vector<int>& turns = {}) {
   std::vector<std::uint8_t> choice;
   std::uint8_t flags = msg::FLAG_FIRST, previous = kNoAction;
   for (int step = 0; step < 4 * frames; ++step) {
     if (position == goal) return step;
     msg::Observation o = observation(position, goal, flags, frames, previous);
     for (auto* field : {&o.frame(), &o.position(), &o.goal()}) field->at(0) += static_cast<std::uint32_t>(first);
-    o.feature_dimension() = static_cast<std::uint32_t>(dimension);
-    o.features().assign(features.begin() + position * dimension, features.begin() + (position + 1) * dimension);
+    o.feature_dimension() = static_cast<std::uint32_t>(features.rows());
+    if (features.size() > 0) o.features().assign(features.col(position).begin(), features.col(position).end());
     policy.act(o, choice);
     EXPECT_TRUE(o.allowed()[0] >> choice.at(0) & 1);
     previous = choice[0];
@@ -374,20 +374,20 @@ TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
 
 ControlTask some_control_task(int first, int frames, int dimension) {
   Random random(3);
-  ControlTask task{first, frames, dimension, {}};
-  for (int i = 0; i < frames * dimension; ++i) task.reference.push_back(static_cast<float>(random.normal()));
+  ControlTask task{first, frames, Matrix<float>(dimension, frames)};
+  for (float& value : task.reference.reshaped()) value = static_cast<float>(random.normal());
   return task;
 }
 
 TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
   const int frames = 24, dimension = 8, first = 5;
   ControlTask task = some_control_task(first, frames, dimension);
-  ASSERT_EQ(ControlRegistry::instance().entries().size(), 3u);
+  ASSERT_EQ(ControlRegistry::instance().entries().size(), 4u);
   for (const auto* entry : ControlRegistry::instance().entries()) {
     const auto policy = entry->create(Parameters(entry->name, entry->parameters, {}), task);
     for (int start : {0, 3, 12, 23})
       for (int goal : {0, 1, 11, 12, 22, 23}) {
-        const int steps = walk(*policy, first, frames, start, goal, task.reference, dimension);
+        const int steps = walk(*policy, first, frames, start, goal, task.reference);
         ASSERT_GE(steps, 0) << entry->name << ": " << start << " -> " << goal;
         if (entry->name != "blind") {
           EXPECT_EQ(steps, std::abs(goal - start)) << entry->name;
@@ -425,7 +425,7 @@ TEST(Controls, TakeTheShortestWayOnAMap) {
     for (int goal = 0; goal < frames; ++goal) {
       distances_to(goal, frames, task.turns, distances);
       for (int start = 0; start < frames; ++start)
-        EXPECT_EQ(walk(*policy, first, frames, start, goal, task.reference, dimension, task.turns), distances[start])
+        EXPECT_EQ(walk(*policy, first, frames, start, goal, task.reference, task.turns), distances[start])
             << name << ": " << start << " -> " << goal;
     }
     ControlTask bad = task;
@@ -436,14 +436,14 @@ TEST(Controls, TakeTheShortestWayOnAMap) {
 
 TEST(Controls, BlindTurnsRoundAtTheEnd) {
   const auto& entry = ControlRegistry::instance().find("control", "blind");
-  const auto policy = entry.create(Parameters(), ControlTask{0, 24, 0, {}});
-  EXPECT_EQ(walk(*policy, 0, 24, 2, 5, {}, 0), 2 + 5) << "goal in the lower half: first to the beginning";
-  EXPECT_EQ(walk(*policy, 0, 24, 20, 15, {}, 0), 3 + 8) << "goal in the upper half: first to the end";
+  const auto policy = entry.create(Parameters(), ControlTask{0, 24});
+  EXPECT_EQ(walk(*policy, 0, 24, 2, 5, {}), 2 + 5) << "goal in the lower half: first to the beginning";
+  EXPECT_EQ(walk(*policy, 0, 24, 20, 15, {}), 3 + 8) << "goal in the upper half: first to the end";
 }
 
 TEST(Controls, SequenceFilterNamesAMissingReference) {
   const auto& entry = ControlRegistry::instance().find("control", "sequence_filter");
-  EXPECT_THROW(entry.create(Parameters(entry.name, entry.parameters, {}), ControlTask{0, 24, 0, {}}), Error);
+  EXPECT_THROW(entry.create(Parameters(entry.name, entry.parameters, {}), ControlTask{0, 24}), Error);
 }
 
 }  // namespace

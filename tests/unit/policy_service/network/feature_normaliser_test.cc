@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/network/feature_normaliser.h"
+
+#include <gtest/gtest.h>
+
+#include "policy_service/rollout/control.h"
+#include "policy_service/rollout/network_policy.h"
+#include "tests/support/networks/some_agent.h"
+
+namespace citylearn::testing {
+namespace {
+
+constexpr int kFeatures = 16, kPlaces = 40, kAgents = 4, kSteps = 30;
+
+TEST(FeatureNormaliser, BeforeAnythingWasSeenItKnowsTheTrainingRoute) {
+  const Matrix<float> reference = some_task(kFeatures, kPlaces).reference;
+  Matrix<float> expected = reference.colwise() - reference.rowwise().mean();
+  expected.colwise().normalize();
+  EXPECT_TRUE(normalised_reference(reference).isApprox(expected, 1e-5f));
+  const FeatureNormaliser normaliser(reference);
+  Matrix<float> mean = reference.rowwise().mean();
+  normaliser.apply(mean);
+  EXPECT_LT(mean.norm(), 1.01f) << "finite, though the mean has no direction";
+  FeatureNormaliser none;
+  Matrix<float> same = reference;
+  none.see(reference.col(0));
+  none.apply(same);
+  EXPECT_EQ(same, reference);
+}
+
+/// A condition that moves all features alike: frames look like their places again once enough was seen of it.
+TEST(FeatureNormaliser, FollowsACondition) {
+  const Matrix<float> reference = some_task(kFeatures, kPlaces).reference, keys = normalised_reference(reference);
+  const Matrix<float> winter = reference.colwise() + 2 * Vector<float>::Unit(kFeatures, 3);
+  FeatureNormaliser normaliser(reference);
+  const auto likeness = [&] {
+    Matrix<float> seen = winter;
+    normaliser.apply(seen);
+    return (seen.array() * keys.array()).sum() / kPlaces;
+  };
+  EXPECT_LT(likeness(), 0.6);
+  for (int round = 0; round < 20; ++round)
+    for (int place = 0; place < kPlaces; ++place) normaliser.see(winter.col(place));
+  EXPECT_GT(likeness(), 0.99);
+}
+
+/// What agents see at a step: at random, of one route, from `seed` on another one.
+msg::Observation some_observation(const Matrix<float>& features, Random& random, int step) {
+  msg::Observation o;
+  o.feature_dimension() = kFeatures;
+  for (std::uint32_t agent = 0; agent < kAgents; ++agent) {
+    const auto place = static_cast<std::uint32_t>(1 + random.below(kPlaces - 2));
+    o.frame().push_back(place);
+    o.position().push_back(place);
+    o.goal().push_back(static_cast<std::uint32_t>(random.below(kPlaces)));
+    o.flags().push_back(step == 0 ? msg::FLAG_FIRST : 0);
+    o.previous_action().push_back(step == 0 ? std::uint8_t{kNoAction} : std::uint8_t{kNext});
+    o.allowed().push_back(0b111);
+    const auto seen = features.col(place);
+    o.features().insert(o.features().end(), seen.begin(), seen.end());
+  }
+  return o;
+}
+
+/// Of two walks that see the same at first, no action before the difference differs: nothing was known of what came
+/// after it.
+TEST(FeatureNormaliser, NothingLaterChangesAnAction) {
+  const NetworkTask task = some_task(kFeatures, kPlaces);
+  ControlTask known{0, kPlaces, task.reference};
+  const auto make = [&](const std::string& name) -> std::unique_ptr<Policy> {
+    if (name.ends_with("_filter") && name != "place_filter") {
+      const auto& entry = ControlRegistry::instance().find("control", name);
+      return entry.create(Parameters(name, entry.parameters, {}), known);
+    }
+    TrainedAgent agent = some_agent(name, task);
+    agent.first_frame = 0;
+    return std::make_unique<NetworkPolicy>(agent, NetworkPolicy::Options());
+  };
+  for (const std::string name : {"place_filter", "place_memory", "features", "sequence_filter"}) {
+    const auto one = make(name), other = make(name);
+    Random random{3}, same{3};
+    bool differed = false;
+    for (int step = 0; step < kSteps; ++step) {
+      const bool early = step < kSteps / 2;
+      msg::Observation seen = some_observation(task.reference, random, step);
+      msg::Observation changed = some_observation(task.reference, same, step);
+      if (!early)
+        for (float& value : changed.features()) value = -value + 0.3f;
+      std::vector<std::uint8_t> choice, another;
+      one->act(seen, choice);
+      other->act(changed, another);
+      if (early)
+        EXPECT_EQ(choice, another) << name << ", step " << step;
+      else
+        differed = differed || choice != another;
+    }
+    EXPECT_TRUE(differed) << name << " looks at what it is shown";
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing
