@@ -140,7 +140,7 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
     : traversal_(traversal),
       node_(node_options(options.node, traversal_)),
       rejections_(node_),
-      environment_(traversal_, options.agents),
+      environment_(traversal_, options.agents, options.imperfections),
       server_(node_, environment_),
       outbox_(options.recorders),
       linger_(options.linger) {

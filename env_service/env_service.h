@@ -7,12 +7,14 @@
 
 #include "core/wire/node_options.h"
 #include "env_service/dataset_io/traversal.h"
+#include "env_service/imperfections.h"
 
 namespace citylearn {
 
 struct EnvServiceOptions {
   NodeOptions node;                    ///< an empty id becomes "env-" + name of the traversal
   int agents = 16;                     ///< M, 1..msg::MAX_AGENTS
+  Imperfections imperfections;         ///< what befalls agents; imperfect() makes a traversal that fits
   std::vector<std::string> recorders;  ///< ids of recorders that episodes are kept for before they are heard of
   double linger = 5;                   ///< seconds, at the end, for live recorders to acknowledge
 };

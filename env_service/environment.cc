@@ -17,8 +17,8 @@ constexpr std::uint32_t kMaxCount = 1u << 30;
 
 }  // namespace
 
-Environment::Environment(const Traversal& traversal, int agents)
-    : traversal_(traversal), traversal_hash_(traversal.hash()) {
+Environment::Environment(const Traversal& traversal, int agents, const Imperfections& imperfections)
+    : traversal_(traversal), traversal_hash_(traversal.hash()), imperfections_(imperfections) {
   if (agents < 1 || agents > static_cast<int>(msg::MAX_AGENTS))
     throw Error("must be 1.." + std::to_string(msg::MAX_AGENTS) + ", is " + std::to_string(agents), "agents");
   check_turns(traversal.turns, traversal.frames);
@@ -60,6 +60,7 @@ void Environment::reset(const msg::TaskSettings& settings) {
     if (settings.task_mode() == msg::EVALUATE) {
       begin_task(agent, index);
     } else {
+      agent.mishaps = Mishaps(imperfections_, settings.seed(), static_cast<std::uint64_t>(index));
       agent.frame = static_cast<int>(agent.random.below(frames));
       begin_training_episode(agent);
     }
@@ -76,6 +77,7 @@ void Environment::begin_training_episode(Agent& agent) {
   agent.steps = 0;
   agent.episode_reward = 0;
   agent.path.clear();
+  agent.strayed = false;
   agent.previous_action = kNoAction;
   agent.flags |= msg::FLAG_FIRST;
   if (settings_.shuffle()) {
@@ -83,6 +85,8 @@ void Environment::begin_training_episode(Agent& agent) {
     std::iota(agent.order.begin(), agent.order.end(), 0);
     for (int i = frames - 1; i > 0; --i) std::swap(agent.order[i], agent.order[agent.random.below(i + 1)]);
   }
+  agent.mishaps.plan_kidnappings(distance(agent, agent.start));
+  look(agent);
 }
 
 void Environment::begin_task(Agent& agent, int task) {
@@ -92,8 +96,10 @@ void Environment::begin_task(Agent& agent, int task) {
     agent.previous_action = kNoAction;
     return;
   }
-  // The task is drawn from (seed, task) alone, so every policy evaluated with this seed gets the same tasks.
+  // The task is drawn from (seed, task) alone, so every policy evaluated with this seed gets the same tasks, and the
+  // same mishaps at the same steps.
   agent.random = Random{settings_.seed(), static_cast<std::uint64_t>(task)};
+  agent.mishaps = Mishaps(imperfections_, settings_.seed(), static_cast<std::uint64_t>(task));
   agent.frame = static_cast<int>(agent.random.below(settings_.frames()));
   begin_training_episode(agent);
 }
@@ -131,19 +137,21 @@ void Environment::step(std::span<const std::uint8_t> actions) {
       agent.reward = 0;
       continue;
     }
-    agent.frame = place_after(agent.frame, actions[index], turns_);
+    move(agent, actions[index]);
     ++agent.steps;
     const bool fits = path_octets(agent.steps) <= msg::MAX_PATH;  // an EpisodeStat
     if (fits) append_action(agent.path, agent.steps - 1, actions[index]);
     agent.previous_action = actions[index];
     agent.flags = 0;
     agent.reward = agent.rule.step(distance(agent, agent.frame));
-    const bool reached = agent.rule.reached();
+    const bool reached = agent.rule.reached(), goes_on = !reached && !agent.rule.out_of_steps();
     agent.episode_reward += agent.reward;
-    if (!reached && !agent.rule.out_of_steps()) continue;
+    if (goes_on) kidnap(agent);
+    if (!agent.mishaps.frame_dropped()) look(agent);
+    if (goes_on) continue;
     finished_.push_back({index, agent.task, first + agent.start, first + agent.goal, agent.steps,
                          distance(agent, agent.start), agent.episode_reward, reached,
-                         fits ? agent.path : std::vector<std::uint8_t>()});
+                         fits && !agent.strayed ? agent.path : std::vector<std::uint8_t>()});
     agent.flags = reached ? msg::FLAG_TERMINATED : msg::FLAG_TRUNCATED;
     if (settings_.task_mode() == msg::EVALUATE) {
       begin_task(agent, agent.task + agents());
@@ -173,7 +181,7 @@ void Environment::observe(msg::Observation& observation) const {
   observation.features().resize(count * dimension);
   for (std::size_t index = 0; index < count; ++index) {
     const Agent& agent = agents_[index];
-    observation.frame()[index] = shown(agent);
+    observation.frame()[index] = first + agent.shown;
     observation.position()[index] = first + agent.frame;
     observation.goal()[index] = first + agent.goal;
     observation.previous_action()[index] = agent.previous_action;
@@ -181,7 +189,7 @@ void Environment::observe(msg::Observation& observation) const {
     observation.flags()[index] = agent.flags;
     observation.reward()[index] = agent.reward;
     if (dimension == 0) continue;
-    const std::span<const float> features = feature(static_cast<int>(shown(agent)));
+    const std::span<const float> features = feature(static_cast<int>(first) + agent.shown);
     std::copy(features.begin(), features.end(), observation.features().begin() + index * dimension);
   }
 }
@@ -198,7 +206,7 @@ void Environment::observe(msg::Scene& scene) const {
   scene.flags().resize(count);
   for (std::size_t index = 0; index < count; ++index) {
     const Agent& agent = agents_[index];
-    scene.frame()[index] = shown(agent);
+    scene.frame()[index] = first + agent.shown;
     scene.position()[index] = first + agent.frame;
     scene.start()[index] = first + agent.start;
     scene.goal()[index] = first + agent.goal;
@@ -207,8 +215,26 @@ void Environment::observe(msg::Scene& scene) const {
   }
 }
 
-std::uint32_t Environment::shown(const Agent& agent) const {
-  return settings_.first_frame() + (settings_.shuffle() ? agent.order[agent.frame] : agent.frame);
+void Environment::move(Agent& agent, std::uint8_t action) {
+  const int intended = place_after(agent.frame, action, turns_);
+  agent.frame =
+      place_after(agent.frame, action, turns_, agent.mishaps.times_done(), static_cast<int>(settings_.frames()));
+  agent.strayed = agent.strayed || agent.frame != intended;
+}
+
+/// Carries the agent to another place, when it is time to.
+void Environment::kidnap(Agent& agent) {
+  const int place = agent.mishaps.place_kidnapped_to(agent.frame, agent.goal, static_cast<int>(settings_.frames()));
+  if (place == agent.frame) return;
+  agent.frame = place;
+  agent.rule.displace(distance(agent, place));
+  agent.mishaps.await_kidnapping(distance(agent, place));
+  agent.strayed = true;
+}
+
+/// Shows the agent the frame of the place where it stands.
+void Environment::look(Agent& agent) const {
+  agent.shown = settings_.shuffle() ? agent.order[agent.frame] : agent.frame;
 }
 
 bool Environment::done() const {

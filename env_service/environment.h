@@ -9,6 +9,7 @@
 #include "core/util/random.h"
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/traversal.h"
+#include "env_service/imperfections.h"
 
 namespace citylearn {
 
@@ -17,9 +18,12 @@ namespace citylearn {
 /// Where the traversal crosses itself (Traversal::turns), staying is turning into the other road. Distances are the
 /// fewest steps.
 ///
-/// Reward: +1 on reaching the goal, which ends the episode. A step that shortens the distance to the goal while that
-/// distance is no larger than the best of this episode costs nothing; every other step costs 1 / max_steps. After
-/// max_steps steps the episode is cut (truncated).
+/// Reward: +1 on reaching the goal, which ends the episode. A step that leads nearer to the goal than the agent ever
+/// was in this episode costs nothing; every other step costs 1 / max_steps. After max_steps steps the episode is cut
+/// (truncated).
+///
+/// Imperfections make agents slip, see old frames and stand elsewhere all of a sudden. An agent that slips over its
+/// goal has not reached it, and none is kidnapped to its goal. The shortest path stays that from the start.
 ///
 /// No threads, no wire, no clock: the same settings and actions give the same observations.
 class Environment {
@@ -28,12 +32,12 @@ class Environment {
     int agent, task, start, goal, steps, shortest;
     float reward;
     bool completed;
-    std::vector<std::uint8_t> path;  ///< its actions as EpisodeStat has them; empty where they do not fit
+    std::vector<std::uint8_t> path;  ///< its actions as EpisodeStat has them, which also says when it is empty
   };
 
   /// `traversal` must outlive the environment and stay as it is. Throws Error unless 1 <= agents <= msg::MAX_AGENTS and
   /// its turns, if any, are a permutation of its frames.
-  Environment(const Traversal& traversal, int agents);
+  Environment(const Traversal& traversal, int agents, const Imperfections& imperfections = {});
 
   /// Begins anew under `settings` (mode TRAIN or EVALUATE). Throws Error naming the field when the route
   /// first_frame .. first_frame + frames - 1 does not lie on the traversal or has fewer than 2 frames, the mode is
@@ -66,22 +70,28 @@ class Environment {
  private:
   struct Agent {
     Random random = Random(0);
+    Mishaps mishaps;
     int task = 0, start = 0, frame = 0, goal = 0, steps = 0;
+    int shown = 0;  ///< frame of the route that it sees
     EpisodeReward rule = {0, 1};
     float episode_reward = 0, reward = 0;
     std::uint8_t previous_action = kNoAction, flags = 0;
     std::vector<int> distances;      ///< to the goal from each place of the route; empty on a line
     std::vector<int> order;          ///< frame shown at each place of the route, when shuffled
     std::vector<std::uint8_t> path;  ///< of the episode so far, 2 bits an action
+    bool strayed = false;            ///< in this episode it was led elsewhere than its actions say
   };
   void begin_training_episode(Agent& agent);
   void begin_task(Agent& agent, int task);
   std::uint8_t allowed(int frame) const;
   static int distance(const Agent& agent, int frame);
-  std::uint32_t shown(const Agent& agent) const;
+  void move(Agent& agent, std::uint8_t action);
+  void kidnap(Agent& agent);
+  void look(Agent& agent) const;
 
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;
+  const Imperfections imperfections_;
   msg::TaskSettings settings_;
   std::vector<int> turns_;  ///< of the route
   std::vector<Agent> agents_;

@@ -44,6 +44,7 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->capture_default_str()
       ->check(CLI::Range(0.0, 3600.0));
   add_selection_options(app, line.source.selection, "Part of the traversal");
+  add_imperfection_options(app, line.service.imperfections, "Imperfect world");
   app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
       ->configurable(false);
@@ -71,7 +72,8 @@ int serve(CommandLine& line) {
     for (const std::string& name : dataset->names()) std::cout << one_line(name) << "\n";
     return 0;
   }
-  Traversal traversal = select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection);
+  Traversal traversal = imperfect(select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection),
+                                  line.service.imperfections);
   if (line.show) {
     std::cout << "traversal " << traversal.name << "\nframes " << traversal.frames << "\nimages "
               << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension << "\n";

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
+
 namespace citylearn {
 
 /// Rewards the steps of one episode (Chancán & Milford, 2020): 1 at the goal, nothing for a step that leads nearer to
@@ -13,11 +15,16 @@ class EpisodeReward {
 
   /// Returns the reward of the step that leads to a place `distance` steps away from the goal.
   float step(int distance) {
-    const bool free = distance < distance_ && distance_ <= nearest_;
-    if (free) --nearest_;
-    distance_ = distance;
+    const bool free = distance < nearest_;
+    displace(distance);
     ++steps_;
     return reached() ? 1.0f : free ? 0.0f : -1.0f / static_cast<float>(max_steps_);
+  }
+  /// Notes that the agent was carried to a place `distance` steps away from the goal. That is no step and has no
+  /// reward, and only steps that lead nearer than the nearest place ever are free from then on.
+  void displace(int distance) {
+    distance_ = distance;
+    nearest_ = std::min(nearest_, distance);
   }
   bool reached() const { return distance_ == 0; }
   bool out_of_steps() const { return steps_ >= max_steps_; }

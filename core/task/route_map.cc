@@ -41,6 +41,15 @@ int place_after(int place, std::uint8_t action, const std::vector<int>& turns) {
   return turns.empty() ? place : turns[static_cast<std::size_t>(place)];
 }
 
+int place_after(int place, std::uint8_t action, const std::vector<int>& turns, int times, int places) {
+  for (int i = 0; i < times; ++i) {
+    const int next = place_after(place, action, turns);
+    if (next < 0 || next >= places) break;
+    place = next;
+  }
+  return place;
+}
+
 void distances_to(int goal, int places, const std::vector<int>& turns, std::vector<int>& distances) {
   std::vector<int> turned_from(turns.size());
   for (std::size_t place = 0; place < turns.size(); ++place)

@@ -21,6 +21,10 @@ std::vector<int> turns_within(const std::vector<int>& turns, int first, int fram
 /// Returns the place to which `action` leads, which must be allowed there.
 int place_after(int place, std::uint8_t action, const std::vector<int>& turns);
 
+/// Returns the place to which `action`, which must be allowed at `place`, leads when it is done `times` times, on a
+/// route of `places` places. At an end of the route the rest comes to nothing.
+int place_after(int place, std::uint8_t action, const std::vector<int>& turns, int times, int places);
+
 /// Returns the fewest steps from each of `places` places to `goal`; each next, previous or turn is one.
 void distances_to(int goal, int places, const std::vector<int>& turns, std::vector<int>& distances);
 

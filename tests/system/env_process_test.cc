@@ -54,6 +54,8 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
   EXPECT_EQ(output({"--list-traversals"}, 0), "summer\nfall\nwinter\nnight\novercast\nrain\nshifted\n");
   EXPECT_EQ(output({"--list-traversals", "--synthetic-images", "0"}, 0), "summer\nfall\nwinter\nnight\n");
   EXPECT_EQ(output({"--show", "--frames", "3:20"}, 0), "traversal summer\nframes 17\nimages yes\nfeatures 0\n");
+  EXPECT_EQ(output({"--show", "--frames", "3:20", "--slip", "0.1", "--blurred-frames", "0.5"}, 0),
+            "traversal summer-slip0.1-blur0.5\nframes 17\nimages yes\nfeatures 0\n");
   write("b.csv", "1\n2\n");
   write("a.csv", "1\n2\n");
   EXPECT_EQ(output({"--list-traversals", "--dataset", "plain", "--data", folder_.path()}, 0), "a\nb\n");
@@ -80,6 +82,8 @@ TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
   EXPECT_TRUE(contains(complaint({"--agents", "0"}, 2), "--agents"));
   EXPECT_TRUE(contains(complaint({"--agents", "257"}, 2), "--agents"));
   EXPECT_TRUE(contains(complaint({"--synthetic-colour", "3"}, 2), "--synthetic-colour"));
+  EXPECT_TRUE(contains(complaint({"--slip", "1.1"}, 2), "--slip"));
+  EXPECT_TRUE(contains(complaint({"--blurred-frames", "0.1", "--synthetic-images", "0"}), "only pictures"));
   EXPECT_TRUE(contains(complaint({"--middleware", "rtps"}), "rtps"));
   EXPECT_TRUE(contains(complaint({"--domain", "233"}, 2), "--domain"));
 }

@@ -36,7 +36,7 @@ export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunD
               <Player episode={one} positions={one.positions} detail={detail} />
             ) : (
               <Empty title="The actions of this episode were not recorded">
-                It has more steps than fit into one message, so only its figures were recorded.
+                It has more steps than fit into one message, or the agent slipped or was carried elsewhere, so only its figures were recorded.
               </Empty>
             )
           }

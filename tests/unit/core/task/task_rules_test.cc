@@ -34,6 +34,19 @@ TEST(EpisodeReward, IsOneAtTheGoalAndTakesForStepsThatGainNothing) {
   EXPECT_TRUE(reward.out_of_steps());
 }
 
+TEST(EpisodeReward, StepsNearerThanEverAreFreeAfterLeapsToo) {
+  EpisodeReward reward(10, 8);
+  EXPECT_EQ(reward.step(8), 0);  // an action that slipped and was done twice
+  EXPECT_EQ(reward.step(9), -0.125f);
+  EXPECT_EQ(reward.step(8), -0.125f);  // it was there
+  reward.displace(3);
+  EXPECT_EQ(reward.step(4), -0.125f);
+  EXPECT_EQ(reward.step(3), -0.125f);  // it was carried there
+  EXPECT_EQ(reward.step(2), 0);
+  reward.displace(9);
+  EXPECT_EQ(reward.step(8), -0.125f);
+}
+
 TEST(Path, HoldsFourActionsAnOctet) {
   std::vector<std::uint8_t> path;
   const std::vector<std::uint8_t> actions = {kNext, kPrevious, kStay, kNext, kPrevious};

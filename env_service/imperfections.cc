@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/imperfections.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <memory>
+#include <opencv2/imgproc.hpp>
+#include <utility>
+#include <vector>
+
+#include "core/util/error.h"
+#include "core/util/name.h"
+#include "core/wire/service.h"
+#include "env_service/images/image_sources.h"
+
+namespace citylearn {
+namespace {
+
+// They name the random numbers.
+enum Stream : std::uint64_t { kSlips = 201, kDroppedFrames, kKidnappings, kBlurredFrames, kUnevenSpeed };
+
+/// Returns the frame seen at each place.
+std::vector<int> drive_unevenly(int frames, int most, Random random) {
+  std::vector<int> seen(static_cast<std::size_t>(frames));
+  int ahead = 0;
+  for (int place = 1; place < frames; ++place) {
+    ahead = std::clamp(ahead + static_cast<int>(random.below(3)) - 1, -most, most);
+    const int frame = std::clamp(place + ahead, 0, frames - 1);
+    ahead = frame - place;  // less where the recording ends
+    seen[static_cast<std::size_t>(place)] = frame;
+  }
+  return seen;
+}
+
+void show(Traversal& traversal, const std::vector<int>& frames) {
+  if (traversal.images) traversal.images = picked(traversal.images, frames);
+  if (traversal.dimension == 0) return;
+  std::vector<float> features;
+  features.reserve(traversal.features.size());
+  for (const int frame : frames) {
+    const auto feature = traversal.feature(frame);
+    features.insert(features.end(), feature.begin(), feature.end());
+  }
+  traversal.features = std::move(features);
+}
+
+/// Some pictures of one source, the others of another one.
+class MixedImages : public DerivedImages {
+ public:
+  MixedImages(std::shared_ptr<Images> images, std::shared_ptr<Images> others, std::vector<bool> other)
+      : DerivedImages(std::move(images)), others_(std::move(others)), other_(std::move(other)) {}
+  void read(int frame, Bytes& bytes) override { of(frame).read(frame, bytes); }
+  std::uint64_t fingerprint(int frame) const override { return of(frame).fingerprint(frame); }
+
+ private:
+  Images& of(int frame) const { return other_.at(static_cast<std::size_t>(frame)) ? *others_ : *images_; }
+
+  const std::shared_ptr<Images> others_;
+  const std::vector<bool> other_;
+};
+
+/// Smears a picture sideways, as a camera does that turns while its shutter is open.
+cv::Mat smeared(const cv::Mat& picture) {
+  cv::Mat result;
+  cv::blur(picture, result, cv::Size(std::max(3, picture.cols / 8), 1));
+  return result;
+}
+
+void blur(Traversal& traversal, double share, Random random) {
+  if (!traversal.images)
+    throw Error("traversal '" + traversal.name + "' has features, and only pictures can be blurred", "--blurred-frames",
+                "leave it out, or host the pictures");
+  std::vector<bool> blurred(static_cast<std::size_t>(traversal.frames));
+  for (std::size_t frame = 0; frame < blurred.size(); ++frame) blurred[frame] = random.uniform() < share;
+  traversal.images = std::make_shared<MixedImages>(
+      traversal.images, changed(traversal.images, "smeared sideways by an eighth", smeared), std::move(blurred));
+}
+
+std::string suffix(const Imperfections& imperfections) {
+  std::string text;
+  const auto add = [&](const char* what, auto amount) {
+    if (amount > 0) text += fmt::format("-{}{}", what, amount);
+  };
+  add("slip", imperfections.slip);
+  add("drop", imperfections.dropped_frames);
+  add("kidnap", imperfections.kidnappings);
+  add("blur", imperfections.blurred_frames);
+  add("uneven", imperfections.uneven_speed);
+  if (imperfections.blurred_frames > 0 || imperfections.uneven_speed > 0) add("seed", imperfections.recording_seed);
+  return text;
+}
+
+}  // namespace
+
+void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const std::string& group) {
+  const OptionGroup options(app, group);
+  const auto probability = [&](const char* name, double& value, const char* help) {
+    app.add_option(name, value, help)->capture_default_str()->check(CLI::Range(0.0, 1.0))->type_name("P");
+  };
+  probability("--slip", imperfections.slip,
+              "Probability that an action slips: it is done never or twice, which are as likely");
+  probability("--dropped-frames", imperfections.dropped_frames,
+              "Probability that after a step the agent sees the frame that it saw before");
+  app.add_option("--kidnappings", imperfections.kidnappings,
+                 "How often in each episode the agent is carried to another place, never its goal, without being told")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 1000))
+      ->type_name("N");
+  probability("--blurred-frames", imperfections.blurred_frames,
+              "Share of the pictures that are blurred, the same ones at each visit; features are refused");
+  app.add_option("--uneven-speed", imperfections.uneven_speed,
+                 "Frames that the recording is ahead or behind of its places at most, as if driven at uneven speed")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 1000))
+      ->type_name("FRAMES");
+  app.add_option("--recording-seed", imperfections.recording_seed,
+                 "Chooses which pictures are blurred and where the speed changes")
+      ->capture_default_str();
+}
+
+Traversal imperfect(Traversal traversal, const Imperfections& imperfections) {
+  const std::string announced = suffix(imperfections);
+  if (announced.empty()) return traversal;
+  const std::uint64_t hash = traversal.hash(), seed = imperfections.recording_seed;
+  if (const int most = imperfections.uneven_speed; most > 0)
+    show(traversal, drive_unevenly(traversal.frames, most, Random{seed, hash, kUnevenSpeed}));
+  if (const double share = imperfections.blurred_frames; share > 0)
+    blur(traversal, share, Random{seed, hash, kBlurredFrames});
+  // A name that is too long all the same is refused where it goes onto the wire.
+  const std::size_t room = announced.size() < kLongestName ? kLongestName - announced.size() : 1;
+  traversal.name = name_from(traversal.name.substr(0, room)) + announced;
+  return traversal;
+}
+
+Mishaps::Mishaps(const Imperfections& imperfections, std::uint64_t seed, std::uint64_t number)
+    : slip_(imperfections.slip),
+      dropped_frames_(imperfections.dropped_frames),
+      kidnappings_(imperfections.kidnappings),
+      slips_{seed, number, kSlips},
+      drops_{seed, number, kDroppedFrames},
+      kidnaps_{seed, number, kKidnappings} {}
+
+int Mishaps::times_done() {
+  if (slip_ <= 0) return 1;
+  const double drawn = slips_.uniform();
+  return drawn >= slip_ ? 1 : drawn < slip_ / 2 ? 0 : 2;
+}
+
+bool Mishaps::frame_dropped() { return dropped_frames_ > 0 && drops_.uniform() < dropped_frames_; }
+
+void Mishaps::plan_kidnappings(int distance) {
+  left_ = kidnappings_;
+  await_kidnapping(distance);
+}
+
+void Mishaps::await_kidnapping(int distance) {
+  if (left_ == 0) return;
+  wait_ = 1 + static_cast<int>(kidnaps_.below(static_cast<std::uint64_t>(std::max(1, distance - 1))));
+}
+
+int Mishaps::place_kidnapped_to(int here, int goal, int places) {
+  if (left_ == 0 || --wait_ > 0 || places < 3) return here;
+  --left_;
+  const auto [first, second] = std::minmax(here, goal);
+  int place = static_cast<int>(kidnaps_.below(static_cast<std::uint64_t>(places - 2)));
+  if (place >= first) ++place;
+  if (place >= second) ++place;
+  return place;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "core/util/random.h"
+#include "env_service/dataset_io/traversal.h"
+
+namespace CLI {
+class App;
+}
+
+namespace citylearn {
+
+/// How the world of an env_service falls short of a perfect one. Zero, the default of all, changes not a bit.
+struct Imperfections {
+  // What befalls agents.
+  double slip = 0;            ///< --slip P: probability that an action slips, so that it is done never or twice
+  double dropped_frames = 0;  ///< --dropped-frames P: probability that after a step the frame before is seen again
+  int kidnappings = 0;        ///< --kidnappings N: times an episode that the agent is carried to another place
+
+  // What befalls the recording.
+  double blurred_frames = 0;         ///< --blurred-frames P: share of pictures that are blurred
+  int uneven_speed = 0;              ///< --uneven-speed FRAMES: how far places and frames are apart at most
+  std::uint64_t recording_seed = 0;  ///< --recording-seed: which frames are blurred, where the speed changes
+};
+
+/// Adds the options above; `group` heads them in --help.
+void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const std::string& group);
+
+/// Returns the traversal as the recording of this world, and with the imperfections of both kinds in its name:
+/// "summer-slip0.1-kidnap1". The name keeps results apart from those of a better world, and announces the imperfections
+/// wherever traversals are named. With none the traversal stays as it is. Throws Error when features are to be blurred.
+///
+/// Uneven speed: the car passes 0, 1 or 2 frames from each place to the next, each as likely, and is never more than
+/// so many frames ahead or behind. Places keep their positions. The draws follow from the traversal's hash and
+/// recording_seed: siblings get different ones, and all env_services of a traversal the same.
+Traversal imperfect(Traversal traversal, const Imperfections& imperfections);
+
+/// Draws what befalls one agent. Each kind of mishap has random numbers of its own, so the same seed and number bring
+/// the same ones at the same steps, whichever others there are and whatever the agent does.
+class Mishaps {
+ public:
+  Mishaps() = default;  ///< There are none.
+  Mishaps(const Imperfections& imperfections, std::uint64_t seed, std::uint64_t number);
+
+  /// Returns how often the next action is done: once, or when it slips never or twice, which are as likely.
+  int times_done();
+  /// Returns whether the camera gives no new frame after this step.
+  bool frame_dropped();
+
+  /// Plans the kidnappings of an episode that begins `distance` steps from its goal.
+  void plan_kidnappings(int distance);
+  /// Plans the next one, if any is left, for an agent `distance` steps from its goal: after 1 .. distance - 1 steps (1
+  /// where the distance is 1), each number as likely. So the agent can hardly be at the goal before.
+  void await_kidnapping(int distance);
+  /// Call it after each step that leaves the episode going on. Returns the place to which the agent is carried: `here`
+  /// until the time has come, then any place of the route but `here` and `goal`, each as likely.
+  int place_kidnapped_to(int here, int goal, int places);
+
+ private:
+  double slip_ = 0, dropped_frames_ = 0;
+  int kidnappings_ = 0;
+  Random slips_, drops_, kidnaps_;
+  int left_ = 0, wait_ = 0;  ///< kidnappings left in the episode, and steps until the next
+};
+
+}  // namespace citylearn

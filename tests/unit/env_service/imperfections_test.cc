@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/imperfections.h"
+
+#include <gtest/gtest.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cstdlib>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "core/task/reward.h"
+#include "core/task/route_map.h"
+#include "core/task/spl.h"
+#include "env_service/images/image_sources.h"
+#include "tests/support/data/fake_images.h"
+#include "tests/support/env/env.h"
+#include "tests/support/env/env_service_thread.h"
+#include "tests/support/env/scripted_policy.h"
+#include "tests/support/options.h"
+#include "tests/support/text.h"
+
+namespace citylearn::testing {
+namespace {
+
+struct Step {
+  std::uint8_t action;
+  msg::Observation before, after;
+  std::optional<Environment::Episode> episode;  ///< that it ended
+};
+
+/// The steps of one agent that knows where it stands.
+std::vector<Step> walk(const Imperfections& imperfections, const msg::TaskSettings& with, int steps) {
+  const Traversal traversal = small_traversal(60);
+  Environment environment(traversal, 1, imperfections);
+  environment.reset(with);
+  std::vector<Step> walked;
+  Step step;
+  environment.observe(step.after);
+  ShortestPath walker;
+  while (std::ssize(walked) < steps && !environment.done()) {
+    step.before = step.after;
+    step.action = walker.act(step.before, 0);
+    environment.step(std::span(&step.action, 1));
+    environment.observe(step.after);
+    step.episode.reset();
+    if (!environment.finished().empty()) step.episode = environment.finished()[0];
+    walked.push_back(step);
+  }
+  return walked;
+}
+
+int at(const msg::Observation& seen) { return static_cast<int>(seen.position()[0]); }
+int goal_of(const msg::Observation& seen) { return static_cast<int>(seen.goal()[0]); }
+
+TEST(ImperfectWorld, ASlippingActionIsDoneNeverOrTwice) {
+  int done[3] = {}, known = 0, unknown = 0;
+  bool strayed = false;
+  for (const Step& step : walk({.slip = 0.2}, settings(msg::TRAIN, 60, 200), 6000)) {
+    const int way = step.action == kNext ? 1 : -1, times = (at(step.after) - at(step.before)) * way;
+    ASSERT_TRUE(times >= 0 && times <= 2) << times;
+    ++done[times];
+    strayed = strayed || times != 1;
+    const int left = std::abs(goal_of(step.before) - at(step.after));
+    EXPECT_EQ(step.episode.has_value(), left == 0) << "an agent that passes over its goal has not reached it";
+    if (!step.episode) {
+      EXPECT_EQ(step.after.previous_action()[0], step.action) << "it is not told";
+      continue;
+    }
+    EXPECT_EQ(step.episode->path.empty(), strayed) << "its actions say where it went, or are left out";
+    ++(strayed ? unknown : known);
+    strayed = false;
+    EXPECT_LE(spl_of(true, step.episode->shortest, step.episode->steps), 1);
+  }
+  EXPECT_NEAR(done[0], 600, 100);
+  EXPECT_NEAR(done[2], 600, 100);
+  EXPECT_GT(known, 10);
+  EXPECT_GT(unknown, 100);
+}
+
+TEST(ImperfectWorld, AnActionDoneTwiceStaysOnTheRoute) {
+  const std::vector<int> turns = {0, 3, 2, 1};
+  EXPECT_EQ(place_after(2, kNext, {}, 2, 4), 3);
+  EXPECT_EQ(place_after(1, kPrevious, {}, 2, 4), 0);
+  EXPECT_EQ(place_after(0, kNext, {}, 2, 4), 2);
+  EXPECT_EQ(place_after(0, kNext, {}, 0, 4), 0);
+  EXPECT_EQ(place_after(1, kStay, turns, 2, 4), 1) << "it turns into the other road and back";
+}
+
+TEST(ImperfectWorld, ADroppedFrameShowsTheOneBefore) {
+  int dropped = 0, steps = 0;
+  for (const Step& step : walk({.dropped_frames = 0.3}, settings(msg::TRAIN, 60, 200), 3000)) {
+    EXPECT_EQ(step.after.features()[0], static_cast<float>(step.after.frame()[0]));
+    EXPECT_EQ(std::abs(at(step.after) - at(step.before)), 1) << "it walks all the same";
+    if (step.episode) {
+      EXPECT_EQ(step.after.frame(), step.after.position()) << "an episode begins with a new frame";
+      EXPECT_FALSE(step.episode->path.empty());
+      continue;
+    }
+    ++steps;
+    const bool again = step.after.frame() == step.before.frame();
+    EXPECT_TRUE(again || step.after.frame() == step.after.position());
+    dropped += again;
+  }
+  EXPECT_NEAR(static_cast<double>(dropped) / steps, 0.3, 0.04);
+}
+
+TEST(ImperfectWorld, KidnapsSoOftenAnEpisodeAndNeverToTheGoal) {
+  msg::TaskSettings with = settings(msg::EVALUATE, 60, 500);
+  with.tasks() = 300;
+  int kidnappings = 0, late = 0, episodes = 0;
+  for (const Step& step : walk({.kidnappings = 2}, with, 1000000)) {
+    const int to = step.action == kNext ? at(step.before) + 1 : at(step.before) - 1;
+    if (!step.episode) {
+      EXPECT_NE(at(step.after), goal_of(step.before));
+      kidnappings += at(step.after) != to;
+      continue;
+    }
+    EXPECT_TRUE(step.episode->completed);
+    EXPECT_EQ(step.episode->shortest, std::abs(step.episode->goal - step.episode->start)) << "from the start";
+    EXPECT_TRUE(step.episode->path.empty() || kidnappings == 0);
+    EXPECT_LE(kidnappings, 2);
+    late += kidnappings < 2;  // it came beside the goal, and there first
+    kidnappings = 0;
+    ++episodes;
+  }
+  EXPECT_EQ(episodes, 300);
+  EXPECT_LT(late, 40);
+  EXPECT_GT(late, 0);
+}
+
+TEST(ImperfectWorld, AKidnappingIsNoStepAndHasNoReward) {
+  std::optional<EpisodeReward> rule;
+  for (const Step& step : walk({.kidnappings = 3}, settings(msg::TRAIN, 60, 100), 3000)) {
+    const int goal = goal_of(step.before), to = at(step.before) + (step.action == kNext ? 1 : -1);
+    if (!rule) rule = EpisodeReward(std::abs(goal - at(step.before)), 100);
+    EXPECT_EQ(step.after.reward()[0], rule->step(std::abs(goal - to)));
+    if (step.episode)
+      rule.reset();
+    else
+      rule->displace(std::abs(goal - at(step.after)));
+  }
+}
+
+TEST(ImperfectWorld, HasRandomNumbersOfItsOwn) {
+  msg::TaskSettings with = settings(msg::EVALUATE, 60, 500);
+  with.tasks() = 50;
+  const auto tasks = [&](const Imperfections& imperfections) {
+    std::vector<std::pair<int, int>> drawn;
+    for (const Step& step : walk(imperfections, with, 1000000))
+      if (step.episode) drawn.emplace_back(step.episode->start, step.episode->goal);
+    return drawn;
+  };
+  EXPECT_EQ(tasks({}), tasks({.slip = 0.3, .dropped_frames = 0.3, .kidnappings = 1})) << "the same tasks";
+  const auto slipping = walk({.slip = 0.3}, with, 1000), both = walk({.slip = 0.3, .dropped_frames = 0.3}, with, 1000);
+  ASSERT_EQ(slipping.size(), both.size());
+  for (std::size_t i = 0; i < both.size(); ++i)
+    ASSERT_EQ(slipping[i].after.position(), both[i].after.position()) << "the same slips, whatever is dropped";
+}
+
+/// 400 pictures of 40 x 2 pixels, one column of each white.
+class Columns : public FakeImages {
+ public:
+  Columns() : FakeImages(400) {}
+  void read(int frame, Bytes& bytes) override {
+    cv::Mat picture = cv::Mat::zeros(2, 40, CV_8UC1);
+    picture.col(frame % 40).setTo(255);
+    encode_png(picture, bytes);
+  }
+};
+
+Traversal pictured() {
+  Traversal traversal = small_traversal(400);
+  traversal.dimension = 0;
+  traversal.features.clear();
+  traversal.images = std::make_shared<Columns>();
+  return traversal;
+}
+
+TEST(ImperfectRecording, BlursItsShareOfThePictures) {
+  const Traversal sharp = pictured(), blurred = imperfect(pictured(), {.blurred_frames = 0.25});
+  EXPECT_EQ(blurred.name, "line-blur0.25");
+  EXPECT_NE(blurred.hash(), sharp.hash()) << "encoders know pictures by it";
+  EXPECT_EQ(blurred.hash(), imperfect(pictured(), {.blurred_frames = 0.25}).hash());
+  EXPECT_NE(blurred.hash(), imperfect(pictured(), {.blurred_frames = 0.25, .recording_seed = 1}).hash());
+  Bytes bytes;
+  int count = 0;
+  for (int frame = 0; frame < 400; ++frame) {
+    blurred.images->read(frame, bytes);
+    const cv::Mat picture = decode_image(bytes, "picture");
+    const bool changed = blurred.images->fingerprint(frame) != sharp.images->fingerprint(frame);
+    EXPECT_EQ(cv::countNonZero(picture.reshape(1)) > 6, changed) << "white smears sideways";
+    count += changed;
+  }
+  EXPECT_NEAR(count, 100, 30);
+  EXPECT_EQ(error_of([] { (void)imperfect(small_traversal(9), {.blurred_frames = 0.1}); }),
+            "--blurred-frames: traversal 'line' has features, and only pictures can be blurred "
+            "(leave it out, or host the pictures)");
+}
+
+TEST(ImperfectRecording, UnevenSpeedShowsFramesAheadAndBehind) {
+  const Traversal even = small_traversal(400), uneven = imperfect(even, {.uneven_speed = 5, .recording_seed = 3});
+  EXPECT_EQ(uneven.name, "line-uneven5-seed3");
+  EXPECT_EQ(uneven.positions, even.positions);
+  EXPECT_NE(uneven.hash(), even.hash());
+  int before = 0, farthest = 0, ahead = 0, behind = 0;
+  for (int place = 0; place < 400; ++place) {
+    const int frame = static_cast<int>(uneven.feature(place)[0]), passed = frame - before;
+    EXPECT_TRUE(passed >= 0 && passed <= 2) << passed << " frames to place " << place;
+    EXPECT_EQ(uneven.feature(place)[1], static_cast<float>(frame) + 0.5f);
+    farthest = std::max(farthest, std::abs(frame - place));
+    ahead += frame > place;
+    behind += frame < place;
+    before = frame;
+  }
+  EXPECT_EQ(farthest, 5);
+  EXPECT_GT(ahead, 50);
+  EXPECT_GT(behind, 50);
+  const Traversal pictures = imperfect(pictured(), {.uneven_speed = 5});
+  EXPECT_EQ(pictures.images->frames(), 400);
+  EXPECT_NE(pictures.hash(), pictured().hash());
+}
+
+TEST(ImperfectRecording, IsNamedAfterItsImperfections) {
+  const Traversal plain = imperfect(small_traversal(9), {.recording_seed = 7});
+  EXPECT_EQ(plain.name, "line");
+  EXPECT_EQ(plain.hash(), small_traversal(9).hash());
+  const Imperfections agents = {.slip = 0.1, .dropped_frames = 0.05, .kidnappings = 1};
+  EXPECT_EQ(imperfect(small_traversal(9), agents).name, "line-slip0.1-drop0.05-kidnap1");
+  EXPECT_EQ(imperfect(small_traversal(9), agents).hash(), small_traversal(9).hash());
+  Traversal long_name = small_traversal(9);
+  long_name.name = std::string(63, 'x') + "/";
+  EXPECT_EQ(imperfect(long_name, {.slip = 0.1}).name, std::string(56, 'x') + "-slip0.1");
+}
+
+/// An env_service in this process, whose episodes come over the wire, against an Environment walked by hand.
+TEST(ImperfectWorld, OnTheWireIsThatOfTheEnvironment) {
+  spdlog::set_level(spdlog::level::warn);
+  const Imperfections imperfections = {.slip = 0.1, .dropped_frames = 0.1, .kidnappings = 1, .uneven_speed = 2};
+  const Traversal traversal = imperfect(small_traversal(60), imperfections);
+  EnvServiceOptions options;
+  options.agents = 4;
+  options.imperfections = imperfections;
+  options.node.session = "imperfect-world";
+  options.node.middleware = middleware_options("inprocess", 47);
+  const EnvServiceThread host(options, traversal);
+  const std::string name = "line-slip0.1-drop0.1-kidnap1-uneven2";
+  ScriptedPolicy policy(middleware_options("inprocess", 47), options.node.session, "env-" + name);
+  ShortestPath walker;
+  policy.walker = &walker;
+  msg::TaskSettings with = settings(msg::EVALUATE, 60, 128);
+  with.tasks() = 40;
+  policy.command(with);
+  ASSERT_TRUE(policy.until([&] { return policy.recorded == 40; }));
+  EXPECT_EQ(policy.info.traversal(), name) << "as a run's manifest and the dashboard name it";
+  EXPECT_EQ(policy.info.hash(), traversal.hash());
+  Environment environment(traversal, 4, imperfections);
+  const auto expected = evaluate(environment, policy.commanded(), walker);
+  int strayed = 0;
+  for (const auto& [number, stat] : policy.episodes) {
+    const Environment::Episode& other = expected.at(static_cast<int>(stat.task()));
+    EXPECT_EQ(stat.traversal(), name);
+    EXPECT_EQ(static_cast<int>(stat.start()), other.start);
+    EXPECT_EQ(static_cast<int>(stat.steps()), other.steps);
+    EXPECT_EQ(static_cast<int>(stat.shortest()), other.shortest);
+    EXPECT_EQ(stat.reward(), other.reward);
+    EXPECT_EQ(stat.completed(), other.completed);
+    EXPECT_EQ(stat.path(), other.path);
+    strayed += other.path.empty();
+  }
+  EXPECT_GT(strayed, 20);
+}
+
+}  // namespace
+}  // namespace citylearn::testing
