@@ -15,7 +15,7 @@ struct EncoderServiceOptions {
   NodeOptions node;
 
   // From pictures to descriptors.
-  std::string encoder = "hog";
+  std::string encoder = kDefaultEncoder;
   std::map<std::string, double> parameters;  ///< those given
   EncoderFiles files;
 

@@ -54,6 +54,9 @@ struct EncoderFiles {
 /// An encoder is one file of encoders/ that ends in a static Registration.
 using EncoderRegistry = Registry<Encoder, const EncoderFiles&>;
 
+/// The encoder of all programs that are not told which.
+inline constexpr const char* kDefaultEncoder = "hog_vlad";
+
 /// Factory of an encoder with a constructor from parameters.
 template <class T>
 std::unique_ptr<Encoder> make_encoder(const Parameters& parameters, const EncoderFiles&) {

@@ -38,7 +38,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--train", line.world.source.traversal, "Traversal to learn from")->capture_default_str();
   add_selection_options(app, line.world.source.selection, data);
   app.add_option("--encoder", line.world.encoders,
-                 "Encoders of the pictures: " + encoder_names() + " (hog,vlad; --quick: hog)")
+                 "Encoders of the pictures: " + encoder_names() + " (" + kDefaultEncoder + ",hog,vlad; --quick: one)")
       ->delimiter(',');
   app.add_option("--model", line.world.files.model, "Network file for encoders that need one")->type_name("FILE");
   app.add_option("--store", line.store, "Folder of the feature store")
@@ -86,7 +86,7 @@ std::vector<Context::Agent> agents_of(World& world, const std::vector<std::uint6
 /// For sections that need pictures or a map where the given data have none.
 WorldOptions drawn_city(const CommandLine& line) {
   WorldOptions options;
-  options.encoders = {"hog"};
+  options.encoders = {kDefaultEncoder};
   options.most_frames = line.quick ? 256 : 512;
   options.store = line.world.store;
   return options;
@@ -95,7 +95,8 @@ WorldOptions drawn_city(const CommandLine& line) {
 int make_report(CommandLine& line) {
   const std::time_t begun = std::time(nullptr);
   const Clock::time_point start = Clock::now();
-  line.world.default_encoders = line.quick ? std::vector<std::string>{"hog"} : std::vector<std::string>{"hog", "vlad"};
+  line.world.default_encoders = {kDefaultEncoder};
+  if (!line.quick) line.world.default_encoders.insert(line.world.default_encoders.end(), {"hog", "vlad"});
   line.world.store = line.store == "none" ? "" : line.store;
   line.world.most_frames = line.quick ? 640 : 4000;
   const std::vector<std::uint64_t> seeds = parse_seeds(!line.seeds.empty() ? line.seeds : line.quick ? "1..2" : "1..5");

@@ -32,7 +32,7 @@ class Evaluation {
     bool stopped = false;
     try {
       if (reference_.images)
-        for (std::size_t i = 0; i < encoders_.size(); ++i) run_encoder(options_.encoders[i], *encoders_[i]);
+        for (const auto& [name, encoder] : encoders_) run_encoder(name, *encoder);
       else
         run_features();
     } catch (const Stopped&) {
@@ -106,7 +106,8 @@ class Evaluation {
         throw Error("dataset " + options_.source.dataset + " has features already", "--encoder", "leave it out");
       return;
     }
-    const auto& asked = options_.encoders;
+    auto asked = options_.encoders;
+    if (asked.empty()) asked = {kDefaultEncoder};
     for (const auto& [name, given] : options_.parameters)
       if (!given.empty() && std::find(asked.begin(), asked.end(), name) == asked.end())
         throw Error("is for encoder " + name + ", which is not among --encoder",
@@ -116,9 +117,8 @@ class Evaluation {
       const auto given = options_.parameters.find(name);
       const Parameters parameters("encoder " + name, entry.parameters,
                                   given == options_.parameters.end() ? std::map<std::string, double>() : given->second);
-      encoders_.push_back(entry.create(parameters, options_.files));
+      encoders_.emplace_back(name, entry.create(parameters, options_.files));
     }
-    if (encoders_.empty()) throw Error("is missing: this dataset has pictures", "--encoder", "--list names them");
   }
 
   void run_encoder(const std::string& label, Encoder& encoder) {
@@ -208,7 +208,7 @@ class Evaluation {
 
   const Options& options_;
   std::vector<Method> methods_;
-  std::vector<std::unique_ptr<Encoder>> encoders_;
+  std::vector<std::pair<std::string, std::unique_ptr<Encoder>>> encoders_;  // by name, as asked for
   Traversal reference_;
   std::vector<Traversal> queries_;
   std::vector<GroundTruth> truths_;

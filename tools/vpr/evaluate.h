@@ -19,7 +19,7 @@ struct Options {
   std::vector<std::string> queries;
   std::string matches;  ///< file of a CSV with columns reference, query; empty: frame i shows the place of frame i
   // Encoding.
-  std::vector<std::string> encoders;
+  std::vector<std::string> encoders;  ///< empty: the default one, where there are pictures
   std::map<std::string, std::map<std::string, double>> parameters;  ///< those given, by encoder
   EncoderFiles files;
   std::string store;

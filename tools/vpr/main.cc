@@ -28,7 +28,7 @@ void add_encoding(CLI::App& app, vpr::Options& options, CommandLine& line) {
   const std::string group = "Encoding";
   app.option_defaults()->group(group);
   add_list(app, "--encoder", options.encoders,
-           "Encoders: " + encoder_names() + "; not for datasets that have features");
+           "Encoders: " + encoder_names() + " (" + kDefaultEncoder + "); not for datasets that have features");
   add_encoder_options(app, options.files, options.parameters, group);
   app.add_option("--store", line.store, "Folder of the feature store; none keeps features in memory only")
       ->type_name("DIR")

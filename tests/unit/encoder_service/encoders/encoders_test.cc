@@ -72,6 +72,23 @@ TEST(Hog, BlocksHaveLengthOneAndLightDoesNotMatter) {
   EXPECT_LT((descriptor - other).norm(), 0.3f * (descriptor - unlike).norm());
 }
 
+TEST(HogVlad, ItsCosineIsTheWeightedMeanOfBoth) {
+  std::vector<cv::Mat> pictures;
+  for (std::uint64_t i = 0; i < 6; ++i) pictures.push_back(drawn_picture(64, 32, i));
+  const auto cosines = [&](const std::string& name, const std::map<std::string, double>& values = {}) -> MatrixXf {
+    const auto encoder = make(name, values);
+    encoder->learn(pictures);
+    const MatrixXf descriptors = encoder->encode(pictures).colwise().normalized();
+    return descriptors.transpose() * descriptors;
+  };
+  const MatrixXf hog = cosines("hog"), vlad = cosines("vlad");
+  ASSERT_GT((hog - vlad).cwiseAbs().maxCoeff(), 0.1f);
+  for (const float share : {0.f, 0.3f, 1.f}) {
+    const MatrixXf joint = cosines("hog_vlad", {{"vlad-share", share}});
+    EXPECT_LT((joint - (1 - share) * hog - share * vlad).cwiseAbs().maxCoeff(), 1e-5f) << share;
+  }
+}
+
 TEST(PatchNorm, PatchesHaveMeanZeroAndDeviationOne) {
   const auto encoder = make("patchnorm");
   const MatrixXf descriptor = encode(*encoder, drawn_picture(64, 32, 8));
@@ -157,6 +174,18 @@ TEST(Nordland, HogFindsWinterInSummer) {
   EXPECT_GE(found({.centring = Centring::kRunning, .dimension = 64}), 0.6);
 }
 
+TEST(Nordland, TheDefaultFindsWinterInSummer) {
+  const std::vector<cv::Mat> summer = nordland("summer", 10), winter = nordland("winter", 10);
+  if (summer.empty()) GTEST_SKIP() << "no nordland-64x32 in the shared data";
+  const auto encoder = make(kDefaultEncoder);
+  encoder->learn(nordland("summer", 40));
+  const MatrixXf reference = encoder->encode(summer), query = encoder->encode(winter);
+  const Reduction reduction = Reduction::learn(reference, {});
+  const double found = recall(reduction.apply(reference), reduction.apply(query), 2);
+  RecordProperty("found", std::to_string(found));
+  EXPECT_GE(found, 0.6) << "of 64 numbers, like hog's";
+}
+
 TEST(Nordland, SpatialVladFindsWinterInSummer) {
   const std::vector<cv::Mat> summer = nordland("summer", 10), winter = nordland("winter", 10);
   if (summer.empty()) GTEST_SKIP() << "no nordland-64x32 in the shared data";
@@ -183,10 +212,12 @@ TEST(Nordland, VladWithstandsAShiftBetterThanHog) {
     const Reduction reduction = Reduction::learn(reference, {.centring = Centring::kOwn, .dimension = 0});
     return recall(reduction.apply(reference), reduction.apply(query), 0);
   };
-  const double vlad = found("vlad"), hog = found("hog");
+  const double vlad = found("vlad"), hog = found("hog"), joint = found("hog_vlad");
   RecordProperty("vlad", std::to_string(vlad));
   RecordProperty("hog", std::to_string(hog));
+  RecordProperty("hog_vlad", std::to_string(joint));
   EXPECT_GT(vlad, hog + 0.2) << "vlad " << vlad << ", hog " << hog;
+  EXPECT_GT(joint, vlad - 0.1) << "vlad " << vlad << ", hog_vlad " << joint;
 }
 
 }  // namespace

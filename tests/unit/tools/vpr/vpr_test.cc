@@ -12,6 +12,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "core/util/random.h"
+#include "encoder_service/encoding/encoder.h"
 #include "tests/paths.h"
 #include "tests/support/data/real_data.h"
 #include "tests/support/processes/service.h"
@@ -140,6 +141,15 @@ TEST(VprTool, ComplainsInOneLine) {
   EXPECT_TRUE(contains(complaint("--encoder hog", 1), "--encoder"));
   complaint("--output " + data.path() + "/summer.csv/below", 1);
   EXPECT_FALSE(std::filesystem::exists(output / "results.csv"));
+}
+
+TEST(VprTool, PicturesGoThroughTheDefaultEncoder) {
+  const Folder output;
+  const Ended ended = vpr("--synthetic-frames 40 --query fall --dimension 16 --output " + output.path());
+  ASSERT_EQ(ended.status, 0) << ended.text;
+  const auto row = nlohmann::json::parse(contents(output / "results.json"))["rows"][0];
+  EXPECT_EQ(row["encoder"], kDefaultEncoder);
+  EXPECT_GT(row["recall_1"].get<double>(), 0.8);
 }
 
 TEST(VprTool, PicturesThroughAnEncoderAndAStore) {
