@@ -39,6 +39,8 @@ const std::map<std::string, Preset>& presets() {
       {"netvlad-vgg", {640, 480, 255, {123.68f, 116.779f, 103.939f}, {1, 1, 1}, false}},
       {"resnet50", {224, 224, 1, kImagenetMean, kImagenetDeviation, true}},
       {"cosplace", {512, 512, 1, kImagenetMean, kImagenetDeviation, false}},
+      // MobileNets of TensorFlow and Keras: -1..1.
+      {"mobilenet", {224, 224, 1, {0.5f, 0.5f, 0.5f}, {0.5f, 0.5f, 0.5f}, false}},
       {"mixvpr", {320, 320, 1, kImagenetMean, kImagenetDeviation, false}},
   };
   return all;

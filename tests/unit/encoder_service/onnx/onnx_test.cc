@@ -112,6 +112,7 @@ TEST(Onnx, PreprocessingIsPerChannel) {
   EXPECT_TRUE(encode({{"rgb", 0}}).isApprox(rgb.reverse(), 1e-5f));
   EXPECT_TRUE(encode({}, "netvlad").isApprox(rgb, 1e-5f));
   EXPECT_TRUE(encode({}, "netvlad-vgg").isApprox(Eigen::Vector3f(204 - 123.68f, 102 - 116.779f, 51 - 103.939f), 1e-5f));
+  EXPECT_TRUE(encode({}, "mobilenet").isApprox(Eigen::Vector3f(0.6f, -0.2f, -0.6f), 1e-5f));
   EXPECT_NEAR(encode({{"mean-green", 0.1}, {"deviation-green", 2}, {"scale", 10}})[1], (4 - 0.1) / 2, 1e-5);
 }
 
