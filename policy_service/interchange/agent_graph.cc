@@ -16,7 +16,7 @@ OnnxValue AgentGraph::known(const std::string& name, std::int64_t width, const s
 
 OnnxValue AgentGraph::features() {
   const std::int64_t width = agent_.task.features;
-  const OnnxValue seen = known("features", width, "what is seen: the frame's features, of the encoder it learned with");
+  OnnxValue seen = known("features", width, "what is seen: the frame's features, of the encoder it learned with");
   if (!agent_.network->normalises()) return seen;
   const auto found = inputs_.find("normalised");
   if (found != inputs_.end()) return found->second;
