@@ -7,6 +7,7 @@
 #include "core/task/route_map.h"
 #include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/layers.h"
+#include "policy_service/network/motion.h"
 
 namespace citylearn {
 namespace {
@@ -17,7 +18,8 @@ namespace {
 ///
 /// The belief p over the N places is uniform at an episode's start, and kept as scores l, p = softmax(l). Each step, t
 /// steps into the episode:
-///   l moves by the previous action (what falls off is dropped, what enters is excluded),
+///   l moves by the previous action (what falls off is dropped, what enters is excluded; see Motion where the world is
+///   told to be imperfect),
 ///   l_i += s / (1 + h t) (x . K_i), and l_i -= kExclusion for the goal (standing there would have ended the episode)
 ///   and wherever the actions allowed would be others.
 /// What is excluded stays so for the episode, however much else speaks for it. Evidence counts for less the longer the
@@ -43,7 +45,8 @@ class PlaceFilter : public AgentNetwork<S> {
         units_(parameters.integer("units")),
         inputs_(kInputs + (task.turns.empty() ? 0 : 1)),
         keys_(normalised_reference(task.reference).template cast<S>().transpose()),
-        turns_(task.turns) {
+        turns_(task.turns),
+        motion_(parameters, task.turns) {
     if (task.features < 1 || task.reference.rows() != task.features || task.reference.cols() != task.frames)
       throw Error("needs the features of all " + std::to_string(task.frames) + " frames of the training route",
                   "reference", "train where the env_service has features, or give it an encoder_service");
@@ -60,13 +63,15 @@ class PlaceFilter : public AgentNetwork<S> {
   }
 
   static std::vector<ParameterSpec> parameters() {
-    return {{"units", "units of each of the head's two layers", 64, 1, 4096, true}};
+    std::vector<ParameterSpec> specs = Motion<S>::parameters();
+    specs.push_back({"units", "units of each of the head's two layers", 64, 1, 4096, true});
+    return specs;
   }
 
   const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }
   int state_size() const override { return places_ + 1; }
   bool normalises() const override { return true; }
-  std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(); }
+  std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(motion_); }
 
   void initialise(Random& random, Vector<S>& parameters) const override {
     parameters.setZero(layout_.size());
@@ -90,6 +95,7 @@ class PlaceFilter : public AgentNetwork<S> {
     Work& work = static_cast<Work&>(workspace);
     const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
     for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
+    if (!motion_.exact()) work.moved.setOnes(places_, columns);
     work.head_input.setZero(inputs_, columns);
     work.step.resize(columns);
     const Scalars s = scalars(parameters);
@@ -105,10 +111,10 @@ class PlaceFilter : public AgentNetwork<S> {
         score.head(inputs.frames).setZero();
         work.step(column) = 0;
       } else if (column < agents) {
-        shift(previous, state.col(column).head(places_), score);
+        move(previous, state.col(column).head(places_), work, column);
         work.step(column) = state(places_, column) + 1;
       } else {
-        shift(previous, work.score.col(column - agents), score);
+        move(previous, work.score.col(column - agents), work, column);
         work.step(column) = work.step(column - agents) + 1;
       }
       score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
@@ -217,7 +223,17 @@ class PlaceFilter : public AgentNetwork<S> {
       const S by_evidence = tempered * by_score.dot(work.similarity.col(inputs.seen[index]));
       ds.evidence += by_evidence;
       ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
-      if (column >= agents && !inputs.first[index]) unshift(previous, by_score, work.by_score.col(column - agents));
+      if (column < agents || inputs.first[index]) continue;
+      auto by_before = work.by_score.col(column - agents);
+      if (motion_.exact()) {
+        motion_.unshift(previous, by_score, by_before);
+        continue;
+      }
+      const auto moved = work.moved.col(column).array();
+      work.column = (moved > 0).select(by_score.array() / moved, S(0));
+      const auto from = work.belief.col(column - agents);
+      work.motion.unmove(previous, work.column, work.by_moved);
+      by_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
     }
     auto out = layout_.view(gradient, scalars_);
     const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
@@ -257,12 +273,16 @@ class PlaceFilter : public AgentNetwork<S> {
     S before, after;
   };
   struct Work : Workspace<S> {
-    Matrix<S> similarity;                      // N x U
-    Matrix<S> score, belief;                   // N x TB
-    Matrix<S> by_score;                        // N x TB
-    Vector<S> step;                            // TB, of the episode
-    Vector<S> weights;                         // N, of places at distances from 1 on to the goal
-    Matrix<S> head_input, input_gradient;      // inputs x TB
+    explicit Work(const Motion<S>& how) : motion(how) {}
+    Motion<S> motion;                      // with room for its sums
+    Matrix<S> similarity;                  // N x U
+    Matrix<S> score, belief;               // N x TB
+    Matrix<S> by_score;                    // N x TB
+    Matrix<S> moved;                       // N x TB, the belief before anything is seen; empty where motion is exact
+    Vector<S> by_moved;                    // N
+    Vector<S> step;                        // TB, of the episode
+    Vector<S> weights;                     // N, of places at distances from 1 on to the goal
+    Matrix<S> head_input, input_gradient;  // inputs x TB
     Matrix<S> layer1, layer2, layer_gradient;  // units x TB
     Matrix<S> both;                            // 4 x TB: logits and value
     Vector<S> column;                          // N
@@ -275,6 +295,21 @@ class PlaceFilter : public AgentNetwork<S> {
   }
   static Turning turning(const Scalars& s, std::uint8_t previous) {
     return {previous == kPrevious ? s.turning : S(1), previous == kNext ? s.turning : S(1)};
+  }
+
+  /// Sets the scores of a column to those before it, moved.
+  template <class Before>
+  void move(std::uint8_t action, const Before& before, Work& work, std::ptrdiff_t column) const {
+    auto score = work.score.col(column);
+    if (motion_.exact()) {
+      motion_.shift(action, before, score, kNever);
+      return;
+    }
+    work.column = (before.array() - before.maxCoeff()).exp();
+    work.column /= work.column.sum();
+    auto moved = work.moved.col(column);
+    work.motion.move(action, work.column, moved);
+    score = (moved.array() > 0).select(moved.array().log(), kNever);
   }
 
   template <class Score>
@@ -327,39 +362,11 @@ class PlaceFilter : public AgentNetwork<S> {
     return ways_.data() + static_cast<std::size_t>(goal) * static_cast<std::size_t>(places_);
   }
 
-  template <class From, class To>
-  void shift(std::uint8_t action, const From& from, To&& to) const {
-    const std::ptrdiff_t n = places_ - 1;
-    if (action == kNext) {
-      to.tail(n) = from.head(n);
-      to(0) = kNever;
-    } else if (action == kPrevious) {
-      to.head(n) = from.tail(n);
-      to(n) = kNever;
-    } else if (turns_.empty()) {
-      to = from;
-    } else {
-      for (std::ptrdiff_t place = 0; place <= n; ++place) to(turns_[static_cast<std::size_t>(place)]) = from(place);
-    }
-  }
-  template <class From, class To>
-  void unshift(std::uint8_t action, const From& from, To&& to) const {
-    const std::ptrdiff_t n = places_ - 1;
-    if (action == kNext) {
-      to.head(n) += from.tail(n);
-    } else if (action == kPrevious) {
-      to.tail(n) += from.head(n);
-    } else if (turns_.empty()) {
-      to += from;
-    } else {
-      for (std::ptrdiff_t place = 0; place <= n; ++place) to(place) += from(turns_[static_cast<std::size_t>(place)]);
-    }
-  }
-
   int places_, units_, inputs_;
-  Matrix<S> keys_;                  ///< N x D
-  Vector<S> log_distances_;         ///< N, of places at distances from 1 on to the goal
-  std::vector<int> turns_;          ///< N; empty on a line
+  Matrix<S> keys_;           ///< N x D
+  Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
+  std::vector<int> turns_;   ///< N; empty on a line
+  Motion<S> motion_;
   std::vector<std::uint8_t> ways_;  ///< N x N on a map, goal-major: which steps lead nearer
   TensorLayout layout_;
   std::size_t scalars_, weights1_, bias1_, weights2_, bias2_, weights3_, bias3_;

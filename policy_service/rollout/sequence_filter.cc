@@ -5,6 +5,7 @@
 
 #include "core/task/route_map.h"
 #include "policy_service/network/feature_normaliser.h"
+#include "policy_service/network/motion.h"
 #include "policy_service/rollout/control.h"
 
 namespace citylearn {
@@ -24,6 +25,7 @@ class SequenceFilter : public Policy {
         evidence_(parameters["evidence"]),
         tempering_(parameters["tempering"]),
         turning_(parameters["turning"]),
+        motion_(parameters, task.turns),
         normaliser_(task.reference) {
     if (task.reference.size() == 0)
       throw Error("needs the features of the training traversal", "sequence_filter",
@@ -77,18 +79,16 @@ class SequenceFilter : public Policy {
   static constexpr double kExclusion = 1e4, kNever = -100 * kExclusion;
 
   void move(Eigen::Ref<Eigen::VectorXd> belief, std::uint8_t action) {
-    const std::ptrdiff_t last = belief.size() - 1;
-    moved_ = belief;
-    if (action == kNext) {
-      belief.tail(last) = moved_.head(last);
-      belief(0) = kNever;
-    } else if (action == kPrevious) {
-      belief.head(last) = moved_.tail(last);
-      belief(last) = kNever;
-    } else if (!task_.turns.empty()) {
-      for (std::ptrdiff_t place = 0; place <= last; ++place)
-        belief(task_.turns[static_cast<std::size_t>(place)]) = moved_(place);
+    if (motion_.exact()) {
+      moved_ = belief;
+      motion_.shift(action, moved_, belief, kNever);
+      return;
     }
+    odds_ = (belief.array() - belief.maxCoeff()).exp();
+    odds_ /= odds_.sum();
+    moved_.resize(odds_.size());
+    motion_.move(action, odds_, moved_);
+    belief = (moved_.array() > 0).select(moved_.array().log(), kNever);
   }
 
   static void exclude(Eigen::Ref<Eigen::VectorXd> belief, int goal, std::uint8_t allowed) {
@@ -133,6 +133,7 @@ class SequenceFilter : public Policy {
 
   ControlTask task_;
   double evidence_, tempering_, turning_;
+  Motion<double> motion_;
   FeatureNormaliser normaliser_;
   Vector<double> weights_;                     ///< N, of places at distances from 1 on to the goal
   Matrix<float> keys_;                         ///< N x D
@@ -147,23 +148,27 @@ std::unique_ptr<Policy> make(const Parameters& parameters, const ControlTask& ta
   return std::make_unique<SequenceFilter>(task, parameters);
 }
 
-const std::vector<ParameterSpec> kParameters = {
-    {"evidence", "s, how much the first frame of an episode counts", 16, 0.01, 1000},
-    {"tempering", "h, how fast later frames count for less: s / (1 + h t), t in steps", 0.15, 0, 1000},
-    {"nearness", "g, places are weighed by 1 / distance^g to the goal", 0.6, 0, 10},
-    {"turning", "u, the side that asks for turning about is weighed by this", 0.3, 0, 1}};
+std::vector<ParameterSpec> filter_parameters() {
+  std::vector<ParameterSpec> specs = Motion<double>::parameters();
+  specs.insert(specs.end(),
+               {{"evidence", "s, how much the first frame of an episode counts", 16, 0.01, 1000},
+                {"tempering", "h, how fast later frames count for less: s / (1 + h t), t in steps", 0.15, 0, 1000},
+                {"nearness", "g, places are weighed by 1 / distance^g to the goal", 0.6, 0, 10},
+                {"turning", "u, the side that asks for turning about is weighed by this", 0.3, 0, 1}});
+  return specs;
+}
 
 const ControlRegistry::Registration sequence_filter_registration({
     "sequence_filter",
     "Bayes filter over the training traversal's places, nothing learned, then the heavier side",
-    kParameters,
+    filter_parameters(),
     make,
 });
 
 const ControlRegistry::Registration oracle_filter_registration({
     "oracle_filter",
     "cheats: sequence_filter that knows the features of the traversal itself; the bound of what filters can do",
-    kParameters,
+    filter_parameters(),
     make,
 });
 

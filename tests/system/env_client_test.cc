@@ -33,7 +33,7 @@ Traversal wide_traversal(const std::string& name, int frames, int dimension) {
 /// An env_service on `traversal` in a thread of its own.
 struct Host : EnvServiceThread {
   Host(const Traversal& traversal, int agents, const std::string& run, const std::string& middleware = "inprocess")
-      : EnvServiceThread({{middleware_options(middleware), "", "", run}, agents, {}, 5}, traversal) {}
+      : EnvServiceThread({{middleware_options(middleware), "", "", run}, agents, {}, {}, 5}, traversal) {}
 };
 
 /// An EnvClient that acts by the masks alone and keeps what it is shown.

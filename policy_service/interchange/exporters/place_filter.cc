@@ -15,7 +15,10 @@ constexpr int kScales = 8;
 constexpr float kExclusion = 1000, kNever = -100 * kExclusion;
 
 /// As networks/place_filter.cc.
-std::unique_ptr<AgentGraph> export_place_filter(const Parameters&, const TrainedAgent& agent) {
+std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, const TrainedAgent& agent) {
+  if (parameters["slip"] != 0 || parameters["kidnap"] != 0)
+    throw Error("was told of slips or kidnappings, and models know a perfect world only", "network 'place_filter'",
+                "let its parameters leave as safetensors");
   auto graph = std::make_unique<AgentGraph>(agent);
   const std::ptrdiff_t places = agent.task.frames;
   const auto scalars = graph->tensor("filter.scalars");

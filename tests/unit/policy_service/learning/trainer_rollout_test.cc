@@ -109,6 +109,18 @@ TEST(Trainer, CollectsWhatHappened) {
   EXPECT_GT(truncated, 0);
 }
 
+TEST(Trainer, TellsTheLearnerWhatAStepCosts) {
+  const Traversal city = small_city();
+  TrainerOptions options = recorded("features");
+  options.trainer_parameters["step-cost"] = 0.25;
+  Loop loop(city, options);
+  loop.update();
+  std::set<float> rewards(Recorder::last.reward.begin(), Recorder::last.reward.end());
+  rewards.erase(1.0f);
+  EXPECT_EQ(rewards, (std::set<float>{-0.25f, 0.0f}));
+  EXPECT_GT(loop.trainer.progress().reward, -2) << "episodes are reported as the environment rewards them";
+}
+
 /// Seen again in the same episode a place looks the same, whichever noise it is that stays.
 TEST(Trainer, DisguisesFramesTheSameWayAllThroughAnEpisode) {
   for (const std::string noise : {"noise-place", "noise-episode"}) {

@@ -247,6 +247,7 @@ Rollout walk_along(const std::vector<int>& moves, const std::vector<std::size_t>
 TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
   // Ends really after step 4; never comes back to where it was before.
   Rollout rollout = walk_along({1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1}, {4});
+  rollout.step_cost = 0.25f;
   Rollout* const rollouts[] = {&rollout};
   Replay replay(100);
   replay.add(rollouts);
@@ -292,7 +293,8 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
       EXPECT_EQ(next, t + 1);
       EXPECT_EQ(trajectories.action[row], rollout.action[t]);
       EXPECT_EQ(trajectories.log_probability[row], rollout.log_probability[t]);
-      EXPECT_EQ(trajectories.reward[row], rule.step(std::abs(half.inputs.goal[row] - half.inputs.position[row + 1])));
+      const float reward = rule.step(std::abs(half.inputs.goal[row] - half.inputs.position[row + 1]));
+      EXPECT_EQ(trajectories.reward[row], reward < 0 ? -0.25f : reward);
       EXPECT_EQ(trajectories.ended[row], rule.reached() ? Rollout::kTerminated : Rollout::kGoesOn);
       EXPECT_EQ(half.inputs.position[row + 1] == half.inputs.goal[row], rule.reached());
       EXPECT_EQ(half.inputs.first[row + 1], rule.reached());

@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <vector>
+
+#include "core/plugin/registry.h"
+#include "core/task/action.h"
+#include "policy_service/network/network_inputs.h"
+
+namespace citylearn {
+
+/// How a belief over the N places of a route moves by an action, in a world that may be imperfect as an env_service
+/// makes it (docs/how-to/try-an-imperfect-world.md). A is the action's certain effect, b the belief:
+///   (1 - k) ((1 - p) A b + p / 2 (b + A A b)) + k / N,
+/// p = `slip`, k = `kidnap`. What falls off an end is dropped, but the second of two steps comes to nothing there.
+template <class S>
+class Motion {
+ public:
+  static std::vector<ParameterSpec> parameters() {
+    return {{"slip", "probability that an action slips: half of these do nothing, half are done twice", 0, 0, 1},
+            {"kidnap", "probability, a step, of being carried anywhere", 0, 0, 1}};
+  }
+
+  /// `turns`: where `stay` leads (core/task/route_map.h); empty on a line.
+  Motion(const Parameters& parameters, std::vector<int> turns)
+      : slip_(static_cast<S>(parameters["slip"])),
+        kidnap_(static_cast<S>(parameters["kidnap"])),
+        turns_(std::move(turns)) {}
+
+  bool exact() const { return slip_ == 0 && kidnap_ == 0; }
+
+  /// A: `to` gets what is moved, and `nothing` where nothing came from.
+  template <class From, class To>
+  void shift(std::uint8_t action, const From& from, To&& to, S nothing = 0) const {
+    const std::ptrdiff_t n = from.size() - 1;
+    if (action == kNext) {
+      to.tail(n) = from.head(n);
+      to(0) = nothing;
+    } else if (action == kPrevious) {
+      to.head(n) = from.tail(n);
+      to(n) = nothing;
+    } else if (turns_.empty()) {
+      to = from;
+    } else {
+      for (std::ptrdiff_t place = 0; place <= n; ++place) to(turns_[static_cast<std::size_t>(place)]) = from(place);
+    }
+  }
+  /// Adds to `to` the transpose of A times `from`: the way of derivatives.
+  template <class From, class To>
+  void unshift(std::uint8_t action, const From& from, To&& to) const {
+    const std::ptrdiff_t n = from.size() - 1;
+    if (action == kNext) {
+      to.head(n) += from.tail(n);
+    } else if (action == kPrevious) {
+      to.tail(n) += from.head(n);
+    } else if (turns_.empty()) {
+      to += from;
+    } else {
+      for (std::ptrdiff_t place = 0; place <= n; ++place) to(place) += from(turns_[static_cast<std::size_t>(place)]);
+    }
+  }
+
+  /// Moves a belief that adds up to 1.
+  template <class From, class To>
+  void move(std::uint8_t action, const From& from, To&& to) {
+    once_.resize(from.size());
+    twice_.resize(from.size());
+    shift(action, from, once_);
+    shift(action, once_, twice_);
+    if (const std::ptrdiff_t end = end_of(action, from.size()); end >= 0) twice_(end) += once_(end);
+    to = (1 - kidnap_) * ((1 - slip_) * once_ + slip_ / 2 * (from + twice_));
+    to.array() += kidnap_ / static_cast<S>(from.size());
+  }
+  /// Sets `to` to the transpose of move()'s linear part times `from`.
+  template <class From, class To>
+  void unmove(std::uint8_t action, const From& from, To&& to) {
+    once_ = (1 - slip_) * from;
+    twice_ = slip_ / 2 * from;
+    unshift(action, twice_, once_);
+    if (const std::ptrdiff_t end = end_of(action, from.size()); end >= 0) once_(end) += twice_(end);
+    to = twice_;
+    unshift(action, once_, to);
+    to *= 1 - kidnap_;
+  }
+
+ private:
+  /// The place where a second step comes to nothing; -1: none.
+  static std::ptrdiff_t end_of(std::uint8_t action, std::ptrdiff_t places) {
+    return action == kNext ? places - 1 : action == kPrevious ? 0 : -1;
+  }
+
+  S slip_, kidnap_;
+  std::vector<int> turns_;
+  Vector<S> once_, twice_;
+};
+
+}  // namespace citylearn
