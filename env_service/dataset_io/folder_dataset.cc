@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/folder_dataset.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cctype>
 #include <cmath>
@@ -17,6 +19,56 @@ namespace citylearn {
 namespace {
 
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+constexpr double kFastest = 100;       // metres a second; no train or car of a dataset is faster
+constexpr double kFixError = 1000;     // metres that a fix may be off, as the first ones behind a tunnel are
+constexpr std::size_t kBelieved = 10;  // a stretch of at least 1/10 of a log is believed wherever it lies
+
+/// Whether a vehicle can have come from one fix to a later one.
+bool reachable(const GpsRows& rows, std::size_t from, std::size_t to) {
+  return metres_between(rows.latitude[from], rows.longitude[from], rows.latitude[to], rows.longitude[to]) <=
+         kFixError + kFastest * (rows.times[to] - rows.times[from]);
+}
+
+/// Returns the fixes without short stretches that can be reached neither from those before nor lead to those after.
+GpsRows without_jumps(const GpsRows& rows) {
+  const std::size_t count = rows.times.size();
+  std::vector<std::size_t> begins;  // of stretches without a jump
+  std::size_t longest = 0;
+  for (std::size_t row = 0; row < count; ++row)
+    if (row == 0 || !reachable(rows, row - 1, row)) begins.push_back(row);
+  if (begins.size() < 2) return rows;
+  begins.push_back(count);
+  for (std::size_t i = 0; i + 1 < begins.size(); ++i) longest = std::max(longest, begins[i + 1] - begins[i]);
+  const auto believed = [&](std::size_t i) {
+    const std::size_t size = begins[i + 1] - begins[i];
+    return size == longest || size * kBelieved >= count;
+  };
+  GpsRows kept;
+  kept.log = rows.log;
+  std::size_t last = count, first_ignored = count;  // count: none
+  std::size_t next = 0;                             // stretch that is believed
+  for (std::size_t i = 0; i + 1 < begins.size(); ++i) {
+    next = std::max(next, i);
+    while (next + 1 < begins.size() && !believed(next)) ++next;
+    const bool leads_on = next + 1 < begins.size() && (next == i || reachable(rows, begins[i + 1] - 1, begins[next]));
+    if (!leads_on && (last == count || !reachable(rows, last, begins[i]))) {
+      first_ignored = std::min(first_ignored, begins[i]);
+      continue;
+    }
+    last = begins[i + 1] - 1;
+    for (std::size_t row = begins[i]; row <= last; ++row)
+      kept.add(rows.times[row], rows.latitude[row], rows.longitude[row]);
+  }
+  if (first_ignored == count) return rows;
+  const std::size_t other = first_ignored == 0 ? begins[1] : first_ignored;  // where it jumps
+  spdlog::warn(
+      "{}: {} of {} GPS fixes are ignored, the first {:.0f} s into the log: {:.1f} km in {:.1f} s is too fast",
+      rows.log, count - kept.times.size(), count, rows.times[first_ignored] - rows.times[0],
+      metres_between(rows.latitude[other - 1], rows.longitude[other - 1], rows.latitude[other], rows.longitude[other]) /
+          1000,
+      rows.times[other] - rows.times[other - 1]);
+  return kept;
+}
 
 }  // namespace
 
@@ -93,8 +145,9 @@ void GpsRows::add(double time, double north, double east) {
 }
 
 void locate(Traversal& traversal, const GpsRows& rows, double reach) {
-  locate(traversal, interpolate(rows.times, rows.latitude, traversal.times, reach),
-         interpolate(rows.times, rows.longitude, traversal.times, reach));
+  const GpsRows kept = without_jumps(rows);
+  locate(traversal, interpolate(kept.times, kept.latitude, traversal.times, reach),
+         interpolate(kept.times, kept.longitude, traversal.times, reach));
 }
 
 GpsRows read_gps_rows(const std::string& path) {

@@ -50,12 +50,14 @@ void locate(Traversal& traversal, std::vector<double> latitude, std::vector<doub
 /// Latitude and longitude in a GPS log, a row each; with its times where the log has them.
 struct GpsRows {
   std::vector<double> latitude, longitude, times = {};
+  std::string log = {};  ///< the file or folder, for messages
 
   void add(double time, double north, double east);
   /// Returns whether `time` is before the last row's.
   bool falls(double time) const { return !times.empty() && time < times.back(); }
 };
-/// Gives the frames latitude, longitude and positions at their times, up to `reach` seconds beyond the log.
+/// Gives the frames latitude, longitude and positions at their times, up to `reach` seconds beyond the log. Ignores
+/// fixes that no vehicle can have reached, as rows that were copied from another log, and says so in one warning.
 void locate(Traversal& traversal, const GpsRows& rows, double reach);
 /// Reads "latitude, longitude" in degrees (further columns are skipped; the separator is a comma or blanks; a first row
 /// of words is a header). 0, 0 is not a fix. Throws Error naming the line where a field is not a number or out of

@@ -67,6 +67,7 @@ class Bdd100k : public FolderDataset {
 
     const json& locations = info.contains("locations") ? info["locations"] : info.value("gps", json::array());
     GpsRows rows;
+    rows.log = path;
     if (!locations.is_array()) throw Error("\"locations\" is not a list", path);
     for (const json& location : locations) {
       const double time = json_number(location, "timestamp", path) * kMilliseconds;

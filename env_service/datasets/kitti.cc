@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -55,7 +57,8 @@ std::string padded(int number, int width) {
 ///   sequences/NN/image_C/000000.png, sequences/NN/times.txt: seconds
 ///   poses/NN.txt (00 to 10): 12 numbers a row, the 3 x 4 pose of the left camera in that of frame 0 (metres)
 /// Positions: raw, along latitude and longitude at the pictures' times; odometry, along the poses' translations, as the
-/// benchmark's devkit measures them (trajectoryDistances). _extract folders (unsynchronised) are read like _sync ones.
+/// benchmark's devkit measures them (trajectoryDistances). OXTS packets that are missing are passed over. _extract
+/// folders (unsynchronised) are read like _sync ones.
 class Kitti : public FolderDataset {
  public:
   Kitti(const std::string& folder, const Parameters& parameters)
@@ -117,14 +120,23 @@ class Kitti : public FolderDataset {
     const std::string oxts = below(drive, "oxts");
     if (!is_folder(oxts)) return traversal;
     GpsRows rows;
+    rows.log = oxts;
+    std::vector<std::string> missing;
     const std::vector<double> packets = read_times(below(oxts, "timestamps.txt"));
     for (std::size_t packet = 0; packet < packets.size(); ++packet) {
       if (rows.falls(packets[packet])) continue;  // some _extract drives hold late ones
       const std::string path = below(oxts, "data/" + padded(static_cast<int>(packet), 10) + ".txt");
+      if (!is_file(path)) {
+        missing.push_back(path);
+        continue;
+      }
       const TextTable table(path, {' ', false});
       if (table.rows() != 1 || table.columns(0) < 2) throw Error("is not an OXTS packet of one line", path);
       rows.add(packets[packet], table.number(0, 0), table.number(0, 1));
     }
+    if (!missing.empty())
+      spdlog::warn("{}: no such packet ({} of {} are missing); places are interpolated between the others",
+                   missing.front(), missing.size(), packets.size());
     locate(traversal, rows, kKittiReach);
     return traversal;
   }

@@ -167,6 +167,7 @@ class Nordland : public FolderDataset {
   static void read_gps(const std::string& path, Traversal& traversal) {
     const TextTable log(path, {});
     GpsRows rows;
+    rows.log = path;
     double last = 0, elapsed = 0;
     for (int row = 0; row < log.rows(); ++row) {
       double north = log.number(row, "lat"), east = log.number(row, "lon");

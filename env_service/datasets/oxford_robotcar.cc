@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -38,9 +40,10 @@ constexpr double kMicroseconds = 1e-6;
 /// A frame has a position when a measurement is as near, in seconds: the slowest (GPS) comes at 5 Hz.
 constexpr double kRobotCarReach = 1.0;
 
-/// The tags of the SDK's tags/ that describe how a place looks; the others describe the drive ("detour", "no-gps").
-const std::set<std::string> kAppearance = {"sun",  "clouds", "overcast", "partial", "rain",
-                                           "snow", "dusk",   "dawn",     "night"};
+/// The tags of the SDK's tags/ that describe how a place looks, in the order in which a condition names them; the
+/// others describe the drive ("detour", "no-gps").
+constexpr std::array<const char*, 9> kAppearance = {"sun",  "clouds", "overcast", "partial", "rain",
+                                                    "snow", "dusk",   "dawn",     "night"};
 
 /// The Oxford RobotCar dataset (Maddern, Pascoe, Linegar, Newman, IJRR 2017), as its archives unpack into one folder:
 ///   <traversal>/<camera folder>/<microseconds since 1970>.png, raw Bayer pictures of 8 bits
@@ -73,11 +76,11 @@ class OxfordRobotcar : public FolderDataset {
                                                   name + "/" + name + ".yaml", name + ".yaml"});
     if (path.empty()) return "";
     const TextTable tags(path, {' ', false});
+    std::set<std::string> found;
+    for (int row = 0; row < tags.rows(); ++row) found.emplace(tags.text(row, tags.columns(row) > 1 ? 1 : 0));
     std::string condition;
-    for (int row = 0; row < tags.rows(); ++row) {
-      const std::string tag(tags.columns(row) > 1 ? tags.text(row, 1) : tags.text(row, 0));
-      if (kAppearance.contains(tag)) condition += (condition.empty() ? "" : "+") + tag;
-    }
+    for (const std::string tag : kAppearance)
+      if (found.contains(tag)) condition += (condition.empty() ? "" : "+") + tag;
     return condition;
   }
 
@@ -151,26 +154,37 @@ class OxfordRobotcar : public FolderDataset {
     if (!odometry.empty()) read_odometry(odometry, traversal);
   }
 
+  /// A row of a table of measured positions.
+  struct Fix {
+    int row;
+    double time, latitude, longitude, northing, easting;
+  };
+
   static void read_positions(const std::string& path, Traversal& traversal) {
     const TextTable table(path, {});
-    std::vector<double> times, latitude, longitude, northing, easting;
+    std::vector<Fix> fixes;
     for (int row = 0; row < table.rows(); ++row) {
       const double north = table.number(row, "latitude"), east = table.number(row, "longitude");
       if (north == 0 && east == 0) continue;  // no solution yet
-      times.push_back(table.number(row, "timestamp") * kMicroseconds);
-      if (times.size() > 1 && times.back() < times[times.size() - 2]) table.fail(row, "a time before the one before");
-      latitude.push_back(north);
-      longitude.push_back(east);
-      northing.push_back(table.number(row, "northing"));
-      easting.push_back(table.number(row, "easting"));
+      fixes.push_back({row, table.number(row, "timestamp") * kMicroseconds, north, east, table.number(row, "northing"),
+                       table.number(row, "easting")});
     }
-    const auto at = [&](const std::vector<double>& values) {
-      return interpolate(times, values, traversal.times, kRobotCarReach);
+    if (fixes.empty()) return;
+    const auto earlier = [](const Fix& a, const Fix& b) { return a.time < b.time; };
+    if (const auto late = std::is_sorted_until(fixes.begin(), fixes.end(), earlier); late != fixes.end()) {
+      spdlog::warn("{}: its time is before that of the row before; rows are sorted by time", table.place(late->row));
+      std::stable_sort(fixes.begin(), fixes.end(), earlier);
+    }
+    const auto all = [&fixes](double Fix::*value) {
+      std::vector<double> values;
+      for (const Fix& fix : fixes) values.push_back(fix.*value);
+      return values;
     };
-    if (times.empty()) return;
-    traversal.latitude = at(latitude);
-    traversal.longitude = at(longitude);
-    traversal.positions = metres_along_plane(at(easting), at(northing));
+    const std::vector<double> times = all(&Fix::time);
+    const auto at = [&](double Fix::*value) { return interpolate(times, all(value), traversal.times, kRobotCarReach); };
+    traversal.latitude = at(&Fix::latitude);
+    traversal.longitude = at(&Fix::longitude);
+    traversal.positions = metres_along_plane(at(&Fix::easting), at(&Fix::northing));
   }
 
   /// The way is as long as the steps are, whatever their directions.

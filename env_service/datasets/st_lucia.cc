@@ -82,6 +82,7 @@ class StLucia : public FolderDataset {
   static void read_ins(const std::string& path, Traversal& traversal) {
     const TextTable log(path, {' ', false});
     GpsRows rows;
+    rows.log = path;
     for (int row = 0; row < log.rows(); ++row) {
       if (row == 0 && !starts_with_digit(log.text(0, 0))) continue;
       if (log.columns(row) < 4) log.fail(row, "less than 4 fields");

@@ -151,8 +151,12 @@ double TextTable::number(int row, const std::string& column) const {
   return number(row, parts_->find(column));
 }
 
+std::string TextTable::place(int row) const {
+  return parts_->path + ":" + std::to_string(parts_->rows[static_cast<std::size_t>(row)].line);
+}
+
 void TextTable::fail(int row, const std::string& what, const std::string& remedy) const {
-  throw Error(what, parts_->path + ":" + std::to_string(parts_->rows[static_cast<std::size_t>(row)].line), remedy);
+  throw Error(what, place(row), remedy);
 }
 
 }  // namespace citylearn

@@ -34,6 +34,8 @@ class TextTable {
   /// Returns the field as a finite number. Throws Error otherwise.
   double number(int row, const std::string& column) const;
   double number(int row, int column) const;
+  /// Returns where the row stands, "PATH:LINE".
+  std::string place(int row) const;
   /// Throws Error about this row: "PATH:LINE: what (remedy)".
   [[noreturn]] void fail(int row, const std::string& what, const std::string& remedy = "") const;
   const std::string& path() const;

@@ -7,18 +7,16 @@
 #include <net/ethernet.h>
 #include <net/if.h>
 #include <sched.h>
-#include <spdlog/sinks/base_sink.h>
-#include <spdlog/spdlog.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 
 #include <algorithm>
 #include <filesystem>
-#include <mutex>
 
 #include "core/dds/middleware.h"
 #include "core/util/error.h"
 #include "tests/paths.h"
+#include "tests/support/log.h"
 #include "tests/support/processes/keystore.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/processes/trial.h"
@@ -28,41 +26,6 @@ namespace citylearn::testing {
 namespace {
 
 constexpr seconds kLong{60};
-
-/// What this process logs while it lives.
-class Log {
- public:
-  Log() : sink_(std::make_shared<Sink>()), before_(spdlog::default_logger()) {
-    spdlog::set_default_logger(std::make_shared<spdlog::logger>("test", sink_));
-  }
-  ~Log() { spdlog::set_default_logger(before_); }
-  void add(const std::string& line) { sink_->add(line + "\n"); }
-  std::string text() const { return sink_->text(); }
-  bool has(const std::string& part) const { return text().find(part) != std::string::npos; }
-
- private:
-  class Sink : public spdlog::sinks::base_sink<std::mutex> {
-   public:
-    void add(const std::string& line) {
-      std::lock_guard lock(mutex_);
-      text_ += line;
-    }
-    std::string text() {
-      std::lock_guard lock(mutex_);
-      return text_;
-    }
-
-   private:
-    void sink_it_(const spdlog::details::log_msg& message) override {
-      text_.append(message.payload.data(), message.payload.size());
-      text_ += '\n';
-    }
-    void flush_() override {}
-    std::string text_;
-  };
-  const std::shared_ptr<Sink> sink_;
-  const std::shared_ptr<spdlog::logger> before_;
-};
 
 Topic text_topic(const std::string& name) { return {name, "Text", Profile::kStream, 1024}; }
 const char* const kObservation = "citylearn/observation";

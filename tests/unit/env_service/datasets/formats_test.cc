@@ -5,6 +5,7 @@
 
 #include "tests/paths.h"
 #include "tests/support/data/layouts.h"
+#include "tests/support/log.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -66,6 +67,26 @@ TEST_F(Robotcar, ReadsADriveWithInsPositions) {
   EXPECT_NEAR(traversal.latitude[1], 51.755, 1e-7);
   EXPECT_NEAR(traversal.longitude[1], -1.255, 1e-7);
   for (int frame = 0; frame < 3; ++frame) EXPECT_EQ(traversal.images->fault(frame), "");
+}
+
+TEST_F(Robotcar, RowsOutOfOrderAreSortedWithAWarning) {
+  write_frames("stereo/centre", "stereo.timestamps");
+  make_file(drive_ + "/gps/ins.csv", kInsHeader + ins_row(1400075172000000, 51.75, -1.25, 5735000, 619000) +
+                                         ins_row(1400075172200000, 51.76, -1.26, 5735006, 619008) +
+                                         ins_row(1400075172100000, 51.755, -1.255, 5735003, 619004));
+  const Log log;
+  const Traversal traversal = load();
+  EXPECT_TRUE(log.has("gps/ins.csv:4: its time is before that of the row before; rows are sorted by time"))
+      << log.text();
+  for (int frame = 0; frame < 3; ++frame) EXPECT_NEAR(traversal.positions[frame], 5 * frame, 1e-3);
+}
+
+TEST_F(Robotcar, TagsInAnyOrderAreOneCondition) {
+  write_frames("stereo/centre", "stereo.timestamps");
+  for (const char* tags : {"- overcast\n- partial\n", "- partial\n- detour\n- overcast\n"}) {
+    make_file(folder_ / "tags/2014-05-14-13-46-12.yaml", tags);
+    EXPECT_EQ(make_dataset("oxford_robotcar", folder_.path())->condition(kDrive), "overcast+partial") << tags;
+  }
 }
 
 TEST_F(Robotcar, RtkBeforeInsAndOdometryLast) {
@@ -252,6 +273,20 @@ TEST_F(KittiRaw, LatePacketsArePassedOver) {
   EXPECT_NEAR(load().latitude[1], 0.001, 1e-7);  // between packets 0 and 2
 }
 
+TEST_F(KittiRaw, MissingPacketsArePassedOver) {
+  const Log log;
+  EXPECT_NEAR(load().latitude[1], 0.001, 1e-7);
+  EXPECT_EQ(log.text(), "");
+  fs::remove(drive_ + "/oxts/data/0000000001.txt");
+  EXPECT_NEAR(load().latitude[1], 0.001, 1e-7);  // between packets 0 and 2
+  EXPECT_TRUE(log.has("oxts/data/0000000001.txt: no such packet (1 of 3 are missing); places are")) << log.text();
+  fs::remove(drive_ + "/oxts/data/0000000002.txt");
+  EXPECT_NEAR(load().latitude[2], 0, 1e-7);  // the nearest
+  EXPECT_TRUE(log.has("oxts/data/0000000001.txt: no such packet (2 of 3 are missing);")) << log.text();
+  fs::remove(drive_ + "/oxts/data/0000000000.txt");
+  EXPECT_TRUE(std::isnan(load().positions[0]));
+}
+
 TEST_F(KittiRaw, TellsWhatIsMissingOrBroken) {
   fs::remove(drive_ + "/image_02/data/0000000001.png");
   make_file(drive_ + "/image_02/data/0000000002.png", "broken");
@@ -259,8 +294,8 @@ TEST_F(KittiRaw, TellsWhatIsMissingOrBroken) {
   EXPECT_NE(traversal.images->fault(1), "");
   EXPECT_NE(traversal.images->fault(2), "");
   EXPECT_TRUE(holds(traversal.images->name(1), "0000000001.png"));
-  fs::remove(drive_ + "/oxts/data/0000000002.txt");
-  EXPECT_TRUE(holds(error_of([&] { load(); }), "oxts/data/0000000002.txt"));
+  make_file(drive_ + "/oxts/data/0000000002.txt", "");
+  EXPECT_TRUE(holds(error_of([&] { load(); }), "oxts/data/0000000002.txt: is not an OXTS packet of one line"));
   make_file(drive_ + "/oxts/data/0000000002.txt", "north east\n");
   EXPECT_TRUE(holds(error_of([&] { load(); }), "oxts/data/0000000002.txt:1"));
   make_file(drive_ + "/image_02/timestamps.txt", "2011-09-26 13:02:25.9\n26.9.2011 1 p.m.\n");
@@ -321,8 +356,11 @@ TEST(KittiReal, TimesAndAPacketOfARawDrive) {
   const std::string name = "2011_09_26_drive_0001_sync";
   const auto dataset = make_dataset("kitti", samples);
   EXPECT_EQ(dataset->names(), std::vector<std::string>{name});
-  // The sample holds one packet of 108.
-  EXPECT_TRUE(holds(error_of([&] { dataset->load(name); }), "oxts/data/0000000001.txt"));
+  {
+    const Log log;
+    EXPECT_EQ(dataset->load(name).frames, 108);
+    EXPECT_TRUE(log.has("oxts/data/0000000001.txt: no such packet (107 of 108 are missing)")) << log.text();
+  }
 
   const Folder folder;
   const std::string drive = samples + "/2011_09_26/" + name;

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "tests/paths.h"
 #include "tests/support/data/pictures.h"
 #include "tests/support/env/env.h"
+#include "tests/support/log.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
@@ -85,6 +87,37 @@ TEST_F(Nordland, GpsLog) {
             folder_ / "gpsData/summer.csv: no column 'lon' (there are: tid, lat)");
 }
 
+// A row a second, 11 m further north each, but for what a case says of some rows.
+TEST_F(Nordland, ImpossibleFixesAreIgnoredInOneLine) {
+  struct Case {
+    const char* what;
+    int begin, end;       // rows moved
+    double north;         // by so many degrees
+    const char* ignored;  // part of the warning; empty: all rows are believed
+  };
+  write_season("summer", 0, 100);
+  for (const Case& one :
+       {Case{"rows of another log at the end", 95, 100, 0.2, "5 of 100 GPS fixes are ignored, the first 95 s into"},
+        Case{"one wrong fix", 50, 51, 1, "1 of 100 GPS fixes are ignored, the first 50 s into"},
+        Case{"wrong until satellites are found", 0, 3, -60, "3 of 100 GPS fixes are ignored, the first 0 s into"},
+        Case{"a fix that is off behind a tunnel", 50, 52, 0.008, ""},
+        Case{"a receiver that was frozen for long", 40, 100, 0.2, ""}}) {
+    SCOPED_TRACE(one.what);
+    std::string table = "tid,lat,lon\n";
+    for (int row = 0; row < 100; ++row)
+      table += std::to_string(5000000 + 10000 * (row / 60) + 100 * (row % 60)) + "," +
+               std::to_string(63 + 0.0001 * row + (row >= one.begin && row < one.end ? one.north : 0)) + ",10\n";
+    make_file(folder_ / "gpsData/summer.csv", table);
+    const Log log;
+    const Traversal summer = nordland()->load("summer");
+    const bool ignored = *one.ignored;
+    EXPECT_TRUE(log.has(folder_ / "gpsData/summer.csv: " + one.ignored) || !ignored) << log.text();
+    EXPECT_EQ(log.lines(), ignored);
+    for (int frame = 0; frame < 100; ++frame)
+      EXPECT_LE(std::abs(summer.latitude[frame] - 63), ignored ? 0.011 : 0.3) << frame;
+  }
+}
+
 TEST_F(Nordland, MatchesByNumber) {
   write_season("summer", 1, 4);
   write_season("winter", 3, 4);
@@ -121,6 +154,26 @@ TEST(NordlandReal, GpsLogs) {
     EXPECT_LT(traversal.latitude[3], 67.4) << name;
     EXPECT_GT(traversal.positions[3], 300e3) << name;
     EXPECT_LT(traversal.positions[3], 729e3) << name;
+  }
+}
+
+// The last 1,122 rows of summer's log are those of winter's, 20 km back.
+TEST(NordlandReal, CopiedRowsAreIgnored) {
+  const std::string logs = real_data(CITYLEARN_SOURCE_DIR, "formats/deepseqslam/datasets/nordland/gpsData");
+  if (logs.empty()) GTEST_SKIP() << "skipped: no recordings; CITYLEARN_DATA names their folder";
+  const Folder folder;
+  std::filesystem::create_directory_symlink(std::filesystem::absolute(logs), folder / "gpsData");
+  for (const auto& [name, warnings] : {std::pair("summer", 1), std::pair("winter", 0)}) {
+    for (int i = 0; i < 400; ++i) write_grey(folder / (std::string(name) + "/" + std::to_string(100 * i) + ".png"), 10);
+    const Log log;
+    const Traversal traversal = make_dataset("nordland", folder.path())->load(name);
+    EXPECT_EQ(log.lines(), warnings) << log.text();
+    EXPECT_EQ(log.has("summer.csv: 1122 of 33938 GPS fixes are ignored"), warnings == 1) << log.text();
+    float longest = 0;
+    for (const float metres : traversal.positions)
+      if (std::isfinite(metres)) longest = std::max(longest, metres);
+    EXPECT_GT(longest, 650e3) << name;  // the ride is 729 km; a frame every 100 s cuts corners
+    EXPECT_LT(longest, 729e3) << name;
   }
 }
 
