@@ -184,7 +184,7 @@ void EnvService::run(const std::function<bool()>& stop) {
     take_messages();
     now_ = Clock::now();
     do_due_work();
-    node_.wait(std::min(next_due(), now_ + kStopCheck));
+    node_.wait(server_.send_pictures() ? now_ : std::min(next_due(), now_ + kStopCheck));
   }
   leave();
 }
@@ -196,7 +196,7 @@ void EnvService::take_messages() {
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   while (node_.take(request_)) on_request(request_);
   while (node_.take(map_request_)) server_.answer(map_request_);
-  while (traversal_.images && node_.take(image_request_)) server_.answer(image_request_);
+  while (traversal_.images && node_.take(image_request_)) server_.note(image_request_);
   while (node_.take(status_)) on_status(status_);
 }
 

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <limits>
 #include <string>
 #include <utility>
 
@@ -12,6 +13,14 @@
 #include "core/wire/transfer.h"
 
 namespace citylearn {
+namespace {
+
+/// A picture that was sent within so long is on its way: a request that comes meanwhile has crossed it. Services ask
+/// again for what was lost after more than this.
+constexpr std::chrono::milliseconds kCrossing{200};
+constexpr std::uint32_t kWhole = std::numeric_limits<std::uint32_t>::max();  // all chunks
+
+}  // namespace
 
 TraversalServer::TraversalServer(Node& node, const Environment& environment)
     : node_(node),
@@ -55,30 +64,60 @@ void TraversalServer::read_image(std::uint32_t frame, std::string& name) {
   }
 }
 
-void TraversalServer::answer(const msg::ImageRequest& request) {
+void TraversalServer::note(const msg::ImageRequest& request) {
   if (!addressed(request)) return;
-  std::uint32_t first_chunk = request.first_chunk(), budget = msg::MAX_CHUNKS_ASKED;
-  std::string name;
+  std::erase_if(sent_, [now = Clock::now()](const auto& sent) { return now > sent.second.at + kCrossing; });
+  PictureOrder& order = orders_[request.header().sender().c_str()];
+  std::uint32_t first_chunk = request.first_chunk();
+  bool more = false;
   for (const std::uint32_t frame : request.frames()) {
+    if (order.pictures.size() == msg::MAX_FRAMES_ASKED) break;
+    WantedPicture wanted{frame, std::exchange(first_chunk, 0)};
     if (frame >= frames_) {
       ++node_.traffic.rejected;
       continue;
     }
-    read_image(frame, name);
-    image_chunk_.hash() = environment_.traversal_hash();
-    image_chunk_.frame() = frame;
-    image_chunk_.name() = name.substr(0, 200).c_str();
-    image_chunk_.total_bytes() = static_cast<std::uint32_t>(image_.size());
-    const std::uint32_t chunks = chunk_count(image_.size());
-    for (std::uint32_t chunk = std::exchange(first_chunk, 0); chunk < chunks; ++chunk) {
-      if (budget-- == 0) return;
-      const auto data = chunk_of(std::span<const std::byte>(image_), chunk);
-      image_chunk_.chunk() = chunk;
-      image_chunk_.data().resize(data.size());
-      if (!data.empty()) std::memcpy(image_chunk_.data().data(), data.data(), data.size());
-      node_.publish(image_chunk_);
-    }
+    if (const auto sent = sent_.find(frame); sent != sent_.end())
+      wanted.first_chunk = std::max(wanted.first_chunk, sent->second.next_chunk);
+    if (wanted.first_chunk == kWhole || std::any_of(order.pictures.begin(), order.pictures.end(),
+                                                    [&](const WantedPicture& other) { return other.frame == frame; }))
+      continue;
+    order.pictures.push_back(wanted);
+    more = true;
   }
+  if (more) order.most_chunks += msg::MAX_CHUNKS_ASKED;
+}
+
+bool TraversalServer::send_pictures() {
+  for (auto& [service, order] : orders_)
+    if (!order.pictures.empty()) send_picture(order);
+  std::erase_if(orders_, [](const auto& order) { return order.second.pictures.empty(); });
+  return !orders_.empty();
+}
+
+/// Sends the first picture of an order, or as many of its chunks as are expected; the service then asks for the rest.
+void TraversalServer::send_picture(PictureOrder& order) {
+  const WantedPicture wanted = order.pictures.front();
+  order.pictures.pop_front();
+  std::string name;
+  read_image(wanted.frame, name);
+  image_chunk_.hash() = environment_.traversal_hash();
+  image_chunk_.frame() = wanted.frame;
+  image_chunk_.name() = name.substr(0, 200).c_str();
+  image_chunk_.total_bytes() = static_cast<std::uint32_t>(image_.size());
+  const std::uint32_t chunks = chunk_count(image_.size());
+  const std::uint32_t first = std::min(wanted.first_chunk, chunks);
+  const std::uint32_t end = first + std::min(chunks - first, order.most_chunks);
+  for (std::uint32_t chunk = first; chunk < end; ++chunk) {
+    const auto data = chunk_of(std::span<const std::byte>(image_), chunk);
+    image_chunk_.chunk() = chunk;
+    image_chunk_.data().resize(data.size());
+    if (!data.empty()) std::memcpy(image_chunk_.data().data(), data.data(), data.size());
+    node_.publish(image_chunk_);
+  }
+  sent_[wanted.frame] = {Clock::now(), end == chunks ? kWhole : end};
+  order.most_chunks -= end - first;
+  if (end < chunks || order.most_chunks == 0) order.pictures.clear();
 }
 
 void TraversalServer::answer(const msg::MapRequest& request) {

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <deque>
+#include <map>
+#include <string>
+
 #include "core/wire/node.h"
 #include "env_service/environment.h"
 
@@ -18,15 +22,33 @@ class TraversalServer {
   bool can_answer(const msg::TraversalRequest& request) const;
   /// Publishes the chunks asked for.
   void answer(const msg::TraversalRequest& request);
-  void answer(const msg::ImageRequest& request);
   void answer(const msg::MapRequest& request);
+  /// Notes the pictures asked for, but for those that are on their way already: a service that waits long for a slow
+  /// picture asks again.
+  void note(const msg::ImageRequest& request);
+  /// Sends one picture to each service that asked. Returns whether more are to be sent.
+  bool send_pictures();
 
  private:
+  struct WantedPicture {
+    std::uint32_t frame, first_chunk;
+  };
+  /// What one service asked for.
+  struct PictureOrder {
+    std::deque<WantedPicture> pictures;
+    std::uint32_t most_chunks = 0;  // that it expects
+  };
+  struct SentPicture {
+    Clock::time_point at;
+    std::uint32_t next_chunk;  // all before it were sent
+  };
+
   template <class Request>
   bool addressed(const Request& request) const {
     return request.environment() == node_.options().id && request.hash() == environment_.traversal_hash();
   }
   void read_image(std::uint32_t frame, std::string& name);
+  void send_picture(PictureOrder& order);
 
   Node& node_;
   const Environment& environment_;
@@ -35,6 +57,8 @@ class TraversalServer {
 
   Bytes image_;           // file of the frame asked for last: a large one is asked for in several requests
   int image_frame_ = -1;  // that frame; -1: none
+  std::map<std::string, PictureOrder> orders_;  // by the id of the service that asked
+  std::map<std::uint32_t, SentPicture> sent_;   // a moment ago, by frame
 
   // Members, so that an answer allocates nothing.
   msg::TraversalChunk chunk_;

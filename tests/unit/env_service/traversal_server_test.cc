@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/traversal_server.h"
+
+#include <gtest/gtest.h>
+
+#include <memory>
+#include <vector>
+
+#include "tests/support/data/fake_images.h"
+#include "tests/support/env/env.h"
+#include "tests/support/options.h"
+#include "tests/support/processes/service.h"
+
+namespace citylearn::testing {
+namespace {
+
+Node::Options options(const std::string& id) { return {middleware_options("inprocess"), "test", id, "ours"}; }
+
+/// Notes which pictures are read. Frame 3 fills three chunks.
+class NotedImages : public FakeImages {
+ public:
+  using FakeImages::FakeImages;
+  void read(int frame, Bytes& bytes) override {
+    reads.push_back(frame);
+    bytes.assign(frame == 3 ? 2 * msg::MAX_CHUNK + 1 : 1, std::byte(frame));
+  }
+  std::vector<int> reads;
+};
+
+class PictureRequests : public ::testing::Test {
+ protected:
+  PictureRequests() {
+    env_.create_writer<msg::ImageChunk>();
+    encoder_.create_reader<msg::ImageChunk>();
+  }
+  void ask(const std::vector<std::uint32_t>& frames, std::uint32_t first_chunk = 0,
+           const std::string& service = "encoder") {
+    msg::ImageRequest request;
+    request.header().sender() = service.c_str();
+    request.environment() = "env";
+    request.hash() = environment_.traversal_hash();
+    request.frames().assign(frames.begin(), frames.end());
+    request.first_chunk() = first_chunk;
+    server_.note(request);
+  }
+  /// Returns the frames of the chunks that come, in their order.
+  std::vector<int> sent_by(int ticks) {
+    while (ticks-- > 0) server_.send_pictures();
+    std::vector<int> frames;
+    for (msg::ImageChunk chunk; encoder_.take(chunk);) frames.push_back(static_cast<int>(chunk.frame()));
+    return frames;
+  }
+  static Traversal pictured(const std::shared_ptr<Images>& images) {
+    Traversal traversal = small_traversal(images->frames());
+    traversal.features.clear();
+    traversal.dimension = 0;
+    traversal.images = images;
+    return traversal;
+  }
+
+  std::shared_ptr<NotedImages> images_ = std::make_shared<NotedImages>(6);
+  const Traversal traversal_ = pictured(images_);
+  Environment environment_{traversal_, 1};
+  Node env_{options("env")}, encoder_{options("encoder")};
+  TraversalServer server_{env_, environment_};
+};
+
+using Frames = std::vector<int>;
+
+TEST_F(PictureRequests, AreAnsweredOnePictureATickAndService) {
+  ask({0, 1, 2});
+  ask({4}, 0, "dashboard");
+  EXPECT_EQ(sent_by(1), (Frames{4, 0}));
+  EXPECT_TRUE(server_.send_pictures());
+  EXPECT_FALSE(server_.send_pictures());
+  EXPECT_EQ(sent_by(0), (Frames{1, 2}));
+}
+
+TEST_F(PictureRequests, ThatCrossTheirAnswersBringNothingTwice) {
+  ask({0, 1, 2});
+  EXPECT_EQ(sent_by(1), (Frames{0}));
+  ask({0, 1, 2});  // both were sent while picture 0 was read
+  ask({0, 1, 2, 5});
+  EXPECT_EQ(sent_by(9), (Frames{1, 2, 5}));
+  EXPECT_EQ(images_->reads, (Frames{0, 1, 2, 5}));
+  EXPECT_TRUE(poll_until(
+      [&] {
+        ask({1});  // it was lost
+        return sent_by(1) == Frames{1};
+      },
+      seconds(5)));
+}
+
+TEST_F(PictureRequests, GoOnWithTheChunksThatAreMissing) {
+  ask({3}, 1);
+  EXPECT_EQ(sent_by(2), (Frames{3, 3}));
+  ask({2}, 7);
+  EXPECT_EQ(sent_by(1), Frames{}) << "it has one chunk";
+}
+
+}  // namespace
+}  // namespace citylearn::testing
