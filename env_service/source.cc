@@ -34,6 +34,10 @@ void add_dataset_options(CLI::App& app, Source& source, const std::string& group
   const std::string names = joined(DatasetRegistry::instance().entries(), &DatasetRegistry::Entry::name);
   app.add_option("--dataset", source.dataset, "Dataset that traversals come from: " + names)->capture_default_str();
   app.add_option("--data", source.folder, "Folder of the dataset's files")->type_name("DIR");
+  add_dataset_parameters(app, source);
+}
+
+void add_dataset_parameters(CLI::App& app, Source& source) {
   for (const auto* entry : DatasetRegistry::instance().entries())
     add_parameters(app, entry->name, entry->parameters, source.parameters[entry->name]);
 }

@@ -3,10 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iomanip>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <sstream>
 
 #include "core/files/image_header.h"
+#include "core/util/text.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {
@@ -27,6 +30,13 @@ bool finds(const DatasetRegistry::Entry& entry, const std::string& folder) {
 
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
+std::string fixed(double value, int digits) {
+  if (!std::isfinite(value)) return "-";
+  std::ostringstream text;
+  text << std::fixed << std::setprecision(digits) << value;
+  return text.str();
+}
+
 }  // namespace
 
 std::vector<std::string> recognised(const std::string& folder) {
@@ -35,11 +45,6 @@ std::vector<std::string> recognised(const std::string& folder) {
     if (!finds(*entry, "") && finds(*entry, folder)) found.push_back(entry->name);
   std::stable_partition(found.begin(), found.end(), [](const std::string& name) { return name != "plain"; });
   return found;
-}
-
-std::unique_ptr<Dataset> opened(const std::string& dataset, const std::string& folder) {
-  const auto& entry = DatasetRegistry::instance().find("dataset", dataset);
-  return entry.create(Parameters("dataset " + entry.name, entry.parameters, {}), folder);
 }
 
 Inspection inspect(Dataset& dataset, const std::function<bool(long, long)>& progress) {
@@ -101,6 +106,35 @@ Summary summarise(Dataset& dataset, const std::string& name) {
     summary.error = error.what();
   }
   return summary;
+}
+
+std::string to_table(const std::vector<Summary>& summaries) {
+  const std::size_t names = 2;  // columns of names, which stand left; figures stand right
+  std::vector<std::vector<std::string>> rows = {
+      {"traversal", "condition", "frames", "metres", "step m", "GPS", "pixels", "features", "bad"}};
+  for (const Summary& one : summaries) {
+    if (!one.error.empty()) {
+      rows.push_back({one_line(one.name), "cannot be loaded: " + one.error});
+      continue;
+    }
+    rows.push_back({one_line(one.name), one_line(one.condition), std::to_string(one.frames), fixed(one.metres, 0),
+                    fixed(one.mean_step, 2), one.gps ? "yes" : "no",
+                    one.width ? std::to_string(one.width) + "x" + std::to_string(one.height) : "-",
+                    one.dimension ? std::to_string(one.dimension) : "-", std::to_string(one.bad_frames)});
+  }
+  std::vector<std::size_t> widths(rows[0].size());
+  for (const auto& row : rows)
+    for (std::size_t i = 0; i < (row.size() == widths.size() ? row.size() : 1); ++i)
+      widths[i] = std::max(widths[i], row[i].size());
+  std::string text;
+  for (const auto& row : rows) {
+    for (std::size_t i = 0; i < row.size(); ++i) {
+      const std::string blanks(widths[i] - std::min(widths[i], row[i].size()), ' ');
+      text += (i == 0 ? "" : "  ") + (i < names ? row[i] + blanks : blanks + row[i]);
+    }
+    text += "\n";
+  }
+  return text;
 }
 
 std::string to_json(const std::string& dataset, const Inspection& inspection) {

@@ -12,8 +12,6 @@ namespace citylearn {
 /// Returns the datasets that `folder` may be, with "plain", which accepts nearly anything, last; without generated
 /// ones.
 std::vector<std::string> recognised(const std::string& folder);
-/// Opens the dataset with its default parameters. Throws Error when it is unknown.
-std::unique_ptr<Dataset> opened(const std::string& dataset, const std::string& folder);
 
 /// A frame or a whole traversal (frame -1) that cannot be read.
 struct Fault {
@@ -44,6 +42,8 @@ struct Summary {
 };
 Summary summarise(Dataset& dataset, const std::string& name);
 
+/// The table that `info` prints: a line for the headings and one for each traversal, columns as wide as their contents.
+std::string to_table(const std::vector<Summary>& summaries);
 /// These results as JSON objects, and every dataset with all that is known of it.
 std::string to_json(const std::string& dataset, const Inspection& inspection);
 std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries);

@@ -5,7 +5,9 @@
 
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <tuple>
 
+#include "tests/paths.h"
 #include "tests/support/data/pictures.h"
 #include "tests/support/env/env.h"
 #include "tests/support/processes/service.h"
@@ -37,7 +39,7 @@ TEST(Inspection, RecognisesFolders) {
 TEST(Inspection, NamesEachBadFrame) {
   const Folder folder;
   write_drives(folder);
-  EXPECT_TRUE(inspect(*opened("plain", folder.path()), kOn).faults.empty());
+  EXPECT_TRUE(inspect(*make_dataset("plain", folder.path()), kOn).faults.empty());
   const std::string png = contents(folder / "day/2.png");
   make_file(folder / "day/2.png", png.substr(0, 40));
   // A file whose ends look fine and whose middle does not.
@@ -46,7 +48,7 @@ TEST(Inspection, NamesEachBadFrame) {
   make_file(folder / "night/1.png", hollow);
   make_file(folder / "table.csv", "1,2\n3,x\n");
   long last = 0, all = 0;
-  const Inspection inspection = inspect(*opened("plain", folder.path()), [&](long done, long total) {
+  const Inspection inspection = inspect(*make_dataset("plain", folder.path()), [&](long done, long total) {
     last = done;
     all = total;
     return true;
@@ -64,7 +66,7 @@ TEST(Inspection, NamesEachBadFrame) {
   EXPECT_EQ(json["frames"], 8);
   EXPECT_EQ(json["faults"][1]["frame"], 2);
   EXPECT_FALSE(json["faults"][0].contains("frame"));
-  EXPECT_EQ(inspect(*opened("plain", folder.path()), [](long, long) { return false; }).frames, 1);
+  EXPECT_EQ(inspect(*make_dataset("plain", folder.path()), [](long, long) { return false; }).frames, 1);
 }
 
 TEST(Inspection, Summarises) {
@@ -74,7 +76,7 @@ TEST(Inspection, Summarises) {
   make_file(folder / "feat.csv", "1,2,3\n4,5,6\n");
   make_file(folder / "night/1.png", "");
   make_file(folder / "bad.csv", "1\n");
-  const auto dataset = opened("plain", folder.path());
+  const auto dataset = make_dataset("plain", folder.path());
   const Summary day = summarise(*dataset, "day"), night = summarise(*dataset, "night");
   EXPECT_EQ(day.frames, 5);
   EXPECT_EQ(day.width, 32);
@@ -92,6 +94,45 @@ TEST(Inspection, Summarises) {
   EXPECT_EQ(json["traversals"][0]["frames"], 5);
   EXPECT_TRUE(json["traversals"][1]["metres"].is_null());
   EXPECT_TRUE(json["traversals"][2].contains("error"));
+}
+
+TEST(Inspection, ColumnsOfTheTableAreAsWideAsTheirContents) {
+  Summary drive;
+  drive.name = "2011_09_26_drive_0002_sync";
+  drive.condition = "overcast+partial+rain";
+  drive.frames = 123456789;
+  drive.metres = drive.mean_step = 1;
+  drive.width = 10000;
+  drive.height = 10000;
+  Summary bad;
+  bad.name = "table";
+  bad.error = "table.csv: has only one frame, which is a message longer than any column";
+  EXPECT_EQ(
+      to_table({drive, bad}),
+      "traversal                   condition                 frames  metres  step m  GPS       pixels  features  bad\n"
+      "2011_09_26_drive_0002_sync  overcast+partial+rain  123456789       1    1.00   no  10000x10000         -    0\n"
+      "table                       cannot be loaded: " +
+          bad.error + "\n");
+}
+
+// The drive's only camera is not the default one.
+TEST(Inspection, ProgramTakesParametersOfDatasets) {
+  const Folder folder;
+  const std::string camera = folder / "2011_09_26_drive_0001_sync/image_00";
+  for (int i = 0; i < 2; ++i) write_grey(camera + "/data/000000000" + std::to_string(i) + ".png", 10);
+  make_file(camera + "/timestamps.txt", "2011-09-26 13:02:25.9\n2011-09-26 13:02:26.0\n");
+  for (const auto& [arguments, status, text] :
+       {std::tuple<Arguments, int, const char*>{{"check", "--dataset", "kitti"}, 1, "image_02"},
+        {{"check", "--kitti-camera", "0"}, 0, "kitti: 2 frames, 0 bad"},
+        {{"info", "--kitti-camera", "0"}, 0, "2011_09_26_drive_0001_sync  day"},
+        {{"info", "--dataset", "plain", "--kitti-camera", "0"}, 1, "is for dataset kitti"}}) {
+    Arguments all = arguments;
+    all.insert(all.begin(), CITYLEARN_DATA);
+    all.push_back(folder.path());
+    Service program(all, folder / "log");
+    EXPECT_EQ(program.wait(seconds(30)), status) << program.output();
+    EXPECT_TRUE(contains(program.output(), text)) << program.output();
+  }
 }
 
 TEST(Inspection, ListsDatasets) {
