@@ -22,6 +22,7 @@ struct EncoderServiceOptions {
   // From descriptors to features.
   std::string reference = "summer";  ///< traversal that the encoder and the reduction learn from
   ReductionOptions reduction;
+  bool cap_dimension = false;  ///< fewer features where the reference is too short for as many, as for a default
   std::string reduction_file;  ///< a reduction learned before, instead of one learned on `reference`; empty: none
 
   // Storage, and broken pictures.

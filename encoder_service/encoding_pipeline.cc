@@ -293,7 +293,13 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
                traversal.work->made(), std::chrono::duration<double>(now_ - traversal.since).count());
   auto features = std::make_shared<Eigen::MatrixXf>();
   auto learned = std::make_shared<std::shared_ptr<const Reduction>>(reduction_);
-  const ReductionOptions& reduction = options_.reduction;
+  ReductionOptions reduction = options_.reduction;
+  const int most = Reduction::largest_dimension(spec_.dimension, traversal.frames);
+  if (options_.cap_dimension && !reduction_ && reduction.dimension > most) {
+    spdlog::info("reference '{}' has {} frames of {} numbers: --dimension is {} instead of {}", traversal.name,
+                 traversal.frames, spec_.dimension, most, reduction.dimension);
+    reduction.dimension = most;
+  }
   const std::string path =
       options_.store.empty() || !needs_reference()
           ? ""
@@ -302,7 +308,7 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
                          "reduction");
   TraversalWork* work = traversal.work.get();
   reducing_.post(
-      [this, work, features, learned, path] {
+      [this, work, features, learned, path, reduction] {
         const Eigen::MatrixXf descriptors = work->take_descriptors();
         if (!*learned && !path.empty() && std::filesystem::exists(path)) {
           const std::string bytes = read_file(path);
@@ -313,7 +319,7 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
           }
         }
         if (!*learned) {
-          *learned = std::make_shared<Reduction>(Reduction::learn(descriptors, options_.reduction));
+          *learned = std::make_shared<Reduction>(Reduction::learn(descriptors, reduction));
           if (!path.empty()) {
             write_file(path, as_text((*learned)->save(spec_.name)));
             spdlog::info("stored the reduction in {}", path);

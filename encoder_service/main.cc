@@ -57,9 +57,11 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->capture_default_str()
       ->transform(name_from);
   app.add_option("--dimension", service.reduction.dimension,
-                 "Features a frame, by PCA; 0 keeps all that the encoder gives")
+                 "Features a frame, by PCA; 0 keeps all that the encoder gives; the default is lower for a short "
+                 "reference")
       ->capture_default_str()
-      ->check(CLI::Range(0, 4096));
+      ->check(CLI::Range(0, 4096))
+      ->each([&service](const std::string&) { service.cap_dimension = false; });
   app.add_option("--whitening", service.reduction.whitening, "Exponent of the whitening: 0 none, 0.5 full")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 0.5));
@@ -106,6 +108,7 @@ int serve(CommandLine& line) {
 int main(int argc, char** argv) {
   CommandLine line;
   line.service.store = default_store();
+  line.service.cap_dimension = true;  // until --dimension is given
   return service_main(
       argc, argv,
       "Encodes the pictures of env_services as features, each frame once, and completes their observations.",

@@ -51,6 +51,7 @@ CLI::Validator at_least(int least) {
 int main(int argc, char** argv) {
   PolicyServiceOptions options;
   options.node.service = "policy_service";
+  options.cap_frames = true;  // until --frames is given
   const std::string id = "policy";
   options.node.id = id;
   std::map<std::string, std::map<std::string, double>> plugins;  // given parameters, by plug-in
@@ -118,13 +119,14 @@ int main(int argc, char** argv) {
     app.add_option("--first-frame", options.first_frame, "The route begins at this frame of the traversal")
         ->capture_default_str()
         ->check(at_least(0));
-    app.add_option("--frames", options.frames, "Places on the route, N")
+    app.add_option("--frames", options.frames, "Places on the route, N; the default is lower on shorter traversals")
         ->capture_default_str()
-        ->check(CLI::Range(2, 100000));
+        ->check(CLI::Range(2, 100000))
+        ->each([&options](const std::string&) { options.cap_frames = false; });
     app.add_option("--max-steps", options.max_steps, "Step limit of an episode; 0 = N")
         ->capture_default_str()
         ->check(at_least(0));
-    app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8 ... 128 frames");
+    app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8, 16 ... N frames");
     app.add_option("--environments", options.environments, "env_services on the training traversal to start with")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000));

@@ -103,7 +103,7 @@ MatrixXf whitened_axes(const MatrixXf& centred, Index count, double exponent) {
 
 void check_options(const ReductionOptions& options, Index rows, Index columns) {
   if (rows < 1 || columns < 1) throw Error("no descriptors to learn a reduction from", "reference");
-  const Index most = std::min(rows, columns - 1);
+  const int most = Reduction::largest_dimension(rows, columns);
   if (options.dimension < 0 || options.dimension > most)
     throw Error("is " + std::to_string(options.dimension), "dimension",
                 "0 to " + std::to_string(most) + ": the reference has " + std::to_string(columns) + " frames of " +

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <span>
 #include <string>
 
@@ -35,6 +36,10 @@ class Reduction {
   /// dimension is not 0..min(D, F - 1); logs a warning when it is more than half of F - 1 and the whitening is full
   /// (0.5), because the last components are noise then.
   static Reduction learn(const Eigen::Ref<const Eigen::MatrixXf>& reference, const ReductionOptions& options);
+  /// Returns the largest dimension that `frames` descriptors of `numbers` numbers allow.
+  static int largest_dimension(Eigen::Index numbers, Eigen::Index frames) {
+    return static_cast<int>(std::min(numbers, frames - 1));
+  }
 
   /// Turns D x n descriptors of a traversal's first frames, in order, into d x n features of length 1 (a descriptor
   /// equal to the mean becomes zeros). With kOwn it needs the whole traversal.

@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kNavigates = 0.95;
 
-/// The authors' lessons on a route of N frames: N = 4 .. 128, then the tighter step limit.
+/// The authors' lessons, which end at N = 128, on a route of any N: 4, 8, 16 .. N, then the tighter step limit.
 std::vector<Lesson> curriculum_of(int frames, int max_steps) {
   std::vector<Lesson> lessons;
   for (int n = 4; n < frames; n *= 2) lessons.push_back({n, n <= 64 ? 4 * n : 2 * n});

@@ -38,7 +38,8 @@ struct PolicyServiceOptions : TrainerOptions {
   bool stay = false;          ///< actor: wait for the next learner when one has ended
 
   // The task.
-  int frames = 128;  ///< N; the paper's lessons end with 128
+  int frames = 128;         ///< N
+  bool cap_frames = false;  ///< fewer where the traversals have fewer, as for a default
 
   // How long.
   std::uint64_t steps = 0;    ///< environment steps to learn from; 0 = the agent's recommendation

@@ -122,6 +122,7 @@ void EvaluationRun::load_agent() {
   options.agent = agent_->name;
   options.first_frame = agent_->first_frame;
   options.frames = agent_->task.frames;
+  options.cap_frames = false;
 }
 
 Evaluation::MakePolicy EvaluationRun::agent_policy() const {
@@ -228,6 +229,7 @@ void EvaluationRun::evaluate_others() {
 void EvaluationRun::evaluate_all() {
   const PolicyServiceOptions& options = context_.options;
   const std::vector<EnvHandle*> envs = context_.evaluation_envs();
+  context_.cap_frames(envs);
   if (!context_.records.announced()) context_.records.announce("", 0, {});
   const Evaluation::MakePolicy agent = agent_ ? agent_policy() : control(options.agent);
   evaluate(options.agent, false, agent, envs);

@@ -99,8 +99,6 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
   } else if (options.checkpoint.empty()) {
     ControlRegistry::instance().find("control", options.agent);
   }
-  if (options.curriculum && options.frames != 128)
-    throw Error("the paper's lessons end with 128 frames", "--curriculum", "leave --frames out");
   return options;
 }
 

@@ -5,6 +5,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "core/wire/service.h"
 
@@ -31,10 +32,23 @@ void RunContext::require(std::optional<int> feature_dimension, const std::option
   required.traversals = {options.evaluate.begin(), options.evaluate.end()};
   if (!required.traversals.empty()) required.traversals.insert(options.train);
   required.first_frame = static_cast<std::uint32_t>(options.first_frame);
-  required.frames = static_cast<std::uint32_t>(options.frames);
+  required.frames = options.cap_frames ? 0 : static_cast<std::uint32_t>(options.frames);
   if (feature_dimension) required.feature_dimension = static_cast<std::uint32_t>(*feature_dimension);
   required.learned = learned;
   client.require(std::move(required));
+}
+
+void RunContext::cap_frames(const std::vector<EnvHandle*>& envs) {
+  if (!std::exchange(options.cap_frames, false)) return;
+  for (const EnvHandle* env : envs) {
+    const int frames = static_cast<int>(env->info.frames()) - options.first_frame;
+    if (frames < 2 || frames >= options.frames) continue;
+    spdlog::info("'{}' has {} frames: --frames is {} instead of {}", env->traversal(), env->info.frames(), frames,
+                 options.frames);
+    if (options.max_steps == options.frames) options.max_steps = frames;
+    options.frames = frames;
+  }
+  require();
 }
 
 /// Returns whether this run may use an env_service. A learner leaves them to its actors.

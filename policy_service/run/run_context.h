@@ -38,6 +38,9 @@ class RunContext {
   /// Refuses env_services that do not fit the route of the options, the agent's features and what is learned from, as
   /// far as these are known.
   void require(std::optional<int> feature_dimension = {}, const std::optional<TraversalContents>& learned = {});
+  /// Lowers a default number of frames to what all of these env_services have, and the step limit that follows from it,
+  /// and refuses env_services that have fewer. Does so once.
+  void cap_frames(const std::vector<EnvHandle*>& envs);
   /// Waits until every traversal has an env_service, and the training traversal `training_envs` of them. Throws Error
   /// after --wait.
   void wait_for_envs(const std::set<std::string>& traversals, int training_envs);

@@ -39,8 +39,10 @@ void require_same_run(const std::string& folder, const PolicyServiceOptions& opt
                 "choose another --output or leave --resume out");
   };
   for (const char* field : {"agent", "learner", "seed", "train", "evaluate", "first_frame", "frames", "max_steps",
-                            "curriculum", "steps", "time_limit", "tasks", "controls"})
-    if (const Json was = found.value(field, Json()); was != wanted[field]) refuse(field, was, wanted[field]);
+                            "curriculum", "steps", "time_limit", "tasks", "controls"}) {
+    const bool capped = options.cap_frames && (std::string(field) == "frames" || std::string(field) == "max_steps");
+    if (const Json was = found.value(field, Json()); was != wanted[field] && !capped) refuse(field, was, wanted[field]);
+  }
   const Json parameters = found.value("parameters", Json::object());
   for (const auto& [part, given] :
        {std::pair{"network", &options.network_parameters}, std::pair{"learner", &options.learner_parameters},

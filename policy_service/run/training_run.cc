@@ -14,6 +14,7 @@ void TrainingRun::build_trainer() {
   const EnvHandle* first = nullptr;
   do {
     context_.wait_for_envs({options.train}, options.environments);
+    context_.cap_frames(context_.envs_on(options.train));
     context_.reference();  // refuses env_services that do not deliver theirs
     first = context_.env_on(options.train);
   } while (!first);

@@ -23,12 +23,15 @@ constexpr seconds kLong{120};
 /// A demo in a process group of its own, as a terminal starts it; whatever is left of it ends with the test.
 class Demo {
  public:
-  explicit Demo(const Arguments& arguments, std::uint32_t domain = own_domain()) : output_(folder_ / "demo/out put") {
+  explicit Demo(const Arguments& arguments, std::uint32_t domain = own_domain(),
+                const Arguments& frames = {"--frames", "0:80"})
+      : output_(folder_ / "demo/out put") {
     // A shell in the background ignores SIGINT, and its children inherit that.
     Arguments command = {"/usr/bin/env", "--default-signal=INT", "CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR};
     command.insert(command.end(),
                    {"CITYLEARN_RUNS=" + (folder_ / "all runs"), "CITYLEARN_DOMAIN=" + std::to_string(domain),
-                    "/usr/bin/setsid", CITYLEARN_SOURCE_DIR "/run", "demo", "--frames", "0:80", "--output", output_});
+                    "/usr/bin/setsid", CITYLEARN_SOURCE_DIR "/run", "demo", "--output", output_});
+    command.insert(command.end(), frames.begin(), frames.end());
     command.insert(command.end(), arguments.begin(), arguments.end());
     shell_.emplace(command, folder_ / "log");
     group_ = shell_->process();
@@ -83,6 +86,27 @@ TEST(Demo, TakesRecordingsWhoseNamesHaveBlanks) {
     EXPECT_TRUE(std::regex_search(demo->output(), std::regex(row))) << row << demo->output();
 }
 
+// A drive whose only camera is not the default one, and shorter than the defaults.
+TEST(Demo, TakesParametersOfDatasetsAndEncodersAndAShortRoute) {
+  Folder data;
+  const std::string camera = data / "2011_09_26_drive_0001_sync/image_00";
+  std::string times;
+  for (int i = 10; i < 22; ++i) {
+    std::string picture = "P6 8 8 255\n";  // a reader looks at the bytes, not at the name
+    for (int k = 0; k < 8 * 8 * 3; ++k) picture += static_cast<char>(k * i % 251);
+    make_file(camera + "/data/00000000" + std::to_string(i + 90).substr(1) + ".png", picture);
+    times += "2011-09-26 13:02:" + std::to_string(i) + ".5\n";
+  }
+  make_file(camera + "/timestamps.txt", times);
+  Demo demo({"--data", data.path(), "--dataset", "kitti", "--kitti-camera", "0", "--encoder", "hog",
+             "--hog-cells-across=4", "--steps", "512", "--tasks", "4", "--no-dashboard"},
+            own_domain(), {});
+  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  EXPECT_TRUE(contains(demo->output(), "--frames is 0:12 instead of 0:128")) << demo->output();
+  EXPECT_TRUE(contains(contents(demo.output() + "/logs/encoder.log"), "--dimension is 11 instead of 64"));
+  EXPECT_TRUE(contains(demo->output(), "2011_09_26_drive_0001_sync")) << demo->output();
+}
+
 TEST(Demo, CtrlCAndSigtermStopAllWithinTwoSeconds) {
   for (const int signal : {SIGINT, SIGTERM}) {
     SCOPED_TRACE(signal);
@@ -119,7 +143,8 @@ TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {
 TEST(Demo, WrongOptionsEndItAtOnce) {
   for (const auto& [wrong, complaint] : {std::pair<Arguments, std::string>{{"--frames", "9:3"}, "is not FIRST:END"},
                                          {{"--data", "/no where"}, "'/no where' is not a folder"},
-                                         {{"--agent", "no such"}, "no such"}}) {
+                                         {{"--agent", "no such"}, "no such"},
+                                         {{"--kitti-camera", "0"}, "is for dataset kitti"}}) {
     Demo demo(wrong);
     const auto status = demo->wait(seconds(10));
     EXPECT_TRUE(status == 1 || status == 2) << wrong[0] << status.value_or(-1) << demo->output();

@@ -164,6 +164,31 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
   EXPECT_TRUE(lenient->says("serves 'env-summer'", kSoon)) << lenient->output();
 }
 
+TEST(EncodingFaults, DefaultsFitAShortRouteAndGivenValuesMustFit) {
+  Trial run("cyclonedds");
+  const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:20"});
+  const auto strict = run.encoder({"--dimension", "64"});
+  ASSERT_EQ(strict->wait(kSoon), 1) << strict->output();
+  EXPECT_TRUE(contains(strict->output(), "dimension: is 64 (0 to 19: the reference has 20 frames")) << strict->output();
+  const auto encoder = run.encoder({});
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kSoon)) << encoder->output();
+  EXPECT_TRUE(contains(encoder->output(), "--dimension is 19 instead of 64")) << encoder->output();
+  const auto too_long = run.policy({"--frames", "128", "--wait", std::to_string(3 * kSlowness)});
+  ASSERT_EQ(too_long->wait(kSoon), 1) << too_long->output();
+  EXPECT_TRUE(contains(too_long->output(), "has 20 frames, the route needs frames 0..127")) << too_long->output();
+  for (const Arguments& mode :
+       {Arguments{"--steps", "1024", "--curriculum"}, Arguments{"--mode", "evaluate", "--agent", "blind"}}) {
+    Arguments options = {"--tasks", "8", "--evaluate", "summer", "--output", run.folder() / mode[1]};
+    options.insert(options.end(), mode.begin(), mode.end());
+    const auto policy = run.policy(options);
+    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    EXPECT_TRUE(contains(policy->output(), "'summer' has 20 frames: --frames is 20 instead of 128")) << mode[0];
+  }
+  const Json manifest = Json::parse(contents(run.folder() / "1024/manifest.json"));
+  EXPECT_EQ(manifest["frames"], 20);
+  EXPECT_EQ(manifest["max_steps"], 20);
+}
+
 TEST(EncodingFaults, AReferenceThatNobodyHostsIsNamed) {
   Trial run("cyclonedds");
   const auto summer = run.env("summer", kDrawn);

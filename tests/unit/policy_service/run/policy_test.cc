@@ -372,6 +372,15 @@ TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
   EXPECT_TRUE(contains(refusal(options), "--initial")) << "the way to train a checkpoint's agent further";
 }
 
+TEST(Options, LessonsEndAtAnyNumberOfPlaces) {
+  PolicyServiceOptions options;
+  options.curriculum = true;
+  for (const int frames : {2, 100, 128, 512}) {
+    options.frames = frames;
+    EXPECT_EQ(error_of([&] { checked_options(options); }), "") << frames;
+  }
+}
+
 ControlTask some_control_task(int first, int frames, int dimension) {
   Random random(3);
   ControlTask task{first, frames, Matrix<float>(dimension, frames)};
