@@ -9,7 +9,7 @@ foreach(program env_service encoder_service policy_service dashboard
 endforeach()
 # Where npm is missing there is no page, and the dashboard says so.
 install(DIRECTORY ${CMAKE_BINARY_DIR}/dashboard/page/ DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/page OPTIONAL)
-install(FILES ${CMAKE_SOURCE_DIR}/tools/vpr/charts.py ${CMAKE_SOURCE_DIR}/tools/vpr/precision_recall.py
+install(FILES ${CMAKE_SOURCE_DIR}/tools/vpr/charts.py ${CMAKE_SOURCE_DIR}/tools/vpr/recognition_page.py
   DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/tools/vpr)
 file(GLOB units ${CMAKE_SOURCE_DIR}/compose/systemd/*.service ${CMAKE_SOURCE_DIR}/compose/systemd/*.target)
 install(FILES ${units} DESTINATION lib/systemd/system)

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -25,6 +26,8 @@ class GroundTruth {
   bool right(int query, int reference) const;
   /// Whether any reference frame is right. Queries without one do not count for recall; accepting them is an error.
   bool answerable(int query) const;
+  /// Returns a frame that shows the same place, of several the middle one; -1: none.
+  int place(int query) const;
 
  private:
   int references_ = 0, tolerance_ = 0;
@@ -68,6 +71,15 @@ struct PrecisionRecall {
   double recall_at_full_precision = 0;
 };
 PrecisionRecall precision_recall(const Answers& answers);
+
+/// Shares of the wrong and of the right answers that have at least this confidence, from (0, 0) to (1, 1), one point
+/// per distinct confidence (receiver operating characteristic).
+struct Roc {
+  std::vector<double> false_positive, true_positive;
+  /// Area under it: the chance that a right answer is surer than a wrong one; NaN when all are right or all wrong.
+  double auc = std::numeric_limits<double>::quiet_NaN();
+};
+Roc roc(const Answers& answers);
 
 /// 95 % of the AUC, by resampling queries in circular blocks of about sqrt(Q) neighbours, as neighbours are alike
 /// (circular block bootstrap: Politis & Romano, 1992; percentiles).

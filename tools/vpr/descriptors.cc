@@ -11,25 +11,22 @@
 #include "encoder_service/feature_store.h"
 
 namespace citylearn::vpr {
-namespace {
 
-cv::Mat picture(const Traversal& traversal, int frame, Bytes& bytes) {
+cv::Mat read_picture(const Traversal& traversal, int frame) {
   if (stop_requested()) throw Stopped{};
+  Bytes bytes;
   traversal.images->read(frame, bytes);
   return decode_picture(bytes, traversal.images->name(frame));
 }
-
-}  // namespace
 
 void fit_encoder(Encoder& encoder, const Traversal& reference) {
   const int count = std::min(encoder.training_sample_count(), reference.frames);
   if (count <= 0) return;
   Progress progress("learning from " + reference.name, count);
   std::vector<cv::Mat> pictures;
-  Bytes bytes;
   for (int i = 0; i < count; ++i) {
     const auto frame = static_cast<int>(static_cast<long>(i) * reference.frames / count);
-    pictures.push_back(picture(reference, frame, bytes));
+    pictures.push_back(read_picture(reference, frame));
     progress.done(1);
   }
   encoder.learn(pictures);
@@ -53,11 +50,10 @@ Descriptors encode(Encoder& encoder, const Traversal& traversal, const std::stri
   Progress progress(label + " " + traversal.name, static_cast<int>(missing.size()));
   const std::size_t batch = static_cast<std::size_t>(std::max(1, spec.batch));
   std::vector<cv::Mat> pictures;
-  Bytes bytes;
   for (std::size_t first = 0; first < missing.size(); first += batch) {
     const std::size_t size = std::min(batch, missing.size() - first);
     pictures.clear();
-    for (std::size_t i = 0; i < size; ++i) pictures.push_back(picture(traversal, missing[first + i], bytes));
+    for (std::size_t i = 0; i < size; ++i) pictures.push_back(read_picture(traversal, missing[first + i]));
     const Eigen::MatrixXf columns = encoder.encode(pictures);
     for (std::size_t i = 0; i < size; ++i) {
       const int frame = missing[first + i];

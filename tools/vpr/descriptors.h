@@ -12,6 +12,9 @@ namespace citylearn::vpr {
 /// Ctrl-C arrived: complete results are kept, the rest is abandoned.
 struct Stopped {};
 
+/// Reads and decodes a picture of a traversal. Throws Error, Stopped.
+cv::Mat read_picture(const Traversal& traversal, int frame);
+
 /// D x F descriptors of a traversal, and how long they took.
 struct Descriptors {
   Eigen::MatrixXf matrix;

@@ -4,19 +4,50 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cmath>
 #include <iostream>
 #include <memory>
 
 #include "core/files/files.h"
 #include "core/wire/service.h"
 #include "env_service/files/text_table.h"
+#include "env_service/geometry/plane.h"
 #include "tools/vpr/descriptors.h"
+#include "tools/vpr/match_picture.h"
 #include "tools/vpr/python.h"
 #include "tools/vpr/report.h"
 #include "tools/vpr/similarity_picture.h"
 
 namespace citylearn::vpr {
 namespace {
+
+/// Returns pairs (reference frame, query frame) at most `radius` metres apart: on the map when both traversals have
+/// coordinates, else along the route.
+std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const Traversal& query, double radius) {
+  const auto known = [](double number) { return std::isfinite(number); };
+  const auto origin = std::find_if(reference.latitude.begin(), reference.latitude.end(), known);
+  const bool on_map = origin != reference.latitude.end() && !query.latitude.empty();
+  const Plane plane(on_map ? *origin : 0);
+  const auto each = [&](const Traversal& traversal, const auto& take) {
+    for (std::size_t i = 0; i < static_cast<std::size_t>(traversal.frames); ++i) {
+      const double x = on_map ? plane.x(traversal.longitude[i]) : static_cast<double>(traversal.positions[i]);
+      const double y = on_map ? plane.y(traversal.latitude[i]) : 0;
+      if (known(x) && known(y)) take(x, y, static_cast<int>(i));
+    }
+  };
+  Grid grid(radius);
+  each(reference, [&](double x, double y, int frame) { grid.add(x, y, frame); });
+  std::vector<std::pair<int, int>> pairs;
+  std::vector<Grid::Near> near;
+  each(query, [&](double x, double y, int frame) {
+    grid.near(x, y, near);
+    for (const Grid::Near& one : near) pairs.push_back({one.frame, frame});
+  });
+  if (pairs.empty())
+    throw Error("no frame of " + query.name + " is known to lie so near to one of " + reference.name, "--radius",
+                "choose a larger one, or --tolerance in frames when positions are not known");
+  return pairs;
+}
 
 class Evaluation {
  public:
@@ -52,9 +83,9 @@ class Evaluation {
   /// The figures are complete without the curves' pictures, which need Python and matplotlib.
   void draw() const {
     try {
-      run_python("vpr/precision_recall.py", {options_.output});
+      run_python("vpr/recognition_page.py", {options_.output});
     } catch (const Error& error) {
-      spdlog::warn("pr-*.svg not drawn: {}", error.what());
+      spdlog::warn("index.html and its curves not drawn: {}", error.what());
     }
   }
 
@@ -70,7 +101,8 @@ class Evaluation {
     if (!options_.matches.empty() && queries.size() > 1)
       throw Error("holds for one query, but there are " + std::to_string(queries.size()), "--matches");
     Selection selection = options_.source.selection;
-    const std::string sibling = !selection.align.empty() ? selection.align : options_.matches.empty() ? reference : "";
+    const bool own_frames = !options_.matches.empty() || options_.radius > 0;
+    const std::string sibling = !selection.align.empty() ? selection.align : own_frames ? "" : reference;
     const auto get = [&](const std::string& name) {
       selection.align = name == sibling ? "" : sibling;
       return select(*dataset, name, selection);
@@ -85,6 +117,9 @@ class Evaluation {
   }
 
   GroundTruth truth(const Traversal& query) const {
+    if (options_.radius > 0)
+      return GroundTruth::by_matches(pairs_within(reference_, query, options_.radius), reference_.frames, query.frames,
+                                     0);
     if (options_.matches.empty()) return GroundTruth::by_index(reference_.frames, query.frames, options_.tolerance);
     const TextTable file(options_.matches, {});
     std::vector<std::pair<int, int>> matches;
@@ -185,19 +220,24 @@ class Evaluation {
     row.condition = queries_[index].condition;
     row.references = static_cast<int>(reference.cols());
     row.queries = found.queries();
-    row.tolerance = options_.tolerance;
+    row.tolerance = options_.radius > 0 ? 0 : options_.tolerance;
+    row.radius = options_.radius;
     row.recall_1 = recall_at(found, 1);
     row.recall_5 = recall_at(found, 5);
     row.recall_10 = recall_at(found, 10);
+    row.recall_20 = recall_at(found, 20);
     const auto answerable = static_cast<double>(std::count(found.answerable.begin(), found.answerable.end(), true));
     row.recall_1_interval = wilson_interval(row.recall_1 * answerable, answerable);
     row.curve = precision_recall(found);
+    row.roc = roc(found);
     row.auc_interval = auc_interval(found, options_.matching.seed);
     if (stop_requested()) throw Stopped{};
     if (options_.pictures)
-      write_file(options_.output + "/similarity-" + slug(row.encoder) + "-" + std::to_string(row.dimension) + "-" +
-                     row.centring + "-" + slug(row.query) + "-" + slug(row.method) + ".png",
-                 matrix_png(result.similarity));
+      write_file(options_.output + "/similarity-" + slug_of(row) + ".png", matrix_png(result.similarity));
+    if (options_.pictures && reference_.images) {
+      row.matches = "matches-" + slug_of(row) + ".jpg";
+      write_file(options_.output + "/" + row.matches, matches_jpeg(reference_, queries_[index], found, truths_[index]));
+    }
     spdlog::info("{} {} {} {} {}: recall@1 {:.3f}, AUC {:.3f}", row.encoder, row.dimension, row.centring, row.method,
                  row.query, row.recall_1, row.curve.auc);
     rows_.push_back(std::move(row));

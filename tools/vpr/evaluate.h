@@ -31,6 +31,7 @@ struct Options {
   std::vector<std::string> methods = {"nearest"};
   MatchingOptions matching;
   int tolerance = 2;
+  double radius = 0;  ///< metres within which a frame is a right answer; 0: frames within `tolerance` are
   bool pictures = true;
   std::string output;
 };

@@ -85,10 +85,18 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--tolerance", options.tolerance, "How many frames a right answer may be off")
       ->capture_default_str()
       ->check(CLI::Range(0, 100000));
-  app.add_option("--output", options.output,
-                 "Folder for results.csv, results.json, curves.json, pr-*.svg, similarity-*.png (runs/vpr-TIME)")
+  app.add_option("--radius", options.radius,
+                 "How many metres a right answer may be off, by latitude and longitude or, where those are not known, "
+                 "along the route (replaces --tolerance, disables alignment)")
+      ->type_name("METRES")
+      ->check(CLI::Range(0.01, 1e6))
+      ->excludes("--matches");
+  app.add_option(
+         "--output", options.output,
+         "Folder for index.html and what it shows: results.csv, results.json, curves.json, pr-*.svg, roc-*.svg, "
+         "matches-*.jpg, similarity-*.png (runs/vpr-TIME)")
       ->type_name("DIR");
-  app.add_flag("--no-pictures", line.no_pictures, "Do not write similarity-*.png");
+  app.add_flag("--no-pictures", line.no_pictures, "Do not write matches-*.jpg and similarity-*.png");
   app.add_flag("--list", line.list, "Print encoders, and exit")->configurable(false);
 }
 

@@ -40,13 +40,16 @@ Json json_of(const Row& row) {
           {"references", row.references},
           {"queries", row.queries},
           {"tolerance", row.tolerance},
+          {"radius", row.radius},
           {"recall_1", row.recall_1},
           {"recall_1_interval", {row.recall_1_interval.low, row.recall_1_interval.high}},
           {"recall_5", row.recall_5},
           {"recall_10", row.recall_10},
+          {"recall_20", row.recall_20},
           {"auc", row.curve.auc},
           {"auc_interval", {row.auc_interval.low, row.auc_interval.high}},
           {"recall_at_full_precision", row.curve.recall_at_full_precision},
+          {"roc_auc", row.roc.auc},
           {"encode_seconds", row.encode_seconds},
           {"seconds", row.seconds}};
 }
@@ -55,6 +58,14 @@ std::string cell(const Json& value) {
   if (value.is_string()) return csv_field(value.get<std::string>());
   if (value.is_boolean()) return value ? "1" : "0";
   return value.is_number_float() ? number(value) : value.dump();
+}
+
+/// At most 2,000 of the points, the first and the last always among them.
+std::vector<double> thinned(const std::vector<double>& points) {
+  std::vector<double> kept(std::min<std::size_t>(points.size(), 2000));
+  for (std::size_t i = 0; i < kept.size(); ++i)
+    kept[i] = points[kept.size() > 1 ? i * (points.size() - 1) / (kept.size() - 1) : 0];
+  return kept;
 }
 
 /// Text that is not UTF-8 is shown with replacements.
@@ -66,12 +77,13 @@ std::string dumped(const Json& json, int indent) {
 
 std::string table(const std::vector<Row>& rows) {
   std::vector<std::vector<std::string>> cells = {{"encoder", "dim", "centring", "method", "query", "R@1", "(95 %)",
-                                                  "R@5", "R@10", "AUC", "(95 %)", "encode s", "match s"}};
+                                                  "R@5", "R@10", "R@20", "AUC", "(95 %)", "ROC", "encode s",
+                                                  "match s"}};
   for (const Row& row : rows)
     cells.push_back({row.encoder, std::to_string(row.dimension), row.centring, row.method, row.query,
                      share(row.recall_1), interval(row.recall_1_interval), share(row.recall_5), share(row.recall_10),
-                     share(row.curve.auc), interval(row.auc_interval), number(row.encode_seconds, "%.1f"),
-                     number(row.seconds, "%.1f")});
+                     share(row.recall_20), share(row.curve.auc), interval(row.auc_interval), share(row.roc.auc),
+                     number(row.encode_seconds, "%.1f"), number(row.seconds, "%.1f")});
   std::vector<std::size_t> widths(cells[0].size());
   for (const auto& line : cells)
     for (std::size_t i = 0; i < line.size(); ++i) widths[i] = std::max(widths[i], line[i].size());
@@ -119,8 +131,9 @@ std::string results_json(const Options& options, const std::vector<Row>& rows) {
       {"dataset", options.source.dataset},
       {"data", options.source.folder},
       {"reference", options.source.traversal},
-      {"ground_truth", options.matches.empty() ? "frame i of the query shows the place of frame i of the reference"
-                                               : "pairs of " + options.matches},
+      {"ground_truth", options.radius > 0        ? "frames within " + number(options.radius) + " m"
+                       : options.matches.empty() ? "frame i of the query shows the place of frame i of the reference"
+                                                 : "pairs of " + options.matches},
       {"measure", measure == Measure::kCosine ? "cosine"
                   : measure == Measure::kL2   ? "l2"
                                               : "l1"},
@@ -132,6 +145,7 @@ std::string results_json(const Options& options, const std::vector<Row>& rows) {
         {"auc",
          "area under precision over recall of the best answers, sorted by confidence, equal confidences one "
          "threshold, trapezoids from recall 0 (with the first precision) to the last recall"},
+        {"roc_auc", "the chance that a right answer has more confidence than a wrong one"},
         {"auc_interval", "95 %, circular block bootstrap over queries, blocks of sqrt(Q), 500 resamples"}}},
       {"rows", Json::array()}};
   for (const Row& row : rows) json["rows"].push_back(json_of(row));
@@ -139,24 +153,26 @@ std::string results_json(const Options& options, const std::vector<Row>& rows) {
 }
 
 std::string curves_json(const std::vector<Row>& rows) {
-  constexpr std::size_t kMost = 2000;
   Json json = {{"curves", Json::array()}};
   for (const Row& row : rows) {
-    const std::size_t size = row.curve.recall.size(), kept = std::min(size, kMost);
-    std::vector<double> recall(kept), precision(kept);
-    for (std::size_t i = 0; i < kept; ++i) {
-      // The first and the last point are always among them.
-      const std::size_t point = kept > 1 ? i * (size - 1) / (kept - 1) : 0;
-      recall[i] = row.curve.recall[point];
-      precision[i] = row.curve.precision[point];
-    }
-    Json curve = {{"recall", recall}, {"precision", precision}};
+    Json curve = {{"recall", thinned(row.curve.recall)},
+                  {"precision", thinned(row.curve.precision)},
+                  {"false_positive", thinned(row.roc.false_positive)},
+                  {"true_positive", thinned(row.roc.true_positive)}};
     const Json all = json_of(row);
-    for (const char* name : {"encoder", "dimension", "centring", "method", "query", "auc"}) curve[name] = all[name];
+    for (const char* name : {"encoder", "dimension", "centring", "method", "query", "auc", "roc_auc"})
+      curve[name] = all[name];
     curve["file"] = "pr-" + slug(row.query) + "-" + slug(row.method) + ".svg";
+    if (!row.matches.empty()) curve["matches"] = row.matches;
+    curve["roc_file"] = "roc-" + slug(row.query) + "-" + slug(row.method) + ".svg";
     json["curves"].push_back(std::move(curve));
   }
   return dumped(json, -1);
+}
+
+std::string slug_of(const Row& row) {
+  return slug(row.encoder) + "-" + std::to_string(row.dimension) + "-" + row.centring + "-" + slug(row.query) + "-" +
+         slug(row.method);
 }
 
 std::string slug(const std::string& text) {

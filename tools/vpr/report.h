@@ -19,11 +19,14 @@ struct Row {
   double whitening = 0;
   std::string method, query, condition;
   int references = 0, queries = 0, tolerance = 0;
-  double recall_1 = 0, recall_5 = 0, recall_10 = 0;
+  double radius = 0;  ///< metres; 0: `tolerance` frames
+  double recall_1 = 0, recall_5 = 0, recall_10 = 0, recall_20 = 0;
   Interval recall_1_interval, auc_interval;
   double encode_seconds = 0;  ///< for both traversals, of frames that were not in the store
   double seconds = 0;         ///< reduction, matching
   PrecisionRecall curve;
+  Roc roc;
+  std::string matches;  ///< file of the picture that shows some; empty: none
 };
 
 /// A table for people, columns aligned.
@@ -33,9 +36,13 @@ std::string results_csv(const std::vector<Row>& rows);
 /// What is true of all rows, what the figures mean, and the rows.
 std::string results_json(const Options& options, const std::vector<Row>& rows);
 
-/// Precision over recall, at most 2,000 points a row: {"curves": [{encoder .. query, recall, precision, file}]}, with
-/// the name of the picture that shows the curve.
+/// Precision over recall and true over false positives, at most 2,000 points a row: {"curves": [{encoder .. query,
+/// recall, precision, file, false_positive, true_positive, roc_file}]}, with the names of the pictures that show the
+/// curves.
 std::string curves_json(const std::vector<Row>& rows);
+
+/// The row as part of a file's name: "hog-64-own-winter-nearest".
+std::string slug_of(const Row& row);
 
 /// `text` as part of a file's name: everything but letters, digits, '.', '_' becomes '-'.
 std::string slug(const std::string& text);

@@ -88,6 +88,8 @@ TEST(GroundTruth, IndexMatchesAndTolerance) {
   const GroundTruth matches = GroundTruth::by_matches({{8, 0}, {1, 0}}, 10, 2, 1);
   for (int r = 0; r < 10; ++r) EXPECT_EQ(matches.right(0, r), r <= 2 || (r >= 7 && r <= 9)) << r;
   EXPECT_FALSE(matches.answerable(1));
+  EXPECT_EQ(matches.place(0), 8);
+  EXPECT_EQ(matches.place(1), -1);
   EXPECT_THROW(GroundTruth::by_matches({{10, 0}}, 10, 2, 1), Error);
   EXPECT_THROW(GroundTruth::by_index(10, 10, -1), Error);
 }
@@ -154,6 +156,16 @@ TEST(PrecisionRecallCurve, Ends) {
   EXPECT_EQ(precision_recall(made({{1, true}, {2, true}})).auc, 1);
   EXPECT_EQ(precision_recall(made({{1, false}, {2, false}})).auc, 0);
   EXPECT_EQ(precision_recall({}).auc, 0);
+}
+
+TEST(RocCurve, ByHandAndEnds) {
+  const Roc curve = roc(made({{0.6f, true}, {0.9f, true}, {0.6f, false}, {0.1f, false}, {0.7f, false}}));
+  const double third = 1 / 3.0;
+  EXPECT_EQ(curve.false_positive, (std::vector<double>{0, 0, third, 2 * third, 1}));
+  EXPECT_EQ(curve.true_positive, (std::vector<double>{0, 0.5, 0.5, 1, 1}));
+  EXPECT_NEAR(curve.auc, (0.5 + 0.75 + 1) / 3, 1e-12);
+  EXPECT_TRUE(std::isnan(roc(made({{1, true}, {2, true}})).auc));
+  EXPECT_TRUE(std::isnan(roc({}).auc));
 }
 
 TEST(Intervals, WilsonAsPublished) {

@@ -84,6 +84,7 @@ TEST(VprTool, FeaturesNeedNoEncoder) {
     EXPECT_TRUE(contains(svg, "recall"));
     EXPECT_TRUE(contains(svg, "</svg>"));
     EXPECT_FALSE(contains(svg, "nan"));
+    EXPECT_TRUE(contains(contents(output / ("roc-fall-" + method + ".svg")), "right answers accepted"));
   }
   const cv::Mat picture = cv::imread(output / "similarity-features-16-own-fall-nearest.png");
   EXPECT_EQ(picture.size(), cv::Size(60, 60));
@@ -107,6 +108,25 @@ TEST(VprTool, MatchesInsteadOfIndex) {
   const Ended outside = vpr(common);
   EXPECT_EQ(outside.status, 1);
   EXPECT_TRUE(contains(outside.text, "truth.txt:52"));
+}
+
+TEST(VprTool, RightAnswersWithinMetres) {
+  const auto recall = [](const std::string& truth) {
+    const Folder output;
+    const Ended ended =
+        vpr("--synthetic-images 0 --synthetic-frames 100 --query night --output " + output.path() + truth);
+    EXPECT_EQ(ended.status, 0) << ended.text;
+    const auto results = nlohmann::json::parse(contents(output / "results.json"));
+    EXPECT_TRUE(contains(contents(output / "index.html"), results["ground_truth"].get<std::string>()));
+    EXPECT_LE(results["rows"][0]["recall_10"], results["rows"][0]["recall_20"]);
+    return results["rows"][0]["recall_1"].get<double>();
+  };
+  // Frames lie 10 m apart, a little more or less.
+  const double exact = recall(" --tolerance 0");
+  EXPECT_EQ(recall(" --radius 1"), exact);
+  EXPECT_EQ(recall(" --radius 15"), recall(" --tolerance 1"));
+  EXPECT_LT(exact, 1);
+  EXPECT_EQ(recall(" --radius 5000"), 1);
 }
 
 TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
@@ -137,6 +157,7 @@ TEST(VprTool, ComplainsInOneLine) {
   complaint("--slowest 2 --fastest 1", 1);
   complaint("--measure hamming", 2);
   complaint("--tolerance -1", 2);
+  EXPECT_TRUE(contains(complaint("--radius 5", 1), "--radius"));
   EXPECT_TRUE(contains(complaint("--query spring", 1), "fall, summer"));
   EXPECT_TRUE(contains(complaint("--encoder hog", 1), "--encoder"));
   complaint("--output " + data.path() + "/summer.csv/below", 1);
@@ -150,6 +171,11 @@ TEST(VprTool, PicturesGoThroughTheDefaultEncoder) {
   const auto row = nlohmann::json::parse(contents(output / "results.json"))["rows"][0];
   EXPECT_EQ(row["encoder"], kDefaultEncoder);
   EXPECT_GT(row["recall_1"].get<double>(), 0.8);
+  // The page shows queries beside answers and truth: twelve columns of three pictures.
+  const std::string matches = "matches-" + std::string(kDefaultEncoder) + "-16-running-fall-nearest.jpg";
+  EXPECT_TRUE(contains(contents(output / "index.html"), matches));
+  const cv::Mat sheet = cv::imread(output / matches);
+  EXPECT_EQ(sheet.cols, 12 * (160 + 2 * 4 + 6));
 }
 
 TEST(VprTool, PicturesThroughAnEncoderAndAStore) {

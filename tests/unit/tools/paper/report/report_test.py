@@ -16,7 +16,7 @@ sys.path += [str(ROOT / "tools/paper/report"), str(ROOT / "tools/vpr")]
 import charts
 import curves
 import estimates
-import precision_recall
+import recognition_page
 import report
 import trials
 from page import Page
@@ -125,16 +125,26 @@ class ThePage(TemporaryFolder):
         self.assertEqual(markers(charts.Line("a", [0, 0.5, 1], [0, math.nan, 1])), [("None", 2)])
         self.assertEqual(markers(charts.Line("a", [0, 0.5, 1], [0, math.nan, 1], dots=True)), [("o", 2)])
 
-    def test_precision_recall_curves_have_a_file_for_each_query_and_method(self) -> None:
+    def test_recognition_has_a_page_and_curves_for_each_query_and_method(self) -> None:
         curve = {"encoder": "hog", "dimension": 64, "centring": "own", "method": "csls+sequence", "query": "./night",
-                 "file": "pr---night-csls-sequence.svg", "auc": 0.5, "recall": [0.5, 1], "precision": [1, 0.5]}
-        (self.folder / "results.json").write_text('{"reference": "day"}')
-        empty = {**curve, "recall": [], "precision": []}
+                 "file": "pr---night-csls-sequence.svg", "auc": 0.5, "recall": [0.5, 1], "precision": [1, 0.5],
+                 "roc_file": "roc---night-csls-sequence.svg", "roc_auc": 0.75, "false_positive": [0, 0.5, 1],
+                 "true_positive": [0, 1, 1], "matches": "matches-a.jpg"}
+        row = {**dict.fromkeys(recognition_page.COLUMNS, 0.125), "query": "<night>", "roc_auc": None}
+        results = {"reference": "day", "ground_truth": "frames within 5 m", "command": "vpr", "rows": [row]}
+        (self.folder / "results.json").write_text(json.dumps(results))
+        empty = {**curve, "recall": [], "precision": [], "roc_auc": None, "false_positive": [], "true_positive": []}
+        del empty["matches"]
         (self.folder / "curves.json").write_text(json.dumps({"curves": [curve, empty]}))
-        precision_recall.draw(self.folder)
+        recognition_page.main(self.folder)
         svg = (self.folder / "pr---night-csls-sequence.svg").read_text()
         self.assertIn("day as reference, ./night as query, csls+sequence", svg)
         self.assertIn("hog 64, own, AUC 0.500", svg)
+        self.assertIn("hog 64, own, area 0.750", (self.folder / "roc---night-csls-sequence.svg").read_text())
+        html = (self.folder / "index.html").read_text()
+        for part in ("&lt;night&gt;", "frames within 5 m", "<td>-</td>", 'src="pr---night', 'src="roc---night'):
+            self.assertIn(part, html)
+        self.assertEqual(html.count('src="matches-a.jpg"'), 1)
 
 
 class Estimates(unittest.TestCase):

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "encoder_service/recognition/evaluation.h"
+#include "env_service/dataset_io/traversal.h"
+
+namespace citylearn::vpr {
+
+/// A JPEG of up to `most` queries spread over the traversal, a column each: the query's picture, the most similar one
+/// of the reference in a frame (green when it is right, red when it is wrong), and a right one. What does not exist is
+/// left white. Both traversals must have pictures. Throws Error, Stopped.
+std::string matches_jpeg(const Traversal& reference, const Traversal& query, const Answers& answers,
+                         const GroundTruth& truth, int most = 12);
+
+}  // namespace citylearn::vpr
