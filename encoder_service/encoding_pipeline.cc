@@ -165,6 +165,9 @@ bool EncodingPipeline::restore_encoder(const std::string& path) {
 void EncodingPipeline::finish_training_sample() {
   EncodedTraversal* traversal = reference();
   if (!sampling_ || encoder_ready_ || !traversal || traversal->images.missing() > 0 || training_sample_.empty()) return;
+  // Two encoder_services learn the same only if they see the same in the same order; pictures arrive in any.
+  std::sort(training_sample_.begin(), training_sample_.end(),
+            [](const FetchedImage& a, const FetchedImage& b) { return a.frame < b.frame; });
   auto images = std::make_shared<std::vector<FetchedImage>>(std::move(training_sample_));
   training_sample_.clear();
   traversal->bytes = 0;

@@ -50,12 +50,14 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
     for (const char* key : {"completed", "spl", "excess", "mean_steps", "shortest_mean", "reward"})
       EXPECT_TRUE(score[key].is_number()) << key;
   }
-  ASSERT_EQ(summary["controls"].size(), 4u);
+  ASSERT_EQ(summary["controls"].size(), 5u);
   const Json& controls = summary["controls"];
   EXPECT_EQ(controls["shortest_path"]["summer"]["spl"], 1.0);
   EXPECT_EQ(controls["blind"]["fall"]["completed"], 1.0);
   EXPECT_NEAR(controls["blind"]["fall"]["spl"], 0.852, 0.04);
   EXPECT_GT(controls["sequence_filter"]["fall"]["spl"], 0.95);
+  EXPECT_EQ(controls["oracle_filter"]["summer"], controls["sequence_filter"]["summer"]) << "both know summer";
+  EXPECT_GE(controls["oracle_filter"]["fall"]["spl"], controls["sequence_filter"]["fall"]["spl"]);
   EXPECT_EQ(controls["blind"]["summer"], controls["blind"]["fall"]) << "a blind policy on the same tasks";
   // Every episode of the evaluations is on record, once.
   const std::string log = run.folder() / "out/episodes.csv";
