@@ -61,7 +61,7 @@ TEST_P(Vendors, TrainEvaluateAndReport) {
   EXPECT_EQ(controls["blind"]["summer"], controls["blind"]["fall"]) << "a blind policy on the same tasks";
   // Every episode of the evaluations is on record, once.
   const std::string log = run.folder() / "out/episodes.csv";
-  EXPECT_EQ(occurrences(contents(log), ",fall,1,"), 5 * 300);
+  EXPECT_EQ(occurrences(contents(log), ",fall,1,"), 6 * 300);
   in_csv(log);
   EXPECT_TRUE(Json::parse(contents(run.folder() / "out/manifest.json"))["traversals"].contains("summer"));
   EXPECT_TRUE(contains(policy->output(), "SPL")) << "the final table";

@@ -100,7 +100,8 @@ TEST_F(Tutorial, KeepsItsPromises) {
   EXPECT_GE(summary["evaluate"]["summer"]["spl"].get<double>(), std::stod(promised[1]));
   EXPECT_GE(summary["evaluate"]["fall"]["spl"].get<double>(), std::stod(promised[2]));
   EXPECT_LT(summary["controls"]["blind"]["fall"]["spl"].get<double>(), std::stod(promised[2]) - 0.02);
-  EXPECT_LT(summary["controls"]["shuffled"]["fall"]["spl"].get<double>(), 0.7);
+  EXPECT_LT(summary["controls"]["shuffled"]["fall"]["spl"].get<double>(),
+            summary["controls"]["blind"]["fall"]["spl"].get<double>());
 }
 
 /// The page's last step: the folder it names is where CMake looks for learners, and has no file of that name yet.
