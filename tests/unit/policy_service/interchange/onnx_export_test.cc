@@ -112,8 +112,6 @@ std::vector<Case> cases() {
     const bool pictures = entry->name == "raw_images";
     if (pictures)  // three layers more, of sums over up to 2,592 numbers
       all.push_back({entry->name, {}, 84 * 84 * 3, 16, 5e-5});
-    else if (entry->name == "place_memory")  // its attention takes similarities times 30
-      all.push_back({entry->name, {}, 64, 128, 5e-4});
     else
       all.push_back({entry->name});
   }
