@@ -71,6 +71,21 @@ class Motion {
     to = (1 - kidnap_) * ((1 - slip_) * once_ + slip_ / 2 * (from + twice_));
     to.array() += kidnap_ / static_cast<S>(from.size());
   }
+  /// Moves scores, of which the belief is the softmax. Places where nothing can be get `never`.
+  template <class From, class To>
+  void move_scores(std::uint8_t action, const From& from, To&& to, S never) {
+    if (exact()) {
+      shift(action, from, to, never);
+      return;
+    }
+    odds_ = (from.array() - from.maxCoeff()).exp();
+    odds_ /= odds_.sum();
+    moved_.resize(odds_.size());
+    move(action, odds_, moved_);
+    to = (moved_.array() > 0).select(moved_.array().log(), never);
+  }
+  /// Returns the belief that move_scores() moved last; only where the motion is not exact.
+  const Vector<S>& moved() const { return moved_; }
   /// Sets `to` to the transpose of move()'s linear part times `from`.
   template <class From, class To>
   void unmove(std::uint8_t action, const From& from, To&& to) {
@@ -91,7 +106,7 @@ class Motion {
 
   S slip_, kidnap_;
   std::vector<int> turns_;
-  Vector<S> once_, twice_;
+  Vector<S> once_, twice_, odds_, moved_;
 };
 
 }  // namespace citylearn

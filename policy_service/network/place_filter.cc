@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "policy_service/network/place_filter.h"
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -11,6 +13,8 @@
 
 namespace citylearn {
 namespace {
+
+using namespace place_filter;
 
 /// A differentiable Bayes filter over the route's places with a decision head, both trained by the learner's loss
 /// (after the histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu & Lee, 2018). It is given as knowledge:
@@ -111,14 +115,15 @@ class PlaceFilter : public AgentNetwork<S> {
         score.head(inputs.frames).setZero();
         work.step(column) = 0;
       } else if (column < agents) {
-        move(previous, state.col(column).head(places_), work, column);
+        work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
         work.step(column) = state(places_, column) + 1;
       } else {
-        move(previous, work.score.col(column - agents), work, column);
+        work.motion.move_scores(previous, work.score.col(column - agents), score, kNever);
         work.step(column) = work.step(column - agents) + 1;
       }
+      if (!motion_.exact() && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
       score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
-      exclude(inputs.goal[index], inputs.frames, allowed, score);
+      exclude(inputs.goal[index], inputs.frames, allowed, S(kExclusion), score);
       auto belief = work.belief.col(column);
       belief = (score.array() - score.maxCoeff()).exp();
       belief /= belief.sum();
@@ -245,18 +250,14 @@ class PlaceFilter : public AgentNetwork<S> {
   }
 
  private:
-  enum { kEvidence, kTempering, kNearness, kTurning, kDirectness, kScalars };
   /// The head's inputs: on a line 2 S(before), 2 S(after), then these.
-  enum { kScales = 8, kSharpness = 2 + 2 * kScales, kMask, kInputs = kMask + 2 * kActions };
+  enum { kSharpness = 2 + 2 * kScales, kMask, kInputs = kMask + 2 * kActions };
   enum : std::uint8_t { kByNext = 1, kByPrevious = 2, kByTurning = 4 };
   struct Way {
     int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
     std::uint8_t way, action;
   };
   static constexpr Way kWays[] = {{0, kByNext, kNext}, {1, kByPrevious, kPrevious}, {kInputs, kByTurning, kStay}};
-  // Scores that no evidence outweighs: it adds up to less than s (1 + log(1 + h N) / h), 1000 on the longest routes.
-  static constexpr S kExclusion = 1000, kNever = -100 * kExclusion;
-
   struct Scalars {
     S evidence, tempering, nearness, turning, directness;
   };
@@ -295,32 +296,6 @@ class PlaceFilter : public AgentNetwork<S> {
   }
   static Turning turning(const Scalars& s, std::uint8_t previous) {
     return {previous == kPrevious ? s.turning : S(1), previous == kNext ? s.turning : S(1)};
-  }
-
-  /// Sets the scores of a column to those before it, moved.
-  template <class Before>
-  void move(std::uint8_t action, const Before& before, Work& work, std::ptrdiff_t column) const {
-    auto score = work.score.col(column);
-    if (motion_.exact()) {
-      motion_.shift(action, before, score, kNever);
-      return;
-    }
-    work.column = (before.array() - before.maxCoeff()).exp();
-    work.column /= work.column.sum();
-    auto moved = work.moved.col(column);
-    work.motion.move(action, work.column, moved);
-    score = (moved.array() > 0).select(moved.array().log(), kNever);
-  }
-
-  template <class Score>
-  static void exclude(std::ptrdiff_t goal, std::ptrdiff_t frames, std::uint8_t allowed, Score&& score) {
-    const auto only = [&](std::ptrdiff_t end, bool here) {
-      if (here) score.array() -= kExclusion;
-      score(end) += here ? kExclusion : -kExclusion;
-    };
-    only(0, !(allowed >> kPrevious & 1));
-    only(frames - 1, !(allowed >> kNext & 1));
-    score(goal) -= kExclusion;
   }
 
   /// Those that the route has: no turning on a line.

@@ -6,6 +6,7 @@
 #include "core/task/route_map.h"
 #include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/motion.h"
+#include "policy_service/network/place_filter.h"
 #include "policy_service/rollout/control.h"
 
 namespace citylearn {
@@ -65,10 +66,11 @@ class SequenceFilter : public Policy {
         belief.setZero();
         steps_[i] = 0;
       } else {
-        move(belief, previous);
+        before_ = belief;
+        motion_.move_scores(previous, before_, belief, kNever);
       }
       belief += evidence_ / (1 + tempering_ * steps_[i]++) * similarity_.col(agent).cast<double>();
-      exclude(belief, goal, allowed);
+      exclude(goal, task_.frames, allowed, kExclusion, belief);
       odds_ = (belief.array() - belief.maxCoeff()).exp();
       choice[i] = task_.turns.empty() ? on_the_line(goal, previous, allowed) : on_the_map(goal, allowed);
     }
@@ -77,29 +79,6 @@ class SequenceFilter : public Policy {
  private:
   // Beliefs are logarithms. Nothing that is seen outweighs an exclusion.
   static constexpr double kExclusion = 1e4, kNever = -100 * kExclusion;
-
-  void move(Eigen::Ref<Eigen::VectorXd> belief, std::uint8_t action) {
-    if (motion_.exact()) {
-      moved_ = belief;
-      motion_.shift(action, moved_, belief, kNever);
-      return;
-    }
-    odds_ = (belief.array() - belief.maxCoeff()).exp();
-    odds_ /= odds_.sum();
-    moved_.resize(odds_.size());
-    motion_.move(action, odds_, moved_);
-    belief = (moved_.array() > 0).select(moved_.array().log(), kNever);
-  }
-
-  static void exclude(Eigen::Ref<Eigen::VectorXd> belief, int goal, std::uint8_t allowed) {
-    const auto only = [&](std::ptrdiff_t end, bool here) {
-      if (here) belief.array() -= kExclusion;
-      belief(end) += here ? kExclusion : -kExclusion;
-    };
-    only(0, !(allowed >> kPrevious & 1));
-    only(belief.size() - 1, !(allowed >> kNext & 1));
-    belief(goal) -= kExclusion;
-  }
 
   std::uint8_t on_the_line(int goal, std::uint8_t previous, std::uint8_t allowed) const {
     const std::ptrdiff_t rest = odds_.size() - goal - 1;
@@ -140,7 +119,7 @@ class SequenceFilter : public Policy {
   Matrix<float> seen_, similarity_;            ///< D x agents, N x agents
   Matrix<double> belief_;                      ///< N x agents
   std::vector<int> steps_;                     ///< by agent, of its episode
-  Vector<double> moved_, odds_;                ///< N
+  Vector<double> before_, odds_;               ///< N
   std::map<int, std::vector<int>> distances_;  ///< by goal, on a map
 };
 

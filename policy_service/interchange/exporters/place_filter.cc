@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "policy_service/network/place_filter.h"
+
 #include <cmath>
 #include <limits>
 
@@ -9,10 +11,7 @@
 namespace citylearn {
 namespace {
 
-// As in the network: rows of filter.scalars, the number of masses by distance on each side, scores.
-enum { kEvidence, kTempering, kNearness, kTurning, kDirectness };
-constexpr int kScales = 8;
-constexpr float kExclusion = 1000, kNever = -100 * kExclusion;
+using namespace place_filter;
 
 /// As networks/place_filter.cc.
 std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, const TrainedAgent& agent) {

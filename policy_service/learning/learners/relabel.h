@@ -27,8 +27,8 @@ inline int choose_goal(const Replay& replay, std::size_t slot, int begin, double
 /// Replays a stored sequence with other goals, as agent b of half of a minibatch (L + 1 steps). What was seen and done
 /// stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
 /// goal is reached, the steps allowed are used up, or the real episode ended, as the frames' disguise changes there. In
-/// `told` says what the rewards are for the learner. In
-/// the latter two cases the walk stops for one column to value what the episode would have gone on with.
+/// the latter two cases the walk stops for one column to value what the episode would have gone on with. The learner
+/// gets each reward as `told` says.
 inline void relabel(const Replay& replay, std::size_t slot, double visited, const Rollout& told, Random& random, int b,
                     GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
   const int length = replay.sequence();

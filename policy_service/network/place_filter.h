@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "core/task/action.h"
+
+namespace citylearn {
+
+/// What place_filter and its exporter have in common.
+namespace place_filter {
+
+enum { kEvidence, kTempering, kNearness, kTurning, kDirectness, kScalars };  ///< rows of filter.scalars
+constexpr int kScales = 8;                                                   ///< masses by distance, on each side
+
+// Scores that no evidence outweighs: it adds up to less than s (1 + log(1 + h N) / h), 1000 on the longest routes.
+constexpr float kExclusion = 1000, kNever = -100 * kExclusion;
+
+}  // namespace place_filter
+
+/// Takes `exclusion` from the scores of places where an agent on its way cannot be: the goal, an end of the route's
+/// `frames` places that the actions allowed do not show, and all but the end that they do.
+template <class Score>
+void exclude(std::ptrdiff_t goal, std::ptrdiff_t frames, std::uint8_t allowed, typename Score::Scalar exclusion,
+             Score& score) {
+  const auto only = [&](std::ptrdiff_t end, bool here) {
+    if (here) score.array() -= exclusion;
+    score(end) += here ? exclusion : -exclusion;
+  };
+  only(0, !(allowed >> kPrevious & 1));
+  only(frames - 1, !(allowed >> kNext & 1));
+  score(goal) -= exclusion;
+}
+
+}  // namespace citylearn
