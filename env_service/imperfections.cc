@@ -107,22 +107,19 @@ void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const
         })
         ->type_name("P");
   };
+  const auto count = [&](const char* name, int& value, const char* unit, const char* help) {
+    app.add_option(name, value, help)->capture_default_str()->check(CLI::Range(0, 1000))->type_name(unit);
+  };
   probability("--slip", imperfections.slip,
               "Probability that an action slips: it is done never or twice, which are as likely");
   probability("--dropped-frames", imperfections.dropped_frames,
               "Probability that after a step the agent sees the frame that it saw before");
-  app.add_option("--kidnappings", imperfections.kidnappings,
-                 "How often in each episode the agent is carried to another place, never its goal, without being told")
-      ->capture_default_str()
-      ->check(CLI::Range(0, 1000))
-      ->type_name("N");
+  count("--kidnappings", imperfections.kidnappings, "N",
+        "How often in each episode the agent is carried to another place, never its goal, without being told");
   probability("--blurred-frames", imperfections.blurred_frames,
               "Share of the pictures that are blurred, the same ones at each visit; features are refused");
-  app.add_option("--uneven-speed", imperfections.uneven_speed,
-                 "Frames that the recording is ahead or behind of its places at most, as if driven at uneven speed")
-      ->capture_default_str()
-      ->check(CLI::Range(0, 1000))
-      ->type_name("FRAMES");
+  count("--uneven-speed", imperfections.uneven_speed, "FRAMES",
+        "Frames that the recording is ahead or behind of its places at most, as if driven at uneven speed");
   app.add_option("--recording-seed", imperfections.recording_seed,
                  "Chooses which pictures are blurred and where the speed changes")
       ->capture_default_str();
