@@ -34,16 +34,18 @@ std::vector<double> velocities_between(double slowest, double fastest, int lengt
 
 Eigen::MatrixXf sequence_similarity(const Eigen::Ref<const Eigen::MatrixXf>& similarity,
                                     const SequenceOptions& options) {
-  if (options.length < 1 || options.length % 2 == 0) throw Error("a centred sequence has an odd number of frames");
+  if (options.length < 1 || (!options.causal && options.length % 2 == 0))
+    throw Error("a centred sequence has an odd number of frames");
   const Eigen::Index rows = similarity.rows(), columns = similarity.cols();
-  const int half = options.length / 2;
+  const int before = options.causal ? options.length - 1 : options.length / 2;
+  const int after = options.causal ? 0 : before;
   Eigen::MatrixXf best = Eigen::MatrixXf::Constant(rows, columns, -std::numeric_limits<float>::infinity());
   Eigen::VectorXf sum(rows), count(rows);
-  for (const double velocity : velocities_between(options.slowest, options.fastest, half))
+  for (const double velocity : velocities_between(options.slowest, options.fastest, before))
     for (Eigen::Index q = 0; q < columns; ++q) {
       sum.setZero();
       count.setZero();
-      for (Eigen::Index k = std::max<Eigen::Index>(-half, -q); k <= std::min<Eigen::Index>(half, columns - 1 - q);
+      for (Eigen::Index k = std::max<Eigen::Index>(-before, -q); k <= std::min<Eigen::Index>(after, columns - 1 - q);
            ++k) {
         const Eigen::Index shift = std::lround(velocity * static_cast<double>(k));
         const Eigen::Index inside = rows - std::abs(shift);

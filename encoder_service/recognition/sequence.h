@@ -7,7 +7,8 @@
 namespace citylearn {
 
 struct SequenceOptions {
-  int length = 21;  ///< frames of a sequence, odd: as many before the frame as after it
+  int length = 21;      ///< frames of a sequence, odd: as many before the frame as after it
+  bool causal = false;  ///< all others before the frame, none after it; `length` may be even then
   /// Reference frames passed per query frame; of several the best counts.
   double slowest = 1;
   double fastest = 1;
@@ -15,7 +16,8 @@ struct SequenceOptions {
 
 /// Mean similarity along the straight line through each entry of an R x Q similarity, over a sequence centred there:
 /// S'(r, q) = max over v of mean over k = -h..h of S(r + round(v k), q + k). At the matrix's edges the mean is over the
-/// part of the line that is inside. Looks h frames ahead. Throws Error: an even length, or velocities not in 0.1..10.
+/// part of the line that is inside. Looks h frames ahead; a causal sequence, k = 1 - length..0, does not. Throws Error:
+/// an even length of a centred sequence, or velocities not in 0.1..10.
 Eigen::MatrixXf sequence_similarity(const Eigen::Ref<const Eigen::MatrixXf>& similarity,
                                     const SequenceOptions& options);
 

@@ -62,10 +62,13 @@ class Evaluation {
   int run() {
     bool stopped = false;
     try {
-      if (reference_.images)
-        for (const auto& [name, encoder] : encoders_) run_encoder(name, *encoder);
-      else
-        run_features();
+      std::vector<Part> parts;
+      if (!reference_.images) parts.push_back(features_part());
+      for (const auto& [name, encoder] : encoders_) {
+        parts.push_back(encoded_part(name, *encoder));
+        if (!options_.together) run_parts(std::exchange(parts, {}));
+      }
+      if (!parts.empty()) run_parts(parts);
     } catch (const Stopped&) {
       stopped = true;
     }
@@ -156,45 +159,67 @@ class Evaluation {
     }
   }
 
-  void run_encoder(const std::string& label, Encoder& encoder) {
+  /// All frames by one encoder.
+  struct Part {
+    std::string label, name;
+    Descriptors reference;
+    std::vector<Descriptors> queries;
+  };
+
+  Part encoded_part(const std::string& label, Encoder& encoder) const {
     fit_encoder(encoder, reference_);
-    const Descriptors reference = encode(encoder, reference_, label, options_.store);
-    std::vector<Descriptors> queries;
-    for (const Traversal& query : queries_) queries.push_back(encode(encoder, query, label, options_.store));
-    run_descriptors(label, encoder.spec().name, reference, queries);
+    Part part{label, encoder.spec().name, encode(encoder, reference_, label, options_.store), {}};
+    for (const Traversal& query : queries_) part.queries.push_back(encode(encoder, query, label, options_.store));
+    return part;
   }
 
-  void run_features() {
-    std::vector<Descriptors> queries;
-    for (const Traversal& query : queries_) queries.push_back(features_of(query));
-    run_descriptors("features", "features of " + options_.source.dataset, features_of(reference_), queries);
+  Part features_part() const {
+    Part part{"features", "features of " + options_.source.dataset, features_of(reference_), {}};
+    for (const Traversal& query : queries_) part.queries.push_back(features_of(query));
+    return part;
   }
 
-  void run_descriptors(const std::string& label, const std::string& name, const Descriptors& reference,
-                       const std::vector<Descriptors>& queries) {
-    const Eigen::Index most = std::min<Eigen::Index>(reference.matrix.rows(), reference.matrix.cols() - 1);
+  /// Several parts count alike: each frame's features are the parts' ones, each of length 1, one below the other.
+  void run_parts(const std::vector<Part>& parts) {
+    Eigen::Index most = parts.front().reference.matrix.cols() - 1;
+    std::string label, name;
+    for (const Part& part : parts) {
+      most = std::min(most, part.reference.matrix.rows());
+      label += (label.empty() ? "" : "+") + part.label;
+      name += (name.empty() ? "" : " + ") + part.name;
+    }
     for (const std::string& centring : options_.centrings)
       for (const int dimension : options_.dimensions) {
         if (stop_requested()) throw Stopped{};
         if (dimension > most) {
-          spdlog::warn("{}: no PCA to {} dimensions from {} of {} frames: left out", label, dimension,
-                       reference.matrix.rows(), reference.matrix.cols());
+          spdlog::warn("{}: no PCA to {} dimensions, as {} are the most: left out", label, dimension, most);
           continue;
         }
         const Clock::time_point start = Clock::now();
         // Neither a mean nor a PCA: the descriptors as they are, lengths and all.
         const bool raw = centring == "none" && dimension == 0;
-        Reduction reduction;
-        if (!raw)
-          reduction = Reduction::learn(
-              reference.matrix,
+        std::vector<Reduction> reductions(parts.size());
+        for (std::size_t i = 0; i < parts.size() && !raw; ++i)
+          reductions[i] = Reduction::learn(
+              parts[i].reference.matrix,
               {.centring = centring_of(centring), .dimension = dimension, .whitening = options_.whitening});
-        const auto reduce = [&](const Eigen::MatrixXf& all) { return raw ? all : reduction.apply(all); };
-        const Eigen::MatrixXf reduced = reduce(reference.matrix);
+        const auto reduce = [&](const auto& descriptors_of) {
+          Eigen::MatrixXf all;
+          for (std::size_t i = 0; i < parts.size(); ++i) {
+            const Eigen::MatrixXf& descriptors = descriptors_of(parts[i]).matrix;
+            Eigen::MatrixXf features = raw ? descriptors : reductions[i].apply(descriptors);
+            if (parts.size() == 1) return features;
+            for (auto column : features.colwise()) column.normalize();
+            all.conservativeResize(all.rows() + features.rows(), features.cols());
+            all.bottomRows(features.rows()) = features;
+          }
+          return all;
+        };
+        const Eigen::MatrixXf reduced = reduce([](const Part& part) -> auto& { return part.reference; });
         const double learning = seconds_since(start);
-        for (std::size_t i = 0; i < queries.size(); ++i) {
+        for (std::size_t i = 0; i < queries_.size(); ++i) {
           const Clock::time_point began = Clock::now();
-          const Eigen::MatrixXf query = reduce(queries[i].matrix);
+          const Eigen::MatrixXf query = reduce([i](const Part& part) -> auto& { return part.queries[i]; });
           Row row;
           row.encoder = label;
           row.name = name;
@@ -202,7 +227,7 @@ class Evaluation {
           row.reduced = dimension > 0;
           row.centring = centring;
           row.whitening = dimension > 0 ? options_.whitening : 0;
-          row.encode_seconds = reference.seconds + queries[i].seconds;
+          for (const Part& part : parts) row.encode_seconds += part.reference.seconds + part.queries[i].seconds;
           row.seconds = learning + seconds_since(began);
           for (const Method& method : methods_) run_method(row, method, reduced, query, i);
         }

@@ -20,6 +20,7 @@ struct Options {
   std::string matches;  ///< file of a CSV with columns reference, query; empty: frame i shows the place of frame i
   // Encoding.
   std::vector<std::string> encoders;  ///< empty: the default one, where there are pictures
+  bool together = false;              ///< one encoder of them all, each with the same weight
   std::map<std::string, std::map<std::string, double>> parameters;  ///< those given, by encoder
   EncoderFiles files;
   std::string store;

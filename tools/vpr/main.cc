@@ -29,6 +29,8 @@ void add_encoding(CLI::App& app, vpr::Options& options, CommandLine& line) {
   app.option_defaults()->group(group);
   add_list(app, "--encoder", options.encoders,
            "Encoders: " + encoder_names() + " (" + kDefaultEncoder + "); not for datasets that have features");
+  app.add_flag("--together", options.together,
+               "Recognise by all encoders at once, each with the same weight, instead of by one after the other");
   add_encoder_options(app, options.files, options.parameters, group);
   app.add_option("--store", line.store, "Folder of the feature store; none keeps features in memory only")
       ->type_name("DIR")
@@ -48,11 +50,12 @@ void add_matching(CLI::App& app, vpr::Options& options, CommandLine& line) {
   app.option_defaults()->group("Matching");
   vpr::MatchingOptions& match = options.matching;
   add_list(app, "--method", options.methods,
-           "nearest or mlp, then any of csls, contrast, sequence, seqslam, joined by +, such as csls+sequence");
+           "nearest or mlp, then any of csls, contrast, sequence, past, seqslam, joined by +, such as csls+sequence");
   app.add_option("--measure", line.measure, "How features are compared: cosine, l2, l1")
       ->check(CLI::IsMember({"cosine", "l2", "l1"}));
   app.add_option("--sequence", match.sequence, "Length of a sequence in frames, odd")->check(CLI::Range(1, 999));
-  app.add_option("--slowest", match.slowest, "Slowest speed of sequence, in reference frames per query frame")
+  app.add_option("--past", match.past, "How many earlier frames past takes with each frame")->check(CLI::Range(1, 999));
+  app.add_option("--slowest", match.slowest, "Slowest speed of sequence and past, in reference frames per query frame")
       ->check(CLI::Range(0.1, 10.0));
   app.add_option("--fastest", match.fastest, "Fastest speed of sequence, likewise")->check(CLI::Range(0.1, 10.0));
   app.add_option("--contrast-window", match.window, "Window of contrast and seqslam, in reference frames")

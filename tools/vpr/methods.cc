@@ -28,10 +28,10 @@ Eigen::MatrixXf classified(const Eigen::MatrixXf& reference, const Eigen::Matrix
 
 Method::Method(const std::string& chain) : name_(chain) {
   std::stringstream text(chain);
-  const std::string known = "nearest or mlp, then csls, contrast, sequence, seqslam, joined by +";
+  const std::string known = "nearest or mlp, then csls, contrast, sequence, past, seqslam, joined by +";
   for (std::string step; std::getline(text, step, '+');) {
     const bool source = step == "nearest" || step == "mlp";
-    if (!source && step != "csls" && step != "contrast" && step != "sequence" && step != "seqslam")
+    if (!source && step != "csls" && step != "contrast" && step != "sequence" && step != "past" && step != "seqslam")
       throw Error("unknown method '" + step + "'", "--method", "known: " + known);
     if (source && !steps_.empty()) throw Error(step + " can only come first in '" + chain + "'", "--method", known);
     if (!steps_.empty() && steps_.back() == "seqslam")
@@ -52,9 +52,11 @@ Method::Result Method::run(const Eigen::MatrixXf& reference, const Eigen::Matrix
     if (step == "mlp") scores = classified(reference, query, options);
     if (step == "csls") scores = csls(scores, options.neighbours);
     if (step == "contrast") scores = -local_contrast(-scores.cast<double>(), options.window).cast<float>();
-    if (step == "sequence")
-      scores = sequence_similarity(
-          scores, {.length = options.sequence, .slowest = options.slowest, .fastest = options.fastest});
+    if (step == "sequence" || step == "past")
+      scores = sequence_similarity(scores, {.length = step == "past" ? options.past + 1 : options.sequence,
+                                            .causal = step == "past",
+                                            .slowest = options.slowest,
+                                            .fastest = options.fastest});
   }
   if (steps_.back() != "seqslam") {
     result.answers = answers(scores, truth);

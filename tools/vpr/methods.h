@@ -15,7 +15,8 @@ namespace citylearn::vpr {
 struct MatchingOptions {
   Measure measure = Measure::kCosine;
   int sequence = 21;   ///< frames of "sequence"; "seqslam" has one less before and after, as its length is even
-  double slowest = 1;  ///< reference frames per query frame, for "sequence"
+  int past = 5;        ///< frames before the query of "past"
+  double slowest = 1;  ///< reference frames per query frame, for "sequence" and "past"
   double fastest = 1;
   int window = 10;      ///< of the local contrast
   int neighbours = 10;  ///< of CSLS
@@ -25,7 +26,7 @@ struct MatchingOptions {
 };
 
 /// A chain of steps, "csls+sequence": a source of similarities (nearest or mlp; nearest when none is named), then any
-/// of csls, contrast, sequence in the order given, then perhaps seqslam.
+/// of csls, contrast, sequence, past in the order given, then perhaps seqslam.
 class Method {
  public:
   /// Throws Error: unknown steps, or a step where it cannot stand.

@@ -106,6 +106,16 @@ TEST(Sequence, MeanAlongTheDiagonalCutAtTheEdges) {
   EXPECT_EQ(sequence_similarity(similarity, {.length = 1}), similarity);
 }
 
+TEST(Sequence, ACausalOneSeesNothingOfLaterFrames) {
+  Eigen::MatrixXf similarity = (Eigen::MatrixXf(3, 3) << 1, 2, 3, 4, 5, 6, 7, 8, 9).finished();
+  const Eigen::MatrixXf past = sequence_similarity(similarity, {.length = 2, .causal = true});
+  EXPECT_FLOAT_EQ(past(1, 1), 3);  // (1 + 5) / 2
+  EXPECT_FLOAT_EQ(past(2, 0), 7);  // nothing before it
+  EXPECT_FLOAT_EQ(past(0, 2), 3);
+  similarity.col(2).setConstant(100);
+  EXPECT_EQ(sequence_similarity(similarity, {.length = 2, .causal = true}).leftCols(2), past.leftCols(2));
+}
+
 /// Noise, and a faint line from (first, 0) on that climbs by `velocity`: too faint to be seen in a single frame.
 Eigen::MatrixXf faint_line(int rows, int columns, int first, double velocity) {
   Random random(7);
