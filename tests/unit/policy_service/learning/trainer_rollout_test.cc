@@ -60,7 +60,7 @@ TEST(Trainer, CollectsWhatHappened) {
   const Traversal city = small_city();
   TrainerOptions options = recorded("features");
   options.max_steps = 6;
-  options.trainer_parameters["noise-frame"] = options.trainer_parameters["noise-episode"] = 0;
+  for (const char* noise : {"noise-frame", "noise-place", "noise-episode"}) options.trainer_parameters[noise] = 0;
   Loop loop(city, options);
   loop.update();
   loop.update();  // the second segment begins in the midst of episodes
@@ -127,7 +127,7 @@ TEST(Trainer, DisguisesFramesTheSameWayAllThroughAnEpisode) {
     SCOPED_TRACE(noise);
     const Traversal city = small_city();
     TrainerOptions options = recorded("features");
-    options.trainer_parameters["noise-frame"] = options.trainer_parameters["noise-episode"] = 0;
+    for (const char* noise : {"noise-frame", "noise-place", "noise-episode"}) options.trainer_parameters[noise] = 0;
     options.trainer_parameters[noise] = 2;
     Loop loop(city, options);
     loop.update();
