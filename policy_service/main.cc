@@ -111,7 +111,13 @@ int main(int argc, char** argv) {
 
     app.option_defaults()->group("Task");
     // env_services announce recordings under such names.
-    app.add_option("--train", options.train, "Traversal to learn from")->capture_default_str()->transform(name_from);
+    app.add_option(
+           "--train", options.train,
+           "Traversal to learn from; A,B,... are experiences of one route, which frames of A define: agents learn "
+           "from all of them, and filters remember each")
+        ->default_str("summer")
+        ->delimiter(',')
+        ->transform(name_from);
     app.add_option("--evaluate", options.evaluate,
                    "Traversals to evaluate on, A,B,...; all that are found unless given")
         ->delimiter(',')
@@ -127,7 +133,7 @@ int main(int argc, char** argv) {
         ->capture_default_str()
         ->check(at_least(0));
     app.add_flag("--curriculum", options.curriculum, "Train through the paper's lessons: 4, 8, 16 ... N frames");
-    app.add_option("--environments", options.environments, "env_services on the training traversal to start with")
+    app.add_option("--environments", options.environments, "env_services on each training traversal to start with")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000));
     app.add_flag("--lockstep", options.lockstep,

@@ -15,10 +15,8 @@ std::string route_misfit(const msg::TraversalInfo& info, std::uint32_t first, st
                      std::uint64_t{first} + count - 1);
 }
 
-std::string contents_misfit(const TraversalContents& contents, const TraversalContents& others,
+std::string features_misfit(const TraversalContents& contents, const TraversalContents& others,
                             const std::string& whose) {
-  if (contents.hash != others.hash)
-    return fmt::format("has other contents (hash {:016x}) than {} ({:016x})", contents.hash, whose, others.hash);
   if (contents.feature_dimension != others.feature_dimension)
     return fmt::format("has {} features a frame, {} has {}", contents.feature_dimension, whose,
                        others.feature_dimension);
@@ -27,13 +25,20 @@ std::string contents_misfit(const TraversalContents& contents, const TraversalCo
   return "";
 }
 
+std::string contents_misfit(const TraversalContents& contents, const TraversalContents& others,
+                            const std::string& whose) {
+  if (contents.hash != others.hash)
+    return fmt::format("has other contents (hash {:016x}) than {} ({:016x})", contents.hash, whose, others.hash);
+  return features_misfit(contents, others, whose);
+}
+
 std::string misfit(const msg::TraversalInfo& info, const EnvRequirements& required) {
   const std::string traversal = info.traversal().c_str();
   if (!required.traversals.empty() && !required.traversals.contains(traversal)) return "";
-  if (required.learned && required.learned->traversal == traversal)
-    if (std::string wrong = contents_misfit(contents_of(info), *required.learned, "what the run learns from");
-        !wrong.empty())
-      return wrong;
+  for (const TraversalContents& learned : required.learned)
+    if (learned.traversal == traversal)
+      if (std::string wrong = contents_misfit(contents_of(info), learned, "what the run learns from"); !wrong.empty())
+        return wrong;
   if (required.feature_dimension && info.feature_dimension() != *required.feature_dimension)
     return fmt::format("has {} features a frame, the agent needs {}", info.feature_dimension(),
                        *required.feature_dimension);

@@ -5,6 +5,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "core/wire/messages.h"
 
@@ -27,11 +28,15 @@ struct EnvRequirements {
   std::set<std::string> traversals;                ///< that the run uses; empty: all
   std::uint32_t first_frame = 0, frames = 0;       ///< the route; 0 frames: any
   std::optional<std::uint32_t> feature_dimension;  ///< that the agent needs; unset: any
-  std::optional<TraversalContents> learned;        ///< of the training traversal, once they are known
+  std::vector<TraversalContents> learned;          ///< of the training traversals, once they are known
 };
 
 /// Returns why frames first .. first + count - 1 are not a route on this traversal; empty when they are.
 std::string route_misfit(const msg::TraversalInfo& info, std::uint32_t first, std::uint32_t count);
+
+/// Returns how the features of contents are of another kind than those of `whose`; empty when they are not.
+std::string features_misfit(const TraversalContents& contents, const TraversalContents& others,
+                            const std::string& whose);
 
 /// Returns how contents differ from those of `whose`; empty when they do not.
 std::string contents_misfit(const TraversalContents& contents, const TraversalContents& others,

@@ -118,7 +118,9 @@ const std::vector<std::string>& Trainer::frozen() const { return impl_->frozen; 
 
 // Environments.
 
-void Trainer::add(int environment, int agents) { impl_->collector->add(environment, agents); }
+void Trainer::add(int environment, int agents, int experience) {
+  impl_->collector->add(environment, agents, experience);
+}
 
 void Trainer::remove(int environment) { impl_->collector->remove(environment); }
 

@@ -57,9 +57,8 @@ class Trainer {
   /// Returns the parameters of collecting: segment, sequence, steps, agents, noise-frame, noise-place, noise-episode.
   static std::vector<ParameterSpec> parameter_specs();
 
-  /// Adds an environment, whose number names its random streams. Called again, the environment begins anew and its part
-  /// of the segment is dropped.
-  void add(int environment, int agents);
+  /// Adds an environment, as Collector::add() does.
+  void add(int environment, int agents, int experience = 0);
   void remove(int environment);
   /// Fills in the task of the environment: all fields but header, environment, settings id and run.
   void settings(int environment, msg::TaskSettings& settings) const;

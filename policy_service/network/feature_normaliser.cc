@@ -36,9 +36,20 @@ Vector<float> FeatureNormaliser::seen() const {
   return seen;
 }
 
-Matrix<float> normalised_reference(const Matrix<float>& reference) {
+std::vector<FeatureNormaliser> normalisers_by_experience(const Matrix<float>& reference, int frames) {
+  std::vector<FeatureNormaliser> all;
+  for (std::ptrdiff_t first = 0; first + frames <= reference.cols(); first += frames)
+    all.emplace_back(reference.middleCols(first, frames));
+  return all;
+}
+
+Matrix<float> normalised_reference(const Matrix<float>& reference, int frames) {
   Matrix<float> normalised = reference;
-  FeatureNormaliser(reference).apply(normalised);
+  std::ptrdiff_t first = 0;
+  for (const FeatureNormaliser& normaliser : normalisers_by_experience(reference, frames)) {
+    normaliser.apply(normalised.middleCols(first, frames));
+    first += frames;
+  }
   return normalised;
 }
 

@@ -7,9 +7,10 @@ namespace citylearn {
 
 /// Makes the features seen on one traversal comparable with those of the training traversal, whatever the condition:
 ///   x' = (x - c) / |x - c|,   c = (w m + sum of all x seen so far) / (w + their number),
-/// where m is the mean of the training route's features and w = kPrior. Season, light and camera move all features of a
-/// traversal alike, and c follows that move. Only what was seen before an action, by all agents on the traversal,
-/// changes it: nothing is known of the traversal beforehand. See docs/decisions/0018-normalisation.md.
+/// where m is the mean of the training route's features, of all its experiences, and w = kPrior. Season, light and
+/// camera move all features of a traversal alike, and c follows that move. Only what was seen before an action, by all
+/// agents on the traversal, changes it: nothing is known of the traversal beforehand. See
+/// docs/decisions/0018-normalisation.md.
 class FeatureNormaliser {
  public:
   /// So many frames' weight the training mean has.
@@ -36,8 +37,12 @@ class FeatureNormaliser {
   double count_ = 0;
 };
 
-/// Returns the training route's features as `FeatureNormaliser` gives them before anything was seen: what to compare
-/// normalised features with.
-Matrix<float> normalised_reference(const Matrix<float>& reference);
+/// Returns one FeatureNormaliser for each experience in `reference` (NetworkTask's, `frames` places each), which knows
+/// this one alone: for frames of known experiences.
+std::vector<FeatureNormaliser> normalisers_by_experience(const Matrix<float>& reference, int frames);
+
+/// Returns the training route's features as these give them before anything was seen: what to compare normalised
+/// features with. Each experience is a condition of its own, so its own mean centres it.
+Matrix<float> normalised_reference(const Matrix<float>& reference, int frames);
 
 }  // namespace citylearn

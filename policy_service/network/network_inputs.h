@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -19,10 +20,14 @@ using Vector = Eigen::Matrix<S, Eigen::Dynamic, 1>;
 struct NetworkTask {
   int features = 0;  ///< D
   int frames = 128;  ///< N, places on the route
-  /// D x N, features of the training traversal's route: the place memory of networks that have one.
+  /// D x EN, features of the route as each of E training traversals shows it, the experiences side by side: the place
+  /// memory of networks that have one.
   Matrix<float> reference;
   /// N, where `stay` leads (core/task/route_map.h), for networks that know the map; empty where the route is a line.
   std::vector<int> turns = {};
+
+  /// Returns E; 1 where there is no reference.
+  int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }
 };
 
 /// Observations of B agents over T steps; column t * B + b is agent b at step t.
@@ -34,7 +39,7 @@ struct NetworkInputs {
   int distinct = 0;           ///< U, number of distinct feature vectors
   Matrix<S> features;         ///< D x at least U: each distinct feature vector stands here once
   std::vector<int> seen;      ///< TB, column of `features`
-  std::vector<int> shown;     ///< TB, place whose frame it is, 0..N-1; -1 when the features were augmented
+  std::vector<int> shown;     ///< TB, place whose frame it is, plus `frames` times its experience; -1: augmented
   std::vector<int> goal;      ///< TB, place on the route, 0..N-1
   std::vector<int> position;  ///< TB, place on the route: what the baseline sees, and a target of losses
   std::vector<std::uint8_t> previous_action;  ///< TB, kNoAction at an episode's start

@@ -7,9 +7,9 @@
 #include <span>
 
 #include "core/task/route_map.h"
-#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/layers.h"
 #include "policy_service/network/motion.h"
+#include "policy_service/network/place_keys.h"
 
 namespace citylearn {
 namespace {
@@ -24,8 +24,9 @@ using namespace place_filter;
 /// steps into the episode:
 ///   l moves by the previous action (what falls off is dropped, what enters is excluded; see Motion where the world is
 ///   told to be imperfect),
-///   l_i += s / (1 + h t) (x . K_i), and l_i -= kExclusion for the goal (standing there would have ended the episode)
-///   and wherever the actions allowed would be others.
+///   l_i += s / (1 + h t) (x . K_i), with the K_i most like x where the place was experienced several times, and l_i -=
+///   kExclusion for the goal (standing there would have ended the episode) and wherever the actions allowed would be
+///   others.
 /// What is excluded stays so for the episode, however much else speaks for it. Evidence counts for less the longer the
 /// episode is, because neighbouring frames err alike: h says how much.
 ///
@@ -48,12 +49,9 @@ class PlaceFilter : public AgentNetwork<S> {
       : places_(task.frames),
         units_(parameters.integer("units")),
         inputs_(kInputs + (task.turns.empty() ? 0 : 1)),
-        keys_(normalised_reference(task.reference).template cast<S>().transpose()),
+        keys_(task.reference, task.features, task.frames),
         turns_(task.turns),
         motion_(parameters, task.turns) {
-    if (task.features < 1 || task.reference.rows() != task.features || task.reference.cols() != task.frames)
-      throw Error("needs the features of all " + std::to_string(task.frames) + " frames of the training route",
-                  "reference", "train where the env_service has features, or give it an encoder_service");
     check_turns(turns_, places_);
     if (!turns_.empty()) find_ways();
     log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();
@@ -105,7 +103,7 @@ class PlaceFilter : public AgentNetwork<S> {
     const Scalars s = scalars(parameters);
     work.weights = (-s.nearness * log_distances_).array().exp();
 
-    work.similarity.noalias() = keys_ * inputs.features.leftCols(inputs.distinct);
+    keys_.compare(inputs.features.leftCols(inputs.distinct), places_, work.similarities, work.similarity);
     for (std::ptrdiff_t column = 0; column < columns; ++column) {
       const std::size_t index = static_cast<std::size_t>(column);
       const std::uint8_t previous = inputs.previous_action[index], allowed = inputs.allowed[index];
@@ -276,7 +274,7 @@ class PlaceFilter : public AgentNetwork<S> {
   struct Work : Workspace<S> {
     explicit Work(const Motion<S>& how) : motion(how) {}
     Motion<S> motion;                      // with room for its sums
-    Matrix<S> similarity;                  // N x U
+    Matrix<S> similarities, similarity;    // EN x U; N x U
     Matrix<S> score, belief;               // N x TB
     Matrix<S> by_score;                    // N x TB
     Matrix<S> moved;                       // N x TB, the belief before anything is seen; empty where motion is exact
@@ -338,7 +336,7 @@ class PlaceFilter : public AgentNetwork<S> {
   }
 
   int places_, units_, inputs_;
-  Matrix<S> keys_;           ///< N x D
+  PlaceKeys<S> keys_;
   Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
   std::vector<int> turns_;   ///< N; empty on a line
   Motion<S> motion_;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
 
-#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/lstm.h"
+#include "policy_service/network/place_keys.h"
 
 namespace citylearn {
 namespace {
@@ -21,12 +21,7 @@ class PlaceMemory : public LstmNetwork<S> {
 
  public:
   PlaceMemory(const Parameters& parameters, const NetworkTask& task)
-      : Base(parameters, kSensors),
-        places_(task.frames),
-        keys_(normalised_reference(task.reference).template cast<S>().transpose()) {
-    if (task.features < 1 || task.reference.rows() != task.features || task.reference.cols() != task.frames)
-      throw Error("needs the features of all " + std::to_string(task.frames) + " frames of the training route",
-                  "reference", "train where the env_service has features, or give it an encoder_service");
+      : Base(parameters, kSensors), places_(task.frames), keys_(task.reference, task.features, task.frames) {
     sharpness_ = this->layout_.add("attention.sharpness", 1, 1);
     way_.resize(2 * places_);
     for (int difference = -places_; difference < places_; ++difference)
@@ -53,7 +48,7 @@ class PlaceMemory : public LstmNetwork<S> {
              Eigen::Block<Matrix<S>> embedded) const override {
     Attention& attention = static_cast<Attention&>(work);
     const std::ptrdiff_t places = inputs.frames;
-    attention.similarity.noalias() = keys_.topRows(places) * inputs.features.leftCols(inputs.distinct);
+    keys_.compare(inputs.features.leftCols(inputs.distinct), places, attention.similarities, attention.similarity);
     attention.weights = scale(parameters) * attention.similarity;
     for (std::ptrdiff_t thing = 0; thing < inputs.distinct; ++thing) {
       auto weights = attention.weights.col(thing);
@@ -100,6 +95,7 @@ class PlaceMemory : public LstmNetwork<S> {
   enum { kPlace, kWay, kBefore, kAfter, kSharpness, kGoal, kSensors };
 
   struct Attention : Work {
+    Matrix<S> similarities;         // EN x U
     Matrix<S> similarity, weights;  // places in use x U
     Matrix<S> by_sensed;            // sensors x TB
   };
@@ -117,8 +113,8 @@ class PlaceMemory : public LstmNetwork<S> {
   }
 
   int places_;
-  Matrix<S> keys_;  ///< N x D
-  Vector<S> way_;   ///< 2N, 2 tanh(difference / 8) for differences -N .. N - 1
+  PlaceKeys<S> keys_;
+  Vector<S> way_;  ///< 2N, 2 tanh(difference / 8) for differences -N .. N - 1
   std::size_t sharpness_;
 };
 

@@ -129,8 +129,9 @@ class RawImages : public LstmNetwork<S> {
     if (sight.fixed != sight.memory_of) sight.known.assign(places, false);
     sight.memory_of = sight.fixed;
     sight.place.assign(static_cast<std::size_t>(inputs.distinct), -1);
-    for (std::size_t column = 0; column < inputs.seen.size(); ++column)
-      sight.place[static_cast<std::size_t>(inputs.seen[column])] = inputs.shown[column];
+    for (std::size_t column = 0; column < inputs.seen.size(); ++column)  // an environment shows one experience alone
+      if (inputs.shown[column] >= 0)
+        sight.place[static_cast<std::size_t>(inputs.seen[column])] = inputs.shown[column] % inputs.frames;
     for (int thing = 0; thing < inputs.distinct; ++thing) {
       const int place = sight.place[static_cast<std::size_t>(thing)];
       if (sight.fixed && place >= 0 && sight.known[static_cast<std::size_t>(place)] &&

@@ -25,9 +25,10 @@ struct PolicyServiceOptions : TrainerOptions {
   std::string initial_checkpoint;  ///< its agent becomes `initial`; empty: random parameters
 
   // Where.
-  std::string train = "summer";       ///< traversal learned from
+  /// Traversals learned from: experiences of one route, which the first one's frames define.
+  std::vector<std::string> train = {"summer"};
   std::vector<std::string> evaluate;  ///< traversals evaluated on; empty: all that are found
-  int environments = 1;               ///< env_services on `train` to begin with
+  int environments = 1;               ///< env_services on each of `train` to begin with
   bool lockstep = false;              ///< wait for lost ones instead of continuing without them
   EnvClientOptions client;
   double wait = 0;  ///< seconds until missing env_services are an error; 0 = for ever

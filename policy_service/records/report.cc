@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/plugin/plugins.h"
+#include "core/util/text.h"
 #include "core/util/version.h"
 #include "policy_service/records/output_folder.h"
 
@@ -92,7 +93,7 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"frozen", options.frozen},
       {"plugins", loaded_plugins()},
       {"seed", options.seed},
-      {"train", options.train},
+      {"train", joined(options.train)},
       {"evaluate", options.evaluate},
       {"first_frame", options.first_frame},
       {"frames", options.frames},

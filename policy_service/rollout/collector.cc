@@ -53,7 +53,7 @@ struct Collector::Impl {
     std::unique_ptr<Workspace<float>> workspace;
   };
   struct EnvState {
-    int id = 0, agents = 0, tick = 0;
+    int id = 0, agents = 0, experience = 0, tick = 0;
     std::uint64_t step = 0;  // of the next observation
     bool full = false;
     std::uint64_t parameter_generation = 0;  // of the parameters, for Workspace::fixed: a segment is acted by one
@@ -69,7 +69,7 @@ struct Collector::Impl {
 
   Impl(const CollectorOptions& how, const NetworkTask& what, const AgentNetwork<float>& who)
       : options(how), task(what), network(who), frames(what.frames) {
-    if (network.normalises()) normaliser = FeatureNormaliser(task.reference);
+    if (network.normalises()) normalisers = normalisers_by_experience(task.reference, task.frames);
     const double components = std::sqrt(std::max(1, task.features));
     noise_frame = static_cast<float>(options.noise_frame / components);
     noise_place = static_cast<float>(options.noise_place / components);
@@ -79,7 +79,8 @@ struct Collector::Impl {
   const CollectorOptions options;
   const NetworkTask& task;
   const AgentNetwork<float>& network;
-  FeatureNormaliser normaliser;                   // sees nothing: agents learn on the traversal that the prior is of
+  /// They see nothing: agents learn on the traversals that their priors are of. Empty: features stay as they are.
+  std::vector<FeatureNormaliser> normalisers;
   float noise_frame, noise_place, noise_episode;  // deviation of a component
   std::map<int, EnvState> envs;
   std::uint64_t generation = 0;
@@ -113,6 +114,10 @@ struct Collector::Impl {
     }
   }
 
+  void normalise(const EnvState& env, Eigen::Ref<Matrix<float>> features) const {
+    if (!normalisers.empty()) normalisers[static_cast<std::size_t>(env.experience)].apply(features);
+  }
+
   void check(const EnvState& env, const msg::Observation& observation) const;
   void end_action(EnvState& env, const msg::Observation& observation, const Vector<float>& parameters);
   float final_value(EnvState& env, const Vector<float>& parameters, std::ptrdiff_t agent, std::uint8_t action,
@@ -139,12 +144,16 @@ void Collector::reset_all(std::uint64_t generation, int frames) {
   for (auto& [id, env] : p.envs) p.begin(env);
 }
 
-void Collector::add(int environment, int agents) {
+void Collector::add(int environment, int agents, int experience) {
   Impl& p = *impl_;
   if (agents < 1) throw Error("must be at least 1", "agents of environment " + std::to_string(environment));
+  if (p.task.features == 0) experience = 0;  // without features all experiences are alike
+  if (experience < 0 || experience >= p.task.experiences())
+    throw Error("is not known", "experience of environment " + std::to_string(environment));
   Impl::EnvState& env = p.envs[environment];
   env.id = environment;
   env.agents = agents;
+  env.experience = experience;
   env.rollout.resize(p.task.features, p.network.state_size(), p.options.segment, agents, p.options.sequence);
   const int middle = (agents + 1) / 2;
   for (int which = 0; which < 2; ++which) {
@@ -197,8 +206,9 @@ bool Collector::act(int environment, const msg::Observation& observation, const 
   if (env.full) throw Error("its segment is full", "environment " + std::to_string(environment));
   p.check(env, observation);
   const auto agents = static_cast<std::size_t>(env.agents);
-  read_observation(observation, p.task.features, p.options.first_frame, p.frames, p.augments(), env.seen);
-  p.normaliser.apply(env.seen.features.leftCols(env.seen.distinct));
+  read_observation(observation, p.task.features, p.options.first_frame, p.frames, p.augments(), env.seen, {},
+                   env.experience);
+  p.normalise(env, env.seen.features.leftCols(env.seen.distinct));
   if (env.step > 0) p.end_action(env, observation, parameters);  // an observation that does not fit changes nothing
   for (std::size_t agent = 0; agent < agents; ++agent) {
     if (env.seen.first[agent]) p.begin_episode(env, agent);
@@ -284,7 +294,7 @@ float Collector::Impl::final_value(EnvState& env, const Vector<float>& parameter
   inputs.goal[0] = env.agent[static_cast<std::size_t>(agent)].goal;
   inputs.previous_action[0] = action;
   inputs.first[0] = 0;
-  normaliser.apply(inputs.features.leftCols(1));
+  normalise(env, inputs.features.leftCols(1));
   augment_features(env, agent, frame, inputs.features_of(0));
   env.single.state = env.state.col(agent);
   env.single.workspace->fixed = env.parameter_generation;

@@ -38,9 +38,9 @@ class Collector {
   /// Begins all environments anew, on the route's first `frames` places. `generation` names the random streams from
   /// here on.
   void reset_all(std::uint64_t generation, int frames);
-  /// Adds an environment, whose number names its random streams. Called again, the environment begins anew and its part
-  /// of the segment is dropped.
-  void add(int environment, int agents);
+  /// Adds an environment, whose number names its random streams, on a traversal that is this experience of the route
+  /// (NetworkTask::reference). Called again, the environment begins anew and its part of the segment is dropped.
+  void add(int environment, int agents, int experience = 0);
   void remove(int environment);
   /// Returns the seed of starts and goals, for TaskSettings.
   std::uint64_t environment_seed(int environment) const;

@@ -14,7 +14,8 @@ namespace citylearn {
 struct ControlTask {
   int first_frame = 0;  ///< of the route, index on the traversal
   int frames = 0;       ///< N, places on the route
-  /// D x N, features of the route on the training traversal (for oracle_filter: on the one walked on).
+  /// D x EN, features of the route on the training traversals (for oracle_filter: on the one walked on), as
+  /// NetworkTask.
   Matrix<float> reference = {};
   std::vector<int> turns = {};  ///< N, where `stay` leads (core/task/route_map.h); empty: the route is a line
 };

@@ -25,7 +25,7 @@ std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Rand
 }
 
 void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
-                      NetworkInputs<float>& inputs, std::span<const std::size_t> who) {
+                      NetworkInputs<float>& inputs, std::span<const std::size_t> who, int experience) {
   const std::size_t agents = observation.goal().size();
   if (observation.feature_dimension() != static_cast<std::uint32_t>(features))
     throw Error(
@@ -62,8 +62,8 @@ void read_observation(const msg::Observation& observation, int features, int fir
     const std::int64_t shown = std::int64_t{observation.frame()[a]} - first_frame;
     const Eigen::Map<const Vector<float>> numbers(
         observation.features().data() + a * static_cast<std::size_t>(features), features);
-    inputs.see(static_cast<std::ptrdiff_t>(column), own || shown < 0 || shown >= frames ? -1 : static_cast<int>(shown),
-               numbers);
+    inputs.see(static_cast<std::ptrdiff_t>(column),
+               own || shown < 0 || shown >= frames ? -1 : static_cast<int>(shown) + experience * frames, numbers);
   }
 }
 

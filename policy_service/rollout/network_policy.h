@@ -19,10 +19,10 @@ std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Rand
 
 /// Fills `inputs` (one step, the agents of `who`; empty: all) from an observation of a route of `frames` places from
 /// `first_frame` on. With `own` every agent gets features of its own, for the caller to change; else agents that are
-/// shown the same frame share them. Throws Error naming the field when the observation has another number of features
-/// or agents, or a frame off the route.
+/// shown the same frame share them. The traversal is this `experience` of the route. Throws Error naming the field when
+/// the observation has another number of features or agents, or a frame off the route.
 void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
-                      NetworkInputs<float>& inputs, std::span<const std::size_t> who = {});
+                      NetworkInputs<float>& inputs, std::span<const std::size_t> who = {}, int experience = 0);
 
 /// Acts from fixed parameters and keeps the recurrent state along each episode. Features are normalised by what all
 /// agents of the env_service have seen since this object was made. Idle agents cost nothing.

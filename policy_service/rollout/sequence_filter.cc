@@ -2,11 +2,12 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 
 #include "core/task/route_map.h"
-#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_filter.h"
+#include "policy_service/network/place_keys.h"
 #include "policy_service/rollout/control.h"
 
 namespace citylearn {
@@ -33,7 +34,7 @@ class SequenceFilter : public Policy {
                   "start an env_service on a traversal that has features");
     check_turns(task.turns, task.frames);
     weights_ = Vector<double>::LinSpaced(task.frames, 1, task.frames).array().pow(-parameters["nearness"]);
-    keys_ = normalised_reference(task.reference).transpose();
+    keys_.emplace(task.reference, static_cast<int>(task.reference.rows()), task.frames);
   }
 
   void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override {
@@ -55,7 +56,7 @@ class SequenceFilter : public Policy {
     for (std::ptrdiff_t agent = 0; agent < agents; ++agent)
       if (!idle(agent)) normaliser_.see(seen_.col(agent));
     normaliser_.apply(seen_);
-    similarity_.noalias() = keys_ * seen_;
+    keys_->compare(seen_, task_.frames, similarities_, similarity_);
     for (std::ptrdiff_t agent = 0; agent < agents; ++agent) {
       if (idle(agent)) continue;
       const auto i = static_cast<std::size_t>(agent);
@@ -114,9 +115,10 @@ class SequenceFilter : public Policy {
   double evidence_, tempering_, turning_;
   Motion<double> motion_;
   FeatureNormaliser normaliser_;
-  Vector<double> weights_;                     ///< N, of places at distances from 1 on to the goal
-  Matrix<float> keys_;                         ///< N x D
-  Matrix<float> seen_, similarity_;            ///< D x agents, N x agents
+  Vector<double> weights_;  ///< N, of places at distances from 1 on to the goal
+  std::optional<PlaceKeys<float>> keys_;
+  Matrix<float> seen_;                         ///< D x agents
+  Matrix<float> similarities_, similarity_;    ///< EN x agents, N x agents
   Matrix<double> belief_;                      ///< N x agents
   std::vector<int> steps_;                     ///< by agent, of its episode
   Vector<double> before_, odds_;               ///< N

@@ -136,19 +136,18 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
   const auto& entry = ControlRegistry::instance().find("control", name);
   const Parameters parameters(name, entry.parameters, options.control_parameters[name]);
   const ControlTask route{options.first_frame, options.frames};
-  const auto with_features = [route](const std::vector<float>& features) {
-    ControlTask task = route;
-    task.reference = Eigen::Map<const Matrix<float>>(
-        features.data(), static_cast<std::ptrdiff_t>(features.size()) / route.frames, route.frames);
-    return task;
-  };
   if (name != "oracle_filter") {
-    const ControlTask task = name == "sequence_filter" ? with_features(context_.reference()) : route;
+    ControlTask task = route;
+    if (name == "sequence_filter") task.reference = context_.reference();
     return [&entry, parameters, task](const EnvHandle&) { return entry.create(parameters, task); };
   }
   std::map<std::string, ControlTask> tasks;
-  for (const EnvHandle* env : context_.evaluation_envs())
-    tasks[env->traversal()] = with_features(context_.features_on(env->traversal()));
+  for (const EnvHandle* env : context_.evaluation_envs()) {
+    const std::vector<float>& features = context_.features_on(env->traversal());
+    ControlTask& task = tasks.emplace(env->traversal(), route).first->second;
+    task.reference = Eigen::Map<const Matrix<float>>(
+        features.data(), static_cast<std::ptrdiff_t>(features.size()) / route.frames, route.frames);
+  }
   return
       [&entry, parameters, tasks](const EnvHandle& env) { return entry.create(parameters, tasks.at(env.traversal())); };
 }
@@ -217,7 +216,7 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
 void EvaluationRun::evaluate_others() {
   std::vector<EnvHandle*> others;
   for (EnvHandle* env : context_.evaluation_envs())
-    if (env->traversal() != context_.options.train) others.push_back(env);
+    if (context_.experience_on(env->traversal()) < 0) others.push_back(env);
   if (others.empty()) return;
   evaluate(context_.options.agent, false, agent_policy(), others);
   for (const ScoreRow& row : rows_)
@@ -237,8 +236,8 @@ void EvaluationRun::evaluate_all() {
     if (name == options.agent) continue;
     if (name == "shuffled") {
       evaluate(options.agent, true, agent, envs);
-    } else if (name.ends_with("_filter") && context_.reference().empty()) {
-      spdlog::warn("skipping {}: traversal '{}' has no features or no env_service", name, options.train);
+    } else if (name.ends_with("_filter") && context_.reference().size() == 0) {
+      spdlog::warn("skipping {}: traversal '{}' has no features or no env_service", name, joined(options.train));
     } else {
       evaluate(name, false, control(name), envs);
     }

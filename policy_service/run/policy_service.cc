@@ -85,6 +85,12 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
     if (name != "shuffled") ControlRegistry::instance().find("control", name);
   if (options.mode != "train" && (!options.initial_checkpoint.empty() || !options.frozen.empty()))
     throw Error("is for --mode train", options.initial_checkpoint.empty() ? "--freeze" : "--initial");
+  if (options.train.empty()) throw Error("names no traversal", "--train");
+  for (auto name = options.train.begin(); name != options.train.end(); ++name)
+    if (std::find(options.train.begin(), name, *name) != name) throw Error("names '" + *name + "' twice", "--train");
+  if (options.role != "both" && options.train.size() > 1)
+    throw Error("learns from one traversal, not from " + joined(options.train), "--role " + options.role,
+                "train on several with --role both");
   if (options.overwrite && options.output.empty()) throw Error("needs --output", "--overwrite");
   if (options.role != "both" && options.mode != "train") throw Error("is for --role both", "--mode " + options.mode);
   if (options.role == "learner" && options.lockstep)

@@ -27,10 +27,10 @@ void RunContext::handle() {
   if (stop_requested()) throw StopRequested();
 }
 
-void RunContext::require(std::optional<int> feature_dimension, const std::optional<TraversalContents>& learned) {
+void RunContext::require(std::optional<int> feature_dimension, const std::vector<TraversalContents>& learned) {
   EnvRequirements required;
   required.traversals = {options.evaluate.begin(), options.evaluate.end()};
-  if (!required.traversals.empty()) required.traversals.insert(options.train);
+  if (!required.traversals.empty()) required.traversals.insert(options.train.begin(), options.train.end());
   required.first_frame = static_cast<std::uint32_t>(options.first_frame);
   required.frames = options.cap_frames ? 0 : static_cast<std::uint32_t>(options.frames);
   if (feature_dimension) required.feature_dimension = static_cast<std::uint32_t>(*feature_dimension);
@@ -63,6 +63,18 @@ std::vector<EnvHandle*> RunContext::envs_on(const std::string& traversal) const 
   return found;
 }
 
+std::vector<EnvHandle*> RunContext::training_envs() const {
+  std::vector<EnvHandle*> found;
+  for (const std::string& traversal : options.train)
+    for (EnvHandle* env : envs_on(traversal)) found.push_back(env);
+  return found;
+}
+
+int RunContext::experience_on(const std::string& traversal) const {
+  const auto found = std::find(options.train.begin(), options.train.end(), traversal);
+  return found == options.train.end() ? -1 : static_cast<int>(found - options.train.begin());
+}
+
 EnvHandle* RunContext::env_on(const std::string& traversal) const {
   const std::vector<EnvHandle*> found = envs_on(traversal);
   return found.empty() ? nullptr : found.front();
@@ -73,7 +85,7 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
   while (true) {
     std::string missing;
     for (const std::string& traversal : traversals) {
-      const int wanted = traversal == options.train ? training_envs : 1;
+      const int wanted = experience_on(traversal) >= 0 ? training_envs : 1;
       const int found = static_cast<int>(envs_on(traversal).size());
       if (found >= wanted) continue;
       missing += (missing.empty() ? "" : ", ") + traversal;
@@ -122,7 +134,7 @@ std::vector<EnvHandle*> RunContext::evaluation_envs() {
   if (traversals.empty())
     for (const auto& [id, env] : client.envs())
       if (free(*env)) traversals.insert(env->traversal());
-  if (traversals.empty() && options.mode == "evaluate") traversals.insert(options.train);
+  if (traversals.empty() && options.mode == "evaluate") traversals.insert(options.train.front());
   wait_for_envs(traversals, 1);
   std::vector<EnvHandle*> envs;
   for (const std::string& traversal : traversals) envs.push_back(env_on(traversal));
@@ -142,6 +154,27 @@ const std::vector<float>& RunContext::features_on(const std::string& traversal) 
     }
   }
   return features;
+}
+
+Matrix<float> RunContext::reference() {
+  Matrix<float> all;
+  std::optional<TraversalContents> first;
+  for (std::size_t i = 0; i < options.train.size(); ++i) {
+    const std::string& name = options.train[i];
+    if (const EnvHandle* env = env_on(name)) {
+      const TraversalContents contents = contents_of(env->info);
+      if (!first) first = contents;
+      if (const std::string wrong = features_misfit(contents, *first, "'" + first->traversal + "'"); !wrong.empty())
+        throw Error(wrong, "traversal '" + name + "'", "train on traversals with features of one kind");
+    }
+    const std::vector<float>& features = features_on(name);
+    if (features.empty()) return {};
+    const auto dimension = static_cast<std::ptrdiff_t>(features.size()) / options.frames;
+    if (i == 0) all.resize(dimension, options.frames * static_cast<std::ptrdiff_t>(options.train.size()));
+    all.middleCols(static_cast<std::ptrdiff_t>(i) * options.frames, options.frames) =
+        Eigen::Map<const Matrix<float>>(features.data(), dimension, options.frames);
+  }
+  return all;
 }
 
 }  // namespace citylearn

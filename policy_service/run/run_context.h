@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "policy_service/env_client/env_client.h"
+#include "policy_service/network/network_inputs.h"
 #include "policy_service/records/run_records.h"
 #include "policy_service/run/policy_service.h"
 #include "policy_service/run/progress_bar.h"
@@ -37,23 +38,29 @@ class RunContext {
   void spin();
   /// Refuses env_services that do not fit the route of the options, the agent's features and what is learned from, as
   /// far as these are known.
-  void require(std::optional<int> feature_dimension = {}, const std::optional<TraversalContents>& learned = {});
+  void require(std::optional<int> feature_dimension = {}, const std::vector<TraversalContents>& learned = {});
   /// Lowers a default number of frames to what all of these env_services have, and the step limit that follows from it,
   /// and refuses env_services that have fewer. Does so once.
   void cap_frames(const std::vector<EnvHandle*>& envs);
-  /// Waits until every traversal has an env_service, and the training traversal `training_envs` of them. Throws Error
+  /// Waits until every traversal has an env_service, and each training traversal `training_envs` of them. Throws Error
   /// after --wait.
   void wait_for_envs(const std::set<std::string>& traversals, int training_envs);
   /// Returns the env_services of a traversal that are usable and do not work for another policy_service.
   std::vector<EnvHandle*> envs_on(const std::string& traversal) const;
-  /// Returns one of them, or null.
+  /// Returns those of all training traversals, in their order.
+  std::vector<EnvHandle*> training_envs() const;
+  /// Returns which of the training traversals this one is; -1: none of them.
+  int experience_on(const std::string& traversal) const;
+  /// Returns one of the env_services of a traversal, or null.
   EnvHandle* env_on(const std::string& traversal) const;
   /// Waits for the env_services to evaluate on and returns one for each traversal.
   std::vector<EnvHandle*> evaluation_envs();
   /// Returns the features of a traversal's route, D numbers a place, fetched once; empty when it has none or no
   /// env_service. An env_service that does not deliver them is refused.
   const std::vector<float>& features_on(const std::string& traversal);
-  const std::vector<float>& reference() { return features_on(options.train); }  ///< those of the training traversal
+  /// Returns the features of the training traversals' route side by side, as NetworkTask has them; empty when one has
+  /// none or no env_service. Throws Error when theirs are of different kinds.
+  Matrix<float> reference();
 
  private:
   void handle();

@@ -11,23 +11,22 @@ namespace citylearn {
 
 void TrainingRun::build_trainer() {
   const PolicyServiceOptions& options = context_.options;
-  const EnvHandle* first = nullptr;
+  Matrix<float> reference;
   do {
-    context_.wait_for_envs({options.train}, options.environments);
-    context_.cap_frames(context_.envs_on(options.train));
-    context_.reference();  // refuses env_services that do not deliver theirs
-    first = context_.env_on(options.train);
-  } while (!first);
-  learned_ = contents_of(first->info);
+    context_.wait_for_envs({options.train.begin(), options.train.end()}, options.environments);
+    context_.cap_frames(context_.training_envs());
+    reference = context_.reference();  // refuses env_services that do not deliver theirs
+    learned_.clear();
+    for (const std::string& traversal : options.train)
+      if (const EnvHandle* env = context_.env_on(traversal)) learned_.push_back(contents_of(env->info));
+  } while (learned_.size() < options.train.size() || (reference.size() == 0 && learned_.front().feature_dimension > 0));
   TrainerOptions trainer = options;
   if (options.steps > 0) trainer.trainer_parameters["steps"] = static_cast<double>(options.steps);
   NetworkTask task;
   task.frames = options.frames;
-  task.features = static_cast<int>(learned_.feature_dimension);
+  task.features = static_cast<int>(learned_.front().feature_dimension);
   context_.require(task.features, learned_);
-  const std::vector<float>& features = context_.reference();
-  if (!features.empty())
-    task.reference = Eigen::Map<const Matrix<float>>(features.data(), task.features, options.frames);
+  task.reference = std::move(reference);
   const std::string folder = context_.records.checkpoint_folder();
   const std::optional<std::string> newest = options.resume ? newest_checkpoint(folder) : std::nullopt;
   if (!options.initial_checkpoint.empty() && !newest)
@@ -110,13 +109,14 @@ void TrainingRun::execute() {
   const PolicyServiceOptions& options = context_.options;
   context_.require();
   build_trainer();
-  spdlog::info("training {} on '{}': {} steps, seed {}, {}", options.agent, options.train, trainer_->total_steps(),
+  const std::string names = joined(options.train);
+  spdlog::info("training {} on '{}': {} steps, seed {}, {}", options.agent, names, trainer_->total_steps(),
                options.seed, context_.node.middleware_name());
   since_ = last_update_ = Clock::now();
   train();
   context_.progress.finish();
   const TrainingProgress& progress = trainer_->progress();
-  report_.traversal = options.train;
+  report_.traversal = names;
   report_.episodes = progress.episodes;
   report_.steps = progress.steps;
   if (report_.wall == 0) report_.wall = wall();
@@ -136,7 +136,7 @@ void TrainingRun::execute() {
 /// A training environment begins anew: at the start, after a restart of its process, and with each generation.
 void LocalTrainingRun::enroll(EnvHandle& env) {
   const int slot = slots_.emplace(&env, static_cast<int>(slots_.size())).first->second;
-  trainer_->add(slot, static_cast<int>(env.info.agents()));
+  trainer_->add(slot, static_cast<int>(env.info.agents()), context_.experience_on(env.traversal()));
   active_.insert(&env);
   msg::TaskSettings settings;
   trainer_->settings(slot, settings);
@@ -170,21 +170,22 @@ void LocalTrainingRun::drop_lost_envs() {
     return;
   }
   // None is left to continue with.
-  context_.wait_for_envs({context_.options.train}, 1);
-  for (EnvHandle* env : context_.envs_on(context_.options.train))
+  const std::vector<std::string>& train = context_.options.train;
+  context_.wait_for_envs({train.begin(), train.end()}, 1);
+  for (EnvHandle* env : context_.training_envs())
     if (!active_.contains(env) || env->lost()) enroll(*env);
 }
 
 void LocalTrainingRun::train() {
   EnvClient& client = context_.client;
   client.joined = [this](EnvHandle& env) {
-    if (env.traversal() == context_.options.train) enroll(env);
+    if (context_.experience_on(env.traversal()) >= 0) enroll(env);
   };
   client.decide = [this](EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
     const Stopwatch watch(report_.inference);
     return active_.contains(&env) && trainer_->act(slots_.at(&env), observation, choice);
   };
-  for (EnvHandle* env : context_.envs_on(context_.options.train)) enroll(*env);
+  for (EnvHandle* env : context_.training_envs()) enroll(*env);
   train_on();
   client.joined = nullptr;
   client.decide = nullptr;
@@ -227,7 +228,7 @@ void LearnerRun::evaluate_others() {
 
 void LearnerRun::train() {
   LearnerServerOptions options;
-  options.learned = learned_;
+  options.learned = learned_.front();
   options.window = context_.options.window;
   options.max_lag = context_.options.max_lag;
   options.run_id = context_.records.run_id();

@@ -57,7 +57,7 @@ class TrainingRun {
   RunContext& context_;
   EvaluationRun& evaluation_;
   std::unique_ptr<Trainer> trainer_;
-  TraversalContents learned_;  ///< of the training traversal
+  std::vector<TraversalContents> learned_;  ///< of the training traversals
   TrainingReport report_;
 
  private:

@@ -118,6 +118,30 @@ TEST_P(Networks, KeepNothingThatIsOutOfDate) {
   agree("parameters that change");
 }
 
+/// An experience of the route that says nothing new changes nothing, and neither does their order.
+TEST_P(Networks, TakeSeveralExperiencesOfTheRoute) {
+  const NetworkTask several = small_task(small.features, 3);
+  NetworkTask twice = several, turned = several;
+  const std::ptrdiff_t n = task.frames;
+  twice.reference.conservativeResize(Eigen::NoChange, 4 * n);
+  twice.reference.rightCols(n) = several.reference.middleCols(n, n);
+  turned.reference.leftCols(n) = several.reference.rightCols(n);
+  turned.reference.rightCols(n) = several.reference.leftCols(n);
+  const NetworkInputs<double> inputs = some_inputs(task, task.frames);
+  const Matrix<double> begin = start(inputs.agents);
+  const auto logits = [&](const NetworkTask& of) {
+    const auto built = create(of);
+    const auto work = built->make_workspace();
+    built->forward(parameters, inputs, begin, *work);
+    return Matrix<double>(work->heads.logits);
+  };
+  EXPECT_TRUE(logits(several).isApprox(logits(twice), 1e-9));
+  EXPECT_TRUE(logits(several).isApprox(logits(turned), 1e-9));
+  if (GetParam()->name.starts_with("place_")) {
+    EXPECT_NE(logits(several), logits(task)) << "they are looked at";
+  }
+}
+
 /// A task without features is worked on, or refused by a line that says what is needed.
 TEST_P(Networks, SayWhatTheyCannotWorkWith) {
   for (const int features : {0, 1}) {

@@ -157,6 +157,36 @@ TEST_P(Vendors, SeveralTrainingEnvironmentsOneOfThemLost) {
   EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
 }
 
+TEST(Experiences, TrainOnTwoTraversalsThenActOnAThird) {
+  Trial run("cyclonedds");
+  const auto summer = run.env("summer"), fall = run.env("fall"), winter = run.env("winter");
+  std::string bytes[2];
+  for (const std::string out : {"out", "again"}) {
+    const auto policy =
+        run.policy({"--train", "summer,fall", "--evaluate", "winter", "--agent", "place_filter", "--steps", "2048",
+                    "--tasks", "50", "--controls", "sequence_filter", "--lockstep", "--output", run.folder() / out});
+    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    bytes[out == "again"] = run.checkpoint(out).second;
+  }
+  EXPECT_FALSE(bytes[0].empty());
+  EXPECT_TRUE(bytes[0] == bytes[1]) << "the same seed, the same bytes";
+  const Json summary = Json::parse(contents(run.folder() / "out/summary.json"));
+  EXPECT_EQ(summary["train"]["traversal"], "summer, fall");
+  EXPECT_EQ(summary["evaluate"].size(), 1u);
+  const std::string path = run.folder() / ("out/checkpoints/" + run.checkpoint("out").first);
+  const auto later =
+      run.policy({"--mode", "evaluate", "--checkpoint", path, "--train", "summer,fall", "--tasks", "50", "--evaluate",
+                  "winter", "--controls", "sequence_filter", "--output", run.folder() / "later"});
+  ASSERT_EQ(later->wait(kLong), 0) << later->output();
+  const Json again = Json::parse(contents(run.folder() / "later/summary.json"));
+  for (const char* part : {"evaluate", "controls"}) EXPECT_EQ(again[part], summary[part]) << part;
+  const auto other = run.env("night", {"--synthetic-dimension", "32"});
+  const auto refused = run.policy({"--train", "summer,night", "--wait", "20", "--evaluate", "winter"});
+  EXPECT_EQ(refused->wait(kLong), 1);
+  EXPECT_TRUE(contains(refused->output(), "traversal 'night': has 32 features a frame, 'summer' has"))
+      << refused->output();
+}
+
 TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
   Trial run(GetParam());
   const auto waiting = run.policy({"--session", "nobody"});

@@ -5,7 +5,6 @@
 #include <limits>
 
 #include "policy_service/interchange/exporters/places.h"
-#include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/layers.h"
 
 namespace citylearn {
@@ -52,8 +51,7 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
   const PlacesByGoal by_goal = places_by_goal(*graph);
   const OnnxValue step = graph->columns(state, places, places + 1) - graph->first() + 1;
   const OnnxValue tempered = exp(-1 * log(scalar(kTempering) * step + 1));
-  const OnnxValue similarity =
-      graph->linear(graph->features(), "reference", normalised_reference(agent.task.reference).transpose());
+  const OnnxValue similarity = place_similarity(*graph);
   const OnnxValue scores = stayed + moved_by(kNext, forward) + moved_by(kPrevious, back) +
                            scalar(kEvidence) * graph->stretched(tempered, places) * similarity +
                            graph->linear(graph->allowed(), "excluded.weight", -kExclusion * excluded, "excluded.bias",

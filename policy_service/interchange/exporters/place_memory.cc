@@ -3,7 +3,6 @@
 
 #include "policy_service/interchange/exporters/lstm.h"
 #include "policy_service/interchange/exporters/places.h"
-#include "policy_service/network/feature_normaliser.h"
 
 namespace citylearn {
 namespace {
@@ -13,9 +12,7 @@ std::unique_ptr<AgentGraph> export_place_memory(const Parameters& parameters, co
   auto graph = std::make_unique<AgentGraph>(agent);
   const std::ptrdiff_t places = agent.task.frames;
   const auto sharpness = static_cast<double>(graph->tensor("attention.sharpness")(0, 0));
-  const OnnxValue similarity =
-      graph->linear(graph->features(), "reference", normalised_reference(agent.task.reference).transpose());
-  const OnnxValue attention = softmax(static_cast<float>(std::exp(kStretch * sharpness)) * similarity);
+  const OnnxValue attention = softmax(static_cast<float>(std::exp(kStretch * sharpness)) * place_similarity(*graph));
   const PlacesByGoal by_goal = places_by_goal(*graph);
   const auto expected = [&](const OnnxValue& what) { return row_sum(*graph, attention * what, places); };
   const Matrix<float> indices = Eigen::RowVectorXf::LinSpaced(places, 0, static_cast<float>(places - 1));

@@ -4,6 +4,7 @@
 #include <cstddef>
 
 #include "policy_service/interchange/agent_graph.h"
+#include "policy_service/network/feature_normaliser.h"
 
 namespace citylearn {
 
@@ -28,6 +29,20 @@ inline PlacesByGoal places_by_goal(AgentGraph& graph) {
 /// Sum of each row, batch x 1.
 inline OnnxValue row_sum(AgentGraph& graph, const OnnxValue& x, std::ptrdiff_t width) {
   return graph.linear(x, "sum", Matrix<float>::Ones(1, width));
+}
+
+/// How much each place looks like what is seen, batch x N; as PlaceKeys. The larger of two is one and what the other
+/// has more.
+inline OnnxValue place_similarity(AgentGraph& graph) {
+  const NetworkTask& task = graph.agent().task;
+  const Matrix<float> keys = normalised_reference(task.reference, task.frames);
+  const auto of_experience = [&](std::ptrdiff_t first) {
+    return graph.linear(graph.features(), "reference", keys.middleCols(first, task.frames).transpose());
+  };
+  OnnxValue most = of_experience(0);
+  for (std::ptrdiff_t first = task.frames; first < keys.cols(); first += task.frames)
+    most = most + relu(of_experience(first) - most);
+  return most;
 }
 
 }  // namespace citylearn

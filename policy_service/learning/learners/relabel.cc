@@ -13,8 +13,7 @@ namespace {
 class Relabel : public Learner {
  public:
   Relabel(const Parameters& parameters, const LearnerTask& task)
-      : features_(task.task.features),
-        places_(task.task.frames),
+      : task_(task.task),
         epochs_(parameters["epochs"]),
         minibatch_(static_cast<std::size_t>(parameters.integer("minibatch"))),
         relabelled_(parameters["relabelled"]),
@@ -75,9 +74,9 @@ class Relabel : public Learner {
   }
   void load(const LearnerState& state) override {
     vtrace_.gradient_step().check(state);
-    replay_.check(state, std::string("learner ") + kName, features_, places_);
+    replay_.check(state, std::string("learner ") + kName, task_);
     vtrace_.gradient_step().load(state);
-    replay_.load(state, features_);
+    replay_.load(state, task_.features);
   }
   bool freeze(std::span<const Tensor> tensors) override {
     vtrace_.gradient_step().freeze(tensors);
@@ -113,7 +112,7 @@ class Relabel : public Learner {
     });
   }
 
-  const int features_, places_;
+  const NetworkTask& task_;
   const double epochs_;
   const std::size_t minibatch_;
   const double relabelled_, visited_;

@@ -35,7 +35,7 @@ void Replay::save(LearnerState& state) const {
         static_cast<float>(ended_[i]), log_probability_[i];
 }
 
-void Replay::check(const LearnerState& state, const std::string& owner, int features, int places) const {
+void Replay::check(const LearnerState& state, const std::string& owner, const NetworkTask& task) const {
   for (const char* name : {"replay.size", "replay.next", "replay.frames", "replay.max_steps", "replay.sequence"}) {
     if (!state.counters.contains(name)) throw Error("has no counter '" + std::string(name) + "'", owner);
     if (state.counters.at(name) > kLargest) throw Error("counter '" + std::string(name) + "' is too large", owner);
@@ -47,7 +47,7 @@ void Replay::check(const LearnerState& state, const std::string& owner, int feat
   if (size == 0) return;
   if (length < 2 || size > slots(static_cast<int>(length) - 1) ||
       state.counters.at("replay.next") >= slots(static_cast<int>(length) - 1) || max_steps < 1 || frames < 2 ||
-      frames > static_cast<std::uint64_t>(places))
+      frames > static_cast<std::uint64_t>(task.frames))
     throw Error("its replay of " + std::to_string(size) + " sequences makes no sense", owner);
   const auto require = [&](const char* name, std::uint64_t numbers) {
     const auto found = static_cast<std::uint64_t>(state.tensors.at(name).size());
@@ -58,16 +58,17 @@ void Replay::check(const LearnerState& state, const std::string& owner, int feat
     if (!state.tensors.at(name).allFinite())
       throw Error("tensor '" + std::string(name) + "' has numbers that are none", owner);
   };
-  require("replay.features", static_cast<std::uint64_t>(features));
+  require("replay.features", static_cast<std::uint64_t>(task.features));
   require("replay.steps", kNumbers);
   const Vector<float>& steps = state.tensors.at("replay.steps");
   const auto within = [&](std::ptrdiff_t at, int least, int most) {
     return steps(at) >= static_cast<float>(least) && steps(at) <= static_cast<float>(most);
   };
   const int last_place = static_cast<int>(frames) - 1;
+  const int last_shown = static_cast<int>(frames) * task.experiences() - 1;
   for (std::ptrdiff_t i = 0; i < steps.size(); i += kNumbers) {
     const bool acts = (i / kNumbers + 1) % static_cast<std::ptrdiff_t>(length) != 0;
-    if (!within(i, -1, last_place) || !within(i + 1, 0, last_place) || !within(i + 2, 1, (1 << kActions) - 1) ||
+    if (!within(i, -1, last_shown) || !within(i + 1, 0, last_place) || !within(i + 2, 1, (1 << kActions) - 1) ||
         !within(i + 3, 0, acts ? kActions - 1 : kNoAction) || !within(i + 4, 0, Rollout::kTruncated))
       throw Error("its replay makes no sense at step " + std::to_string(i / kNumbers), owner);
   }

@@ -42,9 +42,8 @@ class Replay {
   float log_probability(std::size_t at) const { return log_probability_[at]; }
 
   void save(LearnerState& state) const;
-  /// Throws Error, changing nothing, unless `state` has a replay that fits features of D numbers and `places` (N).
-  /// `owner` is for the message.
-  void check(const LearnerState& state, const std::string& owner, int features, int places) const;
+  /// Throws Error, changing nothing, unless `state` has a replay that fits the task. `owner` is for the message.
+  void check(const LearnerState& state, const std::string& owner, const NetworkTask& task) const;
   /// Loads a state that passed check().
   void load(const LearnerState& state, int features);
 

@@ -41,19 +41,43 @@ inline Traversal crossed(Traversal city) {
   return city;
 }
 
-inline NetworkTask task_of(const Traversal& city) {
-  return {city.dimension, city.frames,
-          Eigen::Map<const Matrix<float>>(city.features.data(), city.dimension, city.frames), city.turns};
+/// The same places under another condition.
+inline Traversal other_season(Traversal city) {
+  city.name = "other season";
+  float move = 0;
+  for (float& value : city.features) value = 0.5f * value + (move = 0.2f - move);
+  return city;
+}
+
+/// A route as several traversals show it, or one.
+struct Cities : std::vector<const Traversal*> {
+  using std::vector<const Traversal*>::vector;
+  Cities(const Traversal& city) : vector{&city} {}
+};
+
+inline NetworkTask task_of(const Cities& cities) {
+  const Traversal& city = *cities.front();
+  NetworkTask task{city.dimension, city.frames, {}, city.turns};
+  task.reference.resize(city.dimension, city.frames * static_cast<std::ptrdiff_t>(cities.size()));
+  std::ptrdiff_t first = 0;
+  for (const Traversal* one : cities) {
+    task.reference.middleCols(first, city.frames) =
+        Eigen::Map<const Matrix<float>>(one->features.data(), city.dimension, city.frames);
+    first += city.frames;
+  }
+  return task;
 }
 
 /// Environments and the trainer that they serve, joined without a wire.
 class Loop {
  public:
-  Loop(const Traversal& city, const TrainerOptions& options, int environments = 1, int agents = 4)
-      : trainer(options, task_of(city)) {
+  /// So many environments, on the cities in turn.
+  Loop(const Cities& cities, const TrainerOptions& options, int environments = 1, int agents = 4)
+      : trainer(options, task_of(cities)) {
     for (int id = 0; id < environments; ++id) {
-      environments_.try_emplace(id, city, agents);
-      trainer.add(id, agents);
+      const int experience = id % static_cast<int>(cities.size());
+      environments_.try_emplace(id, *cities[static_cast<std::size_t>(experience)], agents);
+      trainer.add(id, agents, experience);
     }
   }
 
@@ -97,7 +121,7 @@ class Loop {
 };
 
 /// Trainings with one seed are the same to the bit, whichever environment comes first; with another seed they are not.
-inline void expect_reproducible(const Traversal& city, const TrainerOptions& options, int environments, int updates) {
+inline void expect_reproducible(const Cities& city, const TrainerOptions& options, int environments, int updates) {
   TrainerOptions reseeded = options;
   ++reseeded.seed;
   Loop one(city, options, environments), other(city, options, environments), third(city, reseeded, environments);
@@ -115,7 +139,7 @@ inline void expect_reproducible(const Traversal& city, const TrainerOptions& opt
 }
 
 /// A training that goes on from the file of its checkpoint ends with the same bytes as one that goes straight on.
-inline void expect_resumable(const Traversal& city, const TrainerOptions& options, int before, int after) {
+inline void expect_resumable(const Cities& city, const TrainerOptions& options, int before, int after) {
   const testing::Folder folder;
   const std::string middle = folder / "middle", straight = folder / "straight", resumed = folder / "resumed";
   Loop loop(city, options, 2), again(city, options, 2);

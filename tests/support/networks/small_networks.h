@@ -25,12 +25,12 @@ inline SmallNetwork small_network(const std::string& name) {
 }
 
 /// A task of 7 places.
-inline NetworkTask small_task(int features) {
+inline NetworkTask small_task(int features, int experiences = 1) {
   Random random{1};
   NetworkTask task;
   task.features = features;
   task.frames = 7;
-  task.reference.resize(features, task.frames);
+  task.reference.resize(features, task.frames * experiences);
   for (float& value : task.reference.reshaped()) value = static_cast<float>(random.normal());
   task.reference.colwise().normalize();
   return task;

@@ -10,12 +10,12 @@
 
 namespace citylearn::testing {
 
-inline NetworkTask some_task(int features = 12, int frames = 9) {
+inline NetworkTask some_task(int features = 12, int frames = 9, int experiences = 1) {
   Random random{7};
   NetworkTask task;
   task.features = features;
   task.frames = frames;
-  task.reference.resize(features, frames);
+  task.reference.resize(features, frames * experiences);
   for (float& value : task.reference.reshaped()) value = static_cast<float>(random.normal());
   task.reference.colwise().normalize();
   return task;

@@ -102,6 +102,7 @@ struct Case {
   std::map<std::string, double> values = {};
   int features = 64, frames = 128;
   double rounding = 1e-5;  // allowed, of numbers up to 1
+  int experiences = 1;     // of each place
 };
 std::ostream& operator<<(std::ostream& out, const Case& one) { return out << one.name; }
 
@@ -117,6 +118,9 @@ std::vector<Case> cases() {
   }
   all.push_back({"features", {{"hidden", 20}, {"cells", 7}, {"relu", 0}, {"mask-input", 0}}, 12, 9});
   all.push_back({"place_filter", {{"units", 5}}, 12, 2});
+  all.push_back({"place_filter", {}, 16, 24, 1e-5, 3});
+  all.push_back({"place_memory", {}, 16, 24, 1e-5, 2});
+  all.push_back({"features", {}, 16, 24, 1e-5, 2});
   return all;
 }
 
@@ -134,7 +138,7 @@ void compare(const cv::Mat& found, int row, const Eigen::Ref<const Vector<float>
 }
 
 TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
-  const NetworkTask task = some_task(GetParam().features, GetParam().frames);
+  const NetworkTask task = some_task(GetParam().features, GetParam().frames, GetParam().experiences);
   const TrainedAgent agent = some_agent(GetParam().name, task, GetParam().values);
   const std::string model = onnx_bytes(agent, parameters_for(agent.name, GetParam().values), {});
   // Its own state each: errors may add up from step to step, and must not.
@@ -173,7 +177,7 @@ TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
 }
 
 TEST_P(OnnxExport, KeepsToTheStandard) {
-  const NetworkTask task = some_task(GetParam().features, GetParam().frames);
+  const NetworkTask task = some_task(GetParam().features, GetParam().frames, GetParam().experiences);
   const TrainedAgent agent = some_agent(GetParam().name, task, GetParam().values);
   const Parameters parameters = parameters_for(agent.name, GetParam().values);
   const std::string bytes = onnx_bytes(agent, parameters, {{"agent", agent.name}});

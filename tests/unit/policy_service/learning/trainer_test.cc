@@ -34,6 +34,28 @@ TEST_P(EachNetwork, GoesOnFromACheckpointByteForByte) {
   expect_resumable(small_city_for(GetParam()), small_options(GetParam()), 5, 5);
 }
 
+TEST_P(EachNetwork, LearnsFromSeveralExperiencesAlike) {
+  const Traversal city = small_city_for(GetParam()), other = other_season(city);
+  for (const std::string learner : {"ppo", "relabel"}) {
+    TrainerOptions options = small_options(GetParam());
+    options.learner = learner;
+    expect_reproducible({&city, &other}, options, 2, 4);
+    expect_resumable({&city, &other}, options, 3, 3);
+    Loop alone(city, options, 2), both({&city, &other}, options, 2), turned({&other, &city}, options, 2);
+    for (Loop* loop : {&alone, &both, &turned}) loop->update();
+    if (GetParam() != "baseline") {
+      EXPECT_NE(alone.trainer.agent().parameters, both.trainer.agent().parameters) << "sees the other season";
+      EXPECT_TRUE(contains(error_of([&] { turned.trainer.load(both.trainer.checkpoint()); }), "features are others"));
+    }
+  }
+}
+
+TEST(Trainer, RefusesAnExperienceThatItDoesNotKnow) {
+  const Traversal city = small_city();
+  Trainer trainer(small_options("features"), task_of(city));
+  EXPECT_TRUE(contains(error_of([&] { trainer.add(0, 4, 1); }), "experience of environment 0: is not known"));
+}
+
 TEST(Trainer, RefusesACheckpointOfOtherOptions) {
   const Traversal city = small_city();
   Loop loop(city, small_options("baseline"));

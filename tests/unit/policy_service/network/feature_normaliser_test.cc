@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include "policy_service/network/place_keys.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/network_policy.h"
 #include "tests/support/networks/some_agent.h"
@@ -16,7 +17,7 @@ TEST(FeatureNormaliser, BeforeAnythingWasSeenItKnowsTheTrainingRoute) {
   const Matrix<float> reference = some_task(kFeatures, kPlaces).reference;
   Matrix<float> expected = reference.colwise() - reference.rowwise().mean();
   expected.colwise().normalize();
-  EXPECT_TRUE(normalised_reference(reference).isApprox(expected, 1e-5f));
+  EXPECT_TRUE(normalised_reference(reference, kPlaces).isApprox(expected, 1e-5f));
   const FeatureNormaliser normaliser(reference);
   Matrix<float> mean = reference.rowwise().mean();
   normaliser.apply(mean);
@@ -30,7 +31,8 @@ TEST(FeatureNormaliser, BeforeAnythingWasSeenItKnowsTheTrainingRoute) {
 
 /// A condition that moves all features alike: frames look like their places again once enough was seen of it.
 TEST(FeatureNormaliser, FollowsACondition) {
-  const Matrix<float> reference = some_task(kFeatures, kPlaces).reference, keys = normalised_reference(reference);
+  const Matrix<float> reference = some_task(kFeatures, kPlaces).reference,
+                      keys = normalised_reference(reference, kPlaces);
   const Matrix<float> winter = reference.colwise() + 2 * Vector<float>::Unit(kFeatures, 3);
   FeatureNormaliser normaliser(reference);
   const auto likeness = [&] {
@@ -42,6 +44,31 @@ TEST(FeatureNormaliser, FollowsACondition) {
   for (int round = 0; round < 20; ++round)
     for (int place = 0; place < kPlaces; ++place) normaliser.see(winter.col(place));
   EXPECT_GT(likeness(), 0.99);
+}
+
+/// Two experiences: a frame looks like its place in the one that resembles it, whatever moved all of the other.
+TEST(PlaceKeys, TellAPlaceByAnyOfItsExperiences) {
+  const Matrix<float> summer = some_task(kFeatures, kPlaces).reference;
+  Matrix<float> snow = summer.rowwise().reverse();  // the same frames elsewhere, and all of them moved
+  snow.colwise() += 2 * Vector<float>::Unit(kFeatures, 3);
+  Matrix<float> both(kFeatures, 2 * kPlaces);
+  both << summer, snow;
+  const Matrix<float> normalised = normalised_reference(both, kPlaces);
+  EXPECT_EQ(normalised.leftCols(kPlaces), normalised_reference(summer, kPlaces)) << "each by its own mean";
+  EXPECT_TRUE(normalised.rightCols(kPlaces).isApprox(normalised_reference(snow, kPlaces)));
+  Matrix<float> each, similarity;
+  PlaceKeys<float>(both, kFeatures, kPlaces).compare(normalised, kPlaces, each, similarity);
+  ASSERT_EQ(similarity.rows(), kPlaces);
+  ASSERT_EQ(similarity.cols(), 2 * kPlaces);
+  for (int place = 0; place < kPlaces; ++place) {
+    EXPECT_NEAR(similarity(place, place), 1, 1e-5);
+    EXPECT_NEAR(similarity(kPlaces - 1 - place, place), 1, 1e-5) << "as the other experience shows it";
+    EXPECT_NEAR(similarity(place, kPlaces + place), 1, 1e-5);
+  }
+  PlaceKeys<float>(both, kFeatures, kPlaces).compare(normalised, 5, each, similarity);
+  EXPECT_EQ(similarity.rows(), 5) << "of a lesson";
+  for (const std::ptrdiff_t places : {0, kPlaces - 1, 2 * kPlaces - 1})
+    EXPECT_THROW(PlaceKeys<float>(both.leftCols(places), kFeatures, kPlaces), Error) << places;
 }
 
 /// What agents see at a step: at random, of one route, from `seed` on another one.
@@ -60,6 +87,21 @@ msg::Observation some_observation(const Matrix<float>& features, Random& random,
     o.features().insert(o.features().end(), seen.begin(), seen.end());
   }
   return o;
+}
+
+/// Frames of two experiences of a place are not taken for one another in a minibatch.
+TEST(ReadObservation, TellsExperiencesApart) {
+  const Matrix<float> summer = some_task(kFeatures, kPlaces).reference, winter = -summer;
+  NetworkInputs<float> batch, seen;
+  batch.resize(kFeatures, 2, kAgents);
+  for (const int experience : {0, 1}) {
+    Random random{3};
+    const msg::Observation o = some_observation(experience == 0 ? summer : winter, random, 0);
+    read_observation(o, kFeatures, 0, kPlaces, false, seen, {}, experience);
+    for (int agent = 0; agent < kAgents; ++agent) batch.copy_column(seen, agent, experience * kAgents + agent);
+  }
+  for (int agent = 0; agent < kAgents; ++agent)
+    EXPECT_EQ(batch.features_of(agent), -batch.features_of(kAgents + agent)) << agent;
 }
 
 /// Of two walks that see the same at first, no action before the difference differs: nothing was known of what came

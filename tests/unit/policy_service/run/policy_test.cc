@@ -372,6 +372,19 @@ TEST(Options, WhatTrainingBeginsWithIsForTrainingAlone) {
   EXPECT_TRUE(contains(refusal(options), "--initial")) << "the way to train a checkpoint's agent further";
 }
 
+TEST(Options, EachExperienceIsAnotherTraversal) {
+  const auto refusal = [](const PolicyServiceOptions& options) { return error_of([&] { checked_options(options); }); };
+  PolicyServiceOptions options;
+  options.train = {"summer", "fall"};
+  EXPECT_EQ(refusal(options), "");
+  options.role = "learner";
+  EXPECT_EQ(refusal(options),
+            "--role learner: learns from one traversal, not from summer, fall (train on several with --role both)");
+  options.role = "both";
+  options.train.push_back("summer");
+  EXPECT_EQ(refusal(options), "--train: names 'summer' twice");
+}
+
 TEST(Options, LessonsEndAtAnyNumberOfPlaces) {
   PolicyServiceOptions options;
   options.curriculum = true;
@@ -403,6 +416,22 @@ TEST(Controls, EachReachesItsGoalOnARouteThatBeginsAnywhere) {
         }
       }
   }
+}
+
+/// What is seen looks like the second experience of the route, and nothing like the first.
+TEST(Controls, SequenceFilterRemembersEachExperience) {
+  const int frames = 24, dimension = 8;
+  ControlTask task = some_control_task(0, frames, dimension);
+  const Matrix<float> winter = task.reference.rowwise().reverse();
+  task.reference.conservativeResize(Eigen::NoChange, 2 * frames);
+  Random random{4};
+  for (float& value : task.reference.leftCols(frames).reshaped()) value = static_cast<float>(random.normal());
+  task.reference.rightCols(frames) = winter;
+  const auto& entry = ControlRegistry::instance().find("control", "sequence_filter");
+  const auto policy = entry.create(Parameters(entry.name, entry.parameters, {}), task);
+  for (int goal : {0, 11, 23})
+    for (int start : {2, 12, 20})
+      EXPECT_EQ(walk(*policy, 0, frames, start, goal, winter), std::abs(goal - start)) << start << " -> " << goal;
 }
 
 TEST(Evaluation, RefusesAnAgentThatKnowsAMap) {
