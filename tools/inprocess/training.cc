@@ -7,28 +7,46 @@
 
 namespace citylearn {
 
-NetworkTask network_task(const Traversal& route, int first, int frames) {
-  if (first < 0 || frames < 2 || first + frames > route.frames)
-    throw Error("has " + std::to_string(route.frames) + " frames, the route needs frames " + std::to_string(first) +
-                    ".." + std::to_string(first + frames - 1),
-                "traversal '" + route.name + "'", "choose fewer");
+NetworkTask network_task(const Experiences& route, int first, int frames) {
   NetworkTask task;
-  task.features = route.dimension;
   task.frames = frames;
-  task.reference =
-      Eigen::Map<const Matrix<float>>(route.features.data(), route.dimension, route.frames).middleCols(first, frames);
-  task.turns = turns_within(route.turns, first, frames);
+  for (const Traversal* traversal : route) {
+    const std::string where = "traversal '" + traversal->name + "'";
+    if (first < 0 || frames < 2 || first + frames > traversal->frames)
+      throw Error("has " + std::to_string(traversal->frames) + " frames, the route needs frames " +
+                      std::to_string(first) + ".." + std::to_string(first + frames - 1),
+                  where, "choose fewer");
+    const std::vector<int> turns = turns_within(traversal->turns, first, frames);
+    if (task.reference.cols() == 0) {
+      task.features = traversal->dimension;
+      task.reference.resize(task.features, 0);
+      task.turns = turns;
+    }
+    if (traversal->dimension != task.features)
+      throw Error("has " + std::to_string(traversal->dimension) + " features a frame, '" + route.front()->name +
+                      "' has " + std::to_string(task.features),
+                  where, "train on traversals with features of one kind");
+    if (turns != task.turns)
+      throw Error("crosses itself elsewhere than '" + route.front()->name + "'", where, "train on one of them alone");
+    const std::ptrdiff_t before = task.reference.cols();
+    task.reference.conservativeResize(Eigen::NoChange, before + frames);
+    task.reference.rightCols(frames) =
+        Eigen::Map<const Matrix<float>>(traversal->features.data(), traversal->dimension, traversal->frames)
+            .middleCols(first, frames);
+  }
   return task;
 }
 
-InprocessTraining::InprocessTraining(const TrainerOptions& options, const Traversal& route, int frames,
+InprocessTraining::InprocessTraining(const TrainerOptions& options, const Experiences& route, int frames,
                                      int environments, int agents)
-    : trainer_(options, network_task(route, options.first_frame, frames)),
-      environments_(static_cast<std::size_t>(environments),
-                    Environment(route, agents > 0 ? agents
-                                                  : static_cast<int>(trainer_.parameters()["trainer"]["agents"]) /
-                                                        environments)) {
-  for (int i = 0; i < environments; ++i) trainer_.add(i, environments_.front().agents());
+    : trainer_(options, network_task(route, options.first_frame, frames)) {
+  const int count = environments * static_cast<int>(route.size());
+  if (agents <= 0) agents = std::max(1, static_cast<int>(trainer_.parameters()["trainer"]["agents"]) / count);
+  for (int i = 0; i < count; ++i) {
+    const int experience = i / environments;
+    environments_.emplace_back(*route[static_cast<std::size_t>(experience)], agents);
+    trainer_.add(i, agents, experience);
+  }
 }
 
 void InprocessTraining::step(Environment& environment) {

@@ -13,14 +13,20 @@
 
 namespace citylearn {
 
+/// One route as several traversals show it; the first one defines it. Or one traversal, which is the route.
+struct Experiences : std::vector<const Traversal*> {
+  using std::vector<const Traversal*>::vector;
+  Experiences(const Traversal& only) : vector{&only} {}  // NOLINT(google-explicit-constructor): the usual case
+};
+
 /// A trainer and its environments in one process, nothing on a wire. What it learns is what the services learn in
 /// lockstep.
 class InprocessTraining {
  public:
   /// Frames options.first_frame .. + frames - 1 of `route`, which must outlive this and have features (an agent that
-  /// needs none takes it as it is). `agents` of each environment; 0: the network's recommendation in all. Throws Error
-  /// as Trainer does.
-  InprocessTraining(const TrainerOptions& options, const Traversal& route, int frames, int environments = 1,
+  /// needs none takes it as it is). `environments` on each of its experiences, with `agents` each; 0: the network's
+  /// recommendation in all. Throws Error as Trainer and network_task() do.
+  InprocessTraining(const TrainerOptions& options, const Experiences& route, int frames, int environments = 1,
                     int agents = 0);
 
   /// One segment of every environment, and what is learned from it.
@@ -45,8 +51,9 @@ class InprocessTraining {
   std::vector<std::uint8_t> choice_;
 };
 
-/// The task of a traversal's frames first .. first + frames - 1, as a network is made for it.
-NetworkTask network_task(const Traversal& route, int first, int frames);
+/// The task of a route's frames first .. first + frames - 1, as a network is made for it. Throws Error naming a
+/// traversal that lacks some of these, or has other features or crossings than the first one.
+NetworkTask network_task(const Experiences& route, int first, int frames);
 
 /// The numbered tasks that a policy is tried on.
 struct Trial {

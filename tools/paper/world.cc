@@ -8,6 +8,7 @@
 
 #include "core/util/error.h"
 #include "tools/paper/studies/cropped.h"
+#include "tools/paper/studies/mixture.h"
 #include "tools/vpr/descriptors.h"
 
 namespace citylearn::paper {
@@ -117,6 +118,14 @@ World& World::laterally_shifted() {
   if (!drawn()) all.front().images = cropped(all.front().images, 0, kWindow);
   laterally_shifted_.reset(new World(options_, all));
   return *laterally_shifted_;
+}
+
+World& World::mixed() {
+  if (mixed_) return *mixed_;
+  if (names_.size() < 2) throw Error("has one traversal alone", "dataset " + dataset());
+  const Traversal &first = recordings_.at(names_[0]), &second = recordings_.at(names_[1]);
+  mixed_.reset(new World(options_, {first, second, mixture(first, second, "mixed")}));
+  return *mixed_;
 }
 
 Json World::description() const {

@@ -54,6 +54,10 @@ class World {
   /// pictures: a simulated shift, a window of 4/5 of the picture's width (of the traversal learned from too) moved
   /// right by such a share of it. Made once; the world must have pictures. Throws Error.
   World& laterally_shifted();
+  /// The traversal learned from, one more, and as 'mixed' a simulated third condition for recordings that have no
+  /// other: each frame is a mixture of these two, of their pictures or of their features, and from place to place more
+  /// of the one or of the other, as if snow had melted in patches. Made once; needs two traversals. Throws Error.
+  World& mixed();
   std::vector<double> lateral_shifts() const;
   std::string shifted_name(double shift) const;  ///< "1.5 m", "10 %"
 
@@ -74,7 +78,7 @@ class World {
   std::map<std::string, std::uint64_t> hashes_;
   std::map<std::string, std::unique_ptr<Encoded>> encoded_;              ///< by encoder
   std::map<std::pair<std::string, std::string>, Traversal> traversals_;  ///< by representation and name
-  std::unique_ptr<World> laterally_shifted_;
+  std::unique_ptr<World> laterally_shifted_, mixed_;
 };
 
 }  // namespace citylearn::paper

@@ -13,6 +13,7 @@ Json plan_tables(const Context& context);
 Json plan_longer_routes(const Context& context);
 Json plan_transfer(const Context& context);
 Json plan_viewpoint(const Context& context);
+Json plan_experiences(const Context& context);
 Json plan_map(const Context& context);
 
 namespace {
@@ -32,6 +33,7 @@ const std::vector<Section>& sections() {
       {"longer-routes", "Beyond the paper: longer routes", plan_longer_routes},
       {"transfer", "Beyond the paper: a policy on a second route", plan_transfer},
       {"viewpoint", "Beyond the paper: a camera to the side", plan_viewpoint},
+      {"experiences", "Beyond the paper: two experiences of a route", plan_experiences},
       {"map", "Beyond the paper: a map with junctions", plan_map}};
   return all;
 }

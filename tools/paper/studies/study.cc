@@ -45,6 +45,13 @@ Json tried(const std::unique_ptr<Policy>& policy, const Traversal& traversal, co
   return row;
 }
 
+/// Returns the traversal learned from and these others.
+Experiences experiences_of(const std::vector<std::string>& others, const std::string& representation, World& world) {
+  Experiences all(world.traversal(representation, world.train()));
+  for (const std::string& name : others) all.push_back(&world.traversal(representation, name));
+  return all;
+}
+
 /// The part of the spec that TransferTrial and ControlStudy share.
 template <class Trials>
 Json spec_of(const char* kind, const Trials& study, const std::vector<std::string>& recordings, World& world) {
@@ -129,7 +136,8 @@ Json train(const Study& study, World& world) {
   const int room = std::max(1, static_cast<int>(msg::MAX_FEATURES) / std::max(1, route.dimension));
   int environments = 1;
   while (agents / environments > room || agents % environments != 0) ++environments;
-  InprocessTraining training(options, route, study.frames, environments);
+  const Experiences experiences = experiences_of(study.experiences, study.representation, world);
+  InprocessTraining training(options, experiences, study.frames, environments);
   Trainer& trainer = training.trainer();
 
   Json curve = {{"episodes", Json::array()}, {"steps", Json::array()}, {"seconds", Json::array()},
@@ -185,6 +193,7 @@ Unit unit_of(const Study& study, World& world) {
   unit.name =
       fmt::format("training {} on {}, {} places, seed {}", study.agent, study.representation, study.frames, study.seed);
   if (study.first > 0) unit.name += fmt::format(", from place {} on", study.first);
+  if (!study.experiences.empty()) unit.name += fmt::format(", on {} too", fmt::join(study.experiences, ", "));
   unit.spec = {{"kind", "training"},
                {"agent", study.agent},
                {"learner", study.learner},
@@ -197,6 +206,7 @@ Unit unit_of(const Study& study, World& world) {
                {"steps", study.steps},
                {"tasks", {study.tasks, study.tasks_between}},
                {"deploy_every", study.deploy_every}};
+  if (!study.experiences.empty()) unit.spec["experiences"] = world.hashes(study.experiences);
   if (study.save_parameters) unit.spec["keep"] = true;
   if (study.initial) {
     unit.name += ", carried over";
@@ -242,6 +252,7 @@ Unit unit_of(const ControlStudy& study, World& world) {
   unit.name = fmt::format("{} on {}, {} places", study.control, study.representation, study.frames);
   unit.spec = spec_of("control", study, study.traversals, world);
   unit.spec["control"] = study.control;
+  if (!study.experiences.empty()) unit.spec["experiences"] = world.hashes(study.experiences);
   unit.seconds = 1;
   if (study.control.ends_with("_filter"))  // looks at all places at each step, and longer routes take more of both
     unit.seconds += 4e-8 * study.tasks * study.frames * study.frames * static_cast<double>(study.traversals.size());
@@ -249,8 +260,10 @@ Unit unit_of(const ControlStudy& study, World& world) {
     Json rows = Json::array();
     const auto& entry = ControlRegistry::instance().find("control", study.control);
     for (const std::string& name : study.traversals) {
-      const std::string& known = study.control == "oracle_filter" ? name : world.train();
-      const NetworkTask route = network_task(world.traversal(study.representation, known), study.first, study.frames);
+      const Experiences known = study.control == "oracle_filter"
+                                    ? Experiences(world.traversal(study.representation, name))
+                                    : experiences_of(study.experiences, study.representation, world);
+      const NetworkTask route = network_task(known, study.first, study.frames);
       const ControlTask task{study.first, study.frames, route.reference};
       rows.push_back(tried(entry.create(Parameters("control " + study.control, entry.parameters, {}), task),
                            world.traversal(study.representation, name),

@@ -21,7 +21,8 @@ struct SavedAgent {
 struct Study {
   std::string agent, learner = "ppo";
   std::string representation;
-  int first = 0, frames = 128;  ///< the route; N steps are the limit of its tasks
+  int first = 0, frames = 128;           ///< the route; N steps are the limit of its tasks
+  std::vector<std::string> experiences;  ///< traversals that it learns from besides World::train()
   std::uint64_t seed = 1;
   std::uint64_t steps = 0;              ///< of training; 0: the agent's recommendation
   int deploy_every = 0;                 ///< episodes between trials during training; 0: none
@@ -60,6 +61,7 @@ struct ControlStudy {
   std::string control, representation;
   int first = 0, frames = 128, tasks = 2000;
   std::vector<std::string> traversals;
+  std::vector<std::string> experiences = {};  ///< traversals that a filter knows besides World::train()
 };
 Unit unit_of(const ControlStudy& study, World& world);
 

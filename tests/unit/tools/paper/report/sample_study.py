@@ -107,6 +107,13 @@ def sample() -> Study:
                   agents=[{"label": "features", "units": [study.unit([trial("0 m"), trial("1 m")]), study.unit(None)]}],
                   controls=study.controls("blind", "sequence_filter"))
 
+    study.section("experiences", recordings=recordings([*TRAVERSALS, "mixed"]), substitute=False, simulated=True,
+                  second="night", frames=128, representation="hog-64",
+                  variants=[{"more": more, "controls": study.controls("sequence_filter"),
+                             "agents": [{"label": "place_filter",
+                                         "units": [study.unit({**training(1), "trials": [trial("mixed", spl=spl)]})]}]}
+                            for more, spl in (([], 0.9), (["night"], 0.8))])
+
     def on_map(policy: str) -> dict:
         estimate = {"mean": 0.4 if policy == "place_filter" else 0.5, "low": 0.3, "high": 0.6, "n": 100}
         rows = [{"traversal": name, **dict.fromkeys(("completed", "spl", "steps", "shortest"), estimate)}

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "tests/support/processes/service.h"
+#include "tests/support/text.h"
 
 namespace citylearn::paper {
 namespace {
@@ -85,6 +86,51 @@ TEST(TransferTrials, FailWithTheTrainingTheyNeed) {
   work.add(transfer);
   EXPECT_FALSE(work.run());
   EXPECT_TRUE(work.outcome(transfer.spec).is_null());
+}
+
+/// Studies of two experiences are work of their own, and bad ones name the traversal.
+TEST(Studies, LearnFromSeveralExperiences) {
+  WorldOptions options;
+  options.source = drawn(24);
+  World world(options);
+  const Folder folder;
+  Work work(folder / "work");
+  Study alone = short_study(), both = alone;
+  both.experiences = {"fall"};
+  alone.traversals = both.traversals = {"winter"};
+  alone.save_parameters = both.save_parameters = true;
+  ControlStudy control{"sequence_filter", "features", 0, 12, 50, {"winter"}}, knows_winter = control;
+  knows_winter.experiences = {"winter"};
+  for (const Study& study : {alone, both}) work.add(unit_of(study, world));
+  for (const ControlStudy& study : {control, knows_winter}) work.add(unit_of(study, world));
+  ASSERT_TRUE(work.run());
+  ASSERT_EQ(work.units(), 4);
+  EXPECT_NE(work.outcome(0)["parameters"], work.outcome(1)["parameters"]);
+  EXPECT_GE(work.outcome(3)[0]["spl"], work.outcome(2)[0]["spl"]) << "it remembers what it is shown";
+
+  Traversal city = world.traversal("features", "summer"), narrow = city, crossed = city;
+  city.name = "A";
+  narrow.name = "B";
+  narrow.dimension = 8;
+  crossed.name = "C";
+  for (int i = 0; i < crossed.frames; ++i) crossed.turns.push_back(i);
+  std::swap(crossed.turns[1], crossed.turns[5]);
+  EXPECT_EQ(network_task({&city, &city}, 0, 12).reference.cols(), 24);
+  using citylearn::testing::error_of;
+  EXPECT_EQ(error_of([&] {
+              network_task({&city, &narrow}, 0, 12);
+            }),
+            "traversal 'B': has 8 features a frame, 'A' has 64 (train on traversals with features of one kind)");
+  EXPECT_EQ(error_of([&] {
+              network_task({&city, &crossed}, 0, 12);
+            }),
+            "traversal 'C': crosses itself elsewhere than 'A' (train on one of them alone)");
+  narrow = city;
+  narrow.frames = 10;
+  EXPECT_EQ(error_of([&] {
+              network_task({&city, &narrow}, 0, 12);
+            }),
+            "traversal 'A': has 10 frames, the route needs frames 0..11 (choose fewer)");
 }
 
 }  // namespace
