@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 #include "core/task/action.h"
 
@@ -13,6 +14,25 @@ namespace place_filter {
 
 enum { kEvidence, kTempering, kNearness, kTurning, kDirectness, kScalars };  ///< rows of filter.scalars
 constexpr int kScales = 8;                                                   ///< masses by distance, on each side
+
+/// Inputs of the head: 2 S(before), 2 S(after), masses by distance before the goal, after it, then these; on a map one
+/// more.
+enum { kSharpness = 2 + 2 * kScales, kMask, kInputs = kMask + 2 * kActions };
+constexpr int kWayOn = 0, kStaying = 1, kStateValue = 2, kOutputs = 3;  ///< outputs of the head, for each direction
+
+/// Returns, for each of the head's inputs, which one takes its place when the route is seen from the other end.
+inline std::vector<int> mirrored_inputs(int inputs) {
+  std::vector<int> mirror(static_cast<std::size_t>(inputs));
+  for (int input = 0; input < inputs; ++input) mirror[static_cast<std::size_t>(input)] = input;
+  const auto swap = [&](int one, int other) {
+    mirror[static_cast<std::size_t>(one)] = other;
+    mirror[static_cast<std::size_t>(other)] = one;
+  };
+  swap(0, 1);
+  for (int scale = 0; scale < kScales; ++scale) swap(2 + scale, 2 + kScales + scale);
+  for (const int first : {kMask + 0, kMask + kActions}) swap(first + kNext, first + kPrevious);
+  return mirror;
+}
 
 // Scores that no evidence outweighs: it adds up to less than s (1 + log(1 + h N) / h), 1000 on the longest routes.
 constexpr float kExclusion = 1000, kNever = -100 * kExclusion;

@@ -78,12 +78,23 @@ std::unique_ptr<AgentGraph> export_place_filter(const Parameters& parameters, co
       inputs.push_back(2 * mass(belief * there * side));
     }
   inputs.insert(inputs.end(), {mass(belief * belief), -1 * graph->allowed() + 1, 0.5f * previous});
-  OnnxValue layer = graph->concat(inputs);
-  layer = tanh(graph->layer(layer, "head.1.weight", "head.1.bias"));
-  layer = tanh(graph->layer(layer, "head.2.weight", "head.2.bias"));
+  const OnnxValue as_seen = graph->concat(inputs);
+  const std::vector<int> mirror = mirrored_inputs(kInputs);
+  Matrix<float> exchange = Matrix<float>::Zero(kInputs, kInputs);
+  for (int input = 0; input < kInputs; ++input) exchange(input, mirror[static_cast<std::size_t>(input)]) = 1;
+  const auto head = [&](const OnnxValue& from) {
+    OnnxValue layer = tanh(graph->layer(from, "head.1.weight", "head.1.bias"));
+    layer = tanh(graph->layer(layer, "head.2.weight", "head.2.bias"));
+    return graph->layer(layer, "head.out.weight", "head.out.bias");
+  };
+  const OnnxValue both = graph->concat({head(as_seen), head(graph->linear(as_seen, "mirror", exchange))});
+  Matrix<float> joined = Matrix<float>::Zero(kActions + 1, 2 * kOutputs);  // logits and value
+  joined(kStay, kStaying) = joined(kStay, kOutputs + kStaying) = 0.5f;
+  joined(kNext, kWayOn) = joined(kPrevious, kOutputs + kWayOn) = 1;
+  joined(kActions, kStateValue) = joined(kActions, kOutputs + kStateValue) = 0.5f;
   const OnnxValue nothing_said = 0 * inputs[0];
   const OnnxValue direct = scalar(kDirectness) * graph->concat({nothing_said, inputs[0], inputs[1], nothing_said});
-  graph->finish(graph->layer(layer, "head.out.weight", "head.out.bias") + direct, graph->concat({scores, step}));
+  graph->finish(graph->linear(both, "joined", joined) + direct, graph->concat({scores, step}));
   return graph;
 }
 

@@ -123,12 +123,12 @@ TEST(Trainer, TellsTheLearnerWhatAStepCosts) {
 
 /// Seen again in the same episode a place looks the same, whichever noise it is that stays.
 TEST(Trainer, DisguisesFramesTheSameWayAllThroughAnEpisode) {
-  for (const std::string noise : {"noise-place", "noise-episode"}) {
-    SCOPED_TRACE(noise);
+  for (const std::string kind : {"noise-place", "noise-episode"}) {
+    SCOPED_TRACE(kind);
     const Traversal city = small_city();
     TrainerOptions options = recorded("features");
     for (const char* noise : {"noise-frame", "noise-place", "noise-episode"}) options.trainer_parameters[noise] = 0;
-    options.trainer_parameters[noise] = 2;
+    options.trainer_parameters[kind] = 2;
     Loop loop(city, options);
     loop.update();
     const Rollout& r = Recorder::last;
@@ -159,7 +159,7 @@ TEST(Trainer, DisguisesFramesTheSameWayAllThroughAnEpisode) {
       }
     }
     EXPECT_TRUE(differs);
-    EXPECT_EQ(places_differ, noise == "noise-place");
+    EXPECT_EQ(places_differ, kind == "noise-place");
   }
 }
 

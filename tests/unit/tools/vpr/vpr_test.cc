@@ -180,9 +180,10 @@ TEST(VprTool, PicturesGoThroughTheDefaultEncoder) {
 
 TEST(VprTool, SeveralEncodersTogether) {
   const Folder output;
-  const Ended ended = vpr("--synthetic-frames 40 --query night --encoder patchnorm,hog --together --dimension 0,16 "
-                          "--no-pictures --output " +
-                          output.path());
+  const Ended ended =
+      vpr("--synthetic-frames 40 --query night --encoder patchnorm,hog --together --dimension 0,16 "
+          "--no-pictures --output " +
+          output.path());
   ASSERT_EQ(ended.status, 0) << ended.text;
   const auto rows = nlohmann::json::parse(contents(output / "results.json"))["rows"];
   ASSERT_EQ(rows.size(), 2u);
