@@ -122,11 +122,9 @@ TEST(VprTool, RightAnswersWithinMetres) {
     return results["rows"][0]["recall_1"].get<double>();
   };
   // Frames lie 10 m apart, a little more or less.
-  const double exact = recall(" --tolerance 0");
-  EXPECT_EQ(recall(" --radius 1"), exact);
-  EXPECT_EQ(recall(" --radius 15"), recall(" --tolerance 1"));
-  EXPECT_LT(exact, 1);
-  EXPECT_EQ(recall(" --radius 5000"), 1);
+  const double neighbours = recall(" --radius 15");
+  EXPECT_EQ(neighbours, recall(" --tolerance 1"));
+  EXPECT_LT(recall(" --radius 1"), neighbours);
 }
 
 TEST(VprTool, DimensionsThatCannotBeAreLeftOut) {
