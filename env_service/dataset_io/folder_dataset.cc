@@ -96,9 +96,7 @@ void FolderDataset::not_recognised(const std::string& missing) const {
               is_folder(folder_) ? "--data names the folder that holds it" : "there is no such folder");
 }
 
-Traversal FolderDataset::pictured(const std::string& name, std::shared_ptr<Images> images,
-                                  const std::string& where) const {
-  const int frames = images->frames();
+Traversal FolderDataset::unfilled(const std::string& name, int frames, const std::string& where) const {
   const std::string count = "has " + (frames == 1 ? "only one frame" : std::to_string(frames) + " frames");
   if (frames < 2) throw Error(count + ", a route needs two", where);
   if (frames > static_cast<int>(msg::MAX_FRAMES))
@@ -108,8 +106,14 @@ Traversal FolderDataset::pictured(const std::string& name, std::shared_ptr<Image
   traversal.dataset = dataset_;
   traversal.name = name;
   traversal.frames = frames;
-  traversal.images = std::move(images);
   traversal.positions.assign(static_cast<std::size_t>(frames), std::numeric_limits<float>::quiet_NaN());
+  return traversal;
+}
+
+Traversal FolderDataset::pictured(const std::string& name, std::shared_ptr<Images> images,
+                                  const std::string& where) const {
+  Traversal traversal = unfilled(name, images->frames(), where);
+  traversal.images = std::move(images);
   return traversal;
 }
 

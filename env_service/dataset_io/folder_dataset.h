@@ -25,8 +25,10 @@ class FolderDataset : public Dataset {
   /// Throws Error: the folder is not of this dataset, as `missing` is not there.
   [[noreturn]] void not_recognised(const std::string& missing) const;
 
-  /// Returns a traversal with these images, whose positions are not known yet. Throws Error naming `where` when it has
-  /// less than 2 frames or more than msg::MAX_FRAMES.
+  /// Returns a traversal whose frames are not filled in and whose positions are not known yet. Throws Error naming
+  /// `where` when it has less than 2 frames or more than msg::MAX_FRAMES.
+  Traversal unfilled(const std::string& name, int frames, const std::string& where) const;
+  /// Returns a traversal with these images, likewise.
   Traversal pictured(const std::string& name, std::shared_ptr<Images> images, const std::string& where) const;
   /// Returns a traversal of image files.
   Traversal pictured(const std::string& name, std::vector<std::string> paths, const std::string& where) const;

@@ -125,18 +125,6 @@ std::vector<int> without_bad_ones(const Images& images, std::vector<int> frames,
   return frames;
 }
 
-template <class Number>
-void pick(std::vector<Number>& values, const std::vector<int>& frames, std::size_t width = 1) {
-  if (values.empty()) return;
-  std::vector<Number> kept;
-  kept.reserve(frames.size() * width);
-  for (const int frame : frames) {
-    const auto begin = values.begin() + static_cast<std::ptrdiff_t>(static_cast<std::size_t>(frame) * width);
-    kept.insert(kept.end(), begin, begin + static_cast<std::ptrdiff_t>(width));
-  }
-  values = std::move(kept);
-}
-
 }  // namespace
 
 Traversal select(Dataset& dataset, const std::string& name, const Selection& selection) {
@@ -151,12 +139,7 @@ Traversal select(Dataset& dataset, const std::string& name, const Selection& sel
     if (shown != all) traversal.images = picked(traversal.images, std::move(shown));
   }
   if (frames == all) return traversal;
-  pick(traversal.features, frames, static_cast<std::size_t>(traversal.dimension));
-  pick(traversal.positions, frames);
-  pick(traversal.latitude, frames);
-  pick(traversal.longitude, frames);
-  pick(traversal.times, frames);
-  traversal.frames = static_cast<int>(frames.size());
+  traversal.keep(frames);
   return traversal;
 }
 

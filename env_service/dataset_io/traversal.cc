@@ -1,9 +1,36 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/traversal.h"
 
+#include <utility>
+
 #include "core/util/sha256.h"
 
 namespace citylearn {
+namespace {
+
+/// Keeps the values of `frames`, `width` a frame; empty values stay empty.
+template <class Number>
+void pick(std::vector<Number>& values, const std::vector<int>& frames, std::size_t width = 1) {
+  if (values.empty()) return;
+  std::vector<Number> kept;
+  kept.reserve(frames.size() * width);
+  for (const int frame : frames) {
+    const auto begin = values.begin() + static_cast<std::ptrdiff_t>(static_cast<std::size_t>(frame) * width);
+    kept.insert(kept.end(), begin, begin + static_cast<std::ptrdiff_t>(width));
+  }
+  values = std::move(kept);
+}
+
+}  // namespace
+
+void Traversal::keep(const std::vector<int>& kept) {
+  pick(features, kept, static_cast<std::size_t>(dimension));
+  pick(positions, kept);
+  pick(latitude, kept);
+  pick(longitude, kept);
+  pick(times, kept);
+  frames = static_cast<int>(kept.size());
+}
 
 std::uint64_t Traversal::hash() const {
   Sha256 sha;

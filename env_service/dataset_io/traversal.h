@@ -32,6 +32,8 @@ struct Traversal {
   std::span<const float> feature(int frame) const {
     return {features.data() + static_cast<std::size_t>(frame) * dimension, static_cast<std::size_t>(dimension)};
   }
+  /// Keeps `kept`, in that order, of the frames; indices may repeat. Leaves images as they are and takes no turns.
+  void keep(const std::vector<int>& kept);
   /// Returns the first 8 bytes of SHA-256 over dataset, F, D, features, positions, the images' fingerprints and turns,
   /// without the name.
   std::uint64_t hash() const;

@@ -5,12 +5,14 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <list>
 #include <map>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <span>
 #include <unordered_map>
 
@@ -161,6 +163,15 @@ class ImageFiles : public Images {
   std::map<int, std::string> faults_;
 };
 
+/// Decodes a picture as it is stored: grey or in colour, 8-bit. Throws Error, or lets out OpenCV's.
+cv::Mat decode_stored(Bytes& bytes, const std::string& name) {
+  read_image_header(bytes, name);  // too many pixels are refused before they are allocated
+  const cv::Mat file(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data());
+  cv::Mat picture = cv::imdecode(file, cv::IMREAD_ANYCOLOR | cv::IMREAD_IGNORE_ORIENTATION);
+  if (picture.empty()) throw Error("the picture cannot be decoded", name, "replace the file");
+  return picture;
+}
+
 class Changed : public DerivedImages {
  public:
   Changed(std::shared_ptr<Images> images, std::string recipe, std::function<cv::Mat(const cv::Mat&)> change)
@@ -174,21 +185,59 @@ class Changed : public DerivedImages {
   }
   void read(int frame, Bytes& bytes) override {
     images_->read(frame, bytes);
-    read_image_header(bytes, name(frame));  // too many pixels are refused before they are allocated
     try {
-      const cv::Mat picture = cv::imdecode(file_of(bytes), cv::IMREAD_ANYCOLOR | cv::IMREAD_IGNORE_ORIENTATION);
-      if (picture.empty()) throw Error("the picture cannot be decoded", name(frame), "replace the file");
-      encode_png(change_(picture), bytes);
+      encode_png(change_(decode_stored(bytes, name(frame))), bytes);
     } catch (const cv::Exception& error) {
       throw Error(error.err, name(frame) + " (" + recipe_ + ")");
     }
   }
 
  private:
-  static cv::Mat file_of(Bytes& bytes) { return cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data()); }
-
   std::string recipe_;
   std::function<cv::Mat(const cv::Mat&)> change_;
+};
+
+class Stacked : public DerivedImages {
+ public:
+  Stacked(std::shared_ptr<Images> above, std::shared_ptr<Images> below)
+      : DerivedImages(std::move(above)), below_(std::move(below)) {}
+
+  int frames() const override { return std::min(images_->frames(), below_->frames()); }
+  std::string name(int frame) const override { return images_->name(frame) + " over " + below_->name(frame); }
+  std::uint64_t fingerprint(int frame) const override {
+    Sha256 sha;
+    sha.add("stacked");
+    sha.add(images_->fingerprint(frame));
+    sha.add(below_->fingerprint(frame));
+    return sha.first_8_bytes();
+  }
+  std::string fault(int frame) const override {
+    if (std::string fault = images_->fault(frame); !fault.empty()) return fault;
+    const std::string fault = below_->fault(frame);
+    return fault.empty() ? "" : below_->name(frame) + ": " + fault;
+  }
+  void read(int frame, Bytes& bytes) override {
+    try {
+      images_->read(frame, bytes);
+      cv::Mat above = decode_stored(bytes, images_->name(frame));
+      below_->read(frame, bytes);
+      cv::Mat below = decode_stored(bytes, below_->name(frame));
+      if (above.cols != below.cols)
+        throw Error("the pictures are " + std::to_string(above.cols) + " and " + std::to_string(below.cols) +
+                        " pixels wide, so that one cannot stand over the other",
+                    name(frame), "take two cameras of one size");
+      for (cv::Mat* picture : {&above, &below})
+        if (picture->channels() < std::max(above.channels(), below.channels()))
+          cv::cvtColor(*picture, *picture, cv::COLOR_GRAY2BGR);
+      cv::vconcat(above, below, above);
+      encode_png(above, bytes);
+    } catch (const cv::Exception& error) {
+      throw Error(error.err, name(frame));
+    }
+  }
+
+ private:
+  const std::shared_ptr<Images> below_;
 };
 
 class Picked : public DerivedImages {
@@ -249,6 +298,10 @@ std::shared_ptr<Images> image_files(std::vector<std::string> paths, const std::s
 std::shared_ptr<Images> changed(std::shared_ptr<Images> images, const std::string& recipe,
                                 std::function<cv::Mat(const cv::Mat&)> change) {
   return std::make_shared<Changed>(std::move(images), recipe, std::move(change));
+}
+
+std::shared_ptr<Images> stacked(std::shared_ptr<Images> above, std::shared_ptr<Images> below) {
+  return std::make_shared<Stacked>(std::move(above), std::move(below));
 }
 
 std::shared_ptr<Images> picked(std::shared_ptr<Images> images, std::vector<int> which) {

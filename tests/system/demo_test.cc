@@ -8,6 +8,7 @@
 #include <regex>
 
 #include "tests/paths.h"
+#include "tests/support/data/scans.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/records/witness.h"
@@ -105,6 +106,26 @@ TEST(Demo, TakesParametersOfDatasetsAndEncodersAndAShortRoute) {
   EXPECT_TRUE(contains(demo->output(), "--frames is 0:12 instead of 0:128")) << demo->output();
   EXPECT_TRUE(contains(contents(demo.output() + "/logs/encoder.log"), "--dimension is 11 instead of 64"));
   EXPECT_TRUE(contains(demo->output(), "2011_09_26_drive_0001_sync")) << demo->output();
+}
+
+// Ranges are features: no encoder_service takes part.
+TEST(Demo, TrainsOnRangesOfALaser) {
+  Folder data;
+  const std::string laser = data / "2011_09_26_drive_0001_sync/velodyne_points";
+  std::string times;
+  for (int i = 10; i < 22; ++i) {
+    const auto near = static_cast<float>(i), far = static_cast<float>(50 - i * i % 37);
+    write_scan(laser + "/data/00000000" + std::to_string(i + 90).substr(1) + ".bin", {{near, 1, 0}, {-1, far, 0}});
+    times += "2011-09-26 13:02:" + std::to_string(i) + ".5\n";
+  }
+  make_file(laser + "/timestamps.txt", times);
+  Demo demo({"--data", data.path(), "--dataset", "kitti", "--kitti-ranges", "8", "--steps", "512", "--tasks", "4",
+             "--no-dashboard"},
+            own_domain(), {});
+  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  EXPECT_FALSE(fs::exists(demo.output() + "/logs/encoder.log"));
+  EXPECT_TRUE(contains(demo->output(), "2011_09_26_drive_0001_sync")) << demo->output();
+  EXPECT_TRUE(contains(demo->output(), "12 frames x 8 features")) << demo->output();
 }
 
 TEST(Demo, CtrlCAndSigtermStopAllWithinTwoSeconds) {
