@@ -2,6 +2,7 @@
 #pragma once
 
 #include "core/task/reward.h"
+#include "core/task/route_map.h"
 #include "core/util/random.h"
 #include "policy_service/learning/optimization/gradient_step.h"
 #include "policy_service/learning/optimization/replay.h"
@@ -24,11 +25,18 @@ inline int choose_goal(const Replay& replay, std::size_t slot, int begin, double
   return goal + (goal >= here ? 1 : 0);
 }
 
+/// Whether an action that was done never, once or twice cannot have led from `here` to `there`: the agent was carried.
+inline bool was_carried(int here, std::uint8_t action, int there) {
+  const int step = place_after(here, action, {}) - here;
+  return there != here && there != here + step && there != here + 2 * step;
+}
+
 /// Replays a stored sequence with other goals, as agent b of half of a minibatch (L + 1 steps). What was seen and done
 /// stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
 /// goal is reached, the steps allowed are used up, or the real episode ended, as the frames' disguise changes there. In
-/// the latter two cases the walk stops for one column to value what the episode would have gone on with. The learner
-/// gets each reward as `told` says.
+/// the latter two cases the walk stops for one column to value what the episode would have gone on with. So it does
+/// where the agent is carried (--kidnappings) to the other goal, because nobody is carried to a goal. The learner gets
+/// each reward as `told` says.
 inline void relabel(const Replay& replay, std::size_t slot, double visited, const Rollout& told, Random& random, int b,
                     GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
   const int length = replay.sequence();
@@ -63,10 +71,15 @@ inline void relabel(const Replay& replay, std::size_t slot, double visited, cons
     trajectories.log_probability[to] = replay.log_probability(from);
     trajectories.final_value[to] = 0;
     ++t;
-    trajectories.reward[to] = told.learned(reward.step(std::abs(goal - replay.position(from + 1))));
+    const int here = replay.position(from), there = replay.position(from + 1);
+    const bool carried = was_carried(here, replay.action(from), there);
+    // Agents are carried after a step, whose reward is that of the place it led to.
+    const int stepped_to = carried ? place_after(here, replay.action(from), {}) : there;
+    trajectories.reward[to] = told.learned(reward.step(std::abs(goal - stepped_to)));
     trajectories.ended[to] = reward.reached() ? Rollout::kTerminated : Rollout::kGoesOn;
     begins = reward.reached();
-    breaks_off = !begins && (replay.ended(from) != Rollout::kGoesOn || reward.out_of_steps());
+    if (carried && !begins) reward.displace(std::abs(goal - there));
+    breaks_off = !begins && (reward.reached() || replay.ended(from) != Rollout::kGoesOn || reward.out_of_steps());
   }
 }
 

@@ -306,6 +306,47 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
   EXPECT_GT(out_of_steps, 20);
 }
 
+/// An agent that is carried to a place did not reach it, but what it reached before that counts.
+TEST(Relabel, NobodyIsCarriedToAGoal) {
+  Rollout rollout = walk_along({1, 1, 7, 1, 1, 1}, {});
+  rollout.max_steps = 100;
+  Rollout* const rollouts[] = {&rollout};
+  Replay replay(100);
+  replay.add(rollouts);
+  GradientStep::Half half;
+  TrajectoryBatch<float> trajectories;
+  int reached_before = 0, carried_there = 0, carried_on = 0;
+  for (std::uint64_t seed = 0; seed < 200; ++seed) {
+    half.inputs.resize(1, 7, 1);
+    half.state.setOnes(2, 1);
+    trajectories.resize(7);
+    Random random{seed};
+    relabel(replay, 0, 0.5, rollout, random, 0, half, trajectories);
+    // The third step leads from place 7 to 8, from which the agent is carried to 14.
+    if (half.inputs.position[2] != 7 || half.inputs.first[2]) continue;
+    const int goal = half.inputs.goal[2];
+    EXPECT_EQ(half.inputs.position[3], 14);
+    EXPECT_EQ(trajectories.reward[2], goal == 8 ? 1.0f : goal > 8 ? 0.0f : -0.01f) << goal;
+    EXPECT_EQ(trajectories.ended[2], goal == 8 ? Rollout::kTerminated : Rollout::kGoesOn);
+    EXPECT_EQ(half.inputs.first[3], goal == 8);
+    if (goal == 8) {
+      ++reached_before;
+    } else if (goal == 14) {  // it cannot know: what it goes on with is valued, and an episode begins
+      ++carried_there;
+      EXPECT_EQ(trajectories.action[3], kNoAction);
+      EXPECT_TRUE(half.inputs.first[4]);
+      EXPECT_EQ(half.inputs.position[4], 14);
+    } else {
+      ++carried_on;
+      // The step from 14 to 15 leads nearer than ever to goals beyond only.
+      EXPECT_EQ(trajectories.reward[3], goal == 15 ? 1.0f : goal > 15 ? 0.0f : -0.01f) << goal;
+    }
+  }
+  EXPECT_GT(reached_before, 1);
+  EXPECT_GT(carried_there, 1);
+  EXPECT_GT(carried_on, 20);
+}
+
 TEST(Relabel, GoalsAreVisitedOrAnyOther) {
   Rollout rollout = walk_along({1, 1, 0, 1, 1, -1, -1, 1, 1, 1, 1, 1}, {4});
   Rollout* const rollouts[] = {&rollout};
