@@ -96,7 +96,7 @@ void train(const Options& options) {
     for (Traversal& other : others) encode(other);
   }
 
-  InprocessTraining training(options.trainer, route, options.frames, options.environments, options.agents);
+  InprocessTraining training(options.trainer, route, options.frames, {options.environments, options.agents});
   Trainer& trainer = training.trainer();
   for (const auto& [part, values] : trainer.parameters()) {
     std::printf("%s:", part.c_str());

@@ -38,13 +38,14 @@ NetworkTask network_task(const Experiences& route, int first, int frames) {
 }
 
 InprocessTraining::InprocessTraining(const TrainerOptions& options, const Experiences& route, int frames,
-                                     int environments, int agents)
+                                     const Hosting& hosting)
     : trainer_(options, network_task(route, options.first_frame, frames)) {
-  const int count = environments * static_cast<int>(route.size());
+  const int count = hosting.environments * static_cast<int>(route.size());
+  int agents = hosting.agents;
   if (agents <= 0) agents = std::max(1, static_cast<int>(trainer_.parameters()["trainer"]["agents"]) / count);
   for (int i = 0; i < count; ++i) {
-    const int experience = i / environments;
-    environments_.emplace_back(*route[static_cast<std::size_t>(experience)], agents);
+    const int experience = i / hosting.environments;
+    environments_.emplace_back(*route[static_cast<std::size_t>(experience)], agents, hosting.imperfections);
     trainer_.add(i, agents, experience);
   }
 }
@@ -87,7 +88,7 @@ UpdateFigures InprocessTraining::update() {
 
 std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& traversal, const Trial& trial) {
   const int room = traversal.dimension > 0 ? static_cast<int>(msg::MAX_FEATURES) / traversal.dimension : 256;
-  Environment environment(traversal, std::max(1, std::min({256, room, trial.tasks})));
+  Environment environment(traversal, std::max(1, std::min({256, room, trial.tasks})), trial.imperfections);
   msg::TaskSettings settings;
   settings.task_mode() = msg::EVALUATE;
   settings.first_frame() = static_cast<std::uint32_t>(trial.first_frame);

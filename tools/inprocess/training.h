@@ -19,15 +19,20 @@ struct Experiences : std::vector<const Traversal*> {
   Experiences(const Traversal& only) : vector{&only} {}  // NOLINT(google-explicit-constructor): the usual case
 };
 
+/// The environments of a training.
+struct Hosting {
+  int environments = 1;              ///< on each of the route's experiences
+  int agents = 0;                    ///< of each of them; 0: the network's recommendation in all
+  Imperfections imperfections = {};  ///< of their world, those that befall agents
+};
+
 /// A trainer and its environments in one process, nothing on a wire. What it learns is what the services learn in
 /// lockstep.
 class InprocessTraining {
  public:
   /// Frames options.first_frame .. + frames - 1 of `route`, which must outlive this and have features (an agent that
-  /// needs none takes it as it is). `environments` on each of its experiences, with `agents` each; 0: the network's
-  /// recommendation in all. Throws Error as Trainer and network_task() do.
-  InprocessTraining(const TrainerOptions& options, const Experiences& route, int frames, int environments = 1,
-                    int agents = 0);
+  /// needs none takes it as it is). Throws Error as Trainer and network_task() do.
+  InprocessTraining(const TrainerOptions& options, const Experiences& route, int frames, const Hosting& hosting = {});
 
   /// One segment of every environment, and what is learned from it.
   UpdateFigures update();
@@ -58,8 +63,9 @@ NetworkTask network_task(const Experiences& route, int first, int frames);
 /// The numbered tasks that a policy is tried on.
 struct Trial {
   int first_frame = 0, frames = 128, max_steps = 128, tasks = 2000;
-  std::uint64_t seed = 4711;  ///< the same seed: the same tasks, on whichever traversal
-  bool shuffle = false;       ///< frames shown in a random order
+  std::uint64_t seed = 4711;         ///< the same seed: the same tasks, on whichever traversal
+  bool shuffle = false;              ///< frames shown in a random order
+  Imperfections imperfections = {};  ///< of the world, those that befall agents
 };
 
 /// Episodes by task, of a policy that has decided nothing yet. Throws Error, and what the policy throws.

@@ -151,11 +151,13 @@ std::vector<std::string> World::representations(const std::vector<int>& dimensio
   std::vector<std::string> found;
   for (const std::string& encoder : options_.encoders)
     for (const int dimension : dimensions)
-      if (dimension <= std::min(encoded(encoder).encoder->spec().dimension, recordings_.at(train()).frames - 1))
+      if (dimension <= std::min(encoder_dimension(encoder), recordings_.at(train()).frames - 1))
         found.push_back(encoder + "-" + std::to_string(dimension));
   found.push_back(kRaw);
   return found;
 }
+
+int World::encoder_dimension(const std::string& encoder) { return encoded(encoder).encoder->spec().dimension; }
 
 const Traversal& World::traversal(const std::string& representation, const std::string& name) {
   if (representation == kAsRead) return recordings_.at(name);

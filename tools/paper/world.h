@@ -46,6 +46,8 @@ class World {
   /// `dimensions` that the number of frames and the encoder allow (D principal components of the traversal learned
   /// from), and "raw84" (pixels of the first `raw_frames` frames).
   std::vector<std::string> representations(const std::vector<int>& dimensions);
+  /// Features that an encoder gives before principal components are taken.
+  int encoder_dimension(const std::string& encoder);
   /// A traversal with the features of a representation.
   const Traversal& traversal(const std::string& representation, const std::string& name);
 

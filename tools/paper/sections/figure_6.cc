@@ -1,19 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/paper/context.h"
+#include "tools/paper/sections/wide_features.h"
 #include "tools/paper/studies/recognition.h"
 
 namespace citylearn::paper {
-namespace {
-
-const std::vector<int> kDimensions = {64, 512, 2048, 4096};
-
-}  // namespace
 
 Json plan_figure_6(const Context& context) {
   World& world = context.world;
   std::vector<std::string> queries = world.names();
   if (queries.size() > 1) queries.erase(queries.begin());
-  std::vector<std::string> representations = world.representations(kDimensions);
+  std::vector<std::string> representations = world.representations(kPaperDimensions);
   std::erase(representations, "raw84");  // pixels are for agents that learn to see
   // The paper's classifier, and the plain nearest frame beside it.
   const std::vector<std::string> methods = {"mlp", "nearest"};

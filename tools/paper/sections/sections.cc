@@ -14,6 +14,8 @@ Json plan_longer_routes(const Context& context);
 Json plan_transfer(const Context& context);
 Json plan_viewpoint(const Context& context);
 Json plan_experiences(const Context& context);
+Json plan_imperfect_world(const Context& context);
+Json plan_dimensions(const Context& context);
 Json plan_map(const Context& context);
 
 namespace {
@@ -34,6 +36,8 @@ const std::vector<Section>& sections() {
       {"transfer", "Beyond the paper: a policy on a second route", plan_transfer},
       {"viewpoint", "Beyond the paper: a camera to the side", plan_viewpoint},
       {"experiences", "Beyond the paper: two experiences of a route", plan_experiences},
+      {"imperfect-world", "Beyond the paper: an imperfect world", plan_imperfect_world},
+      {"dimensions", "The paper's main finding: smaller features generalise better", plan_dimensions},
       {"map", "Beyond the paper: a map with junctions", plan_map}};
   return all;
 }

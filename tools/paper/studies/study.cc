@@ -22,12 +22,28 @@ Json as_json(const Score& score) {
           {"excess", number(score.excess)}, {"steps", score.mean_steps},    {"reward", score.reward}};
 }
 
-Trial trial_of(int first, int frames, int tasks, bool shuffle) {
+Json as_json(const Imperfections& imperfections) {
+  return {{"slip", imperfections.slip},
+          {"dropped_frames", imperfections.dropped_frames},
+          {"kidnappings", imperfections.kidnappings}};
+}
+
+/// Adds the imperfections, if any, to the name and the spec of what is done in such a world.
+void describe(const Imperfections& imperfections, Unit& unit) {
+  const Json all = as_json(imperfections);
+  if (all == as_json(Imperfections())) return;
+  unit.name += fmt::format(", slip {:g}, dropped frames {:g}, kidnappings {}", imperfections.slip,
+                           imperfections.dropped_frames, imperfections.kidnappings);
+  unit.spec["imperfections"] = all;
+}
+
+Trial trial_of(int first, int frames, int tasks, bool shuffle, const Imperfections& imperfections = {}) {
   Trial trial;
   trial.first_frame = first;
   trial.frames = trial.max_steps = frames;
   trial.tasks = tasks;
   trial.shuffle = shuffle;
+  trial.imperfections = imperfections;
   return trial;
 }
 
@@ -130,6 +146,7 @@ Json train(const Study& study, World& world) {
   if (study.steps > 0) options.trainer_parameters["steps"] = static_cast<double>(study.steps);
   if (study.initial) options.initial = agent_on(*study.initial, route, study.first, study.frames);
   options.frozen = study.frozen;
+  options.network_parameters = study.network_parameters;
   // So many environments that the features of each one's agents fit into an observation.
   const auto parameters = Trainer::recommended_parameters(study.agent, study.learner);
   const int agents = static_cast<int>(parameters.at("trainer").at("agents"));
@@ -137,7 +154,7 @@ Json train(const Study& study, World& world) {
   int environments = 1;
   while (agents / environments > room || agents % environments != 0) ++environments;
   const Experiences experiences = experiences_of(study.experiences, study.representation, world);
-  InprocessTraining training(options, experiences, study.frames, environments);
+  InprocessTraining training(options, experiences, study.frames, {environments, 0, study.imperfections});
   Trainer& trainer = training.trainer();
 
   Json curve = {{"episodes", Json::array()}, {"steps", Json::array()}, {"seconds", Json::array()},
@@ -160,7 +177,7 @@ Json train(const Study& study, World& world) {
       while (deploy_at <= progress.episodes) deploy_at += static_cast<std::uint64_t>(study.deploy_every);
       for (const std::string& name : study.traversals) {
         Json row = tried(policy_of(trainer.agent()), world.traversal(study.representation, name),
-                         trial_of(study.first, study.frames, study.tasks_between, false));
+                         trial_of(study.first, study.frames, study.tasks_between, false, study.imperfections));
         row["episodes"] = progress.episodes;
         deployments.push_back(std::move(row));
       }
@@ -170,8 +187,9 @@ Json train(const Study& study, World& world) {
   const double seconds = seconds_since(start) - judging;
   for (const std::string& name : study.traversals)
     for (const bool shuffled : {false, true}) {
-      Json row = tried(policy_of(trainer.agent()), world.traversal(study.representation, name),
-                       trial_of(study.first, study.frames, study.tasks, shuffled), /*walk=*/!shuffled);
+      Json row =
+          tried(policy_of(trainer.agent()), world.traversal(study.representation, name),
+                trial_of(study.first, study.frames, study.tasks, shuffled, study.imperfections), /*walk=*/!shuffled);
       row["shuffled"] = shuffled;
       trials.push_back(std::move(row));
     }
@@ -216,6 +234,8 @@ Unit unit_of(const Study& study, World& world) {
     unit.name += fmt::format(", {} frozen", fmt::join(study.frozen, ", "));
     unit.spec["frozen"] = study.frozen;
   }
+  describe(study.imperfections, unit);
+  if (!study.network_parameters.empty()) unit.spec["network"] = study.network_parameters;
   unit.seconds = study.seconds;
   unit.compute = [study, &world] { return train(study, world); };
   return unit;
@@ -252,6 +272,11 @@ Unit unit_of(const ControlStudy& study, World& world) {
   unit.name = fmt::format("{} on {}, {} places", study.control, study.representation, study.frames);
   unit.spec = spec_of("control", study, study.traversals, world);
   unit.spec["control"] = study.control;
+  describe(study.imperfections, unit);
+  if (!study.parameters.empty()) {
+    unit.name += ", told";
+    unit.spec["parameters"] = study.parameters;
+  }
   if (!study.experiences.empty()) unit.spec["experiences"] = world.hashes(study.experiences);
   unit.seconds = 1;
   if (study.control.ends_with("_filter"))  // looks at all places at each step, and longer routes take more of both
@@ -265,9 +290,10 @@ Unit unit_of(const ControlStudy& study, World& world) {
                                     : experiences_of(study.experiences, study.representation, world);
       const NetworkTask route = network_task(known, study.first, study.frames);
       const ControlTask task{study.first, study.frames, route.reference};
-      rows.push_back(tried(entry.create(Parameters("control " + study.control, entry.parameters, {}), task),
-                           world.traversal(study.representation, name),
-                           trial_of(study.first, study.frames, study.tasks, false)));
+      rows.push_back(
+          tried(entry.create(Parameters("control " + study.control, entry.parameters, study.parameters), task),
+                world.traversal(study.representation, name),
+                trial_of(study.first, study.frames, study.tasks, false, study.imperfections)));
     }
     return rows;
   };

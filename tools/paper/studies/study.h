@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -33,6 +34,8 @@ struct Study {
   bool save_parameters = false;         ///< the outcome contains the trained parameters, for others to begin with
   std::optional<SavedAgent> initial;    ///< the agent whose parameters it begins with; none: random ones
   std::vector<std::string> frozen;      ///< tensors, or beginnings of their names, that stay as they are
+  Imperfections imperfections;          ///< of the world, in training and trials; those that befall agents
+  std::map<std::string, double> network_parameters;  ///< of the agent; what is not given is the recommendation
 };
 
 /// The unit of work of a study. Its outcome:
@@ -61,7 +64,9 @@ struct ControlStudy {
   std::string control, representation;
   int first = 0, frames = 128, tasks = 2000;
   std::vector<std::string> traversals;
-  std::vector<std::string> experiences = {};  ///< traversals that a filter knows besides World::train()
+  std::vector<std::string> experiences = {};      ///< traversals that a filter knows besides World::train()
+  Imperfections imperfections = {};               ///< of the world; those that befall agents
+  std::map<std::string, double> parameters = {};  ///< of the control; what is not given is the default
 };
 Unit unit_of(const ControlStudy& study, World& world);
 

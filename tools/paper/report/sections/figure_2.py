@@ -38,8 +38,8 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
         "How long an agent trains until its last 100 episodes have SPL 0.95, the threshold of this figure, and the "
         "reward that it has at the end. Seconds are wall time on the machine that made this report, with everything in "
         f"one process. The paper trained for {FEATURES.minutes} minutes on 64 features and for {RAW_IMAGES.time} on "
-        "raw images, until its curves were flat: that is another threshold and another machine. Agents trained on more "
-        "than 64 features are not tried on other traversals.")
+        "raw images, until its curves were flat: that is another threshold and another machine. How agents trained on "
+        "more than 64 features do on other traversals, is in the part 'dimensions'.")
     costs = [Cost(agent, inputs.outcomes(agent["units"])) for agent in data["agents"]]
     costs = [cost for cost in costs if cost.trainings]
     rows = [row_of(cost, page) for cost in costs]

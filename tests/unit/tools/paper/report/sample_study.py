@@ -114,6 +114,25 @@ def sample() -> Study:
                                          "units": [study.unit({**training(1), "trials": [trial("mixed", spl=spl)]})]}]}
                             for more, spl in (([], 0.9), (["night"], 0.8))])
 
+    def in_world(slip: float, dropped_frames: float, kidnappings: int, spl: float) -> dict:
+        told = {"slip": slip} if slip else {}
+        return {"slip": slip, "dropped_frames": dropped_frames, "kidnappings": kidnappings, "told": told,
+                "controls": study.controls("sequence_filter", "blind", "shortest_path",
+                                           *(["sequence_filter, told"] if told else [])),
+                "agents": [{"label": "place_filter", "units": [
+                    study.unit({**training(1), "trials": [trial(name, spl=spl) for name in TRAVERSALS]}),
+                    study.unit(None)]}]}
+
+    study.section("imperfect-world", traversals=TRAVERSALS, frames=128, representation="hog-64",
+                  worlds=[in_world(0, 0, 0, 0.99), in_world(0.1, 0, 0, 0.9), in_world(0, 0.1, 0, 0.99),
+                          in_world(0.1, 0.1, 1, 0.99)])
+    study.section("dimensions", recordings=recordings(TRAVERSALS), substitute=True, encoder="hog",
+                  encoder_dimension=600, learned_from=512, missing=[2048], frames=128,
+                  sizes=[{"features": features, "controls": study.controls("sequence_filter", "blind"),
+                          "agents": [{"label": "features",
+                                      "units": [study.unit({**training(1), "trials": [trial("night", spl=spl)]})]}]}
+                         for features, spl in ((64, 0.9), (511, 0.8))])
+
     def on_map(policy: str) -> dict:
         estimate = {"mean": 0.4 if policy == "place_filter" else 0.5, "low": 0.3, "high": 0.6, "n": 100}
         rows = [{"traversal": name, **dict.fromkeys(("completed", "spl", "steps", "shortest"), estimate)}

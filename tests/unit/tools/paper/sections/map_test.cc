@@ -7,36 +7,20 @@
 #include <fstream>
 
 #include "core/util/random.h"
-#include "tests/support/processes/service.h"
 #include "tests/unit/tools/paper/looped_recording.h"
-#include "tools/paper/sections/sections.h"
+#include "tests/unit/tools/paper/sections/section_test.h"
 
 namespace citylearn::paper {
 namespace {
 
-class MapSection : public ::testing::Test {
+class MapSection : public SectionTest {
  protected:
-  MapSection() : work_(folder_ / "work") {}
-
-  Context context(World& world, World& drawn) {
-    return {.world = world,
-            .drawn = drawn,
-            .work = work_,
-            .output = folder_.path(),
-            .quick = true,
-            .effort = 0.01,
-            .seeds = {1, 2},
-            .agents = {}};
-  }
+  MapSection() : SectionTest("map") {}
   static WorldOptions city() {
     WorldOptions options;
     options.source.parameters["synthetic"] = {{"images", 0}, {"frames", 130}};
     return options;
   }
-
-  const testing::Folder folder_;
-  Work work_;
-  const Section& section_ = sections().back();
 };
 
 TEST_F(MapSection, PlansPoliciesWithAndWithoutJunctionsOnADrawnMap) {
