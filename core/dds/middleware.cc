@@ -18,6 +18,7 @@
 #include "core/dds/security.h"
 #include "core/dds/wakeup.h"
 #include "core/util/error.h"
+#include "core/util/machine.h"
 
 namespace citylearn {
 namespace internal {
@@ -243,6 +244,7 @@ std::vector<std::pair<std::string, std::string>> list_middlewares() {
 }
 
 std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) {
+  if (Machine* machine = Machine::simulated()) return machine->create_middleware(options);
   if (options.domain > 232) throw Error("must be 0..232, is " + std::to_string(options.domain), "domain");
   const std::string& name = options.name;
   if (!options.discovery_servers.empty() && name == "cyclonedds")

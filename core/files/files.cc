@@ -10,11 +10,13 @@
 #include <fstream>
 
 #include "core/util/error.h"
+#include "core/util/machine.h"
 
 namespace citylearn {
 
 void write_file(const std::string& path, std::string_view contents) {
-  const std::string temporary = path + "." + std::to_string(::getpid()) + ".tmp";  // several processes may write it
+  const std::string temporary =
+      path + "." + std::to_string(process_number()) + ".tmp";  // several processes may write it
   int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
   const auto fail = [&](const char* doing) {
     const std::string why = std::strerror(errno);

@@ -2,12 +2,12 @@
 #include "core/wire/node.h"
 
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
 
 #include "core/dds/security.h"
+#include "core/util/machine.h"
 #include "core/util/name.h"
 #include "core/util/wall_clock.h"
 #include "core/wire/presence.h"
@@ -29,19 +29,14 @@ void require_name(const std::string& value, const std::string& where) {
   if (const std::string problem = name_problem(value); !problem.empty()) throw Error(problem, where);
 }
 
-std::string host_name() {
-  char name[256] = "";
-  gethostname(name, sizeof name - 1);
-  return std::string(name).substr(0, 64);
-}
-
 /// Returns the time, another one at each start. Its last 4 ms distinguish services that start at the same moment, as
 /// those of one script do, because the incarnation alone says which service serves which. Processes of one host differ
 /// by number, those of containers, which all have the same one, by host or id.
 std::uint64_t new_incarnation(const std::string& id) {
   constexpr std::uint64_t kProcesses = 64, kServices = 64, kAtOnce = kProcesses * kServices;
   const std::uint64_t own = std::hash<std::string>{}(host_name() + " " + id) % kServices * kProcesses +
-                            static_cast<std::uint64_t>(getpid()) % kProcesses;
+                            static_cast<std::uint64_t>(process_number()) % kProcesses;
+  if (Machine::simulated()) return microseconds_since_epoch() / kAtOnce * kAtOnce + own;  // `last` is of one process
   static std::atomic<std::uint64_t> last{0};
   std::uint64_t before = last, next = 0;
   do {
@@ -61,7 +56,7 @@ Node::Node(Options options) : options_(std::move(options)), incarnation_(new_inc
   status_.service(options_.service);
   status_.host(host_name());
   status_.middleware(middleware_->name());
-  status_.process(static_cast<std::uint32_t>(getpid()));
+  status_.process(static_cast<std::uint32_t>(process_number()));
   status_.service_state(msg::STARTING);
   create_writer<msg::ServiceStatus>();
 }

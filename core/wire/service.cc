@@ -15,6 +15,7 @@
 #include <iostream>
 
 #include "core/util/log_format.h"
+#include "core/util/machine.h"
 #include "core/util/name.h"
 #include "core/util/version.h"
 
@@ -93,7 +94,10 @@ OptionGroup::OptionGroup(CLI::App& app, const std::string& name)
 
 OptionGroup::~OptionGroup() { app_.option_defaults()->group(before_); }
 
-bool stop_requested() { return stop_signal != 0; }
+bool stop_requested() {
+  if (Machine* machine = Machine::simulated()) return machine->stop_requested();
+  return stop_signal != 0;
+}
 
 void add_node_options(CLI::App& app, Node::Options& options) {
   const OptionGroup group(app, "Service");

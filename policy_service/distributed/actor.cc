@@ -3,12 +3,12 @@
 
 #include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <deque>
 #include <memory>
 
+#include "core/util/machine.h"
 #include "core/wire/rejections.h"
 #include "core/wire/service.h"
 #include "policy_service/distributed/final_status_guard.h"
@@ -31,9 +31,7 @@ constexpr milliseconds kEndContested{1500};  // in which a learner that still tr
 
 /// Returns an id that no other actor of the run has, on any host.
 std::string own_id() {
-  char host[256] = "";
-  gethostname(host, sizeof host - 1);
-  return ("actor-" + std::string(host).substr(0, 40) + "-" + std::to_string(getpid())).substr(0, 64);
+  return ("actor-" + host_name().substr(0, 40) + "-" + std::to_string(process_number())).substr(0, 64);
 }
 
 Node::Options named(Node::Options options) {
@@ -80,7 +78,7 @@ class Actor {
   EnvClient client_;
   Rejections rejections_;
   std::unique_ptr<LearnerSession> session_;
-  std::map<EnvHandle*, Served> served_;
+  std::map<EnvHandle*, Served, ById> served_;
   OtherActors others_;
   std::uint64_t steps_ = 0;
   int slots_ = 0;
@@ -147,13 +145,13 @@ void Actor::on_info(const msg::LearnerInfo& info) {
   if (heard == Incumbent::Heard::kIncumbent) {
     // Unacknowledged trajectories stay: the learner counts them, and drops those of an old lesson.
     if (session_->update(info))
-      for (auto& [env, served] : std::map<EnvHandle*, Served>(served_)) enroll(*env);
+      for (auto& [env, served] : std::map<EnvHandle*, Served, ById>(served_)) enroll(*env);
     return;
   }
   spdlog::info("learner '{}'{}: {} on '{}', version {}", info.header().sender().c_str(), session_ ? " is back" : "",
                info.agent().c_str(), info.traversal().c_str(), info.version());
   // Trajectories for another incarnation are of no use to this one, which may continue from an older checkpoint.
-  for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, true);
+  for (const auto& [env, served] : std::map<EnvHandle*, Served, ById>(served_)) drop(*env, true);
   if (session_) {
     if (acknowledged_.size() >= kMostLearners) acknowledged_.clear();
     acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
@@ -454,7 +452,7 @@ int Actor::execute() {
     }
     if (ended == Clock::time_point{}) {
       ended = Clock::now();
-      for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, true);
+      for (const auto& [env, served] : std::map<EnvHandle*, Served, ById>(served_)) drop(*env, true);
       spdlog::info("learner '{}' has ended: sent {} trajectories, waited {:.1f} s for room",
                    session_->info().header().sender().c_str(), session_->outbox.last(), waited_);
     }
@@ -464,7 +462,7 @@ int Actor::execute() {
     leave();
     return 0;
   }
-  for (const auto& [env, served] : std::map<EnvHandle*, Served>(served_)) drop(*env, true);
+  for (const auto& [env, served] : std::map<EnvHandle*, Served, ById>(served_)) drop(*env, true);
   leave();
   spdlog::info("stopped by a signal");
   return 130;

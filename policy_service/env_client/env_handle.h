@@ -57,4 +57,9 @@ struct EnvHandle {
   std::uint64_t incarnation() const { return info.header().incarnation(); }
 };
 
+/// Orders env_services by their ids. Their addresses would order them differently in every process.
+struct ById {
+  bool operator()(const EnvHandle* a, const EnvHandle* b) const { return a->id < b->id; }
+};
+
 }  // namespace citylearn

@@ -2,7 +2,6 @@
 #include "policy_service/interchange/event_log.h"
 
 #include <google/protobuf/unknown_field_set.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
@@ -19,6 +18,7 @@
 #include "core/files/files.h"
 #include "core/task/training_figures.h"
 #include "core/util/error.h"
+#include "core/util/machine.h"
 #include "core/util/wall_clock.h"
 
 namespace citylearn {
@@ -137,9 +137,8 @@ EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
     const std::size_t kept = kept_bytes(bytes, after_steps);
     if (kept < bytes.size()) write_file(path, std::string_view(bytes).substr(0, kept));
   }
-  char host[256] = "host";
-  ::gethostname(host, sizeof host - 1);
-  path_ = folder + "/" + std::string(kPrefix) + std::to_string(seconds) + "." + host + "." + std::to_string(::getpid());
+  path_ = folder + "/" + std::string(kPrefix) + std::to_string(seconds) + "." + host_name() + "." +
+          std::to_string(process_number());
   file_.emplace(path_, false);
   record(Message().real(kWallTime, seconds_since_epoch()).text(kFileVersion, "brain.Event:2").bytes());
   if (after_steps > 0)  // for readers that have seen the points that are gone

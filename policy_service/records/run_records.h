@@ -73,7 +73,7 @@ class RunRecords {
   std::unique_ptr<EpisodeLog> episodes_;
   std::unique_ptr<MetricsLog> metrics_;
   std::unique_ptr<EventLog> events_;
-  std::set<EnvHandle*> to_acknowledge_;
+  std::set<EnvHandle*, ById> to_acknowledge_;
   /// A checkpoint that the disk did not take.
   struct Pending {
     std::uint64_t update = 0;

@@ -54,7 +54,7 @@ class Evaluation {
   EnvClient& client_;
   const msg::TaskSettings settings_;
   MakePolicy make_policy_;
-  std::map<EnvHandle*, Part> parts_;
+  std::map<EnvHandle*, Part, ById> parts_;
   std::uint64_t steps_ = 0;
 };
 

@@ -151,7 +151,7 @@ void LocalTrainingRun::drop(EnvHandle& env) {
 
 void LocalTrainingRun::drop_lost_envs() {
   std::vector<EnvHandle*> silent;
-  for (EnvHandle* env : std::set<EnvHandle*>(active_)) {
+  for (EnvHandle* env : std::set<EnvHandle*, ById>(active_)) {
     if (!env->refusal.empty()) {
       spdlog::warn("training goes on without env_service '{}'", env->id);
       drop(*env);
@@ -200,7 +200,7 @@ void LocalTrainingRun::train_on() {
     const std::uint64_t generation_before = trainer_->generation();
     if (!update([this] { return heartbeat_.run([this] { return trainer_->update(); }); })) return;
     // After a checkpoint or at a new lesson all begin anew (docs/decisions/0003-step-protocol.md), else all continue.
-    for (EnvHandle* env : std::set<EnvHandle*>(active_)) {
+    for (EnvHandle* env : std::set<EnvHandle*, ById>(active_)) {
       if (trainer_->generation() != generation_before) {
         enroll(*env);
       } else if (env->waiting) {

@@ -85,8 +85,9 @@ class LocalTrainingRun : public TrainingRun {
   void train_on();
 
   HeartbeatThread heartbeat_;
-  std::map<const EnvHandle*, int> slots_;  ///< number of each training environment, which names its random streams
-  std::set<EnvHandle*> active_;            ///< training environments that are not lost
+  std::map<const EnvHandle*, int, ById>
+      slots_;                          ///< number of each training environment, which names its random streams
+  std::set<EnvHandle*, ById> active_;  ///< training environments that are not lost
 };
 
 /// Learns from what actors send (role learner).
