@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace citylearn::simulation {
+
+/// A process of an env_service: its id and incarnation.
+using Source = std::pair<std::string, std::uint64_t>;
+
+/// What a recorder, the policy_service or a dashboard, has of the episodes.
+struct Records {
+  std::map<Source, std::uint64_t> acknowledged;             ///< all of the source's up to this one
+  std::map<Source, std::map<std::uint64_t, int>> recorded;  ///< how often each stands in its file
+};
+
+/// What a simulation left behind, and what was seen on its network.
+struct Evidence {
+  bool at_rest = false;                      ///< all services ended in time
+  bool trained = false;                      ///< the policy_service ended with status 0
+  std::string state;                         ///< what each process did at the end
+  std::string output;                        ///< folder of the policy_service
+  std::map<std::string, Records> recorders;  ///< by name
+  std::uint64_t steps = 0;                   ///< to learn from
+  std::string agent;                         ///< hash of the trained agent
+  std::string expected_agent;                ///< the one of a training without faults; empty: unknown
+  bool envs_restarted = false;
+};
+
+/// Something that holds whatever goes wrong (docs/decisions/0014-faults.md).
+struct Invariant {
+  const char* name;
+  const char* meaning;
+  std::string (*violation)(const Evidence&);  ///< what is wrong; empty: it holds
+};
+
+const std::vector<Invariant>& invariants();
+
+}  // namespace citylearn::simulation

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plays trainings of the whole system in simulation, one for each seed, and says which broke an invariant.
+#include <fcntl.h>
+#include <spdlog/pattern_formatter.h>
+#include <spdlog/spdlog.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <deque>
+#include <filesystem>
+#include <iostream>
+#include <optional>
+#include <sstream>
+
+#include "core/util/text.h"
+#include "core/util/types.h"
+#include "core/wire/service.h"
+#include "policy_service/run/sweep.h"
+#include "tests/simulation/invariants.h"
+#include "tests/simulation/training.h"
+
+namespace {
+
+using namespace citylearn;
+using namespace citylearn::simulation;
+
+constexpr unsigned kPatience = 600;  // real seconds that a simulation may take
+
+struct Options {
+  std::uint64_t seed = 1;
+  std::string seeds;
+  double hours = 0;
+  int processes = 2;
+  bool log = false, without_faults = false, list = false;
+};
+
+/// What a simulation's process says to the one that started it.
+struct Report {
+  bool failed = true;
+  std::uint64_t trace = 0;
+  double seconds = 0;
+  std::uint64_t kills = 0, messages = 0, lost = 0, episodes = 0;
+  std::string agent = "none", text;
+};
+
+std::string serialize(const Report& report) {
+  std::ostringstream out;
+  out << report.failed << ' ' << report.trace << ' ' << report.seconds << ' ' << report.kills << ' ' << report.messages
+      << ' ' << report.lost << ' ' << report.episodes << ' ' << report.agent << '\n'
+      << report.text;
+  return out.str();
+}
+
+Report parse(const std::string& bytes) {
+  std::istringstream in(bytes);
+  Report report;
+  in >> report.failed >> report.trace >> report.seconds >> report.kills >> report.messages >> report.lost >>
+      report.episodes >> report.agent;
+  in.ignore();
+  report.text = std::string(std::istreambuf_iterator<char>(in), {});
+  if (bytes.empty()) report.text = "the simulation crashed, or took longer than " + std::to_string(kPatience) + " s\n";
+  return report;
+}
+
+Report summarize(const Outcome& outcome) {
+  Report report;
+  report.failed = !outcome.violations.empty();
+  report.trace = outcome.trace;
+  report.seconds = outcome.seconds;
+  report.episodes = outcome.episodes;
+  if (!outcome.agent.empty()) report.agent = outcome.agent;
+  for (const auto& [topic, traffic] : outcome.traffic) {
+    report.messages += traffic.published;
+    report.lost += traffic.lost + traffic.cut;
+  }
+  for (const auto& [kind, count] : outcome.faults)
+    if (kind.starts_with("kill")) report.kills += static_cast<std::uint64_t>(count);
+  for (const std::string& violation : outcome.violations) report.text += "  " + violation + "\n";
+  return report;
+}
+
+/// Shows which process logs.
+class ProcessName : public spdlog::custom_flag_formatter {
+ public:
+  void format(const spdlog::details::log_msg&, const std::tm&, spdlog::memory_buf_t& out) override {
+    const Process* process = current_process();
+    const std::string name = process ? process->name() : "simulation";
+    out.append(name.data(), name.data() + name.size());
+  }
+  std::unique_ptr<custom_flag_formatter> clone() const override { return std::make_unique<ProcessName>(); }
+};
+
+/// Plays a scenario in a folder of its own, and silently unless `log`.
+Report play_here(Scenario scenario, bool log) {
+  const std::string pattern = (std::filesystem::temp_directory_path() / "citylearn-simulation-XXXXXX").string();
+  std::vector<char> folder(pattern.begin(), pattern.end() + 1);
+  if (!::mkdtemp(folder.data())) throw Error(std::strerror(errno), pattern);
+  std::filesystem::current_path(folder.data());
+  if (log) {
+    scenario.log = [](const std::string& line) { std::cerr << line << std::endl; };
+    auto formatter = std::make_unique<spdlog::pattern_formatter>();
+    formatter->add_flag<ProcessName>('*').set_pattern("%H:%M:%S.%e  %*: %l: %v");
+    spdlog::set_formatter(std::move(formatter));
+  } else {
+    spdlog::set_level(spdlog::level::off);
+    for (const int stream : {STDOUT_FILENO, STDERR_FILENO}) ::dup2(::open("/dev/null", O_WRONLY), stream);
+  }
+  Report report;
+  try {
+    report = summarize(play(scenario));
+  } catch (const std::exception& error) {
+    report.text = std::string("  the simulation itself failed: ") + error.what() + "\n";
+  }
+  std::filesystem::current_path("/");
+  std::filesystem::remove_all(folder.data());
+  return report;
+}
+
+/// A simulation that runs in a process of its own, so that nothing is left over from another one.
+class Play {
+ public:
+  Play(const Scenario& scenario, bool log) : seed_(scenario.seed) {
+    int ends[2];
+    if (::pipe(ends) != 0) throw Error(std::strerror(errno), "pipe");
+    std::cout.flush();
+    process_ = ::fork();
+    if (process_ < 0) throw Error(std::strerror(errno), "fork");
+    if (process_ == 0) {
+      ::alarm(kPatience);
+      const std::string report = serialize(play_here(scenario, log));
+      const bool whole = ::write(ends[1], report.data(), report.size()) == static_cast<ssize_t>(report.size());
+      ::_exit(whole ? 0 : 1);
+    }
+    ::close(ends[1]);
+    pipe_ = ends[0];
+  }
+  std::uint64_t seed() const { return seed_; }
+  /// Waits for its end.
+  Report report() {
+    std::string bytes;
+    char part[4096];
+    for (ssize_t count; (count = ::read(pipe_, part, sizeof part)) > 0;) bytes.append(part, static_cast<size_t>(count));
+    ::close(pipe_);
+    ::waitpid(process_, nullptr, 0);
+    return parse(bytes);
+  }
+
+ private:
+  const std::uint64_t seed_;
+  pid_t process_ = -1;
+  int pipe_ = -1;
+};
+
+Scenario scenario_of(std::uint64_t seed, const Options& options) {
+  Scenario scenario;
+  scenario.seed = seed;
+  if (!options.without_faults) scenario.faults = draw_faults(seed);
+  return scenario;
+}
+
+int simulate(const Options& options) {
+  std::vector<std::uint64_t> seeds{options.seed};
+  if (!options.seeds.empty()) seeds = parse_seeds(options.seeds);
+  Options calm = options;
+  calm.without_faults = true;
+  const Report reference = Play(scenario_of(0, calm), false).report();
+  if (reference.failed) {
+    std::cout << "without faults:\n" << reference.text;
+    return 1;
+  }
+  const Clock::time_point begin = Clock::now();
+  Report all;
+  std::uint64_t played = 0, failures = 0;
+  std::deque<Play> playing;
+  const auto finish_one = [&] {
+    Play& play = playing.front();
+    const Report report = play.report();
+    ++played;
+    all.seconds += report.seconds;
+    all.kills += report.kills;
+    all.messages += report.messages;
+    all.lost += report.lost;
+    all.episodes += report.episodes;
+    failures += report.failed;
+    if (report.failed || seeds.size() == 1) {
+      std::printf("seed %lu: %s, %.1f s simulated, %lu kills, trace %016lx, agent %.16s\n%s", play.seed(),
+                  report.failed ? "FAILED" : "all invariants hold", report.seconds, report.kills, report.trace,
+                  report.agent.c_str(), report.text.c_str());
+      if (report.failed) std::printf("  show it: ./run simulate --seed %lu --log\n", play.seed());
+    }
+    std::fflush(stdout);
+    playing.pop_front();
+  };
+  for (std::size_t i = 0;; ++i) {
+    const bool out_of_time = options.hours > 0 && seconds_since(begin) > options.hours * 3600;
+    if (stop_requested() || out_of_time || (options.hours <= 0 && i >= seeds.size())) break;
+    if (playing.size() >= static_cast<std::size_t>(options.processes)) finish_one();
+    Scenario scenario = scenario_of(i < seeds.size() ? seeds[i] : seeds.back() + (i - seeds.size() + 1), options);
+    scenario.expected_agent = reference.agent;
+    playing.emplace_back(scenario, options.log);
+  }
+  while (!playing.empty()) finish_one();
+  const double wall = seconds_since(begin);
+  std::printf(
+      "%lu simulations, %lu failed: %.2f h simulated in %.1f s (%.0f times as fast), %lu kills, %lu messages, "
+      "%lu of their copies lost, %lu episodes acknowledged\n",
+      played, failures, all.seconds / 3600, wall, all.seconds / wall, all.kills, all.messages, all.lost, all.episodes);
+  return failures == 0 ? 0 : 1;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Options options;
+  const auto setup = [&](CLI::App& app) {
+    auto* seed = app.add_option("--seed", options.seed, "Seed of the simulation to play")->capture_default_str();
+    app.add_option("--seeds", options.seeds, "Play one for each: 1..500 or 1,3,7")->excludes(seed);
+    app.add_option("--hours", options.hours, "Go on with further seeds for so many hours")->check(CLI::PositiveNumber);
+    app.add_option("--processes", options.processes, "Simulations at a time")
+        ->capture_default_str()
+        ->check(CLI::Range(1, 1024));
+    app.add_flag("--log", options.log, "Show each fault and what the services log");
+    app.add_flag("--without-faults", options.without_faults, "Let nothing go wrong");
+    app.add_flag("--list", options.list, "Print the invariants and exit");
+  };
+  return service_main(argc, argv, "Plays trainings of the whole system in simulation.", setup, [&] {
+    if (!options.list) return simulate(options);
+    for (const Invariant& invariant : invariants()) std::cout << invariant.name << ": " << invariant.meaning << "\n";
+    return 0;
+  });
+}

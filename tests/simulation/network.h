@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <set>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "core/dds/middleware.h"
+#include "core/util/random.h"
+#include "tests/simulation/process.h"
+
+namespace citylearn::simulation {
+
+/// What befalls messages between two processes.
+struct LinkFaults {
+  double loss = 0;        ///< share of messages lost for good, which real readers and writers would mostly resend
+  double repetition = 0;  ///< share that arrives twice
+  double reordering = 0;  ///< share that others may overtake
+  double slow = 0;        ///< share that takes up to `longest` instead of about `latency`
+  Time latency = std::chrono::milliseconds(5);  ///< on average; so long that a training lasts for a while
+  Time longest = std::chrono::milliseconds(100);
+};
+
+struct Traffic {
+  std::uint64_t published = 0, copies = 0, bytes = 0, delivered = 0, lost = 0, repeated = 0, cut = 0;
+};
+
+/// The network between simulated processes. What one process publishes reaches the others after a while, or never.
+class Network {
+ public:
+  struct Endpoint;
+
+  Network(Scheduler& scheduler, std::uint64_t seed);
+  ~Network();
+
+  /// Returns the middleware of a process. Messages within the process are delivered at once.
+  std::unique_ptr<Middleware> join(Process& process);
+
+  /// From now on nothing that `from` sends reaches `to`, by name, until mend().
+  void cut(const std::string& from, const std::string& to) { cuts_.insert({from, to}); }
+  void mend(const std::string& from, const std::string& to) { cuts_.erase({from, to}); }
+  LinkFaults faults;
+
+  /// Called with each message that a process published, before it is sent.
+  std::function<void(const Process& sender, const Topic& topic, std::span<const std::byte> sample)> published;
+  const std::map<std::string, Traffic>& traffic() const { return traffic_; }  ///< by topic
+
+  // For the middlewares of its processes.
+  void add(Endpoint& endpoint);
+  void remove(Endpoint& endpoint);
+  void publish(Endpoint& writer, std::span<const std::byte> sample);
+  int matched(const Endpoint& endpoint) const;
+
+ private:
+  using Sample = std::shared_ptr<const Bytes>;
+  struct Members {
+    std::map<std::uint64_t, Endpoint*> readers, writers;
+  };
+  void send(Endpoint& writer, Endpoint& reader, const Sample& sample);
+  void deliver(const std::string& topic, std::uint64_t reader, const Sample& sample);
+
+  Scheduler& scheduler_;
+  Random random_;
+  std::map<std::string, Members> topics_;
+  std::map<std::string, Traffic> traffic_;
+  std::set<std::pair<std::string, std::string>> cuts_;
+  std::uint64_t endpoints_ = 0;
+};
+
+}  // namespace citylearn::simulation
