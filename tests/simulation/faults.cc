@@ -95,7 +95,7 @@ void FaultInjector::note(const std::string& name, const std::string& text) {
   if (log) log(name + ": " + text);
 }
 
-void FaultInjector::repeat(const std::string& name, double mean, Fault fault) {
+void FaultInjector::repeat(const std::string& name, double mean, const Fault& fault) {
   if (mean <= 0) return;
   scheduler_.after(exponential(mean), [this, name, mean, fault] {
     if (stopped_ || scheduler_.now() >= until_) return;

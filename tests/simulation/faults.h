@@ -42,7 +42,7 @@ class FaultInjector {
 
  private:
   using Fault = std::function<void()>;
-  void repeat(const std::string& name, double mean, Fault fault);
+  void repeat(const std::string& name, double mean, const Fault& fault);
   void supervise(Process& process);
   void cut(bool both_ways);
   void note(const std::string& name, const std::string& text);
