@@ -14,8 +14,6 @@ constexpr double kRestart = 0.5;           // mean seconds until a process is st
 constexpr double kOutage = 2;              // mean seconds of a partition or a stall
 constexpr int kMostOperations = 40;        // until a process is killed at work
 
-Time from_seconds(double value) { return Time(static_cast<std::int64_t>(value * 1e9)); }
-
 }  // namespace
 
 FaultRates draw_faults(std::uint64_t seed) {

@@ -20,6 +20,7 @@ namespace citylearn::simulation {
 
 /// Virtual time since the start of the simulation.
 using Time = std::chrono::nanoseconds;
+inline Time from_seconds(double value) { return Time(static_cast<std::int64_t>(value * 1e9)); }
 
 /// Unwinds a task that was killed. It is not a std::exception, so that the code under test does not catch it.
 struct Killed {};

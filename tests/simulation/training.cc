@@ -17,14 +17,13 @@
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/run/policy_service.h"
 #include "tests/simulation/invariants.h"
+#include "tests/support/records/record_until.h"
 
 namespace citylearn::simulation {
 namespace {
 
 constexpr const char* kOutput = "policy";
 constexpr const char* kStore = "store.db";
-
-Time from_seconds(double value) { return Time(static_cast<std::int64_t>(value * 1e9)); }
 
 std::string describe(const Process& process) {
   return process.name() + (process.running()           ? " runs"
@@ -127,27 +126,13 @@ int Training::run_policy() const {
   return run_policy_service(options);
 }
 
-template <class Message>
-void hand_on(Node& node, Recorder& recorder) {
-  Message message;
-  while (node.take(message)) recorder.on_message(message);
-}
-
 /// A dashboard without a page.
 int Training::run_recorder(const std::function<bool()>& stop) {
   Store store({kStore, 0});
   Node node({{}, "dashboard", "recorder", "default"});
   Recorder recorder(node, store);
   node.report(msg::RUNNING, "records");
-  while (!stop()) {
-    node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(100)));
-    hand_on<msg::ServiceStatus>(node, recorder);
-    hand_on<msg::TraversalInfo>(node, recorder);
-    hand_on<msg::RunInfo>(node, recorder);
-    hand_on<msg::TrainingStat>(node, recorder);
-    recorder.poll();
-  }
-  recorder.finish(false);
+  testing::record_until(node, recorder, stop);
   return 0;
 }
 

@@ -8,16 +8,11 @@
 
 #include "dashboard/store/recorder.h"
 #include "tests/support/options.h"
+#include "tests/support/records/record_until.h"
 
 namespace {
 
 volatile std::sig_atomic_t stopped = 0;
-
-template <class Message>
-void hand_on(citylearn::Node& node, citylearn::Recorder& recorder) {
-  Message message;
-  while (node.take(message)) recorder.on_message(message);
-}
 
 }  // namespace
 
@@ -32,15 +27,7 @@ int main(int argc, char** argv) try {
   node.report(msg::RUNNING, "records");
   std::puts("records");
   std::fflush(stdout);
-  while (!stopped) {
-    node.wait(std::min(recorder.due(), Clock::now() + std::chrono::milliseconds(100)));
-    hand_on<msg::ServiceStatus>(node, recorder);
-    hand_on<msg::TraversalInfo>(node, recorder);
-    hand_on<msg::RunInfo>(node, recorder);
-    hand_on<msg::TrainingStat>(node, recorder);
-    recorder.poll();
-  }
-  recorder.finish(false);
+  citylearn::testing::record_until(node, recorder, [] { return stopped != 0; });
   return 0;
 } catch (const std::exception& error) {
   std::fprintf(stderr, "recorder_process: %s\n", error.what());
