@@ -26,7 +26,7 @@ struct NetworkTask {
   /// N, where `stay` leads (core/task/route_map.h), for networks that know the map; empty where the route is a line.
   std::vector<int> turns = {};
 
-  /// Returns E; 1 where there is no reference.
+  /// Returns the number of experiences, E; 1 where there is no reference.
   int experiences() const { return std::max(1, static_cast<int>(reference.cols()) / frames); }
 };
 
