@@ -35,13 +35,15 @@ void write_file(const std::string& path, std::string_view contents) {
   if (::fsync(file) != 0) fail("cannot write it");
   if (::rename(temporary.c_str(), path.c_str()) != 0) fail("cannot put it in place");
   ::close(file);
-  // The rename itself lasts only once the folder is on disk.
+  sync_folder_of(path);  // the rename itself lasts only from then on
+}
+
+void sync_folder_of(const std::string& path) {
   const std::string folder = std::filesystem::path(path).parent_path().string();
   const int directory = ::open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (directory >= 0) {
-    ::fsync(directory);
-    ::close(directory);
-  }
+  if (directory < 0) return;
+  ::fsync(directory);
+  ::close(directory);
 }
 
 void create_folder(const std::string& path, const std::string& remedy) {

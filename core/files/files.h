@@ -12,6 +12,9 @@ namespace citylearn {
 /// temporary gone.
 void write_file(const std::string& path, std::string_view contents);
 
+/// Waits until the folder of this file is on the disk: a new file's name may not survive a loss of power before.
+void sync_folder_of(const std::string& path);
+
 /// Creates a folder and those above it, unless they are there. Throws Error naming it.
 void create_folder(const std::string& path, const std::string& remedy = "");
 

@@ -47,6 +47,7 @@ bool GrowingFile::flush() {
       break;
     }
     written += static_cast<std::size_t>(count);
+    synced_ = false;
   }
   const auto whole = std::upper_bound(ends_.begin(), ends_.end(), written);
   const std::size_t kept = whole == ends_.begin() ? 0 : *std::prev(whole);
@@ -58,6 +59,18 @@ bool GrowingFile::flush() {
   ends_.erase(ends_.begin(), whole);
   for (std::size_t& end : ends_) end -= kept;
   return problem_.empty();
+}
+
+bool GrowingFile::sync() {
+  const bool flushed = flush();
+  if (synced_) return flushed;
+  if (::fdatasync(file_) != 0) {
+    problem_ = path_ + ": " + std::strerror(errno);
+    return false;
+  }
+  if (!folder_synced_) sync_folder_of(path_);
+  synced_ = folder_synced_ = true;
+  return flushed;
 }
 
 }  // namespace citylearn

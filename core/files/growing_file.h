@@ -21,7 +21,9 @@ class GrowingFile {
   void add(std::string_view record);
   /// Hands waiting records to the operating system. Returns false when some still wait; problem() then says why.
   bool flush();
-  /// Returns why the last flush() failed; empty when it did not.
+  /// Does the same, and waits until all records are on the disk, so that they survive a loss of power.
+  bool sync();
+  /// Returns why the last flush() or sync() failed; empty when it did not.
   const std::string& problem() const { return problem_; }
   std::size_t waiting() const { return waiting_.size(); }  ///< bytes
   std::size_t size() const { return size_; }               ///< bytes of the file
@@ -29,6 +31,7 @@ class GrowingFile {
  private:
   std::string path_, problem_;
   int file_ = -1;
+  bool synced_ = false, folder_synced_ = false;
   std::size_t size_ = 0;
   std::string waiting_;
   std::vector<std::size_t> ends_;  ///< of the records in waiting_

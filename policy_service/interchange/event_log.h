@@ -31,6 +31,7 @@ class EventLog {
   /// Writes a point. While the disk is full points wait, and problem() says so until flush() succeeds.
   void write(const msg::TrainingStat& stat);
   void flush() { file_->flush(); }
+  void sync() { file_->sync(); }
   const std::string& problem() const { return file_->problem(); }
   const std::string& path() const { return path_; }
 

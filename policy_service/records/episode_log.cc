@@ -41,6 +41,7 @@ void EpisodeLog::load() {
   bool first = true, quoted = false;
   while (std::getline(in, line) && !in.eof()) {
     row += line;
+    if (row.find('\0') != row.npos) break;
     if (std::count(line.begin(), line.end(), '"') % 2 == 1) quoted = !quoted;
     if (quoted) {  // a field goes on in the next line
       row += '\n';
@@ -61,6 +62,7 @@ void EpisodeLog::load() {
     row.clear();
   }
   in.close();
+  // What follows was being written when the process was killed or the power went, and was not acknowledged.
   if (whole != std::filesystem::file_size(path_)) std::filesystem::resize_file(path_, whole);
 }
 
@@ -101,11 +103,11 @@ bool EpisodeLog::record(const msg::EpisodeStat& episode) {
 }
 
 std::uint64_t EpisodeLog::recorded(const std::string& environment, std::uint64_t incarnation) {
-  const bool handed_on = !file_ || file_->flush();
+  const bool on_disk = !file_ || file_->sync();
   const auto found = received_.find({environment, incarnation});
   if (found == received_.end()) return 0;
-  if (handed_on) found->second.handed_on = found->second.episodes.settled().reach();
-  return found->second.handed_on;
+  if (on_disk) found->second.on_disk = found->second.episodes.settled().reach();
+  return found->second.on_disk;
 }
 
 }  // namespace citylearn

@@ -14,12 +14,13 @@
 namespace citylearn {
 
 /// Writes every finished episode once into `episodes.csv`, those of an env_service in their order: if it dies, none is
-/// missing between those that are there. An episode counts as recorded when its row has left this process, so that an
+/// missing between those that are there. An episode counts as recorded when its row is on the disk, so that an
 /// env_service that is told so may forget it.
 class EpisodeLog {
  public:
-  /// Continues the file when it exists: its rows count as recorded, a row cut short by a crash is dropped. An empty
-  /// path records in memory alone. Throws Error naming the file when it is not an episode log or cannot be written.
+  /// Continues the file when it exists: its rows count as recorded. A row that was cut short by a crash or damaged by a
+  /// loss of power is dropped, with those that follow it. An empty path records in memory alone. Throws Error naming
+  /// the file when it is not an episode log or cannot be written.
   explicit EpisodeLog(const std::string& path);
 
   /// Returns whether the file has more than its header.
@@ -31,7 +32,7 @@ class EpisodeLog {
   bool record(const msg::EpisodeStat& episode);
   /// Counts an episode of another run as recorded, without a row.
   void skip(const msg::EpisodeStat& episode);
-  /// Hands the rows to the operating system and returns the number up to which all of this env_service's episodes are
+  /// Waits until the rows are on the disk and returns the number up to which all of this env_service's episodes are
   /// recorded. When that fails (disk full), problem() says why and the number stays as it was.
   std::uint64_t recorded(const std::string& environment, std::uint64_t incarnation);
   std::string problem() const { return file_ ? file_->problem() : ""; }
@@ -41,7 +42,7 @@ class EpisodeLog {
   struct Received {
     std::map<std::uint64_t, std::string> early;  ///< rows that wait for earlier ones
     RecordedNumbers episodes;                    ///< recorded, or waiting for the disk
-    std::uint64_t handed_on = 0;                 ///< up to this one none waits
+    std::uint64_t on_disk = 0;                   ///< up to this one none waits
   };
   static constexpr std::size_t kMostWaiting = 16 << 20;  ///< bytes for the disk
   static constexpr std::size_t kMostEarly = 4096;        ///< rows of an env_service

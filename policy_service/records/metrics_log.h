@@ -22,6 +22,7 @@ class MetricsLog {
   /// Writes a row. While the disk is full rows wait, and problem() says so until flush() succeeds.
   void write(const msg::TrainingStat& stat);
   void flush() { file_->flush(); }
+  void sync() { file_->sync(); }
   const std::string& problem() const { return file_->problem(); }
   /// Returns the seconds of training in the last row kept; 0 for a new file.
   double wall() const { return wall_; }

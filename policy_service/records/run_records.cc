@@ -1,10 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/records/run_records.h"
 
+#include <algorithm>
+
 #include "core/files/files.h"
 #include "policy_service/records/report.h"
 
 namespace citylearn {
+namespace {
+
+constexpr std::chrono::milliseconds kAcknowledgements{100};  // between two, so that many rows go to the disk at once
+constexpr int kShareOfDisk = 20;                             // times as long as the disk took, at least
+
+}  // namespace
 
 RunRecords::RunRecords(const PolicyServiceOptions& options, Node& node, EnvClient& client)
     : options_(options), node_(node), client_(client), folder_(options.output) {
@@ -56,6 +64,9 @@ void RunRecords::save_checkpoint(std::uint64_t update, Checkpoint checkpoint) {
 /// A full disk does not end the training: the last checkpoints are still there, and space may be freed.
 void RunRecords::write_pending_checkpoint() {
   if (!pending_ || Clock::now() < pending_->retry) return;
+  // Rows of updates that are not computed again must last as long as the checkpoint.
+  if (metrics_) metrics_->sync();
+  if (events_) events_->sync();
   try {
     write_checkpoint_of_update(checkpoint_folder(), pending_->update, pending_->checkpoint);
   } catch (const Error& error) {
@@ -79,14 +90,18 @@ void RunRecords::report_problems() {
 
 void RunRecords::handle() {
   if (announcer_) announcer_->handle();
-  acknowledge();
+  acknowledge(/*all=*/false);
   write_pending_checkpoint();
   report_problems();
 }
 
-void RunRecords::acknowledge() {
+void RunRecords::acknowledge(bool all) {
+  const Clock::time_point begin = Clock::now();
+  if (to_acknowledge_.empty() || (!all && begin < next_acknowledgement_)) return;
   for (EnvHandle* env : to_acknowledge_) client_.acknowledge(*env, episodes_->recorded(env->id, env->incarnation()));
   to_acknowledge_.clear();
+  const Clock::time_point end = Clock::now();
+  next_acknowledgement_ = end + std::max<Clock::duration>(kAcknowledgements, kShareOfDisk * (end - begin));
 }
 
 void RunRecords::require_all_written() {

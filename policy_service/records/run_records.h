@@ -53,7 +53,8 @@ class RunRecords {
   /// Acknowledges episodes, answers requests and retries what could not be written. Call it whenever messages were
   /// handled.
   void handle();
-  void acknowledge();
+  /// Acknowledges the episodes that were recorded: all, or not so often that waiting for the disk takes much time.
+  void acknowledge(bool all = true);
   /// Tries everything once more. Throws Error when something cannot be written.
   void require_all_written();
   /// Announces that the run has ended.
@@ -74,6 +75,7 @@ class RunRecords {
   std::unique_ptr<MetricsLog> metrics_;
   std::unique_ptr<EventLog> events_;
   std::set<EnvHandle*, ById> to_acknowledge_;
+  Clock::time_point next_acknowledgement_;
   /// A checkpoint that the disk did not take.
   struct Pending {
     std::uint64_t update = 0;

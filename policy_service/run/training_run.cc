@@ -37,6 +37,7 @@ void TrainingRun::build_trainer() {
   if (!trainer_->frozen().empty()) spdlog::info("frozen tensors: {}", fmt::join(trainer_->frozen(), ", "));
   if (newest) {
     trainer_->load(read_checkpoint(*newest));
+    resumed_ = trainer_->progress().updates;
     spdlog::info("resuming after update {} ({} steps) of {}", trainer_->progress().updates, trainer_->progress().steps,
                  *newest);
   } else if (options.resume) {
@@ -122,7 +123,8 @@ void TrainingRun::execute() {
   if (report_.wall == 0) report_.wall = wall();
   report_.reward = progress.reward;
   report_.spl = progress.spl;
-  context_.records.save_checkpoint(progress.updates, trainer_->checkpoint());
+  // A training that had ended already keeps its checkpoint, byte for byte.
+  if (resumed_ != progress.updates) context_.records.save_checkpoint(progress.updates, trainer_->checkpoint());
   evaluation_.set_agent(trainer_->agent());
   const double here = std::max(seconds_since(since_), 1e-9);
   spdlog::info(

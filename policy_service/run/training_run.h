@@ -4,6 +4,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <set>
 
 #include "policy_service/distributed/heartbeat_thread.h"
@@ -67,7 +68,8 @@ class TrainingRun {
   double elapsed_fraction() const { return context_.options.time_limit > 0 ? wall() / context_.options.time_limit : 0; }
 
   Clock::time_point since_, last_update_;
-  double earlier_wall_ = 0;  ///< seconds of training before this process
+  double earlier_wall_ = 0;               ///< seconds of training before this process
+  std::optional<std::uint64_t> resumed_;  ///< update of the checkpoint that it goes on with
 };
 
 /// Acts and learns in this process (role both).

@@ -6,6 +6,7 @@
 #include <signal.h>
 #include <sys/resource.h>
 
+#include "core/files/files.h"
 #include "core/recording/mcap_writer.h"
 #include "core/util/error.h"
 #include "policy_service/interchange/event_log.h"
@@ -118,6 +119,24 @@ TEST(EpisodeLog, AFullDiskAcknowledgesNothingNewAndLosesNothing) {
   EXPECT_TRUE(log.record(episode(recorded + 1))) << "sent again";
   EXPECT_EQ(log.recorded("env-summer", 7), recorded + 1);
   EXPECT_EQ(EpisodeLog(path).total(), recorded + 1) << "all of them once";
+}
+
+TEST(EpisodeLog, RowsThatTheDiskDamagedAreDroppedWithWhatFollows) {
+  const Folder folder;
+  const std::string path = folder / "episodes.csv";
+  {
+    EpisodeLog log(path);
+    for (std::uint64_t number = 1; number <= 3; ++number) log.record(episode(number));
+    EXPECT_EQ(log.recorded("env-summer", 7), 3u);
+  }
+  std::string bytes = contents(path);
+  const std::size_t second = bytes.find('\n', bytes.find('\n') + 1) + 1;
+  bytes.replace(second + 5, 4, 4, '\0');  // a page that did not reach the disk before the power went
+  write_file(path, bytes);
+  EpisodeLog log(path);
+  EXPECT_EQ(log.recorded("env-summer", 7), 1u);
+  EXPECT_EQ(contents(path), bytes.substr(0, second));
+  EXPECT_TRUE(log.record(episode(2))) << "sent again";
 }
 
 TEST(MetricsLog, RowsWaitForADiskThatIsFull) {
