@@ -281,7 +281,23 @@ void Replayer::publish(Voice& voice, const Bytes& bytes) {
   figures_.bytes += bytes.size();
 }
 
+/// What the recorders of then had, those of now may lack: says that they have everything only up to what waits.
+void Replayer::limit_acknowledged() {
+  decode(std::span<const std::byte>(bytes_), episode_);
+  std::uint64_t before = episode_.acknowledged();
+  if (const auto known = episodes_.find(next_->sender); known != episodes_.end())
+    for (const auto& [number, bytes] : known->second.waiting) before = std::min(before, number - 1);
+  if (before == episode_.acknowledged()) return;
+  episode_.acknowledged() = before;
+  encode(episode_, bytes_);
+}
+
 void Replayer::play(Voice& voice) {
+  try {
+    if (is(*voice.topic, topic_of<msg::EpisodeStat>())) limit_acknowledged();
+  } catch (const Error&) {
+    // Played as it is.
+  }
   publish(voice, bytes_);
   const Clock::time_point now = Clock::now();
   const std::span<const std::byte> bytes(bytes_);

@@ -78,12 +78,13 @@ Store::Impl::Impl(const Options& options)
 }
 
 Store::Impl::Statements::Statements(const SQLite::Database& d)
-    : find_source(d,
-                  "SELECT id, contiguous, dataset IS NOT NULL FROM sources WHERE session = ? AND environment = ? AND "
-                  "incarnation = ?"),
+    : find_source(
+          d,
+          "SELECT id, contiguous, missed, dataset IS NOT NULL FROM sources WHERE session = ? AND environment = ? AND "
+          "incarnation = ?"),
       add_source(d, "INSERT INTO sources (session, environment, incarnation) VALUES (?, ?, ?)"),
       source_episodes(d, "SELECT episode FROM episodes WHERE source = ? AND episode > ? ORDER BY episode"),
-      source_progress(d, "UPDATE sources SET contiguous = ?2, missed = missed + ?3 WHERE id = ?1"),
+      source_progress(d, "UPDATE sources SET contiguous = ?2, missed = ?3 WHERE id = ?1"),
       describe_source(d,
                       "UPDATE sources SET dataset = ?, traversal = ?, condition = ?, hash = ?, frames = ?, "
                       "agents = ?, images = ? WHERE id = ?"),

@@ -24,13 +24,14 @@ Store::Impl::Source& Store::Impl::source(const Sender& environment) {
   SQLite::Statement& found =
       bind_values(statements->find_source, environment.session, environment.id, environment.incarnation);
   if (found.executeStep()) {
-    std::uint64_t contiguous = 0;
-    read_row(found, source.id, contiguous, source.described);
+    std::uint64_t contiguous = 0, missed = 0;
+    read_row(found, source.id, contiguous, missed, source.described);
     NumberSet recorded;
-    recorded.add(1, contiguous);
+    if (missed == 0) recorded.add(1, contiguous);  // else some of them were given up, and may come all the same
     SQLite::Statement& episode = bind_values(statements->source_episodes, source.id, recorded.reach());
     while (episode.executeStep()) recorded.add(value_at<std::uint64_t>(episode, 0));
     source.episodes.record(recorded);
+    source.episodes.give_up(1, contiguous);
   }
   found.reset();
   return sources.emplace(environment, std::move(source)).first->second;
@@ -41,7 +42,6 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
   // What is remembered changes only when the file has: first all happens to copies.
   struct Change {
     Source source;
-    std::uint64_t missed = 0;
     bool changed = false;
   };
   std::map<Sender, Change> changes;
@@ -57,7 +57,7 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
     const Sender sender(episode.header());
     auto found = changes.find(sender);
     if (found == changes.end()) found = changes.emplace(sender, Change{source(sender)}).first;
-    auto& [source, missed, changed] = found->second;
+    auto& [source, changed] = found->second;
     if (source.id == 0) source.id = add_source(sender);
     const NumberSet& settled = source.episodes.settled();
     if (const std::uint64_t given_up = episode.acknowledged(); given_up > settled.reach()) {
@@ -67,7 +67,6 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
       source.episodes.give_up(first, given_up);
       changed = true;
       if (number > 0) {
-        missed += number;
         events.push_back({now, sender.session, sender.id, "alarm",
                           std::to_string(number) + " episodes up to number " + std::to_string(given_up) +
                               " were recorded only by others, before " + sender.id + " knew this dashboard"});
@@ -107,9 +106,12 @@ std::size_t Store::Impl::record(std::span<const msg::EpisodeStat> episodes, std:
       run(statements->add_run_source, row, source.id);
   }
   for (const auto& [row, count] : counts) run(statements->count_episodes, row, count, now);
-  for (const auto& [sender, change] : changes)
-    if (change.changed)
-      run(statements->source_progress, change.source.id, change.source.episodes.settled().reach(), change.missed);
+  for (const auto& [sender, change] : changes) {
+    if (!change.changed) continue;
+    const RecordedNumbers& numbers = change.source.episodes;
+    const std::uint64_t reach = numbers.settled().reach();
+    run(statements->source_progress, change.source.id, reach, reach - numbers.recorded().count(1, reach));
+  }
   all.commit();
   for (auto& [sender, change] : changes) sources[sender] = std::move(change.source);
   for (const auto& [session, row] : new_rows) unclaimed_rows[session] = row;

@@ -90,6 +90,7 @@ TEST_F(StoreTest, GoesOnFromWhatOthersRecordedAndSaysSo) {
   EXPECT_EQ(store.recorded_up_to(kEnvironment), 5u);
   EXPECT_EQ(store.record(std::vector{episode(6)}), 1u);
   EXPECT_EQ(store.recorded_up_to(kEnvironment), 7u);
+  EXPECT_EQ(store.record(std::vector{episode(3)}), 1u) << "a replay has it all the same";
 }
 
 TEST_F(StoreTest, OneWrongNumberDoesNotSilenceARecord) {
