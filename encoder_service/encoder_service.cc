@@ -20,13 +20,15 @@ using std::chrono::milliseconds;
 using std::chrono::seconds;
 
 constexpr milliseconds kIdleInterval{50};  // between checks of `stop`
+constexpr seconds kUnserved{6};            // without a completed TraversalInfo, though the encoder_service lives
 constexpr milliseconds kBusyInterval{5};   // between checks of what the background threads have done
 
 /// An env_service whose traversal has images.
 struct Environment {
   msg::TraversalInfo info;  // as it sent it
   Incumbent presence;
-  std::uint64_t server = 0;  // incarnation of the encoder_service that completes its observations; 0: none yet
+  std::uint64_t server = 0;       // incarnation of the encoder_service that completes its observations; 0: none yet
+  Clock::time_point completed{};  // when it last completed a TraversalInfo, unless it is this one
   Clock::time_point unserved{};
   std::string fault;              // why it cannot be served
   bool too_large_logged = false;  // that its observations cannot hold the features
@@ -157,6 +159,7 @@ void EncoderService::on_completed_info(const msg::TraversalInfo& info) {
     spdlog::info("leaves '{}' to '{}'", found->first, info.encoder_service().c_str());
   }
   found->second.server = info.encoder_incarnation();
+  found->second.completed = now_;
 }
 
 void EncoderService::on_info(const msg::TraversalInfo& info) {
@@ -258,9 +261,11 @@ std::string EncoderService::find_host(std::uint64_t hash) const {
 void EncoderService::assign_environments() {
   std::erase_if(peers_, [this](const auto& entry) { return !entry.second.presence.here(now_); });
   for (auto& [id, environment] : environments_) {
-    if (environment.server != 0 && (serving(environment) || peers_.contains(environment.server))) continue;
+    // Of two that leave it to each other, both live and neither serves.
+    if (serving(environment) || (peers_.contains(environment.server) && now_ < environment.completed + kUnserved))
+      continue;
     if (environment.server != 0) {
-      spdlog::warn("the encoder_service of '{}' went silent", id);
+      spdlog::warn("the encoder_service of '{}' serves it no longer", id);
       environment.server = 0;
       environment.unserved = now_;
     }

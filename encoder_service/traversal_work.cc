@@ -25,8 +25,10 @@ void TraversalWork::look_into_store() {
   looked_ = Clock::now();
   if (!store_) return;
   const std::vector<bool> present = store_->present();
+  std::vector<float> numbers(static_cast<std::size_t>(key_.dimension));
   for (int frame = 0; frame < key_.frames; ++frame)
-    if (present[frame] && !have_[frame]) {
+    // Reads it too: after a loss of power the index may name a frame whose numbers are gone.
+    if (present[frame] && !have_[frame] && store_->read(frame, numbers)) {
       have_[frame] = true;
       ++done_;
     }
