@@ -122,8 +122,9 @@ void EpisodeOutbox::heartbeat(const msg::Header& header, bool stopping, Clock::t
 bool EpisodeOutbox::recorder_expected(Clock::time_point now) const {
   return std::any_of(recorders_.begin(), recorders_.end(), [&](const auto& entry) {
     const Recorder& recorder = entry.second;
-    return recorder.registered && recorder.acknowledged < episodes_ && !recorder.stopping &&
-           recorder.presence.here(now);
+    if (!recorder.registered || recorder.acknowledged == episodes_) return false;
+    // Also one that was started again a moment ago.
+    return (!recorder.stopping && recorder.presence.here(now)) || recorder.presence.has_rival(now);
   });
 }
 

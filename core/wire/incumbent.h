@@ -48,6 +48,8 @@ class Incumbent {
   /// Returns whether this process spoke for the id before the incumbent did.
   bool preceded(std::uint64_t incarnation) const { return incarnation == previous_ && previous_ != 0; }
   bool here(Clock::time_point now) const { return presence_.here(now); }
+  /// Returns whether a process is heard that will soon be believed.
+  bool has_rival(Clock::time_point now) const { return rival_ != 0 && now - rival_since_ < kHandover + kSilence; }
   Clock::time_point last_heard() const { return presence_.last_heard(); }
 
  private:

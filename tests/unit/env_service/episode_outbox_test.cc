@@ -332,6 +332,10 @@ TEST(EpisodeOutbox, KnowsWhomToWaitForAtTheEnd) {
   EXPECT_FALSE(fixture.outbox.recorder_expected(fixture.now));
   fixture.beats("policy", false, 2);
   EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now)) << "its next process";
+  fixture.now += seconds(2);
+  fixture.beats("policy", false, 3);
+  fixture.now += seconds(2);
+  EXPECT_TRUE(fixture.outbox.recorder_expected(fixture.now)) << "one that takes its place in a moment";
   fixture.acknowledge("policy", 3, false, 2);
   EXPECT_FALSE(fixture.outbox.recorder_expected(fixture.now)) << "it lacks nothing";
   EXPECT_EQ(fixture.outbox.kept(), 3u);
