@@ -62,6 +62,7 @@ class Actor {
   void on_parameters(const msg::PolicyParameters& chunk);
   bool of_learner(const msg::Header& header, const std::string& what);
   void assign();
+  void release_forgotten();
   void enroll(EnvHandle& env);
   void drop(EnvHandle& env, bool idle);
   bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
@@ -213,6 +214,20 @@ void Actor::assign() {
     enroll(env);
     spdlog::info("serving env_service '{}'", env.id);
     logged_.clear();
+  }
+}
+
+/// Tells env_services to be idle that obey this actor although it gave them up, because its settings arrived late: they
+/// would wait for it, and obey no other one while it lives.
+void Actor::release_forgotten() {
+  for (const auto& [id, env] : client_.envs()) {
+    if (env->obeys != node_.incarnation() || env->settings.settings().version() != 0 || served_.contains(env.get()) ||
+        !env->alive())
+      continue;
+    spdlog::info("env_service '{}' obeys this actor, which gave it up: releasing it", id);
+    msg::TaskSettings settings;
+    settings.task_mode() = msg::IDLE;
+    client_.command(*env, settings);
   }
 }
 
@@ -368,6 +383,7 @@ void Actor::spin() {
     }
     session_->outbox.send_due();
   }
+  release_forgotten();
   if (now >= next_status_) send_status();
   if (now >= next_report_) report();
 }
