@@ -6,27 +6,39 @@
 namespace citylearn {
 namespace {
 
-constexpr int kSide = 84;  // pixels
+constexpr int kSide = 84;          // pixels
+constexpr double kDeviations = 6;  // from black to white, where contrast is normalised
 
-/// The pixels themselves, 84 x 84 in colour from 0 to 1, row by row, red, green, blue: what end-to-end agents look at
-/// (CityLearn's baseline after Mirowski et al., NeurIPS 2018).
+/// The pixels, 84 x 84 in colour from 0 to 1, row by row, red, green, blue: what end-to-end agents look at (CityLearn's
+/// baseline after Mirowski et al., NeurIPS 2018).
 class Raw84 final : public PictureEncoder {
  public:
-  explicit Raw84(const Parameters&) {}
-  Spec spec() const override { return {"raw84-1", kSide * kSide * 3, 16}; }
+  explicit Raw84(const Parameters& parameters)
+      : name_(encoder_name("raw84-2", parameters)), sigma_(parameters["sigma"]) {}
+  Spec spec() const override { return {name_, kSide * kSide * 3, 16}; }
 
  private:
   void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) override {
     cv::Mat colours, pixels(kSide, kSide, CV_32FC3, descriptor.data());
     cv::cvtColor(scaled(picture, kSide, kSide), colours, cv::COLOR_BGR2RGB);
     colours.convertTo(pixels, CV_32F, 1 / 255.0);
+    if (sigma_ == 0) return;
+    colours.convertTo(colours, CV_32F);
+    sliding_normalised(colours, sigma_).convertTo(pixels, CV_32F, 1 / kDeviations, 0.5);
+    cv::min(cv::max(pixels, cv::Scalar::all(0)), cv::Scalar::all(1), pixels);
   }
+
+  std::string name_;
+  double sigma_;  // of the window, pixels
 };
 
 const EncoderRegistry::Registration raw84_registration({
     .name = "raw84",
     .help = "the pixels, 84 x 84 x 3: for networks that learn their own features",
-    .parameters = {},
+    .parameters = {{"sigma",
+                    "of the Gaussian window, pixels, whose mean is taken from each colour and over whose deviation it "
+                    "is divided, so that light and season change less; 0: colours as they are",
+                    4, 0, 84}},
     .create = make_encoder<Raw84>,
 });
 

@@ -58,13 +58,13 @@ cv::Mat scaled_grey(const cv::Mat& picture, int width, int height) {
   return cv::min(cv::max(real, 0.f), 255.f);
 }
 
-cv::Mat sliding_normalised(const cv::Mat& grey, double sigma) {
+cv::Mat sliding_normalised(const cv::Mat& picture, double sigma) {
   // Variance as mean of squares minus square of mean loses few digits when the values are taken about a middle.
-  const cv::Mat shifted = grey - 128;
+  const cv::Mat shifted = picture - cv::Scalar::all(128);
   cv::Mat mean, squares;
   cv::GaussianBlur(shifted, mean, {}, sigma);
   cv::GaussianBlur(shifted.mul(shifted), squares, {}, sigma);
-  cv::Mat deviation = cv::max(squares - mean.mul(mean), 0.f) + 16;
+  cv::Mat deviation = cv::max(squares - mean.mul(mean), 0.f) + cv::Scalar::all(16);
   cv::sqrt(deviation, deviation);
   return (shifted - mean) / deviation;
 }

@@ -34,8 +34,8 @@ cv::Mat scaled(const cv::Mat& picture, int width, int height);
 /// Returns the grey values 0..255 in floating point (ITU-R BT.601) of a BGR picture, scaled.
 cv::Mat scaled_grey(const cv::Mat& picture, int width, int height);
 
-/// Returns (g - mean) / sqrt(variance + 16) of a grey picture (0..255) under a Gaussian window of `sigma` pixels, which
-/// removes slow changes of light and of contrast.
-cv::Mat sliding_normalised(const cv::Mat& grey, double sigma);
+/// Returns (g - mean) / sqrt(variance + 16) of each channel (float, 0..255) under a Gaussian window of `sigma` pixels,
+/// which removes slow changes of light and of contrast.
+cv::Mat sliding_normalised(const cv::Mat& picture, double sigma);
 
 }  // namespace citylearn

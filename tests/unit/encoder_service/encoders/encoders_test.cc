@@ -103,13 +103,29 @@ TEST(PatchNorm, PatchesHaveMeanZeroAndDeviationOne) {
 TEST(Raw84, GivesRedGreenBlueRowByRow) {
   cv::Mat picture(84, 84, CV_8UC3, cv::Scalar(0, 51, 255));
   picture.at<cv::Vec3b>(0, 1) = {255, 0, 0};
-  const MatrixXf pixels = encode(*make("raw84"), picture);
+  const MatrixXf pixels = encode(*make("raw84", {{"sigma", 0}}), picture);
   ASSERT_EQ(pixels.rows(), 21168);
   EXPECT_FLOAT_EQ(pixels(0), 1);
   EXPECT_FLOAT_EQ(pixels(1), 0.2f);
   EXPECT_FLOAT_EQ(pixels(2), 0);
   EXPECT_FLOAT_EQ(pixels(3), 0);
   EXPECT_FLOAT_EQ(pixels(5), 1);
+}
+
+TEST(Raw84, LightAndTintMakeLittleDifference) {
+  cv::Mat picture(84, 84, CV_8UC3), tinted;
+  cv::randu(picture, 40, 200);
+  cv::GaussianBlur(picture, picture, {}, 2);
+  picture.convertTo(picture, CV_8UC3, 2, -120);
+  cv::multiply(picture, cv::Scalar(0.6, 0.8, 1.1), tinted);
+  const MatrixXf pixels = encode(*make("raw84"), picture), same = encode(*make("raw84"), tinted);
+  EXPECT_GT(pixels.minCoeff(), -1e-6);
+  EXPECT_LT(pixels.maxCoeff(), 1 + 1e-6);
+  EXPECT_NEAR(pixels.mean(), 0.5, 0.02);
+  EXPECT_LT((pixels - same).norm() / (pixels.array() - 0.5).matrix().norm(), 0.15);
+  const std::map<std::string, double> as_they_are = {{"sigma", 0}};
+  const MatrixXf plain = encode(*make("raw84", as_they_are), picture);
+  EXPECT_GT((plain - encode(*make("raw84", as_they_are), tinted)).norm() / (plain.array() - 0.5).matrix().norm(), 0.5);
 }
 
 TEST(DenseSift, GridOrientationAndLength) {
