@@ -4,14 +4,13 @@
 import math
 from typing import Any
 
-from charts import Chart, Line
+from compared import Policies, draw_spl, policies_of
 from estimates import Estimate, fixed, mean_of, text_of
 from inputs import Inputs, Recordings
 from page import Page
-from trials import MEANS, Rows, remark_failed, rows_of, short_rows, trials_on
+from trials import MEANS, Rows, short_rows, trials_on
 
 ALIKE = 0.01  # SPL; less than this is no difference
-Policies = dict[str, list[Rows | None]]  # outcomes by label
 
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:
@@ -28,9 +27,11 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
         missing = ", ".join(map(str, data["missing"]))
         page.remark(f"Not tried: {missing} features. {data['encoder']} has {data['encoder_dimension']}, and "
                     f"{data['learned_from']} frames have at most {data['learned_from'] - 1} principal components.")
-    sizes = [(size["features"], policies_of(inputs, size, page)) for size in data["sizes"]]
+    sizes = [(size["features"], policies_of(inputs, size, f"{size['features']} features", page))
+             for size in data["sizes"]]
     for traversal in recordings.names:
-        draw(recordings, sizes, traversal, page)
+        draw_spl("dimensions", f"{traversal}{recordings.role(traversal)}: SPL by features", "features a frame", sizes,
+                 traversal, page, x_logarithmic=True, x_limits=(sizes[0][0] * 0.9, sizes[-1][0] * 1.1))
     page.table("dimensions",
                f"Places 0 to {data['frames'] - 1}, by number of features: {MEANS}.",
                ["features", "policy", "traversal", "seeds x tasks", "completed", "SPL", "excess"],
@@ -38,29 +39,6 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
                 for row in short_rows(outcomes, recordings.names, str(features), label)])
     for label in [label for label in sizes[0][1] if label != "blind"]:
         conclude(label, recordings, sizes, page)
-
-
-def policies_of(inputs: Inputs, size: Any, page: Page) -> Policies:
-    policies: Policies = {}
-    for agent in size["agents"]:
-        trainings = inputs.outcomes(agent["units"])
-        remark_failed(page, f"{agent['label']}, {size['features']} features", len(trainings), len(agent["units"]))
-        policies[agent["label"]] = list(rows_of(trainings))
-    return {**policies, **inputs.controls(size)}
-
-
-def draw(recordings: Recordings, sizes: list[tuple[int, Policies]], traversal: str, page: Page) -> None:
-    lines: dict[str, Line] = {}
-    for features, policies in sizes:
-        for label, outcomes in policies.items():
-            line = lines.setdefault(label, Line(label, dashed=label in ("sequence_filter", "blind")))
-            spl = trials_on(outcomes, traversal).spl
-            line.add(features, spl.mean, *(() if line.dashed else (spl.low, spl.high)))
-    chart = Chart(f"{traversal}{recordings.role(traversal)}: SPL by features", "features a frame", "SPL",
-                  list(lines.values()), y_limits=(0, 1), x_logarithmic=True, height=260,
-                  x_limits=(sizes[0][0] * 0.9, sizes[-1][0] * 1.1))
-    page.chart(f"dimensions-{traversal}", chart,
-               f"{chart.title}, mean of the seeds with its 95 % interval; dashed: policies that learn nothing.")
 
 
 def unseen(recordings: Recordings, outcomes: list[Rows | None]) -> Estimate:

@@ -3,15 +3,14 @@
 
 from typing import Any
 
-from charts import Bar, BarChart, Chart, Line
+from charts import Bar, BarChart
+from compared import BLIND, TOLD, UNADAPTED, Policies, draw_spl, learns_nothing, policies_of
 from estimates import fixed
 from inputs import Inputs
 from page import Page
-from trials import MEANS, Rows, is_worse, remark_failed, rows_of, short_rows, trials_on
+from trials import MEANS, is_worse, short_rows, trials_on
 
 KINDS = {"slip": "slip", "dropped_frames": "dropped frames", "kidnappings": "kidnappings"}
-UNADAPTED, TOLD, BLIND = "sequence_filter", "sequence_filter, told", "blind"
-Policies = dict[str, list[Rows | None]]  # outcomes by label
 
 
 def render(inputs: Inputs, data: Any, page: Page) -> None:
@@ -22,10 +21,12 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
         f"'{inputs.recordings.train}' alone, and is told how likely slips and kidnappings are, as '{TOLD}' is; the "
         "plain sequence_filter takes the world for perfect. 'blind' never looks. 'shortest_path' knows its place: what "
         "it lacks to 1 is what no policy can make good. All policies meet the same mishaps at the same steps.")
-    worlds = [(world, policies_of(inputs, world, page)) for world in data["worlds"]]
+    worlds = [(world, policies_of(inputs, world, name_of(world), page)) for world in data["worlds"]]
     for traversal in data["traversals"]:
         for kind in ("slip", "dropped_frames"):
-            draw(inputs, worlds, kind, traversal, page)
+            draw_spl(f"imperfect-world-{kind.replace('_', '-')}",
+                     f"{traversal}{inputs.recordings.role(traversal)}: SPL by {KINDS[kind]}", f"{KINDS[kind]}, %",
+                     along(worlds, kind), traversal, page)
         draw_others(inputs, worlds, traversal, page)
     rows = [row for world, policies in worlds for label, outcomes in policies.items()
             for row in short_rows(outcomes, data["traversals"], name_of(world), label)]
@@ -34,16 +35,6 @@ def render(inputs: Inputs, data: Any, page: Page) -> None:
                ["world", "policy", "traversal", "seeds x tasks", "completed", "SPL", "excess"], rows)
     for world, policies in worlds:
         remark_behind(world, policies, data["traversals"], page)
-
-
-def policies_of(inputs: Inputs, world: Any, page: Page) -> Policies:
-    """Returns the outcomes by label; where there is nothing to tell, the told filter is the plain one."""
-    policies: Policies = {}
-    for agent in world["agents"]:
-        trainings = inputs.outcomes(agent["units"])
-        remark_failed(page, f"{agent['label']}, {name_of(world)}", len(trainings), len(agent["units"]))
-        policies[agent["label"]] = list(rows_of(trainings))
-    return {**policies, **inputs.controls(world)}
 
 
 def name_of(world: Any) -> str:
@@ -57,25 +48,13 @@ def only(world: Any, kind: str) -> bool:
     return all(world[other] == 0 for other in KINDS if other != kind)
 
 
-def draw(inputs: Inputs, worlds: list[tuple[Any, Policies]], kind: str, traversal: str, page: Page) -> None:
-    """Draws SPL over one kind of mishap, from the perfect world on."""
-    lines: dict[str, Line] = {}
-    along = [(world[kind], policies) for world, policies in worlds if only(world, kind)]
-    labels = list(dict.fromkeys(label for _, policies in along for label in policies))
-    for amount, policies in along:
-        for label in labels:
-            learned = not learns_nothing(label)
-            line = lines.setdefault(label, Line(label, dashed=not learned))
-            spl = trials_on(policies.get(label, policies[UNADAPTED]), traversal).spl
-            line.add(100 * amount, spl.mean, *((spl.low, spl.high) if learned else ()))
-    chart = Chart(f"{traversal}{inputs.recordings.role(traversal)}: SPL by {KINDS[kind]}", f"{KINDS[kind]}, %", "SPL",
-                  list(lines.values()), y_limits=(0, 1), height=260)
-    page.chart(f"imperfect-world-{kind.replace('_', '-')}-{traversal}", chart,
-               f"{chart.title}, mean of the seeds with its 95 % interval; dashed: policies that learn nothing.")
-
-
-def learns_nothing(label: str) -> bool:
-    return label in (UNADAPTED, TOLD, BLIND, "shortest_path")
+def along(worlds: list[tuple[Any, Policies]], kind: str) -> list[tuple[float, Policies]]:
+    """Returns the worlds with one kind of mishap, by its percentage, from the perfect world on. In that one nothing can
+    be told, so the told filter is the plain one."""
+    chosen = [(100 * world[kind], policies) for world, policies in worlds if only(world, kind)]
+    labels = dict.fromkeys(label for _, policies in chosen for label in policies)
+    return [(amount, {label: policies.get(label, policies[UNADAPTED]) for label in labels})
+            for amount, policies in chosen]
 
 
 def draw_others(inputs: Inputs, worlds: list[tuple[Any, Policies]], traversal: str, page: Page) -> None:
