@@ -4,7 +4,6 @@
 #include "policy_service/learning/optimization/saved_state.h"
 
 namespace citylearn {
-namespace {}  // namespace
 
 GradientStep::GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task)
     : name_("learner " + name),
