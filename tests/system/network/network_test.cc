@@ -223,11 +223,11 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
     command.insert(command.end(), more.begin(), more.end());
     return hosts.start(0, command, folder_ / (output + ".log"));
   }
-  /// Steps trained up to now, and when the last of them were.
-  std::pair<double, double> progress(const std::string& output) const {
+  /// Steps trained up to now.
+  double progress(const std::string& output) const {
     auto rows = csv_rows(folder_ / (output + "/metrics.csv"));
     if (!contents(folder_ / (output + "/metrics.csv")).ends_with('\n') && !rows.empty()) rows.pop_back();
-    return rows.empty() ? std::pair(0.0, 0.0) : std::pair(std::stod(rows.back().at(1)), std::stod(rows.back().at(4)));
+    return rows.empty() ? 0 : std::stod(rows.back().at(1));
   }
   void expect_rejoined(std::chrono::seconds apart) {
     Hosts hosts(2);
@@ -235,15 +235,15 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
     const auto learner = policy(hosts, "out", 1,
                                 {"--environments", "1", "--steps", "100000000", "--time-limit",
                                  std::to_string(apart.count() + 8), "--peers", Hosts::address(1)});
-    ASSERT_TRUE(poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
+    ASSERT_TRUE(poll_until([&] { return progress("out") > 0; }, 60s)) << learner->output();
     hosts.cut(0, 1);
     ASSERT_FALSE(learner->wait(apart)) << learner->output();
-    const double before = progress("out").first;
+    const double before = progress("out");
     ASSERT_FALSE(learner->wait(200ms));
-    EXPECT_EQ(progress("out").first, before);  // it was cut off
+    EXPECT_EQ(progress("out"), before);  // it was cut off
     hosts.heal();
     const Clock::time_point healed = Clock::now();
-    EXPECT_TRUE(poll_until([&] { return progress("out").first > before; }, 10s)) << learner->output();
+    EXPECT_TRUE(poll_until([&] { return progress("out") > before; }, 10s)) << learner->output();
     RecordProperty("rejoined_after", std::to_string(std::chrono::duration<double>(Clock::now() - healed).count()));
     ASSERT_EQ(learner->wait(60s), 0) << learner->output();
     EXPECT_GE(expect_all_episodes("out"), 200);
@@ -273,28 +273,16 @@ std::string pairing_name(const ::testing::TestParamInfo<std::tuple<std::string, 
 }
 INSTANTIATE_TEST_SUITE_P(Hosts, Training, kPairings, pairing_name);
 
-// Loss comes and goes in one training: what else the machine does meets both alike.
-TEST_P(Training, LosesNoEpisodeAndAtMostHalfItsSpeedWhenOnePacketInTwentyIsLost) {
+// How much slower it is is bench/loss's question.
+TEST_P(Training, LosesNoEpisodeWhenOnePacketInTwentyIsLost) {
   Hosts hosts(3);
   std::vector<std::unique_ptr<Service>> envs;
   for (const int host : {1, 2, 1, 2}) envs.push_back(env(hosts, host));
-  const auto learner = policy(hosts, "out", 100'000'000, {"--time-limit", std::to_string(13 * kSlowness)});
-  ASSERT_TRUE(poll_until([&] { return progress("out").first > 0; }, 60s)) << learner->output();
-  double steps[2] = {0, 0}, seconds[2] = {0, 0};
-  for (int phase = 0; phase < 6; ++phase) {
-    const int lossy = phase % 2;
-    const auto [steps_before, time_before] = progress("out");
-    hosts.lose(lossy ? 5 : 0);
-    ASSERT_FALSE(learner->wait(2s)) << learner->output();
-    const auto [steps_after, time_after] = progress("out");
-    steps[lossy] += steps_after - steps_before;
-    seconds[lossy] += time_after - time_before;
-  }
-  ASSERT_EQ(learner->wait(60s * kSlowness), 0) << learner->output();
+  const auto learner = policy(hosts, "out", 100'000);
+  ASSERT_TRUE(poll_until([&] { return progress("out") > 0; }, 60s)) << learner->output();
+  hosts.lose(5);
+  ASSERT_EQ(learner->wait(60s), 0) << learner->output();
   EXPECT_GE(expect_all_episodes("out"), 400);
-  RecordProperty("steps_per_second",
-                 std::to_string(steps[0] / seconds[0]) + ", with loss " + std::to_string(steps[1] / seconds[1]));
-  EXPECT_GE(steps[1] / seconds[1], 0.5 * steps[0] / seconds[0]);
 }
 
 // The only env_service is cut off from the policy_service. Both stay, and go on when they hear each other again.

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+// See README.md.
+#include <cstdio>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "bench/bench.h"
+#include "tests/support/processes/hosts.h"
+#include "tests/support/text.h"
+
+namespace {
+
+using namespace citylearn::testing;
+
+constexpr int kPhases = 6;
+constexpr seconds kPhase{2}, kPatience{60};
+
+/// Steps trained up to now, and the seconds of training at the last of them.
+std::pair<double, double> progress(const std::string& folder) {
+  const std::string text = contents(folder + "/metrics.csv");
+  const std::vector<std::string> rows = lines_of(text.substr(0, text.rfind('\n') + 1));
+  if (rows.size() < 2) return {0, 0};
+  const std::vector<std::string> fields = split(rows.back(), ',');
+  return {std::stod(fields.at(1)), std::stod(fields.at(4))};
+}
+
+void compare(const std::string& middleware, int percent) {
+  if (const std::string reason = Hosts::unavailable(); !reason.empty()) throw citylearn::Error(reason);
+  Hosts hosts(3);
+  const Folder folder;
+  const auto start = [&](int host, Arguments command, const std::string& name, const std::string& peers) {
+    command.insert(command.end(), {"--middleware", middleware, "--interface", Hosts::interface(), "--peers", peers});
+    return hosts.start(host, command, folder / (name + ".log"));
+  };
+  std::vector<std::unique_ptr<Service>> envs;
+  for (const int host : {1, 2, 1, 2}) {
+    const std::string id = "env-" + std::to_string(envs.size());
+    envs.push_back(start(host, {CITYLEARN_ENV_SERVICE, "--id", id, "--agents", "8", "--synthetic-images", "0"}, id,
+                         Hosts::address(0)));
+  }
+  const auto policy = start(0,
+                            {CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--environments", "4", "--steps",
+                             "1000000000", "--output", folder / "out"},
+                            "policy", Hosts::address(1) + "," + Hosts::address(2));
+  if (!poll_until([&] { return progress(folder / "out").first > 0; }, kPatience))
+    throw citylearn::Error("does not train:\n" + policy->output());
+  double steps[2] = {0, 0}, time[2] = {0, 0};
+  for (int phase = 0; phase < kPhases; ++phase) {
+    const int lossy = phase % 2;
+    hosts.lose(lossy ? percent : 0);
+    const auto [steps_before, time_before] = progress(folder / "out");
+    if (policy->wait(kPhase)) throw citylearn::Error("training failed:\n" + policy->output());
+    const auto [steps_after, time_after] = progress(folder / "out");
+    steps[lossy] += steps_after - steps_before;
+    time[lossy] += time_after - time_before;
+  }
+  const double calm = steps[0] / time[0], lossy = steps[1] / time[1];
+  std::printf("%s: %.0f steps/s without loss, %.0f with %d %%: ratio %.2f\n", middleware.c_str(), calm, lossy, percent,
+              lossy / calm);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::string middleware = "cyclonedds";
+  int percent = 5;
+  CLI::App app("A training whose network loses packets beside one whose network does not", "bench_loss");
+  app.add_option("middleware", middleware, "cyclonedds or fastdds")->capture_default_str();
+  app.add_option("percent", percent, "packets lost")->capture_default_str()->check(CLI::Range(1, 50));
+  return citylearn::bench::run(app, argc, argv, [&] { compare(middleware, percent); });
+}
