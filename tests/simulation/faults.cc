@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/simulation/faults.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace citylearn::simulation {
@@ -11,80 +12,88 @@ using std::chrono::seconds;
 
 constexpr milliseconds kSupervision{100};  // between two looks of the supervisor at a process
 constexpr double kRestart = 0.5;           // mean seconds until a process is started again
-constexpr double kOutage = 2;              // mean seconds of a partition or a stall
+constexpr double kOutage = 2;              // mean seconds of a partition, a stall or a full disk
+constexpr double kTwin = 4;                // mean seconds that a second process of an id runs
+constexpr std::uint64_t kMostRoom = 8192;  // bytes that a disk still takes when it fills up
+constexpr int kFewOperations = 5;          // at a new file, until a process is killed
 constexpr int kMostOperations = 40;        // until a process is killed at work
+
+double seconds_of(Random& random, double mean) { return -std::log(1 - random.uniform()) * mean; }
+
+Time exponential(Random& random, double mean) { return from_seconds(seconds_of(random, mean)); }
+
+std::string in_ms(Time duration) { return std::to_string(duration / milliseconds(1)) + " ms"; }
 
 }  // namespace
 
-FaultRates draw_faults(std::uint64_t seed) {
-  Random random{seed, 0xFA17};
-  const auto sometimes = [&random](double least, double most) {
-    const double value = least * std::pow(most / least, random.uniform());
-    return random.uniform() < 0.6 ? value : 0;
-  };
-  FaultRates rates;
-  rates.kill = sometimes(2, 20);
-  rates.kill_at_work = sometimes(2, 20);
-  rates.partition = sometimes(4, 30);
-  rates.one_way = sometimes(4, 30);
-  rates.stall = sometimes(4, 30);
-  rates.date_jump = sometimes(5, 30);
-  rates.drift = static_cast<int>(sometimes(10, 20'000));
-  rates.links.loss = sometimes(0.001, 0.2);
-  rates.links.repetition = sometimes(0.001, 0.1);
-  rates.links.reordering = sometimes(0.001, 0.2);
-  rates.links.slow = sometimes(0.001, 0.1);
-  rates.links.latency = from_seconds(1e-3 * std::pow(20, random.uniform()));
-  return rates;
-}
-
 FaultInjector::FaultInjector(Scheduler& scheduler, Network& network, std::vector<Process*> processes,
-                             const FaultRates& rates, std::uint64_t seed)
+                             std::vector<Process*> twins, const FaultRates& rates, std::uint64_t seed)
     : scheduler_(scheduler),
       network_(network),
       processes_(std::move(processes)),
-      until_(from_seconds(rates.until)),
-      random_({seed, 0x1213}) {
+      twins_(std::move(twins)),
+      seed_(seed),
+      until_(from_seconds(rates.until)) {
   network_.faults = rates.links;
   scheduler_.at(until_, [this] { network_.faults = LinkFaults(); });
   for (Process* process : processes_) {
-    if (rates.drift > 0)
-      process->set_drift(static_cast<int>(random_.below(2 * static_cast<std::uint64_t>(rates.drift) + 1)) -
-                         rates.drift);
+    Random random{seed_, std::hash<std::string>{}(process->name())};
+    if (rates.drift > 0) process->set_drift(static_cast<int>((random.uniform() * 2 - 1) * rates.drift));
+    if (rates.power > 0) process->disk().remember_changes(random.next());
     supervise(*process);
   }
-  repeat("kill", rates.kill, [this] {
-    Process& process = any();
+  for (Process* process : processes_)
+    if (!rates.spare_envs || !process->name().starts_with("env-")) mortal_.push_back(process);
+  repeat("kill", rates.kill, [this](Random& random) {
+    Process& process = *mortal_[random.below(mortal_.size())];
     if (!process.running()) return;
     note("kill", process.name());
     process.kill();
   });
-  repeat("kill at work", rates.kill_at_work, [this] {
-    Process& process = any();
+  const auto at_work = [this](const char* name, void (Process::*end)(int, bool)) {
+    return [this, name, end](Random& random) {
+      Process& process = *mortal_[random.below(mortal_.size())];
+      const std::uint64_t draw = random.next();
+      const bool new_file = random.below(2) == 0;
+      const int operations =
+          1 + static_cast<int>(draw % static_cast<std::uint64_t>(new_file ? kFewOperations : kMostOperations));
+      if (!process.running()) return;
+      note(name, process.name() + " after " + std::to_string(operations) + " operations" +
+                     (new_file ? " of a new file" : ""));
+      (process.*end)(operations, new_file);
+    };
+  };
+  repeat("kill_at_work", rates.kill_at_work, at_work("kill_at_work", &Process::kill_after));
+  repeat("power", rates.power, at_work("power", &Process::lose_power_after));
+  repeat("partition", rates.partition, [this](Random& random) { cut(random, "partition", true); });
+  repeat("one_way", rates.one_way, [this](Random& random) { cut(random, "one_way", false); });
+  repeat("stall", rates.stall, [this](Random& random) {
+    Process& process = any(random);
+    const Time duration = exponential(random, kOutage);
     if (!process.running()) return;
-    const int operations = 1 + static_cast<int>(random_.below(kMostOperations));
-    note("kill at work", process.name() + " after " + std::to_string(operations) + " operations");
-    process.kill_after(operations);
-  });
-  repeat("partition", rates.partition, [this] { cut(true); });
-  repeat("one way", rates.one_way, [this] { cut(false); });
-  repeat("stall", rates.stall, [this] {
-    Process& process = any();
-    const Time duration = exponential(kOutage);
-    if (!process.running()) return;
-    note("stall", process.name() + " for " + std::to_string(duration / milliseconds(1)) + " ms");
+    note("stall", process.name() + " for " + in_ms(duration));
     process.stall(duration);
   });
-  repeat("date jump", rates.date_jump, [this] {
-    Process& process = any();
-    const Time by = from_seconds((random_.uniform() * 2 - 1) * 3600);
-    note("date jump", process.name() + " by " + std::to_string(by / seconds(1)) + " s");
+  repeat("date_jump", rates.date_jump, [this](Random& random) {
+    Process& process = any(random);
+    const Time by = from_seconds((random.uniform() * 2 - 1) * 3600);
+    note("date_jump", process.name() + " by " + std::to_string(by / seconds(1)) + " s");
     process.shift_date(by);
   });
+  repeat("full_disk", rates.full_disk, [this](Random& random) { fill_disk(random); });
+  if (rates.spare_envs) std::erase_if(twins_, [](const Process* twin) { return twin->name().starts_with("env-"); });
+  if (!twins_.empty()) repeat("twin", rates.twin, [this](Random& random) { run_twin(random); });
 }
 
-Time FaultInjector::exponential(double mean_seconds) {
-  return from_seconds(-std::log(1 - random_.uniform()) * mean_seconds);
+void FaultInjector::stop() {
+  stopped_ = true;
+  network_.faults = LinkFaults();
+  network_.mend_all();
+  for (Process* process : processes_) {
+    process->disk().empty();
+    process->stall(Time(0));
+    process->wake();
+  }
 }
 
 void FaultInjector::note(const std::string& name, const std::string& text) {
@@ -95,20 +104,35 @@ void FaultInjector::note(const std::string& name, const std::string& text) {
 
 void FaultInjector::repeat(const std::string& name, double mean, const Fault& fault) {
   if (mean <= 0) return;
-  scheduler_.after(exponential(mean), [this, name, mean, fault] {
+  Random& random = randoms_.try_emplace(name, Random{seed_, std::hash<std::string>{}(name)}).first->second;
+  scheduler_.after(exponential(random, mean), [this, name, mean, fault, &random] {
     if (stopped_ || scheduler_.now() >= until_) return;
-    fault();
+    fault(random);
     repeat(name, mean, fault);
   });
 }
 
+/// Keeps the error of a process that ended by itself, unless its disk was full or another process has its id.
+void FaultInjector::judge(const Process& process) {
+  const std::string& error = process.failure();
+  if (error.empty()) return;
+  note("failure", process.name() + ": " + error);
+  const auto full = full_until_.find(&process);
+  if (full != full_until_.end() && scheduler_.now() < full->second + seconds(1)) return;
+  for (const char* known : {"already runs in session", "another policy_service writes here"})
+    if (error.find(known) != error.npos) return;
+  unexpected_errors_.push_back(process.name() + ": " + error);
+}
+
 /// A process that ended with status 0 has done its work; one that failed or was killed is started again.
 void FaultInjector::supervise(Process& process) {
+  Random& random =
+      randoms_.try_emplace(process.name(), Random{seed_, 1, std::hash<std::string>{}(process.name())}).first->second;
   const bool down = process.starts() > 0 && !process.running() && process.status() != 0;
-  scheduler_.after(down ? exponential(kRestart) : Time(kSupervision), [this, &process, down] {
+  if (down) judge(process);
+  scheduler_.after(down ? exponential(random, kRestart) : Time(kSupervision), [this, &process, down] {
     if (stopped_) return;
     if (down && !process.running()) {
-      if (!process.failure().empty()) note("failure", process.name() + ": " + process.failure());
       if (log) log("start: " + process.name());
       process.start();
     }
@@ -116,12 +140,11 @@ void FaultInjector::supervise(Process& process) {
   });
 }
 
-void FaultInjector::cut(bool both_ways) {
-  const std::string from = any().name(), to = any().name();
-  const Time duration = exponential(kOutage);
+void FaultInjector::cut(Random& random, const std::string& name, bool both_ways) {
+  const std::string from = any(random).name(), to = any(random).name();
+  const Time duration = exponential(random, kOutage);
   if (from == to) return;
-  note(both_ways ? "partition" : "one way",
-       from + (both_ways ? " and " : " to ") + to + " for " + std::to_string(duration / milliseconds(1)) + " ms");
+  note(name, from + (both_ways ? " and " : " to ") + to + " for " + in_ms(duration));
   const auto change = [this](const std::string& sender, const std::string& receiver, int by) {
     int& count = cuts_[{sender, receiver}];
     count += by;
@@ -136,6 +159,27 @@ void FaultInjector::cut(bool both_ways) {
   };
   all(1);
   scheduler_.after(duration, [all] { all(-1); });
+}
+
+void FaultInjector::fill_disk(Random& random) {
+  Process& process = any(random);
+  const Time duration = exponential(random, kOutage);
+  note("full_disk", "of " + process.name() + " for " + in_ms(duration));
+  process.disk().fill(random.below(kMostRoom));
+  Time& until = full_until_[&process];
+  until = std::max(until, scheduler_.now() + duration);
+  scheduler_.at(until, [this, &process] {
+    if (scheduler_.now() >= full_until_[&process]) process.disk().empty();
+  });
+}
+
+void FaultInjector::run_twin(Random& random) {
+  Process& twin = *twins_[random.below(twins_.size())];
+  const Time duration = exponential(random, kTwin);
+  if (twin.running()) return;
+  note("twin", twin.name() + " for " + in_ms(duration));
+  twin.start();
+  scheduler_.after(duration, [&twin] { twin.kill(); });
 }
 
 }  // namespace citylearn::simulation

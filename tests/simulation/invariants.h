@@ -16,6 +16,9 @@ using Source = std::pair<std::string, std::uint64_t>;
 struct Records {
   std::map<Source, std::uint64_t> acknowledged;             ///< all of the source's up to this one
   std::map<Source, std::map<std::uint64_t, int>> recorded;  ///< how often each stands in its file
+  std::map<Source, std::uint64_t> settled;                  ///< a store's: it counts on no more up to this one
+  std::map<Source, std::uint64_t> missed;                   ///< a store's: those of them that it does not have
+  bool ended = false;                                       ///< by itself, when it was asked to
 };
 
 /// What a simulation left behind, and what was seen on its network.
@@ -29,6 +32,14 @@ struct Evidence {
   std::string agent;                         ///< hash of the trained agent
   std::string expected_agent;                ///< the one of a training without faults; empty: unknown
   bool envs_restarted = false;
+  std::map<Source, std::uint64_t> finished;  ///< episodes of env_services that ended when nothing went wrong any more
+  std::string wrong_parameters;              ///< announced ones that are not those of their checkpoint
+  std::size_t memory = 0;                    ///< bytes that all processes held together, at most
+  std::size_t processes = 0;
+  std::vector<std::string> unexpected_errors;  ///< with which services ended: each "process: error"
+  bool replayed = false;                       ///< a dashboard has seen all recordings, without faults
+  Records recordings;                          ///< what they hold
+  std::string recording_fault;                 ///< why one cannot be read; empty: all can
 };
 
 /// Something that holds whatever goes wrong (docs/decisions/0014-faults.md).

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Plays trainings of the whole system in simulation, one for each seed, and says which broke an invariant.
 #include <fcntl.h>
+#include <sched.h>
 #include <spdlog/pattern_formatter.h>
 #include <spdlog/spdlog.h>
 #include <sys/wait.h>
@@ -13,6 +14,7 @@
 #include <deque>
 #include <filesystem>
 #include <iostream>
+#include <map>
 #include <optional>
 #include <sstream>
 
@@ -21,6 +23,9 @@
 #include "core/wire/service.h"
 #include "policy_service/run/sweep.h"
 #include "tests/simulation/invariants.h"
+#include "tests/simulation/layout.h"
+#include "tests/simulation/scale.h"
+#include "tests/simulation/shrink.h"
 #include "tests/simulation/training.h"
 
 namespace {
@@ -32,10 +37,11 @@ constexpr unsigned kPatience = 600;  // real seconds that a simulation may take
 
 struct Options {
   std::uint64_t seed = 1;
-  std::string seeds;
+  std::string seeds, layout;
   double hours = 0;
-  int processes = 2;
-  bool log = false, without_faults = false, list = false;
+  int processes = 2, hosts = 0;
+  bool log = false, without_faults = false, list = false, shrink = false, traces = false;
+  FewerFaults fewer;
 };
 
 /// What a simulation's process says to the one that started it.
@@ -94,12 +100,27 @@ class ProcessName : public spdlog::custom_flag_formatter {
   std::unique_ptr<custom_flag_formatter> clone() const override { return std::make_unique<ProcessName>(); }
 };
 
+/// Makes a new folder the current one, and removes it at the end.
+class Folder {
+ public:
+  Folder() : name_((std::filesystem::temp_directory_path() / "citylearn-simulation-XXXXXX").string()) {
+    if (!::mkdtemp(name_.data())) throw Error(std::strerror(errno), name_);
+    std::filesystem::current_path(name_);
+  }
+  ~Folder() {
+    std::filesystem::current_path("/");
+    std::filesystem::remove_all(name_);
+  }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+
+ private:
+  std::string name_;
+};
+
 /// Plays a scenario in a folder of its own, and silently unless `log`.
 Report play_here(Scenario scenario, bool log) {
-  const std::string pattern = (std::filesystem::temp_directory_path() / "citylearn-simulation-XXXXXX").string();
-  std::vector<char> folder(pattern.begin(), pattern.end() + 1);
-  if (!::mkdtemp(folder.data())) throw Error(std::strerror(errno), pattern);
-  std::filesystem::current_path(folder.data());
+  const Folder folder;
   if (log) {
     scenario.log = [](const std::string& line) { std::cerr << line << std::endl; };
     auto formatter = std::make_unique<spdlog::pattern_formatter>();
@@ -115,15 +136,29 @@ Report play_here(Scenario scenario, bool log) {
   } catch (const std::exception& error) {
     report.text = std::string("  the simulation itself failed: ") + error.what() + "\n";
   }
-  std::filesystem::current_path("/");
-  std::filesystem::remove_all(folder.data());
   return report;
+}
+
+/// Only one thread of a simulation runs at a time, so they take turns quickest on one processor.
+void stay_on_one_processor(int number) {
+  cpu_set_t all, one;
+  if (::sched_getaffinity(0, sizeof all, &all) != 0) return;
+  int left = number % CPU_COUNT(&all);
+  for (int processor = 0; processor < CPU_SETSIZE; ++processor) {
+    if (!CPU_ISSET(processor, &all) || left-- > 0) continue;
+    CPU_ZERO(&one);
+    CPU_SET(processor, &one);
+    ::sched_setaffinity(0, sizeof one, &one);
+    return;
+  }
 }
 
 /// A simulation that runs in a process of its own, so that nothing is left over from another one.
 class Play {
  public:
-  Play(const Scenario& scenario, bool log) : seed_(scenario.seed) {
+  Play(const Scenario& scenario, bool log) : scenario_(scenario) {
+    static int count = 0;
+    ++count;
     int ends[2];
     if (::pipe(ends) != 0) throw Error(std::strerror(errno), "pipe");
     std::cout.flush();
@@ -131,6 +166,7 @@ class Play {
     if (process_ < 0) throw Error(std::strerror(errno), "fork");
     if (process_ == 0) {
       ::alarm(kPatience);
+      stay_on_one_processor(count);
       const std::string report = serialize(play_here(scenario, log));
       const bool whole = ::write(ends[1], report.data(), report.size()) == static_cast<ssize_t>(report.size());
       ::_exit(whole ? 0 : 1);
@@ -138,7 +174,8 @@ class Play {
     ::close(ends[1]);
     pipe_ = ends[0];
   }
-  std::uint64_t seed() const { return seed_; }
+  const Scenario& scenario() const { return scenario_; }
+  std::uint64_t seed() const { return scenario_.seed; }
   /// Waits for its end.
   Report report() {
     std::string bytes;
@@ -150,7 +187,7 @@ class Play {
   }
 
  private:
-  const std::uint64_t seed_;
+  const Scenario scenario_;
   pid_t process_ = -1;
   int pipe_ = -1;
 };
@@ -158,20 +195,41 @@ class Play {
 Scenario scenario_of(std::uint64_t seed, const Options& options) {
   Scenario scenario;
   scenario.seed = seed;
+  scenario.layout = options.layout.empty() ? draw_layout(seed) : find_layout(options.layout);
   if (!options.without_faults) scenario.faults = draw_faults(seed);
+  options.fewer.apply(scenario.faults);
   return scenario;
+}
+
+/// Returns the name of the first invariant that a simulation broke.
+std::string broken_by(const Report& report) { return report.text.substr(0, report.text.find(':')); }
+
+/// Looks for a smaller set of faults after which a seed breaks the same invariant. Those left out `already` stay out.
+FewerFaults shrunk(const Scenario& failing, const Report& report, const FewerFaults& already) {
+  FewerFaults least = shrink(failing.faults, [&](const FewerFaults& fewer) {
+    Scenario candidate = failing;
+    fewer.apply(candidate.faults);
+    const Report other = Play(candidate, false).report();
+    return other.failed && broken_by(other) == broken_by(report);
+  });
+  least.left_out.insert(least.left_out.begin(), already.left_out.begin(), already.left_out.end());
+  if (least.until == 0) least.until = already.until;
+  return least;
 }
 
 int simulate(const Options& options) {
   std::vector<std::uint64_t> seeds{options.seed};
   if (!options.seeds.empty()) seeds = parse_seeds(options.seeds);
-  Options calm = options;
-  calm.without_faults = true;
-  const Report reference = Play(scenario_of(0, calm), false).report();
-  if (reference.failed) {
-    std::cout << "without faults:\n" << reference.text;
-    return 1;
-  }
+  std::map<std::string, std::string> agents;  // by layout: what its training leads to without faults
+  const auto agent_of = [&](const Layout& layout) -> const std::string& {
+    std::string& agent = agents[layout.name];
+    if (!agent.empty() || !layout.lockstep()) return agent;
+    Scenario calm;
+    calm.layout = layout;
+    const Report report = Play(calm, false).report();
+    if (report.failed) throw Error("fails without faults\n" + report.text, "layout " + layout.name);
+    return agent = report.agent;
+  };
   const Clock::time_point begin = Clock::now();
   Report all;
   std::uint64_t played = 0, failures = 0;
@@ -186,11 +244,18 @@ int simulate(const Options& options) {
     all.lost += report.lost;
     all.episodes += report.episodes;
     failures += report.failed;
-    if (report.failed || seeds.size() == 1) {
-      std::printf("seed %lu: %s, %.1f s simulated, %lu kills, trace %016lx, agent %.16s\n%s", play.seed(),
-                  report.failed ? "FAILED" : "all invariants hold", report.seconds, report.kills, report.trace,
-                  report.agent.c_str(), report.text.c_str());
-      if (report.failed) std::printf("  show it: ./run simulate --seed %lu --log\n", play.seed());
+    if (report.failed || seeds.size() == 1 || options.traces) {
+      std::printf("seed %lu, %s: %s, %.1f s simulated, %lu kills, trace %016lx, agent %.16s\n%s", play.seed(),
+                  play.scenario().layout.name.c_str(), report.failed ? "FAILED" : "all invariants hold", report.seconds,
+                  report.kills, report.trace, report.agent.c_str(), report.text.c_str());
+      const std::string layout = options.layout.empty() ? "" : " --layout " + options.layout;
+      const auto show = [&](const char* what, const FewerFaults& fewer) {
+        std::printf("  %s: ./run simulate --seed %lu%s%s --log\n", what, play.seed(), layout.c_str(),
+                    fewer.options().c_str());
+        std::fflush(stdout);
+      };
+      if (report.failed) show("show it", options.fewer);
+      if (report.failed && options.shrink) show("with fewer faults", shrunk(play.scenario(), report, options.fewer));
     }
     std::fflush(stdout);
     playing.pop_front();
@@ -200,7 +265,7 @@ int simulate(const Options& options) {
     if (stop_requested() || out_of_time || (options.hours <= 0 && i >= seeds.size())) break;
     if (playing.size() >= static_cast<std::size_t>(options.processes)) finish_one();
     Scenario scenario = scenario_of(i < seeds.size() ? seeds[i] : seeds.back() + (i - seeds.size() + 1), options);
-    scenario.expected_agent = reference.agent;
+    scenario.expected_agent = agent_of(scenario.layout);
     playing.emplace_back(scenario, options.log);
   }
   while (!playing.empty()) finish_one();
@@ -219,17 +284,39 @@ int main(int argc, char** argv) {
   const auto setup = [&](CLI::App& app) {
     auto* seed = app.add_option("--seed", options.seed, "Seed of the simulation to play")->capture_default_str();
     app.add_option("--seeds", options.seeds, "Play one for each: 1..500 or 1,3,7")->excludes(seed);
+    app.add_option(
+        "--layout", options.layout,
+        "Services that take part: one of " + joined(layouts(), &Layout::name) + "; unless given, each seed draws one");
     app.add_option("--hours", options.hours, "Go on with further seeds for so many hours")->check(CLI::PositiveNumber);
+    app.add_option("--hosts", options.hosts,
+                   "Count what so many hosts of ten env_services and an actor send, without faults, instead")
+        ->check(CLI::Range(1, 1000));
     app.add_option("--processes", options.processes, "Simulations at a time")
         ->capture_default_str()
         ->check(CLI::Range(1, 1024));
     app.add_flag("--log", options.log, "Show each fault and what the services log");
     app.add_flag("--without-faults", options.without_faults, "Let nothing go wrong");
-    app.add_flag("--list", options.list, "Print the invariants and exit");
+    app.add_option("--leave-out", options.fewer.left_out, "Kinds of faults that do not occur, such as kill,loss")
+        ->delimiter(',');
+    app.add_option("--until", options.fewer.until, "Seconds of virtual time after which nothing goes wrong (60)")
+        ->check(CLI::PositiveNumber);
+    app.add_flag("--shrink", options.shrink, "Look for fewer faults with which a failing seed fails the same way");
+    app.add_flag("--traces", options.traces, "Print a line for each seed; compare those of two runs of this program");
+    app.add_flag("--list", options.list, "Print the layouts and the invariants, and exit");
   };
   return service_main(argc, argv, "Plays trainings of the whole system in simulation.", setup, [&] {
+    if (options.hosts > 0) {
+      const Folder folder;
+      if (!options.log) spdlog::set_level(spdlog::level::off);
+      std::cout << measure_scale(options.hosts, [](const std::string& line) { std::cerr << line << std::endl; });
+      return 0;
+    }
     if (!options.list) return simulate(options);
-    for (const Invariant& invariant : invariants()) std::cout << invariant.name << ": " << invariant.meaning << "\n";
+    std::cout << "layouts:\n";
+    for (const Layout& layout : layouts()) std::cout << "  " << layout.name << ": " << layout.meaning << "\n";
+    std::cout << "invariants:\n";
+    for (const Invariant& invariant : invariants())
+      std::cout << "  " << invariant.name << ": " << invariant.meaning << "\n";
     return 0;
   });
 }

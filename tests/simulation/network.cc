@@ -18,7 +18,8 @@ struct Network::Endpoint {
   const Topic topic;
   Process& process;
   const bool writes;
-  std::uint64_t id = 0;  // set by the network
+  std::uint64_t id = 0;        // set by the network
+  Members* members = nullptr;  // likewise
   std::deque<Sample> samples = {};
   bool raised = false;                          // a reader's: something may be there to take
   std::map<std::uint64_t, Time> arrivals = {};  // a writer's: of the last sample sent to each reader
@@ -35,7 +36,7 @@ class SimulatedPublisher : public Publisher {
   ~SimulatedPublisher() override { network_.remove(endpoint_); }
   void publish(std::span<const std::byte> sample) override {
     internal::check_size(endpoint_.topic, sample.size());
-    if (endpoint_.process.operate()) network_.publish(endpoint_, sample);
+    if (endpoint_.process.operate(Process::Operation::kMessage)) network_.publish(endpoint_, sample);
   }
   int matched() const override { return network_.matched(endpoint_); }
 
@@ -113,48 +114,92 @@ std::unique_ptr<Middleware> Network::join(Process& process) {
   return std::make_unique<SimulatedMiddleware>(*this, process);
 }
 
+std::map<std::string, Traffic> Network::traffic() const {
+  std::map<std::string, Traffic> all;
+  for (const auto& [topic, members] : topics_) all[topic] = members.traffic;
+  return all;
+}
+
+std::map<std::string, Endpoints> Network::endpoints() const {
+  std::map<std::string, Endpoints> all;
+  for (const auto& [topic, members] : topics_) all[topic] = members.most;
+  return all;
+}
+
 void Network::add(Endpoint& endpoint) {
-  endpoint.id = ++endpoints_;
   Members& members = topics_[endpoint.topic.name];
+  endpoint.id = ++last_endpoint_;
+  endpoint.members = &members;
   (endpoint.writes ? members.writers : members.readers)[endpoint.id] = &endpoint;
+  members.most.writers = std::max(members.most.writers, members.writers.size());
+  members.most.readers = std::max(members.most.readers, members.readers.size());
+  members.most.matches = std::max(members.most.matches, members.writers.size() * members.readers.size());
   if (endpoint.writes) return;
   for (const auto& [id, writer] : members.writers)
     for (const Sample& sample : writer->samples) send(*writer, endpoint, sample);
 }
 
 void Network::remove(Endpoint& endpoint) {
-  Members& members = topics_[endpoint.topic.name];
-  (endpoint.writes ? members.writers : members.readers).erase(endpoint.id);
+  (endpoint.writes ? endpoint.members->writers : endpoint.members->readers).erase(endpoint.id);
 }
 
 int Network::matched(const Endpoint& endpoint) const {
-  const auto found = topics_.find(endpoint.topic.name);
-  if (found == topics_.end()) return 0;
-  return static_cast<int>(endpoint.writes ? found->second.readers.size() : found->second.writers.size());
+  return static_cast<int>(endpoint.writes ? endpoint.members->readers.size() : endpoint.members->writers.size());
 }
 
 void Network::publish(Endpoint& writer, std::span<const std::byte> bytes) {
   if (published) published(writer.process, writer.topic, bytes);
   scheduler_.note(writer.id);
   scheduler_.note(bytes.data(), bytes.size());
-  ++traffic_[writer.topic.name].published;
+  ++writer.members->traffic.published;
   const Sample sample = std::make_shared<const Bytes>(bytes.begin(), bytes.end());
   push(writer.samples, sample, depth_of(writer.topic.profile).writer);
-  for (const auto& [id, reader] : topics_[writer.topic.name].readers) send(writer, *reader, sample);
+  if (faults.even) return send_evenly(writer, sample);
+  for (const auto& [id, reader] : writer.members->readers) send(writer, *reader, sample);
 }
 
-void Network::send(Endpoint& writer, Endpoint& reader, const Sample& sample) {
+void Network::send_evenly(Endpoint& writer, const Sample& sample) {
+  std::vector<std::uint64_t> readers;
+  for (const auto& [id, reader] : writer.members->readers)
+    if (&writer.process == &reader->process)
+      deliver(*writer.members, id, sample);
+    else
+      readers.push_back(id);
+  writer.members->traffic.copies += readers.size();
+  writer.members->traffic.bytes += readers.size() * sample->size();
+  const Time arrival = (scheduler_.now() / faults.latency + 2) * faults.latency;
+  scheduler_.at(arrival, [this, &members = *writer.members, readers = std::move(readers), sample] {
+    for (const std::uint64_t id : readers) deliver(members, id, sample);
+  });
+}
+
+/// Returns what a damaged sample may look like. Bytes that are wrong here and there are not among that: checksums of
+/// the network find those, and no receiver could tell a wrong number from a right one.
+Network::Sample Network::corrupt(const Bytes& sample) {
+  Bytes bytes = sample;
+  if (random_.below(2) == 0)
+    bytes.resize(random_.below(sample.size()));
+  else
+    for (std::byte& byte : bytes) byte = static_cast<std::byte>(random_.below(256));
+  return std::make_shared<const Bytes>(std::move(bytes));
+}
+
+void Network::send(Endpoint& writer, Endpoint& reader, Sample sample) {
   if (&writer.process == &reader.process) {
-    deliver(reader.topic.name, reader.id, sample);
+    deliver(*reader.members, reader.id, sample);
     return;
   }
-  Traffic& traffic = traffic_[reader.topic.name];
+  Traffic& traffic = reader.members->traffic;
   ++traffic.copies;
   traffic.bytes += sample->size();
   const bool lost = random_.uniform() < faults.loss;
   if (lost || cuts_.contains({writer.process.name(), reader.process.name()})) {
     ++(lost ? traffic.lost : traffic.cut);
     return;
+  }
+  if (faults.corruption > 0 && !sample->empty() && random_.uniform() < faults.corruption) {
+    sample = corrupt(*sample);
+    ++traffic.corrupt;
   }
   const bool repeated = random_.uniform() < faults.repetition;
   if (repeated) ++traffic.repeated;
@@ -167,18 +212,18 @@ void Network::send(Endpoint& writer, Endpoint& reader, const Sample& sample) {
       Time& last = writer.arrivals[reader.id];
       arrival = last = std::max(arrival, last);
     }
-    scheduler_.at(arrival, [this, topic = reader.topic.name, id = reader.id, sample] { deliver(topic, id, sample); });
+    scheduler_.at(arrival,
+                  [this, &members = *reader.members, id = reader.id, sample] { deliver(members, id, sample); });
   }
 }
 
-void Network::deliver(const std::string& topic, std::uint64_t id, const Sample& sample) {
-  const auto& readers = topics_[topic].readers;
-  const auto found = readers.find(id);
-  if (found == readers.end()) return;  // it has gone meanwhile
+void Network::deliver(Members& topic, std::uint64_t id, const Sample& sample) {
+  const auto found = topic.readers.find(id);
+  if (found == topic.readers.end()) return;  // it has gone meanwhile
   Endpoint& reader = *found->second;
   push(reader.samples, sample, depth_of(reader.topic.profile).reader);
   reader.raised = true;
-  ++traffic_[topic].delivered;
+  ++topic.traffic.delivered;
   reader.process.wake();
 }
 

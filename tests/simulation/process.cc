@@ -21,9 +21,12 @@ thread_local Process* current = nullptr;
 Process* current_process() { return current; }
 
 void Process::start() {
+  disk_->power_on();
   ++starts_;
   status_ = -1;
   operations_left_ = 0;
+  files_only_ = awaits_file_ = false;
+  power_ = true;
   failure_.clear();
   stop_ = false;
   task_ = &scheduler_.start([this] {
@@ -47,10 +50,12 @@ void Process::kill() {
   if (running()) scheduler_.kill(*task_);
 }
 
-bool Process::operate() {
+bool Process::operate(Operation operation) {
   if (dead()) return false;
-  if (operations_left_ == 0 || --operations_left_ > 0) return true;
+  if (operations_left_ == 0 || awaits_file_ || (files_only_ && operation != Operation::kFile) || --operations_left_ > 0)
+    return true;
   kill();
+  if (!power_) disk_->power_off();
   return false;
 }
 

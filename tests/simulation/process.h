@@ -7,6 +7,7 @@
 
 #include "core/util/machine.h"
 #include "core/util/types.h"
+#include "tests/simulation/disk.h"
 #include "tests/simulation/scheduler.h"
 
 namespace citylearn::simulation {
@@ -21,19 +22,33 @@ class Process : public Machine {
 
   /// `body` runs the service until `stop` returns true, and returns its exit status.
   Process(std::string name, Scheduler& scheduler, Network& network, Body body)
-      : name_(std::move(name)), scheduler_(scheduler), network_(network), body_(std::move(body)) {}
+      : name_(std::move(name)),
+        scheduler_(scheduler),
+        network_(network),
+        body_(std::move(body)),
+        disk_(std::make_shared<Disk>(name_)) {}
 
   const std::string& name() const { return name_; }
   Scheduler& scheduler() { return scheduler_; }
+  Disk& disk() { return *disk_; }
+  /// Lets it work in the folders of another one, as on a network file system.
+  void share_disk(const Process& other) { disk_ = other.disk_; }
 
   void start();
   bool running() const { return task_ && !task_->ended(); }
   bool dead() const { return !task_ || task_->dead(); }
   void kill();
-  /// Kills it at one of its next messages or writes to a file, number `operations` from now; a write is then torn.
-  void kill_after(int operations) { operations_left_ = operations; }
-  /// Counts one of them. Returns false when the process is dead, so that nothing must come of it.
-  bool operate();
+  /// What counts as an operation of a process.
+  enum class Operation { kMessage, kFile };
+  /// Kills it at one of its next operations, number `count` from now; a write is then torn. `new_file`: number
+  /// `count` after it creates a file, and messages do not count.
+  void kill_after(int count, bool new_file) { operations_left_ = count, files_only_ = awaits_file_ = new_file; }
+  /// Takes the power from its host in the same way. It comes back with the next start.
+  void lose_power_after(int count, bool new_file) { kill_after(count, new_file), power_ = false; }
+  /// Notes that it creates a file.
+  void created_file() { awaits_file_ = false; }
+  /// Counts an operation. Returns false when the process is dead, so that nothing must come of it.
+  bool operate(Operation operation);
   void stall(Time duration);
   void request_stop() { stop_ = true; }
 
@@ -64,9 +79,10 @@ class Process : public Machine {
   Scheduler& scheduler_;
   Network& network_;
   const Body body_;
+  std::shared_ptr<Disk> disk_;
   Task* task_ = nullptr;
   int starts_ = 0, status_ = -1, drift_ = 0, operations_left_ = 0;
-  bool stop_ = false;
+  bool stop_ = false, power_ = true, files_only_ = false, awaits_file_ = false;
   Time date_shift_{};
   std::string failure_;
 };

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdio>
+#include <set>
 #include <string>
 
 #include "tests/paths.h"
@@ -30,26 +31,34 @@ std::string trace_of(const std::string& text) {
   return begin == text.npos ? "" : text.substr(begin, 22);
 }
 
-TEST(Simulation, ATrainingWithoutFaultsKeepsAllInvariants) {
-  const Output output = simulate("--seed 1 --without-faults");
+TEST(Simulation, ALearnerAndActorsWithoutFaultsKeepAllInvariants) {
+  const Output output = simulate("--seed 1 --layout actors --without-faults");
   EXPECT_EQ(output.status, 0) << output.text;
 }
 
-TEST(Simulation, TheSameSeedIsTheSameToTheLastByte) {
-  for (const char* seed : {"3", "4"}) {
-    const Output one = simulate("--seed " + std::string(seed)), other = simulate("--seed " + std::string(seed));
+TEST(Simulation, TheSameSeedIsTheSameToTheLastByteAndOthersAreNot) {
+  std::set<std::string> traces;
+  for (const std::string layout : {"lockstep", "actors", "encoder", "replay"}) {
+    const std::string arguments = "--seed 3 --layout " + layout;
+    const Output one = simulate(arguments), other = simulate(arguments);
     ASSERT_FALSE(trace_of(one.text).empty()) << one.text;
     EXPECT_EQ(trace_of(one.text), trace_of(other.text)) << one.text << other.text;
+    traces.insert(trace_of(one.text));
   }
-}
-
-TEST(Simulation, OtherSeedsAreOtherSimulations) {
-  EXPECT_NE(trace_of(simulate("--seed 3").text), trace_of(simulate("--seed 4").text));
+  traces.insert(trace_of(simulate("--seed 4 --layout actors").text));
+  EXPECT_EQ(traces.size(), 5u);
 }
 
 TEST(Simulation, KeepsAllInvariantsWhateverGoesWrong) {
-  const Output output = simulate("--seeds 1..20");
+  const Output output = simulate("--seeds 1..200");
   EXPECT_EQ(output.status, 0) << output.text;
+}
+
+TEST(Simulation, CountsWhatAHostSends) {
+  const Output output = simulate("--hosts 1 2>/dev/null");
+  EXPECT_EQ(output.status, 0) << output.text;
+  EXPECT_NE(output.text.find("10 env_services of 16 agents (10 at work)"), std::string::npos) << output.text;
+  EXPECT_NE(output.text.find("| action | 2 x 10 |"), std::string::npos) << output.text;
 }
 
 TEST(LongSimulation, KeepsAllInvariantsWhateverGoesWrong) {

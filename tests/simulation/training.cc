@@ -1,55 +1,42 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/simulation/training.h"
 
+#include <malloc.h>
+
 #include <algorithm>
 #include <filesystem>
-#include <fstream>
 #include <memory>
+#include <opencv2/core.hpp>
+#include <set>
+#include <tuple>
+#include <utility>
 
-#include "core/files/csv.h"
 #include "core/files/files.h"
 #include "core/util/sha256.h"
 #include "core/wire/messages.h"
-#include "dashboard/store/database.h"
-#include "dashboard/store/recorder.h"
-#include "env_service/dataset_io/dataset.h"
-#include "env_service/env_service.h"
+#include "policy_service/distributed/parameter_chunks.h"
 #include "policy_service/network/checkpoint.h"
-#include "policy_service/run/policy_service.h"
 #include "tests/simulation/invariants.h"
-#include "tests/support/records/record_until.h"
+#include "tests/simulation/records.h"
+#include "tests/simulation/services.h"
 
 namespace citylearn::simulation {
 namespace {
 
-constexpr const char* kOutput = "policy";
-constexpr const char* kStore = "store.db";
+constexpr double kQuiet = 30;  // seconds after the last fault in which partitions and stalls end
 
 std::string describe(const Process& process) {
   return process.name() + (process.running()           ? " runs"
+                           : process.starts() == 0     ? " was not started"
                            : process.failure().empty() ? " ended with status " + std::to_string(process.status())
                                                        : " failed: " + process.failure());
 }
 
-void read_csv(Records& records) {
-  std::ifstream file(std::string(kOutput) + "/episodes.csv");
-  std::string line;
-  std::getline(file, line);
-  while (std::getline(file, line)) {
-    const std::vector<std::string> fields = csv_fields(line);
-    if (fields.size() > 3) ++records.recorded[{fields[0], std::stoull(fields[1])}][std::stoull(fields[2])];
-  }
-}
+bool succeeded(const Process& process) { return process.starts() > 0 && !process.running() && process.status() == 0; }
 
-void read_store(Records& records) {
-  if (!std::filesystem::exists(kStore)) return;
-  SQLite::Database database = open_database(kStore);
-  SQLite::Statement rows(database,
-                         "SELECT environment, incarnation, episode FROM episodes e JOIN sources s ON s.id = e.source");
-  while (rows.executeStep()) {
-    const std::uint64_t incarnation = std::stoull(value_at<std::string>(rows, 1));
-    ++records.recorded[{value_at<std::string>(rows, 0), incarnation}][std::stoull(value_at<std::string>(rows, 2))];
-  }
+std::size_t memory_in_use() {
+  const auto use = ::mallinfo2();
+  return use.uordblks + use.hblkhd;
 }
 
 /// The services of a training, as processes.
@@ -60,134 +47,240 @@ class Training {
   Outcome play();
 
  private:
-  int run_env(const std::string& id, const std::function<bool()>& stop) const;
-  int run_policy() const;
-  static int run_recorder(const std::function<bool()>& stop);
+  enum class Phase { kTraining, kServices, kRecorders, kReplay, kCalmReplay, kLeaving, kOver };
+  using Group = std::vector<Process*>;
+
+  Process* add(const std::string& id, Process::Body body);
   void watch(const Process& sender, const Topic& topic, std::span<const std::byte> sample);
-  void finish_when_trained();
+  std::string check_parameters(std::uint64_t version, std::uint64_t hash);
+  void supervise();
+  void advance();
+  bool stop(const Group& group);
   std::string state() const;
+  void gather_evidence();
 
   const Scenario& scenario_;
+  const Layout& layout_;
   Traversal traversal_;
   Scheduler scheduler_;
   Network network_;
-  std::vector<std::unique_ptr<Process>> envs_;
-  Process policy_, recorder_;
+  std::vector<std::unique_ptr<Process>> processes_;
+  Process* policy_ = nullptr;
+  Group envs_, services_, recorders_;              // services_: all that are neither policy_ nor recorders
+  Process *replay_ = nullptr, *viewer_ = nullptr;  // where something is replayed
+  Group twins_;                                    // second processes of their ids
   std::unique_ptr<FaultInjector> faults_;
+  Phase phase_ = Phase::kTraining;
+  bool faults_stopped_ = false;
+  std::map<std::tuple<std::uint64_t, std::string, std::uint64_t>, std::uint64_t> commanded_;  // versions of settings
+  std::map<const Process*, std::pair<Source, std::uint64_t>> finished_;  // its newest incarnation's last episode
+  std::set<std::tuple<int, std::uint64_t, std::uint64_t>> checked_;      // parameters
   Evidence evidence_;
 };
 
 Training::Training(const Scenario& scenario)
     : scenario_(scenario),
+      layout_(scenario.layout),
+      traversal_(traversal_of(layout_)),
       scheduler_(scenario.seed),
-      network_(scheduler_, scenario.seed),
-      policy_("policy", scheduler_, network_, [this](const auto&) { return run_policy(); }),
-      recorder_("recorder", scheduler_, network_, run_recorder) {
-  const auto& entry = DatasetRegistry::instance().find("dataset", "synthetic");
-  traversal_ =
-      entry.create(Parameters(entry.name, entry.parameters, {{"frames", 64}, {"images", 0}}), "")->load("summer");
-  for (int i = 0; i < scenario.environments; ++i) {
-    const std::string id = "env-" + std::to_string(i);
-    envs_.push_back(std::make_unique<Process>(
-        id, scheduler_, network_, [this, id](const std::function<bool()>& stop) { return run_env(id, stop); }));
+      network_(scheduler_, scenario.seed) {
+  policy_ = add(kPolicy, policy_service(layout_, scenario.checkpoint_every));
+  std::vector<std::string> recorders{kPolicy};
+  for (int i = 0; i < layout_.dashboards; ++i) {
+    recorders.push_back(i == 0 ? "recorder" : "recorder-" + std::to_string(i));
+    recorders_.push_back(add(recorders.back(), dashboard(recorders.back(), "default")));
   }
+  for (int i = 0; i < layout_.environments; ++i) {
+    const std::string id = "env-" + std::to_string(i);
+    envs_.push_back(add(id, env_service(id, layout_, traversal_, recorders)));
+  }
+  services_ = envs_;
+  for (int i = 0; i < layout_.actors; ++i) {
+    const std::string id = "actor-" + std::to_string(i);
+    services_.push_back(add(id, actor(id)));
+  }
+  for (int i = 0; i < layout_.encoders; ++i) {
+    const std::string id = "encoder-" + std::to_string(i);
+    services_.push_back(add(id, encoder_service(id)));
+  }
+  if (layout_.replayed) {
+    recorders_.push_back(add("record", record_tool()));
+    viewer_ = add(kViewer, dashboard(kViewer, kReplayed));
+    replay_ = add("replay", replay_tool());
+  }
+  for (int i = 0; i < layout_.environments; ++i)
+    twins_.push_back(add(envs_[i]->name() + "-twin", env_service(envs_[i]->name(), layout_, traversal_, recorders)));
+  twins_.push_back(add(std::string(kPolicy) + "-twin", policy_service(layout_, scenario.checkpoint_every)));
+  twins_.back()->share_disk(*policy_);
   network_.published = [this](const Process& sender, const Topic& topic, std::span<const std::byte> sample) {
     watch(sender, topic, sample);
   };
-  evidence_.output = kOutput;
-  evidence_.steps = scenario.steps;
+  evidence_.output = kPolicy;
+  evidence_.steps = layout_.steps();
   evidence_.expected_agent = scenario.expected_agent;
 }
 
-int Training::run_env(const std::string& id, const std::function<bool()>& stop) const {
-  EnvServiceOptions options;
-  options.node.id = id;
-  options.agents = scenario_.agents;
-  options.recorders = {policy_.name(), recorder_.name()};
-  run_env_service(options, traversal_, stop);
-  return 0;
+Process* Training::add(const std::string& id, Process::Body body) {
+  return processes_.emplace_back(std::make_unique<Process>(id, scheduler_, network_, std::move(body))).get();
 }
 
-int Training::run_policy() const {
-  PolicyServiceOptions options;
-  options.node.service = "policy_service";
-  options.node.id = policy_.name();
-  options.agent = "place_filter";
-  options.frames = 16;
-  options.steps = scenario_.steps;
-  options.checkpoint_every = scenario_.checkpoint_every;
-  options.tasks = 8;
-  options.evaluate = {"summer"};
-  options.environments = scenario_.environments;
-  options.lockstep = true;
-  options.seed = 5;
-  options.resume = true;
-  options.output = kOutput;
-  return run_policy_service(options);
-}
-
-/// A dashboard without a page.
-int Training::run_recorder(const std::function<bool()>& stop) {
-  Store store({kStore, 0});
-  Node node({{}, "dashboard", "recorder", "default"});
-  Recorder recorder(node, store);
-  node.report(msg::RUNNING, "records");
-  testing::record_until(node, recorder, stop);
-  return 0;
-}
-
-/// Notes what recorders acknowledge.
+/// Notes what recorders acknowledge, env_services finish and learners announce.
 void Training::watch(const Process& sender, const Topic& topic, std::span<const std::byte> sample) {
-  if (topic.name != topic_of<msg::EpisodeAcknowledgement>().name) return;
-  msg::EpisodeAcknowledgement message;
-  decode(sample, message);
-  std::uint64_t& last = evidence_.recorders[sender.name()]
-                            .acknowledged[{message.environment().c_str(), message.environment_incarnation()}];
-  last = std::max<std::uint64_t>(last, message.episode());
+  if (topic.name == topic_of<msg::EpisodeAcknowledgement>().name) {
+    msg::EpisodeAcknowledgement message;
+    decode(sample, message);
+    const std::string& recorder = &sender == twins_.back() ? policy_->name() : sender.name();
+    std::uint64_t& last =
+        evidence_.recorders[recorder].acknowledged[{message.environment().c_str(), message.environment_incarnation()}];
+    last = std::max<std::uint64_t>(last, message.episode());
+  } else if (topic.name == topic_of<msg::EpisodeStat>().name) {
+    if (&sender == replay_) return;  // what came damaged is replayed so
+    msg::EpisodeStat message;
+    decode(sample, message);
+    auto& [source, last] = finished_[&sender];
+    const Source now(message.header().sender().c_str(), message.header().incarnation());
+    last = std::max<std::uint64_t>(std::exchange(source, now) == now ? last : 0, message.episode());
+  } else if (layout_.encoders > 0 && topic.name == topic_of<msg::TaskSettings>().name) {
+    // A policy_service may let an env_service begin anew whose encoder_service has gone.
+    msg::TaskSettings message;
+    decode(sample, message);
+    const auto [known, fresh] =
+        commanded_.try_emplace({message.settings().incarnation(), message.environment().c_str(), message.seed()},
+                               message.settings().version());
+    evidence_.envs_restarted |= message.task_mode() == msg::TRAIN && known->second != message.settings().version();
+  } else if (topic.name == topic_of<msg::LearnerInfo>().name) {
+    msg::LearnerInfo message;
+    decode(sample, message);
+    if (evidence_.wrong_parameters.empty())
+      evidence_.wrong_parameters = check_parameters(message.version(), message.hash());
+  }
 }
 
-/// Ends the other services once the policy_service has done its work.
-void Training::finish_when_trained() {
+/// Returns what is wrong with parameters that a learner announces.
+std::string Training::check_parameters(std::uint64_t version, std::uint64_t hash) {
+  const std::string path = std::string(kPolicy) + "/checkpoints/checkpoint-" + std::to_string(version) + ".clk";
+  if (version == 0 || !std::filesystem::exists(path) || !checked_.insert({policy_->starts(), version, hash}).second)
+    return "";
+  const Matrix<float> saved = read_checkpoint(path).tensors.at("learner.parameters");
+  const ParameterChunks chunks(version, saved.reshaped());
+  return chunks.hash() == hash ? "" : "those of update " + std::to_string(version) + " differ";
+}
+
+void Training::supervise() {
   scheduler_.after(std::chrono::milliseconds(100), [this] {
-    const bool trained = policy_.starts() > 0 && !policy_.running() && policy_.status() == 0;
-    if (trained && !evidence_.trained) {
-      faults_->stop();
-      evidence_.trained = true;
-      for (const auto& env : envs_) env->request_stop();
-    }
-    // Last, as env_services wait for it.
-    if (trained && std::none_of(envs_.begin(), envs_.end(), [](const auto& env) { return env->running(); }))
-      recorder_.request_stop();
-    if (!trained || recorder_.running()) finish_when_trained();
+    advance();
+    if (phase_ != Phase::kOver) supervise();
   });
 }
 
+/// Asks the processes of a group to stop. Returns whether all have ended and none will be started again.
+bool Training::stop(const Group& group) {
+  bool ended = true;
+  for (Process* process : group) {
+    if (process->running()) process->request_stop();
+    ended &= !process->running() && (faults_stopped_ || process->status() == 0);
+  }
+  return ended;
+}
+
+/// Ends the services once the policy_service has done its work, those last that others wait for, and then replays.
+void Training::advance() {
+  const auto stop_faults = [this] {
+    faults_->stop();
+    faults_stopped_ = true;
+  };
+  switch (phase_) {
+    case Phase::kTraining:
+      if (!succeeded(*policy_)) return;
+      evidence_.trained = true;
+      if (!replay_) stop_faults();
+      for (Process* twin : twins_) twin->kill();
+      phase_ = Phase::kServices;
+      [[fallthrough]];
+    case Phase::kServices:
+      if (!stop(services_)) return;
+      phase_ = Phase::kRecorders;
+      [[fallthrough]];
+    case Phase::kRecorders:
+      if (!stop(recorders_)) return;
+      phase_ = replay_ ? Phase::kReplay : Phase::kOver;
+      if (!replay_) return;
+      viewer_->start();
+      replay_->start();
+      return;
+    case Phase::kReplay:
+      // Once more when nothing goes wrong: a replay does not wait for a dashboard that is away for long.
+      if (!succeeded(*replay_) || scheduler_.now() < from_seconds(scenario_.faults.until + kQuiet)) return;
+      replay_->start();
+      phase_ = Phase::kCalmReplay;
+      return;
+    case Phase::kCalmReplay:
+      if (!succeeded(*replay_)) return;
+      evidence_.replayed = true;
+      phase_ = Phase::kLeaving;
+      [[fallthrough]];
+    case Phase::kLeaving:
+      if (!stop({viewer_})) return;
+      stop_faults();
+      phase_ = Phase::kOver;
+      return;
+    case Phase::kOver:
+      return;
+  }
+}
+
 std::string Training::state() const {
-  std::string text = describe(policy_) + ", " + describe(recorder_);
-  for (const auto& env : envs_) text += ", " + describe(*env);
+  std::string text;
+  for (const auto& process : processes_) text += (text.empty() ? "" : ", ") + describe(*process);
   return text;
 }
 
+void Training::gather_evidence() {
+  evidence_.state = state();
+  for (const auto& process : processes_) process->disk().power_on();
+  evidence_.unexpected_errors = faults_->unexpected_errors();
+  read_csv(std::string(kPolicy) + "/episodes.csv", evidence_.recorders[kPolicy]);
+  for (const Process* process : recorders_)
+    if (const std::string store = process->name() + ".db"; std::filesystem::exists(store))
+      read_store(store, evidence_.recorders[process->name()]);
+  for (const Process* process : recorders_) evidence_.recorders[process->name()].ended = succeeded(*process);
+  if (!replay_)  // else faults go on when they end
+    for (const Process* env : envs_)
+      if (const auto found = finished_.find(env); found != finished_.end() && succeeded(*env))
+        evidence_.finished.insert(found->second);
+  evidence_.processes = processes_.size();
+  if (replay_) {
+    read_store(std::string(kViewer) + ".db", evidence_.recorders[kViewer]);
+    const std::string fault = read_recordings(evidence_.recordings);
+    if (!faults_->counts().contains("power")) evidence_.recording_fault = fault;
+  }
+  if (const auto newest = newest_checkpoint(std::string(kPolicy) + "/checkpoints"))
+    evidence_.agent = sha256(read_file(*newest));
+  for (const Process* env : envs_) evidence_.envs_restarted |= env->starts() > 1;
+  for (const Process* twin : twins_) evidence_.envs_restarted |= twin != twins_.back() && twin->starts() > 0;
+}
+
 Outcome Training::play() {
-  std::vector<Process*> all{&policy_, &recorder_};
-  for (const auto& env : envs_) all.push_back(env.get());
-  faults_ = std::make_unique<FaultInjector>(scheduler_, network_, all, scenario_.faults, scenario_.seed);
+  cv::setNumThreads(0);  // threads of a library decide nothing, but a fork does not inherit them
+  Group all;
+  for (const auto& process : processes_)
+    if (std::find(twins_.begin(), twins_.end(), process.get()) == twins_.end()) all.push_back(process.get());
+  faults_ = std::make_unique<FaultInjector>(scheduler_, network_, all, twins_, scenario_.faults, scenario_.seed);
   if (scenario_.log)
     faults_->log = [this](const std::string& line) {
       scenario_.log(std::to_string(static_cast<double>(scheduler_.now().count()) * 1e-9) + " s  " + line);
     };
-  for (Process* process : all) process->start();
-  finish_when_trained();
+  for (Process* process : all)
+    if (process != viewer_ && process != replay_) process->start();
+  supervise();
   const double last = scenario_.faults.until + scenario_.patience;
   // Processes that wait to be started again have no task, so the end of all tasks is not the end.
-  while (!evidence_.at_rest && scheduler_.now() < from_seconds(last))
-    evidence_.at_rest = scheduler_.run(scheduler_.now() + std::chrono::seconds(1)) && evidence_.trained;
-  evidence_.state = state();
-  read_csv(evidence_.recorders[policy_.name()]);
-  read_store(evidence_.recorders[recorder_.name()]);
-  if (const auto newest = newest_checkpoint(std::string(kOutput) + "/checkpoints"))
-    evidence_.agent = sha256(read_file(*newest));
-  for (const auto& env : envs_) evidence_.envs_restarted |= env->starts() > 1;
+  const std::size_t before = memory_in_use();
+  while (!evidence_.at_rest && scheduler_.now() < from_seconds(last)) {
+    evidence_.at_rest = scheduler_.run(scheduler_.now() + std::chrono::seconds(1)) && phase_ == Phase::kOver;
+    evidence_.memory = std::max(evidence_.memory, memory_in_use() - std::min(before, memory_in_use()));
+  }
+  gather_evidence();
 
   Outcome outcome;
   for (const Invariant& invariant : invariants())
@@ -197,7 +290,7 @@ Outcome Training::play() {
   outcome.trace = scheduler_.trace();
   outcome.seconds = static_cast<double>(scheduler_.now().count()) * 1e-9;
   outcome.switches = scheduler_.switches();
-  for (const auto& [source, episodes] : evidence_.recorders[policy_.name()].acknowledged) outcome.episodes += episodes;
+  for (const auto& [source, episodes] : evidence_.recorders[kPolicy].acknowledged) outcome.episodes += episodes;
   outcome.faults = faults_->counts();
   outcome.traffic = network_.traffic();
   return outcome;

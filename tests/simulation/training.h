@@ -8,15 +8,14 @@
 #include <vector>
 
 #include "tests/simulation/faults.h"
+#include "tests/simulation/layout.h"
 
 namespace citylearn::simulation {
 
 /// A training of the services' own code, and what goes wrong meanwhile.
 struct Scenario {
   std::uint64_t seed = 1;  ///< of the order of everything; the training itself has a seed of its own
-  int environments = 3;    ///< env_services
-  int agents = 4;          ///< of each
-  std::uint64_t steps = 30 * 384;
+  Layout layout = layouts().front();
   int checkpoint_every = 5;  ///< updates
   FaultRates faults;
   std::string expected_agent;  ///< Outcome::agent of the training without faults; empty: unknown

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/simulation/layout.h"
+
+#include <algorithm>
+
+#include "core/util/error.h"
+#include "core/util/random.h"
+#include "core/util/text.h"
+
+namespace citylearn::simulation {
+
+const std::vector<Layout>& layouts() {
+  static const std::vector<Layout> all = {
+      {.name = "lockstep", .meaning = "one policy_service acts and learns"},
+      {.name = "actors", .meaning = "a learner and two actors", .actors = 2},
+      {.name = "encoder",
+       .meaning = "env_services with pictures, two encoder_services that share a store",
+       .environments = 2,
+       .encoders = 2,
+       .updates = 10},
+      {.name = "replay",
+       .meaning = "all messages are recorded, and replayed to another dashboard",
+       .replayed = true,
+       .updates = 10},
+  };
+  return all;
+}
+
+const Layout& find_layout(const std::string& name) {
+  const auto found =
+      std::find_if(layouts().begin(), layouts().end(), [&](const Layout& layout) { return layout.name == name; });
+  if (found == layouts().end()) throw Error("unknown layout", name, "one of " + joined(layouts(), &Layout::name));
+  return *found;
+}
+
+const Layout& draw_layout(std::uint64_t seed) { return layouts()[Random{seed, 0x1A40}.below(layouts().size())]; }
+
+}  // namespace citylearn::simulation

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/simulation/scale.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <memory>
+#include <set>
+#include <vector>
+
+#include "core/util/error.h"
+#include "core/wire/messages.h"
+#include "core/wire/service.h"
+#include "tests/simulation/network.h"
+#include "tests/simulation/services.h"
+
+namespace citylearn::simulation {
+namespace {
+
+constexpr int kEnvironments = 10;         // of a host
+constexpr std::uint64_t kUpdates = 10;    // before what is measured, and in it
+constexpr std::uint64_t kPatience = 200;  // updates in which all env_services come to work
+constexpr double kLongest = 600;          // seconds of virtual time
+constexpr Time kStep = std::chrono::milliseconds(100);
+constexpr Time kStart = std::chrono::milliseconds(5);  // between the starts of two services
+constexpr Time kLatency = std::chrono::milliseconds(10);
+
+Layout layout_of(int hosts) {
+  Layout layout;
+  layout.environments = hosts * kEnvironments;
+  layout.agents = 16;
+  layout.actors = hosts;
+  layout.dashboards = 2;
+  layout.updates = 1'000'000;  // it is cut off
+  layout.segment = 8;
+  layout.learned_agents = 256;
+  return layout;
+}
+
+class Scale {
+ public:
+  explicit Scale(int hosts);
+  ~Scale() { scheduler_.end(); }
+  std::string measure(const std::function<void(const std::string&)>& progress);
+
+ private:
+  struct Snapshot {
+    std::uint64_t updates = 0;
+    Time time{};
+    std::map<std::string, Traffic> traffic;
+  };
+  Snapshot snapshot() const { return {updates_, scheduler_.now(), network_.traffic()}; }
+  void add(const std::string& id, Process::Body body) {
+    processes_.push_back(std::make_unique<Process>(id, scheduler_, network_, std::move(body)));
+  }
+  std::string table(const Snapshot& before, const Snapshot& after) const;
+
+  const Layout layout_;
+  const Traversal traversal_;
+  Scheduler scheduler_{1};
+  Network network_{scheduler_, 1};
+  std::vector<std::unique_ptr<Process>> processes_;
+  std::uint64_t updates_ = 0;
+  std::set<std::string> at_work_;  // env_services of which the learner was sent something
+};
+
+Scale::Scale(int hosts) : layout_(layout_of(hosts)), traversal_(traversal_of(layout_)) {
+  network_.faults.even = true;
+  network_.faults.latency = kLatency;
+  network_.published = [this](const Process&, const Topic& topic, std::span<const std::byte> sample) {
+    if (topic.name == topic_of<msg::TrainingStat>().name) {
+      msg::TrainingStat stat;
+      decode(sample, stat);
+      updates_ = std::max<std::uint64_t>(updates_, stat.update());
+    } else if (topic.name == topic_of<msg::Trajectory>().name) {
+      msg::Trajectory trajectory;
+      decode(sample, trajectory);
+      at_work_.insert(trajectory.environment().c_str());
+    }
+  };
+  std::vector<std::string> recorders{kPolicy};
+  for (int i = 0; i < layout_.dashboards; ++i) {
+    recorders.push_back("recorder-" + std::to_string(i));
+    add(recorders.back(), dashboard(recorders.back(), "default"));
+  }
+  add(kPolicy, policy_service(layout_, layout_.updates));
+  for (int i = 0; i < layout_.environments; ++i) {
+    const std::string id = "env-" + std::to_string(i);
+    add(id, env_service(id, layout_, traversal_, recorders));
+  }
+  for (int i = 0; i < layout_.actors; ++i) {
+    const std::string id = "actor-" + std::to_string(i);
+    add(id, actor(id));
+  }
+}
+
+std::string Scale::measure(const std::function<void(const std::string&)>& progress) {
+  // Incarnations of services that start at one moment may be equal.
+  Time begin{};
+  for (const auto& process : processes_) scheduler_.at(begin += kStart, [&process] { process->start(); });
+  Snapshot before;
+  while (updates_ < before.updates + kUpdates || before.updates == 0) {
+    if (stop_requested() || scheduler_.now() > from_seconds(kLongest))
+      throw Error(fmt::format("ends after update {}", updates_), "simulation");
+    scheduler_.run(scheduler_.now() + kStep);
+    const bool all_at_work = static_cast<int>(at_work_.size()) == layout_.environments;
+    if (before.updates == 0 && updates_ >= (all_at_work ? kUpdates : kPatience)) before = snapshot();
+    std::uint64_t copies = 0;
+    for (const auto& [topic, traffic] : network_.traffic()) copies += traffic.copies;
+    progress(fmt::format("{:.1f} s simulated, {} env_services at work, update {}, {:.1f} million copies",
+                         static_cast<double>(scheduler_.now().count()) * 1e-9, at_work_.size(), updates_,
+                         static_cast<double>(copies) * 1e-6));
+  }
+  return table(before, snapshot());
+}
+
+std::string Scale::table(const Snapshot& before, const Snapshot& after) const {
+  const double seconds = static_cast<double>((after.time - before.time).count()) * 1e-9;
+  std::string text = fmt::format(
+      "{} env_services of {} agents ({} at work), {} actors, a learner, {} dashboards: {} updates in {:.1f} s\n\n",
+      layout_.environments, layout_.agents, at_work_.size(), layout_.actors, layout_.dashboards,
+      after.updates - before.updates, seconds);
+  text += "| topic | writers x readers | messages | copies | copies a message | MB |\n|---|---|---|---|---|---|\n";
+  Traffic sum;
+  std::size_t matches = 0;
+  const auto row = [&text](const std::string& name, const std::string& endpoints, const Traffic& traffic) {
+    text += fmt::format(
+        "| {} | {} | {} | {} | {:.0f} | {:.1f} |\n", name, endpoints, traffic.published, traffic.copies,
+        static_cast<double>(traffic.copies) / static_cast<double>(std::max<std::uint64_t>(traffic.published, 1)),
+        static_cast<double>(traffic.bytes) * 1e-6);
+  };
+  const auto endpoints = network_.endpoints();
+  for (const auto& [topic, last] : after.traffic) {
+    Traffic part = last;
+    if (const auto first = before.traffic.find(topic); first != before.traffic.end()) {
+      part.published -= first->second.published;
+      part.copies -= first->second.copies;
+      part.bytes -= first->second.bytes;
+    }
+    sum.published += part.published;
+    sum.copies += part.copies;
+    sum.bytes += part.bytes;
+    const Endpoints& most = endpoints.at(topic);
+    matches += most.matches;
+    row(topic.substr(topic.find('/') + 1), fmt::format("{} x {}", most.writers, most.readers), part);
+  }
+  row("all", fmt::format("{} matches", matches), sum);
+  return text;
+}
+
+}  // namespace
+
+std::string measure_scale(int hosts, const std::function<void(const std::string&)>& progress) {
+  return Scale(hosts).measure(progress);
+}
+
+}  // namespace citylearn::simulation

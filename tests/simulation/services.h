@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "env_service/dataset_io/traversal.h"
+#include "tests/simulation/layout.h"
+#include "tests/simulation/process.h"
+
+namespace citylearn::simulation {
+
+/// The services and tools as main programs of simulated processes. Their folders and files lie in the current folder.
+
+inline constexpr const char* kPolicy = "policy";          ///< id of the one that learns, and its folder
+inline constexpr const char* kReplayed = "replayed";      ///< session of what is replayed
+inline constexpr const char* kRecordings = "recordings";  ///< folder
+inline constexpr const char* kViewer = "viewer";          ///< id of the dashboard that recordings are replayed to
+
+/// Returns the traversal of all env_services.
+Traversal traversal_of(const Layout& layout);
+
+/// `recorders`: ids of those that episodes are kept for from the start.
+Process::Body env_service(const std::string& id, const Layout& layout, const Traversal& traversal,
+                          const std::vector<std::string>& recorders);
+/// Acts and learns, or learns from actors.
+Process::Body policy_service(const Layout& layout, int checkpoint_every);
+Process::Body actor(const std::string& id);
+Process::Body encoder_service(const std::string& id);
+/// A dashboard without a page, which stores in `id`.db.
+Process::Body dashboard(const std::string& id, const std::string& session);
+/// ./run record: each start writes a file of its own, as `record` never replaces one.
+Process::Body record_tool();
+/// ./run replay: plays all recordings.
+Process::Body replay_tool();
+
+/// Returns the recordings, in the order in which they were begun.
+std::vector<std::string> recordings();
+
+}  // namespace citylearn::simulation
