@@ -244,16 +244,7 @@ std::vector<std::pair<std::string, std::string>> list_middlewares() {
 }
 
 std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) {
-  if (Machine* machine = Machine::simulated()) return machine->create_middleware(options);
-  if (options.domain > 232) throw Error("must be 0..232, is " + std::to_string(options.domain), "domain");
   const std::string& name = options.name;
-  if (!options.discovery_servers.empty() && name == "cyclonedds")
-    throw Error("cyclonedds cannot use Fast DDS's", "discovery-server", "--peers finds others too");
-  if (name == "inprocess" && !options.security.empty())
-    throw Error("inprocess has no wire to protect", "security", "leave it out, or choose another middleware");
-  if (name == "inprocess") return internal::create_inprocess(options.domain, options.participant);
-  if (name == "fastdds") return internal::create_fastdds(resolve(options));
-  if (name == "cyclonedds") return internal::create_cyclonedds(resolve(options));
   if (const std::size_t colon = name.find(':'); colon != std::string::npos) {
     const std::string decorator = name.substr(0, name.find_first_of(",:"));
     if (decorator == "lossy") {
@@ -264,6 +255,15 @@ std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) 
       return internal::create_lossy(values, create_middleware(inner));
     }
   }
+  if (Machine* machine = Machine::simulated()) return machine->create_middleware(options);
+  if (options.domain > 232) throw Error("must be 0..232, is " + std::to_string(options.domain), "domain");
+  if (!options.discovery_servers.empty() && name == "cyclonedds")
+    throw Error("cyclonedds cannot use Fast DDS's", "discovery-server", "--peers finds others too");
+  if (name == "inprocess" && !options.security.empty())
+    throw Error("inprocess has no wire to protect", "security", "leave it out, or choose another middleware");
+  if (name == "inprocess") return internal::create_inprocess(options.domain, options.participant);
+  if (name == "fastdds") return internal::create_fastdds(resolve(options));
+  if (name == "cyclonedds") return internal::create_cyclonedds(resolve(options));
   const std::string known = joined(list_middlewares(), &std::pair<std::string, std::string>::first);
   throw Error("unknown middleware '" + name + "'", "middleware", "known: " + known + ", and lossy:NAME");
 }

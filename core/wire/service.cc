@@ -181,9 +181,11 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
   try {
     check_processor();
     check_file_limit();
-    install_handlers();
-    spdlog::set_default_logger(spdlog::stderr_color_mt(program));
-    spdlog::set_formatter(text_log_format());
+    if (!Machine::simulated()) {  // there, programs share them
+      install_handlers();
+      spdlog::set_default_logger(spdlog::stderr_color_mt(program));
+      spdlog::set_formatter(text_log_format());
+    }
     CLI::App app(summary, program);
     app.option_defaults()->multi_option_policy(
         CLI::MultiOptionPolicy::TakeLast);  // scripts append their user's options

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <iostream>
 
 namespace citylearn {
 
@@ -23,7 +24,7 @@ void ProgressBar::show(const std::string& what, double fraction, double rate, do
   std::string line = fmt::format(" {:3.0f} %  {:.0f} steps/s  {}", 100 * fraction, rate, note);
   if (left >= 0) line += fmt::format("  {:.0f} s left", left);
   if (!terminal_) {
-    fmt::print(stderr, "{}{}\n", what, line);
+    std::cerr << what << line << std::endl;
     return;
   }
   winsize size{};
@@ -31,14 +32,13 @@ void ProgressBar::show(const std::string& what, double fraction, double rate, do
   const int width = std::clamp(columns - static_cast<int>(what.size() + line.size()) - 4, 0, 40);
   const int filled = static_cast<int>(fraction * width);
   std::string bar = width > 4 ? " [" + std::string(filled, '#') + std::string(width - filled, '.') + "]" : "";
-  fmt::print(stderr, "\r\033[K{}{}{}", what, bar,
-             line.substr(0, std::max(0, columns - 1 - static_cast<int>(what.size() + bar.size()))));
-  std::fflush(stderr);
+  std::cerr << "\r\033[K" << what << bar
+            << line.substr(0, std::max(0, columns - 1 - static_cast<int>(what.size() + bar.size()))) << std::flush;
   open_ = true;
 }
 
 void ProgressBar::finish() {
-  if (open_) fmt::print(stderr, "\n");
+  if (open_) std::cerr << std::endl;
   open_ = false;
   // Work that ends within the first interval leaves no line in a log.
   next_ = Clock::now() + (terminal_ ? std::chrono::milliseconds(0) : interval());

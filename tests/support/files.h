@@ -7,6 +7,7 @@
 #include <fstream>
 #include <sstream>
 #include <string>
+#include <vector>
 
 #include "core/util/error.h"
 
@@ -35,6 +36,13 @@ inline std::string contents(const std::string& path) {
   std::ostringstream text;
   text << in.rdbuf();
   return text.str();
+}
+
+/// Returns the paths of what is in a folder.
+inline std::vector<std::string> paths_in(const std::string& folder) {
+  std::vector<std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) files.push_back(entry.path());
+  return files;
 }
 
 /// Writes a file, and makes the folders above it.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// One env_service and a scripted policy: over each vendor with the real program, over a transport that loses, repeats
-// and reorders, and within this process. Whatever happens on the way, the episodes are those of an Environment walked
+// One env_service and a scripted policy: over each vendor, and in simulation, also over a transport that loses, repeats
+// and reorders. Whatever happens on the way, the episodes are those of an Environment walked
 // by hand.
 #include "tests/support/env/env_protocol.h"
 

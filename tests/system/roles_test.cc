@@ -2,91 +2,15 @@
 // A learner and its actors: real processes over loopback DDS.
 #include <gtest/gtest.h>
 
-#include <filesystem>
-#include <map>
-#include <memory>
 #include <nlohmann/json.hpp>
 
-#include "core/wire/node.h"
-#include "tests/support/processes/service.h"
-#include "tests/support/processes/trial.h"
-#include "tests/support/records/episodes_csv.h"
+#include "tests/support/processes/learning.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
 
 using Json = nlohmann::json;
-
-constexpr seconds kLong{240};
-
-/// A learner's run: what is in its folder tells how far it is.
-class Learning {
- public:
-  explicit Learning(const std::string& middleware) : trial(middleware) {}
-  /// Of the same domain, over another vendor.
-  Learning(const std::string& middleware, const Learning& other) : trial(middleware, other.trial.domain()) {}
-
-  std::unique_ptr<Service> learner(int updates, Arguments more = {}) {
-    more.insert(more.end(), {"--role", "learner", "--steps", std::to_string(updates * 512), "--trainer-agents", "8",
-                             "--checkpoint-every", "10", "--output", trial.folder() / "out", "--tasks", "100",
-                             "--evaluate", "summer"});
-    return trial.policy(more);
-  }
-  std::unique_ptr<Service> actor(const std::string& id, Arguments more = {}) {
-    more.insert(more.end(), {"--role", "actor", "--id", id});
-    return trial.policy(more);
-  }
-  std::vector<std::vector<std::string>> metrics() const { return csv_rows(trial.folder() / "out/metrics.csv"); }
-  /// Number of the last update on record; 0 before the first.
-  int updates() const {
-    const auto rows = metrics();
-    return rows.empty() ? 0 : std::stoi(rows.back().at(0));
-  }
-  bool reaches(int wanted) const {
-    return poll_until([&] { return updates() >= wanted; }, kLong);
-  }
-  /// Every episode is on record once, numbered without gaps in each env_service, and so is every update.
-  void expect_whole_records() const {
-    const Ledger episodes = in_csv(trial.folder() / "out/episodes.csv");
-    EXPECT_FALSE(episodes.empty());
-    expect_no_gaps(episodes);
-    int update = 0;
-    for (const auto& row : metrics()) {
-      EXPECT_EQ(std::stoi(row.at(0)), ++update);
-      EXPECT_EQ(row.at(1), std::to_string(512 * update)) << "each step is learned from once";
-    }
-  }
-
-  Trial trial;
-};
-
-/// Hears what actors say of themselves.
-class Listener {
- public:
-  explicit Listener(const Trial& trial) : node_({trial.middleware(), "listener", "listener", "default"}) {
-    node_.create_reader<msg::ActorStatus>();
-    node_.create_reader<msg::ServiceStatus>();
-  }
-  /// Until `condition` holds for a status of that actor.
-  bool hears(const std::string& actor, const std::function<bool(const msg::ActorStatus&)>& condition,
-             milliseconds patience = kLong) {
-    const auto heard = [&] {
-      while (node_.take(service_)) activities_[service_.header().sender().c_str()] = service_.activity().c_str();
-      while (node_.take(status_))
-        if (status_.header().sender() == actor && condition(status_)) return true;
-      return false;
-    };
-    return eventually([this] { node_.wait(Clock::now() + milliseconds(50)); }, heard, patience);
-  }
-  std::string activity(const std::string& id) { return activities_[id]; }
-
- private:
-  Node node_;
-  msg::ActorStatus status_;
-  msg::ServiceStatus service_;
-  std::map<std::string, std::string> activities_;
-};
 
 class Pairings : public ::testing::TestWithParam<std::pair<const char*, const char*>> {
  protected:
@@ -108,7 +32,7 @@ TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
     for (const char* env : {"env_service 'one' joins", "env_service 'two' joins"})
       ASSERT_TRUE(actor->says(env, seconds(10))) << actor->output();
   const auto learner = run.learner(300, {"--environments", "2"});
-  ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << a->output();
+  ASSERT_EQ(learner->wait(kWholeRun), 0) << learner->output() << a->output();
   for (const auto* actor : {a.get(), b.get()})
     EXPECT_TRUE(contains(actor->output(), "serving env_service")) << a->output() << b->output();
   EXPECT_EQ(a->wait(seconds(10)), 0) << a->output();
@@ -119,155 +43,6 @@ TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
   EXPECT_GT(summary["train"]["episodes"].get<int>(), 100);
   EXPECT_GE(summary["evaluate"]["summer"]["spl"].get<double>(), 0.95) << summary.dump(1);
   run.expect_whole_records();
-}
-
-class Vendors : public VendorTest {};
-CITYLEARN_EACH_VENDOR(Vendors);
-
-TEST_P(Vendors, OthersTakeOverFromAKilledActorAndShareWithItWhenItIsBack) {
-  Learning run(GetParam());
-  const auto one = run.trial.env("summer", {"--id", "one"}), two = run.trial.env("summer", {"--id", "two"});
-  const auto learner = run.learner(100000, {"--environments", "2"});
-  Listener listener(run.trial);
-  const auto a = run.actor("a");
-  auto b = run.actor("b");
-  const auto serves = [&](const char* actor, std::size_t count) {
-    return listener.hears(actor, [&](const auto& status) { return status.environments().size() == count; });
-  };
-  ASSERT_TRUE(serves("a", 1)) << a->output();
-  ASSERT_TRUE(serves("b", 1)) << b->output();
-  ASSERT_TRUE(run.reaches(3)) << learner->output();
-  ASSERT_TRUE(b->end(SIGKILL, seconds(5)).has_value());
-  EXPECT_TRUE(serves("a", 2)) << a->output();
-  EXPECT_TRUE(learner->says("actor 'b' went silent", kLong)) << learner->output();
-  ASSERT_TRUE(run.reaches(run.updates() + 3)) << learner->output();
-  b = run.actor("b");
-  EXPECT_TRUE(serves("b", 1)) << b->output();
-  EXPECT_TRUE(serves("a", 1)) << a->output();
-  EXPECT_TRUE(learner->says("actor 'b' is back", seconds(5))) << learner->output();
-  ASSERT_TRUE(run.reaches(run.updates() + 3)) << learner->output();
-  EXPECT_EQ(a->end(SIGTERM, seconds(5)), 130);
-  EXPECT_TRUE(serves("b", 2)) << "who leaves says so";
-  EXPECT_EQ(learner->end(SIGTERM, seconds(5)), 130);
-  run.expect_whole_records();
-}
-
-TEST_P(Vendors, AKilledLearnerGoesOnWithTheSameActors) {
-  Learning run(GetParam());
-  const auto summer = run.trial.env("summer");
-  auto learner = run.learner(300);  // some seconds: the first checkpoint is far from the end
-  const auto actor = run.actor("a");
-  ASSERT_TRUE(run.trial.has_checkpoint("out", kLong)) << learner->output();
-  ASSERT_EQ(learner->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
-  EXPECT_TRUE(actor->says("is silent", kLong)) << actor->output();
-  learner = run.learner(300, {"--resume"});
-  ASSERT_TRUE(actor->says("is back", kLong)) << actor->output();
-  EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
-  EXPECT_TRUE(contains(learner->output(), "resuming after update"));
-  EXPECT_EQ(actor->wait(seconds(10)), 0) << actor->output();
-  run.expect_whole_records();
-}
-
-TEST_P(Vendors, ALateActorGetsTheNewestParametersAtOnce) {
-  Learning run(GetParam());
-  const auto one = run.trial.env("summer", {"--id", "one"});
-  const auto learner = run.learner(100000);
-  const auto a = run.actor("a");
-  ASSERT_TRUE(run.reaches(5)) << learner->output();
-  Listener listener(run.trial);
-  // Nothing new comes while nobody acts: what the late one gets is what it asks for.
-  ASSERT_TRUE(a->end(SIGKILL, seconds(5)).has_value());
-  const int version = run.updates();
-  const auto b = run.actor("b");
-  std::uint64_t first = 0;
-  ASSERT_TRUE(listener.hears("b", [&](const auto& status) {
-    first = status.version();
-    return status.environments().size() == 1;
-  })) << b->output();
-  EXPECT_GE(first, static_cast<std::uint64_t>(version)) << "it has acted with older ones";
-  EXPECT_TRUE(run.reaches(version + 3)) << learner->output();
-}
-
-TEST_P(Vendors, ActorsWaitForALearnerThatIsSlow) {
-  Learning run(GetParam());
-  const auto summer = run.trial.env("summer");
-  const auto learner = run.learner(100000, {"--window", "3"});
-  const auto actor = run.actor("a");
-  ASSERT_TRUE(run.reaches(2)) << learner->output();
-  Listener listener(run.trial);
-  learner->send(SIGSTOP);
-  std::uint32_t kept = 0;
-  double waited = 0;
-  ASSERT_TRUE(listener.hears("a", [&](const auto& status) {
-    kept = status.unacknowledged();
-    waited = status.waited();
-    return status.waiting() && kept > 0;
-  })) << actor->output();
-  EXPECT_GT(kept, 2u * 8u) << "a part of the first may be taken";
-  EXPECT_LE(kept, 3u * 8u) << "three segments of eight agents";
-  // It stays so: a second of waiting is counted, nothing is added.
-  ASSERT_TRUE(listener.hears("a", [&](const auto& status) {
-    EXPECT_EQ(status.unacknowledged(), kept);
-    const std::string wanted = "waiting for learner 'policy' to take " + std::to_string(kept);
-    return status.waited() > waited + 1 && listener.activity("a").find(wanted) != std::string::npos;
-  })) << listener.activity("a");
-  const int before = run.updates();
-  learner->send(SIGCONT);
-  EXPECT_TRUE(run.reaches(before + 5)) << learner->output();
-  EXPECT_TRUE(listener.hears("a", [](const auto& status) { return !status.waiting(); }));
-}
-
-TEST(Lossy, NothingIsLostAndNothingIsDoubled) {
-  Learning run("lossy,drop=0.1,repeat=0.1,reorder=0.1,seed=3:cyclonedds");
-  const auto summer = run.trial.env("summer");
-  // A network of several chunks.
-  const auto learner = run.learner(8, {"--agent", "features", "--features-hidden", "96", "--features-cells", "64",
-                                       "--trainer-segment", "64", "--trainer-sequence", "32"});
-  const auto actor = run.actor("a");
-  ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << actor->output();
-  EXPECT_EQ(actor->wait(seconds(20)), 0) << actor->output();
-  EXPECT_EQ(run.updates(), 8);
-  run.expect_whole_records();
-}
-
-TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
-  Learning run("cyclonedds");
-  const auto summer = run.trial.env("summer");
-  const auto actor = run.actor("a", {"--stay"});
-  auto learner = run.learner(100000, {"--curriculum"});
-  const auto lesson = [&] {
-    const auto rows = run.metrics();
-    return rows.empty() || rows.back().size() < 4 ? 0 : std::stoi(rows.back()[3]);
-  };
-  ASSERT_TRUE(poll_until([&] { return lesson() >= 2; }, kLong)) << learner->output() << actor->output();
-  EXPECT_EQ(learner->end(SIGTERM, seconds(5)), 130);
-  const auto afresh = [&] {  // a run that is not to be overwritten stands in the way of the next
-    std::filesystem::remove_all(run.trial.folder() / "out");
-    learner = run.learner(3);
-  };
-  afresh();
-  EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
-  ASSERT_TRUE(actor->says("has ended", seconds(10))) << actor->output();
-  afresh();
-  EXPECT_EQ(learner->wait(kLong), 0) << learner->output();
-  EXPECT_FALSE(actor->wait(milliseconds(1)).has_value()) << "it stays";
-  EXPECT_EQ(actor->end(SIGTERM, seconds(5)), 130);
-}
-
-TEST(TwoLearners, TheSecondSaysWhomTheActorsWorkForAndGetsThemAfterwards) {
-  Learning run("cyclonedds");
-  const auto summer = run.trial.env("summer");
-  const auto actor = run.actor("a", {"--stay"});
-  const auto first = run.learner(100000, {"--id", "first"});
-  ASSERT_TRUE(run.reaches(2)) << first->output() << actor->output();
-  const auto second = run.trial.policy({"--role", "learner", "--id", "second", "--steps", "1024", "--trainer-agents",
-                                        "8", "--tasks", "10", "--evaluate", "summer"});
-  ASSERT_TRUE(second->says("actors: all work for learner 'first'", seconds(20))) << second->output();
-  EXPECT_FALSE(contains(second->output(), "actor 'a' joins"));
-  const int updates = run.updates();
-  EXPECT_TRUE(run.reaches(updates + 3)) << "the first one is not disturbed";
-  EXPECT_EQ(first->end(SIGTERM, seconds(5)), 130);
-  EXPECT_EQ(second->wait(kLong), 0) << second->output() << actor->output();
 }
 
 TEST(CommandLine, WrongRolesAreOneClearLine) {

@@ -11,7 +11,6 @@
 
 #include "tests/paths.h"
 #include "tests/support/env/env.h"
-#include "tests/support/env/env_service_thread.h"
 #include "tests/support/env/scripted_policy.h"
 #include "tests/support/options.h"
 #include "tests/support/processes/service.h"
@@ -28,42 +27,30 @@ struct Wire {
   bool lossy;
 };
 
-inline constexpr Wire kWires[] = {{"cyclonedds", "cyclonedds", 40, false},
-                                  {"fastdds", "fastdds", 41, false},
-                                  {"inprocess", "inprocess", 42, false},
-                                  {"lossy_cyclonedds", "cyclonedds", 43, true},
-                                  {"lossy_inprocess", "inprocess", 44, true}};
+#ifdef CITYLEARN_SIMULATED
+inline constexpr Wire kWires[] = {{"simulated", "simulated", 0, false}, {"lossy", "simulated", 0, true}};
+#else
+inline constexpr Wire kWires[] = {{"cyclonedds", "cyclonedds", 40, false}, {"fastdds", "fastdds", 41, false}};
+#endif
 inline std::string wire_name(const ::testing::TestParamInfo<Wire>& wire) { return wire.param.name; }
 
 inline Traversal summer() {
   return make_dataset("synthetic", "", {{"frames", kFrames}, {"images", 0}})->load("summer");
 }
 
-/// An env_service on traversal `summer` of a small synthetic city, as a program or (inprocess) as a thread.
+/// An env_service on traversal `summer` of a small synthetic city.
 class Host {
  public:
   Host(const Wire& wire, const std::string& run, const std::vector<std::string>& recorders = {}) {
-    if (std::string(wire.middleware) != "inprocess") {
-      std::vector<std::string> command{CITYLEARN_ENV_SERVICE, "--synthetic-images", "0", "--session", run};
-      command.insert(command.end(),
-                     {"--domain", std::to_string(wire.domain), "--middleware", middleware(wire, 1).name, "--agents",
-                      std::to_string(kAgents), "--synthetic-frames", std::to_string(kFrames)});
-      for (const std::string& recorder : recorders) command.insert(command.end(), {"--recorders", recorder});
-      service_ = std::make_unique<Service>(command, folder_ / "log");
-      return;
-    }
-    EnvServiceOptions options;
-    options.agents = kAgents;
-    options.recorders = recorders;
-    options.node.session = run;
-    options.node.middleware = middleware(wire, 1);
-    thread_ = std::make_unique<EnvServiceThread>(options, summer());
+    Arguments command{CITYLEARN_ENV_SERVICE, "--synthetic-images", "0", "--session", run};
+    command.insert(command.end(), {"--domain", std::to_string(wire.domain), "--middleware", middleware(wire, 1).name,
+                                   "--agents", std::to_string(kAgents), "--synthetic-frames", std::to_string(kFrames)});
+    for (const std::string& recorder : recorders) command.insert(command.end(), {"--recorders", recorder});
+    service_ = std::make_unique<Service>(command, folder_ / "log");
   }
   ~Host() {
-    if (service_) {
-      EXPECT_EQ(service_->end(SIGTERM, seconds(8)), 0)
-          << service_->output();  // recorders of this process may seem to live
-    }
+    // Recorders of this process may seem to live.
+    EXPECT_EQ(service_->end(SIGTERM, seconds(8)), 0) << service_->output();
   }
   static MiddlewareOptions middleware(const Wire& wire, int seed) {
     return middleware_options((wire.lossy ? kLoss + std::to_string(seed) + ":" : "") + wire.middleware, wire.domain);
@@ -71,7 +58,6 @@ class Host {
 
  private:
   Folder folder_;
-  std::unique_ptr<EnvServiceThread> thread_;
   std::unique_ptr<Service> service_;
 };
 

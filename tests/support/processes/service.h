@@ -10,6 +10,7 @@
 
 #include <array>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -76,11 +77,6 @@ class Process {
     process_ = 0;
     return status_ = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
   }
-  /// Sends the signal and waits.
-  std::optional<int> end(int signal, milliseconds patience) {
-    send(signal);
-    return wait(patience);
-  }
   pid_t process() const { return process_; }
 
  private:
@@ -88,21 +84,62 @@ class Process {
   int status_ = -1;
 };
 
-/// A program of the project, its output caught in a file.
-class Service : public Process {
+/// A program that runs, as the operating system or a simulation runs it.
+class RunningProgram {
  public:
-  Service(std::vector<std::string> command, const std::string& output)
-      : Process(std::move(command), ::open("/dev/null", O_RDONLY | O_CLOEXEC),
-                ::open(output.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)),
-        output_(output) {}
+  virtual ~RunningProgram() = default;  ///< kills it
+  virtual void send(int signal) = 0;
+  /// As Process::wait().
+  virtual std::optional<int> wait(milliseconds patience) = 0;
+  virtual std::string output() const = 0;
+  virtual pid_t process() const = 0;
+};
 
-  std::string output() const { return contents(output_); }
+/// A program as a process of its own, its output caught in a file.
+class ForkedProgram : public RunningProgram {
+ public:
+  ForkedProgram(const Arguments& command, const std::string& output)
+      : process_(command, ::open("/dev/null", O_RDONLY | O_CLOEXEC),
+                 ::open(output.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)),
+        output_(output) {}
+  void send(int signal) override { process_.send(signal); }
+  std::optional<int> wait(milliseconds patience) override { return process_.wait(patience); }
+  std::string output() const override { return contents(output_); }
+  pid_t process() const override { return process_.process(); }
+
+ private:
+  Process process_;
+  std::string output_;
+};
+
+inline std::unique_ptr<RunningProgram> start_process(const Arguments& command, const std::string& output) {
+  return std::make_unique<ForkedProgram>(command, output);
+}
+
+/// How tests start programs. Those in simulation start them there (tests/simulation/programs.h).
+inline std::unique_ptr<RunningProgram> (*start_program)(const Arguments& command,
+                                                        const std::string& output) = start_process;
+
+/// A program of the project, its output caught in a file. Killed when the test leaves it.
+class Service {
+ public:
+  Service(const Arguments& command, const std::string& output) : program_(start_program(command, output)) {}
+
+  void send(int signal) const { program_->send(signal); }
+  std::optional<int> wait(milliseconds patience) { return program_->wait(patience); }
+  /// Sends the signal and waits.
+  std::optional<int> end(int signal, milliseconds patience) {
+    send(signal);
+    return wait(patience);
+  }
+  pid_t process() const { return program_->process(); }
+  std::string output() const { return program_->output(); }
   bool says(const std::string& text, milliseconds patience) const {
     return poll_until([&] { return output().find(text) != std::string::npos; }, patience);
   }
 
  private:
-  std::string output_;
+  std::unique_ptr<RunningProgram> program_;
 };
 
 /// A program that ends when its standard input does.

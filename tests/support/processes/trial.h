@@ -41,8 +41,7 @@ class Trial {
   }
   std::unique_ptr<Service> dashboard(const Arguments& more) { return program(CITYLEARN_DASHBOARD, "dashboard", more); }
   std::unique_ptr<Service> start_recorder(const std::string& store) {
-    return std::make_unique<Service>(Arguments{RECORDER_PROCESS, middleware_, std::to_string(domain_), store},
-                                     folder_ / ("recorder-" + std::to_string(++count_) + ".log"));
+    return program(RECORDER_PROCESS, "recorder", {"--store", store});
   }
   /// A recorder with this store, once it records.
   std::unique_ptr<Service> recorder(const std::string& store) {

@@ -60,13 +60,12 @@ class Chronicle {
   std::map<std::string, int> overwritten;  ///< by folder
 
   void spin() {
-    note_starvation();
     for (const auto& program : programs) {
       if (!program->alive()) continue;
-      if (program->frozen() && now() >= program->thaw) {
+      if (program->frozen() && Clock::now() >= program->thaw) {
         program->service->send(SIGCONT);
         program->thaw = {};
-        program->news = now();
+        program->news = Clock::now();
       }
       program->status = program->service->wait(milliseconds(0));
     }
@@ -84,12 +83,10 @@ class Chronicle {
     }
     while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   }
-  /// The time, without that in which somebody wanted a processor and had none.
-  Clock::time_point now() const { return Clock::now() - starved_; }
   bool until(const std::function<bool()>& condition, milliseconds patience) {
-    const Clock::time_point deadline = now() + patience * kSlowness;
+    const Clock::time_point deadline = Clock::now() + patience;
     while (!condition()) {
-      if (now() >= deadline) return false;
+      if (Clock::now() >= deadline) return false;
       spin();
     }
     return true;
@@ -127,10 +124,7 @@ class Chronicle {
     for (const auto& program : programs) {
       if (!program->alive() || program->frozen()) continue;
       if (program->kind != "env_service") note_lag(*program);
-      // Discovery may take long on a busy machine, and so may the end: Cyclone DDS gives each reader that died a
-      // second.
-      const int patience = (program->incarnation == 0 || program->warned ? 3 : 1) * kSlowness;
-      if (now() - program->news > patience * kSilent)
+      if (Clock::now() - program->news > kSilent)
         return program->id + " is silent; its last words were '" + program->says + "'";
     }
     return "";
@@ -150,30 +144,8 @@ class Chronicle {
     Clock::time_point behind_since{};
   };
 
-  /// Adds what the thread of all that waited longest for a processor since the last time waited.
-  void note_starvation() {
-    const Clock::duration passed = Clock::now() - measured_;
-    if (passed < milliseconds(200)) return;
-    measured_ += passed;
-    std::uint64_t longest = 0;
-    std::vector<std::string> processes = {"self"};
-    for (const auto& program : programs)
-      if (program->alive()) processes.push_back(std::to_string(program->process));
-    std::map<std::string, std::uint64_t> delays;
-    std::error_code gone;
-    for (const std::string& process : processes)
-      for (const auto& thread : std::filesystem::directory_iterator("/proc/" + process + "/task", gone)) {
-        std::uint64_t ran = 0, delay = 0;
-        if (!(std::ifstream(thread.path() / "schedstat") >> ran >> delay)) continue;
-        const auto before = delays_.find(thread.path());
-        longest = std::max(longest, delay - (before == delays_.end() ? 0 : before->second));
-        delays[thread.path()] = delay;
-      }
-    delays_ = std::move(delays);
-    starved_ += std::min(passed, Clock::duration(std::chrono::nanoseconds(longest)));
-  }
   void note_news(std::uint64_t incarnation) {
-    if (Program* program = find(incarnation)) program->news = now();
+    if (Program* program = find(incarnation)) program->news = Clock::now();
   }
   void on_status(const msg::ServiceStatus& status) {
     for (const auto& program : programs)
@@ -185,7 +157,7 @@ class Chronicle {
         std::to_string(status.service_state()) + " " + status.activity().c_str() + "; " + status.alarm().c_str();
     const bool explains = status.service_state() == msg::WAITING || status.alarm().size() > 0;
     if (says != program->says || explains || status.rate() > 0 || program->kind == "recorder_process")
-      program->news = now();
+      program->news = Clock::now();
     program->says = says;
     program->settled = status.service_state() != msg::STARTING;
   }
@@ -193,8 +165,8 @@ class Chronicle {
     const Source source{message.environment().c_str(), message.environment_incarnation()};
     const auto [entry, fresh] = acknowledged_[message.header().incarnation()].try_emplace(source);
     Mark& mark = entry->second;
-    if (fresh) mark.since = now();
-    if (now() - mark.since < milliseconds(300)) mark.others = discarded_[source];
+    if (fresh) mark.since = Clock::now();
+    if (Clock::now() - mark.since < milliseconds(300)) mark.others = discarded_[source];
     if (message.episode() > mark.up_to) mark.behind = false;
     mark.up_to = std::max<std::uint64_t>(mark.up_to, message.episode());
   }
@@ -205,19 +177,16 @@ class Chronicle {
       const auto& all = episodes[source];
       const bool behind = env && env->alive() && !env->frozen() && !all.empty() && all.rbegin()->first > mark.up_to &&
                           (program.kind == "recorder_process" || all.rbegin()->second.policy == program.incarnation);
-      if (behind && mark.behind && now() - mark.behind_since > kSilent * kSlowness) {
+      if (behind && mark.behind && Clock::now() - mark.behind_since > kSilent) {
         program.news = {};
         program.says += "; it does not acknowledge what " + source.id + " sends";
       }
-      if (behind != mark.behind) mark.behind_since = now();
+      if (behind != mark.behind) mark.behind_since = Clock::now();
       mark.behind = behind;
     }
   }
 
   Node node_;
-  Clock::time_point measured_ = Clock::now();
-  Clock::duration starved_{};
-  std::map<std::string, std::uint64_t> delays_;                   // of threads, by their folder in /proc
   std::map<std::uint64_t, std::map<Source, Mark>> acknowledged_;  // by incarnation of the recorder
   std::map<Source, std::uint64_t> discarded_;                     // episodes up to this one are no longer kept
   msg::ServiceStatus status_;

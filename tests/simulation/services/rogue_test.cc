@@ -160,6 +160,15 @@ class Rogue {
     decode(std::span<const std::byte>(heard->second), message);
     return message;
   }
+  void listen(milliseconds time) {
+    const Clock::time_point deadline = Clock::now() + time;
+    do {
+      for (const auto& [name, reader] : readers_)
+        while (reader->take(taken_))
+          if (!sent_.contains(hash(taken_))) hear(name);
+      middleware_->wait(deadline);
+    } while (Clock::now() < deadline);
+  }
   /// Returns false for what the middleware does not send: more than the topic's largest.
   bool send(const Topic& topic, const Bytes& bytes) {
     if (bytes.size() > topic.largest) return false;
@@ -172,15 +181,6 @@ class Rogue {
  private:
   static std::size_t hash(const Bytes& bytes) {
     return std::hash<std::string_view>()({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
-  }
-  void listen(milliseconds time) {
-    const Clock::time_point deadline = Clock::now() + time;
-    do {
-      for (const auto& [name, reader] : readers_)
-        while (reader->take(taken_))
-          if (!sent_.contains(hash(taken_))) hear(name);
-      middleware_->wait(deadline);
-    } while (Clock::now() < deadline);
   }
   void hear(const std::string& topic) {
     heard_[topic] = taken_;
@@ -197,24 +197,20 @@ class Rogue {
   Bytes taken_;
 };
 
-struct Way {
-  const char* vendor;
-  bool roles;  ///< a learner and an actor instead of one policy_service
-};
-
-class Training : public ::testing::TestWithParam<Way> {
+/// Its parameter: a learner and an actor take part instead of one policy_service.
+class Training : public ::testing::TestWithParam<bool> {
  protected:
   void SetUp() override {
     services_["env-summer"] = trial_.env("summer");
     services_["env-winter"] = trial_.env("winter");
-    services_["dashboard"] = trial_.dashboard({"--store", store(), "--port", "0"});
+    services_["dashboard"] = trial_.start_recorder(store());
     services_["encoder"] = trial_.encoder({"--encoder", "hog"});
     Arguments options = split(
         "--agent place_filter --learner relabel --relabel-learning-rate 0.0003 --steps 1000000000 "
         "--checkpoint-every 20 --tasks 100 --evaluate summer,winter",
         ' ');
     options.insert(options.end(), {"--output", out(), "--time-limit", std::to_string(kSeconds * kSlowness)});
-    if (GetParam().roles) {
+    if (GetParam()) {
       options.insert(options.end(), {"--role", "learner"});
       services_["actor"] = trial_.policy({"--role", "actor", "--id", "actor"});
     }
@@ -234,6 +230,8 @@ class Training : public ::testing::TestWithParam<Way> {
   template <class Message>
   Message example() {
     if (auto heard = rogue_.newest<Message>()) {
+      // A forged episode that comes before the real one stands in its place (decision 14).
+      if constexpr (std::is_same_v<Message, msg::EpisodeStat>) rogue_.listen(milliseconds(10));
       heard->header().message() += 1;
       return *heard;
     }
@@ -325,8 +323,8 @@ class Training : public ::testing::TestWithParam<Way> {
     return true;
   }
 
-  static constexpr int kSeconds = 55;  // of training: the rogue needs 40
-  Trial trial_{GetParam().vendor};
+  static constexpr int kSeconds = 65;  // of training: the rogue needs 50
+  Trial trial_{"simulated"};
   std::map<std::string, std::unique_ptr<Service>> services_;  // by id
   std::map<std::string, msg::ServiceStatus> services_met_;
   Rogue rogue_{trial_.middleware()};
@@ -343,7 +341,7 @@ TEST_P(Training, GoesOnBesideARogue) {
   Service& policy = *services_["policy"];
   ASSERT_TRUE(rogue_.until([&] { return policy.wait(milliseconds(0)).has_value(); }, kLong)) << policy.output();
   EXPECT_EQ(policy.wait(kSoon), 0) << policy.output();
-  if (GetParam().roles) {
+  if (GetParam()) {
     EXPECT_EQ(services_["actor"]->wait(kSoon), 0) << services_["actor"]->output();
   }
   const auto scores = nlohmann::json::parse(contents(out() + "/summary.json"))["evaluate"];
@@ -368,11 +366,8 @@ TEST_P(Training, GoesOnBesideARogue) {
   }
 }
 
-std::string name_of(const ::testing::TestParamInfo<Way>& way) {
-  return std::string(way.param.vendor) + (way.param.roles ? "_roles" : "");
-}
-INSTANTIATE_TEST_SUITE_P(, Training, ::testing::Values(Way{"cyclonedds", false}, Way{"cyclonedds", true}), name_of);
-INSTANTIATE_TEST_SUITE_P(Long, Training, ::testing::Values(Way{"fastdds", false}, Way{"fastdds", true}), name_of);
+INSTANTIATE_TEST_SUITE_P(, Training, ::testing::Bool(),
+                         [](const auto& roles) { return roles.param ? "Roles" : "Both"; });
 
 }  // namespace
 }  // namespace citylearn::testing

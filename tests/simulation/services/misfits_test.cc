@@ -13,7 +13,7 @@ constexpr seconds kSoon{10};
 
 class Misfits : public ::testing::Test {
  protected:
-  Misfits() : witness_("cyclonedds", trial_.domain()) {}
+  Misfits() : witness_("simulated", trial_.domain()) {}
 
   /// An env_service with this id on a small city of `frames` frames, which differs by `more`.
   std::unique_ptr<Service> env(const std::string& id, const std::string& traversal, int frames,
@@ -45,7 +45,7 @@ class Misfits : public ::testing::Test {
     return occurrences(service.output(), "env_service '" + env + "': is not used");
   }
 
-  Trial trial_{"cyclonedds"};
+  Trial trial_{"simulated"};
   Witness witness_;
 };
 

@@ -12,7 +12,7 @@ namespace {
 
 class SecondPolicy : public ::testing::Test {
  protected:
-  SecondPolicy() : witness_("cyclonedds", trial_.domain()) {
+  SecondPolicy() : witness_("simulated", trial_.domain()) {
     policy_ = trial_.policy({"--agent", "place_filter", "--steps", "100000000"});
   }
   bool trains() {
@@ -26,7 +26,7 @@ class SecondPolicy : public ::testing::Test {
     return trial_.policy(all);
   }
 
-  Trial trial_{"cyclonedds"};
+  Trial trial_{"simulated"};
   Witness witness_;
   std::unique_ptr<Service> env_ = trial_.env("summer"), policy_;
 };

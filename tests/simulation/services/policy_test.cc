@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+// Trainings and evaluations whose services are killed, resumed and replaced.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/processes/trial.h"
+#include "tests/support/records/episodes_csv.h"
+#include "tests/support/records/recorder.h"
+#include "tests/support/text.h"
+
+namespace citylearn::testing {
+namespace {
+
+using Json = nlohmann::json;
+
+TEST(Recovery, AKilledPolicyServiceGoesOnByteForByte) {
+  Trial run("simulated");
+  const auto summer = run.env("summer");
+  constexpr int kUpdates = 300;  // some seconds, so that the first checkpoint is far from the end
+  const auto straight = run.train(kUpdates, "straight");
+  ASSERT_EQ(straight->wait(kLong), 0) << straight->output();
+  {
+    const auto killed = run.train(100000, "killed", {"--place_filter-nothing"});
+    EXPECT_NE(killed->wait(seconds(10)), 0) << "unknown parameters are errors";
+  }
+  // The schedules follow --steps, so the run to be killed is the same run; it is killed as soon as it has a checkpoint.
+  auto killed = run.train(kUpdates, "killed");
+  ASSERT_TRUE(run.has_checkpoint("killed", kLong)) << killed->output();
+  ASSERT_EQ(killed->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
+  ASSERT_NE(run.checkpoint("killed").first, run.checkpoint("straight").first) << "it had finished training before";
+  const auto resumed = run.train(kUpdates, "killed", {"--resume"});
+  ASSERT_TRUE(resumed->says("resuming after update", seconds(10))) << "goes on within 10 s\n" << resumed->output();
+  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  const auto expected = run.checkpoint("straight"), found = run.checkpoint("killed");
+  EXPECT_EQ(found.first, expected.first);
+  EXPECT_TRUE(found.second == expected.second) << "the final checkpoints differ";
+  int points = 0;
+  for (const std::string& file : paths_in(run.folder() / "killed/tensorboard"))
+    points += occurrences(contents(file), "Losses/Value Loss");
+  EXPECT_EQ(paths_in(run.folder() / "killed/tensorboard").size(), 2u) << "one of each process";
+  EXPECT_EQ(points, kUpdates) << "one an update, although some were computed twice";
+}
+
+/// What is kept for a dashboard that is not there comes to every policy_service too.
+TEST(Recovery, ALaggingRecorderDisturbsNobodysRecords) {
+  Trial run("simulated");
+  const auto summer = run.env("summer", {"--recorders", "dashboard"});
+  const auto one = run.train(8, "one");
+  ASSERT_EQ(one->wait(kLong), 0) << one->output();
+  const auto killed = run.train(200, "two");
+  ASSERT_TRUE(run.has_checkpoint("two", kLong)) << killed->output();
+  ASSERT_EQ(killed->end(SIGKILL, seconds(5)), 128 + SIGKILL) << "it had ended before";
+  const auto resumed = run.train(200, "two", {"--resume"});
+  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  const auto first = in_csv(run.folder() / "one/episodes.csv").begin()->second;
+  const auto second = in_csv(run.folder() / "two/episodes.csv").begin()->second;
+  ASSERT_FALSE(first.empty());
+  EXPECT_EQ(*first.begin(), 1u);
+  EXPECT_EQ(*first.rbegin(), first.size());
+  EXPECT_GT(*second.begin(), *first.rbegin()) << "those of its predecessor are none of its own";
+  EXPECT_EQ(*second.rbegin() - *second.begin() + 1, second.size()) << "none is missing";
+  // The dashboard gets all, and knows what belongs together.
+  EpisodeStore store;
+  Recorder dashboard(run.middleware(), "default", "dashboard", store);
+  ASSERT_TRUE(dashboard.until([&] { return dashboard.recorded["env-summer"] >= *second.rbegin(); }));
+  const auto job = [&](const std::string& output) {
+    return Json::parse(contents(run.folder() / (output + "/manifest.json")))["job"].get<std::uint64_t>();
+  };
+  for (const auto& [number, stat] : store["env-summer"]) {
+    if (first.contains(number)) {
+      EXPECT_EQ(stat.run_id(), job("one")) << number;
+    } else if (second.contains(number)) {
+      EXPECT_EQ(stat.run_id(), job("two")) << number;
+    }
+    EXPECT_EQ(std::string(stat.policy().c_str()), "place_filter");
+  }
+}
+
+TEST(Recovery, AKilledEnvServiceIsWelcomedBack) {
+  Trial run("simulated");
+  auto summer = run.env("summer");
+  const auto policy = run.train(600, "out");  // it stands still without its only env_service
+  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
+  summer->send(SIGKILL);
+  summer->wait(seconds(5));
+  ASSERT_FALSE(policy->says("trained ", milliseconds(1))) << "it had finished training before";
+  summer = run.env("summer");
+  ASSERT_TRUE(policy->says("restarted env_service", seconds(10))) << policy->output();
+  EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
+}
+
+TEST(Recovery, SeveralTrainingEnvironmentsOneOfThemLost) {
+  Trial run("simulated");
+  auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
+  const auto policy = run.train(600, "out", {"--environments", "2"});  // each update uses both, or the one that is left
+  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
+  two->send(SIGKILL);
+  ASSERT_TRUE(policy->says("goes on without it", seconds(20))) << policy->output();
+  EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
+}
+
+TEST(Lockstep, LossChangesNoByte) {
+  const std::string lossy = "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:simulated";
+  std::string expected;
+  for (const auto& [middleware, observations] :
+       {std::pair<std::string, std::string>{"simulated", "whole"}, {lossy, "whole"}, {lossy, "by_reference"}}) {
+    Trial run(middleware);
+    const auto summer = run.env("summer");
+    const auto policy = run.train(30, "out", {"--lockstep", "--seed", "5", "--observations", observations});
+    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    const std::string bytes = run.checkpoint("out").second;
+    if (expected.empty()) expected = bytes;
+    EXPECT_FALSE(bytes.empty());
+    EXPECT_TRUE(bytes == expected) << middleware << " " << observations;
+  }
+}
+
+TEST(Experiences, TrainOnTwoTraversalsThenActOnAThird) {
+  Trial run("simulated");
+  const auto summer = run.env("summer"), fall = run.env("fall"), winter = run.env("winter");
+  std::string bytes[2];
+  for (const std::string out : {"out", "again"}) {
+    const auto policy =
+        run.policy({"--train", "summer,fall", "--evaluate", "winter", "--agent", "place_filter", "--steps", "2048",
+                    "--tasks", "50", "--controls", "sequence_filter", "--lockstep", "--output", run.folder() / out});
+    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    bytes[out == "again"] = run.checkpoint(out).second;
+  }
+  EXPECT_FALSE(bytes[0].empty());
+  EXPECT_TRUE(bytes[0] == bytes[1]) << "the same seed, the same bytes";
+  const Json summary = Json::parse(contents(run.folder() / "out/summary.json"));
+  EXPECT_EQ(summary["train"]["traversal"], "summer, fall");
+  EXPECT_EQ(summary["evaluate"].size(), 1u);
+  const std::string path = run.folder() / ("out/checkpoints/" + run.checkpoint("out").first);
+  const auto later =
+      run.policy({"--mode", "evaluate", "--checkpoint", path, "--train", "summer,fall", "--tasks", "50", "--evaluate",
+                  "winter", "--controls", "sequence_filter", "--output", run.folder() / "later"});
+  ASSERT_EQ(later->wait(kLong), 0) << later->output();
+  const Json again = Json::parse(contents(run.folder() / "later/summary.json"));
+  for (const char* part : {"evaluate", "controls"}) EXPECT_EQ(again[part], summary[part]) << part;
+  const auto other = run.env("night", {"--synthetic-dimension", "32"});
+  const auto refused = run.policy({"--train", "summer,night", "--wait", "20", "--evaluate", "winter"});
+  EXPECT_EQ(refused->wait(kLong), 1);
+  EXPECT_TRUE(contains(refused->output(), "traversal 'night': has 32 features a frame, 'summer' has"))
+      << refused->output();
+}
+
+/// However many steps it might have done: else it ends at the learning rate that it began with.
+TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
+  Trial run("simulated");
+  const auto summer = run.env("summer");
+  const auto policy = run.policy({"--agent", "place_filter", "--steps", "1000000000", "--time-limit", "2", "--tasks",
+                                  "20", "--output", run.folder() / "out"});
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  const std::string metrics = run.folder() / "out/metrics.csv";
+  ASSERT_TRUE(lines_of(contents(metrics)).at(0).ends_with(",learning_rate,policy_lag"));
+  std::vector<double> rates;
+  for (const auto& row : csv_rows(metrics)) rates.push_back(std::stod(row.at(row.size() - 2)));
+  ASSERT_GT(rates.size(), 2u);
+  EXPECT_LT(rates.back(), 0.5 * rates.front());
+}
+
+TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
+  Trial run("simulated");
+  const auto summer = run.env("summer");
+  const auto trained = run.train(4, "out");
+  ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
+  const auto [name, bytes] = run.checkpoint("out");
+  const std::string path = run.folder() / ("out/checkpoints/" + name);
+  const auto again = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer",
+                                 "--output", run.folder() / "again"});
+  ASSERT_EQ(again->wait(kLong), 0) << again->output();
+  EXPECT_EQ(Json::parse(contents(run.folder() / "again/summary.json"))["evaluate"],
+            Json::parse(contents(run.folder() / "out/summary.json"))["evaluate"]);
+  const std::string episodes = contents(run.folder() / "out/episodes.csv");
+  const std::string summary = contents(run.folder() / "out/summary.json");
+  const auto into_it = run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", "16", "--evaluate", "summer",
+                                   "--output", run.folder() / "out"});
+  EXPECT_EQ(into_it->wait(kLong), 1) << into_it->output();
+  EXPECT_TRUE(contains(into_it->output(), "out/manifest.json: belongs to an earlier run"));
+  EXPECT_EQ(contents(run.folder() / "out/episodes.csv"), episodes) << "the training's";
+  EXPECT_EQ(contents(run.folder() / "out/summary.json"), summary) << "the training's";
+  const std::string damaged = run.folder() / "damaged";
+  make_file(damaged, bytes.substr(0, bytes.size() - 7));
+  const auto policy = run.policy({"--mode", "evaluate", "--checkpoint", damaged});
+  EXPECT_EQ(policy->wait(seconds(10)), 1) << policy->output();
+  EXPECT_TRUE(contains(policy->output(), damaged));
+}
+
+}  // namespace
+}  // namespace citylearn::testing
