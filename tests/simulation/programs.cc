@@ -14,6 +14,7 @@
 
 #include "core/util/log_format.h"
 #include "tests/simulation/network.h"
+#include "tests/support/env/env_service_thread.h"
 #include "tests/support/processes/service.h"
 
 // The main functions of the programs, which CMakeLists.txt renames.
@@ -79,6 +80,17 @@ class Log : public spdlog::sinks::base_sink<std::mutex> {
   void flush_() override { std::cerr.flush(); }
 };
 
+/// A process with a number that no real one has.
+class NumberedProcess : public Process {
+ public:
+  NumberedProcess(const std::string& program, pid_t number, Scheduler& scheduler, Network& network, Body body)
+      : Process(program + "-" + std::to_string(number), scheduler, network, std::move(body)), number_(number) {}
+  int process_number() override { return number_; }
+
+ private:
+  const pid_t number_;
+};
+
 /// Where the programs of a test run.
 struct World {
   explicit World(std::uint64_t seed) : scheduler(seed), network(scheduler, seed) { network.faults.latency = kLatency; }
@@ -86,23 +98,17 @@ struct World {
   World(const World&) = delete;
   World& operator=(const World&) = delete;
 
+  Process& add(const std::string& program, Process::Body body) {
+    const pid_t number = kNoProcess + static_cast<pid_t>(processes.size());
+    return *processes.emplace_back(
+        std::make_unique<NumberedProcess>(program, number, scheduler, network, std::move(body)));
+  }
+
   Scheduler scheduler;
   Network network;
   std::vector<std::unique_ptr<Process>> processes;
 };
 World* world = nullptr;
-
-/// A process with a number that no real one has.
-class NumberedProcess : public Process {
- public:
-  NumberedProcess(const std::string& program, pid_t number, World& where, Body body)
-      : Process(program + "-" + std::to_string(number), where.scheduler, where.network, std::move(body)),
-        number_(number) {}
-  int process_number() override { return number_; }
-
- private:
-  const pid_t number_;
-};
 
 /// A program of the project in the simulation.
 class SimulatedProgram : public testing::RunningProgram {
@@ -117,8 +123,7 @@ class SimulatedProgram : public testing::RunningProgram {
       for (std::string& text : texts) arguments.push_back(text.data());
       return run(static_cast<int>(arguments.size()), arguments.data());
     };
-    const pid_t number = kNoProcess + static_cast<pid_t>(world->processes.size());
-    process_ = world->processes.emplace_back(std::make_unique<NumberedProcess>(program, number, *world, body)).get();
+    process_ = &world->add(program, body);
     outputs()[process_];
     process_->start();
   }
@@ -153,6 +158,32 @@ class SimulatedProgram : public testing::RunningProgram {
   Process* process_;
 };
 
+/// Something that runs beside a test, as a process.
+class SimulatedBeside : public testing::Beside {
+ public:
+  explicit SimulatedBeside(const testing::BesideBody& body) {
+    const auto run = [body](const std::function<bool()>& stop) {
+      body(stop);
+      return 0;
+    };
+    process_ = &world->add("beside", run);
+    process_->start();
+  }
+  ~SimulatedBeside() override {
+    process_->request_stop();
+    while (process_->running()) ::poll(nullptr, 0, 5);
+  }
+  SimulatedBeside(const SimulatedBeside&) = delete;
+  SimulatedBeside& operator=(const SimulatedBeside&) = delete;
+
+ private:
+  Process* process_;
+};
+
+std::unique_ptr<testing::Beside> start_simulated_beside(const testing::BesideBody& body) {
+  return std::make_unique<SimulatedBeside>(body);
+}
+
 std::unique_ptr<testing::RunningProgram> start_simulated(const Arguments& command, const std::string&) {
   return std::make_unique<SimulatedProgram>(command);
 }
@@ -165,6 +196,7 @@ int run_simulated(const std::function<int()>& body) {
   World here(seed ? std::stoull(seed) : 1);
   world = &here;
   testing::start_program = start_simulated;
+  testing::start_beside = start_simulated_beside;
   const Output out(std::cout), error(std::cerr);
   auto log = std::make_shared<spdlog::logger>("simulation", std::make_shared<Log>());
   spdlog::set_default_logger(log);

@@ -45,11 +45,13 @@ class Town {
 
   void start(const std::string& id) {
     std::unique_ptr<Service>& service = services_[id];
+    const bool again = service != nullptr;
+    service.reset();  // another process of this id would stand in its way
     if (id == "policy") {
       // A wire that loses actions makes the run last: each is asked for again after 50 ms.
       std::vector<std::string> options = {
           "--middleware", "lossy,drop=0.1,seed=4:" + plan_.middleware, "--environments", "2", "--steps", "1000000000"};
-      if (service) options.push_back("--resume");
+      if (again) options.push_back("--resume");
       service = policy(options, "out");
     } else if (id == "dashboard") {
       service = trial_.start_recorder(store());

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A policy_service's EnvClient and env_services in one process: observations by reference are those with features.
+// A policy_service's EnvClient and env_services: observations by reference are those with features.
 #include "policy_service/env_client/env_client.h"
 
 #include <gtest/gtest.h>
