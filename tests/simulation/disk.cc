@@ -52,7 +52,7 @@ std::string folder_of(const std::string& path) {
                                                     : path.substr(0, slash).c_str(),
                                  O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (folder < 0) return "";
-  const std::string name = name_of(folder);
+  std::string name = name_of(folder);
   ::close(folder);
   return name;
 }

@@ -73,8 +73,13 @@ class Training {
   Phase phase_ = Phase::kTraining;
   bool faults_stopped_ = false;
   std::map<std::tuple<std::uint64_t, std::string, std::uint64_t>, std::uint64_t> commanded_;  // versions of settings
-  std::map<const Process*, std::pair<Source, std::uint64_t>> finished_;  // its newest incarnation's last episode
-  std::set<std::tuple<int, std::uint64_t, std::uint64_t>> checked_;      // parameters
+  struct Finished {
+    Source source;
+    std::uint64_t last = 0;  // episode
+    int start = 0;           // of the process
+  };
+  std::map<const Process*, Finished> finished_;                      // by what published one last
+  std::set<std::tuple<int, std::uint64_t, std::uint64_t>> checked_;  // parameters
   Evidence evidence_;
 };
 
@@ -137,9 +142,11 @@ void Training::watch(const Process& sender, const Topic& topic, std::span<const 
     if (&sender == replay_) return;  // what came damaged is replayed so
     msg::EpisodeStat message;
     decode(sample, message);
-    auto& [source, last] = finished_[&sender];
+    Finished& finished = finished_[&sender];
     const Source now(message.header().sender().c_str(), message.header().incarnation());
-    last = std::max<std::uint64_t>(std::exchange(source, now) == now ? last : 0, message.episode());
+    finished.last = std::max<std::uint64_t>(finished.source == now ? finished.last : 0, message.episode());
+    finished.source = now;
+    finished.start = sender.starts();
   } else if (layout_.encoders > 0 && topic.name == topic_of<msg::TaskSettings>().name) {
     // A policy_service may let an env_service begin anew whose encoder_service has gone.
     msg::TaskSettings message;
@@ -246,8 +253,9 @@ void Training::gather_evidence() {
   for (const Process* process : recorders_) evidence_.recorders[process->name()].ended = succeeded(*process);
   if (!replay_)  // else faults go on when they end
     for (const Process* env : envs_)
-      if (const auto found = finished_.find(env); found != finished_.end() && succeeded(*env))
-        evidence_.finished.insert(found->second);
+      if (const auto found = finished_.find(env);
+          found != finished_.end() && found->second.start == env->starts() && succeeded(*env))
+        evidence_.finished.insert({found->second.source, found->second.last});
   evidence_.processes = processes_.size();
   if (replay_) {
     read_store(std::string(kViewer) + ".db", evidence_.recorders[kViewer]);
