@@ -180,6 +180,9 @@ void LocalTrainingRun::drop_lost_envs() {
 
 void LocalTrainingRun::train() {
   EnvClient& client = context_.client;
+  // One of them may have fallen silent while its features were fetched.
+  const std::vector<std::string>& train = context_.options.train;
+  context_.wait_for_envs({train.begin(), train.end()}, context_.options.environments);
   client.joined = [this](EnvHandle& env) {
     if (context_.experience_on(env.traversal()) >= 0) enroll(env);
   };

@@ -102,6 +102,20 @@ TEST(Recovery, SeveralTrainingEnvironmentsOneOfThemLost) {
   EXPECT_EQ(policy->wait(kLong), 0) << policy->output();
 }
 
+TEST(Recovery, ATrainingBeginsWithAllItsEnvServices) {
+  Trial run("simulated");
+  const auto one = run.env("summer", {"--id", "one"}), two = run.env("summer", {"--id", "two"});
+  ASSERT_TRUE(two->says("'two' in session", kLong)) << two->output();
+  one->send(SIGSTOP);  // it is asked for its features first, and goes silent meanwhile
+  const auto policy = run.train(4, "out", {"--environments", "2", "--lockstep"});
+  ASSERT_TRUE(policy->says("'one' joins", kLong)) << policy->output();
+  ASSERT_TRUE(policy->says("waiting for env_services on summer (1 of 2)", kLong)) << policy->output();
+  EXPECT_FALSE(two->output().find("settings 1: training") != std::string::npos) << two->output();
+  one->send(SIGCONT);
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+  for (const auto* env : {one.get(), two.get()}) EXPECT_TRUE(contains(env->output(), ": training")) << env->output();
+}
+
 TEST(Lockstep, LossChangesNoByte) {
   const std::string lossy = "lossy,drop=0.05,repeat=0.05,reorder=0.05,seed=7:simulated";
   std::string expected;
