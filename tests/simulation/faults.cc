@@ -158,7 +158,9 @@ void FaultInjector::cut(Random& random, const std::string& name, bool both_ways)
     if (both_ways) change(to, from, by);
   };
   all(1);
-  scheduler_.after(duration, [all] { all(-1); });
+  scheduler_.after(duration, [this, all] {
+    if (!stopped_) all(-1);  // else all is mended
+  });
 }
 
 void FaultInjector::fill_disk(Random& random) {

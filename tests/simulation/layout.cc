@@ -22,6 +22,14 @@ const std::vector<Layout>& layouts() {
        .meaning = "all messages are recorded, and replayed to another dashboard",
        .replayed = true,
        .updates = 10},
+      {.name = "all",
+       .meaning = "a learner, two actors, two encoder_services, two dashboards; all is recorded and replayed",
+       .environments = 2,
+       .actors = 2,
+       .encoders = 2,
+       .dashboards = 2,
+       .replayed = true,
+       .updates = 10},
   };
   return all;
 }

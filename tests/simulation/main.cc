@@ -287,7 +287,8 @@ int main(int argc, char** argv) {
     app.add_option(
         "--layout", options.layout,
         "Services that take part: one of " + joined(layouts(), &Layout::name) + "; unless given, each seed draws one");
-    app.add_option("--hours", options.hours, "Go on with further seeds for so many hours")->check(CLI::PositiveNumber);
+    app.add_option("--hours", options.hours, "Go on with further seeds for so many hours")
+        ->check(CLI::Range(0.001, 10000.0));
     app.add_option("--hosts", options.hosts,
                    "Count what so many hosts of ten env_services and an actor send, without faults, instead")
         ->check(CLI::Range(1, 1000));
@@ -299,7 +300,7 @@ int main(int argc, char** argv) {
     app.add_option("--leave-out", options.fewer.left_out, "Kinds of faults that do not occur, such as kill,loss")
         ->delimiter(',');
     app.add_option("--until", options.fewer.until, "Seconds of virtual time after which nothing goes wrong (60)")
-        ->check(CLI::PositiveNumber);
+        ->check(CLI::Range(0.001, 60.0));
     app.add_flag("--shrink", options.shrink, "Look for fewer faults with which a failing seed fails the same way");
     app.add_flag("--traces", options.traces, "Print a line for each seed; compare those of two runs of this program");
     app.add_flag("--list", options.list, "Print the layouts and the invariants, and exit");
