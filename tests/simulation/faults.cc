@@ -91,6 +91,7 @@ void FaultInjector::stop() {
   network_.mend_all();
   for (Process* process : processes_) {
     process->disk().empty();
+    process->kill_after(0, false);  // not any more
     process->stall(Time(0));
     process->wake();
   }

@@ -9,6 +9,7 @@
 
 #include <CLI/CLI.hpp>
 #include <chrono>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <deque>
@@ -61,14 +62,18 @@ std::string serialize(const Report& report) {
   return out.str();
 }
 
-Report parse(const std::string& bytes) {
+/// `status` is that of the process, as waitpid() gives it.
+Report parse(const std::string& bytes, int status) {
   std::istringstream in(bytes);
   Report report;
   in >> report.failed >> report.trace >> report.seconds >> report.kills >> report.messages >> report.lost >>
       report.episodes >> report.agent;
   in.ignore();
   report.text = std::string(std::istreambuf_iterator<char>(in), {});
-  if (bytes.empty()) report.text = "the simulation crashed, or took longer than " + std::to_string(kPatience) + " s\n";
+  if (WIFSIGNALED(status) && WTERMSIG(status) == SIGALRM)
+    report.text = "  ended after " + std::to_string(kPatience) + " s of real time: it hangs, or the machine is busy\n";
+  else if (bytes.empty())
+    report.text = "  the simulation crashed (status " + std::to_string(status) + ")\n";
   return report;
 }
 
@@ -182,8 +187,9 @@ class Play {
     char part[4096];
     for (ssize_t count; (count = ::read(pipe_, part, sizeof part)) > 0;) bytes.append(part, static_cast<size_t>(count));
     ::close(pipe_);
-    ::waitpid(process_, nullptr, 0);
-    return parse(bytes);
+    int status = 0;
+    ::waitpid(process_, &status, 0);
+    return parse(bytes, status);
   }
 
  private:

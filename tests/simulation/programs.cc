@@ -159,29 +159,29 @@ class SimulatedProgram : public testing::RunningProgram {
 };
 
 /// Something that runs beside a test, as a process.
-class SimulatedBeside : public testing::Beside {
+class SimulatedTask : public testing::BackgroundTask {
  public:
-  explicit SimulatedBeside(const testing::BesideBody& body) {
+  explicit SimulatedTask(const testing::TaskBody& body) {
     const auto run = [body](const std::function<bool()>& stop) {
       body(stop);
       return 0;
     };
-    process_ = &world->add("beside", run);
+    process_ = &world->add("background", run);
     process_->start();
   }
-  ~SimulatedBeside() override {
+  ~SimulatedTask() override {
     process_->request_stop();
     while (process_->running()) ::poll(nullptr, 0, 5);
   }
-  SimulatedBeside(const SimulatedBeside&) = delete;
-  SimulatedBeside& operator=(const SimulatedBeside&) = delete;
+  SimulatedTask(const SimulatedTask&) = delete;
+  SimulatedTask& operator=(const SimulatedTask&) = delete;
 
  private:
   Process* process_;
 };
 
-std::unique_ptr<testing::Beside> start_simulated_beside(const testing::BesideBody& body) {
-  return std::make_unique<SimulatedBeside>(body);
+std::unique_ptr<testing::BackgroundTask> start_simulated_task(const testing::TaskBody& body) {
+  return std::make_unique<SimulatedTask>(body);
 }
 
 std::unique_ptr<testing::RunningProgram> start_simulated(const Arguments& command, const std::string&) {
@@ -196,7 +196,7 @@ int run_simulated(const std::function<int()>& body) {
   World here(seed ? std::stoull(seed) : 1);
   world = &here;
   testing::start_program = start_simulated;
-  testing::start_beside = start_simulated_beside;
+  testing::start_background = start_simulated_task;
   const Output out(std::cout), error(std::cerr);
   auto log = std::make_shared<spdlog::logger>("simulation", std::make_shared<Log>());
   spdlog::set_default_logger(log);

@@ -12,46 +12,48 @@
 namespace citylearn::testing {
 
 /// Something that runs beside the test. It is told to stop, and waited for, when this object goes.
-class Beside {
+class BackgroundTask {
  public:
-  virtual ~Beside() = default;
+  virtual ~BackgroundTask() = default;
 };
 
 /// Runs until `stop` is true.
-using BesideBody = std::function<void(const std::function<bool()>& stop)>;
+using TaskBody = std::function<void(const std::function<bool()>& stop)>;
 
 /// A thread.
-class BesideThread : public Beside {
+class BackgroundThread : public BackgroundTask {
  public:
-  explicit BesideThread(const BesideBody& body) : thread_([this, body] { body([this] { return stop_.load(); }); }) {}
-  ~BesideThread() override {
+  explicit BackgroundThread(const TaskBody& body) : thread_([this, body] { body([this] { return stop_.load(); }); }) {}
+  ~BackgroundThread() override {
     stop_ = true;
     thread_.join();
   }
-  BesideThread(const BesideThread&) = delete;
-  BesideThread& operator=(const BesideThread&) = delete;
+  BackgroundThread(const BackgroundThread&) = delete;
+  BackgroundThread& operator=(const BackgroundThread&) = delete;
 
  private:
   std::atomic<bool> stop_ = false;
   std::thread thread_;  // begins once the others are there
 };
 
-inline std::unique_ptr<Beside> start_thread(const BesideBody& body) { return std::make_unique<BesideThread>(body); }
+inline std::unique_ptr<BackgroundTask> start_background_thread(const TaskBody& body) {
+  return std::make_unique<BackgroundThread>(body);
+}
 
 /// How tests start what runs beside them. Those in simulation start a process there (tests/simulation/programs.h).
-inline std::unique_ptr<Beside> (*start_beside)(const BesideBody& body) = start_thread;
+inline std::unique_ptr<BackgroundTask> (*start_background)(const TaskBody& body) = start_background_thread;
 
 /// An env_service that runs beside the test until this object goes.
 class EnvServiceThread {
  public:
   EnvServiceThread(const EnvServiceOptions& options, Traversal traversal)
-      : traversal_(std::move(traversal)), running_(start_beside([this, options](const std::function<bool()>& stop) {
+      : traversal_(std::move(traversal)), running_(start_background([this, options](const std::function<bool()>& stop) {
           run_env_service(options, traversal_, stop);
         })) {}
 
  private:
   const Traversal traversal_;
-  const std::unique_ptr<Beside> running_;
+  const std::unique_ptr<BackgroundTask> running_;
 };
 
 }  // namespace citylearn::testing
