@@ -283,7 +283,6 @@ void Replayer::publish(Voice& voice, const Bytes& bytes) {
 
 /// What the recorders of then had, those of now may lack: says that they have everything only up to what waits.
 void Replayer::limit_acknowledged() {
-  decode(std::span<const std::byte>(bytes_), episode_);
   std::uint64_t before = episode_.acknowledged();
   if (const auto known = episodes_.find(next_->sender); known != episodes_.end())
     for (const auto& [number, bytes] : known->second.waiting) before = std::min(before, number - 1);
@@ -292,28 +291,29 @@ void Replayer::limit_acknowledged() {
   encode(episode_, bytes_);
 }
 
-void Replayer::play(Voice& voice) {
-  try {
-    if (is(*voice.topic, topic_of<msg::EpisodeStat>())) limit_acknowledged();
-  } catch (const Error&) {
-    // Played as it is.
+/// Keeps the episode until it is acknowledged.
+void Replayer::keep_episode(Voice& voice, Clock::time_point now) {
+  if (!first_episode_) first_episode_ = now;
+  Episodes& episodes = episodes_[next_->sender];
+  episodes.voice = &voice;
+  // Without a recorder that acknowledges, none is waited for.
+  if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kPatience)) return;
+  if (episodes.waiting.empty()) {
+    episodes.progress = now;
+    episodes.again = now + kAgain;
   }
-  publish(voice, bytes_);
-  const Clock::time_point now = Clock::now();
+  episodes.waiting.emplace_back(episode_.episode(), bytes_);
+}
+
+void Replayer::play(Voice& voice) {
   const std::span<const std::byte> bytes(bytes_);
+  bool episode = false;
+  // What cannot be decoded is played as it is: what it was then, it is now.
   try {
     if (is(*voice.topic, topic_of<msg::EpisodeStat>())) {
       decode(bytes, episode_);
-      if (!first_episode_) first_episode_ = now;
-      Episodes& episodes = episodes_[next_->sender];
-      episodes.voice = &voice;
-      // Without a recorder that acknowledges, none is waited for.
-      if (episodes.given_up || (!acknowledged_ && now - *first_episode_ > kPatience)) return;
-      if (episodes.waiting.empty()) {
-        episodes.progress = now;
-        episodes.again = now + kAgain;
-      }
-      episodes.waiting.emplace_back(episode_.episode(), bytes_);
+      limit_acknowledged();
+      episode = true;
     } else if (is(*voice.topic, topic_of<msg::TrainingStat>())) {
       decode(bytes, stat_);
       stats_[{next_->sender.first, next_->sender.second, stat_.run_id()}][stat_.update()] = bytes_;
@@ -324,8 +324,9 @@ void Replayer::play(Voice& voice) {
       voice.last = bytes_;
     }
   } catch (const Error&) {
-    // Played as it is: what it was then, it is now.
   }
+  publish(voice, bytes_);
+  if (episode) keep_episode(voice, Clock::now());
 }
 
 /// Returns whether every reader has what there was. Called after the last message.

@@ -75,6 +75,7 @@ class Replayer {
   Voice& voice(const Topic& topic, const Key& sender);
   bool must_wait(Voice& voice, Clock::time_point now);
   void limit_acknowledged();
+  void keep_episode(Voice& voice, Clock::time_point now);
   void play(Voice& voice);
   void publish(Voice& voice, const Bytes& bytes);
   void hear();
@@ -108,6 +109,7 @@ class Replayer {
   std::map<Job, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
   using Map = std::tuple<std::string, std::uint64_t, std::uint32_t>;  // env_service, hash, first
   std::map<Map, std::pair<Voice*, Bytes>> maps_;                      // played
+
   Clock::time_point due_, quiet_since_, next_state_;
   std::optional<Clock::time_point> over_;
   Figures figures_;
