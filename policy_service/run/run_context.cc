@@ -129,6 +129,10 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
   }
 }
 
+void RunContext::wait_for_training_envs(int count) {
+  wait_for_envs({options.train.begin(), options.train.end()}, count);
+}
+
 std::vector<EnvHandle*> RunContext::evaluation_envs() {
   std::set<std::string> traversals(options.evaluate.begin(), options.evaluate.end());
   if (traversals.empty())

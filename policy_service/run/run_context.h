@@ -45,6 +45,8 @@ class RunContext {
   /// Waits until every traversal has an env_service, and each training traversal `training_envs` of them. Throws Error
   /// after --wait.
   void wait_for_envs(const std::set<std::string>& traversals, int training_envs);
+  /// Waits until each training traversal has `count` env_services. Throws Error after --wait.
+  void wait_for_training_envs(int count);
   /// Returns the env_services of a traversal that are usable and do not work for another policy_service.
   std::vector<EnvHandle*> envs_on(const std::string& traversal) const;
   /// Returns those of all training traversals, in their order.

@@ -13,7 +13,7 @@ void TrainingRun::build_trainer() {
   const PolicyServiceOptions& options = context_.options;
   Matrix<float> reference;
   do {
-    context_.wait_for_envs({options.train.begin(), options.train.end()}, options.environments);
+    context_.wait_for_training_envs(options.environments);
     context_.cap_frames(context_.training_envs());
     reference = context_.reference();  // refuses env_services that do not deliver theirs
     learned_.clear();
@@ -172,8 +172,7 @@ void LocalTrainingRun::drop_lost_envs() {
     return;
   }
   // None is left to continue with.
-  const std::vector<std::string>& train = context_.options.train;
-  context_.wait_for_envs({train.begin(), train.end()}, 1);
+  context_.wait_for_training_envs(1);
   for (EnvHandle* env : context_.training_envs())
     if (!active_.contains(env) || env->lost()) enroll(*env);
 }
@@ -181,8 +180,7 @@ void LocalTrainingRun::drop_lost_envs() {
 void LocalTrainingRun::train() {
   EnvClient& client = context_.client;
   // One of them may have fallen silent while its features were fetched.
-  const std::vector<std::string>& train = context_.options.train;
-  context_.wait_for_envs({train.begin(), train.end()}, context_.options.environments);
+  context_.wait_for_training_envs(context_.options.environments);
   client.joined = [this](EnvHandle& env) {
     if (context_.experience_on(env.traversal()) >= 0) enroll(env);
   };
