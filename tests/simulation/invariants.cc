@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/files/csv.h"
+#include "tests/simulation/services.h"
 
 namespace citylearn::simulation {
 namespace {
@@ -32,7 +33,7 @@ std::string not_trained(const Evidence& evidence) {
 std::string lost_episode(const Evidence& evidence) {
   for (const auto& [name, records] : evidence.recorders)
     for (const auto& [source, last] : records.acknowledged) {
-      if (name == "viewer") continue;
+      if (name == kViewer) continue;
       const auto found = records.recorded.find(source);
       for (std::uint64_t episode = 1; episode <= last; ++episode)
         if (found == records.recorded.end() || !found->second.contains(episode))
@@ -50,7 +51,7 @@ std::string doubled_episode(const Evidence& evidence) {
 }
 
 std::string hole_in_numbers(const Evidence& evidence) {
-  for (const auto& [source, episodes] : evidence.recorders.at("policy").recorded)
+  for (const auto& [source, episodes] : evidence.recorders.at(kPolicy).recorded)
     if (episodes.rbegin()->first != episodes.size())
       return source.first + " has " + std::to_string(episodes.size()) + " episodes, the last is number " +
              std::to_string(episodes.rbegin()->first);
@@ -118,7 +119,7 @@ std::string unreadable_recording(const Evidence& evidence) { return evidence.rec
 
 std::string not_replayed(const Evidence& evidence) {
   if (!evidence.replayed) return "";
-  const auto& stored = evidence.recorders.at("viewer").recorded;
+  const auto& stored = evidence.recorders.at(kViewer).recorded;
   for (const auto& [source, episodes] : evidence.recordings.recorded)
     for (const auto& [episode, count] : episodes)
       if (const auto found = stored.find(source); found == stored.end() || !found->second.contains(episode))

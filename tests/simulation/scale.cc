@@ -77,20 +77,10 @@ Scale::Scale(int hosts) : layout_(layout_of(hosts)), traversal_(traversal_of(lay
       at_work_.insert(trajectory.environment().c_str());
     }
   };
-  std::vector<std::string> recorders{kPolicy};
-  for (int i = 0; i < layout_.dashboards; ++i) {
-    recorders.push_back("recorder-" + std::to_string(i));
-    add(recorders.back(), dashboard(recorders.back(), "default"));
-  }
+  for (const auto& [id, body] : dashboards_of(layout_)) add(id, body);
   add(kPolicy, policy_service(layout_, layout_.updates));
-  for (int i = 0; i < layout_.environments; ++i) {
-    const std::string id = "env-" + std::to_string(i);
-    add(id, env_service(id, layout_, traversal_, recorders));
-  }
-  for (int i = 0; i < layout_.actors; ++i) {
-    const std::string id = "actor-" + std::to_string(i);
-    add(id, actor(id));
-  }
+  for (const auto& [id, body] : env_services_of(layout_, traversal_)) add(id, body);
+  for (const auto& [id, body] : actors_of(layout_)) add(id, body);
 }
 
 std::string Scale::measure(const std::function<void(const std::string&)>& progress) {

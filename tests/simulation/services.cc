@@ -37,15 +37,6 @@ bool readable(const std::string& file) {
   }
 }
 
-}  // namespace
-
-Traversal traversal_of(const Layout& layout) {
-  std::map<std::string, double> parameters{{"frames", 64}, {"images", 0}};
-  if (layout.encoders > 0) parameters = {{"frames", 24}, {"images", 1}, {"width", 32}, {"height", 32}};
-  const auto& entry = DatasetRegistry::instance().find("dataset", "synthetic");
-  return entry.create(Parameters(entry.name, entry.parameters, parameters), "")->load("summer");
-}
-
 Process::Body env_service(const std::string& id, const Layout& layout, const Traversal& traversal,
                           const std::vector<std::string>& recorders) {
   EnvServiceOptions options;
@@ -56,30 +47,6 @@ Process::Body env_service(const std::string& id, const Layout& layout, const Tra
     run_env_service(options, traversal, stop);
     return 0;
   };
-}
-
-Process::Body policy_service(const Layout& layout, int checkpoint_every) {
-  PolicyServiceOptions options;
-  options.node = node_options("policy_service", kPolicy);
-  options.agent = "place_filter";
-  options.frames = kFrames;
-  options.steps = layout.steps();
-  options.checkpoint_every = checkpoint_every;
-  options.tasks = 8;
-  options.evaluate = {"summer"};
-  options.environments = layout.environments;
-  options.lockstep = layout.lockstep();
-  options.seed = 5;
-  options.resume = true;
-  options.output = kPolicy;
-  options.trainer_parameters["segment"] = options.trainer_parameters["sequence"] = layout.segment;
-  if (!layout.lockstep()) {
-    options.role = "learner";
-    options.trainer_parameters["agents"] = layout.batch();
-  }
-  // Observations without features, for an encoder_service to complete.
-  if (layout.encoders > 0) options.client.observing = Observing::kWhole;
-  return [options](const Stop&) { return run_policy_service(options); };
 }
 
 Process::Body actor(const std::string& id) {
@@ -104,6 +71,72 @@ Process::Body encoder_service(const std::string& id) {
     run_encoder_service(options, stop);
     return 0;
   };
+}
+
+/// Returns "NAME-0", "NAME-1" ... with their main programs.
+std::vector<Service> services_of(const std::string& name, int count,
+                                 const std::function<Process::Body(const std::string& id)>& body) {
+  std::vector<Service> services;
+  for (int i = 0; i < count; ++i) {
+    const std::string id = name + "-" + std::to_string(i);
+    services.push_back({id, body(id)});
+  }
+  return services;
+}
+
+}  // namespace
+
+Traversal traversal_of(const Layout& layout) {
+  std::map<std::string, double> parameters{{"frames", 64}, {"images", 0}};
+  if (layout.encoders > 0) parameters = {{"frames", 24}, {"images", 1}, {"width", 32}, {"height", 32}};
+  const auto& entry = DatasetRegistry::instance().find("dataset", "synthetic");
+  return entry.create(Parameters(entry.name, entry.parameters, parameters), "")->load("summer");
+}
+
+std::vector<Service> dashboards_of(const Layout& layout) {
+  std::vector<Service> dashboards;
+  for (int i = 0; i < layout.dashboards; ++i) {
+    const std::string id = i == 0 ? "recorder" : "recorder-" + std::to_string(i);
+    dashboards.push_back({id, dashboard(id, "default")});
+  }
+  return dashboards;
+}
+
+std::vector<Service> env_services_of(const Layout& layout, const Traversal& traversal) {
+  std::vector<std::string> recorders{kPolicy};
+  for (const Service& dashboard : dashboards_of(layout)) recorders.push_back(dashboard.id);
+  return services_of("env", layout.environments,
+                     [&](const std::string& id) { return env_service(id, layout, traversal, recorders); });
+}
+
+std::vector<Service> actors_of(const Layout& layout) { return services_of("actor", layout.actors, actor); }
+
+std::vector<Service> encoder_services_of(const Layout& layout) {
+  return services_of("encoder", layout.encoders, encoder_service);
+}
+
+Process::Body policy_service(const Layout& layout, int checkpoint_every) {
+  PolicyServiceOptions options;
+  options.node = node_options("policy_service", kPolicy);
+  options.agent = "place_filter";
+  options.frames = kFrames;
+  options.steps = layout.steps();
+  options.checkpoint_every = checkpoint_every;
+  options.tasks = 8;
+  options.evaluate = {"summer"};
+  options.environments = layout.environments;
+  options.lockstep = layout.lockstep();
+  options.seed = 5;
+  options.resume = true;
+  options.output = kPolicy;
+  options.trainer_parameters["segment"] = options.trainer_parameters["sequence"] = layout.segment;
+  if (!layout.lockstep()) {
+    options.role = "learner";
+    options.trainer_parameters["agents"] = layout.batch();
+  }
+  // Observations without features, for an encoder_service to complete.
+  if (layout.encoders > 0) options.client.observing = Observing::kWhole;
+  return [options](const Stop&) { return run_policy_service(options); };
 }
 
 Process::Body dashboard(const std::string& id, const std::string& session) {

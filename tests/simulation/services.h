@@ -20,13 +20,18 @@ inline constexpr const char* kViewer = "viewer";          ///< id of the dashboa
 /// Returns the traversal of all env_services.
 Traversal traversal_of(const Layout& layout);
 
-/// `recorders`: ids of those that episodes are kept for from the start.
-Process::Body env_service(const std::string& id, const Layout& layout, const Traversal& traversal,
-                          const std::vector<std::string>& recorders);
+/// A service of a layout.
+struct Service {
+  std::string id;
+  Process::Body body;
+};
+std::vector<Service> dashboards_of(const Layout& layout);
+/// They keep episodes for the policy_service and the dashboards from the start. `traversal` must outlive them.
+std::vector<Service> env_services_of(const Layout& layout, const Traversal& traversal);
+std::vector<Service> actors_of(const Layout& layout);
+std::vector<Service> encoder_services_of(const Layout& layout);
 /// Acts and learns, or learns from actors.
 Process::Body policy_service(const Layout& layout, int checkpoint_every);
-Process::Body actor(const std::string& id);
-Process::Body encoder_service(const std::string& id);
 /// A dashboard without a page, which stores in `id`.db.
 Process::Body dashboard(const std::string& id, const std::string& session);
 /// ./run record: each start writes a file of its own, as `record` never replaces one.

@@ -90,31 +90,18 @@ Training::Training(const Scenario& scenario)
       scheduler_(scenario.seed),
       network_(scheduler_, scenario.seed) {
   policy_ = add(kPolicy, policy_service(layout_, scenario.checkpoint_every));
-  std::vector<std::string> recorders{kPolicy};
-  for (int i = 0; i < layout_.dashboards; ++i) {
-    recorders.push_back(i == 0 ? "recorder" : "recorder-" + std::to_string(i));
-    recorders_.push_back(add(recorders.back(), dashboard(recorders.back(), "default")));
-  }
-  for (int i = 0; i < layout_.environments; ++i) {
-    const std::string id = "env-" + std::to_string(i);
-    envs_.push_back(add(id, env_service(id, layout_, traversal_, recorders)));
-  }
+  for (const auto& [id, body] : dashboards_of(layout_)) recorders_.push_back(add(id, body));
+  const std::vector<Service> envs = env_services_of(layout_, traversal_);
+  for (const auto& [id, body] : envs) envs_.push_back(add(id, body));
   services_ = envs_;
-  for (int i = 0; i < layout_.actors; ++i) {
-    const std::string id = "actor-" + std::to_string(i);
-    services_.push_back(add(id, actor(id)));
-  }
-  for (int i = 0; i < layout_.encoders; ++i) {
-    const std::string id = "encoder-" + std::to_string(i);
-    services_.push_back(add(id, encoder_service(id)));
-  }
+  for (const auto& [id, body] : actors_of(layout_)) services_.push_back(add(id, body));
+  for (const auto& [id, body] : encoder_services_of(layout_)) services_.push_back(add(id, body));
   if (layout_.replayed) {
     recorders_.push_back(add("record", record_tool()));
     viewer_ = add(kViewer, dashboard(kViewer, kReplayed));
     replay_ = add("replay", replay_tool());
   }
-  for (int i = 0; i < layout_.environments; ++i)
-    twins_.push_back(add(envs_[i]->name() + "-twin", env_service(envs_[i]->name(), layout_, traversal_, recorders)));
+  for (const auto& [id, body] : envs) twins_.push_back(add(id + "-twin", body));
   twins_.push_back(add(std::string(kPolicy) + "-twin", policy_service(layout_, scenario.checkpoint_every)));
   twins_.back()->share_disk(*policy_);
   network_.published = [this](const Process& sender, const Topic& topic, std::span<const std::byte> sample) {
