@@ -31,6 +31,14 @@ inline int occurrences(const std::string& text, const std::string& part) {
   return count;
 }
 
+/// Returns the number in front of `word` where it stands last in `text`; -1 where it does not.
+inline int number_before(const std::string& text, const std::string& word) {
+  const std::size_t at = text.rfind(word);
+  if (at == std::string::npos) return -1;
+  const std::size_t from = text.find_last_not_of("0123456789", at - 1) + 1;
+  return std::atoi(text.substr(from, at - from).c_str());
+}
+
 /// The parts of a text between separators, the last line end aside.
 inline std::vector<std::string> split(const std::string& text, char separator) {
   std::vector<std::string> parts;

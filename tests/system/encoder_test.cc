@@ -14,16 +14,6 @@ using Json = nlohmann::json;
 
 constexpr seconds kSoon{30};
 
-const Arguments kDrawn = {"--dataset", "synthetic", "--frames", "0:128"};
-
-/// Number in front of `word` in the last line of `text` that has it; -1 without such a line.
-int number_before(const std::string& text, const std::string& word) {
-  const std::size_t at = text.rfind(word);
-  if (at == std::string::npos) return -1;
-  const std::size_t from = text.find_last_not_of("0123456789", at - 1) + 1;
-  return std::atoi(text.substr(from, at - from).c_str());
-}
-
 class Encoding : public VendorTest {};
 CITYLEARN_EACH_VENDOR(Encoding);
 
@@ -69,14 +59,38 @@ TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
   EXPECT_EQ(whole->wait(kLong), 1) << whole->output();
   EXPECT_TRUE(contains(whole->output(), "16 agents x 21168 do not fit one observation"));
   // In the middle of a training the encoder_service is killed: the features are here, nobody misses it.
-  const auto training = with({"--agent", "place_filter", "--steps", "4096", "--checkpoint-every", "1"}, "out");
+  const auto training = with({"--agent", "place_filter", "--steps", "8192", "--checkpoint-every", "1"}, "out");
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << training->output();
   encoder->send(SIGKILL);
   ASSERT_EQ(training->wait(kLong), 0) << training->output();
-  EXPECT_EQ(Json::parse(contents(run.folder() / "out/summary.json"))["train"]["steps"], 4096);
+  EXPECT_EQ(Json::parse(contents(run.folder() / "out/summary.json"))["train"]["steps"], 8192);
 }
 
-// A simulation encodes in no time.
+// These two are not in simulation, which encodes in no time.
+
+TEST(EncodingInParts, TwoShareTheWorkAndOneTakesOver) {
+  Trial run("cyclonedds");
+  const Arguments drawn = {"--dataset", "synthetic", "--frames", "0:1000"};
+  const auto one = run.encoder({"--id", "one"}), two = run.encoder({"--id", "two"});
+  const auto summer = run.env("summer", drawn);
+  const auto policy = run.train(1500, "out");
+  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output() << one->output() << two->output();
+  // The one that serves goes; the other one has all it needs. Both may have begun before they heard of each other.
+  const auto serves = [](const Service& encoder) {
+    return occurrences(encoder.output(), "serves 'env-summer'") > occurrences(encoder.output(), "leaves 'env-summer'");
+  };
+  ASSERT_TRUE(poll_until([&] { return serves(*one) != serves(*two); }, kSoon)) << one->output() << two->output();
+  const auto& serving = serves(*one) ? one : two;
+  const auto& other = serves(*one) ? two : one;
+  ASSERT_TRUE(other->says("summer: ready", kSoon)) << other->output();
+  ASSERT_EQ(serving->end(SIGKILL, seconds(5)), 128 + SIGKILL);
+  ASSERT_TRUE(poll_until([&] { return serves(*other); }, kSoon)) << other->output();
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << other->output();
+  const int by_serving = number_before(serving->output(), " of them now"),
+            by_other = number_before(other->output(), " of them now");
+  EXPECT_EQ(by_serving + by_other, 1000) << "each frame once: " << by_serving << " + " << by_other;
+}
+
 TEST(EncodingInParts, KilledInTheMiddleItLosesNothing) {
   Trial run("cyclonedds");
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--synthetic-frames", "4000"});

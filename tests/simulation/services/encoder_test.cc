@@ -16,16 +16,6 @@ using Json = nlohmann::json;
 
 constexpr seconds kSoon{30};
 
-const Arguments kDrawn = {"--dataset", "synthetic", "--frames", "0:128"};
-
-/// Number in front of `word` in the last line of `text` that has it; -1 without such a line.
-int number_before(const std::string& text, const std::string& word) {
-  const std::size_t at = text.rfind(word);
-  if (at == std::string::npos) return -1;
-  const std::size_t from = text.find_last_not_of("0123456789", at - 1) + 1;
-  return std::atoi(text.substr(from, at - from).c_str());
-}
-
 TEST(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
   Trial run("simulated");
   const auto summer = run.env("summer", kDrawn);
@@ -41,29 +31,6 @@ TEST(Encoding, AKilledEncoderServiceIsReplacedAndChangesNothing) {
   ASSERT_EQ(disturbed->wait(kLong), 0) << disturbed->output() << encoder->output();
   EXPECT_EQ(run.checkpoint("disturbed").first, run.checkpoint("straight").first);
   EXPECT_TRUE(run.checkpoint("disturbed").second == run.checkpoint("straight").second) << "the checkpoints differ";
-}
-
-TEST(Encoding, TwoShareTheWorkAndOneTakesOver) {
-  Trial run("simulated");
-  const Arguments drawn = {"--dataset", "synthetic", "--frames", "0:300"};
-  const auto one = run.encoder({"--id", "one"}), two = run.encoder({"--id", "two"});
-  const auto summer = run.env("summer", drawn);
-  const auto policy = run.train(300, "out");
-  ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output() << one->output() << two->output();
-  // The one that serves goes; the other one has all it needs. Both may have begun before they heard of each other.
-  const auto serves = [](const Service& encoder) {
-    return occurrences(encoder.output(), "serves 'env-summer'") > occurrences(encoder.output(), "leaves 'env-summer'");
-  };
-  ASSERT_TRUE(poll_until([&] { return serves(*one) != serves(*two); }, kSoon)) << one->output() << two->output();
-  const auto& serving = serves(*one) ? one : two;
-  const auto& other = serves(*one) ? two : one;
-  ASSERT_TRUE(other->says("summer: ready", kSoon)) << other->output();
-  ASSERT_EQ(serving->end(SIGKILL, seconds(5)), 128 + SIGKILL);
-  ASSERT_TRUE(poll_until([&] { return serves(*other); }, kSoon)) << other->output();
-  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << other->output();
-  const int by_serving = number_before(serving->output(), " of them now"),
-            by_other = number_before(other->output(), " of them now");
-  EXPECT_EQ(by_serving + by_other, 300) << "each frame once: " << by_serving << " + " << by_other;
 }
 
 TEST(Encoding, AnotherEncoderInTheSameRunIsAMistake) {

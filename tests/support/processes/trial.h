@@ -21,6 +21,9 @@ namespace citylearn::testing {
 
 inline constexpr seconds kLong{120};  ///< for what takes a whole run
 
+/// Options of an env_service: pictures of the drawn city.
+inline const Arguments kDrawn = {"--dataset", "synthetic", "--frames", "0:128"};
+
 /// Runs the tests TEST_P(Suite, ...) once over each vendor.
 using VendorTest = ::testing::TestWithParam<const char*>;
 #define CITYLEARN_EACH_VENDOR(Suite)                                            \
