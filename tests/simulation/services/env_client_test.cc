@@ -79,6 +79,7 @@ class EnvClientTest : public ::testing::Test {
   EnvClientTest() : run_("client-" + std::to_string(getpid()) + "-" + std::to_string(++clients)) {
     spdlog::set_level(spdlog::level::warn);
   }
+  ~EnvClientTest() override { spdlog::set_level(spdlog::level::info); }
   static inline int clients = 0;
   const std::string run_;
 };

@@ -67,6 +67,7 @@ class EnvProtocol : public ::testing::TestWithParam<Wire> {
   EnvProtocol() : run_("env-protocol-" + std::to_string(getpid())), host_(GetParam(), run_), policy_(new_policy()) {
     spdlog::set_level(spdlog::level::warn);
   }
+  ~EnvProtocol() override { spdlog::set_level(spdlog::level::info); }
 
   std::unique_ptr<ScriptedPolicy> new_policy() const {
     return std::make_unique<ScriptedPolicy>(Host::middleware(GetParam(), 2), run_, "env-summer");
