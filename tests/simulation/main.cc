@@ -23,11 +23,11 @@
 #include "core/util/types.h"
 #include "core/wire/service.h"
 #include "policy_service/run/sweep.h"
-#include "tests/simulation/invariants.h"
-#include "tests/simulation/layout.h"
-#include "tests/simulation/scale.h"
-#include "tests/simulation/shrink.h"
-#include "tests/simulation/training.h"
+#include "tests/simulation/faults/shrink.h"
+#include "tests/simulation/training/invariants.h"
+#include "tests/simulation/training/layout.h"
+#include "tests/simulation/training/scale.h"
+#include "tests/simulation/training/training.h"
 
 namespace {
 

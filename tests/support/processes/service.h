@@ -116,7 +116,7 @@ inline std::unique_ptr<RunningProgram> start_process(const Arguments& command, c
   return std::make_unique<ForkedProgram>(command, output);
 }
 
-/// How tests start programs. Those in simulation start them there (tests/simulation/programs.h).
+/// How tests start programs. Those in simulation start them there (tests/simulation/services/programs.h).
 inline std::unique_ptr<RunningProgram> (*start_program)(const Arguments& command,
                                                         const std::string& output) = start_process;
 

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/process.h"
+#include "tests/simulation/machine/process.h"
 
 #include <exception>
 
 #include "core/dds/middleware.h"
-#include "tests/simulation/network.h"
+#include "tests/simulation/machine/network.h"
 
 namespace citylearn::simulation {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/services.h"
+#include "tests/simulation/training/services.h"
 
 #include <algorithm>
 #include <cstdio>

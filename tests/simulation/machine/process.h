@@ -7,8 +7,8 @@
 
 #include "core/util/machine.h"
 #include "core/util/types.h"
-#include "tests/simulation/disk.h"
-#include "tests/simulation/scheduler.h"
+#include "tests/simulation/machine/disk.h"
+#include "tests/simulation/machine/scheduler.h"
 
 namespace citylearn::simulation {
 

@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "tests/simulation/invariants.h"
+#include "tests/simulation/training/invariants.h"
 
 namespace citylearn::simulation {
 

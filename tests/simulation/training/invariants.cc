@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/invariants.h"
+#include "tests/simulation/training/invariants.h"
 
 #include <fstream>
 #include <iterator>
 #include <utility>
 
 #include "core/files/csv.h"
-#include "tests/simulation/services.h"
+#include "tests/simulation/training/services.h"
 
 namespace citylearn::simulation {
 namespace {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/simulation/network.h"
+#include "tests/simulation/machine/network.h"
 
 namespace citylearn::simulation {
 

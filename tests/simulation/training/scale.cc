@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/scale.h"
+#include "tests/simulation/training/scale.h"
 
 #include <spdlog/fmt/fmt.h>
 
@@ -10,8 +10,8 @@
 #include "core/util/error.h"
 #include "core/wire/messages.h"
 #include "core/wire/service.h"
-#include "tests/simulation/network.h"
-#include "tests/simulation/services.h"
+#include "tests/simulation/machine/network.h"
+#include "tests/simulation/training/services.h"
 
 namespace citylearn::simulation {
 namespace {

@@ -15,7 +15,7 @@
 #include <ctime>
 #include <string>
 
-#include "tests/simulation/process.h"
+#include "tests/simulation/machine/process.h"
 
 namespace {
 

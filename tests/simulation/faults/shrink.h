@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "tests/simulation/fault_rates.h"
+#include "tests/simulation/faults/fault_rates.h"
 
 namespace citylearn::simulation {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/shrink.h"
+#include "tests/simulation/faults/shrink.h"
 
 #include <sstream>
 

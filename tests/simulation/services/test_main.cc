@@ -2,7 +2,7 @@
 // Runs the tests of a program in simulation.
 #include <gtest/gtest.h>
 
-#include "tests/simulation/programs.h"
+#include "tests/simulation/services/programs.h"
 
 int main(int argc, char** argv) {
   ::testing::InitGoogleTest(&argc, argv);

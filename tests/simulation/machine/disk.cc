@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/disk.h"
+#include "tests/simulation/machine/disk.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/programs.h"
+#include "tests/simulation/services/programs.h"
 
 #include <spdlog/sinks/base_sink.h>
 #include <spdlog/spdlog.h>
@@ -13,7 +13,7 @@
 #include <streambuf>
 
 #include "core/util/log_format.h"
-#include "tests/simulation/network.h"
+#include "tests/simulation/machine/network.h"
 #include "tests/support/env/env_service_thread.h"
 #include "tests/support/processes/service.h"
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "tests/simulation/faults.h"
-#include "tests/simulation/layout.h"
+#include "tests/simulation/faults/faults.h"
+#include "tests/simulation/training/layout.h"
 
 namespace citylearn::simulation {
 

@@ -12,7 +12,7 @@
 
 #include "core/dds/middleware.h"
 #include "core/util/random.h"
-#include "tests/simulation/process.h"
+#include "tests/simulation/machine/process.h"
 
 namespace citylearn::simulation {
 

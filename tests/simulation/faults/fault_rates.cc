@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/fault_rates.h"
+#include "tests/simulation/faults/fault_rates.h"
 
 #include <cmath>
 #include <utility>

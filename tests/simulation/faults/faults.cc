@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/faults.h"
+#include "tests/simulation/faults/faults.h"
 
 #include <algorithm>
 #include <cmath>

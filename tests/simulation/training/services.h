@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "env_service/dataset_io/traversal.h"
-#include "tests/simulation/layout.h"
-#include "tests/simulation/process.h"
+#include "tests/simulation/machine/process.h"
+#include "tests/simulation/training/layout.h"
 
 namespace citylearn::simulation {
 

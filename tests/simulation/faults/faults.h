@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "core/util/random.h"
-#include "tests/simulation/fault_rates.h"
-#include "tests/simulation/network.h"
-#include "tests/simulation/process.h"
+#include "tests/simulation/faults/fault_rates.h"
+#include "tests/simulation/machine/network.h"
+#include "tests/simulation/machine/process.h"
 
 namespace citylearn::simulation {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/layout.h"
+#include "tests/simulation/training/layout.h"
 
 #include <algorithm>
 

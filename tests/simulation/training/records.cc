@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/records.h"
+#include "tests/simulation/training/records.h"
 
 #include <filesystem>
 #include <fstream>
@@ -8,7 +8,7 @@
 #include "core/recording/mcap.h"
 #include "core/wire/messages.h"
 #include "dashboard/store/database.h"
-#include "tests/simulation/services.h"
+#include "tests/simulation/training/services.h"
 
 namespace citylearn::simulation {
 

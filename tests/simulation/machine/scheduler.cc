@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/scheduler.h"
+#include "tests/simulation/machine/scheduler.h"
 
 #include <algorithm>
 #include <exception>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/network.h"
+#include "tests/simulation/machine/network.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/simulation/training.h"
+#include "tests/simulation/training/training.h"
 
 #include <malloc.h>
 
@@ -16,9 +16,9 @@
 #include "core/wire/messages.h"
 #include "policy_service/distributed/parameter_chunks.h"
 #include "policy_service/network/checkpoint.h"
-#include "tests/simulation/invariants.h"
-#include "tests/simulation/records.h"
-#include "tests/simulation/services.h"
+#include "tests/simulation/training/invariants.h"
+#include "tests/simulation/training/records.h"
+#include "tests/simulation/training/services.h"
 
 namespace citylearn::simulation {
 namespace {
