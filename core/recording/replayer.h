@@ -103,15 +103,13 @@ class Replayer {
   std::map<std::tuple<std::string, std::string, std::uint64_t>, Voice> voices_;  // by topic and sender
   std::set<std::string> heard_;                                                  // topics with a reader
   std::map<Key, Episodes> episodes_;
-  std::optional<Clock::time_point> first_episode_;
+  std::optional<Clock::time_point> first_episode_, over_;
   bool acknowledged_ = false;                                         // a recorder has acknowledged
   using Job = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, job
   std::map<Job, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
   using Map = std::tuple<std::string, std::uint64_t, std::uint32_t>;  // env_service, hash, first
   std::map<Map, std::pair<Voice*, Bytes>> maps_;                      // played
-
   Clock::time_point due_, quiet_since_, next_state_;
-  std::optional<Clock::time_point> over_;
   Figures figures_;
   Bytes taken_;
   msg::EpisodeStat episode_;

@@ -54,7 +54,7 @@ class Demo {
 void expect_training(Demo& demo, Witness& witness) {
   ASSERT_TRUE(witness.until([&] { return witness.updates >= 3; }, kLong)) << demo->output();
   for (const char* id : {"env-summer", "encoder", "policy", "dashboard"})
-    ASSERT_TRUE(witness.status.contains(id)) << id << demo->output();
+    ASSERT_TRUE(witness.until([&] { return witness.status.contains(id); }, kLong)) << id << demo->output();
 }
 
 void expect_none_left(const Witness& witness) {
