@@ -30,8 +30,9 @@ struct Environment {
   std::uint64_t server = 0;       // incarnation of the encoder_service that completes its observations; 0: none yet
   Clock::time_point completed{};  // when it last completed a TraversalInfo, unless it is this one
   Clock::time_point unserved{};
-  std::string fault;              // why it cannot be served
-  bool too_large_logged = false;  // that its observations cannot hold the features
+  std::string fault;                                      // why it cannot be served
+  bool too_large_logged = false;                          // that its observations cannot hold the features
+  bool read_observations = false, read_requests = false;  // there are readers
 };
 
 /// Completes the TraversalInfo and Observations of env_services with features, and answers requests for features in
@@ -52,6 +53,8 @@ class EncoderService {
   void assign_environments();
   void begin_to_serve(const std::string& id, Environment& environment, const EncodedTraversal& traversal);
   void listen_when_needed();
+  template <class Message>
+  void listen(const std::string& id, bool& reads, bool needed);
   void send_info(const Environment& environment);
   void report();
 
@@ -70,7 +73,6 @@ class EncoderService {
 
   Clock::time_point now_, next_report_{};
   std::uint64_t reported_ = 0;  // frames encoded before the last report
-  bool listening_ = true;       // to observations
 
   // Members, so that a tick allocates nothing.
   msg::TraversalInfo info_;
@@ -95,15 +97,9 @@ EncoderService::EncoderService(const EncoderServiceOptions& options)
       pipeline_(node_, options_, [this](std::uint64_t hash) { return find_host(hash); }) {
   node_.create_reader<msg::ServiceStatus>();
   node_.create_reader<msg::TraversalInfo>();
-  node_.create_reader<msg::Observation>();
-  node_.create_reader<msg::TraversalRequest>();
   node_.create_reader<msg::TraversalChunk>();
   node_.create_reader<msg::ImageChunk>();
   node_.create_writer<msg::TraversalInfo>();
-  node_.create_writer<msg::Observation>();
-  node_.create_writer<msg::TraversalRequest>();
-  node_.create_writer<msg::TraversalChunk>();
-  node_.create_writer<msg::ImageRequest>();
 }
 
 void EncoderService::run(const std::function<bool()>& stop) {
@@ -127,7 +123,7 @@ void EncoderService::run(const std::function<bool()>& stop) {
 
 void EncoderService::take_messages() {
   now_ = Clock::now();
-  while (listening_ && node_.take(observation_)) on_observation(observation_);
+  while (node_.take(observation_)) on_observation(observation_);
   while (node_.take(info_)) on_info(info_);
   while (node_.take(status_)) on_status(status_);
   while (node_.take(request_)) on_request(request_);
@@ -228,6 +224,7 @@ void EncoderService::on_request(const msg::TraversalRequest& request) {
       ++node_.traffic.rejected;
       continue;
     }
+    own_chunk_.receiver() = request.header().sender();
     own_chunk_.hash() = traversal->hash;
     layout.fill(
         index, traversal->positions.positions,
@@ -294,20 +291,23 @@ void EncoderService::begin_to_serve(const std::string& id, Environment& environm
   send_info(environment);
 }
 
-/// Stops listening to observations while all env_services send them by reference: taking in thousands a second would
-/// cost them and this service time.
+/// Reads the requests to the env_services that it serves, and their observations unless these go by reference: taking
+/// in thousands a second would cost them and this service time.
 void EncoderService::listen_when_needed() {
-  const bool needed =
-      environments_.empty() || std::any_of(environments_.begin(), environments_.end(), [this](const auto& entry) {
-        const msg::TraversalInfo& info = entry.second.info;
-        return alive(entry.second) && !info.by_reference();
-      });
-  if (needed == listening_) return;
-  listening_ = needed;
-  if (needed)
-    node_.create_reader<msg::Observation>();
-  else
-    node_.delete_reader<msg::Observation>();
+  for (auto& [id, environment] : environments_) {
+    const bool requests = serving(environment) && alive(environment);
+    const bool observations = requests && !environment.info.by_reference();
+    listen<msg::TraversalRequest>(id, environment.read_requests, requests);
+    listen<msg::Observation>(id, environment.read_observations, observations);
+  }
+}
+
+/// Creates or deletes the reader of an env_service's topic.
+template <class Message>
+void EncoderService::listen(const std::string& id, bool& reads, bool needed) {
+  if (reads == needed) return;
+  reads = needed;
+  needed ? node_.create_reader_at<Message>(id) : node_.delete_reader_at<Message>(id);
 }
 
 void EncoderService::send_info(const Environment& environment) {

@@ -28,6 +28,7 @@ constexpr milliseconds kObservationInterval{50}, kLongestObservationInterval{100
 constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
 constexpr seconds kInfoInterval{1};
 constexpr milliseconds kSceneInterval{100};
+constexpr seconds kSceneAgain{1};            // while nothing moves: one may be lost
 constexpr milliseconds kUnheardLinger{500};  // at the end, for acknowledgements of recorders that were never heard
 constexpr milliseconds kStopCheck{50};
 constexpr std::size_t kMostPolicies = 256;  // whose newest settings are remembered
@@ -67,6 +68,7 @@ class EnvService {
 
   void take_messages();
   void on_settings(const msg::TaskSettings& settings);
+  void watch_policy(const std::string& id);
   bool start_task(const msg::TaskSettings& settings);
   void on_action(const msg::Action& action);
   void on_request(const msg::TraversalRequest& request);
@@ -105,6 +107,7 @@ class EnvService {
   msg::SettingsId newest_;      // of settings_
   msg::TaskSettings settings_;  // taken last, in force when info_.settings().version() != 0, else refused
   Incumbent holder_;            // the policy_service that sent them
+  std::string watched_;         // its id; empty: there was none yet
   std::map<std::uint64_t, std::uint32_t> versions_;  // newest version obeyed of each policy_service's, by incarnation
   msg::Observation observation_;                     // the last one sent
   std::string refusal_;                              // why the newest settings are not in force
@@ -117,7 +120,7 @@ class EnvService {
   const std::chrono::duration<double> linger_;
 
   Clock::time_point now_;
-  Clock::time_point next_info_, next_observation_, next_scene_, next_report_, last_report_;
+  Clock::time_point next_info_, next_observation_, next_scene_, scene_again_, next_report_, last_report_;
   Presence policy_;  // heard by its Actions
   Duration observation_interval_{};
   std::uint64_t steps_ = 0;  // of agents since last_report_
@@ -156,22 +159,17 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   info_.agents() = static_cast<std::uint32_t>(environment_.agents());
   info_.chunks() = ChunkLayout(info_.frames(), info_.feature_dimension()).chunks();
   info_.images() = traversal_.images != nullptr;
-  node_.create_reader<msg::ServiceStatus>();
+  node_.create_reader_at<msg::ServiceStatus>(node_.options().id);  // of another process with this id
   node_.create_reader<msg::TaskSettings>();
   node_.create_reader<msg::Action>();
   node_.create_reader<msg::TraversalRequest>();
   node_.create_reader<msg::EpisodeAcknowledgement>();
   node_.create_reader<msg::MapRequest>();
-  if (traversal_.images) {
-    node_.create_reader<msg::ImageRequest>();
-    node_.create_writer<msg::ImageChunk>();
-  }
+  if (traversal_.images) node_.create_reader<msg::ImageRequest>();
   node_.create_writer<msg::TraversalInfo>();
-  node_.create_writer<msg::TraversalChunk>();
   node_.create_writer<msg::Observation>();
   node_.create_writer<msg::EpisodeStat>();
   node_.create_writer<msg::Scene>();
-  node_.create_writer<msg::MapChunk>();
 }
 
 void EnvService::run(const std::function<bool()>& stop) {
@@ -224,6 +222,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     rejections_.add(settings.header(), "settings with a version far ahead of the last ones");
     return;
   }
+  watch_policy(settings.header().sender().c_str());
   newest_ = id;
   info_.settings() = msg::SettingsId();
   info_.by_reference() = false;
@@ -246,6 +245,14 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     send_observation();
   }
   report();
+}
+
+/// Reads the heartbeats of the policy_service in charge, which show that it lives while it sends no actions.
+void EnvService::watch_policy(const std::string& id) {
+  if (id == watched_) return;
+  if (!watched_.empty()) node_.let_go(watched_);
+  watched_ = id;
+  node_.create_reader_at<msg::ServiceStatus>(watched_);
 }
 
 /// Resets the environment. Returns false when it refuses the settings; refusal_ then says why.
@@ -319,7 +326,6 @@ void EnvService::on_acknowledgement(const msg::EpisodeAcknowledgement& acknowled
 }
 
 void EnvService::on_status(const msg::ServiceStatus& status) {
-  outbox_.heartbeat(status.header(), status.service_state() == msg::STOPPING, now_);
   node_.check_twin(status);
   if (!in_charge() || status.header().incarnation() != holder_.incarnation()) return;
   holder_.hear(status.header().incarnation(), now_);
@@ -373,7 +379,8 @@ void EnvService::send_scene() {
   if (watchers == 0) return;
   const bool moves = info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE;
   const std::uint64_t step = moves ? observation_.step() : 0;
-  if (!more && scene_.settings() == info_.settings() && scene_.step() == step) return;
+  if (!more && scene_.settings() == info_.settings() && scene_.step() == step && now_ < scene_again_) return;
+  scene_again_ = now_ + kSceneAgain;
   scene_ = msg::Scene();
   if (moves) environment_.observe(scene_);
   scene_.settings() = info_.settings();
@@ -454,9 +461,8 @@ void EnvService::leave() {
     node_.wait(std::min(outbox_.due(), now_ + kStopCheck));
     now_ = Clock::now();
     while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
-    while (node_.take(status_)) outbox_.heartbeat(status_.header(), status_.service_state() == msg::STOPPING, now_);
     // Messages that are not taken would wake the wait again and again.
-    discard(action_, taken_settings_, request_, map_request_);
+    discard(status_, action_, taken_settings_, request_, map_request_);
     if (traversal_.images) discard(image_request_);
   }
   if (outbox_.kept() == 0)

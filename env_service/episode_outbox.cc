@@ -93,7 +93,8 @@ EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowl
   Recorder& recorder = recorders_[name];
   if (!recorder.hear(header, now) || !recorder.order.in_order(header, now)) return Acknowledged::kRepeated;
   const bool fresh = std::exchange(recorder.fresh, false) || !recorder.registered;
-  recorder.stopping = false;
+  recorder.stopping = acknowledgement.stopping();
+  if (acknowledgement.leaving() || acknowledgement.stopping()) recorder.presence.leave();
   const std::uint64_t has = std::max<std::uint64_t>(acknowledgement.episode(), discarded_);
   const bool progress = has > recorder.acknowledged, loss = has < recorder.acknowledged;
   if (!recorder.registered) {
@@ -110,13 +111,6 @@ EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowl
   discard_acknowledged();
   if (acknowledgement.leaving()) unregister(recorder);
   return fresh || loss || progress || acknowledgement.leaving() ? Acknowledged::kYes : Acknowledged::kRepeated;
-}
-
-void EpisodeOutbox::heartbeat(const msg::Header& header, bool stopping, Clock::time_point now) {
-  const auto found = recorders_.find(header.sender().c_str());
-  if (found == recorders_.end() || !found->second.hear(header, now)) return;
-  found->second.stopping = stopping;
-  if (stopping) found->second.presence.leave();
 }
 
 bool EpisodeOutbox::recorder_expected(Clock::time_point now) const {

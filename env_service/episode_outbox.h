@@ -35,11 +35,10 @@ class EpisodeOutbox {
   void add(const Environment::Episode& episode);
 
   enum class Acknowledged { kYes, kRepeated, kImpossible, kTooMany };
-  /// Reads the header, episode and leaving of the acknowledgement alone. Beyond kMostRecorders a newcomer takes the
+  /// Reads all of the acknowledgement but whom it is for. Recorders acknowledge once a second, which shows that they
+  /// live. Beyond kMostRecorders a newcomer takes the
   /// place of one that left and is silent; kTooMany: there is none.
   Acknowledged acknowledge(const msg::EpisodeAcknowledgement& acknowledgement, Clock::time_point now);
-  /// Notes a heartbeat of a recorder; those of other services are ignored. `stopping`: the sender stops.
-  void heartbeat(const msg::Header& header, bool stopping, Clock::time_point now);
 
   struct Sending {
     std::uint64_t episode = 0;

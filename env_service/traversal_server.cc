@@ -41,6 +41,7 @@ void TraversalServer::answer(const msg::TraversalRequest& request) {
       ++node_.traffic.rejected;
       continue;
     }
+    chunk_.receiver() = request.header().sender();
     chunk_.hash() = environment_.traversal_hash();
     layout.fill(
         index, traversal_.positions,
@@ -67,7 +68,8 @@ void TraversalServer::read_image(std::uint32_t frame, std::string& name) {
 void TraversalServer::note(const msg::ImageRequest& request) {
   if (!addressed(request)) return;
   std::erase_if(sent_, [now = Clock::now()](const auto& sent) { return now > sent.second.at + kCrossing; });
-  PictureOrder& order = orders_[request.header().sender().c_str()];
+  const std::string service = request.header().sender().c_str();
+  PictureOrder& order = orders_[service];
   std::uint32_t first_chunk = request.first_chunk();
   bool more = false;
   for (const std::uint32_t frame : request.frames()) {
@@ -77,7 +79,7 @@ void TraversalServer::note(const msg::ImageRequest& request) {
       ++node_.traffic.rejected;
       continue;
     }
-    if (const auto sent = sent_.find(frame); sent != sent_.end())
+    if (const auto sent = sent_.find({service, frame}); sent != sent_.end())
       wanted.first_chunk = std::max(wanted.first_chunk, sent->second.next_chunk);
     if (wanted.first_chunk == kWhole || std::any_of(order.pictures.begin(), order.pictures.end(),
                                                     [&](const WantedPicture& other) { return other.frame == frame; }))
@@ -90,17 +92,18 @@ void TraversalServer::note(const msg::ImageRequest& request) {
 
 bool TraversalServer::send_pictures() {
   for (auto& [service, order] : orders_)
-    if (!order.pictures.empty()) send_picture(order);
+    if (!order.pictures.empty()) send_picture(service, order);
   std::erase_if(orders_, [](const auto& order) { return order.second.pictures.empty(); });
   return !orders_.empty();
 }
 
 /// Sends the first picture of an order, or as many of its chunks as are expected; the service then asks for the rest.
-void TraversalServer::send_picture(PictureOrder& order) {
+void TraversalServer::send_picture(const std::string& service, PictureOrder& order) {
   const WantedPicture wanted = order.pictures.front();
   order.pictures.pop_front();
   std::string name;
   read_image(wanted.frame, name);
+  image_chunk_.receiver() = service.c_str();
   image_chunk_.hash() = environment_.traversal_hash();
   image_chunk_.frame() = wanted.frame;
   image_chunk_.name() = name.substr(0, 200).c_str();
@@ -115,7 +118,7 @@ void TraversalServer::send_picture(PictureOrder& order) {
     if (!data.empty()) std::memcpy(image_chunk_.data().data(), data.data(), data.size());
     node_.publish(image_chunk_);
   }
-  sent_[wanted.frame] = {Clock::now(), end == chunks ? kWhole : end};
+  sent_[{service, wanted.frame}] = {Clock::now(), end == chunks ? kWhole : end};
   order.most_chunks -= end - first;
   if (end < chunks || order.most_chunks == 0) order.pictures.clear();
 }
@@ -126,6 +129,7 @@ void TraversalServer::answer(const msg::MapRequest& request) {
     ++node_.traffic.rejected;
     return;
   }
+  map_chunk_.receiver() = request.header().sender();
   map_chunk_.hash() = environment_.traversal_hash();
   map_chunk_.frames() = frames_;
   map_chunk_.first() = request.first();

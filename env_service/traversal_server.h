@@ -48,7 +48,7 @@ class TraversalServer {
     return request.environment() == node_.options().id && request.hash() == environment_.traversal_hash();
   }
   void read_image(std::uint32_t frame, std::string& name);
-  void send_picture(PictureOrder& order);
+  void send_picture(const std::string& service, PictureOrder& order);
 
   Node& node_;
   const Environment& environment_;
@@ -57,8 +57,8 @@ class TraversalServer {
 
   Bytes image_;           // file of the frame asked for last: a large one is asked for in several requests
   int image_frame_ = -1;  // that frame; -1: none
-  std::map<std::string, PictureOrder> orders_;  // by the id of the service that asked
-  std::map<std::uint32_t, SentPicture> sent_;   // a moment ago, by frame
+  std::map<std::string, PictureOrder> orders_;                         // by the id of the service that asked
+  std::map<std::pair<std::string, std::uint32_t>, SentPicture> sent_;  // a moment ago, by service and frame
 
   // Members, so that an answer allocates nothing.
   msg::TraversalChunk chunk_;

@@ -7,7 +7,9 @@ reads the same files and writes FOLDER/idl/forward.h (declares each type, for li
 FOLDER/core/wire/message_fields.h (each type's fields, bounds and checks, and the list of topics).
 
 It reads one declaration a line, and annotations that begin a comment, so that IDL compilers skip them:
-  //@topic(PROFILE)    above a struct: it is a message, sent on a topic of its own with this QoS profile
+  //@topic(PROFILE)    above a struct: it is a message, sent on topics of its own with this QoS profile. Behind it may stand
+                       which topics: @to(FIELD): that of the service whose id is in FIELD (in a field that may be empty: of
+                       all); @from: that of its sender; @from(all): that of its sender and that of all; nothing: that of all
   //@length(OTHER)     behind a sequence: it has as many entries as OTHER; OTHER+1: one more
   //@finite            behind a float, a double or a sequence of them: NaN and infinities are refused
   //@name              behind a string: it follows the rule for names (core/util/name.h); name(optional): or is empty
@@ -17,14 +19,24 @@ import os
 import re
 import sys
 
-PROFILES = ("stream", "state", "command", "durable")
+PROFILES = ("state", "command", "durable")
 NUMBERS = ("octet|boolean|short|unsigned short|long|unsigned long|long long|unsigned long long|float|double")
 
 
 class Struct:
-    def __init__(self, name, profile):
-        self.name, self.profile, self.fields, self.checks = name, profile, {}, []
+    def __init__(self, name, profile, addressing):
+        self.name, self.profile, self.addressing, self.fields, self.checks = name, profile, addressing, {}, []
         self.topic = "citylearn/" + re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
+
+    def enumerator(self):
+        """The enumerator of Addressing (core/wire/messages.h)."""
+        note, argument = self.addressing
+        return {"": "kAll", "to": "kReceiver", "from": "kSenderAndAll" if argument else "kSender"}[note]
+
+    def receiver(self):
+        """The expression for the id of the service that it is sent to."""
+        note, argument = self.addressing
+        return f"m.{argument}().c_str()" if note == "to" else '""'
 
 
 class Idl:
@@ -44,7 +56,7 @@ class Idl:
         self.files.append(path)
         # An enum may take several lines: they become its first one.
         text = re.sub(r"enum[^}]*}", lambda enum: re.sub(r"//.*|\n", "", enum[0]) + "\n" * enum[0].count("\n"), text)
-        self.open, self.profile = None, None
+        self.open, self.profile, self.addressing = None, None, ("", "")
         for number, line in enumerate(text.split("\n"), 1):
             try:
                 self.read_line(*re.fullmatch(r"\s*(.*?)\s*(?://(.*))?", line).groups(""))
@@ -54,8 +66,8 @@ class Idl:
     def read_line(self, code, comment):
         notes = re.findall(r"@(\w*)(?:\((.*?)\))?", re.match(r"(\s*@\w*(\(.*?\))?)*", comment)[0])
         if found := re.fullmatch(r"@final struct (\w+) \{", code):
-            self.open = self.structs[found[1]] = Struct(found[1], self.profile)
-            self.profile = None
+            self.open = self.structs[found[1]] = Struct(found[1], self.profile, self.addressing)
+            self.profile, self.addressing = None, ("", "")
         elif self.open and code == "};":
             for check in self.open.checks:
                 other = re.search(r', "(\w+)"', check)
@@ -63,6 +75,9 @@ class Idl:
                     raise ValueError(f"{self.open.name} has no sequence '{other[1]}'")
             if self.open.profile and [*self.open.fields.values()][:1] != ["Header"]:
                 raise ValueError(f"{self.open.name} has a topic, so its first field must be a Header")
+            note, argument = self.open.addressing
+            if note == "to" and self.open.fields.get(argument) != "string<64>":
+                raise ValueError(f"{self.open.name} has no string<64> '{argument}'")
             self.open = None
         elif self.open and code:
             self.read_field(code, notes)
@@ -74,6 +89,11 @@ class Idl:
             if notes[0][0] != "topic" or notes[0][1] not in PROFILES:
                 raise ValueError(f"expected //@topic(PROFILE), PROFILE one of {', '.join(PROFILES)}")
             self.profile = notes[0][1]
+            if notes[1:]:
+                self.addressing = notes[1]
+                if len(notes) > 2 or self.addressing[0] not in ("to", "from") or self.addressing[1:] not in (("",), ("all",)) and (
+                        self.addressing[0] == "from"):
+                    raise ValueError("expected @to(FIELD), @from or @from(all) behind @topic")
         elif not re.fullmatch(r'(#include ".*"|module citylearn \{ module msg \{|\};|;)?', code):
             raise ValueError(f"cannot read '{code}'" + (", structs must be @final" if "struct" in code else ""))
 
@@ -144,10 +164,13 @@ def main(folder, *paths):
                       "template <class Check>",
                       f"void check_fields([[maybe_unused]] const {struct.name}& m, [[maybe_unused]] Check& check) {{",
                       *idl.checks(struct), "}"]
-    write(f"{folder}/core/wire/message_fields.h", "#include <concepts>", "#include <type_traits>",
+        if struct.profile:
+            functions += [f"inline std::string receiver_of([[maybe_unused]] const {struct.name}& m) {{",
+                          f"  return {struct.receiver()};", "}"]
+    write(f"{folder}/core/wire/message_fields.h", "#include <concepts>", "#include <string>", "#include <type_traits>",
           *(f'#include "idl/{os.path.basename(path)[:-4]}.h"' for path in idl.files),
           "namespace citylearn::msg {", *functions, "}", "#define CITYLEARN_MESSAGES(X) \\",
-          *(f'  X({s.name}, "{s.topic}", k{s.profile.title()}) \\' for s in structs if s.profile), "")
+          *(f'  X({s.name}, "{s.topic}", k{s.profile.title()}, {s.enumerator()}) \\' for s in structs if s.profile), "")
 
 
 if __name__ == "__main__":

@@ -177,7 +177,7 @@ MiddlewareOptions middleware_options(const Settings& settings, const std::string
 }
 
 Topic bytes_topic(const char* name, std::size_t size) {
-  return {name, std::string("Bytes_") + name, Profile::kStream, size};
+  return {name, std::string("Bytes_") + name, Profile::kCommand, size};
 }
 
 void answer_middleware(const Settings& settings, const std::string& vendor) {
@@ -227,10 +227,10 @@ Node::Options node_options(const Settings& settings, const std::string& vendor, 
 
 void answer_node(const Settings& settings, const std::string& vendor) {
   Node node(node_options(settings, vendor, "answerer"));
-  node.create_writer<msg::Action>();
-  node.create_reader<msg::Observation>();
+  node.create_reader_at<msg::Observation>("asker");
   msg::Observation question;
   msg::Action answer = make_action(settings);
+  answer.environment("asker");
   while (!input_ended())
     for (const auto limit = Clock::now() + milliseconds(100); node.wait(limit);)
       while (node.take(question)) {

@@ -64,8 +64,8 @@ struct End {
     options.participant = asks ? "env" : "policy";
     if (!keys.empty()) options.security = keys + "/" + options.participant;
     middleware = create_middleware(options);
-    const Topic question{"citylearn/observation", "Bytes", Profile::kStream, size},
-        answer{"citylearn/action", "Bytes", Profile::kStream, size};
+    const Topic question{"citylearn/observation", "Bytes", Profile::kCommand, size},
+        answer{"citylearn/action", "Bytes", Profile::kCommand, size};
     subscription = middleware->create_subscription(asks ? answer : question);
     publisher = middleware->create_publisher(asks ? question : answer);
   }

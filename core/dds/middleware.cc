@@ -48,8 +48,6 @@ int packet_size(const char* name) {
 
 Depth depth_of(Profile profile) {
   switch (profile) {
-    case Profile::kStream:
-      return {16, 1024};
     case Profile::kState:
       return {1, 1024};
     case Profile::kCommand:

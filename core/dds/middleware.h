@@ -17,7 +17,6 @@ namespace citylearn {
 /// Named quality of service. All are RELIABLE, TRANSIENT_LOCAL and KEEP_LAST: what ran without loss in every pairing of
 /// the vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer keeps for late or slow readers.
 enum class Profile {
-  kStream,   ///< observations and actions: 16
   kState,    ///< the newest alone counts: 1
   kCommand,  ///< requests and settings: 64
   kDurable,  ///< chunks and records: 256

@@ -130,18 +130,43 @@ QosOwner endpoint_qos(Profile profile, bool writer) {
   return qos;
 }
 
+/// A topic entity of one writer or reader. Cyclone shares what those of one name have in common.
+class CycloneTopic {
+ public:
+  CycloneTopic(dds_entity_t participant, const Topic& topic) {
+    const QosOwner qos = make_qos();
+    const dds_data_representation_id_t representation = DDS_DATA_REPRESENTATION_XCDR1;
+    dds_qset_data_representation(qos.get(), 1, &representation);
+    ddsi_sertype* type = make_type(topic.type);
+    // Gives back the type that Cyclone uses from here on, which may be an equal one it knew before.
+    entity_ = dds_create_topic_sertype(participant, topic.name.c_str(), &type, qos.get(), nullptr, nullptr);
+    if (entity_ < 0) ddsi_sertype_unref(type);
+    require(entity_, "create it", "topic " + topic.name);
+    type_ = type;
+  }
+  ~CycloneTopic() { dds_delete(entity_); }
+  CycloneTopic(const CycloneTopic&) = delete;
+  CycloneTopic& operator=(const CycloneTopic&) = delete;
+  dds_entity_t entity() const { return entity_; }
+  const ddsi_sertype* type() const { return type_; }
+
+ private:
+  dds_entity_t entity_;
+  const ddsi_sertype* type_ = nullptr;
+};
+
 class CyclonePublisher : public Publisher {
  public:
-  CyclonePublisher(dds_entity_t participant, dds_entity_t dds_topic, const ddsi_sertype* type, const Topic& topic)
-      : topic_(topic), type_(type) {
+  CyclonePublisher(dds_entity_t participant, const Topic& topic) : topic_(topic), dds_topic_(participant, topic) {
     const QosOwner qos = endpoint_qos(topic.profile, true);
-    writer_ = require(dds_create_writer(participant, dds_topic, qos.get(), nullptr), "create a writer", where());
+    writer_ =
+        require(dds_create_writer(participant, dds_topic_.entity(), qos.get(), nullptr), "create a writer", where());
   }
   ~CyclonePublisher() override { dds_delete(writer_); }
 
   void publish(std::span<const std::byte> bytes) override {
     check_size(topic_, bytes.size());
-    Sample* sample = make_sample(type_, SDK_DATA, bytes.size());
+    Sample* sample = make_sample(dds_topic_.type(), SDK_DATA, bytes.size());
     std::memcpy(sample->bytes(), bytes.data(), bytes.size());
     sample->timestamp.v = dds_time();
     // A time-out is a lost sample like any other: the application sends again what is not answered.
@@ -158,19 +183,19 @@ class CyclonePublisher : public Publisher {
   std::string where() const { return "topic " + topic_.name; }
 
   const Topic topic_;
-  const ddsi_sertype* const type_;
+  const CycloneTopic dds_topic_;
   dds_entity_t writer_;
 };
 
 class CycloneSubscription : public Subscription {
  public:
-  CycloneSubscription(dds_entity_t participant, dds_entity_t dds_topic, const Topic& topic, Wakeup& wakeup)
-      : flag_(wakeup) {
+  CycloneSubscription(dds_entity_t participant, const Topic& topic, Wakeup& wakeup)
+      : flag_(wakeup), dds_topic_(participant, topic) {
     const QosOwner qos = endpoint_qos(topic.profile, false);
     const ListenerOwner listener(dds_create_listener(this), dds_delete_listener);
     dds_lset_data_available(listener.get(),
                             [](dds_entity_t, void* self) { static_cast<CycloneSubscription*>(self)->flag_.raise(); });
-    reader_ = require(dds_create_reader(participant, dds_topic, qos.get(), listener.get()), "create a reader",
+    reader_ = require(dds_create_reader(participant, dds_topic_.entity(), qos.get(), listener.get()), "create a reader",
                       "topic " + topic.name);
   }
   ~CycloneSubscription() override {
@@ -179,6 +204,7 @@ class CycloneSubscription : public Subscription {
   }
 
   bool take(Bytes& out) override {
+    if (!flag_.raised()) return false;
     flag_.lower();
     ddsi_serdata* data = nullptr;
     dds_sample_info_t info;
@@ -200,6 +226,7 @@ class CycloneSubscription : public Subscription {
 
  private:
   Wakeup::Flag flag_;
+  const CycloneTopic dds_topic_;
   dds_entity_t reader_;
 };
 
@@ -260,11 +287,12 @@ class CycloneMiddleware : public Middleware {
   }
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    const Known& known = own(topic);
-    return std::make_unique<CyclonePublisher>(participant_, known.topic, known.type, topic);
+    discovery_.register_local_topic(topic.name, topic.type);
+    return std::make_unique<CyclonePublisher>(participant_, topic);
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
-    return std::make_unique<CycloneSubscription>(participant_, own(topic).topic, topic, wakeup_);
+    discovery_.register_local_topic(topic.name, topic.type);
+    return std::make_unique<CycloneSubscription>(participant_, topic, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
   DiscoveryMonitor& discovery() override {
@@ -274,28 +302,6 @@ class CycloneMiddleware : public Middleware {
   std::string name() const override { return "cyclonedds"; }
 
  private:
-  struct Known {
-    dds_entity_t topic = 0;
-    const ddsi_sertype* type = nullptr;
-  };
-
-  const Known& own(const Topic& topic) {
-    discovery_.register_local_topic(topic.name, topic.type);
-    Known& known = topics_[topic.name];
-    if (!known.type) {
-      const QosOwner qos = make_qos();
-      const dds_data_representation_id_t representation = DDS_DATA_REPRESENTATION_XCDR1;
-      dds_qset_data_representation(qos.get(), 1, &representation);
-      ddsi_sertype* type = make_type(topic.type);
-      // Gives back the type that Cyclone uses from here on, which may be an equal one it knew before.
-      known.topic = dds_create_topic_sertype(participant_, topic.name.c_str(), &type, qos.get(), nullptr, nullptr);
-      if (known.topic < 0) ddsi_sertype_unref(type);
-      require(known.topic, "create it", "topic " + topic.name);
-      known.type = type;
-    }
-    return known;
-  }
-
   DiscoveryMonitor::Participant described(const std::string& name, const dds_guid_t& guid) const {
     CycloneRemote remote;
     if (!cyclone_remote(builtin_type_, guid.v, &remote)) return {name, "cyclonedds", addresses_};  // of this process
@@ -338,7 +344,6 @@ class CycloneMiddleware : public Middleware {
   std::atomic<bool> discovered_{false};
   DiscoveryMonitor discovery_;
   Wakeup wakeup_;
-  std::map<std::string, Known> topics_;
   dds_entity_t participant_, participants_, publications_, subscriptions_;
 };
 

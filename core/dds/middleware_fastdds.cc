@@ -174,10 +174,13 @@ Qos reliable_qos(int depth) {
   return qos;
 }
 
+/// A topic that is deleted with its last writer or reader.
+using TopicOwner = std::shared_ptr<dds::Topic>;
+
 class FastPublisher : public Publisher {
  public:
-  FastPublisher(dds::Publisher* publisher, dds::Topic* dds_topic, const Topic& topic, std::uint32_t heartbeat)
-      : publisher_(publisher), topic_(topic) {
+  FastPublisher(dds::Publisher* publisher, TopicOwner dds_topic, const Topic& topic, std::uint32_t heartbeat)
+      : publisher_(publisher), topic_(topic), dds_topic_(std::move(dds_topic)) {
     const int depth = depth_of(topic.profile).writer;
     auto qos = reliable_qos<dds::DataWriterQos>(depth);
     qos.reliability().max_blocking_time = Duration_t(0, std::chrono::nanoseconds(kBlocking).count());
@@ -193,7 +196,7 @@ class FastPublisher : public Publisher {
     // thread on either side to send and to take an acknowledgement: a third of the round trip. The period above is
     // enough.
     qos.reliable_writer_qos().disable_heartbeat_piggyback = true;
-    writer_ = publisher_->create_datawriter(dds_topic, qos);
+    writer_ = publisher_->create_datawriter(dds_topic_.get(), qos);
     if (!writer_) throw Error("fastdds cannot create a writer", "topic " + topic.name);
   }
   ~FastPublisher() override {
@@ -225,17 +228,18 @@ class FastPublisher : public Publisher {
  private:
   dds::Publisher* const publisher_;
   const Topic topic_;
+  const TopicOwner dds_topic_;
   dds::DataWriter* writer_;
 };
 
 class FastSubscription : public Subscription, private dds::DataReaderListener {
  public:
-  FastSubscription(dds::Subscriber* subscriber, dds::Topic* dds_topic, const Topic& topic, Wakeup& wakeup)
-      : subscriber_(subscriber), flag_(wakeup) {
+  FastSubscription(dds::Subscriber* subscriber, TopicOwner dds_topic, const Topic& topic, Wakeup& wakeup)
+      : subscriber_(subscriber), flag_(wakeup), dds_topic_(std::move(dds_topic)) {
     auto qos = reliable_qos<dds::DataReaderQos>(depth_of(topic.profile).reader);
     qos.reliable_reader_qos().times.initialAcknackDelay = Duration_t(0, 0u);
     qos.reliable_reader_qos().times.heartbeatResponseDelay = Duration_t(0, 0u);
-    reader_ = subscriber_->create_datareader(dds_topic, qos, this, dds::StatusMask::data_available());
+    reader_ = subscriber_->create_datareader(dds_topic_.get(), qos, this, dds::StatusMask::data_available());
     if (!reader_) throw Error("fastdds cannot create a reader", "topic " + topic.name);
   }
   ~FastSubscription() override {
@@ -244,6 +248,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
   }
 
   bool take(Bytes& sample) override {
+    if (!flag_.raised()) return false;
     flag_.lower();
     Raw raw{{}, &sample};
     dds::SampleInfo info;
@@ -265,6 +270,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
 
   dds::Subscriber* const subscriber_;
   Wakeup::Flag flag_;
+  const TopicOwner dds_topic_;
   dds::DataReader* reader_;
 };
 
@@ -347,7 +353,6 @@ class FastMiddleware : public Middleware {
     participant_->set_listener(nullptr);
     participant_->delete_subscriber(subscriber_);
     participant_->delete_publisher(publisher_);
-    for (const auto& [name, topic] : topics_) participant_->delete_topic(topic);
     dds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
   }
 
@@ -362,30 +367,33 @@ class FastMiddleware : public Middleware {
   std::string name() const override { return "fastdds"; }
 
  private:
-  dds::Topic* own(const Topic& topic) {
+  TopicOwner own(const Topic& topic) {
     discovery_.register_local_topic(topic.name, topic.type);
-    dds::Topic*& known = topics_[topic.name];  // Fast refuses a second topic of one name
-    if (!known) {
-      // One type may serve several topics; Fast keeps one description of it.
-      dds::TypeSupport type = participant_->find_type(topic.type);
-      if (type.empty())
-        participant_->register_type(dds::TypeSupport(new RawType(topic)));
-      else
-        type->m_typeSize = std::max(type->m_typeSize, RawType::size_of(topic));
-      known = participant_->create_topic(topic.name, topic.type, dds::TOPIC_QOS_DEFAULT);
-      if (!known) {
-        topics_.erase(topic.name);
-        throw Error("fastdds cannot create it", "topic " + topic.name);
-      }
+    if (TopicOwner known = topics_[topic.name].lock()) return known;  // Fast refuses a second topic of one name
+    // One type may serve several topics; Fast keeps one description of it.
+    dds::TypeSupport type = participant_->find_type(topic.type);
+    if (type.empty())
+      participant_->register_type(dds::TypeSupport(new RawType(topic)));
+    else
+      type->m_typeSize = std::max(type->m_typeSize, RawType::size_of(topic));
+    dds::Topic* const made = participant_->create_topic(topic.name, topic.type, dds::TOPIC_QOS_DEFAULT);
+    if (!made) {
+      topics_.erase(topic.name);
+      throw Error("fastdds cannot create it", "topic " + topic.name);
     }
-    return known;
+    const TopicOwner owner(made, [this](dds::Topic* last) {
+      topics_.erase(last->get_name());
+      participant_->delete_topic(last);
+    });
+    topics_[topic.name] = owner;
+    return owner;
   }
 
   const std::uint32_t heartbeat_;
   DiscoveryMonitor discovery_;
   DiscoveryListener discovery_listener_{discovery_};
   Wakeup wakeup_;
-  std::map<std::string, dds::Topic*> topics_;
+  std::map<std::string, std::weak_ptr<dds::Topic>> topics_;  // those in use
   dds::DomainParticipant* participant_ = nullptr;
   dds::Publisher* publisher_ = nullptr;
   dds::Subscriber* subscriber_ = nullptr;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -19,5 +21,14 @@ std::vector<std::string> watched_topics();
 
 /// ReplayOptions::speed as people write it: a number above 0, or max. Throws Error when it is neither.
 double replay_speed(const std::string& text);
+
+struct ReplayFigures {
+  std::map<std::string, std::uint64_t> played;   ///< messages by topic
+  std::map<std::string, std::uint64_t> skipped;  ///< messages by what was wrong with them
+  std::uint64_t bytes = 0;                       ///< played
+  std::uint64_t repeated = 0;                    ///< messages sent again
+  double seconds = 0;                            ///< that the recordings last
+  std::vector<std::string> remarks;              ///< lines: a file that is cut short, a recorder that went away
+};
 
 }  // namespace citylearn

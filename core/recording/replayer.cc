@@ -21,8 +21,6 @@ constexpr int kAtOnce = 256;  // messages of a turn
 constexpr milliseconds kPeriod{20};
 int most_in_period(Profile profile) {
   switch (profile) {
-    case Profile::kStream:
-      return 8;
     case Profile::kState:
       return kAtOnce;  // the newest alone counts
     case Profile::kCommand:
@@ -42,6 +40,7 @@ constexpr milliseconds kStateAgain{1000};
 constexpr milliseconds kLongestEnd{30000};
 constexpr milliseconds kGlance{5};
 constexpr std::size_t kMostVoices = 4096;
+constexpr std::size_t kMostInboxes = 4096;
 constexpr double kLongestWait = 1e18;                  // nanoseconds: what the clock bears
 constexpr std::uint64_t kLongestGap = 10'000'000'000;  // nanoseconds: in a recording something comes every second
 
@@ -74,9 +73,6 @@ Replayer::Replayer(Middleware& middleware, const ReplayOptions& options)
     topics_[name] = &*known;
   }
   for (const std::string& file : options_.files) McapReader check(file);
-  acknowledgements_ = middleware_.create_subscription(topic_of<msg::EpisodeAcknowledgement>());
-  requests_ = middleware_.create_subscription(topic_of<msg::TrainingStatRequest>());
-  map_requests_ = middleware_.create_subscription(topic_of<msg::MapRequest>());
   due_ = quiet_since_ = next_state_ = Clock::now();
 }
 
@@ -90,9 +86,23 @@ void Replayer::hear() {
         continue;  // not a message for us
       }
   };
-  take(*acknowledgements_, [this] { on_acknowledgement(); });
-  take(*requests_, [this] { on_request(); });
-  take(*map_requests_, [this] { on_map_request(); });
+  for (const auto& [service, inbox] : inboxes_) {
+    take(*inbox.acknowledgements, [this] { on_acknowledgement(); });
+    take(*inbox.stat_requests, [this] { on_request(); });
+    take(*inbox.map_requests, [this] { on_chunk_request<msg::MapRequest>(); });
+    take(*inbox.image_requests, [this] { on_chunk_request<msg::ImageRequest>(); });
+  }
+}
+
+/// Reads what is sent to a service from now on.
+void Replayer::open_inbox(const std::string& session, const std::string& sender) {
+  const std::string key = session + "/" + sender;
+  if (inboxes_.size() >= kMostInboxes || inboxes_.contains(key)) return;
+  const auto subscribe = [&](const Topic& topic) {
+    return middleware_.create_subscription(topic_at(topic, session, sender));
+  };
+  inboxes_[key] = {subscribe(topic_of<msg::EpisodeAcknowledgement>()), subscribe(topic_of<msg::TrainingStatRequest>()),
+                   subscribe(topic_of<msg::MapRequest>()), subscribe(topic_of<msg::ImageRequest>())};
 }
 
 void Replayer::on_acknowledgement() {
@@ -123,7 +133,8 @@ void Replayer::on_request() {
   const Key sender{message.policy().c_str(), message.policy_incarnation()};
   const auto played = stats_.find({sender.first, sender.second, message.run_id()});
   if (played == stats_.end()) return;
-  Voice& to = voice(topic_of<msg::TrainingStat>(), sender);
+  const Topic& topic = topic_of<msg::TrainingStat>();
+  Voice& to = voice(topic, topic, sender);
   auto stat = played->second.lower_bound(message.first());
   for (std::uint32_t sent = 0; sent < msg::MAX_STATS_ASKED; ++sent, ++stat) {
     if (stat == played->second.end() || stat->first > message.last()) break;
@@ -133,13 +144,15 @@ void Replayer::on_request() {
   quiet_since_ = Clock::now();
 }
 
-void Replayer::on_map_request() {
-  msg::MapRequest message;
-  decode(std::span<const std::byte>(taken_), message);
-  const auto map = maps_.find({message.environment().c_str(), message.hash(), message.first()});
-  if (map == maps_.end()) return;
-  map->second.first->publisher->publish(map->second.second);
-  ++figures_.repeated;
+/// Answers a request for recorded maps or pictures.
+template <class Request>
+void Replayer::on_chunk_request() {
+  Request request;
+  decode(std::span<const std::byte>(taken_), request);
+  chunks_.answer(request, [this](const Topic& topic, const msg::Header& from, const Bytes& bytes) {
+    voice(topic, topic, {from.sender().c_str(), from.incarnation()}).publisher->publish(bytes);
+    ++figures_.repeated;
+  });
 }
 
 void Replayer::send_again(Clock::time_point now) {
@@ -231,20 +244,27 @@ bool Replayer::fetch() {
       }
       if (options_.session.empty() || !with_session(message->data, options_.session, bytes_))
         bytes_.assign(message->data.begin(), message->data.end());
-      next_ = Next{topic->second, {header->sender, header->incarnation}, due_time()};
+      const std::string session = options_.session.empty() ? header->session : options_.session;
+      next_ = Next{topic->second, {header->sender, header->incarnation}, session, due_time(), {}};
+      // What cannot be decoded is played to all as it is: what it was then, it is now.
+      try {
+        next_->to = topics_of(*next_->topic, bytes_);
+      } catch (const Error&) {
+        next_->to = {*next_->topic};
+      }
       return true;
     }
     if (!open()) return false;
   }
 }
 
-Replayer::Voice& Replayer::voice(const Topic& topic, const Key& sender) {
+Replayer::Voice& Replayer::voice(const Topic& all, const Topic& topic, const Key& sender) {
   auto key = std::make_tuple(topic.name, sender.first, sender.second);
   // Beyond any system that there is: the rest of a topic share a writer.
   if (voices_.size() >= kMostVoices && !voices_.contains(key)) key = {topic.name, "", 0};
   Voice& voice = voices_[key];
   if (!voice.publisher) {
-    voice.topic = &topic;
+    voice.topic = &all;
     voice.publisher = middleware_.create_publisher(topic);
     voice.made = voice.period = Clock::now();
   }
@@ -277,8 +297,12 @@ bool Replayer::must_wait(Voice& voice, Clock::time_point now) {
 void Replayer::publish(Voice& voice, const Bytes& bytes) {
   voice.publisher->publish(bytes);
   ++voice.in_period;
-  ++figures_.played[voice.topic->name];
-  figures_.bytes += bytes.size();
+  if (next_->published == 0) note_played(voice.topic->name, bytes.size());
+}
+
+void Replayer::note_played(const std::string& topic, std::size_t bytes) {
+  ++figures_.played[topic];
+  figures_.bytes += bytes;
 }
 
 /// What the recorders of then had, those of now may lack: says that they have everything only up to what waits.
@@ -317,9 +341,6 @@ void Replayer::play(Voice& voice) {
     } else if (is(*voice.topic, topic_of<msg::TrainingStat>())) {
       decode(bytes, stat_);
       stats_[{next_->sender.first, next_->sender.second, stat_.run_id()}][stat_.update()] = bytes_;
-    } else if (is(*voice.topic, topic_of<msg::MapChunk>())) {
-      decode(bytes, map_);
-      maps_[{next_->sender.first, map_.hash(), map_.first()}] = {&voice, bytes_};
     } else if (is(*voice.topic, topic_of<msg::RunInfo>())) {
       voice.last = bytes_;
     }
@@ -356,8 +377,14 @@ bool Replayer::poll() {
       due_ = std::min(next_->due, now + kAgain);
       return true;
     }
-    Voice& to = voice(*next_->topic, next_->sender);
     if (!begun_) begun_ = now;
+    open_inbox(next_->session, next_->sender.first);
+    if (chunks_.keep(*next_->topic, bytes_)) {
+      note_played(next_->topic->name, bytes_.size());
+      next_.reset();
+      continue;
+    }
+    Voice& to = voice(*next_->topic, next_->to.at(next_->published), next_->sender);
     if (must_wait(to, now)) {
       if (!held_since_) held_since_ = now;
       due_ = now + kGlance;
@@ -369,7 +396,7 @@ bool Replayer::poll() {
       held_since_.reset();
     }
     play(to);
-    next_.reset();
+    if (++next_->published == next_->to.size()) next_.reset();
     now = Clock::now();
   }
   return true;

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "core/recording/chunk_store.h"
 #include "core/recording/mcap.h"
 #include "core/recording/replay_options.h"
 #include "core/wire/messages.h"
@@ -21,8 +22,8 @@ namespace citylearn {
 /// Plays recordings into a middleware: the recorded bytes on their topics, each sender with writers of its own, in the
 /// order and at the distance in time in which they came. Does what a recorder of episodes and statistics expects of
 /// their senders, so that it gets all of them at any speed: waits for its acknowledgements of episodes, sends them
-/// again, sends TrainingStats and maps again when asked (idl/episode.idl, idl/training.idl, idl/scene.idl). Used by one
-/// thread.
+/// again, sends TrainingStats again when asked, and maps and pictures to whoever asks now (idl/episode.idl,
+/// idl/training.idl, idl/scene.idl, idl/image.idl). Used by one thread.
 class Replayer {
  public:
   /// `middleware` must outlive it. Throws Error when a file is none, or a topic is unknown.
@@ -32,22 +33,13 @@ class Replayer {
   /// reader waits for more. Throws Error naming the byte where a file is damaged; what stands before it was played.
   bool poll();
   Clock::time_point due() const { return due_; }
-
-  struct Figures {
-    std::map<std::string, std::uint64_t> played;   ///< messages by topic
-    std::map<std::string, std::uint64_t> skipped;  ///< messages by what was wrong with them
-    std::uint64_t bytes = 0;                       ///< played
-    std::uint64_t repeated = 0;                    ///< messages sent again
-    double seconds = 0;                            ///< that the recordings last
-    std::vector<std::string> remarks;              ///< lines: a file that is cut short, a recorder that went away
-  };
-  const Figures& figures() const { return figures_; }
+  const ReplayFigures& figures() const { return figures_; }
 
  private:
   using Key = std::pair<std::string, std::uint64_t>;  // sender and incarnation
   /// One sender's writer of one topic.
   struct Voice {
-    const Topic* topic = nullptr;
+    const Topic* topic = nullptr;  // that of all
     std::unique_ptr<Publisher> publisher;
     Clock::time_point made, period;
     int in_period = 0;
@@ -63,16 +55,24 @@ class Replayer {
     bool given_up = false;  // no acknowledgement came for long
   };
   struct Next {
-    const Topic* topic = nullptr;
+    const Topic* topic = nullptr;  // that of all
     Key sender;
+    std::string session;
     Clock::time_point due;
+    std::vector<Topic> to;      // on which it goes out
+    std::size_t published = 0;  // topics of `to`
+  };
+  /// Readers of what is sent now to a service of then.
+  struct Inbox {
+    std::unique_ptr<Subscription> acknowledgements, stat_requests, map_requests, image_requests;
   };
 
   void follow_clock(std::uint64_t time);
   Clock::time_point due_time();
   bool fetch();
   bool open();
-  Voice& voice(const Topic& topic, const Key& sender);
+  Voice& voice(const Topic& all, const Topic& topic, const Key& sender);
+  void open_inbox(const std::string& session, const std::string& sender);
   bool must_wait(Voice& voice, Clock::time_point now);
   void limit_acknowledged();
   void keep_episode(Voice& voice, Clock::time_point now);
@@ -81,7 +81,9 @@ class Replayer {
   void hear();
   void on_acknowledgement();
   void on_request();
-  void on_map_request();
+  template <class Request>
+  void on_chunk_request();
+  void note_played(const std::string& topic, std::size_t bytes);
   void send_again(Clock::time_point now);
   bool settled(Clock::time_point now);
 
@@ -89,7 +91,7 @@ class Replayer {
   const ReplayOptions options_;
   std::map<std::string, const Topic*> topics_;  // to be played
   std::vector<Topic> all_;
-  std::unique_ptr<Subscription> acknowledgements_, requests_, map_requests_;
+  std::map<std::string, Inbox> inboxes_;  // by session and id
   std::size_t files_opened_ = 0;
   std::unique_ptr<McapReader> reader_;
   std::optional<Next> next_;
@@ -107,14 +109,12 @@ class Replayer {
   bool acknowledged_ = false;                                         // a recorder has acknowledged
   using Job = std::tuple<std::string, std::uint64_t, std::uint64_t>;  // policy_service, incarnation, job
   std::map<Job, std::map<std::uint64_t, Bytes>> stats_;               // played, by update
-  using Map = std::tuple<std::string, std::uint64_t, std::uint32_t>;  // env_service, hash, first
-  std::map<Map, std::pair<Voice*, Bytes>> maps_;                      // played
+  ChunkStore chunks_;
   Clock::time_point due_, quiet_since_, next_state_;
-  Figures figures_;
+  ReplayFigures figures_;
   Bytes taken_;
   msg::EpisodeStat episode_;
   msg::TrainingStat stat_;
-  msg::MapChunk map_;
 };
 
 }  // namespace citylearn

@@ -11,6 +11,7 @@
 
 #include "core/task/path.h"
 #include "core/util/name.h"
+#include "core/util/sha256.h"
 #include "core/wire/blob.h"
 #include "core/wire/message_fields.h"
 #include "core/wire/transfer.h"
@@ -27,6 +28,7 @@ namespace {
 using namespace msg;  // NOLINT: every message type and limit below is from idl/
 
 constexpr std::size_t kEncapsulation = 4;
+constexpr std::string_view kPrefix = "citylearn/";  // of every topic
 
 template <std::size_t N>
 using Text = eprosima::fastrtps::fixed_string<N>;  // what fastddsgen makes of string<N>; cuts what is longer
@@ -257,12 +259,13 @@ void check(const Trajectory& m, const std::string& type) {
 
 template <class Message>
 struct Describe;
-#define CITYLEARN_DESCRIBE(TYPE, NAME, PROFILE)                   \
-  template <>                                                     \
-  struct Describe<TYPE> {                                         \
-    static constexpr const char* name = NAME;                     \
-    static constexpr const char* type = "citylearn::msg::" #TYPE; \
-    static constexpr Profile profile = Profile::PROFILE;          \
+#define CITYLEARN_DESCRIBE(TYPE, NAME, PROFILE, ADDRESSING)          \
+  template <>                                                        \
+  struct Describe<TYPE> {                                            \
+    static constexpr const char* name = NAME;                        \
+    static constexpr const char* type = "citylearn::msg::" #TYPE;    \
+    static constexpr Profile profile = Profile::PROFILE;             \
+    static constexpr Addressing addressing = Addressing::ADDRESSING; \
   };
 CITYLEARN_MESSAGES(CITYLEARN_DESCRIBE)
 
@@ -273,6 +276,49 @@ const Topic& topic_of() {
   using D = Describe<Message>;
   static const Topic topic{D::name, D::type, D::profile, kEncapsulation + Message::getMaxCdrSerializedSize()};
   return topic;
+}
+
+template <class Message>
+Addressing addressing_of() {
+  return Describe<Message>::addressing;
+}
+
+template <class Message>
+std::string receiver_of(const Message& message) {
+  return msg::receiver_of(message);
+}
+
+namespace {
+
+/// Returns a name as it may stand in a topic's name, which has at most 255 characters for both together. Others have
+/// others.
+std::string escaped(const std::string& name) {
+  constexpr std::size_t kLongest = 108, kKept = 90;
+  std::string text;
+  for (const char c : name)
+    if (c == '-')
+      text += "_m";
+    else if (c == '.')
+      text += "_d";
+    else if (c == '_')
+      text += "_u";
+    else
+      text += c;
+  if (text.size() <= kLongest) return text;
+  return text.substr(0, kKept) + "_x" + sha256(name).substr(0, 16);
+}
+
+}  // namespace
+
+Topic topic_at(const Topic& topic, const std::string& session, const std::string& id) {
+  Topic one = topic;
+  one.name.insert(kPrefix.size(), (session.empty() ? "" : escaped(session) + "/") + escaped(id) + "/");
+  return one;
+}
+
+std::string base_topic(const std::string& name) {
+  const std::size_t slash = name.rfind('/');
+  return slash == name.npos ? name : std::string(kPrefix) + name.substr(slash + 1);
 }
 
 template <class Message>
@@ -316,16 +362,57 @@ void decode(std::span<const std::byte> bytes, Message& message) {
 }
 
 // NOLINTBEGIN(bugprone-macro-parentheses): TYPE is a type
-#define CITYLEARN_INSTANTIATE(TYPE, NAME, PROFILE)               \
+#define CITYLEARN_INSTANTIATE(TYPE, NAME, PROFILE, ADDRESSING)   \
   template const Topic& topic_of<TYPE>();                        \
+  template Addressing addressing_of<TYPE>();                     \
+  template std::string receiver_of<TYPE>(const TYPE& message);   \
   template void encode<TYPE>(const TYPE& message, Bytes& bytes); \
   template void decode<TYPE>(std::span<const std::byte> bytes, TYPE & message);
 // NOLINTEND(bugprone-macro-parentheses)
 CITYLEARN_MESSAGES(CITYLEARN_INSTANTIATE)
 
 std::vector<Topic> all_topics() {
-#define CITYLEARN_TOPIC(TYPE, NAME, PROFILE) topic_of<TYPE>(),
+#define CITYLEARN_TOPIC(TYPE, NAME, PROFILE, ADDRESSING) topic_of<TYPE>(),
   return {CITYLEARN_MESSAGES(CITYLEARN_TOPIC)};
+}
+
+namespace {
+
+template <class Message>
+std::vector<Topic> topics_of_message(std::span<const std::byte> bytes) {
+  Message message;
+  decode(bytes, message);
+  const Topic& all = topic_of<Message>();
+  const std::string session = message.header().session().c_str();
+  switch (addressing_of<Message>()) {
+    case Addressing::kAll:
+      return {all};
+    case Addressing::kReceiver:
+      if (const std::string receiver = receiver_of(message); !receiver.empty())
+        return {topic_at(all, session, receiver)};
+      return {all};
+    case Addressing::kSender:
+      return {topic_at(all, session, message.header().sender().c_str())};
+    case Addressing::kSenderAndAll:
+      return {all, topic_at(all, session, message.header().sender().c_str())};
+  }
+  return {};
+}
+
+}  // namespace
+
+Addressing addressing_of(const Topic& topic) {
+#define CITYLEARN_ADDRESSING(TYPE, NAME, PROFILE, ADDRESSING) \
+  if (topic.type == topic_of<TYPE>().type) return Addressing::ADDRESSING;
+  CITYLEARN_MESSAGES(CITYLEARN_ADDRESSING)
+  throw Error("unknown topic", topic.name);
+}
+
+std::vector<Topic> topics_of(const Topic& topic, std::span<const std::byte> bytes) {
+#define CITYLEARN_TOPICS_OF(TYPE, NAME, PROFILE, ADDRESSING) \
+  if (topic.type == topic_of<TYPE>().type) return topics_of_message<TYPE>(bytes);
+  CITYLEARN_MESSAGES(CITYLEARN_TOPICS_OF)
+  throw Error("unknown topic", topic.name);
 }
 
 }  // namespace citylearn

@@ -21,9 +21,33 @@
 
 namespace citylearn {
 
-/// Returns the topic of a message type. Defined for every message of idl/ (messages.cc); other types do not link.
+/// Returns the topic of all of a message type; those of single services are topic_at(). Defined for every message of
+/// idl/ (messages.cc); other types do not link.
 template <class Message>
 const Topic& topic_of();
+
+/// On which topics messages of a type are sent (idl/generate.py), so that a message reaches only services that need it.
+enum class Addressing {
+  kAll,           ///< that of all
+  kReceiver,      ///< that of the service that the message names; that of all if it names none
+  kSender,        ///< that of the service that sends it
+  kSenderAndAll,  ///< both
+};
+template <class Message>
+Addressing addressing_of();
+Addressing addressing_of(const Topic& topic);
+/// Returns the id of the service that a message names as its receiver; empty: none.
+template <class Message>
+std::string receiver_of(const Message& message);
+
+/// Returns the topic of one service, "citylearn/SESSION/ID/action", for `topic`, "citylearn/action". That of a service
+/// that hears all sessions is "citylearn/ID/action". Cyclone DDS allows letters, digits, '_' and '/' alone in it, so
+/// '-' of a name becomes "_m", '.' "_d" and '_' "_u"; what is very long ends in a hash.
+Topic topic_at(const Topic& topic, const std::string& session, const std::string& id);
+/// Returns "citylearn/action" for the name of any topic of actions.
+std::string base_topic(const std::string& name);
+/// Returns the topics on which a message of this kind was sent, by its bytes. Throws Error as decode().
+std::vector<Topic> topics_of(const Topic& topic, std::span<const std::byte> bytes);
 
 /// Writes the CDR bytes of a message into `bytes` (its capacity is used again). Throws Error when a sequence is over
 /// its bound.
@@ -36,7 +60,7 @@ void encode(const Message& message, Bytes& bytes);
 template <class Message>
 void decode(std::span<const std::byte> bytes, Message& message);
 
-/// Returns every topic of the project, for tools and tests.
+/// Returns the topic of all of every message type, for tools and tests.
 std::vector<Topic> all_topics();
 
 }  // namespace citylearn

@@ -42,10 +42,7 @@ Json numbers(const std::vector<Number>& values) {
 }  // namespace
 
 Live::Live(Node& node, Hub& hub, const Options& options)
-    : node_(node), hub_(hub), options_(options), maps_(node), pictures_(node, options.pictures) {
-  node_.create_writer<msg::MapRequest>();
-  node_.create_writer<msg::ImageRequest>();
-}
+    : node_(node), hub_(hub), options_(options), maps_(node), pictures_(node, options.pictures) {}
 
 // Messages.
 
@@ -179,7 +176,7 @@ void Live::update_watched_topics() {
   // An env_service sends scenes only while they have a reader.
   if (scenes == reads_scenes_) return;
   reads_scenes_ = scenes;
-  scenes ? node_.create_reader<msg::Scene>() : node_.delete_reader<msg::Scene>();
+  scenes ? node_.create_reader<msg::Scene>() : node_.delete_reader_at<msg::Scene>("");
   if (!scenes) scenes_.clear();
 }
 

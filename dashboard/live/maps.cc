@@ -26,7 +26,7 @@ void Maps::fetch(std::uint64_t hash, const std::string& session, const std::stri
 }
 
 void Maps::poll(Clock::time_point now) {
-  while (reads_ && node_.take(chunk_)) on_message(chunk_, now);
+  while (node_.take(chunk_)) on_message(chunk_, now);
   for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
     if (fetch->second.timer.gave_up(now)) {
       spdlog::warn("the map of {:016x} does not arrive from '{}'", fetch->first, fetch->second.environment);
@@ -45,8 +45,7 @@ Clock::time_point Maps::due() const {
 }
 
 void Maps::request(std::uint64_t hash, Fetch& fetch, Clock::time_point now) {
-  if (!reads_) node_.create_reader<msg::MapChunk>();
-  reads_ = true;
+  node_.create_reader_at<msg::MapChunk>(node_.options().id, fetch.session);
   fetch.timer.sent(now, 1);
   msg::MapRequest message;
   message.environment() = fetch.environment.c_str();

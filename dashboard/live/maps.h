@@ -51,7 +51,6 @@ class Maps {
   };
   std::map<std::uint64_t, Kept> maps_;
   std::uint64_t uses_ = 0;
-  bool reads_ = false;
   msg::MapChunk chunk_;
 };
 

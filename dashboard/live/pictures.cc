@@ -32,7 +32,7 @@ bool Pictures::fetching(const PictureKey& key) {
 }
 
 void Pictures::poll(Clock::time_point now) {
-  while (reads_ && node_.take(chunk_)) on_message(chunk_, now);
+  while (node_.take(chunk_)) on_message(chunk_, now);
   for (auto fetch = fetches_.begin(); fetch != fetches_.end();) {
     if (!fetch->second.timer.is_due(now)) {
       ++fetch;
@@ -68,8 +68,7 @@ Clock::time_point Pictures::due() const {
 }
 
 void Pictures::request(const PictureKey& key, Fetch& fetch, Clock::time_point now) {
-  if (!reads_) node_.create_reader<msg::ImageChunk>();
-  reads_ = true;
+  node_.create_reader_at<msg::ImageChunk>(node_.options().id, fetch.source.session);
   fetch.timer.sent(now, msg::MAX_CHUNKS_ASKED);
   msg::ImageRequest message;
   message.environment() = fetch.source.environment.c_str();
@@ -81,7 +80,7 @@ void Pictures::request(const PictureKey& key, Fetch& fetch, Clock::time_point no
 
 void Pictures::on_message(const msg::ImageChunk& chunk, Clock::time_point now) {
   const auto found = fetches_.find({chunk.hash(), chunk.frame()});
-  if (found == fetches_.end()) return;  // for an encoder_service
+  if (found == fetches_.end()) return;
   Fetch& fetch = found->second;
   if (!fetch.file) fetch.file.emplace(chunk.total_bytes());
   if (fetch.file->total_bytes() != chunk.total_bytes()) return;

@@ -61,7 +61,7 @@ class Pictures {
   std::deque<std::pair<PictureKey, Source>> waiting_;  // not requested yet; the newest last
   std::map<PictureKey, Fetch> fetches_;
   Clock::time_point next_{};
-  bool newest_next_ = false, reads_ = false;
+  bool newest_next_ = false;
   msg::ImageChunk chunk_;
 
   // The thread that makes them small.

@@ -37,7 +37,7 @@ void Playback::play(const std::stop_token& stop) {
   } catch (const Error& error) {
     report(error.what());
   }
-  const Replayer::Figures& figures = replayer_.figures();
+  const ReplayFigures& figures = replayer_.figures();
   for (const std::string& remark : figures.remarks) report(remark);
   for (const auto& [what, count] : figures.skipped) report(std::to_string(count) + " messages skipped: " + what);
   std::uint64_t played = 0;

@@ -20,8 +20,10 @@ constexpr std::chrono::seconds kIdle{1};
 }  // namespace
 
 Recorder::Recorder(Node& node, Store& store, const Options& options) : node_(node), store_(store), options_(options) {
-  node_.create_writer<msg::EpisodeAcknowledgement>();
-  node_.create_writer<msg::TrainingStatRequest>();
+  node_.create_reader<msg::ServiceStatus>();
+  node_.create_reader<msg::TraversalInfo>();
+  node_.create_reader<msg::RunInfo>();
+  node_.create_reader<msg::TrainingStat>();
   node_.create_reader<msg::EpisodeStat>();
   due_ = next_try_ = Clock::now();
 }
@@ -49,25 +51,26 @@ void Recorder::report(Event event) {
   events_.push_back(std::move(event));
 }
 
-void Recorder::acknowledge(const Sender& environment, bool leaving) {
+void Recorder::acknowledge(const Sender& environment, Ends ends) {
   msg::EpisodeAcknowledgement message;
   message.environment(environment.id);
   message.environment_incarnation(environment.incarnation);
   message.episode(store_.recorded_up_to(environment));
-  message.leaving(leaving);
+  message.leaving(ends == Ends::kLeaves);
+  message.stopping(ends != Ends::kNo);
   node_.publish(message, environment.session);
 }
 
 void Recorder::on_message(const msg::ServiceStatus& status) {
   const Sender sender(status.header());
   if (status.service() == "env_service") {
-    if (status.service_state() == msg::STOPPING || status.service_state() == msg::FAILED) {
+    const bool ends = status.service_state() == msg::STOPPING || status.service_state() == msg::FAILED;
+    if (ends)
       environments_.erase(sender);
-      return;
-    }
-    environments_.insert(sender);
-    // Repeated with each heartbeat until its episodes show that it knows this recorder: any message may be lost.
-    if (!senders_.contains(sender)) attempt([&] { acknowledge(sender, false); });
+    else
+      environments_.insert(sender);
+    // With each heartbeat, also of one that ends: it waits for recorders that live.
+    attempt([&] { acknowledge(sender); });
   } else if (status.service() == "policy_service") {
     const bool stopping = status.service_state() == msg::STOPPING;
     for (auto& [run, requests] : runs_)
@@ -105,7 +108,7 @@ void Recorder::on_message(const msg::TraversalInfo& info) {
   const Sender sender(info.header());
   const bool known = environments_.contains(sender);
   environments_.insert(sender);
-  if (!known) attempt([&] { acknowledge(sender, false); });
+  if (!known) attempt([&] { acknowledge(sender); });
   infos_[sender] = info;
   wake_at(Clock::now());
 }
@@ -190,8 +193,7 @@ void Recorder::commit() {
       for (const msg::EpisodeStat& episode : episodes_) batch.insert(Sender(episode.header()));
       episodes_.clear();
       // Repeated episodes are acknowledged too: the env_service does not know yet that they are recorded.
-      for (const Sender& sender : batch) acknowledge(sender, false);
-      senders_.merge(batch);
+      for (const Sender& sender : batch) acknowledge(sender);
       for (const Event& event : lost) {
         spdlog::warn("{}", event.text);
         if (on_event) on_event(event);
@@ -290,8 +292,8 @@ void Recorder::finish(bool leave) {
     commit();
   }
   attempt([&] { store_.flush(true); });
-  if (!leave) return;
-  for (const Sender& environment : environments_) attempt([&] { acknowledge(environment, true); });
+  for (const Sender& environment : environments_)
+    attempt([&] { acknowledge(environment, leave ? Ends::kLeaves : Ends::kStops); });
 }
 
 }  // namespace citylearn

@@ -35,7 +35,8 @@ class Recorder {
   /// Called for each event that the recorder adds to the store, alarms among them.
   std::function<void(const Event&)> on_event;
 
-  // The loop that takes these from the node passes them on. The recorder takes EpisodeStats itself.
+  // The loop that takes these from the node passes them on; their readers are there. The recorder takes EpisodeStats
+  // itself.
   void on_message(const msg::ServiceStatus& status);
   void on_message(const msg::TraversalInfo& info);
   void on_message(const msg::RunInfo& info);
@@ -72,7 +73,8 @@ class Recorder {
   void request_missing();
   bool contest(const msg::RunInfo& info);
   void believe_successors();
-  void acknowledge(const Sender& environment, bool leaving);
+  enum class Ends { kNo, kStops, kLeaves };  ///< what an acknowledgement says of this recorder
+  void acknowledge(const Sender& environment, Ends ends = Ends::kNo);
   void report(Event event);
   bool attempt(const std::function<void()>& work);
   void wake_at(Clock::time_point time) { due_ = std::min(due_, time); }
@@ -81,14 +83,13 @@ class Recorder {
   Rejections rejections_{node_};
   Store& store_;
   const Options options_;
-  std::vector<msg::EpisodeStat> episodes_;      // not committed yet
-  std::vector<msg::TrainingStat> stats_;        // likewise
-  std::vector<Event> events_;                   // likewise
-  std::map<Sender, msg::TraversalInfo> infos_;  // likewise
-  std::set<Sender> endings_;                    // likewise
-  Clock::time_point first_waits_;               // the first of them came
-  std::set<Sender> environments_;               // that run
-  std::set<Sender> senders_;                    // env_services that sent episodes, so they know this recorder
+  std::vector<msg::EpisodeStat> episodes_;                         // not committed yet
+  std::vector<msg::TrainingStat> stats_;                           // likewise
+  std::vector<Event> events_;                                      // likewise
+  std::map<Sender, msg::TraversalInfo> infos_;                     // likewise
+  std::set<Sender> endings_;                                       // likewise
+  Clock::time_point first_waits_;                                  // the first of them came
+  std::set<Sender> environments_;                                  // that run
   std::map<std::pair<Sender, std::uint64_t>, StatRequests> runs_;  // by policy_service and run_id
   Clock::time_point due_, next_try_;
   bool failing_ = false;

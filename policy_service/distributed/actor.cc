@@ -13,7 +13,6 @@
 #include "core/wire/service.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/distributed/learner_session.h"
-#include "policy_service/distributed/other_actors.h"
 #include "policy_service/distributed/trajectories.h"
 
 namespace citylearn {
@@ -23,8 +22,7 @@ using std::chrono::milliseconds;
 using std::chrono::seconds;
 
 constexpr seconds kStatusInterval{1};
-constexpr seconds kSettle{1};  // in which other actors are heard before any env_service is taken
-constexpr milliseconds kAssignInterval{100};
+constexpr seconds kGivenUp{10};  // an env_service that does not confirm that it is idle is let go all the same
 constexpr std::size_t kMostLearners = 256;   // remembered
 constexpr milliseconds kLeaving{500};        // in which the learner should confirm the last status
 constexpr milliseconds kEndContested{1500};  // in which a learner that still trains says so: an end may be forged
@@ -61,10 +59,13 @@ class Actor {
   void on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledgement);
   void on_parameters(const msg::PolicyParameters& chunk);
   bool of_learner(const msg::Header& header, const std::string& what);
-  void assign();
-  void release_forgotten();
+  void on_assignment(const msg::Assignment& assignment);
+  void serve_assigned();
+  void let_go_of_released();
   void enroll(EnvHandle& env);
-  void drop(EnvHandle& env, bool idle);
+  void drop(EnvHandle& env);
+  void release(EnvHandle& env);
+  void release_all();
   bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
   bool may_continue(const Served& served) const;
   void begin_next_segment(Served& served, std::vector<std::uint8_t>& choice);
@@ -79,8 +80,9 @@ class Actor {
   EnvClient client_;
   Rejections rejections_;
   std::unique_ptr<LearnerSession> session_;
+  std::map<std::string, std::uint64_t> assigned_;      // incarnations of env_services, by id
+  std::map<std::string, Clock::time_point> released_;  // told to be idle, not let go yet: since when
   std::map<EnvHandle*, Served, ById> served_;
-  OtherActors others_;
   std::uint64_t steps_ = 0;
   int slots_ = 0;
   bool answered_ = false;  // the learner has answered the last status
@@ -89,29 +91,28 @@ class Actor {
   double waited_ = 0;
   Incumbent learner_;
   std::map<std::uint64_t, std::uint64_t> acknowledged_;  // last trajectory, by incarnation of earlier learners
-  Clock::time_point started_, next_status_{}, next_assign_{}, next_report_{}, last_report_, last_turn_;
+  Clock::time_point next_status_{}, next_report_{}, last_report_, last_turn_;
   std::vector<std::uint8_t> choice_;
   msg::LearnerInfo info_;
-  msg::ActorStatus status_, own_status_;
+  msg::ActorStatus status_;
+  msg::Assignment assignment_;
   msg::TrajectoryAcknowledgement acknowledgement_;
   msg::PolicyParameters chunk_;
 };
 
 Actor::Actor(const ActorOptions& options)
-    : options_(options), node_(named(options.node)), client_(node_), rejections_(node_), others_(node_) {
+    : options_(options), node_(named(options.node)), client_(node_, {.attached_only = true}), rejections_(node_) {
   node_.create_writer<msg::ActorStatus>();
-  node_.create_writer<msg::Trajectory>();
-  node_.create_writer<msg::ParametersRequest>();
   node_.create_reader<msg::LearnerInfo>();
-  node_.create_reader<msg::ActorStatus>();
+  node_.create_reader<msg::Assignment>();
   node_.create_reader<msg::TrajectoryAcknowledgement>();
   node_.create_reader<msg::PolicyParameters>();
-  client_.subscribe(/*observations=*/true, /*episodes=*/false);
+  node_.create_reader_at<msg::PolicyParameters>("");  // for all actors
   client_.decide = [this](EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
     return decide(env, observation, choice);
   };
-  client_.joined = [this](EnvHandle& env) { drop(env, false); };  // a new incarnation: assign() takes it again
-  started_ = last_report_ = last_turn_ = Clock::now();
+  client_.joined = [this](EnvHandle& env) { drop(env); };  // a new incarnation: it is served once it is assigned
+  last_report_ = last_turn_ = Clock::now();
 }
 
 // The learner.
@@ -152,7 +153,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
   spdlog::info("learner '{}'{}: {} on '{}', version {}", info.header().sender().c_str(), session_ ? " is back" : "",
                info.agent().c_str(), info.traversal().c_str(), info.version());
   // Trajectories for another incarnation are of no use to this one, which may continue from an older checkpoint.
-  for (const auto& [env, served] : std::map<EnvHandle*, Served, ById>(served_)) drop(*env, true);
+  release_all();
   if (session_) {
     if (acknowledged_.size() >= kMostLearners) acknowledged_.clear();
     acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
@@ -176,59 +177,64 @@ void Actor::on_parameters(const msg::PolicyParameters& chunk) {
 
 // The env_services.
 
-/// Takes free env_services up to this actor's share and releases those beyond it. Of two actors that take the same one,
-/// it obeys the first.
-void Actor::assign() {
-  const Clock::time_point now = Clock::now();
-  if (now < next_assign_ || now < started_ + kSettle) return;
-  next_assign_ = now + kAssignInterval;
-  others_.forget_gone();
+void Actor::on_assignment(const msg::Assignment& assignment) {
+  if (!session_ || assignment.actor() != node_.options().id || assignment.actor_incarnation() != node_.incarnation() ||
+      !of_learner(assignment.header(), "an assignment"))
+    return;
+  const std::string id = assignment.environment().c_str();
+  next_status_ = Clock::now();
+  if (assignment.serve()) {
+    if (!assigned_.contains(id)) spdlog::info("learner '{}' assigns env_service '{}'", session_->learner(), id);
+    assigned_[id] = assignment.environment_incarnation();
+    released_.erase(id);
+    client_.attach(id);
+    return;
+  }
+  const auto known = assigned_.find(id);
+  if (known == assigned_.end() || known->second != assignment.environment_incarnation()) return;
+  spdlog::info("releases env_service '{}', as learner '{}' asks", id, session_->learner());
+  assigned_.erase(known);
+  if (const auto env = client_.envs().find(id); env != client_.envs().end()) release(*env->second);
+  released_.try_emplace(id, Clock::now());
+}
+
+/// Begins to serve what is assigned and has announced itself, and gives up what is gone.
+void Actor::serve_assigned() {
   std::vector<EnvHandle*> lost;
   for (const auto& [env, served] : served_)
     if (env->lost() || !session_->serves(*env)) lost.push_back(env);
   for (EnvHandle* env : lost) {
     spdlog::info("env_service '{}' {}", env->id,
-                 env->lost()            ? "is served by another actor"
+                 env->lost()            ? "obeys another service"
                  : env->refusal.empty() ? "is gone"
                                         : "is not used");
-    drop(*env, false);
+    assigned_.erase(env->id);
+    release(*env);
+    released_.try_emplace(env->id, Clock::now());
   }
-  std::size_t all = 0;
-  std::vector<EnvHandle*> free;
-  for (const auto& [id, env] : client_.envs()) {
-    if (!session_->serves(*env)) continue;
-    ++all;
-    if (!served_.contains(env.get()) && !others_.serving(env->incarnation()) && !env->busy) free.push_back(env.get());
-  }
-  const auto [share, before] = others_.share_of(all);
-  while (served_.size() > share) {
-    EnvHandle* last = std::max_element(served_.begin(), served_.end(), [](const auto& a, const auto& b) {
-                        return a.first->id < b.first->id;
-                      })->first;
-    spdlog::info("releasing env_service '{}': this actor's share is {} of {}", last->id, share, all);
-    drop(*last, true);
-  }
-  // Actors begin with different ones.
-  for (std::size_t i = 0; i < free.size() && served_.size() < share; ++i) {
-    EnvHandle& env = *free[(before + i) % free.size()];
+  for (const auto& [id, incarnation] : assigned_) {
+    const auto found = client_.envs().find(id);
+    if (found == client_.envs().end()) continue;
+    EnvHandle& env = *found->second;
+    if (env.incarnation() != incarnation || served_.contains(&env) || !session_->serves(env)) continue;
     enroll(env);
-    spdlog::info("serving env_service '{}'", env.id);
+    spdlog::info("serving env_service '{}'", id);
     logged_.clear();
   }
 }
 
-/// Tells env_services to be idle that obey this actor although it gave them up, because its settings arrived late: they
-/// would wait for it, and obey no other one while it lives.
-void Actor::release_forgotten() {
-  for (const auto& [id, env] : client_.envs()) {
-    if (env->obeys != node_.incarnation() || env->settings.settings().version() != 0 || served_.contains(env.get()) ||
-        !env->alive())
-      continue;
-    spdlog::info("env_service '{}' obeys this actor, which gave it up: releasing it", id);
-    msg::TaskSettings settings;
-    settings.task_mode() = msg::IDLE;
-    client_.command(*env, settings);
-  }
+/// Lets released env_services go once they are idle. Until then they are told so again and again: one that still obeyed
+/// this actor would obey no other one while this one lives.
+void Actor::let_go_of_released() {
+  const Clock::time_point now = Clock::now();
+  std::erase_if(released_, [&](const auto& entry) {
+    const auto found = client_.envs().find(entry.first);
+    if (found != client_.envs().end() && found->second->alive() && !found->second->lost() && !found->second->in_force &&
+        now - entry.second < kGivenUp)
+      return false;
+    client_.detach(entry.first);
+    return true;
+  });
 }
 
 void Actor::enroll(EnvHandle& env) {
@@ -255,36 +261,47 @@ void Actor::enroll(EnvHandle& env) {
   next_status_ = Clock::now();
 }
 
-/// Releases an env_service; with `idle` it is told to wait, so that another actor may take it at once.
-void Actor::drop(EnvHandle& env, bool idle) {
+/// Ends to serve an env_service.
+void Actor::drop(EnvHandle& env) {
   const auto found = served_.find(&env);
   if (found == served_.end()) return;
   session_->collector().remove(found->second.slot);
   served_.erase(found);
-  if (idle) {
-    msg::TaskSettings settings;
-    settings.task_mode() = msg::IDLE;
-    client_.command(env, settings);
-  } else {
-    env.release();
+  env.release();
+  next_status_ = Clock::now();
+}
+
+/// Ends to serve an env_service and tells it to wait, so that another actor may serve it at once.
+void Actor::release(EnvHandle& env) {
+  drop(env);
+  msg::TaskSettings settings;
+  settings.task_mode() = msg::IDLE;
+  client_.command(env, settings);
+}
+
+void Actor::release_all() {
+  for (const auto& [id, incarnation] : std::exchange(assigned_, {})) {
+    if (const auto env = client_.envs().find(id); env != client_.envs().end()) release(*env->second);
+    released_.try_emplace(id, Clock::now());
   }
   next_status_ = Clock::now();
 }
 
 void Actor::send_status() {
   next_status_ = Clock::now() + kStatusInterval;
-  own_status_.learner() = session_ ? session_->info().header().sender().c_str() : "";
-  own_status_.learner_incarnation() = session_ ? session_->info().header().incarnation() : 0;
+  status_.learner() = session_ ? session_->info().header().sender().c_str() : "";
+  status_.learner_incarnation() = session_ ? session_->info().header().incarnation() : 0;
   const ParametersUsed newest = session_ ? session_->newest_parameters() : nullptr;
-  own_status_.version() = newest ? newest->version : 0;
-  own_status_.environments().clear();
-  for (const auto& [env, served] : served_) own_status_.environments().push_back(env->incarnation());
-  own_status_.unacknowledged() = session_ ? static_cast<std::uint32_t>(session_->outbox.unacknowledged()) : 0;
-  own_status_.waiting() =
+  status_.version() = newest ? newest->version : 0;
+  status_.available() = true;
+  status_.environments().clear();
+  for (const auto& [env, served] : served_) status_.environments().push_back(env->incarnation());
+  status_.unacknowledged() = session_ ? static_cast<std::uint32_t>(session_->outbox.unacknowledged()) : 0;
+  status_.waiting() =
       std::any_of(served_.begin(), served_.end(), [](const auto& entry) { return entry.second.blocked; });
-  own_status_.waited() = waited_;
+  status_.waited() = waited_;
   answered_ = false;
-  node_.publish(own_status_);
+  node_.publish(status_);
 }
 
 // Acting.
@@ -365,7 +382,7 @@ void Actor::on_acknowledgement(const msg::TrajectoryAcknowledgement& acknowledge
 void Actor::spin() {
   client_.spin(Clock::now() + milliseconds(50));
   while (node_.take(info_)) on_info(info_);
-  while (node_.take(status_)) others_.on_status(status_);
+  while (node_.take(assignment_)) on_assignment(assignment_);
   while (node_.take(chunk_)) on_parameters(chunk_);
   while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   const Clock::time_point now = Clock::now();
@@ -375,7 +392,7 @@ void Actor::spin() {
   last_turn_ = now;
   if (session_ && session_->info().training() && session_->prepare(client_)) {
     session_->request_missing_parameters();
-    if (session_->newest_parameters()) assign();
+    if (session_->newest_parameters()) serve_assigned();
     for (auto& [env, served] : served_) {
       if (!served.blocked || !env->waiting || !may_continue(served)) continue;
       begin_next_segment(served, choice_);
@@ -383,7 +400,7 @@ void Actor::spin() {
     }
     session_->outbox.send_due();
   }
-  release_forgotten();
+  let_go_of_released();
   if (now >= next_status_) send_status();
   if (now >= next_report_) report();
 }
@@ -392,21 +409,13 @@ void Actor::spin() {
 std::string Actor::why_idle() const {
   const LearnerSession& s = *session_;
   if (!s.info().training()) return "waiting for the next learner";
-  const std::string traversal = s.info().traversal().c_str();
-  std::string theirs;
-  std::size_t all = 0;
-  for (const auto& [id, env] : client_.envs()) {
-    if (!session_->serves(*env)) continue;
-    ++all;
-    const std::string* other = others_.serving(env->incarnation());
-    theirs += (theirs.empty() ? " ('" : ", '") + id + "' ";
-    theirs += other ? "is served by '" + *other + "'" : env->busy ? "receives actions from another service" : "is free";
-  }
-  if (all == 0) return "waiting for an env_service on '" + traversal + "' as the learner knows it";
-  if (!s.prepared()) return "waiting for the features of '" + traversal + "'";
-  if (!s.newest_parameters())
-    return "waiting for parameters of learner '" + std::string(s.info().header().sender().c_str()) + "'";
-  return fmt::format("waiting for an env_service that no other actor serves{})", theirs);
+  if (assigned_.empty()) return "waiting for learner '" + s.learner() + "' to assign an env_service";
+  if (std::none_of(client_.envs().begin(), client_.envs().end(),
+                   [&](const auto& entry) { return s.serves(*entry.second); }))
+    return "waiting for env_service '" + assigned_.begin()->first + "'";
+  if (!s.prepared()) return "waiting for the features of '" + std::string(s.info().traversal().c_str()) + "'";
+  if (!s.newest_parameters()) return "waiting for parameters of learner '" + s.learner() + "'";
+  return "waiting for env_service '" + assigned_.begin()->first + "' to begin";
 }
 
 void Actor::report() {
@@ -425,7 +434,7 @@ void Actor::report() {
     spdlog::warn("learner '{}' is silent: continuing up to {} unacknowledged segments, then waiting", learner,
                  session_->info().window());
   if (!silent && std::exchange(warned_, false)) spdlog::info("learner '{}' is heard again", learner);
-  if (own_status_.waiting()) {
+  if (status_.waiting()) {
     node_.report(msg::WAITING,
                  fmt::format("waiting for learner '{}' to take {} trajectories{}; {:.0f} s so far", learner,
                              session_->outbox.unacknowledged(), silent ? ", which is silent" : "", waited_),
@@ -437,7 +446,7 @@ void Actor::report() {
   } else {
     node_.report(msg::RUNNING,
                  fmt::format("acting on {} env_service{} for learner '{}', version {}", served_.size(),
-                             served_.size() == 1 ? "" : "s", learner, own_status_.version()),
+                             served_.size() == 1 ? "" : "s", learner, status_.version()),
                  static_cast<float>(rate));
   }
 }
@@ -449,7 +458,7 @@ void Actor::leave() {
   while (!answered_ && Clock::now() < deadline) {
     client_.spin(std::min(deadline, Clock::now() + milliseconds(50)));
     while (node_.take(info_)) continue;
-    while (node_.take(status_)) continue;
+    while (node_.take(assignment_)) continue;
     while (node_.take(chunk_)) continue;
     while (node_.take(acknowledgement_)) on_acknowledgement(acknowledgement_);
   }
@@ -468,7 +477,7 @@ int Actor::execute() {
     }
     if (ended == Clock::time_point{}) {
       ended = Clock::now();
-      for (const auto& [env, served] : std::map<EnvHandle*, Served, ById>(served_)) drop(*env, true);
+      release_all();
       spdlog::info("learner '{}' has ended: sent {} trajectories, waited {:.1f} s for room",
                    session_->info().header().sender().c_str(), session_->outbox.last(), waited_);
     }
@@ -478,7 +487,7 @@ int Actor::execute() {
     leave();
     return 0;
   }
-  for (const auto& [env, served] : std::map<EnvHandle*, Served, ById>(served_)) drop(*env, true);
+  release_all();
   leave();
   spdlog::info("stopped by a signal");
   return 130;

@@ -14,6 +14,9 @@ namespace {
 constexpr auto kInfoInterval = std::chrono::seconds(1);
 constexpr auto kRecentlyAsked = std::chrono::seconds(1);
 constexpr std::size_t kMostVersions = 4;
+constexpr auto kSettle = std::chrono::seconds(1);  // in which actors say what they serve, before any gets more
+constexpr auto kAssignInterval = std::chrono::milliseconds(100);
+constexpr auto kTellAgain = std::chrono::milliseconds(500);
 
 TrajectoryShape shape_of(const msg::LearnerInfo& info, int state_size) {
   const TrajectoryShape shape{static_cast<int>(info.steps()), static_cast<int>(info.feature_dimension()), state_size,
@@ -30,8 +33,9 @@ msg::LearnerInfo info_of(const Trainer& trainer) {
 
 }  // namespace
 
-LearnerServer::LearnerServer(Node& node, Trainer& trainer, const LearnerServerOptions& options)
+LearnerServer::LearnerServer(Node& node, const EnvClient& client, Trainer& trainer, const LearnerServerOptions& options)
     : node_(node),
+      client_(client),
       heartbeat_(node),
       trainer_(trainer),
       options_(options),
@@ -40,7 +44,6 @@ LearnerServer::LearnerServer(Node& node, Trainer& trainer, const LearnerServerOp
       rejections_(node) {
   node_.create_writer<msg::LearnerInfo>();
   node_.create_writer<msg::PolicyParameters>();
-  node_.create_writer<msg::TrajectoryAcknowledgement>();
   node_.create_reader<msg::ActorStatus>();
   node_.create_reader<msg::Trajectory>();
   node_.create_reader<msg::ParametersRequest>();
@@ -49,6 +52,7 @@ LearnerServer::LearnerServer(Node& node, Trainer& trainer, const LearnerServerOp
   info_.traversal_hash() = options_.learned.hash;
   info_.window() = static_cast<std::uint32_t>(options_.window);
   info_.run_id() = options_.run_id;
+  next_assignments_ = Clock::now() + kSettle;
   send_parameters();
 }
 
@@ -59,7 +63,7 @@ int LearnerServer::actors() const {
 
 bool LearnerServer::released() const {
   return std::none_of(actors_.begin(), actors_.end(),
-                      [](const auto& entry) { return entry.second.present && entry.second.serves; });
+                      [](const auto& entry) { return entry.second.present && !entry.second.serves.empty(); });
 }
 
 double LearnerServer::waited() const {
@@ -75,6 +79,7 @@ void LearnerServer::handle() {
   count_actors();
   for (const std::string& actor : to_acknowledge_) acknowledge(actor);
   to_acknowledge_.clear();
+  if (Clock::now() >= next_assignments_) assign();
   if (Clock::now() >= next_info_) send_info();
 }
 
@@ -91,8 +96,33 @@ void LearnerServer::count_actors() {
                                                           : "all work for learner " + joined(elsewhere) +
                                                                 ": start others, or end one of the learners");
   // An actor without env_services needs no room.
-  queue_.share_among(static_cast<int>(std::count_if(
-      actors_.begin(), actors_.end(), [](const auto& entry) { return entry.second.present && entry.second.serves; })));
+  queue_.share_among(static_cast<int>(std::count_if(actors_.begin(), actors_.end(), [](const auto& entry) {
+    return entry.second.present && !entry.second.serves.empty();
+  })));
+}
+
+/// Divides the env_services of the training traversal among the actors.
+void LearnerServer::assign() {
+  const Clock::time_point now = Clock::now();
+  next_assignments_ = now + kAssignInterval;
+  if (!info_.training()) return;
+  std::vector<Assignments::Env> envs;
+  for (const auto& [id, env] : client_.envs())
+    if (env->traversal() == options_.learned.traversal && env->usable())
+      envs.push_back({id, env->incarnation(), env->busy});
+  std::vector<Assignments::Actor> actors;
+  for (const auto& [id, actor] : actors_)
+    if (actor.present && actor.available) actors.push_back({id, actor.serves});
+  std::erase_if(told_, [&](const auto& entry) { return now - entry.second >= kTellAgain; });
+  for (const Assignments::Order& order : assignments_.divide(envs, actors)) {
+    if (!told_.try_emplace({order.actor, order.env, order.serve}, now).second) continue;
+    assignment_.actor() = order.actor.c_str();
+    assignment_.actor_incarnation() = actors_.at(order.actor).presence.incarnation();
+    assignment_.environment() = order.env.c_str();
+    assignment_.environment_incarnation() = order.incarnation;
+    assignment_.serve() = order.serve;
+    node_.publish(assignment_);
+  }
 }
 
 void LearnerServer::on_status(const msg::ActorStatus& status) {
@@ -113,7 +143,8 @@ void LearnerServer::on_status(const msg::ActorStatus& status) {
   }
   if (!actor.present || fresh) spdlog::info("actor '{}' {}", id, first ? "joins" : "is back");
   actor.present = true;
-  actor.serves = status.environments().size() > 0;
+  actor.available = status.available();
+  actor.serves = std::set<std::uint64_t>(status.environments().begin(), status.environments().end());
   if (status.learner_incarnation() == node_.incarnation()) actor.waited = status.waited();
   queue_.register_actor(id, actor.presence.incarnation());
   to_acknowledge_.insert(id);
@@ -194,6 +225,7 @@ void LearnerServer::send_parameters() {
       versions_.try_emplace(version(), Version{{version(), trainer_.network_parameters()}, {}}).first->second;
   send_info();
   if (actors() == 0) return;
+  parameters_.receiver() = "";  // all
   parameters_.agent() = info_.agent();
   for (std::uint32_t chunk = 0; chunk < newest.chunks.chunks(); ++chunk) {
     newest.chunks.fill(chunk, parameters_);
@@ -209,6 +241,7 @@ void LearnerServer::on_request(const msg::ParametersRequest& request) {
     return;
   }
   found->second.asked = Clock::now();
+  parameters_.receiver() = request.header().sender();
   parameters_.agent() = info_.agent();
   for (const std::uint32_t chunk : request.chunks()) {
     if (chunk >= found->second.chunks.chunks()) {

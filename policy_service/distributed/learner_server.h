@@ -9,10 +9,11 @@
 #include "core/wire/incumbent.h"
 #include "core/wire/node.h"
 #include "core/wire/rejections.h"
+#include "policy_service/distributed/assignments.h"
 #include "policy_service/distributed/heartbeat_thread.h"
 #include "policy_service/distributed/parameter_chunks.h"
 #include "policy_service/distributed/trajectories.h"
-#include "policy_service/env_client/env_requirements.h"
+#include "policy_service/env_client/env_client.h"
 #include "policy_service/learning/trainer.h"
 
 namespace citylearn {
@@ -29,7 +30,7 @@ struct LearnerServerOptions {
 class LearnerServer {
  public:
   /// Throws Error when the trainer's trajectories do not fit into messages.
-  LearnerServer(Node& node, Trainer& trainer, const LearnerServerOptions& options);
+  LearnerServer(Node& node, const EnvClient& client, Trainer& trainer, const LearnerServerOptions& options);
 
   /// Handles all messages that have arrived and sends what is due. Call it whenever Node::wait() returns.
   void handle();
@@ -49,7 +50,8 @@ class LearnerServer {
  private:
   struct Actor {
     Incumbent presence;
-    bool serves = false, present = false;
+    bool present = false, available = false;
+    std::set<std::uint64_t> serves;        ///< incarnations of env_services
     std::string elsewhere;                 ///< the other learner that it works for
     double waited = 0, waited_before = 0;  ///< by this incarnation, and by earlier ones
   };
@@ -65,9 +67,11 @@ class LearnerServer {
   void send_info();
   void send_parameters();
   void count_actors();
+  void assign();
   std::uint64_t version() const { return trainer_.progress().updates; }
 
   Node& node_;
+  const EnvClient& client_;
   HeartbeatThread heartbeat_;
   Trainer& trainer_;
   LearnerServerOptions options_;
@@ -75,7 +79,10 @@ class LearnerServer {
   Rollout rollout_;
   double policy_lag_ = 0;
   msg::LearnerInfo info_;
-  Clock::time_point next_info_{};
+  Assignments assignments_;
+  std::map<std::tuple<std::string, std::string, bool>, Clock::time_point>
+      told_;  ///< actor, env_service, serve: last time
+  Clock::time_point next_info_{}, next_assignments_;
   std::map<std::string, Actor> actors_;
   Rejections rejections_;
   std::set<std::string> to_acknowledge_;
@@ -85,6 +92,7 @@ class LearnerServer {
   msg::TrajectoryAcknowledgement acknowledgement_;
   msg::ParametersRequest request_;
   msg::PolicyParameters parameters_;
+  msg::Assignment assignment_;
 };
 
 }  // namespace citylearn

@@ -79,15 +79,35 @@ bool by_reference(Observing observing, const msg::TraversalInfo& info) {
 
 EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
     : node_(node), options_(options), rejections_(node), features_(node) {
-  node_.create_writer<msg::TaskSettings>();
-  node_.create_writer<msg::Action>();
-  node_.create_writer<msg::TraversalRequest>();
-  node_.create_writer<msg::EpisodeAcknowledgement>();
-  node_.create_reader<msg::TraversalInfo>();
-  node_.create_reader<msg::Observation>();
-  node_.create_reader<msg::EpisodeStat>();
   node_.create_reader<msg::TraversalChunk>();
+  if (options_.attached_only) {
+    node_.create_reader_at<msg::ServiceStatus>(node_.options().id);  // of another process with this id
+    wants_episodes_ = false;
+    return;
+  }
   node_.create_reader<msg::ServiceStatus>();
+  node_.create_reader<msg::TraversalInfo>();
+  node_.create_reader<msg::EpisodeStat>();
+}
+
+/// What this process has not recorded is kept for the next one, which need not wait until this one counts as silent.
+EnvClient::~EnvClient() {
+  if (!records_) return;
+  try {
+    for (const auto& [id, env] : envs_) send_acknowledgement(*env, Ends::kStops);
+  } catch (const Error&) {  // then it has to wait
+  }
+}
+
+void EnvClient::attach(const std::string& id) {
+  if (!attached_.insert(id).second) return;
+  node_.create_reader_at<msg::ServiceStatus>(id);
+  node_.create_reader_at<msg::TraversalInfo>(id);
+}
+
+void EnvClient::detach(const std::string& id) {
+  attached_.erase(id);
+  node_.let_go(id);
 }
 
 EnvHandle* EnvClient::known(const msg::Header& header) {
@@ -126,14 +146,14 @@ void EnvClient::spin(Clock::time_point deadline) {
   while (node_.take(status_)) on_status(status_);
   while (node_.take(chunk_))
     if (!features_.take(chunk_, serves_features(chunk_.header()))) rejections_.add(chunk_.header(), "invalid features");
-  while (wants_observations_ && node_.take(observation_)) on_observation(observation_);
+  while (node_.take(observation_)) on_observation(observation_);
   while (wants_episodes_ && node_.take(episode_))
     if (EnvHandle* env = speaking(episode_.header()); env && finished) finished(*env, episode_);
   if (Clock::now() >= next_refusals_) report_refusals();
   if (!records_ || Clock::now() < next_acknowledgements_) return;
   next_acknowledgements_ = Clock::now() + kAcknowledgementsAgain;
   for (const auto& [id, env] : envs_)
-    if (env->alive()) send_acknowledgement(*env, false);
+    if (env->alive()) send_acknowledgement(*env);
 }
 
 void EnvClient::on_status(const msg::ServiceStatus& status) {
@@ -155,6 +175,10 @@ void EnvClient::on_info(const msg::TraversalInfo& info) {
     if (!known(info.header())) encoders_.on_images(info);
     return;
   }
+  if (options_.attached_only && !attached_.contains(info.header().sender().c_str())) return;  // of before detach()
+  // It shows whether the service lives that has the features.
+  if (options_.attached_only && info.encoder_incarnation() != 0)
+    node_.create_reader_at<msg::ServiceStatus>(info.encoder_service().c_str());
   encoders_.on_complete(info.header());
   std::unique_ptr<EnvHandle>& slot = envs_[info.header().sender().c_str()];
   if (!slot) slot = std::make_unique<EnvHandle>();
@@ -220,7 +244,7 @@ void EnvClient::join_or_refuse(EnvHandle& env, bool fresh) {
                info.traversal().c_str(), info.dataset().c_str(), info.frames(), info.feature_dimension(),
                info.agents());
   env.settings = msg::TaskSettings();
-  if (records_) send_acknowledgement(env, false);
+  if (records_) send_acknowledgement(env);
   if (joined) contain(env, [&] { joined(env); });
 }
 
@@ -370,6 +394,7 @@ void EnvClient::command(EnvHandle& env, msg::TaskSettings settings) {
   if (!idle && !env.refusal.empty()) return;
   // Releases the earlier features last: they may be the same ones.
   const auto before = std::exchange(env.features, features);
+  if (!idle && wants_observations_) node_.create_reader_at<msg::Observation>(env.id);
   env.settings = settings;
   env.in_force = env.waiting = false;
   env.next_step = 0;
@@ -401,8 +426,9 @@ void EnvClient::ask_for_features() {
 void EnvClient::subscribe(bool observations, bool episodes) {
   wants_observations_ = observations;
   wants_episodes_ = episodes;
-  observations ? node_.create_reader<msg::Observation>() : node_.delete_reader<msg::Observation>();
-  episodes ? node_.create_reader<msg::EpisodeStat>() : node_.delete_reader<msg::EpisodeStat>();
+  if (!observations)
+    for (const auto& [id, env] : envs_) node_.delete_reader_at<msg::Observation>(id);
+  episodes ? node_.create_reader<msg::EpisodeStat>() : node_.delete_reader_at<msg::EpisodeStat>("");
 }
 
 void EnvClient::send_due_settings() {
@@ -422,15 +448,16 @@ void EnvClient::send_due_settings() {
 
 void EnvClient::acknowledge(EnvHandle& env, std::uint64_t episode) {
   env.acknowledged = episode;
-  send_acknowledgement(env, false);
+  send_acknowledgement(env);
 }
 
-void EnvClient::send_acknowledgement(const EnvHandle& env, bool leaving) {
+void EnvClient::send_acknowledgement(const EnvHandle& env, Ends ends) {
   msg::EpisodeAcknowledgement acknowledgement;
   acknowledgement.environment() = env.id.c_str();
   acknowledgement.environment_incarnation() = env.incarnation();
   acknowledgement.episode() = env.acknowledged;
-  acknowledgement.leaving() = leaving;
+  acknowledgement.leaving() = ends == Ends::kLeaves;
+  acknowledgement.stopping() = ends != Ends::kNo;
   node_.publish(acknowledgement);
 }
 
@@ -441,7 +468,7 @@ void EnvClient::begin_recording() {
 
 void EnvClient::end_recording() {
   records_ = false;
-  for (const auto& [id, env] : envs_) send_acknowledgement(*env, true);
+  for (const auto& [id, env] : envs_) send_acknowledgement(*env, Ends::kLeaves);
 }
 
 std::vector<float> EnvClient::fetch_features(EnvHandle& env, int first, int count, std::chrono::milliseconds patience) {

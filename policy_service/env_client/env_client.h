@@ -19,8 +19,8 @@
 namespace citylearn {
 
 /// Finds the env_services of a run, commands their tasks and answers each of their observations exactly once, over a
-/// transport that may lose, repeat and reorder messages. One that does not fit the run or do its part is refused: that
-/// is logged and an alarm, and concerns it alone. Used by one thread; handles stay at their addresses.
+/// transport that may lose, repeat and reorder messages. One that does not fit the run or do its part is refused, which
+/// is an alarm and concerns it alone. Used by one thread; handles stay at their addresses.
 class EnvClient {
  public:
   /// Called for each new observation while the settings are in force. Fills `choice` and returns true, or returns false
@@ -32,6 +32,7 @@ class EnvClient {
   using Joined = std::function<void(EnvHandle&)>;
 
   explicit EnvClient(Node& node, const EnvClientOptions& options = {});
+  ~EnvClient();
   Decide decide;
   Finished finished;
   Joined joined;
@@ -55,21 +56,20 @@ class EnvClient {
   void answer(EnvHandle& env, const std::vector<std::uint8_t>& choice);
   void acknowledge(EnvHandle& env, std::uint64_t episode);
   /// From now on every env_service keeps its episodes until acknowledge(), beginning with all that it still has.
-  /// Repeated once a second.
   void begin_recording();
   /// Releases the env_services from keeping episodes for this process.
   void end_recording();
 
   /// Returns the id of the living policy_service that the env_service works for instead of this one; empty: of none.
   std::string other_policy(const EnvHandle& env) const;
-  /// Chooses the topics to receive; both unless set otherwise.
+  /// Chooses what to receive; both unless set otherwise.
   void subscribe(bool observations, bool episodes);
+  /// With attached_only: begins to hear an env_service, or lets it go.
+  void attach(const std::string& id);
+  void detach(const std::string& id);
 
-  /// Returns the env_services, by id.
   const std::map<std::string, std::unique_ptr<EnvHandle>>& envs() const { return envs_; }
-  /// Knows the encoder_services, and the env_services that wait for one and have no handle yet.
   const EncoderMonitor& encoders() const { return encoders_; }
-
   /// Returns the features of frames first .. first + count - 1 of a traversal (count x D, frame-major), fetched over
   /// the wire. Throws Error when none of them arrives for `patience`, and then refuses the env_service unless its
   /// encoder_service is gone; when the env_service is gone; also when the range does not lie on the traversal.
@@ -93,13 +93,13 @@ class EnvClient {
   bool answers_requests(const EnvHandle& env) const;
   void ask_for_features();
   void send_due_settings();
-  void send_acknowledgement(const EnvHandle& env, bool leaving);
-
+  enum class Ends { kNo, kStops, kLeaves };
+  void send_acknowledgement(const EnvHandle& env, Ends ends = Ends::kNo);
   Node& node_;
   EnvClientOptions options_;
   Rejections rejections_;
   EnvRequirements required_;
-  std::set<std::string> alarms_;  ///< ids of the env_services whose trouble is reported
+  std::set<std::string> alarms_, attached_;  ///< ids of env_services: whose trouble is reported; of attach()
   FeatureCache features_;
   std::map<std::string, std::unique_ptr<EnvHandle>> envs_;
   std::map<std::string, EnvHandle*> first_;  ///< by traversal: its env_service that the others must agree with

@@ -19,6 +19,8 @@ enum class Observing {
 
 struct EnvClientOptions {
   Observing observing = Observing::kAsFits;
+  /// Hears the env_services of attach() alone, instead of all.
+  bool attached_only = false;
   /// How long a running service may fail to deliver features or to confirm settings before its env_service is refused.
   std::chrono::milliseconds patience{30'000};
 };

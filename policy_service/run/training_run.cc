@@ -235,7 +235,7 @@ void LearnerRun::train() {
   options.window = context_.options.window;
   options.max_lag = context_.options.max_lag;
   options.run_id = context_.records.run_id();
-  server_ = std::make_unique<LearnerServer>(context_.node, *trainer_, options);
+  server_ = std::make_unique<LearnerServer>(context_.node, context_.client, *trainer_, options);
   context_.on_spin = [this] { server_->handle(); };
   context_.client.subscribe(/*observations=*/false, /*episodes=*/true);
   Clock::time_point next_log = Clock::now() + std::chrono::seconds(5);

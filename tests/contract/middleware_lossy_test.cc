@@ -16,7 +16,7 @@ constexpr std::uint32_t kSamples = 4000;
 
 std::vector<std::uint32_t> through(const std::string& name) {
   const auto middleware = create_middleware(testing::middleware_options(name, kDomain));
-  const Topic topic{"test/lossy", "citylearn::test::Bytes", Profile::kStream, 8};
+  const Topic topic{"test/lossy", "citylearn::test::Bytes", Profile::kCommand, 8};
   const auto publisher = middleware->create_publisher(topic);
   const auto subscription = middleware->create_subscription(topic);
   std::vector<std::uint32_t> received;

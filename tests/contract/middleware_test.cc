@@ -45,7 +45,7 @@ class AnyMiddleware : public ::testing::TestWithParam<std::string> {
     return create_middleware(middleware_options(GetParam(), domain, participant));
   }
   /// A topic of this test in this process alone: tests run side by side.
-  static Topic topic(Profile profile = Profile::kStream, std::size_t largest = 4096,
+  static Topic topic(Profile profile = Profile::kCommand, std::size_t largest = 4096,
                      const std::string& type = "citylearn::test::Bytes") {
     const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
     std::string name = "test/" + std::string(test->name()) + "/" + std::to_string(getpid());
@@ -115,7 +115,7 @@ TEST_P(AnyMiddleware, DeliversBothWaysWhenSentAgain) {
 
 TEST_P(AnyMiddleware, LargeSamplesArriveWhenSentAgain) {
   const std::size_t size = 1 << 20;
-  const Topic large = topic(Profile::kStream, size);
+  const Topic large = topic(Profile::kCommand, size);
   const auto publisher = a->create_publisher(large);
   const auto subscription = b->create_subscription(large);
   Bytes sample;
@@ -154,7 +154,7 @@ TEST_P(AnyMiddleware, EverySizeArrivesWhole) {
 }
 
 TEST_P(AnyMiddleware, TooLargeASampleIsAnError) {
-  const Topic small = topic(Profile::kStream, 100);
+  const Topic small = topic(Profile::kCommand, 100);
   const auto publisher = a->create_publisher(small);
   EXPECT_NO_THROW(publisher->publish(payload(1, 1, 100)));
   if (GetParam().starts_with("lossy")) return;  // it may drop the sample before anybody looks at its size
@@ -239,15 +239,15 @@ TEST_P(FaithfulMiddleware, SeveralWritersSamplesAreKeptUntilTaken) {
 }
 
 TEST_P(FaithfulMiddleware, ALateJoinerGetsTheLastSamples) {
-  for (const auto& [profile, depth] : {std::pair{Profile::kState, 1u}, {Profile::kStream, 16u}}) {
+  for (const auto& [profile, depth] : {std::pair{Profile::kState, 1u}, {Profile::kCommand, 64u}}) {
     Topic kept = topic(profile);
     kept.name += std::to_string(depth);
     const auto publisher = a->create_publisher(kept);
-    for (std::uint32_t number = 0; number < 20; ++number) publisher->publish(payload(1, number));
+    for (std::uint32_t number = 0; number < 100; ++number) publisher->publish(payload(1, number));
     const auto late = b->create_subscription(kept);
     const std::vector<Bytes> samples = collect(*b, *late, depth);
     ASSERT_EQ(samples.size(), depth);
-    for (std::uint32_t i = 0; i < depth; ++i) EXPECT_EQ(samples[i], payload(1, 20 - depth + i));
+    for (std::uint32_t i = 0; i < depth; ++i) EXPECT_EQ(samples[i], payload(1, 100 - depth + i));
   }
 }
 
@@ -265,8 +265,8 @@ TEST_P(FaithfulMiddleware, DomainsAreApart) {
 }
 
 TEST_P(AnyMiddleware, ADifferentTypeIsAFaultToldOnceOnEachSide) {
-  const auto publisher = a->create_publisher(topic(Profile::kStream, 100, "citylearn::test::This"));
-  const auto subscription = b->create_subscription(topic(Profile::kStream, 100, "citylearn::test::That"));
+  const auto publisher = a->create_publisher(topic(Profile::kCommand, 100, "citylearn::test::This"));
+  const auto subscription = b->create_subscription(topic(Profile::kCommand, 100, "citylearn::test::That"));
   std::vector<std::string> at_a, at_b;
   const auto look = [&] {
     for (const auto& [middleware, lines] : {std::pair{a.get(), &at_a}, {b.get(), &at_b}})
@@ -286,8 +286,8 @@ TEST_P(AnyMiddleware, ADifferentTypeIsAFaultToldOnceOnEachSide) {
 }
 
 TEST_P(AnyMiddleware, ADifferentTypeInOneParticipantIsAnError) {
-  const auto publisher = a->create_publisher(topic(Profile::kStream, 100, "citylearn::test::This"));
-  EXPECT_THROW(a->create_subscription(topic(Profile::kStream, 100, "citylearn::test::That")), Error);
+  const auto publisher = a->create_publisher(topic(Profile::kCommand, 100, "citylearn::test::This"));
+  EXPECT_THROW(a->create_subscription(topic(Profile::kCommand, 100, "citylearn::test::That")), Error);
 }
 
 TEST_P(AnyMiddleware, ComesAndGoesUnderTraffic) {
@@ -309,10 +309,10 @@ TEST_P(AnyMiddleware, ComesAndGoesUnderTraffic) {
 
 TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
   Node one(node("one", "run")), two(node("two", "run")), foreign(node("foreign", "other"));
-  one.create_reader<msg::TaskSettings>();
-  two.create_reader<msg::TaskSettings>();
-  msg::TaskSettings sent, received;
-  sent.environment("two");
+  one.create_reader<msg::RunInfo>();
+  two.create_reader<msg::RunInfo>();
+  msg::RunInfo sent, received;
+  sent.agent("two");
   std::set<std::string> seen;
   const auto turn = [&] {
     one.publish(sent);
@@ -323,7 +323,7 @@ TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
       EXPECT_EQ(received.header().session().to_string(), unique("run"));
       EXPECT_EQ(received.header().sender().to_string(), "one");
       EXPECT_EQ(received.header().incarnation(), one.incarnation());
-      EXPECT_EQ(received.environment().to_string(), "two");
+      EXPECT_EQ(received.agent().to_string(), "two");
       seen.insert("two");
     }
     while (one.take(received)) {
@@ -336,14 +336,14 @@ TEST_P(AnyMiddleware, NodesIgnoreForeignRunsAndThemselves) {
 
 TEST_P(AnyMiddleware, NodesRejectWhatIsNoMessage) {
   Node reader(node("reader", "reject"));
-  reader.create_reader<msg::Action>();
-  const auto publisher = a->create_publisher(topic_of<msg::Action>());
-  msg::Action action;
+  reader.create_reader<msg::RunInfo>();
+  const auto publisher = a->create_publisher(topic_of<msg::RunInfo>());
+  msg::RunInfo info;
   const auto turn = [&] {
     publisher->publish(payload(1, 1));
     a->wait(Clock::now());
     reader.wait(Clock::now() + milliseconds(20));
-    while (reader.take(action)) continue;
+    while (reader.take(info)) continue;
   };
   EXPECT_TRUE(eventually(turn, [&] { return reader.traffic.rejected > 0; }));
 }

@@ -16,8 +16,7 @@ static const int64_t kSilence = DDS_SECS(30);  // of an env_service that is not 
 
 struct Session {
   dds_entity_t domain, participant, waitset;
-  dds_entity_t infos, observations, episodes;                   // readers
-  dds_entity_t task_settings, actions, acknowledgements;        // writers
+  dds_entity_t infos, episodes;                                 // readers
   uint64_t sent_settings, sent_actions, sent_acknowledgements;  // counts, for the headers
   char name[65], id[65];
   uint64_t incarnation;
@@ -87,13 +86,36 @@ Session* session_open(uint32_t domain, const char* name, const char* id) {
   session->participant = require(dds_create_participant(domain, NULL, NULL), "join the domain");
   session->waitset = require(dds_create_waitset(session->participant), "create a waitset");
   session->infos = endpoint(session, &citylearn_msg_TraversalInfo_desc, "citylearn/traversal_info", false, 1024);
-  session->observations = endpoint(session, &citylearn_msg_Observation_desc, "citylearn/observation", false, 1024);
   session->episodes = endpoint(session, &citylearn_msg_EpisodeStat_desc, "citylearn/episode_stat", false, 4096);
-  session->task_settings = endpoint(session, &citylearn_msg_TaskSettings_desc, "citylearn/task_settings", true, 64);
-  session->actions = endpoint(session, &citylearn_msg_Action_desc, "citylearn/action", true, 16);
-  session->acknowledgements =
-      endpoint(session, &citylearn_msg_EpisodeAcknowledgement_desc, "citylearn/episode_acknowledgement", true, 64);
   return session;
+}
+
+// A name as it may stand in the name of a topic.
+static const char* escaped(const char* name, char* text) {
+  char* to = text;
+  for (; *name; ++name) {
+    const char code = *name == '-' ? 'm' : *name == '.' ? 'd' : *name == '_' ? 'u' : 0;
+    *to++ = code ? '_' : *name;
+    if (code) *to++ = code;
+  }
+  *to = 0;
+  return text;
+}
+
+// What one env_service sends and is sent alone has topics of its own: citylearn/SESSION/ID/observation.
+static dds_entity_t own_endpoint(Session* session, const EnvService* env, const dds_topic_descriptor_t* type,
+                                 const char* name, bool writer, int32_t depth) {
+  char topic[512], session_name[130], id[130];
+  snprintf(topic, sizeof topic, "citylearn/%s/%s/%s", escaped(session->name, session_name), escaped(env->id, id), name);
+  return endpoint(session, type, topic, writer, depth);
+}
+
+static void meet(Session* session, EnvService* env) {
+  env->observations = own_endpoint(session, env, &citylearn_msg_Observation_desc, "observation", false, 1024);
+  env->task_settings = own_endpoint(session, env, &citylearn_msg_TaskSettings_desc, "task_settings", true, 64);
+  env->actions = own_endpoint(session, env, &citylearn_msg_Action_desc, "action", true, 1);
+  env->acknowledgements =
+      own_endpoint(session, env, &citylearn_msg_EpisodeAcknowledgement_desc, "episode_acknowledgement", true, 64);
 }
 
 static void stamp(const Session* session, citylearn_msg_Header* header, uint64_t number) {
@@ -131,7 +153,7 @@ static EnvService* sender(Session* session, const citylearn_msg_Header* header) 
 
 static void send_settings(Session* session, EnvService* env) {
   stamp(session, &env->settings.header, ++session->sent_settings);
-  require(dds_write(session->task_settings, &env->settings), "send settings");
+  require(dds_write(env->task_settings, &env->settings), "send settings");
   env->next_settings = dds_time() + kSettingsAgain;
 }
 
@@ -149,7 +171,7 @@ void session_command(Session* session, EnvService* env, citylearn_msg_TaskSettin
 
 static void send_action(Session* session, EnvService* env) {
   stamp(session, &env->answer.header, ++session->sent_actions);
-  require(dds_write(session->actions, &env->answer), "send an action");
+  require(dds_write(env->actions, &env->answer), "send an action");
 }
 
 static void send_acknowledgement(Session* session, EnvService* env, bool leaving) {
@@ -159,9 +181,10 @@ static void send_acknowledgement(Session* session, EnvService* env, bool leaving
   memcpy(message.environment, env->id, sizeof message.environment);
   message.environment_incarnation = env->incarnation;
   message.episode = env->recorded;
-  message.leaving = leaving;
-  require(dds_write(session->acknowledgements, &message), "acknowledge");
+  message.leaving = message.stopping = leaving;
+  require(dds_write(env->acknowledgements, &message), "acknowledge");
   env->acknowledge = false;
+  env->next_acknowledgement = dds_time() + DDS_SECS(1);
 }
 
 void session_close(Session* session) {
@@ -182,6 +205,7 @@ static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
     if (session->count == kMaxEnvServices) fail("more than %d env_services", kMaxEnvServices);
     env = &session->envs[session->count++];
     memcpy(env->id, info->header.sender, sizeof env->id);
+    meet(session, env);
   }
   if (info->header.incarnation < env->incarnation) return;  // of a dead process, kept for late joiners
   const bool restarted = env->incarnation != 0 && info->header.incarnation > env->incarnation;
@@ -250,15 +274,16 @@ static void on_episode(Session* session, const citylearn_msg_EpisodeStat* episod
   } while (0)
 
 void session_spin(Session* session) {
-  dds_attach_t triggered[3];
-  require(dds_waitset_wait(session->waitset, triggered, 3, DDS_MSECS(50)), "wait");
+  dds_attach_t triggered[1];
+  require(dds_waitset_wait(session->waitset, triggered, 1, DDS_MSECS(50)), "wait");
   TAKE_ALL(session->infos, citylearn_msg_TraversalInfo, on_info(session, sample));
-  TAKE_ALL(session->observations, citylearn_msg_Observation, on_observation(session, sample));
+  for (int i = 0; i < session->count; ++i)
+    TAKE_ALL(session->envs[i].observations, citylearn_msg_Observation, on_observation(session, sample));
   TAKE_ALL(session->episodes, citylearn_msg_EpisodeStat, on_episode(session, sample));
   const int64_t now = dds_time();
   for (int i = 0; i < session->count; ++i) {
     EnvService* env = &session->envs[i];
-    if (env->acknowledge) send_acknowledgement(session, env, false);
+    if (env->acknowledge || now >= env->next_acknowledgement) send_acknowledgement(session, env, false);
     if (env->settings.settings.version == 0) continue;
     if (!env->in_force) {
       if (now >= env->next_settings) send_settings(session, env);

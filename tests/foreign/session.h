@@ -4,6 +4,7 @@
 #ifndef SESSION_H
 #define SESSION_H
 
+#include <dds/dds.h>
 #include <stdbool.h>
 #include <stdint.h>
 
@@ -37,9 +38,11 @@ struct EnvService {
   uint64_t next_step;                   // of the observation to be answered next
   citylearn_msg_Action answer;          // the last one
   uint8_t choice[citylearn_msg_MAX_AGENTS];
-  uint64_t recorded;                    // all its episodes up to this one
-  bool acknowledge;                     // an acknowledgement is due
-  int64_t next_settings, silent_since;  // nanoseconds
+  uint64_t recorded;                                          // all its episodes up to this one
+  bool acknowledge;                                           // an acknowledgement is due
+  int64_t next_settings, next_acknowledgement, silent_since;  // nanoseconds
+  dds_entity_t observations;                                  // reader
+  dds_entity_t task_settings, actions, acknowledgements;      // writers
 };
 
 typedef struct Session Session;

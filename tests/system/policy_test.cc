@@ -82,13 +82,13 @@ TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
   MiddlewareOptions options = run.middleware();
   options.participant = "stranger";
   const auto stranger = create_middleware(options);
-  Topic topic = topic_of<msg::Observation>();
+  Topic topic = topic_of<msg::TraversalInfo>();
   topic.type = "other::Picture";
   const auto publisher = stranger->create_publisher(topic);
   const auto policy = run.policy({});
   EXPECT_EQ(policy->wait(seconds(8)), 1);
   EXPECT_TRUE(contains(policy->output(), "other::Picture"));
-  EXPECT_TRUE(contains(policy->output(), "citylearn/observation"));
+  EXPECT_TRUE(contains(policy->output(), "citylearn/traversal_info"));
 }
 
 TEST(Lockstep, SameSeedSameBytesOverEveryMiddleware) {

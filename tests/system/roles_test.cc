@@ -26,11 +26,7 @@ INSTANTIATE_TEST_SUITE_P(, Pairings,
 TEST_P(Pairings, TwoActorsTrainAndTheLearnerEvaluates) {
   Learning run(here()), other(there(), run);
   const auto one = run.trial.env("summer", {"--id", "one"}), two = other.trial.env("summer", {"--id", "two"});
-  // Both are there when the learner comes, so that they share from the start.
   const auto a = other.actor("a"), b = other.actor("b");
-  for (auto* actor : {a.get(), b.get()})
-    for (const char* env : {"env_service 'one' joins", "env_service 'two' joins"})
-      ASSERT_TRUE(actor->says(env, seconds(10))) << actor->output();
   const auto learner = run.learner(300, {"--environments", "2"});
   ASSERT_EQ(learner->wait(kWholeRun), 0) << learner->output() << a->output();
   for (const auto* actor : {a.get(), b.get()})

@@ -45,7 +45,7 @@ int record(CommandLine& line) {
   Recording recording(*middleware, line.recording);
   spdlog::info("records to {}", line.recording.output);
   while (!stop_requested()) {
-    middleware->wait(Clock::now() + std::chrono::milliseconds(100));
+    middleware->wait(Clock::now() + std::chrono::milliseconds(50));
     recording.poll();
     for (const std::string& fault : middleware->discovery().faults()) spdlog::error("{}", fault);
   }

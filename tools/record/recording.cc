@@ -14,6 +14,7 @@ namespace {
 
 constexpr std::uint64_t kFlushAfter = 1'000'000'000;  // nanoseconds
 constexpr int kAtOnce = 256;                          // of a topic, before the others
+constexpr std::chrono::milliseconds kLook{20};        // between looks for new topics
 
 std::uint64_t now_nanoseconds() {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
@@ -22,8 +23,6 @@ std::uint64_t now_nanoseconds() {
 
 std::string name_of(Profile profile) {
   switch (profile) {
-    case Profile::kStream:
-      return "stream";
     case Profile::kState:
       return "state";
     case Profile::kCommand:
@@ -36,15 +35,33 @@ std::string name_of(Profile profile) {
 
 }  // namespace
 
-Recording::Recording(Middleware& middleware, const RecordingOptions& options) : options_(options) {
+Recording::Recording(Middleware& middleware, const RecordingOptions& options)
+    : middleware_(middleware), options_(options) {
   std::set<std::string> wanted;
   for (const std::string& given : options_.topics)
     wanted.insert(given.starts_with("citylearn/") ? given : "citylearn/" + given);
   for (const Topic& topic : all_topics())
-    if (options_.topics.empty() || wanted.erase(topic.name) > 0) sources_.push_back({topic, nullptr});
+    if (options_.topics.empty() || wanted.erase(topic.name) > 0) topics_[topic.name] = topic;
   if (!wanted.empty()) throw Error("unknown topic", "--topics " + *wanted.begin(), "idl/ lists them");
   begin_file();
-  for (Source& source : sources_) source.subscription = middleware.create_subscription(source.topic);
+  for (const auto& [name, topic] : topics_) sources_[name] = {&topic, middleware.create_subscription(topic)};
+}
+
+/// Subscribes to the topics of single services that were discovered.
+void Recording::find_topics() {
+  const std::string other = topic_at({"citylearn/", "", Profile::kState, 0}, options_.session, "").name;
+  const std::string session = options_.session.empty() ? "" : other.substr(0, other.size() - 1);
+  for (const DiscoveryMonitor::Endpoint& endpoint : middleware_.discovery().endpoints()) {
+    if (!endpoint.writes || sources_.contains(endpoint.topic) || !endpoint.topic.starts_with(session)) continue;
+    const auto known = topics_.find(base_topic(endpoint.topic));
+    // What is sent to all as well is recorded there.
+    if (known == topics_.end() || known->second.type != endpoint.type ||
+        addressing_of(known->second) == Addressing::kSenderAndAll)
+      continue;
+    Topic topic = known->second;
+    topic.name = endpoint.topic;
+    sources_[topic.name] = {&known->second, middleware_.create_subscription(topic)};
+  }
 }
 
 void Recording::begin_file() {
@@ -56,23 +73,22 @@ void Recording::begin_file() {
   options.about = {{"session", options_.session}, {"part", std::to_string(files_.size() + 1)}};
   writer_ = std::make_unique<McapWriter>(path, options);
   files_.push_back(path);
-  for (Source& source : sources_) source.channel = 0;
+  channels_.clear();
 }
 
 /// Counts messages that were missed: a writer keeps only some for a reader that is behind.
-void Recording::follow(const Source& source, const WireHeader& header) {
-  if (source.topic.profile == Profile::kState) return;  // only the newest is promised
-  const auto [newest, first] =
-      newest_.try_emplace({source.topic.name, header.sender, header.incarnation}, header.message);
+void Recording::follow(const std::string& name, const Source& source, const WireHeader& header) {
+  if (source.topic->profile == Profile::kState) return;  // only the newest is promised
+  const auto [newest, first] = newest_.try_emplace({name, header.sender, header.incarnation}, header.message);
   if (first || header.message <= newest->second) return;
-  counts_[source.topic.name].missed += header.message - newest->second - 1;
+  counts_[source.topic->name].missed += header.message - newest->second - 1;
   newest->second = header.message;
 }
 
-void Recording::write(Source& source) {
+void Recording::write(const std::string& name, const Source& source) {
   // Messages without a readable header are kept, for those who read the file.
   const auto header = header_of(taken_);
-  if (header) follow(source, *header);
+  if (header) follow(name, source, *header);
   if (header && !options_.session.empty() && header->session != options_.session) {
     ++other_sessions_;
     return;
@@ -81,29 +97,34 @@ void Recording::write(Source& source) {
     writer_->close();
     begin_file();
   }
-  if (source.channel == 0)
-    source.channel = writer_->add({source.topic.name,
-                                   source.topic.type,
-                                   "omgidl",
-                                   idl_of(source.topic.type),
-                                   "cdr",
-                                   {{"profile", name_of(source.topic.profile)},
-                                    {"type", source.topic.type},
-                                    {"protocol", std::to_string(msg::PROTOCOL)}}});
-  writer_->write(source.channel, now_nanoseconds(), taken_);
-  Count& count = counts_[source.topic.name];
+  const Topic& topic = *source.topic;
+  std::uint16_t& channel = channels_[&topic];
+  if (channel == 0)
+    channel = writer_->add(
+        {topic.name,
+         topic.type,
+         "omgidl",
+         idl_of(topic.type),
+         "cdr",
+         {{"profile", name_of(topic.profile)}, {"type", topic.type}, {"protocol", std::to_string(msg::PROTOCOL)}}});
+  writer_->write(channel, now_nanoseconds(), taken_);
+  Count& count = counts_[topic.name];
   ++count.messages;
   count.bytes += taken_.size();
 }
 
 void Recording::poll() {
+  if (const Clock::time_point now = Clock::now(); now >= next_look_) {
+    find_topics();
+    next_look_ = now + kLook;
+  }
   bool more = true;
   while (more) {
     more = false;
-    for (Source& source : sources_) {
+    for (const auto& [name, source] : sources_) {
       int taken = 0;
       while (taken < kAtOnce && source.subscription->take(taken_)) {
-        write(source);
+        write(name, source);
         ++taken;
       }
       more = more || taken == kAtOnce;

@@ -23,15 +23,18 @@ struct RecordingOptions {
   std::string library;              ///< for the files' headers
 };
 
-/// Writes the messages of a domain to MCAP files: the bytes as they came, one channel a topic. It publishes and
-/// acknowledges nothing, and decodes only the headers. Used by one thread.
+/// Writes the messages of a domain to MCAP files: the bytes as they came, one channel a message type, whatever
+/// services' topics they were sent on. It publishes and acknowledges nothing, and decodes only the headers. What is
+/// sent on a topic of one service is recorded from when that topic is discovered, but for the newest message before.
+/// Used by one thread.
 class Recording {
  public:
   /// `middleware` must outlive it. Throws Error when a topic is unknown or the file cannot be made; the other methods
   /// throw when it cannot be written.
   Recording(Middleware& middleware, const RecordingOptions& options);
 
-  /// Writes what has come. Flushes a chunk to disk when something has waited for a second.
+  /// Begins to record topics of services that were discovered since, and writes what has come. Flushes a chunk to disk
+  /// when something has waited for a second.
   void poll();
   /// Writes what has come until now, and the summary.
   void close();
@@ -47,16 +50,20 @@ class Recording {
 
  private:
   struct Source {
-    Topic topic;
+    const Topic* topic;  // that of all
     std::unique_ptr<Subscription> subscription;
-    std::uint16_t channel = 0;  // in the present file; 0: none yet
   };
   void begin_file();
-  void write(Source& source);
-  void follow(const Source& source, const WireHeader& header);
+  void find_topics();
+  void write(const std::string& name, const Source& source);
+  void follow(const std::string& name, const Source& source, const WireHeader& header);
 
+  Middleware& middleware_;
   const RecordingOptions options_;
-  std::vector<Source> sources_;
+  std::map<std::string, Topic> topics_;             // that are recorded, by name: those of all
+  std::map<std::string, Source> sources_;           // by topic
+  std::map<const Topic*, std::uint16_t> channels_;  // in the present file
+  Clock::time_point next_look_{};
   std::unique_ptr<McapWriter> writer_;
   std::vector<std::string> files_;
   std::map<std::string, Count> counts_;

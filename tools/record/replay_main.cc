@@ -46,7 +46,7 @@ int replay(CommandLine& line) {
   Replayer replayer(*middleware, line.replay);
   spdlog::info("plays {}", line.replay.files.front());
   while (!stop_requested() && replayer.poll()) middleware->wait(replayer.due());
-  const Replayer::Figures& figures = replayer.figures();
+  const ReplayFigures& figures = replayer.figures();
   for (const std::string& remark : figures.remarks) spdlog::warn("{}", remark);
   for (const auto& [what, count] : figures.skipped) spdlog::warn("{} messages skipped: {}", count, what);
   for (const auto& [topic, count] : figures.played)

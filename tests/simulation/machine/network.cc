@@ -85,7 +85,10 @@ class SimulatedMiddleware : public Middleware {
     process_.wait_until(raised() ? Clock::time_point() : deadline);
     return raised();
   }
-  DiscoveryMonitor& discovery() override { return discovery_; }
+  DiscoveryMonitor& discovery() override {
+    network_.report_new(seen_, discovery_);
+    return discovery_;
+  }
   std::string name() const override { return "simulated"; }
 
  private:
@@ -97,6 +100,7 @@ class SimulatedMiddleware : public Middleware {
   Process& process_;
   std::vector<Network::Endpoint*> readers_;
   DiscoveryMonitor discovery_;
+  std::uint64_t seen_ = 0;
 };
 
 void push(std::deque<std::shared_ptr<const Bytes>>& samples, const std::shared_ptr<const Bytes>& sample, int depth) {
@@ -130,6 +134,7 @@ void Network::add(Endpoint& endpoint) {
   Members& members = topics_[endpoint.topic.name];
   endpoint.id = ++last_endpoint_;
   endpoint.members = &members;
+  endpoints_[endpoint.id] = &endpoint;
   (endpoint.writes ? members.writers : members.readers)[endpoint.id] = &endpoint;
   members.most.writers = std::max(members.most.writers, members.writers.size());
   members.most.readers = std::max(members.most.readers, members.readers.size());
@@ -139,7 +144,18 @@ void Network::add(Endpoint& endpoint) {
     for (const Sample& sample : writer->samples) send(*writer, endpoint, sample);
 }
 
+void Network::report_new(std::uint64_t& seen, DiscoveryMonitor& discovery) const {
+  if (seen == last_endpoint_) return;
+  for (auto found = endpoints_.upper_bound(seen); found != endpoints_.end(); ++found) {
+    const Endpoint& endpoint = *found->second;
+    discovery.endpoint_found(std::to_string(endpoint.id), endpoint.process.name(), endpoint.writes, endpoint.topic.name,
+                             endpoint.topic.type);
+  }
+  seen = last_endpoint_;
+}
+
 void Network::remove(Endpoint& endpoint) {
+  endpoints_.erase(endpoint.id);
   (endpoint.writes ? endpoint.members->writers : endpoint.members->readers).erase(endpoint.id);
 }
 

@@ -65,6 +65,8 @@ class Network {
   void remove(Endpoint& endpoint);
   void publish(Endpoint& writer, std::span<const std::byte> sample);
   int matched(const Endpoint& endpoint) const;
+  /// Tells `discovery` of the endpoints that are newer than `seen`, and sets `seen` to the newest.
+  void report_new(std::uint64_t& seen, DiscoveryMonitor& discovery) const;
 
  private:
   using Sample = std::shared_ptr<const Bytes>;
@@ -81,6 +83,7 @@ class Network {
   Scheduler& scheduler_;
   Random random_;
   std::map<std::string, Members> topics_;
+  std::map<std::uint64_t, Endpoint*> endpoints_;
   std::set<std::pair<std::string, std::string>> cuts_;
   std::uint64_t last_endpoint_ = 0;
 };

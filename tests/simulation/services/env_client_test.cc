@@ -138,7 +138,7 @@ TEST_F(EnvClientTest, AsksForWhatFitsOneDatagramWholeAndForMoreByReference) {
 TEST_F(EnvClientTest, ARestartedEnvServiceGoesOnWithTheFeaturesFetchedBefore) {
   const Traversal traversal = wide_traversal("wide", 20, 30000);
   Node spy({middleware_options("inprocess"), "spy", "spy", run_});
-  spy.create_reader<msg::TraversalRequest>();
+  spy.create_reader_at<msg::TraversalRequest>("env-wide");
   const auto requests = [&] {
     msg::TraversalRequest request;
     int count = 0;
@@ -217,6 +217,7 @@ TEST_F(EnvClientTest, FeaturesOfAnUnknownSenderAreRejected) {
   info.frames() = 3;
   info.feature_dimension() = 2;
   msg::TraversalChunk chunk;
+  chunk.receiver() = "policy";
   chunk.hash() = 77;
   const std::vector<float> positions(3), features(2, 5.0f);
   ChunkLayout(3, 2).fill(

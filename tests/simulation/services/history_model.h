@@ -48,7 +48,6 @@ class Chronicle {
     node_.create_reader<msg::RunInfo>();
     node_.create_reader<msg::TrainingStat>();
     node_.create_reader<msg::EpisodeStat>();
-    node_.create_reader<msg::EpisodeAcknowledgement>();
   }
 
   struct Heard {
@@ -148,6 +147,9 @@ class Chronicle {
     if (Program* program = find(incarnation)) program->news = Clock::now();
   }
   void on_status(const msg::ServiceStatus& status) {
+    if (status.service() == "env_service")
+      node_.create_reader_at<msg::EpisodeAcknowledgement>(status.header().sender().c_str(),
+                                                          status.header().session().c_str());
     for (const auto& program : programs)
       if (program->process == static_cast<pid_t>(status.process()))
         program->incarnation = status.header().incarnation();

@@ -176,7 +176,6 @@ TEST_F(Misfits, LearnerAndActorsRefuseOtherContentsToo) {
   ASSERT_TRUE(trains()) << learner->output() << actor->output();
   const auto another = env("another", "summer", 160, {"--synthetic-seed", "2"});
   expect_alarm("policy", "another", "has other contents");
-  expect_alarm("actor", "another", "has other contents");
   expect_training_goes_on();
   EXPECT_FALSE(contains(actor->output(), "serving env_service 'another'")) << actor->output();
 }
@@ -200,9 +199,19 @@ TEST_F(Misfits, AnActorServesNoEnvServiceThatItsLearnerDoesNotKnow) {
   ASSERT_EQ(learner->end(SIGKILL, seconds(5)), 128 + SIGKILL);
   info.feature_dimension() = 4096;
   const auto actor = trial_.policy({"--role", "actor", "--id", "actor"});
+  msg::Assignment order;
+  order.actor() = "actor";
+  order.environment() = "summer";
+  order.environment_incarnation() = witness_.incarnation("summer");
+  order.serve() = true;
   Clock::time_point again{};
   const auto announced = [&] {
-    if (Clock::now() >= again) stranger.publish(info), again = Clock::now() + milliseconds(500);
+    if (Clock::now() >= again) {
+      stranger.publish(info);
+      order.actor_incarnation() = witness_.status["actor"].header().incarnation();
+      stranger.publish(order);
+      again = Clock::now() + milliseconds(500);
+    }
     return contains(witness_.alarm("actor"), "has 64 features a frame, what the run learns from has 4096");
   };
   EXPECT_TRUE(witness_.until(announced, kLong)) << witness_.alarm("actor") << "\n" << actor->output();

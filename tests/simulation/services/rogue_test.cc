@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "tests/support/processes/every_topic.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/ledger.h"
 #include "tests/support/records/samples.h"
@@ -139,12 +140,7 @@ Bytes bytes_of(const Message& message) {
 /// Hears all that others send, and sends bytes of every topic.
 class Rogue {
  public:
-  explicit Rogue(const MiddlewareOptions& options) : middleware_(create_middleware(options)) {
-    for (const Topic& topic : all_topics()) {
-      writers_[topic.name] = middleware_->create_publisher(topic);
-      readers_[topic.name] = middleware_->create_subscription(topic);
-    }
-  }
+  explicit Rogue(const MiddlewareOptions& options) : middleware_(create_middleware(options)), topics_(*middleware_) {}
 
   std::map<std::string, msg::ServiceStatus> status;  ///< by id, since it was cleared
 
@@ -163,17 +159,17 @@ class Rogue {
   void listen(milliseconds time) {
     const Clock::time_point deadline = Clock::now() + time;
     do {
-      for (const auto& [name, reader] : readers_)
-        while (reader->take(taken_))
-          if (!sent_.contains(hash(taken_))) hear(name);
+      topics_.take([this](const Topic& topic, const Bytes& bytes) {
+        if (!sent_.contains(hash(bytes))) hear(topic, bytes);
+      });
       middleware_->wait(deadline);
     } while (Clock::now() < deadline);
   }
   /// Returns false for what the middleware does not send: more than the topic's largest.
-  bool send(const Topic& topic, const Bytes& bytes) {
-    if (bytes.size() > topic.largest) return false;
+  bool send(const std::vector<Topic>& to, const Bytes& bytes) {
+    if (bytes.size() > to.front().largest) return false;
     sent_.insert(hash(bytes));
-    writers_.at(topic.name)->publish(bytes);
+    for (const Topic& one : to) topics_.send(one, bytes);
     listen(kPace);
     return true;
   }
@@ -182,19 +178,17 @@ class Rogue {
   static std::size_t hash(const Bytes& bytes) {
     return std::hash<std::string_view>()({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
   }
-  void hear(const std::string& topic) {
-    heard_[topic] = taken_;
-    if (topic != topic_of<msg::ServiceStatus>().name) return;
+  void hear(const Topic& topic, const Bytes& bytes) {
+    heard_[topic.name] = bytes;
+    if (topic.name != topic_of<msg::ServiceStatus>().name) return;
     const auto heard = newest<msg::ServiceStatus>();
     status[heard->header().sender().c_str()] = *heard;
   }
 
   std::unique_ptr<Middleware> middleware_;
-  std::map<std::string, std::unique_ptr<Publisher>> writers_;
-  std::map<std::string, std::unique_ptr<Subscription>> readers_;
-  std::map<std::string, Bytes> heard_;  // by topic
+  EveryTopic topics_;
+  std::map<std::string, Bytes> heard_;  // by topic of all
   std::set<std::size_t> sent_;
-  Bytes taken_;
 };
 
 /// Its parameter: a learner and an actor take part instead of one policy_service.
@@ -242,7 +236,8 @@ class Training : public ::testing::TestWithParam<bool> {
                      {"traversal", info.traversal().c_str()},
                      {"learner", "policy"},
                      {"policy", "policy"},
-                     {"actor", "actor"}};
+                     {"actor", "actor"},
+                     {"receiver", "policy"}};
     address.numbers = {{"hash", info.hash()},
                        {"traversal_hash", info.hash()},
                        {"environment_incarnation", info.header().incarnation()}};
@@ -276,6 +271,7 @@ class Training : public ::testing::TestWithParam<bool> {
         std::string name;
         for (int identity = 0; identity < 5; ++identity) {
           Message message = example<Message>();
+          const std::vector<Topic> to = topics_of(topic, bytes_of(message));  // where it is heard
           forge(identity, message.header());
           Extreme change(fields, extreme);
           visit(message, change);
@@ -287,7 +283,7 @@ class Training : public ::testing::TestWithParam<bool> {
             make_file(std::string(corpus) + "/message_" + type + "/" + change.field + "-" + name + "-" +
                           kIdentities[identity],
                       {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
-          rogue_.send(topic, bytes) ? ++cases : ++unsent;
+          rogue_.send(to, bytes) ? ++cases : ++unsent;
         }
         if (name.empty()) break;
       }

@@ -67,11 +67,11 @@ Scale::Scale(int hosts) : layout_(layout_of(hosts)), traversal_(traversal_of(lay
   network_.faults.even = true;
   network_.faults.latency = kLatency;
   network_.published = [this](const Process&, const Topic& topic, std::span<const std::byte> sample) {
-    if (topic.name == topic_of<msg::TrainingStat>().name) {
+    if (topic.type == topic_of<msg::TrainingStat>().type) {
       msg::TrainingStat stat;
       decode(sample, stat);
       updates_ = std::max<std::uint64_t>(updates_, stat.update());
-    } else if (topic.name == topic_of<msg::Trajectory>().name) {
+    } else if (topic.type == topic_of<msg::Trajectory>().type) {
       msg::Trajectory trajectory;
       decode(sample, trajectory);
       at_work_.insert(trajectory.environment().c_str());
@@ -109,29 +109,38 @@ std::string Scale::table(const Snapshot& before, const Snapshot& after) const {
       "{} env_services of {} agents ({} at work), {} actors, a learner, {} dashboards: {} updates in {:.1f} s\n\n",
       layout_.environments, layout_.agents, at_work_.size(), layout_.actors, layout_.dashboards,
       after.updates - before.updates, seconds);
-  text += "| topic | writers x readers | messages | copies | copies a message | MB |\n|---|---|---|---|---|---|\n";
+  text +=
+      "| message | writers, readers, matches | messages | copies | copies a message | MB "
+      "|\n|---|---|---|---|---|---|\n";
   Traffic sum;
   std::size_t matches = 0;
   const auto row = [&text](const std::string& name, const std::string& endpoints, const Traffic& traffic) {
     text += fmt::format(
-        "| {} | {} | {} | {} | {:.0f} | {:.1f} |\n", name, endpoints, traffic.published, traffic.copies,
+        "| {} | {} | {} | {} | {:.1f} | {:.1f} |\n", name, endpoints, traffic.published, traffic.copies,
         static_cast<double>(traffic.copies) / static_cast<double>(std::max<std::uint64_t>(traffic.published, 1)),
         static_cast<double>(traffic.bytes) * 1e-6);
   };
+  // The topics of single services count as one with that of all.
+  std::map<std::string, std::pair<Traffic, Endpoints>> kinds;
   const auto endpoints = network_.endpoints();
   for (const auto& [topic, last] : after.traffic) {
-    Traffic part = last;
-    if (const auto first = before.traffic.find(topic); first != before.traffic.end()) {
-      part.published -= first->second.published;
-      part.copies -= first->second.copies;
-      part.bytes -= first->second.bytes;
-    }
-    sum.published += part.published;
-    sum.copies += part.copies;
-    sum.bytes += part.bytes;
-    const Endpoints& most = endpoints.at(topic);
+    const auto first = before.traffic.find(topic);
+    const Traffic had = first == before.traffic.end() ? Traffic() : first->second;
+    auto& [traffic, most] = kinds[base_topic(topic)];
+    traffic.published += last.published - had.published;
+    traffic.copies += last.copies - had.copies;
+    traffic.bytes += last.bytes - had.bytes;
+    most.writers += endpoints.at(topic).writers;
+    most.readers += endpoints.at(topic).readers;
+    most.matches += endpoints.at(topic).matches;
+  }
+  for (const auto& [name, kind] : kinds) {
+    const auto& [traffic, most] = kind;
+    sum.published += traffic.published;
+    sum.copies += traffic.copies;
+    sum.bytes += traffic.bytes;
     matches += most.matches;
-    row(topic.substr(topic.find('/') + 1), fmt::format("{} x {}", most.writers, most.readers), part);
+    row(name.substr(name.find('/') + 1), fmt::format("{}, {}, {}", most.writers, most.readers, most.matches), traffic);
   }
   row("all", fmt::format("{} matches", matches), sum);
   return text;

@@ -118,14 +118,14 @@ Process* Training::add(const std::string& id, Process::Body body) {
 
 /// Notes what recorders acknowledge, env_services finish and learners announce.
 void Training::watch(const Process& sender, const Topic& topic, std::span<const std::byte> sample) {
-  if (topic.name == topic_of<msg::EpisodeAcknowledgement>().name) {
+  if (topic.type == topic_of<msg::EpisodeAcknowledgement>().type) {
     msg::EpisodeAcknowledgement message;
     decode(sample, message);
     const std::string& recorder = &sender == twins_.back() ? policy_->name() : sender.name();
     std::uint64_t& last =
         evidence_.recorders[recorder].acknowledged[{message.environment().c_str(), message.environment_incarnation()}];
     last = std::max<std::uint64_t>(last, message.episode());
-  } else if (topic.name == topic_of<msg::EpisodeStat>().name) {
+  } else if (topic.type == topic_of<msg::EpisodeStat>().type) {
     if (&sender == replay_) return;  // what came damaged is replayed so
     msg::EpisodeStat message;
     decode(sample, message);
@@ -134,7 +134,7 @@ void Training::watch(const Process& sender, const Topic& topic, std::span<const 
     finished.last = std::max<std::uint64_t>(finished.source == now ? finished.last : 0, message.episode());
     finished.source = now;
     finished.start = sender.starts();
-  } else if (layout_.encoders > 0 && topic.name == topic_of<msg::TaskSettings>().name) {
+  } else if (layout_.encoders > 0 && topic.type == topic_of<msg::TaskSettings>().type) {
     // A policy_service may let an env_service begin anew whose encoder_service has gone.
     msg::TaskSettings message;
     decode(sample, message);
@@ -142,7 +142,7 @@ void Training::watch(const Process& sender, const Topic& topic, std::span<const 
         commanded_.try_emplace({message.settings().incarnation(), message.environment().c_str(), message.seed()},
                                message.settings().version());
     evidence_.envs_restarted |= message.task_mode() == msg::TRAIN && known->second != message.settings().version();
-  } else if (topic.name == topic_of<msg::LearnerInfo>().name) {
+  } else if (topic.type == topic_of<msg::LearnerInfo>().type) {
     msg::LearnerInfo message;
     decode(sample, message);
     if (evidence_.wrong_parameters.empty())

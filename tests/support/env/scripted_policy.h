@@ -22,13 +22,9 @@ class ScriptedPolicy {
  public:
   ScriptedPolicy(const MiddlewareOptions& middleware, const std::string& run, const std::string& environment)
       : environment_(environment), node({middleware, "policy_service", "policy", run}) {
-    node.create_writer<msg::TaskSettings>();
-    node.create_writer<msg::Action>();
-    node.create_writer<msg::TraversalRequest>();
-    node.create_writer<msg::EpisodeAcknowledgement>();
     node.create_reader<msg::TraversalInfo>();
     node.create_reader<msg::TraversalChunk>();
-    node.create_reader<msg::Observation>();
+    node.create_reader_at<msg::Observation>(environment);
     node.create_reader<msg::EpisodeStat>();
     node.create_reader<msg::ServiceStatus>();
   }
@@ -83,6 +79,8 @@ class ScriptedPolicy {
       node.publish(commanded_);
       next_send_ = now + milliseconds(100);
     }
+    // As recorders do, which shows that they live.
+    if (acknowledge && infos > 0 && !left_ && now >= next_acknowledgement_) send_acknowledgement(recorded);
     node.wait(now + milliseconds(20));
     while (node.take(taken_info_))
       if (taken_info_.header().sender() == environment_ &&
@@ -111,7 +109,8 @@ class ScriptedPolicy {
 
   void send_acknowledgement(std::uint64_t episode, bool leaving = false) {
     msg::EpisodeAcknowledgement message;
-    message.leaving() = leaving;
+    left_ = message.leaving() = leaving;
+    next_acknowledgement_ = Clock::now() + std::chrono::seconds(1);
     message.environment() = environment_;
     message.environment_incarnation() = info.header().incarnation();
     message.episode() = episode;
@@ -170,7 +169,8 @@ class ScriptedPolicy {
 
   std::uint32_t version_ = 0;
   msg::TaskSettings commanded_;
-  bool in_force_ = false;
+  bool in_force_ = false, left_ = false;
+  Clock::time_point next_acknowledgement_;
   std::uint64_t next_step_ = 0, ignored_ = 0;
   Clock::time_point next_send_;
   std::vector<std::uint8_t> choice_;

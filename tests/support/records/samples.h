@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <cstring>
 #include <limits>
+#include <string_view>
 
 #include "core/task/action.h"
 #include "core/wire/message_fields.h"
@@ -36,7 +36,7 @@ class Filler {
   template <std::size_t N>
   void operator()(const char* field, eprosima::fastrtps::fixed_string<N>& text) {
     ++count_;
-    const bool required = std::strcmp(field, "sender") == 0;
+    const bool required = std::string_view("sender receiver environment").find(field) != std::string_view::npos;
     const std::size_t length = size_ == Size::kLeast ? required : size_ == Size::kTypical ? N / 3 : N;
     std::string filled(length, static_cast<char>('a' + count_ % 26));
     if (length > 1 && N > 64) filled.replace(0, 2, "\xC3\xA9");  // two bytes, one letter; the shorter ones are names
@@ -170,7 +170,7 @@ bool equal(const Message& a, const Message& b) {
 /// Calls `each.template operator()<Message>()` for every message type.
 template <class Each>
 void for_each_message(Each each) {
-#define CITYLEARN_EACH(TYPE, NAME, PROFILE) each.template operator()<msg::TYPE>();
+#define CITYLEARN_EACH(TYPE, NAME, PROFILE, ADDRESSING) each.template operator()<msg::TYPE>();
   CITYLEARN_MESSAGES(CITYLEARN_EACH)
 #undef CITYLEARN_EACH
 }

@@ -21,7 +21,6 @@ class Witness {
     node.create_reader<msg::ServiceStatus>();
     node.create_reader<msg::TrainingStat>();
     node.create_reader<msg::EpisodeStat>();
-    node.create_reader<msg::EpisodeAcknowledgement>();
   }
 
   Node node;
@@ -37,6 +36,9 @@ class Witness {
     while (node.take(status_)) {
       msg::ServiceStatus& known = status[status_.header().sender().c_str()];
       if (status_.header().incarnation() >= known.header().incarnation()) known = status_;
+      if (status_.service() == "env_service")
+        node.create_reader_at<msg::EpisodeAcknowledgement>(status_.header().sender().c_str(),
+                                                           status_.header().session().c_str());
     }
     while (node.take(stat_)) {
       ++updates;

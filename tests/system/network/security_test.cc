@@ -27,7 +27,7 @@ namespace {
 
 constexpr seconds kLong{60};
 
-Topic text_topic(const std::string& name) { return {name, "Text", Profile::kStream, 1024}; }
+Topic text_topic(const std::string& name) { return {name, "Text", Profile::kCommand, 1024}; }
 const char* const kObservation = "citylearn/observation";
 const char* const kAction = "citylearn/action";
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// vendors_peer MIDDLEWARE DOMAIN RUN ID: reads every kind of message and sends each back, until its standard input
-// ends.
+// vendors_peer MIDDLEWARE DOMAIN RUN ID FAULTS OTHER: reads every kind of message, of OTHER where senders have topics
+// of their own, and sends each back, until its standard input ends.
 
 #include <cstdio>
 #include <optional>
@@ -8,7 +8,7 @@
 #include "core/wire/node.h"
 #include "tests/support/options.h"
 #include "tests/support/processes/peer.h"
-#include "tests/support/records/samples.h"
+#include "tests/support/records/readers.h"
 
 namespace citylearn {
 namespace {
@@ -17,7 +17,7 @@ int run(char** arguments) {
   Node node({testing::middleware_options(arguments[1], static_cast<std::uint32_t>(std::stoul(arguments[2]))),
              "vendors_peer", arguments[4], arguments[3]});
   testing::for_each_message([&]<class Message>() {
-    node.create_reader<Message>();
+    testing::create_readers_of_samples<Message>(node, arguments[6]);
     node.create_writer<Message>();
   });
   const std::size_t expected = std::stoul(arguments[5]);
@@ -37,4 +37,4 @@ int run(char** arguments) {
 }  // namespace
 }  // namespace citylearn
 
-int main(int count, char** arguments) { return citylearn::testing::peer_main(5, count, arguments, citylearn::run); }
+int main(int count, char** arguments) { return citylearn::testing::peer_main(6, count, arguments, citylearn::run); }

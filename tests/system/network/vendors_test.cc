@@ -8,7 +8,7 @@
 #include "tests/support/options.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/service.h"
-#include "tests/support/records/samples.h"
+#include "tests/support/records/readers.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
@@ -59,9 +59,10 @@ void expect_echo(Node& node, const Message& sent) {
 
 TEST_P(Vendors, EveryMessageGoesThereAndBack) {
   Node node(options());
-  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain_), longest("run"), longest("peer"), "0"});
+  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain_), longest("run"), longest("peer"), "0",
+              longest("test")});
   for_each_message([&]<class Message>() {
-    node.create_reader<Message>();
+    create_readers_of_samples<Message>(node, longest("peer"));
     node.create_writer<Message>();
   });
   for (Size size : {Size::kLeast, Size::kTypical, Size::kMost})
@@ -73,13 +74,16 @@ TEST_P(Vendors, EveryMessageGoesThereAndBack) {
 
 TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
   Node node(options());
-  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain_), longest("run"), longest("peer"), "1"});
+  Child peer({VENDORS_PEER, std::get<1>(GetParam()), std::to_string(domain_), longest("run"), longest("peer"), "1",
+              longest("test")});
   MiddlewareOptions raw = options().middleware;
   raw.participant = "raw";
   const auto middleware = create_middleware(raw);
-  Topic wrong = topic_of<msg::Action>();
+  Topic wrong = topic_of<msg::TrainingStat>();
   wrong.type = "citylearn::msg::Reaction";
   const auto publisher = middleware->create_publisher(wrong);
+  create_readers_of_samples<msg::Observation>(node, longest("peer"));
+  create_readers_of_samples<msg::TrainingStat>(node, longest("peer"));
   expect_echo(node, sample_of<msg::Observation>(Size::kTypical));
   std::vector<std::string> faults;
   EXPECT_TRUE(eventually(
@@ -91,12 +95,12 @@ TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
       },
       seconds(5)));
   std::sort(faults.begin(), faults.end());
-  EXPECT_EQ(faults,
-            (std::vector<std::string>{"topic citylearn/action: '" + longest("peer") +
-                                          "' publishes type citylearn::msg::Action, expected citylearn::msg::Reaction",
-                                      "topic citylearn/action: '" + longest("peer") +
-                                          "' reads type citylearn::msg::Action, expected citylearn::msg::Reaction"}));
-  expect_echo(node, sample_of<msg::Action>(Size::kTypical));  // nobody else is disturbed
+  EXPECT_EQ(faults, (std::vector<std::string>{
+                        "topic citylearn/training_stat: '" + longest("peer") +
+                            "' publishes type citylearn::msg::TrainingStat, expected citylearn::msg::Reaction",
+                        "topic citylearn/training_stat: '" + longest("peer") +
+                            "' reads type citylearn::msg::TrainingStat, expected citylearn::msg::Reaction"}));
+  expect_echo(node, sample_of<msg::TrainingStat>(Size::kTypical));  // nobody else is disturbed
   EXPECT_EQ(peer.finish(seconds(10)), 0);
 }
 

@@ -30,8 +30,8 @@ class NotedImages : public FakeImages {
 class PictureRequests : public ::testing::Test {
  protected:
   PictureRequests() {
-    env_.create_writer<msg::ImageChunk>();
     encoder_.create_reader<msg::ImageChunk>();
+    encoder_.create_reader_at<msg::ImageChunk>("dashboard");  // whatever it is sent is seen here as well
   }
   void ask(const std::vector<std::uint32_t>& frames, std::uint32_t first_chunk = 0,
            const std::string& service = "encoder") {

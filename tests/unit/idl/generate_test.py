@@ -17,7 +17,7 @@ GOOD = """module citylearn { module msg {
   @final struct Header {
     unsigned long protocol;                     //@protocol of the sender
   };
-  //@topic(state)
+  //@topic(state) @to(name)
   @final struct BigThing {
     Header header;
     Mode task_mode;
@@ -49,7 +49,8 @@ class Generate(unittest.TestCase):
                      'visitor("number", m.number(), MOST);', 'check.finite("number", m.number());',
                      'check.length("flags", m.flags().size(), "number", m.number().size(), 0);',
                      'check.name("name", m.name(), true);',
-                     'X(BigThing, "citylearn/big_thing", kState)', '#include "idl/thing.h"'):
+                     'X(BigThing, "citylearn/big_thing", kState, kReceiver)', 'return m.name().c_str();',
+                     '#include "idl/thing.h"'):
             self.assertIn(line, fields)
         forward = (pathlib.Path(self.folder.name) / "idl/forward.h").read_text()
         self.assertIn("class BigThing;", forward)
@@ -67,7 +68,9 @@ class Generate(unittest.TestCase):
                 ("//@name(optional)", "//@finite", 14, "does not fit"),
                 ("//@name(optional)", "//@name(maybe)", 14, "does not fit"),
                 ("//@finite", "//@finit", 15, "unknown annotation"),
-                ("topic(state)", "topic(fast)", 10, "one of stream, state, command, durable"),
+                ("topic(state)", "topic(fast)", 10, "one of state, command, durable"),
+                ("@to(name)", "@to(number)", 18, "no string<64> 'number'"),
+                ("@to(name)", "@from(some)", 10, "expected @to(FIELD), @from or @from(all)"),
                 ("    Header header;\n", "", 17, "first field must be a Header"),
                 ("@final struct Big", "struct Big", 11, "must be @final")):
             answer = self.run_on(GOOD.replace(before, after))

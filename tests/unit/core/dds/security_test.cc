@@ -252,22 +252,44 @@ std::string text_of(const std::string& path) {
   if (!fs::is_directory(source)) return contents(source);
   std::string text;
   for (const fs::directory_entry& entry : fs::recursive_directory_iterator(source))
-    if (entry.path().extension() == ".cc") text += contents(entry.path());
+    if (entry.path().extension() == ".cc" || entry.path().extension() == ".h") text += contents(entry.path());
   return text;
 }
 
-/// Returns the topics for which these sources create writers and readers: each service creates them where it begins
-/// (Node::create_writer, Node::create_reader), but for the types in `taken`, which are taken without.
-Rights done(const std::vector<std::string>& sources, const std::vector<std::string>& taken = {}) {
+/// Returns the types of the messages that are declared in a text, by the names of their variables.
+std::multimap<std::string, std::string> declared(const std::string& text) {
+  std::multimap<std::string, std::string> types;
+  const std::regex declaration(R"(\bmsg::([A-Z]\w+)&? (\w+(?:, \w+)*)\s*[;)=])"), name(R"(\w+)");
+  for (std::sregex_iterator at(text.begin(), text.end(), declaration), end; at != end; ++at) {
+    const std::string names = (*at)[2];
+    for (std::sregex_iterator one(names.begin(), names.end(), name); one != end; ++one)
+      types.emplace((*one)[0], (*at)[1]);
+  }
+  return types;
+}
+
+/// Returns what these sources, with their headers, read and publish through a Node.
+Rights done(const std::vector<std::string>& sources) {
   Rights rights;
-  const std::regex pattern(R"((create_writer|create_reader)<msg::(\w+)>)");
+  const std::regex reads(R"((?:create_reader\w*|listen)<msg::(\w+)>)"), writes(R"(create_writer\w*<msg::(\w+)>)");
+  const std::regex publishes(R"(node_\.(?:publish|forward)\((?:\w+(?:->|\.))*(\w+)[,)])");
   for (const std::string& source : sources) {
+    const fs::path header = fs::path(source).replace_extension(".h");
     const std::string text = text_of(source);
     EXPECT_FALSE(text.empty()) << source;
-    for (std::sregex_iterator at(text.begin(), text.end(), pattern), end; at != end; ++at)
-      ((*at)[1] == "create_reader" ? rights.reads : rights.publishes).insert(topic_named((*at)[2]));
+    const auto each = [&](const std::regex& pattern, const auto& visit) {
+      for (std::sregex_iterator at(text.begin(), text.end(), pattern), end; at != end; ++at) visit((*at)[1]);
+    };
+    each(reads, [&](const std::string& message) { rights.reads.insert(topic_named(message)); });
+    each(writes, [&](const std::string& message) { rights.publishes.insert(topic_named(message)); });
+    const auto types = declared(text + (source.ends_with(".cc") ? text_of(header) : ""));
+    each(publishes, [&](const std::string& variable) {
+      EXPECT_TRUE(types.contains(variable)) << source << " publishes '" << variable << "', of which type?";
+      const auto [begin, end] = types.equal_range(variable);
+      for (auto type = begin; type != end; ++type)
+        if (const std::string topic = topic_named(type->second); !topic.empty()) rights.publishes.insert(topic);
+    });
   }
-  for (const std::string& message : taken) rights.reads.insert(topic_named(message));
   rights.publishes.insert(topic_named("ServiceStatus"));  // Node itself
   EXPECT_FALSE(rights.reads.contains("") || rights.publishes.contains(""));
   return rights;
@@ -280,18 +302,25 @@ void expect_rights(const std::string& kind, const Rights& expected) {
 }
 
 TEST(Permissions, AreWhatTheServicesDo) {
-  const std::vector<std::string> policy = {"policy_service/env_client/env_client.cc",
-                                           "policy_service/records/run_announcer.cc"};
+  const std::string of_envs = "policy_service/env_client/", distributed = "policy_service/distributed/";
+  const std::vector<std::string> client = {of_envs};
+  std::vector<std::string> policy = client, learner, actor = client;
+  policy.push_back("policy_service/records");
+  learner = policy;
+  learner.push_back(distributed + "learner_server.cc");
+  for (const char* source : {"actor.cc", "learner_session.cc", "parameter_requester.cc", "trajectory_outbox.cc"})
+    actor.push_back(distributed + source);
   expect_rights("env_service", done({"env_service"}));
   expect_rights("encoder_service", done({"encoder_service"}));
-  Rights both = done(policy), learner = done({policy[0], policy[1], "policy_service/distributed/learner_server.cc"});
-  for (Rights* rights : {&both, &learner}) rights->publishes.insert(topic_named("RunInfo"));  // RunRecord::publish
-  expect_rights("policy_service", both);
-  expect_rights("learner", learner);
-  expect_rights("actor", done({policy[0], "policy_service/distributed/actor.cc"}));
-  expect_rights("dashboard", done({"dashboard/store/recorder.cc", "dashboard/live/live.cc", "dashboard/live/maps.cc",
-                                   "dashboard/live/pictures.cc"},
-                                  {"ServiceStatus", "TraversalInfo", "RunInfo", "TrainingStat"}));  // main's hand_on
+  expect_rights("policy_service", done(policy));
+  expect_rights("learner", done(learner));
+  // The client of an actor records no episodes.
+  Rights acting = done(actor);
+  acting.reads.erase("citylearn/episode_stat");
+  acting.publishes.erase("citylearn/episode_acknowledgement");
+  acting.publishes.insert("citylearn/trajectory");  // TrajectoryOutbox, from a queue
+  expect_rights("actor", acting);
+  expect_rights("dashboard", done({"dashboard"}));
 }
 
 TEST(Permissions, NameTopicsThatThereAre) {

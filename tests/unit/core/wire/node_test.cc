@@ -39,13 +39,16 @@ class Hostile : public ::testing::Test {
   /// Sends `bytes` as a Message; true when the node takes them.
   template <class Message>
   bool takes(const Bytes& bytes) {
-    const Topic& topic = topic_of<Message>();
-    node_.create_reader<Message>();
+    const bool of_sender = addressing_of<Message>() == Addressing::kSender;
+    const bool to_receiver = addressing_of<Message>() == Addressing::kReceiver;
+    const std::string id = of_sender ? "sender" : to_receiver ? "reader" : "";
+    const Topic topic = id.empty() ? topic_of<Message>() : topic_at(topic_of<Message>(), "ours", id);
+    id.empty() ? node_.create_reader<Message>() : node_.create_reader_at<Message>(id);
     enemy_->create_publisher(topic)->publish(bytes);
     Message message;
     const bool taken = node_.take(message);
     EXPECT_FALSE(node_.take(message)) << "there was one";
-    node_.delete_reader<Message>();
+    node_.delete_reader_at<Message>(id);
     return taken;
   }
 };

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <map>
+#include <span>
+#include <string>
+#include <tuple>
+
+#include "core/wire/messages.h"
+
+namespace citylearn {
+
+/// Keeps recorded maps and pictures and answers requests for them in the place of the env_services that sent them: they
+/// were sent to services of then, and are sent to those that ask now. Used by one thread.
+class ChunkStore {
+ public:
+  static constexpr std::size_t kMostPictureBytes = 256u << 20;  ///< beyond them the oldest pictures are forgotten
+
+  /// Keeps a MapChunk or an ImageChunk. Returns false for other topics, and for bytes that cannot be decoded.
+  bool keep(const Topic& topic, std::span<const std::byte> bytes);
+
+  /// Called with the sender of then and the bytes that answer, on this topic.
+  using Send = std::function<void(const Topic& topic, const msg::Header& sender, const Bytes& bytes)>;
+  void answer(const msg::MapRequest& request, const Send& send);
+  void answer(const msg::ImageRequest& request, const Send& send);
+
+ private:
+  using Place = std::tuple<std::string, std::uint64_t, std::uint32_t>;                 // env_service, hash, first frame
+  using Piece = std::tuple<std::string, std::uint64_t, std::uint32_t, std::uint32_t>;  // likewise, frame, chunk
+  void forget_oldest();
+
+  std::map<Place, msg::MapChunk> maps_;
+  std::map<Piece, msg::ImageChunk> pictures_;
+  std::deque<Piece> by_age_;  ///< of pictures_
+  std::size_t picture_bytes_ = 0;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/wire/channels.h"
+
+#include <algorithm>
+#include <chrono>
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::seconds kIdle{10};   // then a writer to a receiver is deleted; longer than kSilence
+constexpr std::size_t kMostWriters = 4096;  // then the one that was used longest ago is
+
+}  // namespace
+
+Topic Channels::topic(const Address& address) const {
+  return address.id.empty() ? *all_ : topic_at(*all_, address.session, address.id);
+}
+
+Channels::Writer& Channels::writer(const Address& address) {
+  const Topic wanted = topic(address);
+  auto found = writers_.find(wanted.name);
+  if (found == writers_.end()) {
+    if (writers_.size() >= kMostWriters)
+      writers_.erase(std::min_element(writers_.begin(), writers_.end(),
+                                      [](const auto& a, const auto& b) { return a.second.used < b.second.used; }));
+    found = writers_.emplace(wanted.name, Writer{middleware_->create_publisher(wanted), 0, {}}).first;
+  }
+  found->second.used = Clock::now();
+  return found->second;
+}
+
+void Channels::delete_idle_writers(Clock::time_point now) {
+  if (addressing_ != Addressing::kReceiver) return;
+  std::erase_if(writers_,
+                [&](const auto& entry) { return entry.first != all_->name && now - entry.second.used > kIdle; });
+}
+
+void Channels::wait_for_acknowledgments(Clock::time_point deadline) {
+  for (const auto& [name, writer] : writers_) writer.publisher->wait_for_acknowledgments(deadline);
+}
+
+void Channels::create_reader(const Address& address) {
+  const Topic wanted = topic(address);
+  std::unique_ptr<Subscription>& reader = readers_[wanted.name];
+  if (!reader) reader = middleware_->create_subscription(wanted);
+}
+
+void Channels::delete_reader(const Address& address) { readers_.erase(topic(address).name); }
+
+bool Channels::take(Bytes& sample) {
+  auto reader = readers_.upper_bound(last_);
+  for (std::size_t i = 0; i < readers_.size(); ++i, ++reader) {
+    if (reader == readers_.end()) reader = readers_.begin();
+    if (!reader->second->take(sample)) continue;
+    last_ = reader->first;
+    return true;
+  }
+  return false;
+}
+
+void Channels::let_go(const Address& address) {
+  writers_.erase(topic(address).name);
+  delete_reader(address);
+}
+
+}  // namespace citylearn

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+
+#include "core/wire/messages.h"
+
+namespace citylearn {
+
+/// The writers and readers of one message type: on the topic of all, and on those of single services. A writer to a
+/// receiver is deleted when it was not used for some seconds, as anybody may ask for something under any name. Used by
+/// one thread at a time; must not outlive the middleware.
+class Channels {
+ public:
+  Channels(Middleware& middleware, const Topic& all, Addressing addressing)
+      : middleware_(&middleware), all_(&all), addressing_(addressing) {}
+
+  /// On whose topic: a service of a session, or all.
+  struct Address {
+    std::string session, id;  ///< id empty: all
+  };
+  struct Writer {
+    std::unique_ptr<Publisher> publisher;
+    std::uint64_t written = 0;  ///< messages, for Header.message
+    Clock::time_point used;
+  };
+  /// Returns the writer of a topic, which it creates at its first use.
+  Writer& writer(const Address& address);
+  void delete_idle_writers(Clock::time_point now);
+  void wait_for_acknowledgments(Clock::time_point deadline);
+
+  void create_reader(const Address& address);
+  void delete_reader(const Address& address);
+  /// Takes a sample from the readers in turn, so that a busy one does not keep the others waiting; false when there is
+  /// none.
+  bool take(Bytes& sample);
+
+  /// Deletes the writer and the reader of a topic.
+  void let_go(const Address& address);
+  Addressing addressing() const { return addressing_; }
+
+ private:
+  Topic topic(const Address& address) const;
+
+  Middleware* middleware_;
+  const Topic* all_;
+  Addressing addressing_;
+  std::map<std::string, Writer> writers_;                         // by topic
+  std::map<std::string, std::unique_ptr<Subscription>> readers_;  // likewise
+  std::string last_;                                              // topic of the reader that had something last
+};
+
+}  // namespace citylearn

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+
+#include "core/wire/channels.h"
+#include "core/wire/messages.h"
+#include "core/wire/node_options.h"
+
+namespace citylearn {
+
+/// A service's identity in a session, and its typed writers and readers. A message goes to the topics that its type has
+/// (Addressing). Used by one thread at a time.
+class Messenger {
+ public:
+  /// Publishes in this node's session, or in the one given, for a node that hears all of them.
+  template <class Message>
+  void publish(Message& message, const std::string& session = "") {
+    stamp(message.header(), session);
+    message.header().message(++channels_of<Message>().writer(address_of(message)).written);
+    forward(message);
+  }
+  /// Publishes another sender's message as it is, header and all.
+  template <class Message>
+  void forward(const Message& message) {
+    encode(message, buffer_);
+    Channels& channels = channels_of<Message>();
+    channels.writer(address_of(message)).publisher->publish(buffer_);
+    const msg::Header& header = message.header();
+    if (channels.addressing() == Addressing::kSenderAndAll)
+      channels.writer({header.session().c_str(), header.sender().c_str()}).publisher->publish(buffer_);
+  }
+  /// Takes the next message of this session that this process did not send, from any of its readers of this type; false
+  /// when there is none. Skips messages that cannot be decoded; they are counted, and logged once a kind.
+  template <class Message>
+  bool take(Message& message) {
+    while (channels_of<Message>().take(buffer_)) {
+      try {
+        decode(std::span<const std::byte>(buffer_), message);
+        if (accept(message.header())) return true;
+      } catch (const Error& error) {
+        reject(error);
+      }
+    }
+    return false;
+  }
+
+  /// Creates the writer to all, or of this service's own topic, ahead of its first use, so that discovery begins now.
+  template <class Message>
+  void create_writer() {
+    Channels& channels = channels_of<Message>();
+    if (channels.addressing() != Addressing::kReceiver) channels.writer(own_address(channels.addressing()));
+    if (channels.addressing() == Addressing::kSenderAndAll) channels.writer(at(options_.id));
+  }
+  /// Creates the reader of what is sent to all, or to this service where messages name a receiver.
+  template <class Message>
+  void create_reader() {
+    create_reader_at<Message>(addressing_of<Message>() == Addressing::kReceiver ? options_.id : "");
+  }
+  /// Create and delete the reader of one service's topic, of what it sends or is sent, or of that of all (id empty).
+  /// `session`: of that service, for a node that hears all sessions.
+  template <class Message>
+  void create_reader_at(const std::string& id, const std::string& session = "") {
+    channels_of<Message>().create_reader({session.empty() ? options_.session : session, id});
+  }
+  template <class Message>
+  void delete_reader_at(const std::string& id) {
+    channels_of<Message>().delete_reader(at(id));
+  }
+  /// Deletes the writers and readers of this service's topics.
+  void let_go(const std::string& id);
+  /// Returns how many readers now get what this service sends to all, or on its own topic.
+  template <class Message>
+  int readers() {
+    return channels_of<Message>().writer(own_address(addressing_of<Message>())).publisher->matched();
+  }
+
+  std::uint64_t incarnation() const { return incarnation_; }
+  Traffic traffic;
+
+ protected:
+  /// Throws Error when the options are invalid.
+  explicit Messenger(const NodeOptions& options);
+  ~Messenger();
+  void delete_idle_writers(Clock::time_point now);
+
+  const NodeOptions options_;
+  const std::uint64_t incarnation_;
+  const std::unique_ptr<Middleware> middleware_;
+
+ private:
+  template <class Message>
+  Channels& channels_of() {
+    const Topic& all = topic_of<Message>();
+    return channels_.try_emplace(&all, *middleware_, all, addressing_of<Message>()).first->second;
+  }
+  /// Returns where a message is sent.
+  template <class Message>
+  static Channels::Address address_of(const Message& message) {
+    const msg::Header& header = message.header();
+    const bool of_sender = addressing_of<Message>() == Addressing::kSender;
+    return {header.session().c_str(), of_sender ? header.sender().c_str() : receiver_of(message)};
+  }
+  Channels::Address at(const std::string& id) const { return {options_.session, id}; }
+  Channels::Address own_address(Addressing addressing) const {
+    return at(addressing == Addressing::kSender ? options_.id : "");
+  }
+  void stamp(msg::Header& header, const std::string& session) const;
+  bool accept(const msg::Header& header);
+  void reject(const Error& error);
+
+  std::map<const Topic*, Channels> channels_;  ///< by topic of all
+  Bytes buffer_;
+  std::set<std::string> rejected_;  ///< kinds logged: type and field
+};
+
+}  // namespace citylearn

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace citylearn {
+
+/// Divides the env_services of a learner among its actors, evenly and with as few moves as possible. It handles no
+/// messages and has no clock. Used by one thread.
+class Assignments {
+ public:
+  /// An env_service that actors may serve.
+  struct Env {
+    std::string id;
+    std::uint64_t incarnation = 0;
+    bool busy = false;  ///< it receives actions; from one of these actors or from somebody else
+  };
+  /// An actor that is alive.
+  struct Actor {
+    std::string id;
+    std::set<std::uint64_t> serves;  ///< incarnations of env_services, as it last said
+  };
+  /// What an actor is to be told: to serve an env_service, or to release it.
+  struct Order {
+    std::string actor;
+    std::string env;
+    std::uint64_t incarnation = 0;
+    bool serve = false;
+
+    bool operator==(const Order&) const = default;
+  };
+
+  /// Returns what has to be told, also what was told before and no actor has confirmed. An env_service is given to
+  /// another actor only when none says that it serves it.
+  /// Call it about ten times a second: what an actor did not begin to serve in kPatience calls goes to another one.
+  std::vector<Order> divide(const std::vector<Env>& envs, const std::vector<Actor>& actors);
+
+ private:
+  static constexpr int kPatience = 300;
+  struct Given {
+    std::string actor, env;
+    bool confirmed = false;
+    int waited = 0;  ///< calls since it was given, while it is not confirmed
+  };
+  using Loads = std::map<std::string, std::size_t>;  // env_services, by actor
+  void follow(const std::vector<Env>& envs, const std::vector<Actor>& actors);
+  void withdraw_surplus(Loads loads);
+  void give(const Env& env, Loads& loads);
+
+  std::map<std::uint64_t, Given> given_;          ///< by incarnation of the env_service
+  std::map<std::uint64_t, std::string> left_by_;  ///< the actor that released it unasked, or did not begin to serve it
+};
+
+}  // namespace citylearn
