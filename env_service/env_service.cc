@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "core/util/name.h"
+#include "core/util/text.h"
 #include "core/wire/incumbent.h"
 #include "core/wire/message_order.h"
 #include "core/wire/rejections.h"
@@ -223,6 +224,7 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     return;
   }
   watch_policy(settings.header().sender().c_str());
+  outbox_.believe(settings.header(), now_);  // that its predecessor stops may be lost
   newest_ = id;
   info_.settings() = msg::SettingsId();
   info_.by_reference() = false;
@@ -468,8 +470,8 @@ void EnvService::leave() {
   if (outbox_.kept() == 0)
     spdlog::info("'{}' stops: {} episodes, all acknowledged", node_.options().id, outbox_.episodes());
   else
-    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged", node_.options().id, outbox_.episodes(),
-                 outbox_.kept());
+    spdlog::warn("'{}' stops: {} episodes, {} of them not acknowledged{}", node_.options().id, outbox_.episodes(),
+                 outbox_.kept(), outbox_.lacking().empty() ? "" : " by " + joined(outbox_.lacking()));
 }
 
 }  // namespace

@@ -113,6 +113,13 @@ EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowl
   return fresh || loss || progress || acknowledgement.leaving() ? Acknowledged::kYes : Acknowledged::kRepeated;
 }
 
+void EpisodeOutbox::believe(const msg::Header& header, Clock::time_point now) {
+  const auto found = recorders_.find(header.sender().c_str());
+  if (found == recorders_.end() || found->second.presence.incarnation() == header.incarnation()) return;
+  found->second.presence.leave();
+  found->second.hear(header, now);
+}
+
 bool EpisodeOutbox::recorder_expected(Clock::time_point now) const {
   return std::any_of(recorders_.begin(), recorders_.end(), [&](const auto& entry) {
     const Recorder& recorder = entry.second;
@@ -126,6 +133,13 @@ std::vector<std::string> EpisodeOutbox::recorders() const {
   std::vector<std::string> names;
   for (const auto& [name, recorder] : recorders_)
     if (recorder.registered) names.push_back(name);
+  return names;
+}
+
+std::vector<std::string> EpisodeOutbox::lacking() const {
+  std::vector<std::string> names;
+  for (const auto& [name, recorder] : recorders_)
+    if (recorder.registered && recorder.acknowledged < episodes_) names.push_back("'" + name + "'");
   return names;
 }
 

@@ -40,6 +40,9 @@ class EpisodeOutbox {
   /// place of one that left and is silent; kTooMany: there is none.
   Acknowledged acknowledge(const msg::EpisodeAcknowledgement& acknowledgement, Clock::time_point now);
 
+  /// The sender speaks for its id from now on, for reasons that are not known here.
+  void believe(const msg::Header& header, Clock::time_point now);
+
   struct Sending {
     std::uint64_t episode = 0;
     bool again = false;  ///< it was sent before
@@ -59,6 +62,8 @@ class EpisodeOutbox {
   /// Returns whether a recorder lacks episodes and is alive as far as is known.
   bool recorder_expected(Clock::time_point now) const;
   std::vector<std::string> recorders() const;
+  /// Returns those that lack episodes, as far as is known.
+  std::vector<std::string> lacking() const;
   /// Says what was given up because too much was kept; empty while nothing was.
   const std::string& problem() const { return problem_; }
 

@@ -381,7 +381,7 @@ class FastMiddleware : public Middleware {
       topics_.erase(topic.name);
       throw Error("fastdds cannot create it", "topic " + topic.name);
     }
-    const TopicOwner owner(made, [this](dds::Topic* last) {
+    TopicOwner owner(made, [this](dds::Topic* last) {
       topics_.erase(last->get_name());
       participant_->delete_topic(last);
     });

@@ -54,11 +54,29 @@ TEST(Simulation, KeepsAllInvariantsWhateverGoesWrong) {
   EXPECT_EQ(output.status, 0) << output.text;
 }
 
-TEST(Simulation, CountsWhatAHostSends) {
-  const Output output = simulate("--hosts 1 2>/dev/null");
-  EXPECT_EQ(output.status, 0) << output.text;
-  EXPECT_NE(output.text.find("10 env_services of 16 agents (10 at work)"), std::string::npos) << output.text;
-  EXPECT_NE(output.text.find("| action | 10, 10, 10 |"), std::string::npos) << output.text;
+/// What an env_service and an actor are sent does not depend on how many others there are.
+TEST(Simulation, AMessageReachesAsManyServicesHoweverManyHostsThereAre) {
+  for (const int hosts : {1, 4}) {
+    const Output output = simulate("--hosts " + std::to_string(hosts) + " 2>/dev/null");
+    ASSERT_EQ(output.status, 0) << output.text;
+    const std::string envs = std::to_string(10 * hosts);
+    EXPECT_NE(output.text.find(envs + " env_services of 16 agents (" + envs + " at work)"), std::string::npos)
+        << output.text;
+    const auto expect_copies = [&](const std::string& message, const std::string& copies) {
+      const std::size_t row = output.text.find("\n| " + message + " |");
+      ASSERT_NE(row, std::string::npos) << output.text;
+      EXPECT_NE(output.text.substr(row, output.text.find('\n', row + 1) - row).find("| " + copies + " |"),
+                std::string::npos)
+          << message << "\n"
+          << output.text;
+    };
+    for (const char* message :
+         {"action", "observation", "episode_acknowledgement", "trajectory", "trajectory_acknowledgement"})
+      expect_copies(message, "1.0");
+    expect_copies("episode_stat", "3.0");
+    expect_copies("training_stat", "2.0");
+    expect_copies("policy_parameters", std::to_string(hosts) + ".0");
+  }
 }
 
 TEST(LongSimulation, KeepsAllInvariantsWhateverGoesWrong) {

@@ -324,6 +324,19 @@ TEST(EpisodeOutbox, WithoutAnyRecorderTheOldestGoAndThatIsTold) {
   EXPECT_EQ(fixture.sent(), again(51, 114));
 }
 
+TEST(EpisodeOutbox, BelievesThePolicyServiceThatIsInChargeAtOnce) {
+  Fixture fixture;
+  fixture.end_episodes(3);
+  EXPECT_EQ(fixture.acknowledge("policy", 1), Acknowledged::kYes);
+  EXPECT_EQ(fixture.acknowledge("policy", 3, false, 2), Acknowledged::kRepeated) << "the first may live";
+  msg::Header header;
+  header.sender() = "policy";
+  header.incarnation() = 2;
+  fixture.outbox.believe(header, fixture.now);
+  EXPECT_EQ(fixture.acknowledge("policy", 3, false, 2), Acknowledged::kYes);
+  EXPECT_EQ(fixture.outbox.kept(), 0u);
+}
+
 TEST(EpisodeOutbox, KnowsWhomToWaitForAtTheEnd) {
   Fixture fixture({"never-seen"});
   fixture.acknowledge("policy", 0);
