@@ -64,7 +64,7 @@ class Actor {
   void let_go_of_released();
   void enroll(EnvHandle& env);
   void drop(EnvHandle& env);
-  void release(EnvHandle& env);
+  void release(const std::string& id);
   void release_all();
   bool decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice);
   bool may_continue(const Served& served) const;
@@ -194,8 +194,7 @@ void Actor::on_assignment(const msg::Assignment& assignment) {
   if (known == assigned_.end() || known->second != assignment.environment_incarnation()) return;
   spdlog::info("releases env_service '{}', as learner '{}' asks", id, session_->learner());
   assigned_.erase(known);
-  if (const auto env = client_.envs().find(id); env != client_.envs().end()) release(*env->second);
-  released_.try_emplace(id, Clock::now());
+  release(id);
 }
 
 /// Begins to serve what is assigned and has announced itself, and gives up what is gone.
@@ -209,8 +208,7 @@ void Actor::serve_assigned() {
                  : env->refusal.empty() ? "is gone"
                                         : "is not used");
     assigned_.erase(env->id);
-    release(*env);
-    released_.try_emplace(env->id, Clock::now());
+    release(env->id);
   }
   for (const auto& [id, incarnation] : assigned_) {
     const auto found = client_.envs().find(id);
@@ -272,18 +270,18 @@ void Actor::drop(EnvHandle& env) {
 }
 
 /// Ends to serve an env_service and tells it to wait, so that another actor may serve it at once.
-void Actor::release(EnvHandle& env) {
-  drop(env);
-  msg::TaskSettings settings;
-  settings.task_mode() = msg::IDLE;
-  client_.command(env, settings);
+void Actor::release(const std::string& id) {
+  if (const auto env = client_.envs().find(id); env != client_.envs().end()) {
+    drop(*env->second);
+    msg::TaskSettings settings;
+    settings.task_mode() = msg::IDLE;
+    client_.command(*env->second, settings);
+  }
+  released_.try_emplace(id, Clock::now());
 }
 
 void Actor::release_all() {
-  for (const auto& [id, incarnation] : std::exchange(assigned_, {})) {
-    if (const auto env = client_.envs().find(id); env != client_.envs().end()) release(*env->second);
-    released_.try_emplace(id, Clock::now());
-  }
+  for (const auto& [id, incarnation] : std::exchange(assigned_, {})) release(id);
   next_status_ = Clock::now();
 }
 
