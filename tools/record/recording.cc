@@ -47,12 +47,13 @@ Recording::Recording(Middleware& middleware, const RecordingOptions& options)
   for (const auto& [name, topic] : topics_) sources_[name] = {&topic, middleware.create_subscription(topic)};
 }
 
-/// Subscribes to the topics of single services that were discovered.
+/// Subscribes to the topics of single services that were discovered. Most have a reader before they have a writer, so
+/// that nothing is missed.
 void Recording::find_topics() {
   const std::string other = topic_at({"citylearn/", "", Profile::kState, 0}, options_.session, "").name;
   const std::string session = options_.session.empty() ? "" : other.substr(0, other.size() - 1);
   for (const DiscoveryMonitor::Endpoint& endpoint : middleware_.discovery().endpoints()) {
-    if (!endpoint.writes || sources_.contains(endpoint.topic) || !endpoint.topic.starts_with(session)) continue;
+    if (sources_.contains(endpoint.topic) || !endpoint.topic.starts_with(session)) continue;
     const auto known = topics_.find(base_topic(endpoint.topic));
     // What is sent to all as well is recorded there.
     if (known == topics_.end() || known->second.type != endpoint.type ||

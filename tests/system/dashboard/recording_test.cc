@@ -96,8 +96,10 @@ TEST_P(Vendors, AKilledRecordingIsReadAndItsTrajectoriesAreLearnedFrom) {
     for (const Heard& heard : all_of(file)) count += heard.topic == "citylearn/trajectory";
     return count;
   };
-  // 30 updates of 8 agents; a chunk is on the disk a second after its first message.
-  ASSERT_TRUE(poll_until([&] { return trajectories() >= 240; }, kLong)) << record->output();
+  // As many as the second learner needs, 25 updates of 8 agents: of a topic of one service, what was sent before it was
+  // discovered may be missing. A chunk is on the disk a second after its first message.
+  ASSERT_TRUE(poll_until([&] { return trajectories() >= 200; }, kLong))
+      << trajectories() << " trajectories, " << record->output();
   ASSERT_EQ(record->end(SIGKILL, kLong), 128 + SIGKILL);
 
   const auto second = learner(25, "second");
