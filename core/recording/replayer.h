@@ -22,8 +22,8 @@ namespace citylearn {
 /// Plays recordings into a middleware: the recorded bytes on their topics, each sender with writers of its own, in the
 /// order and at the distance in time in which they came. Does what a recorder of episodes and statistics expects of
 /// their senders, so that it gets all of them at any speed: waits for its acknowledgements of episodes, sends them
-/// again, sends TrainingStats again when asked, and maps and pictures to whoever asks now (idl/episode.idl,
-/// idl/training.idl, idl/scene.idl, idl/image.idl). Used by one thread.
+/// again, sends TrainingStats again when asked, and maps and pictures to the service that asks now
+/// (idl/episode.idl, idl/training.idl, idl/scene.idl, idl/image.idl). Used by one thread.
 class Replayer {
  public:
   /// `middleware` must outlive it. Throws Error when a file is none, or a topic is unknown.
