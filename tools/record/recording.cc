@@ -48,7 +48,7 @@ Recording::Recording(Middleware& middleware, const RecordingOptions& options)
 }
 
 /// Subscribes to the topics of single services that were discovered. Most have a reader before they have a writer, so
-/// that nothing is missed.
+/// that little of what is sent first is missed.
 void Recording::find_topics() {
   const std::string other = topic_at({"citylearn/", "", Profile::kState, 0}, options_.session, "").name;
   const std::string session = options_.session.empty() ? "" : other.substr(0, other.size() - 1);
