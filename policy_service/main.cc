@@ -109,6 +109,13 @@ int main(int argc, char** argv) {
                    "Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/ and tensorboard/; "
                    "empty: nothing is written. With --mode export the file to write");
 
+    app.add_option("--threads", options.threads,
+                   "Threads that act in training and learn; by default all processors that this process may use. They "
+                   "change no result. Learning uses as many as --ppo-shards, acting one for each 16 agents of an "
+                   "env_service, at least two")
+        ->default_str("processors")
+        ->check(CLI::Range(1, 1024));
+
     app.option_defaults()->group("Task");
     // env_services announce recordings under such names.
     app.add_option(

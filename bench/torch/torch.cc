@@ -45,13 +45,14 @@ void compare(int cells, int rounds) {
   Rollout* const rollouts[] = {&rollout};
 
   // Torch's threads wait for one another at every product, and so may be slower than one alone: it gets its choice.
+  WorkerPool workers(2);
   Contender contenders[] = {{"ppo", 2}, {"torch_ppo", 1}, {"torch_ppo", 2}};
   for (Contender& one : contenders) {
     const auto& learner_entry = LearnerRegistry::instance().find("learner", one.name);
     std::map<std::string, double> values = recommended.at("learner");
     if (one.name == "torch_ppo") values["gpu"] = 0, values["threads"] = one.threads;
     one.learner = learner_entry.create(Parameters(one.name, learner_entry.parameters, values),
-                                       LearnerTask{*network, agent, parameters, task, 1, 0});
+                                       LearnerTask{*network, agent, parameters, task, workers, 1, 0});
   }
   std::vector<double> ratios;
   for (int round = 0; round < rounds; ++round) {

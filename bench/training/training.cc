@@ -16,7 +16,7 @@
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"
-#include "policy_service/rollout/worker.h"
+#include "policy_service/rollout/worker_pool.h"
 #include "tools/vpr/descriptors.h"
 
 namespace citylearn {
@@ -250,17 +250,17 @@ void updates(const Options& options) {
         Trainer::recommended_parameters("features", options.trainer.learner)["learner"];
     const auto& learner_entry = LearnerRegistry::instance().find("learner", options.trainer.learner);
     const Parameters parameters("learner", learner_entry.parameters, values);
-    const auto learner =
-        learner_entry.create(parameters, LearnerTask{*network, "features", network_parameters, task, 1, 1u << 30});
+    WorkerPool workers(2);
+    const auto learner = learner_entry.create(
+        parameters, LearnerTask{*network, "features", network_parameters, task, workers, 1, 1u << 30});
 
     Rollout rollout = bench::made_up_rollout(task, static_cast<int>(network->state_size()), kSteps, kAgents, kSteps);
     Rollout* const rollouts[] = {&rollout};
     const int epochs = static_cast<int>(values.at("epochs")), minibatch = static_cast<int>(values.at("minibatch"));
     std::vector<BareProducts> bare(2, {kDimension + 1, 512, cells, 2 * kActions, kSteps, minibatch / 2});
-    Worker worker;
     const auto multiply = [&] {
       for (int i = 0; i < epochs * kAgents / minibatch; ++i)
-        worker.both([&](int which) { bare[static_cast<std::size_t>(which)].run(); });
+        workers.run(2, [&](int which) { bare[static_cast<std::size_t>(which)].run(); });
     };
     double update = 0, product = 0;
     learner->update(rollouts);
@@ -329,6 +329,8 @@ void add_options(CLI::App& app, Options& options) {
   app.add_option("--agent", options.trainer.agent, "network")->capture_default_str();
   app.add_option("--learner", options.trainer.learner, "learner")->capture_default_str();
   app.add_option("--seed", options.trainer.seed, "")->capture_default_str();
+  app.add_option("--threads", options.trainer.threads, "that act and learn; as many as processors unless given")
+      ->check(CLI::Range(1, 1024));
   app.add_option("--set", options.set, "name=value: a parameter of network, learner or trainer");
   app.add_flag("--curriculum", options.trainer.curriculum, "the paper's lessons");
   app.add_option("--dataset", options.dataset, "")->capture_default_str();

@@ -79,6 +79,7 @@ class Actor {
   Node node_;
   EnvClient client_;
   Rejections rejections_;
+  WorkerPool workers_{options_.threads};
   std::unique_ptr<LearnerSession> session_;
   std::map<std::string, std::uint64_t> assigned_;      // incarnations of env_services, by id
   std::map<std::string, Clock::time_point> released_;  // told to be idle, not let go yet: since when
@@ -158,7 +159,7 @@ void Actor::on_info(const msg::LearnerInfo& info) {
     if (acknowledged_.size() >= kMostLearners) acknowledged_.clear();
     acknowledged_[session_->info().header().incarnation()] = session_->outbox.acknowledged();
   }
-  session_ = std::make_unique<LearnerSession>(node_, info);
+  session_ = std::make_unique<LearnerSession>(node_, info, workers_);
   session_->outbox.continue_after(acknowledged_[info.header().incarnation()]);
   client_.require(session_->requirements());
   warned_ = false;

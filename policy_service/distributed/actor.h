@@ -8,6 +8,7 @@ namespace citylearn {
 struct ActorOptions {
   Node::Options node;
   bool stay = false;  ///< waits for the next learner when one has ended, instead of leaving
+  int threads = 0;    ///< that act, as TrainerOptions::threads
 };
 
 /// Acts on env_services of the traversal that the run's learner learns from, and sends the learner what their agents

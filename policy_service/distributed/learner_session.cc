@@ -51,8 +51,8 @@ bool same_task(const msg::LearnerInfo& one, const msg::LearnerInfo& other) {
   return same == one;
 }
 
-LearnerSession::LearnerSession(Node& node, const msg::LearnerInfo& info)
-    : outbox(node), node_(node), info_(info), requester_(node, learner()) {}
+LearnerSession::LearnerSession(Node& node, const msg::LearnerInfo& info, WorkerPool& workers)
+    : outbox(node), node_(node), info_(info), workers_(workers), requester_(node, learner()) {}
 
 EnvRequirements LearnerSession::requirements() const {
   EnvRequirements required;
@@ -96,7 +96,7 @@ bool LearnerSession::prepare(EnvClient& client) {
   collector_ =
       std::make_unique<Collector>(CollectorOptions{info.seed(), static_cast<int>(info.first_frame()), steps, steps,
                                                    info.noise_frame(), info.noise_place(), info.noise_episode()},
-                                  task_, *network_);
+                                  task_, *network_, workers_);
   parameters_ = std::make_unique<ParameterAssembly>(network_->parameter_count());
   begin_lesson();
   expect_parameters();

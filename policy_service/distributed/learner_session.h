@@ -21,7 +21,8 @@ bool same_task(const msg::LearnerInfo& one, const msg::LearnerInfo& other);
 /// An actor's work for one incarnation of a learner. Used by one thread.
 class LearnerSession {
  public:
-  LearnerSession(Node& node, const msg::LearnerInfo& info);
+  /// `node` and `workers` must outlive it.
+  LearnerSession(Node& node, const msg::LearnerInfo& info, WorkerPool& workers);
 
   /// Returns what the learner's announcement requires of env_services.
   EnvRequirements requirements() const;
@@ -52,6 +53,7 @@ class LearnerSession {
 
   Node& node_;
   msg::LearnerInfo info_;
+  WorkerPool& workers_;
   NetworkTask task_;
   std::unique_ptr<const AgentNetwork<float>> network_;
   std::unique_ptr<Collector> collector_;

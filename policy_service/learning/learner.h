@@ -8,6 +8,7 @@
 
 #include "policy_service/network/agent_network.h"
 #include "policy_service/rollout/rollout.h"
+#include "policy_service/rollout/worker_pool.h"
 
 namespace citylearn {
 
@@ -17,6 +18,7 @@ struct LearnerTask {
   std::string agent;                   ///< the network's name,
   Parameters parameters;               ///< its own,
   const NetworkTask& task;             ///< and what it was built for; outlives the learner
+  WorkerPool& workers;                 ///< for work that it divides; outlives the learner
   std::uint64_t seed = 1;              ///< of the initial parameters and of the learner's own random numbers
   std::uint64_t total_steps = 0;       ///< environment steps of the whole run at most, for schedules
 };
@@ -37,7 +39,7 @@ struct LearnerState {
 };
 
 /// Improves the parameters of a network from what its agents saw and did. It sees tensors, never topics or images. Used
-/// by one thread; it may use threads of its own, but the same rollouts give the same bits.
+/// by one thread; it may divide its work, but the same rollouts give the same bits on any number of threads.
 class Learner {
  public:
   virtual ~Learner() = default;

@@ -44,20 +44,21 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : impl_
     throw Error("is " + std::to_string(p.segment) + ", must be a multiple of sequence, " + std::to_string(p.sequence),
                 "trainer.segment");
   p.total_steps = static_cast<std::uint64_t>(p.parameters.trainer["steps"]);
+  p.workers = std::make_unique<WorkerPool>(options.threads);
   p.lessons = {{task.frames, p.options.max_steps}};
   if (options.curriculum) p.lessons = curriculum_of(task.frames, p.options.max_steps);
   p.network = p.parameters.network_entry->create(p.parameters.network, p.task);
   p.shared_network = p.parameters.network_entry->create(p.parameters.network, p.task);
   p.learner = p.parameters.learner_entry->create(
       p.parameters.learner,
-      LearnerTask{*p.network, options.agent, p.parameters.network, p.task, options.seed, p.total_steps});
+      LearnerTask{*p.network, options.agent, p.parameters.network, p.task, *p.workers, options.seed, p.total_steps});
   if (options.initial) p.start_from(*options.initial);
   p.options.initial.reset();
   if (!options.frozen.empty()) p.freeze();
   p.collector = std::make_unique<Collector>(
       CollectorOptions{options.seed, options.first_frame, p.segment, p.sequence, p.parameters.trainer["noise-frame"],
                        p.parameters.trainer["noise-place"], p.parameters.trainer["noise-episode"]},
-      p.task, *p.network);
+      p.task, *p.network, *p.workers);
   p.collector->reset_all(p.generation, p.lesson().frames);
   p.progress.reward = p.progress.spl = std::numeric_limits<double>::quiet_NaN();
 }

@@ -22,6 +22,7 @@ struct TrainerOptions {
   std::string learner = "ppo";
   std::map<std::string, double> network_parameters, learner_parameters, trainer_parameters;
   std::uint64_t seed = 1;
+  int threads = 0;  ///< that act and learn, the caller's included; 0: as many as processors. Changes no result
 
   // The task.
   int first_frame = 0;      ///< where the route begins, index on the traversal

@@ -38,6 +38,7 @@ struct Trainer::Impl {
   TrainerOptions options;
   NetworkTask task;
   TrainerParameters parameters;
+  std::unique_ptr<WorkerPool> workers;
   std::unique_ptr<const AgentNetwork<float>> network;
   std::shared_ptr<const AgentNetwork<float>> shared_network;  ///< the one that agent() returns
   std::unique_ptr<Learner> learner;

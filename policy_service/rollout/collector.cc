@@ -2,7 +2,6 @@
 #include "policy_service/rollout/collector.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 
@@ -10,7 +9,6 @@
 #include "core/task/spl.h"
 #include "policy_service/network/feature_normaliser.h"
 #include "policy_service/rollout/network_policy.h"
-#include "policy_service/rollout/worker.h"
 
 namespace citylearn {
 namespace {
@@ -25,6 +23,13 @@ enum Purpose : std::uint64_t {
 };
 
 constexpr double kMostStretch = 5;  // of a place's noise, a power of two
+
+/// Returns the number of pieces that so many agents are divided into. It decides bits, so threads play no part in it. A
+/// piece reads all weights, which takes longer than a few agents do.
+std::size_t pieces_for(std::size_t agents) {
+  constexpr std::size_t kLeast = 2, kAgents = 16;  // kAgents: of a piece at most
+  return std::max(kLeast, (agents + kAgents - 1) / kAgents);
+}
 
 /// Fills `out` with nearly normal numbers of mean 0 and deviation 1, sums of four uniform ones: one draw of 64 bits
 /// each.
@@ -47,7 +52,8 @@ struct Collector::Impl {
     float strength = 0;         // of the episode's noise
     double stretch = 1;         // places over which a place's noise changes
   };
-  struct Half {  // of an environment's agents
+  struct Piece {  // of an environment's agents, from `begin` on
+    std::ptrdiff_t begin = 0;
     NetworkInputs<float> inputs;
     Matrix<float> state;
     std::unique_ptr<Workspace<float>> workspace;
@@ -63,12 +69,12 @@ struct Collector::Impl {
     Matrix<float> episode_noise;  // D x agents, of the episode
     std::vector<Agent> agent;
     std::vector<FinishedEpisode> finished;
-    std::array<Half, 2> halves;
-    Half single;  // for values of truncated episodes
+    std::vector<Piece> pieces;
+    Piece single;  // for values of truncated episodes
   };
 
-  Impl(const CollectorOptions& how, const NetworkTask& what, const AgentNetwork<float>& who)
-      : options(how), task(what), network(who), frames(what.frames) {
+  Impl(const CollectorOptions& how, const NetworkTask& what, const AgentNetwork<float>& who, WorkerPool& by)
+      : options(how), task(what), network(who), workers(by), frames(what.frames) {
     if (network.normalises()) normalisers = normalisers_by_experience(task.reference, task.frames);
     const double components = std::sqrt(std::max(1, task.features));
     noise_frame = static_cast<float>(options.noise_frame / components);
@@ -79,6 +85,7 @@ struct Collector::Impl {
   const CollectorOptions options;
   const NetworkTask& task;
   const AgentNetwork<float>& network;
+  WorkerPool& workers;
   /// They see nothing: agents learn on the traversals that their priors are of. Empty: features stay as they are.
   std::vector<FeatureNormaliser> normalisers;
   float noise_frame, noise_place, noise_episode;  // deviation of a component
@@ -87,7 +94,6 @@ struct Collector::Impl {
   int frames;           // places in use
   Vector<float> noise;  // of one frame
   std::vector<int> distances;
-  Worker worker;
 
   bool augments() const { return noise_frame > 0 || noise_place > 0 || noise_episode > 0; }
   EnvState& env(int environment) {
@@ -130,8 +136,9 @@ struct Collector::Impl {
   void decide(EnvState& env, std::vector<std::uint8_t>& choice);
 };
 
-Collector::Collector(const CollectorOptions& options, const NetworkTask& task, const AgentNetwork<float>& network)
-    : impl_(std::make_unique<Impl>(options, task, network)) {}
+Collector::Collector(const CollectorOptions& options, const NetworkTask& task, const AgentNetwork<float>& network,
+                     WorkerPool& workers)
+    : impl_(std::make_unique<Impl>(options, task, network, workers)) {}
 
 Collector::~Collector() = default;
 
@@ -155,13 +162,15 @@ void Collector::add(int environment, int agents, int experience) {
   env.agents = agents;
   env.experience = experience;
   env.rollout.resize(p.task.features, p.network.state_size(), p.options.segment, agents, p.options.sequence);
-  const int middle = (agents + 1) / 2;
-  for (int which = 0; which < 2; ++which) {
-    Impl::Half& half = env.halves[static_cast<std::size_t>(which)];
-    const int count = which == 0 ? middle : agents - middle;
-    half.inputs.agents = count;
-    half.state.resize(p.network.state_size(), count);
-    half.workspace = p.network.make_workspace();
+  const auto count = static_cast<std::size_t>(agents);
+  env.pieces.resize(pieces_for(count));
+  for (std::size_t i = 0; i < env.pieces.size(); ++i) {
+    Impl::Piece& piece = env.pieces[i];
+    piece.begin = static_cast<std::ptrdiff_t>(begin_of_part(count, i, env.pieces.size()));
+    const auto end = static_cast<std::ptrdiff_t>(begin_of_part(count, i + 1, env.pieces.size()));
+    piece.inputs.agents = static_cast<int>(end - piece.begin);
+    piece.state.resize(p.network.state_size(), end - piece.begin);
+    piece.workspace = p.network.make_workspace();
   }
   env.single.workspace = p.network.make_workspace();
   p.begin(env);
@@ -222,11 +231,9 @@ bool Collector::act(int environment, const msg::Observation& observation, const 
     return true;
   }
   for (std::ptrdiff_t agent = 0; agent < env.agents; ++agent) env.rollout.next.copy_column(env.seen, agent, agent);
-  for (int which = 0, agent = 0; which < 2; ++which) {
-    const auto& values = env.halves[static_cast<std::size_t>(which)].workspace->heads.values;
-    for (std::ptrdiff_t column = 0; column < values.cols(); ++column)
-      env.rollout.last_value[static_cast<std::size_t>(agent++)] = values(0, column);
-  }
+  for (const Impl::Piece& piece : env.pieces)
+    for (std::ptrdiff_t column = 0; column < piece.inputs.agents; ++column)
+      env.rollout.last_value[static_cast<std::size_t>(piece.begin + column)] = piece.workspace->heads.values(0, column);
   env.full = true;
   return false;
 }
@@ -350,20 +357,21 @@ void Collector::Impl::augment_features(const EnvState& env, std::ptrdiff_t index
   if (changed > 0) features *= length / changed;
 }
 
-/// Runs the network on the last observation, half of the agents on each thread.
+/// Runs the network on the last observation.
 void Collector::Impl::evaluate(EnvState& env, const Vector<float>& parameters) {
   const auto run = [&](int which) {
-    Half& half = env.halves[static_cast<std::size_t>(which)];
-    const std::ptrdiff_t count = half.inputs.agents, begin = which == 0 ? 0 : env.agents - count;
+    Piece& piece = env.pieces[static_cast<std::size_t>(which)];
+    const std::ptrdiff_t count = piece.inputs.agents;
     if (count == 0) return;
-    half.inputs.resize(task.features, 1, static_cast<int>(count));
-    half.inputs.frames = frames;
-    for (std::ptrdiff_t agent = 0; agent < count; ++agent) half.inputs.copy_column(env.seen, begin + agent, agent);
-    half.state = env.state.middleCols(begin, count);
-    half.workspace->fixed = env.parameter_generation;
-    network.forward(parameters, half.inputs, half.state, *half.workspace);
+    piece.inputs.resize(task.features, 1, static_cast<int>(count));
+    piece.inputs.frames = frames;
+    for (std::ptrdiff_t agent = 0; agent < count; ++agent)
+      piece.inputs.copy_column(env.seen, piece.begin + agent, agent);
+    piece.state = env.state.middleCols(piece.begin, count);
+    piece.workspace->fixed = env.parameter_generation;
+    network.forward(parameters, piece.inputs, piece.state, *piece.workspace);
   };
-  worker.both(run);
+  workers.run(static_cast<int>(env.pieces.size()), std::cref(run));
 }
 
 /// Draws actions and records them, with all that the learner needs.
@@ -375,15 +383,15 @@ void Collector::Impl::decide(EnvState& env, std::vector<std::uint8_t>& choice) {
   Random random{options.seed, kAction, static_cast<std::uint64_t>(env.id), generation, env.step};
   choice.resize(static_cast<std::size_t>(agents));
   std::ptrdiff_t agent = 0;
-  for (const Half& half : env.halves) {
-    for (std::ptrdiff_t column = 0; column < half.inputs.agents; ++column, ++agent) {
+  for (const Piece& piece : env.pieces) {
+    for (std::ptrdiff_t column = 0; column < piece.inputs.agents; ++column, ++agent) {
       const auto index = static_cast<std::size_t>(row + agent);
       rollout.inputs.copy_column(env.seen, agent, row + agent);
       const std::uint8_t action =
-          sample_action(half.workspace->heads.logits.col(column), random, rollout.log_probability[index]);
+          sample_action(piece.workspace->heads.logits.col(column), random, rollout.log_probability[index]);
       rollout.action[index] = choice[static_cast<std::size_t>(agent)] = action;
-      rollout.value[index] = half.workspace->heads.values(0, column);
-      env.state.col(agent) = half.workspace->state.col(column);
+      rollout.value[index] = piece.workspace->heads.values(0, column);
+      env.state.col(agent) = piece.workspace->state.col(column);
     }
   }
   ++env.tick;

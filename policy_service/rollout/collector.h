@@ -8,6 +8,7 @@
 #include "core/wire/messages.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/rollout/rollout.h"
+#include "policy_service/rollout/worker_pool.h"
 
 namespace citylearn {
 
@@ -28,11 +29,12 @@ struct FinishedEpisode {
 
 /// Acts on any number of environments, each with agents of its own, and records what a learner needs: a Rollout of
 /// `segment` steps for each environment. It uses neither wire nor clock: the same observations and parameters give the
-/// same bits, in whatever order the environments' observations arrive. Used by one thread.
+/// same bits, in whatever order the environments' observations arrive and on however many threads. Used by one thread.
 class Collector {
  public:
-  /// `task` and `network` must outlive it.
-  Collector(const CollectorOptions& options, const NetworkTask& task, const AgentNetwork<float>& network);
+  /// All must outlive it. Agents are divided into pieces, which `workers` do at once.
+  Collector(const CollectorOptions& options, const NetworkTask& task, const AgentNetwork<float>& network,
+            WorkerPool& workers);
   ~Collector();
 
   /// Begins all environments anew, on the route's first `frames` places. `generation` names the random streams from

@@ -110,7 +110,7 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
 
 int run_policy_service(const PolicyServiceOptions& options) {
   const PolicyServiceOptions complete = checked_options(options);
-  if (complete.role == "actor") return run_actor({complete.node, complete.stay});
+  if (complete.role == "actor") return run_actor({complete.node, complete.stay, complete.threads});
   Node node(complete.node);
   const FinalStatusGuard final_status(node);
   EnvClient client(node, complete.client);

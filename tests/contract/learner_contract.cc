@@ -55,7 +55,7 @@ class LearnerContract : public ::testing::TestWithParam<std::string> {
   std::unique_ptr<Learner> make(const AgentNetwork<float>& network, int cells, std::uint64_t seed,
                                 const std::map<std::string, double>& given) const {
     return entry().create(Parameters("learner", entry().parameters, given),
-                          LearnerTask{network, "features", network_parameters(cells), task_, seed, 10000});
+                          LearnerTask{network, "features", network_parameters(cells), task_, workers_, seed, 10000});
   }
   std::unique_ptr<Learner> make(std::uint64_t seed, const std::map<std::string, double>& given = {}) const {
     return make(*network_, 8, seed, given);
@@ -85,6 +85,7 @@ class LearnerContract : public ::testing::TestWithParam<std::string> {
   }
 
   NetworkTask task_;
+  mutable WorkerPool workers_{2};
   std::unique_ptr<AgentNetwork<float>> network_;
 };
 INSTANTIATE_TEST_SUITE_P(, LearnerContract, ::testing::ValuesIn(learners()),

@@ -6,10 +6,13 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdlib>
+#include <string>
+#include <vector>
 
 #include "policy_service/learning/trainer.h"
 #include "tests/contract/random_rollout.h"
 #include "tests/support/networks/small_city.h"
+#include "tests/support/networks/small_networks.h"
 
 namespace {
 std::atomic<std::size_t> allocations{0};
@@ -82,6 +85,37 @@ TEST_P(Learners, GoOnFromACheckpointByteForByte) {
   for (const int begun : {0, 3}) expect_resumable(small_city(), small(), begun, 3);
 }
 
+/// More agents than two pieces have, and more shards than a minibatch has sequences.
+TEST_P(Learners, SameBytesOnAnyNumberOfThreads) {
+  const Traversal city = small_city();
+  for (const std::string agent : {"features", "place_filter", "baseline"}) {
+    std::vector<Vector<float>> learned;
+    for (const double shards : {1, 2, 5}) {
+      TrainerOptions options = small_options(agent);
+      options.learner = entry().name;
+      options.learner_parameters = known({{"minibatch", 3}, {"epochs", 2}, {"replay", 500}, {"shards", shards}});
+      std::string expected;
+      for (const int threads : {1, 2, 4}) {
+        options.threads = threads;
+        Loop loop(city, options, 1, 40);
+        for (int i = 0; i < 2; ++i) loop.update();
+        const testing::Folder folder;
+        write_checkpoint(folder / "checkpoint", loop.trainer.checkpoint());
+        const std::string file = contents(folder / "checkpoint");
+        if (threads == 1) {
+          expected = file;
+          learned.push_back(loop.trainer.agent().parameters);
+        }
+        EXPECT_TRUE(file == expected) << agent << ", " << shards << " shards, " << threads << " threads";
+      }
+    }
+    if (has("shards")) {
+      EXPECT_NE(learned[0], learned[1]) << "shards decide how gradients are rounded";
+      EXPECT_NE(learned[1], learned[2]);
+    }
+  }
+}
+
 TEST_P(Learners, FallWithTheClockWhereThatIsFaster) {
   const Traversal city = small_city();
   TrainerOptions options = small();
@@ -109,9 +143,10 @@ TEST_P(Learners, AllocateNothingOnceWarm) {
   const auto& network_entry = NetworkRegistry<float>::instance().find("network", "features");
   const Parameters network_parameters("features", network_entry.parameters, {{"hidden", 8}, {"cells", 6}});
   const auto network = network_entry.create(network_parameters, task);
+  WorkerPool workers(2);
   const auto learner =
       entry().create(Parameters(entry().name, entry().parameters, known({{"minibatch", 3}, {"replay", 100}})),
-                     LearnerTask{*network, "features", network_parameters, task, 1, 100000});
+                     LearnerTask{*network, "features", network_parameters, task, workers, 1, 100000});
   for (std::uint64_t i = 0; i < 20; ++i) {
     Rollout rollout = random_rollout(task, network->state_size(), {i});
     Rollout* const one[] = {&rollout};

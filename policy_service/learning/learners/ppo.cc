@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <array>
 #include <cmath>
 
 #include "policy_service/learning/optimization/advantages.h"
@@ -21,7 +20,8 @@ class Ppo : public Learner {
         gamma_(parameters["gamma"]),
         lambda_(parameters["lambda"]),
         normalise_(parameters.flag("normalise-advantages")),
-        gradient_step_("ppo", parameters, task) {
+        gradient_step_("ppo", parameters, task),
+        samples_(gradient_step_.shards()) {
     weights_.clip = parameters["clip"];
     weights_.value_clip = parameters["value-clip"];
   }
@@ -70,33 +70,33 @@ class Ppo : public Learner {
   void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {
     const float share = 1.0f / static_cast<float>(chosen.size() * static_cast<std::size_t>(rollouts[0]->sequence));
     gradient_step_.begin_step();
-    gradient_step_.both([&](int which, GradientStep::Half& half) {
-      PpoSamples<float>& samples = samples_[static_cast<std::size_t>(which)];
-      if (!gather(rollouts, half_of(chosen, which), half, samples)) return;
-      const Heads<float>& heads = half.forward();
-      half.sums = ppo_loss(weights_, samples, half.inputs, frames_, heads, share, half.derivative);
-      half.backward();
+    gradient_step_.for_each_shard([&](std::size_t which, GradientStep::Shard& shard) {
+      PpoSamples<float>& samples = samples_[which];
+      if (!gather(rollouts, shard_of(chosen, which, gradient_step_.shards()), shard, samples)) return;
+      const Heads<float>& heads = shard.forward();
+      shard.sums = ppo_loss(weights_, samples, shard.inputs, frames_, heads, share, shard.derivative);
+      shard.backward();
     });
     gradient_step_.end_step();
   }
 
   /// False when nothing is chosen.
-  static bool gather(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen, GradientStep::Half& half,
+  static bool gather(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen, GradientStep::Shard& shard,
                      PpoSamples<float>& samples) {
     if (chosen.empty()) return false;
     const Rollout& model = *rollouts[0];
     const int length = model.sequence, batch = static_cast<int>(chosen.size());
-    half.inputs.resize(static_cast<int>(model.inputs.features.rows()), length, batch);
-    half.inputs.frames = model.inputs.frames;
-    half.state.resize(model.states.rows(), batch);
+    shard.inputs.resize(static_cast<int>(model.inputs.features.rows()), length, batch);
+    shard.inputs.frames = model.inputs.frames;
+    shard.state.resize(model.states.rows(), batch);
     samples.resize(static_cast<std::size_t>(length) * chosen.size());
     for (int b = 0; b < batch; ++b) {
       const Track track(rollouts, chosen[static_cast<std::size_t>(b)]);
       const Rollout& rollout = track.rollout();
-      half.state.col(b) = track.state();
+      shard.state.col(b) = track.state();
       for (std::ptrdiff_t t = 0; t < length; ++t) {
         const std::ptrdiff_t from = track.column(t), to = t * batch + b;
-        half.inputs.copy_column(rollout.inputs, from, to);
+        shard.inputs.copy_column(rollout.inputs, from, to);
         const auto f = static_cast<std::size_t>(from), k = static_cast<std::size_t>(to);
         samples.action[k] = rollout.action[f];
         samples.log_probability[k] = rollout.log_probability[f];
@@ -113,8 +113,8 @@ class Ppo : public Learner {
   const bool normalise_;
   PpoWeights weights_;
   std::vector<Sequence> sequences_;
-  std::array<PpoSamples<float>, 2> samples_;
   GradientStep gradient_step_;
+  std::vector<PpoSamples<float>> samples_;  // of each shard
 };
 
 const LearnerRegistry::Registration ppo_registration{

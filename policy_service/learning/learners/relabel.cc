@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/learning/learners/relabel.h"
 
+#include "policy_service/learning/optimization/gather_sequence.h"
 #include "policy_service/learning/optimization/vtrace_gradient_step.h"
 
 namespace citylearn {
@@ -95,17 +96,17 @@ class Relabel : public Learner {
 
   void learn(std::span<Rollout* const> rollouts) {
     const double samples = static_cast<double>(chosen_.size()) * rollouts[0]->sequence;
-    vtrace_.learn(samples, [&](int which, GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
-      const std::span<const Choice> mine = half_of(std::span<const Choice>(chosen_), which);
+    vtrace_.learn(samples, [&](std::size_t which, GradientStep::Shard& shard, TrajectoryBatch<float>& trajectories) {
+      const auto mine = shard_of(std::span<const Choice>(chosen_), which, vtrace_.gradient_step().shards());
       if (mine.empty()) return false;
-      make_room(*rollouts[0], static_cast<int>(mine.size()), half, trajectories);
+      make_room(*rollouts[0], static_cast<int>(mine.size()), shard, trajectories);
       int b = 0;
       for (const Choice& choice : mine) {
         Random random{choice.seed};
         if (choice.relabelled)
-          relabel(replay_, choice.slot, visited_, *rollouts[0], random, b, half, trajectories);
+          relabel(replay_, choice.slot, visited_, *rollouts[0], random, b, shard, trajectories);
         else
-          gather_sequence(Track(rollouts, choice.sequence), b, half, trajectories);
+          gather_sequence(Track(rollouts, choice.sequence), b, shard, trajectories);
         ++b;
       }
       return true;

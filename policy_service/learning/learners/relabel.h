@@ -31,17 +31,17 @@ inline bool was_carried(int here, std::uint8_t action, int there) {
   return there != here && there != here + step && there != here + 2 * step;
 }
 
-/// Replays a stored sequence with other goals, as agent b of half of a minibatch (L + 1 steps). What was seen and done
-/// stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
+/// Replays a stored sequence with other goals, as agent b of a shard of a minibatch (L + 1 steps). What was seen and
+/// done stays; an episode begins at its first step, with the memory wiped and no previous action, and anew wherever the
 /// goal is reached, the steps allowed are used up, or the real episode ended, as the frames' disguise changes there. In
 /// the latter two cases the walk stops for one column to value what the episode would have gone on with. So it does
 /// where the agent is carried (--kidnappings) to the other goal, because nobody is carried to a goal. The learner gets
 /// each reward as `told` says.
 inline void relabel(const Replay& replay, std::size_t slot, double visited, const Rollout& told, Random& random, int b,
-                    GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
+                    GradientStep::Shard& shard, TrajectoryBatch<float>& trajectories) {
   const int length = replay.sequence();
-  const std::ptrdiff_t batch = half.inputs.agents;
-  half.state.col(b).setZero();
+  const std::ptrdiff_t batch = shard.inputs.agents;
+  shard.state.col(b).setZero();
   int t = 0, goal = 0;
   bool begins = true, breaks_off = false;
   EpisodeReward reward(0, 1);
@@ -53,12 +53,12 @@ inline void relabel(const Replay& replay, std::size_t slot, double visited, cons
       goal = choose_goal(replay, slot, t, visited, random);
       reward = {std::abs(goal - replay.position(from)), replay.max_steps()};
     }
-    half.inputs.see(column, replay.shown(from), replay.seen(from));
-    half.inputs.position[to] = replay.position(from);
-    half.inputs.allowed[to] = replay.allowed(from);
-    half.inputs.goal[to] = goal;
-    half.inputs.first[to] = begins;
-    half.inputs.previous_action[to] = begins ? static_cast<std::uint8_t>(kNoAction) : replay.action(from - 1);
+    shard.inputs.see(column, replay.shown(from), replay.seen(from));
+    shard.inputs.position[to] = replay.position(from);
+    shard.inputs.allowed[to] = replay.allowed(from);
+    shard.inputs.goal[to] = goal;
+    shard.inputs.first[to] = begins;
+    shard.inputs.previous_action[to] = begins ? static_cast<std::uint8_t>(kNoAction) : replay.action(from - 1);
     trajectories.action[to] = kNoAction;
     if (breaks_off) {  // the same is seen again, as a new episode's first
       breaks_off = false;

@@ -187,6 +187,7 @@ class TorchPpo : public Learner {
 
   static std::vector<ParameterSpec> parameter_specs() {
     std::vector<ParameterSpec> specs = LearnerRegistry::instance().find("learner", "ppo").parameters;
+    std::erase_if(specs, [](const ParameterSpec& spec) { return spec.name == "shards"; });  // torch divides by itself
     specs.insert(specs.end(), {{"threads", "of torch; at every product they wait for one another: for quiet machines",
                                 1, 1, 256, true},
                                {"gpu", "1: on the GPU where libtorch finds one", 1, 0, 1, true}});

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "policy_service/learning/optimization/gather_sequence.h"
 #include "policy_service/learning/optimization/vtrace_gradient_step.h"
 
 namespace citylearn {
@@ -46,12 +47,12 @@ class Vtrace : public Learner {
  private:
   void learn(std::span<Rollout* const> rollouts, std::span<const Sequence> chosen) {
     const double samples = static_cast<double>(chosen.size()) * rollouts[0]->sequence;
-    vtrace_.learn(samples, [&](int which, GradientStep::Half& half, TrajectoryBatch<float>& trajectories) {
-      const std::span<const Sequence> mine = half_of(chosen, which);
+    vtrace_.learn(samples, [&](std::size_t which, GradientStep::Shard& shard, TrajectoryBatch<float>& trajectories) {
+      const std::span<const Sequence> mine = shard_of(chosen, which, vtrace_.gradient_step().shards());
       if (mine.empty()) return false;
-      make_room(*rollouts[0], static_cast<int>(mine.size()), half, trajectories);
+      make_room(*rollouts[0], static_cast<int>(mine.size()), shard, trajectories);
       for (std::size_t b = 0; b < mine.size(); ++b)
-        gather_sequence(Track(rollouts, mine[b]), static_cast<int>(b), half, trajectories);
+        gather_sequence(Track(rollouts, mine[b]), static_cast<int>(b), shard, trajectories);
       return true;
     });
   }

@@ -2,18 +2,20 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <numeric>
+#include <span>
+#include <vector>
 
 #include "policy_service/learning/learner.h"
-#include "policy_service/rollout/worker.h"
+#include "policy_service/rollout/worker_pool.h"
 
 namespace citylearn {
 
-/// Adam (Kingma & Ba, 2015) on the sum of two gradients, scaled down to a length where it is longer. Each of two
-/// threads has half of the parameters: what comes out does not depend on timing.
+/// Adam (Kingma & Ba, 2015) on the sum of gradients, scaled down to a length where it is longer. The parameters are
+/// divided into as many parts as there are gradients, for as many threads: what comes out does not depend on timing.
 class Adam {
  public:
   struct Options {
@@ -26,22 +28,23 @@ class Adam {
     second_moment_.setZero(parameters);
   }
 
-  /// One step. `gradient` becomes the sum of both. Returns its length before it was scaled down. One that is not finite
-  /// changes nothing: it would stay in the parameters for ever.
-  double step(double learning_rate, Vector<float>& gradient, const Vector<float>& other, Vector<float>& parameters,
-              Worker& worker) {
-    const std::ptrdiff_t half_size = parameters.size() / 2;
-    const auto range = [&](int which, auto& all) {
-      return which == 0 ? all.segment(0, half_size) : all.segment(half_size, all.size() - half_size);
+  /// Makes one step. The first of `gradients` becomes their sum, added in their order. Returns its length before it was
+  /// scaled down. One that is not finite changes nothing: it would stay in the parameters for ever.
+  double step(double learning_rate, std::span<Vector<float>> gradients, Vector<float>& parameters,
+              WorkerPool& workers) {
+    const auto parts = static_cast<std::ptrdiff_t>(gradients.size());
+    const auto range = [&](int part, auto& all) {
+      const std::ptrdiff_t begin = part * all.size() / parts, end = (part + 1) * all.size() / parts;
+      return all.segment(begin, end - begin);
     };
-    std::array<double, 2> squares;
-    const auto add = [&](int which) {
-      auto sum = range(which, gradient);
-      sum += range(which, other);
-      squares[static_cast<std::size_t>(which)] = static_cast<double>(sum.squaredNorm());
+    squares_.resize(gradients.size());
+    const auto add = [&](int part) {
+      auto sum = range(part, gradients[0]);
+      for (const Vector<float>& other : gradients.subspan(1)) sum += range(part, other);
+      squares_[static_cast<std::size_t>(part)] = static_cast<double>(sum.squaredNorm());
     };
-    worker.both(std::cref(add));
-    const double norm = std::sqrt(squares[0] + squares[1]);
+    workers.run(static_cast<int>(parts), std::cref(add));
+    const double norm = std::sqrt(std::accumulate(squares_.begin(), squares_.end(), 0.0));
     if (!std::isfinite(norm)) return norm;
     ++steps_;
     const double correction1 = 1 - std::pow(kBeta1, static_cast<double>(steps_));
@@ -49,14 +52,14 @@ class Adam {
     const float scale = static_cast<float>(std::min(1.0, options_.gradient_norm / (norm + 1e-12)));
     const float rate = static_cast<float>(learning_rate / correction1);
     const float spread = static_cast<float>(1 / std::sqrt(correction2)), epsilon = static_cast<float>(options_.epsilon);
-    const auto descend = [&](int which) {
-      const auto scaled = range(which, gradient).array() * scale;
-      auto first = range(which, first_moment_).array(), second = range(which, second_moment_).array();
+    const auto descend = [&](int part) {
+      const auto scaled = range(part, gradients[0]).array() * scale;
+      auto first = range(part, first_moment_).array(), second = range(part, second_moment_).array();
       first = static_cast<float>(kBeta1) * first + static_cast<float>(1 - kBeta1) * scaled;
       second = static_cast<float>(kBeta2) * second + static_cast<float>(1 - kBeta2) * scaled.square();
-      range(which, parameters).array() -= rate * first / (second.sqrt() * spread + epsilon);
+      range(part, parameters).array() -= rate * first / (second.sqrt() * spread + epsilon);
     };
-    worker.both(std::cref(descend));
+    workers.run(static_cast<int>(parts), std::cref(descend));
     return norm;
   }
 
@@ -76,6 +79,7 @@ class Adam {
   static constexpr double kBeta1 = 0.9, kBeta2 = 0.999;
   Options options_;
   Vector<float> first_moment_, second_moment_;
+  std::vector<double> squares_;  // of each part of a gradient
   std::uint64_t steps_ = 0;
 };
 

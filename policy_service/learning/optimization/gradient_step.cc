@@ -13,17 +13,22 @@ GradientStep::GradientStep(const std::string& name, const Parameters& parameters
       learning_rate_end_(parameters["learning-rate-end"]),
       entropy_until_(parameters["entropy-until"]),
       weights_{parameters["value-weight"], parameters["entropy"], parameters["localisation"],
-               parameters["orientation"]} {
+               parameters["orientation"]},
+      shards_(static_cast<std::size_t>(parameters.integer("shards"))),
+      gradients_(shards_.size()),
+      workers_(task.workers) {
   Random random{seed_, kInitialise};
   task.network.initialise(random, parameters_);
   adam_ = std::make_unique<Adam>(parameters_.size(),
                                  Adam::Options{parameters["adam-epsilon"], parameters["gradient-norm"]});
-  for (Half& half : halves_) {
-    half.network_ = &task.network;
-    half.parameters_ = &parameters_;
-    half.workspace_ = task.network.make_workspace();
-    half.workspace_->localise = weights_.localisation > 0 || weights_.orientation > 0;
-    half.gradient_.resize(parameters_.size());
+  for (std::size_t i = 0; i < shards_.size(); ++i) {
+    Shard& shard = shards_[i];
+    shard.network_ = &task.network;
+    shard.parameters_ = &parameters_;
+    shard.workspace_ = task.network.make_workspace();
+    shard.workspace_->localise = weights_.localisation > 0 || weights_.orientation > 0;
+    shard.gradient_ = &gradients_[i];
+    shard.gradient_->resize(parameters_.size());
   }
 }
 
@@ -36,7 +41,9 @@ std::vector<ParameterSpec> GradientStep::parameter_specs() {
           {"localisation", "weight of the auxiliary localisation loss (training only); 0 = none", 0, 0, 1000},
           {"orientation", "weight of the auxiliary loss of the way to the goal, likewise", 0, 0, 1000},
           {"gradient-norm", "maximum length of the gradient, which is clipped to it", 0.5, 1e-6, 1e6},
-          {"adam-epsilon", "of Adam", 1e-5, 1e-12, 1}};
+          {"adam-epsilon", "of Adam", 1e-5, 1e-12, 1},
+          {"shards", "parts of a minibatch that as many threads differentiate; decides how gradients are rounded", 2, 1,
+           256, true}};
 }
 
 double GradientStep::learning_rate() const { return learning_rate_ * (1 - (1 - learning_rate_end_) * progress()); }
@@ -48,17 +55,19 @@ LossWeights GradientStep::weights() const {
 }
 
 void GradientStep::begin_step() {
-  for (Half& half : halves_) half.sums = {};
-  both([](int, Half& half) { half.gradient_.setZero(); });
+  for_each_shard([](std::size_t, Shard& shard) {
+    shard.sums = {};
+    shard.gradient_->setZero();
+  });
 }
 
 void GradientStep::end_step() {
   // Adam then leaves them alone: moments that were never anything but zero move nothing.
   for (const Tensor& tensor : frozen_)
-    for (Half& half : halves_) half.gradient_.segment(tensor.offset, tensor.rows * tensor.cols).setZero();
-  norms_ += adam_->step(learning_rate(), halves_[0].gradient_, halves_[1].gradient_, parameters_, worker_);
+    for (Vector<float>& gradient : gradients_) gradient.segment(tensor.offset, tensor.rows * tensor.cols).setZero();
+  norms_ += adam_->step(learning_rate(), gradients_, parameters_, workers_);
   ++steps_taken_;
-  for (const Half& half : halves_) sums_ += half.sums;
+  for (const Shard& shard : shards_) sums_ += shard.sums;
 }
 
 UpdateFigures GradientStep::end_update(std::size_t steps, double samples) {

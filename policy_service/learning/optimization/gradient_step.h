@@ -2,7 +2,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <functional>
 #include <memory>
 #include <span>
@@ -15,12 +14,13 @@
 
 namespace citylearn {
 
-/// Performs gradient descent: holds the parameters, Adam, the run's schedules, and two halves of a minibatch that two
-/// threads work on. Their gradients are added in a fixed order, so results do not depend on timing.
+/// Performs gradient descent: holds the parameters, Adam, the run's schedules, and the shards of a minibatch that
+/// threads work on. Their gradients are added in a fixed order, so results depend on the number of shards, but neither
+/// on that of threads nor on timing.
 class GradientStep {
  public:
-  /// Half of a minibatch. A learner fills inputs and state, then forward(), then derivative, then backward().
-  class Half {
+  /// A part of a minibatch. A learner fills inputs and state, then forward(), then derivative, then backward().
+  class Shard {
    public:
     NetworkInputs<float> inputs;
     Matrix<float> state;      ///< before the first step
@@ -33,18 +33,18 @@ class GradientStep {
       return workspace_->heads;
     }
     const Heads<float>& heads() const { return workspace_->heads; }  ///< as of the last forward()
-    void backward() { network_->backward(*parameters_, inputs, *workspace_, derivative, gradient_); }
+    void backward() { network_->backward(*parameters_, inputs, *workspace_, derivative, *gradient_); }
 
    private:
     friend class GradientStep;
     const AgentNetwork<float>* network_ = nullptr;
     const Vector<float>* parameters_ = nullptr;
     std::unique_ptr<Workspace<float>> workspace_;
-    Vector<float> gradient_;
+    Vector<float>* gradient_ = nullptr;
   };
 
   GradientStep(const std::string& name, const Parameters& parameters, const LearnerTask& task);
-  GradientStep(const GradientStep&) = delete;  // the halves look at the parameters
+  GradientStep(const GradientStep&) = delete;  // the shards look at the parameters
   GradientStep& operator=(const GradientStep&) = delete;
   /// Returns the parameters that it reads.
   static std::vector<ParameterSpec> parameter_specs();
@@ -53,18 +53,21 @@ class GradientStep {
   LossWeights weights() const;
   double learning_rate() const;
 
-  /// Calls work(which, half) for both halves at once, to fill and differentiate them. A half left alone adds nothing.
-  /// `work` must not allocate or throw.
+  /// Returns the number of shards, the parameter `shards`.
+  std::size_t shards() const { return shards_.size(); }
+  /// Calls work(which, shard) for all shards at once, to fill and differentiate them. A shard left alone adds nothing.
   template <class Work>
-  void both(const Work& work) {
-    const auto half = [&](int which) { work(which, halves_[static_cast<std::size_t>(which)]); };
-    worker_.both(std::cref(half));
+  void for_each_shard(const Work& work) {
+    const auto one = [&](int which) {
+      work(static_cast<std::size_t>(which), shards_[static_cast<std::size_t>(which)]);
+    };
+    workers_.run(static_cast<int>(shards_.size()), std::cref(one));
   }
   /// Keeps these as they are: their gradient is zero, and so is their share of its length.
   void freeze(std::span<const Tensor> tensors) { frozen_.assign(tensors.begin(), tensors.end()); }
   /// As Learner::set_progress().
   void set_progress(double fraction) { elapsed_ = std::min(1.0, fraction); }
-  /// Begins a minibatch; call it before the first both().
+  /// Begins a minibatch; call it before the first for_each_shard().
   void begin_step();
   /// Ends it with one step of Adam.
   void end_step();
@@ -92,10 +95,11 @@ class GradientStep {
   double elapsed_ = 0;  // fraction of the run that has passed by the clock
   std::unique_ptr<Adam> adam_;
   std::vector<Tensor> frozen_;
-  std::array<Half, 2> halves_;
-  LossSums sums_;  // of this update
+  std::vector<Shard> shards_;
+  std::vector<Vector<float>> gradients_;  // of each
+  LossSums sums_;                         // of this update
   double norms_ = 0, steps_taken_ = 0;
-  Worker worker_;
+  WorkerPool& workers_;
 
   double progress() const {
     return std::max(elapsed_, total_steps_ > 0 ? std::min(1.0, static_cast<double>(steps_) / total_steps_) : 0);

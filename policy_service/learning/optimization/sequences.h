@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "policy_service/rollout/rollout.h"
+#include "policy_service/rollout/worker_pool.h"
 
 namespace citylearn {
 
@@ -56,11 +57,11 @@ inline void shuffle(Random& random, std::vector<Sequence>& sequences) {
   for (std::size_t i = sequences.size() - 1; i > 0; --i) std::swap(sequences[i], sequences[random.below(i + 1)]);
 }
 
-/// Returns the half that thread `which` of two works on; the first one is the larger.
+/// Returns shard `which` of a minibatch in so many; it may be empty.
 template <class T>
-std::span<const T> half_of(std::span<const T> chosen, int which) {
-  const std::size_t middle = (chosen.size() + 1) / 2;
-  return which == 0 ? chosen.first(middle) : chosen.subspan(middle);
+std::span<const T> shard_of(std::span<const T> chosen, std::size_t which, std::size_t shards) {
+  const std::size_t begin = begin_of_part(chosen.size(), which, shards);
+  return chosen.subspan(begin, begin_of_part(chosen.size(), which + 1, shards) - begin);
 }
 
 /// Returns part `batch` of `batches` parts of nearly equal size.

@@ -18,7 +18,8 @@ constexpr int kSteps = 8, kAgents = 3;
 class Segments {
  public:
   Segments()
-      : network_(make()), collector_({.segment = kSteps, .sequence = kSteps, .noise_frame = 0.1}, task_, *network_) {
+      : network_(make()),
+        collector_({.segment = kSteps, .sequence = kSteps, .noise_frame = 0.1}, task_, *network_, workers_) {
     Random random{3};
     network_->initialise(random, parameters_);
     collector_.add(0, kAgents);
@@ -71,6 +72,7 @@ class Segments {
   NetworkTask task_ = task_of(city_);
   std::unique_ptr<AgentNetwork<float>> network_;
   Vector<float> parameters_;
+  WorkerPool workers_{2};
   Collector collector_;
   Environment environment_{city_, kAgents};
   bool begun_ = false;

@@ -23,6 +23,7 @@ class TorchPpo : public ::testing::Test {
     GTEST_SKIP() << "built without libtorch";
 #endif
   }
+  WorkerPool workers_{2};
 };
 
 constexpr int kFeatures = 5, kFrames = 7, kSteps = 12, kSequence = 6, kAgents = 3;
@@ -91,7 +92,7 @@ TEST_F(TorchPpo, GradientsAndLossesAreOurs) {
     std::map<std::string, double> values = {
         {"epochs", 1}, {"minibatch", 100}, {"learning-rate", 1}, {"adam-epsilon", 1}, {"gradient-norm", 1e6}};
     values.insert(one.learner.begin(), one.learner.end());
-    const LearnerTask learner_task{*network, one.agent, parameters, task, 3, 0};
+    const LearnerTask learner_task{*network, one.agent, parameters, task, workers_, 3, 0};
     Vector<float> moved[2];
     UpdateFigures figures[2];
     for (const int which : {0, 1}) {
@@ -129,9 +130,9 @@ TEST_F(TorchPpo, WholeUpdatesAreOurs) {
   const auto network = network_of(one, task, parameters);
   Vector<float> learned[2];
   for (const int which : {0, 1}) {
-    const auto learner =
-        learner_of(which == 0 ? "ppo" : "torch_ppo", LearnerTask{*network, one.agent, parameters, task, 3, 400},
-                   {{"minibatch", 2}, {"entropy-until", 0.5}, {"localisation", 1}, {"adam-epsilon", 0.1}});
+    const auto learner = learner_of(
+        which == 0 ? "ppo" : "torch_ppo", LearnerTask{*network, one.agent, parameters, task, workers_, 3, 400},
+        {{"minibatch", 2}, {"entropy-until", 0.5}, {"localisation", 1}, {"adam-epsilon", 0.1}});
     for (std::uint64_t update = 0; update < 4; ++update) {
       Rollout rollout = some_rollout(network->state_size(), kAgents, 20 + update);
       Rollout* const rollouts[] = {&rollout};
@@ -147,7 +148,8 @@ TEST_F(TorchPpo, ExtremeProbabilitiesLeaveNumbers) {
   const NetworkTask task = small_task();
   Parameters parameters;
   const auto network = network_of(one, task, parameters);
-  const auto learner = learner_of("torch_ppo", LearnerTask{*network, one.agent, parameters, task, 3, 400}, {});
+  const auto learner =
+      learner_of("torch_ppo", LearnerTask{*network, one.agent, parameters, task, workers_, 3, 400}, {});
   Rollout rollout = some_rollout(network->state_size(), kAgents, 30);
   for (std::size_t i = 0; i < rollout.action.size(); ++i) rollout.log_probability[i] = i % 2 ? -200.0f : 0.0f;
   Rollout* const rollouts[] = {&rollout};

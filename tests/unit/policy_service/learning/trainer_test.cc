@@ -401,15 +401,16 @@ TEST(PlaceFilter, LearnsToTurnAtCrossings) {
 
 TEST(Adam, AGradientThatIsNotFiniteChangesNothing) {
   Adam adam(2, {});
-  Worker worker;
+  WorkerPool workers(1);
   Vector<float> parameters = Vector<float>::Ones(2);
+  const Vector<float> zero = Vector<float>::Zero(2);
   for (const float wrong : {std::nanf(""), std::numeric_limits<float>::infinity(), 1e30f}) {
-    Vector<float> gradient = Vector<float>::Constant(2, wrong);
-    adam.step(0.1, gradient, Vector<float>::Zero(2), parameters, worker);
+    Vector<float> gradients[] = {Vector<float>::Constant(2, wrong), zero};
+    adam.step(0.1, gradients, parameters, workers);
     EXPECT_EQ(parameters, Vector<float>::Ones(2)) << wrong;
   }
-  Vector<float> gradient = Vector<float>::Ones(2);
-  EXPECT_NEAR(adam.step(0.1, gradient, Vector<float>::Zero(2), parameters, worker), std::sqrt(2.0), 1e-6);
+  Vector<float> gradients[] = {Vector<float>::Ones(2), zero};
+  EXPECT_NEAR(adam.step(0.1, gradients, parameters, workers), std::sqrt(2.0), 1e-6);
   EXPECT_LT(parameters.maxCoeff(), 1.0f) << "the next one counts";
 }
 

@@ -251,40 +251,40 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
   Rollout* const rollouts[] = {&rollout};
   Replay replay(100);
   replay.add(rollouts);
-  GradientStep::Half half;
+  GradientStep::Shard shard;
   TrajectoryBatch<float> trajectories;
   int terminated = 0, broken_off = 0, out_of_steps = 0;
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
-    half.inputs.resize(1, 13, 1);
-    half.inputs.frames = 20;
-    half.state.setOnes(2, 1);
+    shard.inputs.resize(1, 13, 1);
+    shard.inputs.frames = 20;
+    shard.state.setOnes(2, 1);
     trajectories.resize(13);
     Random random{seed};
-    relabel(replay, 0, 0.5, rollout, random, 0, half, trajectories);
-    EXPECT_TRUE(half.state.isZero());
-    EXPECT_TRUE(half.inputs.first[0]);
+    relabel(replay, 0, 0.5, rollout, random, 0, shard, trajectories);
+    EXPECT_TRUE(shard.state.isZero());
+    EXPECT_TRUE(shard.inputs.first[0]);
     EXPECT_EQ(trajectories.action[12], kNoAction);
     int steps = 0;
     EpisodeReward rule(0, 1);
     for (std::size_t row = 0; row < 13; ++row) {
-      const auto t = static_cast<std::size_t>(half.inputs.features_of(static_cast<std::ptrdiff_t>(row))(0));
+      const auto t = static_cast<std::size_t>(shard.inputs.features_of(static_cast<std::ptrdiff_t>(row))(0));
       const int position = t < 12 ? rollout.inputs.position[t] : rollout.next.position[0];
-      EXPECT_EQ(half.inputs.position[row], position);
-      if (half.inputs.first[row]) {
-        EXPECT_EQ(half.inputs.previous_action[row], kNoAction);
-        EXPECT_TRUE(row == 12 || half.inputs.goal[row] != position);
+      EXPECT_EQ(shard.inputs.position[row], position);
+      if (shard.inputs.first[row]) {
+        EXPECT_EQ(shard.inputs.previous_action[row], kNoAction);
+        EXPECT_TRUE(row == 12 || shard.inputs.goal[row] != position);
         steps = 0;
-        rule = {std::abs(half.inputs.goal[row] - position), 6};
+        rule = {std::abs(shard.inputs.goal[row] - position), 6};
       } else {
-        EXPECT_EQ(half.inputs.previous_action[row], rollout.action[t - 1]);
-        EXPECT_EQ(half.inputs.goal[row], half.inputs.goal[row - 1]);
+        EXPECT_EQ(shard.inputs.previous_action[row], rollout.action[t - 1]);
+        EXPECT_EQ(shard.inputs.goal[row], shard.inputs.goal[row - 1]);
       }
       if (row == 12) break;
-      const auto next = static_cast<std::size_t>(half.inputs.features_of(static_cast<std::ptrdiff_t>(row + 1))(0));
+      const auto next = static_cast<std::size_t>(shard.inputs.features_of(static_cast<std::ptrdiff_t>(row + 1))(0));
       if (trajectories.action[row] == kNoAction) {  // seen twice: what the one goes on with, the other's first
         EXPECT_EQ(next, t);
-        EXPECT_TRUE(half.inputs.first[row + 1]);
-        EXPECT_FALSE(half.inputs.first[row]);
+        EXPECT_TRUE(shard.inputs.first[row + 1]);
+        EXPECT_FALSE(shard.inputs.first[row]);
         EXPECT_TRUE(t == 5 || steps == 6);
         ++(t == 5 ? broken_off : out_of_steps);
         continue;
@@ -293,11 +293,11 @@ TEST(Relabel, LivesAWalkAgainWithOtherGoals) {
       EXPECT_EQ(next, t + 1);
       EXPECT_EQ(trajectories.action[row], rollout.action[t]);
       EXPECT_EQ(trajectories.log_probability[row], rollout.log_probability[t]);
-      const float reward = rule.step(std::abs(half.inputs.goal[row] - half.inputs.position[row + 1]));
+      const float reward = rule.step(std::abs(shard.inputs.goal[row] - shard.inputs.position[row + 1]));
       EXPECT_EQ(trajectories.reward[row], reward < 0 ? -0.25f : reward);
       EXPECT_EQ(trajectories.ended[row], rule.reached() ? Rollout::kTerminated : Rollout::kGoesOn);
-      EXPECT_EQ(half.inputs.position[row + 1] == half.inputs.goal[row], rule.reached());
-      EXPECT_EQ(half.inputs.first[row + 1], rule.reached());
+      EXPECT_EQ(shard.inputs.position[row + 1] == shard.inputs.goal[row], rule.reached());
+      EXPECT_EQ(shard.inputs.first[row + 1], rule.reached());
       terminated += rule.reached();
     }
   }
@@ -313,29 +313,29 @@ TEST(Relabel, NobodyIsCarriedToAGoal) {
   Rollout* const rollouts[] = {&rollout};
   Replay replay(100);
   replay.add(rollouts);
-  GradientStep::Half half;
+  GradientStep::Shard shard;
   TrajectoryBatch<float> trajectories;
   int reached_before = 0, carried_there = 0, carried_on = 0;
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
-    half.inputs.resize(1, 7, 1);
-    half.state.setOnes(2, 1);
+    shard.inputs.resize(1, 7, 1);
+    shard.state.setOnes(2, 1);
     trajectories.resize(7);
     Random random{seed};
-    relabel(replay, 0, 0.5, rollout, random, 0, half, trajectories);
+    relabel(replay, 0, 0.5, rollout, random, 0, shard, trajectories);
     // The third step leads from place 7 to 8, from which the agent is carried to 14.
-    if (half.inputs.position[2] != 7 || half.inputs.first[2]) continue;
-    const int goal = half.inputs.goal[2];
-    EXPECT_EQ(half.inputs.position[3], 14);
+    if (shard.inputs.position[2] != 7 || shard.inputs.first[2]) continue;
+    const int goal = shard.inputs.goal[2];
+    EXPECT_EQ(shard.inputs.position[3], 14);
     EXPECT_EQ(trajectories.reward[2], goal == 8 ? 1.0f : goal > 8 ? 0.0f : -0.01f) << goal;
     EXPECT_EQ(trajectories.ended[2], goal == 8 ? Rollout::kTerminated : Rollout::kGoesOn);
-    EXPECT_EQ(half.inputs.first[3], goal == 8);
+    EXPECT_EQ(shard.inputs.first[3], goal == 8);
     if (goal == 8) {
       ++reached_before;
     } else if (goal == 14) {  // it cannot know: what it goes on with is valued, and an episode begins
       ++carried_there;
       EXPECT_EQ(trajectories.action[3], kNoAction);
-      EXPECT_TRUE(half.inputs.first[4]);
-      EXPECT_EQ(half.inputs.position[4], 14);
+      EXPECT_TRUE(shard.inputs.first[4]);
+      EXPECT_EQ(shard.inputs.position[4], 14);
     } else {
       ++carried_on;
       // The step from 14 to 15 leads nearer than ever to goals beyond only.

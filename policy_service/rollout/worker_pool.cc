@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/rollout/worker_pool.h"
+
+#include <algorithm>
+#include <system_error>
+#include <utility>
+
+#include "core/util/error.h"
+#include "core/util/processors.h"
+
+namespace citylearn {
+
+WorkerPool::WorkerPool(int threads) : threads_(threads > 0 ? threads : available_processors()) {}
+
+WorkerPool::~WorkerPool() {
+  {
+    const std::lock_guard lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_all();
+  for (std::thread& helper : helpers_) helper.join();
+}
+
+void WorkerPool::run(int count, const std::function<void(int)>& work) {
+  const int helpers = std::min(count, threads_) - 1;
+  if (helpers < 1) {
+    for (int piece = 0; piece < count; ++piece) work(piece);
+    return;
+  }
+  start_helpers(helpers);
+  std::unique_lock lock(mutex_);
+  work_ = &work;
+  next_ = 0;
+  count_ = count;
+  for (int i = 0; i < helpers; ++i) wake_.notify_one();
+  take_pieces(lock);
+  done_.wait(lock, [this] { return running_ == 0; });
+  if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+}
+
+void WorkerPool::start_helpers(int count) {
+  try {
+    while (static_cast<int>(helpers_.size()) < count) helpers_.emplace_back([this] { help(); });
+  } catch (const std::system_error& error) {
+    throw Error("cannot start thread " + std::to_string(helpers_.size() + 2) + ": " + error.what(), "--threads",
+                "use fewer, or raise the limit of processes");
+  }
+}
+
+void WorkerPool::help() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    wake_.wait(lock, [this] { return stop_ || next_ < count_; });
+    if (stop_) return;
+    take_pieces(lock);
+    if (running_ == 0) done_.notify_one();
+  }
+}
+
+/// Does pieces until none is left to begin. The lock is open while a piece is done.
+void WorkerPool::take_pieces(std::unique_lock<std::mutex>& lock) {
+  while (next_ < count_) {
+    const int piece = next_++;
+    ++running_;
+    lock.unlock();
+    std::exception_ptr failure;
+    try {
+      (*work_)(piece);
+    } catch (...) {
+      failure = std::current_exception();
+    }
+    lock.lock();
+    --running_;
+    if (!failure) continue;
+    if (!failure_) failure_ = failure;
+    next_ = count_;
+  }
+}
+
+}  // namespace citylearn
