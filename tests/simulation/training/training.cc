@@ -23,7 +23,8 @@
 namespace citylearn::simulation {
 namespace {
 
-constexpr double kQuiet = 30;  // seconds after the last fault in which partitions and stalls end
+constexpr double kRecovery = 2;  // seconds in which a recorder tries again whose disk was full
+constexpr double kQuiet = 30;    // seconds after the last fault in which partitions and stalls end
 
 std::string describe(const Process& process) {
   return process.name() + (process.running()           ? " runs"
@@ -71,6 +72,7 @@ class Training {
   Group twins_;                                    // second processes of their ids
   std::unique_ptr<FaultInjector> faults_;
   Phase phase_ = Phase::kTraining;
+  Time calm_since_{};
   bool faults_stopped_ = false;
   std::map<std::tuple<std::uint64_t, std::string, std::uint64_t>, std::uint64_t> commanded_;  // versions of settings
   struct Finished {
@@ -189,10 +191,11 @@ void Training::advance() {
       evidence_.trained = true;
       if (!replay_) stop_faults();
       for (Process* twin : twins_) twin->kill();
+      calm_since_ = scheduler_.now();
       phase_ = Phase::kServices;
       [[fallthrough]];
     case Phase::kServices:
-      if (!stop(services_)) return;
+      if (scheduler_.now() < calm_since_ + from_seconds(kRecovery) || !stop(services_)) return;
       phase_ = Phase::kRecorders;
       [[fallthrough]];
     case Phase::kRecorders:
