@@ -80,6 +80,9 @@ class EncoderService {
   msg::TraversalRequest request_;
   msg::TraversalChunk chunk_, own_chunk_;
   msg::ImageChunk image_;
+  msg::DescriptorStatus descriptor_status_;
+  msg::DescriptorRequest descriptor_request_;
+  msg::DescriptorChunk descriptor_chunk_;
   msg::ServiceStatus status_;
 
   EncodingPipeline pipeline_;  // last: its threads end first
@@ -109,7 +112,7 @@ void EncoderService::run(const std::function<bool()>& stop) {
   while (!stop()) {
     take_messages();
     now_ = Clock::now();
-    pipeline_.advance(now_, !peers_.empty());
+    pipeline_.advance(now_);
     assign_environments();
     listen_when_needed();
     if (now_ >= next_report_) report();
@@ -129,6 +132,10 @@ void EncoderService::take_messages() {
   while (node_.take(request_)) on_request(request_);
   while (node_.take(chunk_)) pipeline_.on_positions(chunk_);
   while (node_.take(image_)) pipeline_.on_image(image_);
+  DescriptorExchange& exchange = pipeline_.exchange();
+  while (node_.take(descriptor_status_)) exchange.on_status(descriptor_status_, now_);
+  while (node_.take(descriptor_request_)) exchange.on_request(descriptor_request_);
+  while (node_.take(descriptor_chunk_)) exchange.on_chunk(descriptor_chunk_, now_);
 }
 
 /// Another encoder_service completed it. Two with the same encoder share the work; of two with different ones, the one
@@ -240,6 +247,7 @@ void EncoderService::on_status(const msg::ServiceStatus& status) {
     if (found->second.presence.incarnation() == status.header().incarnation())
       found->second.presence.hear(status.header().incarnation(), now_);
   if (std::string(status.service().c_str()) != "encoder_service") return;
+  pipeline_.exchange().on_heartbeat(status, now_);
   if (status.service_state() == msg::STOPPING)
     peers_.erase(status.header().incarnation());
   else

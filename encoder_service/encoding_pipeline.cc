@@ -33,9 +33,9 @@ std::uint64_t mix_text(const std::string& text) {
 }
 
 std::string EncodedTraversal::time_left(Clock::time_point now) const {
-  const int left = frames - work->done();
-  if (work->made() == 0 || left == 0) return "";
-  return duration(std::chrono::duration<double>(now - since).count() / work->made() * left);
+  const int left = frames - work->done(), new_here = work->made() + work->fetched();
+  if (new_here == 0 || left == 0) return "";
+  return duration(std::chrono::duration<double>(now - since).count() / new_here * left);
 }
 
 /// Images that came over the wire, for the encoding thread.
@@ -47,7 +47,7 @@ struct EncodingPipeline::Batch {
 };
 
 EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& options, FindHost find_host)
-    : node_(node), options_(options), find_host_(std::move(find_host)) {
+    : node_(node), options_(options), find_host_(std::move(find_host)), exchange_(node) {
   const auto& entry = EncoderRegistry::instance().find("encoder", options_.encoder);
   const Parameters parameters("encoder " + entry.name, entry.parameters, options_.parameters);
   encoder_ = entry.create(parameters, options_.files);
@@ -92,7 +92,7 @@ void EncodingPipeline::on_image(const msg::ImageChunk& chunk) {
   std::move(images.begin(), images.end(), std::back_inserter(encoder_ready_ ? traversal.waiting : training_sample_));
 }
 
-void EncodingPipeline::advance(Clock::time_point now, bool shared) {
+void EncodingPipeline::advance(Clock::time_point now) {
   now_ = now;
   encoding_.run_completions();
   reducing_.run_completions();
@@ -106,9 +106,10 @@ void EncodingPipeline::advance(Clock::time_point now, bool shared) {
       reduction_ = std::make_shared<Reduction>(
           Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, options_.reduction_file));
     }
-    encode_traversals(shared);
+    encode_traversals();
     reduce_traversals();
   }
+  exchange_.advance(now);
   send_requests();
 }
 
@@ -197,11 +198,13 @@ void EncodingPipeline::finish_training_sample() {
 
 // ---------------------------------------------------------------- Images are fetched and encoded.
 
-void EncodingPipeline::encode_traversals(bool shared) {
+void EncodingPipeline::encode_traversals() {
   std::vector<EncodedTraversal*> order;
   for (const auto& [hash, traversal] : traversals_)
     if (!traversal->ready && !traversal->reducing && traversal->fault.empty() && has_host(*traversal))
       order.push_back(traversal.get());
+    else if (traversal->work)  // others may go on
+      forget(*traversal, traversal->work->give_back());
   // The others wait for the reference.
   std::stable_partition(order.begin(), order.end(),
                         [this](EncodedTraversal* traversal) { return traversal->name == options_.reference; });
@@ -211,30 +214,53 @@ void EncodingPipeline::encode_traversals(bool shared) {
   for (EncodedTraversal* traversal : order) {
     if (!traversal->work) {
       FeatureStore::Key key{spec_.name, spec_.dimension, traversal->hash, traversal->frames};
-      traversal->work = std::make_unique<TraversalWork>(options_.store, key);
+      BlockClaims& claims = exchange_.claims(traversal->hash, static_cast<std::uint32_t>(traversal->frames));
+      traversal->work = std::make_unique<TraversalWork>(options_.store, key, claims);
+      exchange_.share(*traversal->work);
       traversal->since = now_;
       traversal->next_progress = now_ + kProgressInterval;
       if (traversal->work->done() > 0)
         spdlog::info("{}: {} of {} frames were encoded before", traversal->name, traversal->work->done(),
                      traversal->frames);
     }
-    // Enough images are on their way that neither the wire nor the processor waits for the other.
-    while (!traversal->work->complete() && ahead < TraversalWork::kBlock + 2 * spec_.batch) {
-      // Several services begin at different places.
-      const auto begin =
-          static_cast<int>(mix_seeds({node_.incarnation()}) % static_cast<std::uint64_t>(traversal->frames));
-      const auto frames = traversal->work->reserve(shared ? begin : 0);
-      if (!frames) break;
-      traversal->images.want(*frames);
-      ahead += static_cast<int>(frames->size());
-    }
+    divide_work(*traversal, ahead);
     encode(*traversal, traversal->images.missing() == 0);
     if (now_ < traversal->next_progress || traversal->work->complete()) continue;
     traversal->next_progress = now_ + kProgressInterval;
-    if (traversal->work->made() > 0)
+    if (!traversal->time_left(now_).empty())
       spdlog::info("{}: {} of {} frames encoded, {} left", traversal->name, traversal->work->done(), traversal->frames,
                    traversal->time_left(now_));
   }
+}
+
+/// Claims blocks, and asks for the images of those whose claims hold. `ahead`: frames on their way.
+void EncodingPipeline::divide_work(EncodedTraversal& traversal, int& ahead) {
+  TraversalWork& work = *traversal.work;
+  forget(traversal, work.take_lost());
+  ahead += work.pending();
+  // Several services begin at different places.
+  const auto begin =
+      exchange_.shared()
+          ? static_cast<int>(mix_seeds({node_.incarnation()}) % static_cast<std::uint64_t>(work.frames()))
+          : 0;
+  // Enough images are on their way that neither the wire nor the processor waits for the other.
+  while (!work.complete() && exchange_.may_claim(now_) && ahead < BlockClaims::kFrames + 2 * spec_.batch) {
+    const int frames = work.claim(begin);
+    if (frames == 0) break;
+    ahead += frames;
+  }
+  traversal.images.want(work.take_granted(now_));
+}
+
+/// Drops images of frames that this service need not encode any more, unless they are being encoded.
+void EncodingPipeline::forget(EncodedTraversal& traversal, const std::vector<int>& frames) {
+  if (frames.empty()) return;
+  traversal.images.drop(frames);
+  std::erase_if(traversal.waiting, [&](const FetchedImage& image) {
+    const bool dropped = std::find(frames.begin(), frames.end(), image.frame) != frames.end();
+    if (dropped) traversal.bytes -= image.file.size();
+    return dropped;
+  });
 }
 
 void EncodingPipeline::encode(EncodedTraversal& traversal, bool incomplete_batches) {
@@ -292,10 +318,12 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
   if (needs_reference() && !reduction_ && traversal.name != options_.reference) return;  // the reference goes first
   if (!traversal.positions.complete()) return;
   traversal.reducing = true;
-  spdlog::info("{}: all {} frames encoded ({} of them now, in {:.1f} s)", traversal.name, traversal.frames,
-               traversal.work->made(), std::chrono::duration<double>(now_ - traversal.since).count());
+  spdlog::info("{}: all {} frames encoded ({} of them now, {} by others, in {:.1f} s)", traversal.name,
+               traversal.frames, traversal.work->made(), traversal.work->fetched(),
+               std::chrono::duration<double>(now_ - traversal.since).count());
   auto features = std::make_shared<Eigen::MatrixXf>();
   auto learned = std::make_shared<std::shared_ptr<const Reduction>>(reduction_);
+  auto lost = std::make_shared<std::vector<int>>();
   ReductionOptions reduction = options_.reduction;
   const int most = Reduction::largest_dimension(spec_.dimension, traversal.frames);
   if (options_.cap_dimension && !reduction_ && reduction.dimension > most) {
@@ -309,10 +337,11 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
           : learned_path(fmt::format("{} {:016x} {} {} {:g}", spec_.name, traversal.hash, reduction.dimension,
                                      static_cast<int>(reduction.centring), reduction.whitening),
                          "reduction");
-  TraversalWork* work = traversal.work.get();
+  const TraversalWork* work = traversal.work.get();
   reducing_.post(
-      [this, work, features, learned, path, reduction] {
-        const Eigen::MatrixXf descriptors = work->take_descriptors();
+      [this, work, features, learned, lost, path, reduction] {
+        const std::shared_ptr<const Eigen::MatrixXf> descriptors = work->descriptors(*lost);
+        if (!descriptors) return;
         if (!*learned && !path.empty() && std::filesystem::exists(path)) {
           const std::string bytes = read_file(path);
           try {
@@ -322,19 +351,23 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
           }
         }
         if (!*learned) {
-          *learned = std::make_shared<Reduction>(Reduction::learn(descriptors, reduction));
+          *learned = std::make_shared<Reduction>(Reduction::learn(*descriptors, reduction));
           if (!path.empty()) {
             write_file(path, as_text((*learned)->save(spec_.name)));
             spdlog::info("stored the reduction in {}", path);
           }
         }
-        *features = (*learned)->apply(descriptors);
+        *features = (*learned)->apply(*descriptors);
       },
-      [this, &traversal, features, learned] {
+      [this, &traversal, features, learned, lost] {
+        traversal.reducing = false;
+        if (!lost->empty()) {
+          spdlog::warn("{}: the store has lost {} frames; they are encoded again", traversal.name, lost->size());
+          traversal.work->lose(*lost);
+          return;
+        }
         if (needs_reference()) reduction_ = *learned;
         traversal.features = std::move(*features);
-        traversal.work.reset();
-        traversal.reducing = false;
         traversal.ready = true;
         spdlog::info("{}: ready, {} features a frame", traversal.name, traversal.features.rows());
       });

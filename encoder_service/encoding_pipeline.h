@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "encoder_service/background_queue.h"
+#include "encoder_service/descriptor_exchange.h"
 #include "encoder_service/encoded_traversal.h"
 #include "encoder_service/encoder_service.h"
 
@@ -18,8 +19,9 @@ namespace citylearn {
 /// Mixes the characters of a text into one number.
 std::uint64_t mix_text(const std::string& text);
 
-/// Turns the images of traversals into features: fetches the images, encodes each once, learns the reduction on the
-/// reference traversal and applies it. Encoding and reducing run on threads of their own. Used by the node's thread.
+/// Turns the images of traversals into features: fetches the images, encodes each once, or fetches what other
+/// encoder_services made of it, learns the reduction on the reference traversal and applies it. Encoding and reducing
+/// run on threads of their own. Used by the node's thread.
 class EncodingPipeline {
  public:
   /// Returns the id of a live env_service that has the images of the traversal with this hash; empty: there is none.
@@ -36,8 +38,10 @@ class EncodingPipeline {
   void on_positions(const msg::TraversalChunk& chunk);
   void on_image(const msg::ImageChunk& chunk);
 
-  /// Does what can be done now. `shared`: other encoder_services take part. Throws what an encoder throws.
-  void advance(Clock::time_point now, bool shared);
+  /// Does what can be done now. Throws what an encoder throws.
+  void advance(Clock::time_point now);
+  /// What passes between this encoder_service and the others of the session.
+  DescriptorExchange& exchange() { return exchange_; }
   /// Finishes what the encoding thread has done.
   void finish() { encoding_.run_completions(); }
 
@@ -57,7 +61,9 @@ class EncodingPipeline {
   void learn_encoder();
   bool restore_encoder(const std::string& path);
   void finish_training_sample();
-  void encode_traversals(bool shared);
+  void encode_traversals();
+  void divide_work(EncodedTraversal& traversal, int& ahead);
+  void forget(EncodedTraversal& traversal, const std::vector<int>& frames);
   void encode(EncodedTraversal& traversal, bool incomplete_batches);
   void store_batch(const Batch& batch, EncodedTraversal& traversal);
   void reduce_traversals();
@@ -75,6 +81,7 @@ class EncodingPipeline {
   Node& node_;
   const EncoderServiceOptions options_;
   const FindHost find_host_;
+  DescriptorExchange exchange_;
   std::unique_ptr<Encoder> encoder_;  // used by the encoding thread, apart from its spec
   std::string encoder_recipe_;        // the encoder's name and parameters, before it has learned anything
   bool sampling_ = false, encoder_ready_ = false;

@@ -10,6 +10,16 @@ void ImageFetch::want(const std::vector<int>& frames) {
   if (asked_ == 0) timer_.ask_now();
 }
 
+void ImageFetch::drop(const std::vector<int>& frames) {
+  for (const int frame : frames) {
+    const auto place = std::find(wanted_.begin(), wanted_.end(), frame);
+    if (place == wanted_.end()) continue;
+    files_.erase(frame);
+    if (place - wanted_.begin() < asked_ && --asked_ == 0) timer_.ask_now();
+    wanted_.erase(place);
+  }
+}
+
 void ImageFetch::on_chunk(const msg::ImageChunk& chunk, std::vector<FetchedImage>& images) {
   if (chunk.hash() != hash_ || chunk.frame() >= static_cast<std::uint32_t>(frames_)) return;
   const int frame = static_cast<int>(chunk.frame());

@@ -26,6 +26,8 @@ class ImageFetch {
 
   /// Adds frames to fetch after those already wanted.
   void want(const std::vector<int>& frames);
+  /// Wants these frames no longer.
+  void drop(const std::vector<int>& frames);
   /// Returns how many wanted frames have not come.
   int missing() const { return static_cast<int>(wanted_.size()); }
 

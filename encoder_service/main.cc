@@ -46,7 +46,10 @@ void add_options(CLI::App& app, CommandLine& line) {
                  "What to do with broken pictures: refuse their traversal, or skip them and use a neighbour's features")
       ->capture_default_str()
       ->check(CLI::IsMember({"refuse", "skip"}));
-  app.add_option("--store", service.store, "Folder that stores what was encoded and learned; 'none' stores nothing")
+  app.add_option(
+         "--store", service.store,
+         "Folder that stores what was encoded and learned; 'none' keeps it in memory. Several encoder_services need "
+         "no common one")
       ->type_name("DIR")
       ->envname("CITYLEARN_STORE")
       ->capture_default_str();
@@ -111,6 +114,7 @@ int main(int argc, char** argv) {
   line.service.cap_dimension = true;  // until --dimension is given
   return service_main(
       argc, argv,
-      "Encodes the pictures of env_services as features, each frame once, and completes their observations.",
+      "Encodes the pictures of env_services as features and completes their observations. Several with the same "
+      "options divide the frames, so that each is encoded once.",
       [&](CLI::App& app) { add_options(app, line); }, [&] { return serve(line); });
 }

@@ -2,6 +2,7 @@
 #include "encoder_service/traversal_work.h"
 
 #include <algorithm>
+#include <bit>
 
 #include "core/util/error.h"
 
@@ -9,93 +10,172 @@ namespace citylearn {
 namespace {
 
 constexpr auto kLookAgain = std::chrono::milliseconds(100);
+constexpr int kBlock = BlockClaims::kFrames;
+
+std::size_t block_of(int frame) { return static_cast<std::size_t>(frame / kBlock); }
+std::uint64_t bit_of(int frame) { return std::uint64_t{1} << (frame % kBlock); }
 
 }  // namespace
 
-TraversalWork::TraversalWork(const std::string& folder, const FeatureStore::Key& key) : key_(key) {
-  have_.assign(key.frames, false);
+TraversalWork::TraversalWork(const std::string& folder, const FeatureStore::Key& key, BlockClaims& claims)
+    : key_(key), claims_(claims) {
+  present_.assign(block_of(key.frames - 1) + 1, 0);
+  lacking_ = present_;
+  for (int frame = 0; frame < key.frames; ++frame) lacking_[block_of(frame)] |= bit_of(frame);
   if (folder.empty())
-    memory_.setZero(key.dimension, key.frames);
+    memory_ = std::make_shared<Eigen::MatrixXf>(Eigen::MatrixXf::Zero(key.dimension, key.frames));
   else
     store_ = std::make_unique<FeatureStore>(folder, key);
   look_into_store();
+  claims_.set_encoder(key.encoder, static_cast<std::uint32_t>(key.dimension));
+}
+
+bool TraversalWork::is_lacking(int frame) const { return (lacking_[block_of(frame)] & bit_of(frame)) != 0; }
+
+void TraversalWork::note_done(int frame, bool present) {
+  lacking_[block_of(frame)] &= ~bit_of(frame);
+  if (present) present_[block_of(frame)] |= bit_of(frame);
+  ++done_;
 }
 
 void TraversalWork::look_into_store() {
   looked_ = Clock::now();
   if (!store_) return;
-  const std::vector<bool> present = store_->present();
+  const std::vector<bool> there = store_->present();
   std::vector<float> numbers(static_cast<std::size_t>(key_.dimension));
   for (int frame = 0; frame < key_.frames; ++frame)
     // Reads it too: after a loss of power the index may name a frame whose numbers are gone.
-    if (present[frame] && !have_[frame] && store_->read(frame, numbers)) {
-      have_[frame] = true;
-      ++done_;
-    }
+    if (there[static_cast<std::size_t>(frame)] && is_lacking(frame) && store_->read(frame, numbers))
+      note_done(frame, true);
   release_finished_blocks();
+}
+
+void TraversalWork::look_for(int block) {
+  if (!store_) return;
+  std::vector<float> numbers(static_cast<std::size_t>(key_.dimension));
+  for (const int frame : lacking_frames(block))
+    if (store_->read(frame, numbers)) note_done(frame, true);
+  release_finished_blocks();
+}
+
+std::vector<int> TraversalWork::lacking_frames(int block) const {
+  std::vector<int> frames;
+  for (int frame = block * kBlock; frame < std::min((block + 1) * kBlock, key_.frames); ++frame)
+    if (is_lacking(frame)) frames.push_back(frame);
+  return frames;
 }
 
 void TraversalWork::release_finished_blocks() {
-  for (auto block = blocks_.begin(); block != blocks_.end();) {
-    const auto from = have_.begin() + block->first;
-    const auto to = have_.begin() + std::min(block->first + kBlock, key_.frames);
-    block = std::find(from, to, false) == to ? blocks_.erase(block) : std::next(block);
-  }
+  for (const int block : claims_.blocks())
+    if (lacking_[static_cast<std::size_t>(block)] == 0) {
+      claims_.release(block);
+      locks_.erase(block);
+    }
 }
 
-std::optional<std::vector<int>> TraversalWork::reserve(int begin) {
+int TraversalWork::claim(int begin) {
   // The store is looked into when there is nothing else to do, but not at every call.
   if (store_ && Clock::now() >= looked_ + kLookAgain) look_into_store();
-  const int blocks = (key_.frames + kBlock - 1) / kBlock;
+  if (claims_.blocks().size() >= msg::MAX_BLOCKS_CLAIMED) return 0;
+  const int blocks = static_cast<int>(lacking_.size());
   for (int i = 0; i < blocks; ++i) {
-    const int first = (begin / kBlock + i) % blocks * kBlock;
-    const int end = std::min(first + kBlock, key_.frames);
-    if (blocks_.count(first) || std::find(have_.begin() + first, have_.begin() + end, false) == have_.begin() + end)
-      continue;
-    std::unique_ptr<FeatureStore::Claim> claim;
+    const int block = (begin / kBlock + i) % blocks;
+    const std::uint64_t& lacking = lacking_[static_cast<std::size_t>(block)];
+    if (lacking == 0 || claims_.has(block) || !claims_.is_free(block, lacking)) continue;
     if (store_) {
-      claim = store_->claim(first, end - first);
-      if (!claim) continue;
-      look_into_store();  // the process that had it before may have finished it
+      std::unique_ptr<FeatureStore::Claim> lock =
+          store_->claim(block * kBlock, std::min(kBlock, key_.frames - block * kBlock));
+      if (!lock) continue;
+      look_for(block);  // the process that had it before may have finished it
+      if (lacking == 0) continue;
+      locks_[block] = std::move(lock);
     }
-    std::vector<int> frames;
-    for (int frame = first; frame < end; ++frame)
-      if (!have_[frame]) frames.push_back(frame);
-    if (frames.empty()) continue;
-    blocks_[first] = std::move(claim);
-    return frames;
+    claims_.claim(block);
+    return std::popcount(lacking);
   }
-  return std::nullopt;
+  return 0;
 }
 
-void TraversalWork::put(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor) {
-  if (have_[frame]) return;
+std::vector<int> TraversalWork::take_granted(Clock::time_point now) {
+  std::vector<int> frames;
+  for (const int block : claims_.take_granted(now))
+    for (const int frame : lacking_frames(block)) frames.push_back(frame);
+  return frames;
+}
+
+std::vector<int> TraversalWork::take_lost() {
+  std::vector<int> frames;
+  for (const int block : claims_.take_lost(lacking_)) {
+    locks_.erase(block);
+    for (const int frame : lacking_frames(block)) frames.push_back(frame);
+  }
+  return frames;
+}
+
+std::vector<int> TraversalWork::give_back() {
+  std::vector<int> frames;
+  for (const int block : claims_.blocks()) {
+    claims_.release(block);
+    locks_.erase(block);
+    for (const int frame : lacking_frames(block)) frames.push_back(frame);
+  }
+  return frames;
+}
+
+int TraversalWork::pending() const {
+  int frames = 0;
+  for (const int block : claims_.pending()) frames += std::popcount(lacking_[static_cast<std::size_t>(block)]);
+  return frames;
+}
+
+int TraversalWork::take(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor) {
+  if (!is_lacking(frame)) return 0;
   if (store_)
     store_->write(frame, {descriptor.data(), static_cast<std::size_t>(descriptor.size())});
   else
-    memory_.col(frame) = descriptor;
-  have_[frame] = true;
-  ++done_;
-  ++made_;
+    memory_->col(frame) = descriptor;
+  note_done(frame, true);
   release_finished_blocks();
+  return 1;
+}
+
+void TraversalWork::put(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor) {
+  made_ += take(frame, descriptor);
+}
+
+void TraversalWork::put_fetched(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor) {
+  fetched_ += take(frame, descriptor);
 }
 
 void TraversalWork::put_bad(int frame) {
-  if (have_[frame]) return;
-  have_[frame] = true;
-  ++done_;
+  if (!is_lacking(frame)) return;
+  note_done(frame, false);
   bad_.push_back(frame);
   release_finished_blocks();
 }
 
-Eigen::MatrixXf TraversalWork::take_descriptors() {
+bool TraversalWork::read(int frame, std::span<float> descriptor) const {
+  if (store_) return store_->read(frame, descriptor);
+  std::copy_n(memory_->col(frame).data(), descriptor.size(), descriptor.begin());
+  return true;
+}
+
+void TraversalWork::lose(const std::vector<int>& frames) {
+  for (const int frame : frames) {
+    lacking_[block_of(frame)] |= bit_of(frame);
+    present_[block_of(frame)] &= ~bit_of(frame);
+    --done_;
+  }
+}
+
+std::shared_ptr<const Eigen::MatrixXf> TraversalWork::descriptors(std::vector<int>& lost) const {
   if (static_cast<int>(bad_.size()) == key_.frames) throw Error("no frame could be encoded");
-  Eigen::MatrixXf descriptors = store_ ? Eigen::MatrixXf(key_.dimension, key_.frames) : std::move(memory_);
+  const auto all = store_ ? std::make_shared<Eigen::MatrixXf>(key_.dimension, key_.frames) : memory_;
   const auto is_bad = [this](int frame) { return std::find(bad_.begin(), bad_.end(), frame) != bad_.end(); };
   for (int frame = 0; store_ && frame < key_.frames; ++frame)
-    if (!is_bad(frame) &&
-        !store_->read(frame, {descriptors.col(frame).data(), static_cast<std::size_t>(key_.dimension)}))
-      throw Error("lost frame " + std::to_string(frame), store_->path(), "start again: it will be encoded again");
+    if (!is_bad(frame) && !store_->read(frame, {all->col(frame).data(), static_cast<std::size_t>(key_.dimension)}))
+      lost.push_back(frame);
+  if (!lost.empty()) return nullptr;
   for (const int frame : bad_) {
     int nearest = -1;
     for (int distance = 1; nearest < 0; ++distance) {
@@ -104,9 +184,9 @@ Eigen::MatrixXf TraversalWork::take_descriptors() {
       else if (frame + distance < key_.frames && !is_bad(frame + distance))
         nearest = frame + distance;
     }
-    descriptors.col(frame) = descriptors.col(nearest);
+    all->col(frame) = all->col(nearest);
   }
-  return descriptors;
+  return all;
 }
 
 }  // namespace citylearn

@@ -242,6 +242,31 @@ void check(const ImageChunk& m, const std::string& type) {
   if (m.data().size() != size) refuse(type, "data", counts(m.data().size(), size));
 }
 
+void check(const DescriptorStatus& m, const std::string& type) {
+  if (m.frames() < 1 || m.frames() > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
+  if (m.dimension() > MAX_DESCRIPTOR) refuse(type, "dimension", "must be at most " + std::to_string(MAX_DESCRIPTOR));
+  const std::size_t blocks = (m.frames() + FRAMES_PER_BLOCK - 1) / FRAMES_PER_BLOCK;
+  if (!m.present().empty() && m.present().size() != blocks) refuse(type, "present", counts(m.present().size(), blocks));
+  for (const auto& [field, sequence] : {std::pair{"encoding", &m.encoding()}, std::pair{"claimed", &m.claimed()}})
+    for (const std::uint32_t block : *sequence)
+      if (block >= blocks) refuse(type, field, "block " + std::to_string(block) + " of " + std::to_string(blocks));
+}
+
+void check(const DescriptorRequest& m, const std::string& type) {
+  if (m.block() >= MAX_BLOCKS) refuse(type, "block", "must be below " + std::to_string(MAX_BLOCKS));
+}
+
+void check(const DescriptorChunk& m, const std::string& type) {
+  if (m.block() >= MAX_BLOCKS) refuse(type, "block", "must be below " + std::to_string(MAX_BLOCKS));
+  if (m.frames() == 0) refuse(type, "frames", "names none");
+  if (m.dimension() < 1 || m.dimension() > MAX_DESCRIPTOR)
+    refuse(type, "dimension", "must be 1.." + std::to_string(MAX_DESCRIPTOR));
+  const std::uint64_t total = std::uint64_t(std::popcount(m.frames())) * m.dimension() * sizeof(float);
+  const std::size_t size = chunk_size(m.chunk(), total);
+  if (size == 0) refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " is beyond the block");
+  if (m.data().size() != size) refuse(type, "data", counts(m.data().size(), size));
+}
+
 void check(const PolicyParameters& m, const std::string& type) {
   if (m.chunk() >= m.chunks())
     refuse(type, "chunk", "index " + std::to_string(m.chunk()) + " of " + std::to_string(m.chunks()) + " chunks");

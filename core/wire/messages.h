@@ -9,6 +9,7 @@
 #include "core/task/action.h"
 #include "core/util/error.h"
 #include "idl/action.h"
+#include "idl/descriptor.h"
 #include "idl/episode.h"
 #include "idl/image.h"
 #include "idl/observation.h"

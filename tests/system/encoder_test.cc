@@ -4,6 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "tests/support/processes/encoding_watch.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/text.h"
 
@@ -68,14 +69,19 @@ TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
 
 // These two are not in simulation, which encodes in no time.
 
-TEST(EncodingInParts, TwoShareTheWorkAndOneTakesOver) {
-  Trial run("cyclonedds");
+void expect_two_to_share_the_work(const std::string& middleware, bool common_store) {
+  Trial run(middleware);
   const Arguments drawn = {"--dataset", "synthetic", "--frames", "0:1000"};
-  const auto one = run.encoder({"--id", "one"}), two = run.encoder({"--id", "two"});
+  const auto start = [&](const std::string& id) {
+    return run.encoder({"--id", id, "--store", common_store ? std::string(run.folder() / "store") : "none"});
+  };
+  const auto one = start("one"), two = start("two");
+  for (const auto* encoder : {one.get(), two.get()})
+    ASSERT_TRUE(encoder->says("takes part", kSoon)) << encoder->output();
   const auto summer = run.env("summer", drawn);
   const auto policy = run.train(1500, "out");
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output() << one->output() << two->output();
-  // The one that serves goes; the other one has all it needs. Both may have begun before they heard of each other.
+  // The one that serves goes; the other one has all it needs.
   const auto serves = [](const Service& encoder) {
     return occurrences(encoder.output(), "serves 'env-summer'") > occurrences(encoder.output(), "leaves 'env-summer'");
   };
@@ -89,6 +95,35 @@ TEST(EncodingInParts, TwoShareTheWorkAndOneTakesOver) {
   const int by_serving = number_before(serving->output(), " of them now"),
             by_other = number_before(other->output(), " of them now");
   EXPECT_EQ(by_serving + by_other, 1000) << "each frame once: " << by_serving << " + " << by_other;
+  EXPECT_GT(std::min(by_serving, by_other), 100) << "both have a share";
+  EXPECT_EQ(number_before(other->output(), " by others"), common_store ? 0 : by_serving);
+}
+
+TEST(EncodingInParts, TwoWithACommonStoreShareTheWorkAndOneTakesOver) {
+  expect_two_to_share_the_work("cyclonedds", true);
+}
+
+TEST_P(Encoding, TwoWithoutAStoreShareTheWorkAndOneTakesOver) { expect_two_to_share_the_work(GetParam(), false); }
+
+TEST(EncodingInParts, OneOfThreeIsKilledAndItsUnfinishedBlocksAloneAreEncodedAgain) {
+  Trial run("cyclonedds");
+  EncodingWatch watch(run.middleware());
+  std::vector<std::unique_ptr<Service>> encoders;
+  for (const char* id : {"one", "two", "three"}) encoders.push_back(run.encoder({"--id", id, "--store", "none"}));
+  for (const auto& encoder : encoders)
+    ASSERT_TRUE(poll_until([&] { return occurrences(encoder->output(), "takes part") == 2; }, kSoon));
+  const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:1000"});
+  ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= 100; }, kLong));
+  ASSERT_EQ(encoders[0]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
+  int encoded = watch.encoded("one");
+  EXPECT_LT(encoded, 900) << "it had finished before";
+  for (std::size_t i = 1; i < encoders.size(); ++i) {
+    ASSERT_TRUE(encoders[i]->says("summer: ready", kLong)) << encoders[i]->output();
+    const int own = number_before(encoders[i]->output(), " of them now");
+    EXPECT_EQ(own + number_before(encoders[i]->output(), " by others"), 1000) << encoders[i]->output();
+    encoded += own;
+  }
+  EXPECT_LE(encoded, 1000 + 2 * 64);
 }
 
 TEST(EncodingInParts, KilledInTheMiddleItLosesNothing) {

@@ -3,9 +3,12 @@
 #include <gtest/gtest.h>
 #include <spdlog/fmt/fmt.h>
 
+#include <filesystem>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 
+#include "tests/support/processes/encoding_watch.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/text.h"
 
@@ -38,9 +41,165 @@ TEST(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
   const auto summer = run.env("summer", kDrawn);
   const auto hog = run.encoder({"--id", "hog", "--encoder", "hog"});
   ASSERT_TRUE(hog->says("serves 'env-summer'", kSoon)) << hog->output();
-  const auto other = run.encoder({"--id", "other", "--encoder", "patchnorm"});
-  ASSERT_EQ(other->wait(kSoon), 1) << other->output();
-  EXPECT_TRUE(contains(other->output(), "'hog' already encodes with"));
+  for (const Arguments& options :
+       {Arguments{"--encoder", "patchnorm"}, Arguments{"--encoder", "hog", "--hog-bins", "9"},
+        Arguments{"--encoder", "hog", "--dimension", "32"}})
+    for (const std::string& store : {run.folder() / "store", std::string("none")}) {
+      Arguments all = {"--id", "other", "--store", store};
+      all.insert(all.end(), options.begin(), options.end());
+      const auto other = run.encoder(all);
+      ASSERT_EQ(other->wait(kSoon), 1) << other->output();
+      EXPECT_TRUE(contains(other->output(), "'hog' already encodes with")) << other->output();
+    }
+}
+
+/// The folder of an encoder_service of its own, or none.
+std::string own_store(const Trial& run, const std::string& id, bool stores) {
+  return stores ? run.folder() / ("store-" + id) : "none";
+}
+
+/// The names and contents of a store's files.
+std::map<std::string, std::string> files_of(const std::string& store) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : std::filesystem::directory_iterator(store))
+    files[entry.path().filename()] = contents(entry.path());
+  return files;
+}
+
+const Arguments kLongWay = {"--dataset", "synthetic", "--frames", "0:640"};  // ten blocks
+constexpr int kLongWayFrames = 640;
+
+TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnce) {
+  std::vector<float> expected;
+  std::map<std::string, std::string> expected_files;
+  for (const bool stores : {false, true})
+    for (const int count : {1, 2, 3}) {
+      const std::string what = std::to_string(count) + (stores ? " with stores" : " without stores");
+      Trial run("simulated");
+      EncodingWatch watch(run.middleware());
+      std::vector<std::string> ids;
+      std::vector<std::unique_ptr<Service>> encoders;
+      for (int i = 0; i < count; ++i) {
+        ids.push_back("encoder-" + std::to_string(i));
+        encoders.push_back(run.encoder({"--id", ids.back(), "--store", own_store(run, ids.back(), stores)}));
+      }
+      const auto summer = run.env("summer", kLongWay);
+      int encoded = 0;
+      for (const auto& encoder : encoders) {
+        ASSERT_TRUE(encoder->says("summer: ready", kLong)) << what << encoder->output();
+        const int own = number_before(encoder->output(), " of them now");
+        EXPECT_GE(own, kLongWayFrames / count / 4) << what << ": it has its share";
+        EXPECT_EQ(own + number_before(encoder->output(), " by others"), kLongWayFrames) << what << encoder->output();
+        encoded += own;
+      }
+      EXPECT_EQ(encoded, kLongWayFrames) << what << ": each frame once";
+      // Each of them serves the same: the one that does is killed, until none is left.
+      while (!ids.empty()) {
+        std::size_t serving = ids.size();
+        ASSERT_TRUE(poll_until(
+            [&] {
+              for (std::size_t i = 0; i < ids.size(); ++i)
+                if (occurrences(encoders[i]->output(), "serves 'env-summer'") >
+                    occurrences(encoders[i]->output(), "leaves 'env-summer'"))
+                  serving = i;
+              return serving < ids.size();
+            },
+            kSoon))
+            << what;
+        const std::vector<float> features = watch.features("summer", ids[serving], kSoon);
+        ASSERT_FALSE(features.empty()) << what << encoders[serving]->output();
+        if (expected.empty()) expected = features;
+        EXPECT_TRUE(features == expected) << what << ", " << ids[serving];
+        if (stores) {
+          const auto files = files_of(own_store(run, ids[serving], stores));
+          if (expected_files.empty()) expected_files = files;
+          EXPECT_EQ(files.size(), 3u) << "descriptors, the encoder's words, the reduction";
+          EXPECT_TRUE(files == expected_files) << what << ", " << ids[serving];
+        }
+        encoders[serving]->send(SIGKILL);
+        encoders.erase(encoders.begin() + static_cast<std::ptrdiff_t>(serving));
+        ids.erase(ids.begin() + static_cast<std::ptrdiff_t>(serving));
+      }
+    }
+}
+
+TEST(EncodingShared, OneThatComesLateFetchesEverything) {
+  Trial run("simulated");
+  const auto one = run.encoder({"--id", "one", "--store", "none"});
+  const auto summer = run.env("summer", kLongWay), fall = run.env("fall", kLongWay);
+  ASSERT_TRUE(one->says("fall: ready", kLong)) << one->output();
+  ASSERT_TRUE(one->says("summer: ready", kLong)) << one->output();
+  const auto two = run.encoder({"--id", "two", "--store", run.folder() / "own"});
+  ASSERT_TRUE(two->says("fall: ready", kLong)) << two->output();
+  ASSERT_TRUE(two->says("summer: ready", kLong)) << two->output();
+  EXPECT_EQ(occurrences(two->output(), "(0 of them now, 640 by others"), 2) << two->output();
+  EXPECT_EQ(two->end(SIGTERM, seconds(5)), 0);
+  EXPECT_TRUE(contains(two->output(), " 0 frames encoded")) << two->output();
+  // What it fetched is in its store.
+  const auto again = run.encoder({"--id", "two", "--store", run.folder() / "own"});
+  ASSERT_TRUE(again->says("640 of 640 frames were encoded before", kSoon)) << again->output();
+}
+
+TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
+  std::vector<float> expected;
+  for (const int killed_at : {0, 40, 100}) {  // 0: nobody is killed
+    const std::string what = "killed at " + std::to_string(killed_at);
+    Trial run("simulated");
+    EncodingWatch watch(run.middleware());
+    std::map<std::string, std::unique_ptr<Service>> encoders;
+    for (const char* id : {"one", "two", "three"})
+      encoders[id] = run.encoder({"--id", id, "--store", own_store(run, id, std::string(id) == "one")});
+    const auto summer = run.env("summer", kLongWay);
+    int by_killed = 0;
+    if (killed_at > 0) {
+      ASSERT_TRUE(watch.until([&] { return watch.encoded("one") >= killed_at; }, kLong)) << what;
+      by_killed = watch.encoded("one");
+      ASSERT_EQ(encoders["one"]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
+    }
+    int encoded = 0, fetched = 0;
+    for (const auto& [id, encoder] : encoders) {
+      if (id == "one" && killed_at > 0) continue;
+      ASSERT_TRUE(encoder->says("summer: ready", kLong)) << what << encoder->output();
+      encoded += number_before(encoder->output(), " of them now");
+      fetched += number_before(encoder->output(), " by others");
+    }
+    if (killed_at > 0) {
+      EXPECT_EQ(encoded + fetched, 2 * kLongWayFrames) << what;
+      EXPECT_LE(by_killed + encoded, kLongWayFrames + 2 * 64) << what << ": its unfinished blocks alone are lost";
+      // It comes back with what it had, and fetches the rest.
+      encoders["one"] = run.encoder({"--id", "one", "--store", own_store(run, "one", true)});
+      ASSERT_TRUE(encoders["one"]->says("summer: ready", kLong)) << encoders["one"]->output();
+      EXPECT_EQ(number_before(encoders["one"]->output(), " of them now"), 0);
+      const int before = number_before(encoders["one"]->output(), " of 640 frames were encoded before");
+      EXPECT_GE(before, by_killed) << what;
+    }
+    std::string serving;
+    ASSERT_TRUE(poll_until(
+        [&] {
+          for (const auto& [id, encoder] : encoders)
+            if (occurrences(encoder->output(), "serves 'env-summer'") >
+                occurrences(encoder->output(), "leaves 'env-summer'"))
+              serving = id;
+          return !serving.empty();
+        },
+        kSoon))
+        << what;
+    const std::vector<float> features = watch.features("summer", serving, kSoon);
+    ASSERT_FALSE(features.empty()) << what;
+    if (expected.empty()) expected = features;
+    EXPECT_TRUE(features == expected) << what;
+  }
+}
+
+TEST(EncodingShared, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
+  Trial run("lossy:simulated");
+  const auto one = run.encoder({"--id", "one", "--store", "none"}),
+             two = run.encoder({"--id", "two", "--store", "none"});
+  const auto summer = run.env("summer", kLongWay);
+  for (const auto* encoder : {one.get(), two.get()})
+    ASSERT_TRUE(encoder->says("summer: ready", kLong)) << encoder->output();
+  EXPECT_EQ(number_before(one->output(), " of them now") + number_before(two->output(), " of them now"),
+            kLongWayFrames);
 }
 
 TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
@@ -64,6 +223,11 @@ TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
   ASSERT_EQ(strict->end(SIGTERM, seconds(5)), 0);
   const auto lenient = run.encoder({"--dimension", "8", "--on-bad-frame", "skip"});
   EXPECT_TRUE(lenient->says("serves 'env-summer'", kSoon)) << lenient->output();
+  // Another one fetches what can be encoded, and sees for itself what cannot.
+  const auto second = run.encoder({"--id", "second", "--dimension", "8", "--on-bad-frame", "skip", "--store", "none"});
+  EXPECT_TRUE(second->says("summer: ready", kSoon)) << second->output();
+  EXPECT_TRUE(contains(second->output(), "(0 of them now, 29 by others")) << second->output();
+  EXPECT_TRUE(contains(second->output(), "007.ppm")) << second->output();
 }
 
 TEST(EncodingFaults, DefaultsFitAShortRouteAndGivenValuesMustFit) {

@@ -145,6 +145,24 @@ inline void agree(Filler& f, msg::ImageChunk& m) {
   m.total_bytes(f.least() ? 0 : static_cast<std::uint32_t>(2 * msg::MAX_CHUNK + m.data().size()));
 }
 
+inline void agree(Filler& f, msg::DescriptorStatus& m) {
+  m.frames(f.least() ? 1 : f.most() ? msg::MAX_FRAMES : 16 * msg::FRAMES_PER_BLOCK - 5);
+  m.dimension(f.least() ? 0 : f.most() ? msg::MAX_DESCRIPTOR : 128);
+  for (auto* blocks : {&m.encoding(), &m.claimed()})
+    for (std::uint32_t& block : *blocks) block %= static_cast<std::uint32_t>(m.present().size());
+}
+
+inline void agree(Filler&, msg::DescriptorRequest& m) { m.block(m.block() % msg::MAX_BLOCKS); }
+
+inline void agree(Filler& f, msg::DescriptorChunk& m) {
+  m.block(m.block() % msg::MAX_BLOCKS);
+  m.frames(f.least() ? 1 : f.most() ? ~std::uint64_t{0} : 5);
+  m.dimension(f.least() ? 1 : f.most() ? msg::MAX_DESCRIPTOR : 1000);
+  f.resize(m.data(), 2 * 1000 * sizeof(float), msg::MAX_CHUNK);
+  if (f.least()) m.data().resize(sizeof(float));
+  m.chunk(f.most() ? 5460 : 0);
+}
+
 template <class Message>
 Message sample_of(Size size) {
   Filler filler(size);

@@ -208,6 +208,17 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
   expect_error<msg::ImageChunk>("chunk: index 3 is beyond the image", [](auto& m) { m.chunk(3); });
   expect_error<msg::ImageChunk>("total_bytes: must be at most 67108864",
                                 [](auto& m) { m.total_bytes(msg::MAX_IMAGE + 1); });
+  expect_error<msg::DescriptorStatus>("present: 15 entries, should be 16", [](auto& m) { m.present().pop_back(); });
+  expect_error<msg::DescriptorStatus>("", [](auto& m) { m.present().clear(); });
+  expect_error<msg::DescriptorStatus>("encoding: block 16 of 16", [](auto& m) { m.encoding()[2] = 16; });
+  expect_error<msg::DescriptorStatus>("claimed: block 17 of 16", [](auto& m) { m.claimed()[0] = 17; });
+  expect_error<msg::DescriptorStatus>("acknowledged: 16 entries, should be 17 as many as heard has",
+                                      [](auto& m) { m.heard().push_back(1); });
+  expect_error<msg::DescriptorRequest>("block: must be below 16384", [](auto& m) { m.block(msg::MAX_BLOCKS); });
+  expect_error<msg::DescriptorChunk>("frames: names none", [](auto& m) { m.frames(0); });
+  expect_error<msg::DescriptorChunk>("dimension: must be 1..1048576", [](auto& m) { m.dimension(0); });
+  expect_error<msg::DescriptorChunk>("data: 7999 entries, should be 8000", [](auto& m) { m.data().pop_back(); });
+  expect_error<msg::DescriptorChunk>("chunk: index 1 is beyond the block", [](auto& m) { m.chunk(1); });
   expect_error<msg::PolicyParameters>("chunk: index 3 of 3 chunks", [](auto& m) { m.chunk(3); });
   expect_error<msg::PolicyParameters>("data: more bytes than total_bytes says", [](auto& m) { m.total_bytes(7); });
   expect_error<msg::Trajectory>("shown: 32 entries, should be 33, one more than action has",
