@@ -4,12 +4,19 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <bit>
 #include <utility>
 
 namespace citylearn {
 
 BlockClaims::BlockClaims(std::uint64_t own, std::uint64_t hash, std::uint32_t frames)
     : own_(own), hash_(hash), frames_(frames) {}
+
+std::vector<int> BlockClaims::frames_of(int block, std::uint64_t bits) {
+  std::vector<int> frames;
+  for (; bits != 0; bits &= bits - 1) frames.push_back(block * kFrames + std::countr_zero(bits));
+  return frames;
+}
 
 void BlockClaims::set_encoder(const std::string& encoder, std::uint32_t dimension) {
   encoder_ = encoder;

@@ -41,6 +41,8 @@ class BlockClaims {
 
   /// `own`: incarnation of this encoder_service. `hash`, `frames`: of the traversal.
   BlockClaims(std::uint64_t own, std::uint64_t hash, std::uint32_t frames);
+  /// Returns the frames of a block whose bits are set.
+  static std::vector<int> frames_of(int block, std::uint64_t bits);
 
   /// Names what makes this one's descriptors, once that is known. Others with something else share nothing with it.
   void set_encoder(const std::string& encoder, std::uint32_t dimension);

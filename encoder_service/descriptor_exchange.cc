@@ -23,13 +23,6 @@ std::uint64_t bytes_of(std::uint64_t frames, int dimension) {
   return std::uint64_t(std::popcount(frames)) * static_cast<std::uint64_t>(dimension) * sizeof(float);
 }
 
-/// Calls `visit(frame)` for each frame of a block whose bit is set.
-template <class Visit>
-void each_frame(std::uint32_t block, std::uint64_t frames, Visit visit) {
-  for (; frames != 0; frames &= frames - 1)
-    visit(static_cast<int>(block) * BlockClaims::kFrames + std::countr_zero(frames));
-}
-
 }  // namespace
 
 DescriptorExchange::DescriptorExchange(Node& node) : node_(node), started_(Clock::now()) {
@@ -112,11 +105,11 @@ void DescriptorExchange::on_request(const msg::DescriptorRequest& request) {
     std::vector<std::uint8_t> bytes(bytes_of(request.frames(), work.key().dimension));
     auto* to = bytes.data();
     bool whole = true;
-    each_frame(request.block(), request.frames(), [&](int frame) {
+    for (const int frame : BlockClaims::frames_of(static_cast<int>(request.block()), request.frames())) {
       whole = whole && work.read(frame, descriptor);
       std::memcpy(to, descriptor.data(), descriptor.size() * sizeof(float));
       to += descriptor.size() * sizeof(float);
-    });
+    }
     if (!whole) return;  // lost on the disk: the one that asks gives up and encodes them
     served_ = {request.hash(), request.frames(), request.block(), std::move(bytes)};
     chunk_.checksum() = checksum(served_.bytes);
@@ -177,8 +170,8 @@ bool DescriptorExchange::finish(Fetch& fetch, TraversalWork& work) {
   std::memcpy(descriptors.data(), from, bytes.size());
   if (!descriptors.allFinite()) return false;
   Eigen::Index column = 0;
-  each_frame(static_cast<std::uint32_t>(fetch.block), fetch.frames,
-             [&](int frame) { work.put_fetched(frame, descriptors.col(column++)); });
+  for (const int frame : BlockClaims::frames_of(fetch.block, fetch.frames))
+    work.put_fetched(frame, descriptors.col(column++));
   return true;
 }
 

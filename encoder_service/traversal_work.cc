@@ -53,16 +53,18 @@ void TraversalWork::look_into_store() {
 void TraversalWork::look_for(int block) {
   if (!store_) return;
   std::vector<float> numbers(static_cast<std::size_t>(key_.dimension));
-  for (const int frame : lacking_frames(block))
+  for (const int frame : lacking_frames({block}))
     if (store_->read(frame, numbers)) note_done(frame, true);
   release_finished_blocks();
 }
 
-std::vector<int> TraversalWork::lacking_frames(int block) const {
-  std::vector<int> frames;
-  for (int frame = block * kBlock; frame < std::min((block + 1) * kBlock, key_.frames); ++frame)
-    if (is_lacking(frame)) frames.push_back(frame);
-  return frames;
+std::vector<int> TraversalWork::lacking_frames(const std::vector<int>& blocks) const {
+  std::vector<int> all;
+  for (const int block : blocks) {
+    const std::vector<int> frames = BlockClaims::frames_of(block, lacking_[static_cast<std::size_t>(block)]);
+    all.insert(all.end(), frames.begin(), frames.end());
+  }
+  return all;
 }
 
 void TraversalWork::release_finished_blocks() {
@@ -97,29 +99,22 @@ int TraversalWork::claim(int begin) {
 }
 
 std::vector<int> TraversalWork::take_granted(Clock::time_point now) {
-  std::vector<int> frames;
-  for (const int block : claims_.take_granted(now))
-    for (const int frame : lacking_frames(block)) frames.push_back(frame);
-  return frames;
+  return lacking_frames(claims_.take_granted(now));
 }
 
 std::vector<int> TraversalWork::take_lost() {
-  std::vector<int> frames;
-  for (const int block : claims_.take_lost(lacking_)) {
-    locks_.erase(block);
-    for (const int frame : lacking_frames(block)) frames.push_back(frame);
-  }
-  return frames;
+  const std::vector<int> blocks = claims_.take_lost(lacking_);
+  for (const int block : blocks) locks_.erase(block);
+  return lacking_frames(blocks);
 }
 
 std::vector<int> TraversalWork::give_back() {
-  std::vector<int> frames;
-  for (const int block : claims_.blocks()) {
+  const std::vector<int> blocks = claims_.blocks();
+  for (const int block : blocks) {
     claims_.release(block);
     locks_.erase(block);
-    for (const int frame : lacking_frames(block)) frames.push_back(frame);
   }
-  return frames;
+  return lacking_frames(blocks);
 }
 
 int TraversalWork::pending() const {

@@ -68,13 +68,13 @@ class TraversalWork {
   void note_done(int frame, bool present);
   int take(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor);
   void release_finished_blocks();
-  std::vector<int> lacking_frames(int block) const;
+  std::vector<int> lacking_frames(const std::vector<int>& blocks) const;
   bool is_lacking(int frame) const;
 
   const FeatureStore::Key key_;
   BlockClaims& claims_;
   std::unique_ptr<FeatureStore> store_;
-  std::shared_ptr<Eigen::MatrixXf> memory_;  // D x F when there is no store
+  std::shared_ptr<Eigen::MatrixXf> memory_;  // D x F; without a store only
   std::vector<std::uint64_t> present_, lacking_;
   std::vector<int> bad_;
   int done_ = 0, made_ = 0, fetched_ = 0;

@@ -89,7 +89,7 @@ int main(int argc, char** argv) {
   app.add_option("--agent", options.agents, "networks")->capture_default_str();
   app.add_option("--learner", options.learner, "learner")->capture_default_str();
   app.add_option("--shards", options.shards, "of a minibatch")->check(CLI::Range(1, 256))->capture_default_str();
-  app.add_option("--threads", options.threads, "")->check(CLI::Range(1, 1024))->capture_default_str();
+  app.add_option("--threads", options.threads, "that learn")->check(CLI::Range(1, 1024))->capture_default_str();
   app.add_option("--minibatch", options.minibatch, "sequences")->check(CLI::Range(1, 65536))->capture_default_str();
   app.add_option("--rounds", options.rounds, "measured updates of each")
       ->check(CLI::Range(1, 1000))

@@ -204,9 +204,13 @@ void check(const EpisodeStat& m, const std::string& type) {
   if (!m.path().empty() && m.path().size() != octets) refuse(type, "path", counts(m.path().size(), octets));
 }
 
+void check_frames(std::uint32_t frames, const std::string& type) {
+  if (frames < 1 || frames > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
+}
+
 void check(const MapChunk& m, const std::string& type) {
   const std::size_t places = m.position().size();
-  if (m.frames() < 1 || m.frames() > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
+  check_frames(m.frames(), type);
   if (m.first() > m.frames() || places > m.frames() - m.first()) refuse(type, "position", "goes beyond the last frame");
   if (!m.latitude().empty() && m.latitude().size() != places)
     refuse(type, "latitude", counts(m.latitude().size(), places));
@@ -218,7 +222,7 @@ template <class Message>
 void check_size(const Message& m, const std::string& type) {
   if (m.feature_dimension() > MAX_DIMENSION)
     refuse(type, "feature_dimension", "must be at most " + std::to_string(MAX_DIMENSION));
-  if (m.frames() < 1 || m.frames() > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
+  check_frames(m.frames(), type);
 }
 
 void check(const TraversalInfo& m, const std::string& type) {
@@ -243,7 +247,7 @@ void check(const ImageChunk& m, const std::string& type) {
 }
 
 void check(const DescriptorStatus& m, const std::string& type) {
-  if (m.frames() < 1 || m.frames() > MAX_FRAMES) refuse(type, "frames", "must be 1.." + std::to_string(MAX_FRAMES));
+  check_frames(m.frames(), type);
   if (m.dimension() > MAX_DESCRIPTOR) refuse(type, "dimension", "must be at most " + std::to_string(MAX_DESCRIPTOR));
   const std::size_t blocks = (m.frames() + FRAMES_PER_BLOCK - 1) / FRAMES_PER_BLOCK;
   if (!m.present().empty() && m.present().size() != blocks) refuse(type, "present", counts(m.present().size(), blocks));
@@ -252,12 +256,14 @@ void check(const DescriptorStatus& m, const std::string& type) {
       if (block >= blocks) refuse(type, field, "block " + std::to_string(block) + " of " + std::to_string(blocks));
 }
 
-void check(const DescriptorRequest& m, const std::string& type) {
-  if (m.block() >= MAX_BLOCKS) refuse(type, "block", "must be below " + std::to_string(MAX_BLOCKS));
+void check_block(std::uint32_t block, const std::string& type) {
+  if (block >= MAX_BLOCKS) refuse(type, "block", "must be below " + std::to_string(MAX_BLOCKS));
 }
 
+void check(const DescriptorRequest& m, const std::string& type) { check_block(m.block(), type); }
+
 void check(const DescriptorChunk& m, const std::string& type) {
-  if (m.block() >= MAX_BLOCKS) refuse(type, "block", "must be below " + std::to_string(MAX_BLOCKS));
+  check_block(m.block(), type);
   if (m.frames() == 0) refuse(type, "frames", "names none");
   if (m.dimension() < 1 || m.dimension() > MAX_DESCRIPTOR)
     refuse(type, "dimension", "must be 1.." + std::to_string(MAX_DESCRIPTOR));
