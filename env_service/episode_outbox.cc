@@ -93,12 +93,13 @@ EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowl
   Recorder& recorder = recorders_[name];
   if (!recorder.hear(header, now) || !recorder.order.in_order(header, now)) return Acknowledged::kRepeated;
   const bool fresh = std::exchange(recorder.fresh, false) || !recorder.registered;
-  recorder.stopping = acknowledgement.stopping();
-  if (acknowledgement.leaving() || acknowledgement.stopping()) recorder.presence.leave();
+  const bool leaves = acknowledgement.recorder() == msg::LEAVES;
+  recorder.stopping = acknowledgement.recorder() != msg::RECORDS;
+  if (recorder.stopping) recorder.presence.leave();
   const std::uint64_t has = std::max<std::uint64_t>(acknowledgement.episode(), discarded_);
   const bool progress = has > recorder.acknowledged, loss = has < recorder.acknowledged;
   if (!recorder.registered) {
-    if (acknowledgement.leaving()) return Acknowledged::kRepeated;
+    if (leaves) return Acknowledged::kRepeated;
     recorder.registered = true;
     ++registered_;
   }
@@ -109,8 +110,8 @@ EpisodeOutbox::Acknowledged EpisodeOutbox::acknowledge(const msg::EpisodeAcknowl
   else if (progress)
     open_window(recorder, kSendWindow, now);
   discard_acknowledged();
-  if (acknowledgement.leaving()) unregister(recorder);
-  return fresh || loss || progress || acknowledgement.leaving() ? Acknowledged::kYes : Acknowledged::kRepeated;
+  if (leaves) unregister(recorder);
+  return fresh || loss || progress || leaves ? Acknowledged::kYes : Acknowledged::kRepeated;
 }
 
 void EpisodeOutbox::believe(const msg::Header& header, Clock::time_point now) {

@@ -113,7 +113,7 @@ void Replayer::on_acknowledgement() {
   if (found == episodes_.end()) return;
   Episodes& episodes = found->second;
   const std::string recorder = message.header().sender().c_str();
-  if (message.leaving()) {
+  if (message.recorder() == msg::LEAVES) {
     episodes.marks.erase(recorder);
   } else {
     std::uint64_t& mark = episodes.marks[recorder];

@@ -17,13 +17,12 @@ Topic Channels::topic(const Address& address) const {
 }
 
 Channels::Writer& Channels::writer(const Address& address) {
-  const Topic wanted = topic(address);
-  auto found = writers_.find(wanted.name);
+  auto found = writers_.find(address);
   if (found == writers_.end()) {
     if (writers_.size() >= kMostWriters)
       writers_.erase(std::min_element(writers_.begin(), writers_.end(),
                                       [](const auto& a, const auto& b) { return a.second.used < b.second.used; }));
-    found = writers_.emplace(wanted.name, Writer{middleware_->create_publisher(wanted), 0, {}}).first;
+    found = writers_.emplace(address, Writer{middleware_->create_publisher(topic(address)), 0, {}}).first;
   }
   found->second.used = Clock::now();
   return found->second;
@@ -32,20 +31,19 @@ Channels::Writer& Channels::writer(const Address& address) {
 void Channels::delete_idle_writers(Clock::time_point now) {
   if (addressing_ != Addressing::kReceiver) return;
   std::erase_if(writers_,
-                [&](const auto& entry) { return entry.first != all_->name && now - entry.second.used > kIdle; });
+                [&](const auto& entry) { return entry.first != Address{} && now - entry.second.used > kIdle; });
 }
 
 void Channels::wait_for_acknowledgments(Clock::time_point deadline) {
-  for (const auto& [name, writer] : writers_) writer.publisher->wait_for_acknowledgments(deadline);
+  for (const auto& [address, writer] : writers_) writer.publisher->wait_for_acknowledgments(deadline);
 }
 
 void Channels::create_reader(const Address& address) {
-  const Topic wanted = topic(address);
-  std::unique_ptr<Subscription>& reader = readers_[wanted.name];
-  if (!reader) reader = middleware_->create_subscription(wanted);
+  std::unique_ptr<Subscription>& reader = readers_[address];
+  if (!reader) reader = middleware_->create_subscription(topic(address));
 }
 
-void Channels::delete_reader(const Address& address) { readers_.erase(topic(address).name); }
+void Channels::delete_reader(const Address& address) { readers_.erase(address); }
 
 bool Channels::take(Bytes& sample) {
   auto reader = readers_.upper_bound(last_);
@@ -59,7 +57,7 @@ bool Channels::take(Bytes& sample) {
 }
 
 void Channels::let_go(const Address& address) {
-  writers_.erase(topic(address).name);
+  writers_.erase(address);
   delete_reader(address);
 }
 

@@ -17,10 +17,6 @@ class Channels {
   Channels(Middleware& middleware, const Topic& all, Addressing addressing)
       : middleware_(&middleware), all_(&all), addressing_(addressing) {}
 
-  /// On whose topic: a service of a session, or all.
-  struct Address {
-    std::string session, id;  ///< id empty: all
-  };
   struct Writer {
     std::unique_ptr<Publisher> publisher;
     std::uint64_t written = 0;  ///< messages, for Header.message
@@ -47,9 +43,9 @@ class Channels {
   Middleware* middleware_;
   const Topic* all_;
   Addressing addressing_;
-  std::map<std::string, Writer> writers_;                         // by topic
-  std::map<std::string, std::unique_ptr<Subscription>> readers_;  // likewise
-  std::string last_;                                              // topic of the reader that had something last
+  std::map<Address, Writer> writers_;
+  std::map<Address, std::unique_ptr<Subscription>> readers_;
+  Address last_;  // of the reader that had something last
 };
 
 }  // namespace citylearn

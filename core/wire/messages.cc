@@ -315,8 +315,21 @@ Addressing addressing_of() {
 }
 
 template <class Message>
-std::string receiver_of(const Message& message) {
-  return msg::receiver_of(message);
+std::vector<Address> addresses_of(const Message& message) {
+  const Header& header = message.header();
+  const Address sender{header.session().c_str(), header.sender().c_str()};
+  switch (addressing_of<Message>()) {
+    case Addressing::kAll:
+      break;
+    case Addressing::kReceiver:
+      if (std::string receiver = receiver_of(message); !receiver.empty()) return {{sender.session, receiver}};
+      break;
+    case Addressing::kSender:
+      return {sender};
+    case Addressing::kSenderAndAll:
+      return {{}, sender};
+  }
+  return {{}};
 }
 
 namespace {
@@ -396,7 +409,7 @@ void decode(std::span<const std::byte> bytes, Message& message) {
 #define CITYLEARN_INSTANTIATE(TYPE, NAME, PROFILE, ADDRESSING)   \
   template const Topic& topic_of<TYPE>();                        \
   template Addressing addressing_of<TYPE>();                     \
-  template std::string receiver_of<TYPE>(const TYPE& message);   \
+  template std::vector<Address> addresses_of<TYPE>(const TYPE&); \
   template void encode<TYPE>(const TYPE& message, Bytes& bytes); \
   template void decode<TYPE>(std::span<const std::byte> bytes, TYPE & message);
 // NOLINTEND(bugprone-macro-parentheses)
@@ -414,20 +427,10 @@ std::vector<Topic> topics_of_message(std::span<const std::byte> bytes) {
   Message message;
   decode(bytes, message);
   const Topic& all = topic_of<Message>();
-  const std::string session = message.header().session().c_str();
-  switch (addressing_of<Message>()) {
-    case Addressing::kAll:
-      return {all};
-    case Addressing::kReceiver:
-      if (const std::string receiver = receiver_of(message); !receiver.empty())
-        return {topic_at(all, session, receiver)};
-      return {all};
-    case Addressing::kSender:
-      return {topic_at(all, session, message.header().sender().c_str())};
-    case Addressing::kSenderAndAll:
-      return {all, topic_at(all, session, message.header().sender().c_str())};
-  }
-  return {};
+  std::vector<Topic> topics;
+  for (const auto& [session, id] : addresses_of(message))
+    topics.push_back(id.empty() ? all : topic_at(all, session, id));
+  return topics;
 }
 
 }  // namespace

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <compare>
 #include <concepts>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "core/dds/middleware.h"
 #include "core/task/action.h"
@@ -37,9 +39,15 @@ enum class Addressing {
 template <class Message>
 Addressing addressing_of();
 Addressing addressing_of(const Topic& topic);
-/// Returns the id of the service that a message names as its receiver; empty: none.
+
+/// On whose topic: a service of a session, or all, where both are empty.
+struct Address {
+  std::string session, id;
+  auto operator<=>(const Address&) const = default;
+};
+/// Returns on whose topics a message is sent; the first one numbers it (Header.message).
 template <class Message>
-std::string receiver_of(const Message& message);
+std::vector<Address> addresses_of(const Message& message);
 
 /// Returns the topic of one service, "citylearn/SESSION/ID/action", for `topic`, "citylearn/action". That of a service
 /// that hears all sessions is "citylearn/ID/action". Cyclone DDS allows letters, digits, '_' and '/' alone in it, so

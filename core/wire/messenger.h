@@ -5,6 +5,7 @@
 #include <memory>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "core/wire/channels.h"
 #include "core/wire/messages.h"
@@ -20,18 +21,14 @@ class Messenger {
   template <class Message>
   void publish(Message& message, const std::string& session = "") {
     stamp(message.header(), session);
-    message.header().message(++channels_of<Message>().writer(address_of(message)).written);
-    forward(message);
+    const std::vector<Address> addresses = addresses_of(message);
+    message.header().message(++channels_of<Message>().writer(addresses.front()).written);
+    send(message, addresses);
   }
   /// Publishes another sender's message as it is, header and all.
   template <class Message>
   void forward(const Message& message) {
-    encode(message, buffer_);
-    Channels& channels = channels_of<Message>();
-    channels.writer(address_of(message)).publisher->publish(buffer_);
-    const msg::Header& header = message.header();
-    if (channels.addressing() == Addressing::kSenderAndAll)
-      channels.writer({header.session().c_str(), header.sender().c_str()}).publisher->publish(buffer_);
+    send(message, addresses_of(message));
   }
   /// Takes the next message of this session that this process did not send, from any of its readers of this type; false
   /// when there is none. Skips messages that cannot be decoded; they are counted, and logged once a kind.
@@ -64,7 +61,7 @@ class Messenger {
   /// `session`: of that service, for a node that hears all sessions.
   template <class Message>
   void create_reader_at(const std::string& id, const std::string& session = "") {
-    channels_of<Message>().create_reader({session.empty() ? options_.session : session, id});
+    channels_of<Message>().create_reader(session.empty() ? at(id) : Address{session, id});
   }
   template <class Message>
   void delete_reader_at(const std::string& id) {
@@ -97,17 +94,14 @@ class Messenger {
     const Topic& all = topic_of<Message>();
     return channels_.try_emplace(&all, *middleware_, all, addressing_of<Message>()).first->second;
   }
-  /// Returns where a message is sent.
   template <class Message>
-  static Channels::Address address_of(const Message& message) {
-    const msg::Header& header = message.header();
-    const bool of_sender = addressing_of<Message>() == Addressing::kSender;
-    return {header.session().c_str(), of_sender ? header.sender().c_str() : receiver_of(message)};
+  void send(const Message& message, const std::vector<Address>& addresses) {
+    encode(message, buffer_);
+    for (const Address& address : addresses) channels_of<Message>().writer(address).publisher->publish(buffer_);
   }
-  Channels::Address at(const std::string& id) const { return {options_.session, id}; }
-  Channels::Address own_address(Addressing addressing) const {
-    return at(addressing == Addressing::kSender ? options_.id : "");
-  }
+  /// Returns the address of a service of this session; id empty: of all.
+  Address at(const std::string& id) const { return id.empty() ? Address() : Address{options_.session, id}; }
+  Address own_address(Addressing addressing) const { return at(addressing == Addressing::kSender ? options_.id : ""); }
   void stamp(msg::Header& header, const std::string& session) const;
   bool accept(const msg::Header& header);
   void reject(const Error& error);

@@ -51,13 +51,12 @@ void Recorder::report(Event event) {
   events_.push_back(std::move(event));
 }
 
-void Recorder::acknowledge(const Sender& environment, Ends ends) {
+void Recorder::acknowledge(const Sender& environment, msg::RecorderState recorder) {
   msg::EpisodeAcknowledgement message;
   message.environment(environment.id);
   message.environment_incarnation(environment.incarnation);
   message.episode(store_.recorded_up_to(environment));
-  message.leaving(ends == Ends::kLeaves);
-  message.stopping(ends != Ends::kNo);
+  message.recorder(recorder);
   node_.publish(message, environment.session);
 }
 
@@ -293,7 +292,7 @@ void Recorder::finish(bool leave) {
   }
   attempt([&] { store_.flush(true); });
   for (const Sender& environment : environments_)
-    attempt([&] { acknowledge(environment, leave ? Ends::kLeaves : Ends::kStops); });
+    attempt([&] { acknowledge(environment, leave ? msg::LEAVES : msg::STOPS); });
 }
 
 }  // namespace citylearn

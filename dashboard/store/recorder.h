@@ -73,8 +73,7 @@ class Recorder {
   void request_missing();
   bool contest(const msg::RunInfo& info);
   void believe_successors();
-  enum class Ends { kNo, kStops, kLeaves };  ///< what an acknowledgement says of this recorder
-  void acknowledge(const Sender& environment, Ends ends = Ends::kNo);
+  void acknowledge(const Sender& environment, msg::RecorderState recorder = msg::RECORDS);
   void report(Event event);
   bool attempt(const std::function<void()>& work);
   void wake_at(Clock::time_point time) { due_ = std::min(due_, time); }

@@ -94,7 +94,7 @@ EnvClient::EnvClient(Node& node, const EnvClientOptions& options)
 EnvClient::~EnvClient() {
   if (!records_) return;
   try {
-    for (const auto& [id, env] : envs_) send_acknowledgement(*env, Ends::kStops);
+    for (const auto& [id, env] : envs_) send_acknowledgement(*env, msg::STOPS);
   } catch (const Error&) {  // then it has to wait
   }
 }
@@ -451,13 +451,12 @@ void EnvClient::acknowledge(EnvHandle& env, std::uint64_t episode) {
   send_acknowledgement(env);
 }
 
-void EnvClient::send_acknowledgement(const EnvHandle& env, Ends ends) {
+void EnvClient::send_acknowledgement(const EnvHandle& env, msg::RecorderState recorder) {
   msg::EpisodeAcknowledgement acknowledgement;
   acknowledgement.environment() = env.id.c_str();
   acknowledgement.environment_incarnation() = env.incarnation();
   acknowledgement.episode() = env.acknowledged;
-  acknowledgement.leaving() = ends == Ends::kLeaves;
-  acknowledgement.stopping() = ends != Ends::kNo;
+  acknowledgement.recorder() = recorder;
   node_.publish(acknowledgement);
 }
 
@@ -468,7 +467,7 @@ void EnvClient::begin_recording() {
 
 void EnvClient::end_recording() {
   records_ = false;
-  for (const auto& [id, env] : envs_) send_acknowledgement(*env, Ends::kLeaves);
+  for (const auto& [id, env] : envs_) send_acknowledgement(*env, msg::LEAVES);
 }
 
 std::vector<float> EnvClient::fetch_features(EnvHandle& env, int first, int count, std::chrono::milliseconds patience) {

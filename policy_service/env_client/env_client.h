@@ -93,8 +93,8 @@ class EnvClient {
   bool answers_requests(const EnvHandle& env) const;
   void ask_for_features();
   void send_due_settings();
-  enum class Ends { kNo, kStops, kLeaves };
-  void send_acknowledgement(const EnvHandle& env, Ends ends = Ends::kNo);
+  void send_acknowledgement(const EnvHandle& env, msg::RecorderState recorder = msg::RECORDS);
+
   Node& node_;
   EnvClientOptions options_;
   Rejections rejections_;

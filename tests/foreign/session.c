@@ -181,7 +181,7 @@ static void send_acknowledgement(Session* session, EnvService* env, bool leaving
   memcpy(message.environment, env->id, sizeof message.environment);
   message.environment_incarnation = env->incarnation;
   message.episode = env->recorded;
-  message.leaving = message.stopping = leaving;
+  message.recorder = leaving ? citylearn_msg_LEAVES : citylearn_msg_RECORDS;
   require(dds_write(env->acknowledgements, &message), "acknowledge");
   env->acknowledge = false;
   env->next_acknowledgement = dds_time() + DDS_SECS(1);

@@ -60,13 +60,12 @@ class Stranger {
   void say(const Message& message, const std::function<void(Bytes&)>& change) {
     Message of_run = message;
     of_run.header().session() = node.options().session.c_str();
-    const std::string address =
-        addressing_of<Message>() == Addressing::kSender ? of_run.header().sender().c_str() : receiver_of(of_run);
-    const Topic& all = topic_of<Message>();
     Bytes bytes;
     encode(message, bytes);
     change(bytes);
-    topics_.send(address.empty() ? all : topic_at(all, node.options().session, address), bytes);
+    const Topic& all = topic_of<Message>();
+    for (const auto& [session, id] : addresses_of(of_run))
+      topics_.send(id.empty() ? all : topic_at(all, session, id), bytes);
   }
 
  private:

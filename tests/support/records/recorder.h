@@ -55,7 +55,7 @@ class Recorder {
       message.environment() = id;
       message.environment_incarnation() = incarnation;
       message.episode() = recorded[id];
-      message.leaving() = leaving;
+      message.recorder() = leaving ? msg::LEAVES : msg::RECORDS;
       node.publish(message);
     }
   }

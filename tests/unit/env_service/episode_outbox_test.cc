@@ -49,7 +49,7 @@ class Fixture {
     acknowledgement.header().incarnation() = incarnation;
     acknowledgement.header().message() = number;
     acknowledgement.episode() = episode;
-    acknowledgement.leaving() = leaving;
+    acknowledgement.recorder() = leaving ? msg::LEAVES : msg::RECORDS;
     acknowledged[who] = episode;
     return outbox.acknowledge(acknowledgement, now);
   }
@@ -60,7 +60,7 @@ class Fixture {
     acknowledgement.header().incarnation() = incarnation;
     acknowledgement.header().message() = ++message;
     acknowledgement.episode() = acknowledged[who];
-    acknowledgement.stopping() = stopping;
+    acknowledgement.recorder() = stopping ? msg::STOPS : msg::RECORDS;
     outbox.acknowledge(acknowledgement, now);
   }
 

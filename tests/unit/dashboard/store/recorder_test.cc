@@ -46,7 +46,7 @@ class ScriptedEnvironment {
         continue;
       ++acknowledgements;
       registered = true;
-      left = message.leaving();
+      left = message.recorder() == msg::LEAVES;
       newest = message.episode();
       while (!kept.empty() && kept.front().episode() <= message.episode()) kept.pop_front();
       acknowledged = std::max(acknowledged, message.episode());
