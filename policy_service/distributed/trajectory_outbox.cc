@@ -8,19 +8,22 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr milliseconds kFirstInterval{200}, kLongestInterval{2000};
+constexpr milliseconds kShortestInterval{200}, kLongestInterval{2000};
 constexpr std::size_t kResentAtOnce = 16;
 constexpr std::uint64_t kMostInFlight = 48;  // a writer's history is little deeper
 
 }  // namespace
 
-void TrajectoryOutbox::schedule_resend() {
-  interval_ = kFirstInterval;
-  resend_ = Clock::now() + interval_;
+/// `waited` is how long the last acknowledgement took. A learner does not acknowledge while it learns, so one that
+/// takes long for it is given as long the next time.
+void TrajectoryOutbox::schedule_resend(Clock::duration waited) {
+  waits_since_ = Clock::now();
+  interval_ = std::clamp<Clock::duration>(2 * waited, kShortestInterval, kLongestInterval);
+  resend_ = waits_since_ + interval_;
 }
 
 msg::Trajectory& TrajectoryOutbox::add() {
-  if (waiting_.empty()) schedule_resend();
+  if (waiting_.empty()) schedule_resend(waited_);
   msg::Trajectory& trajectory = waiting_.emplace_back();
   trajectory.number() = ++number_;
   return trajectory;
@@ -38,7 +41,7 @@ void TrajectoryOutbox::send_due() {
     publish(number);
     ++node_.traffic.resent;
   }
-  interval_ = std::min(2 * interval_, kLongestInterval);
+  interval_ = std::min<Clock::duration>(2 * interval_, kLongestInterval);
   resend_ = now + interval_;
 }
 
@@ -49,7 +52,7 @@ TrajectoryOutbox::Result TrajectoryOutbox::acknowledge(std::uint64_t number, std
   if (number > acknowledged_) {
     for (; acknowledged_ < number; ++acknowledged_) waiting_.pop_front();
     sent_ = std::max(sent_, acknowledged_);
-    schedule_resend();
+    schedule_resend(waited_ = Clock::now() - waits_since_);
   }
   return Result::kAccepted;
 }

@@ -31,13 +31,13 @@ class TrajectoryOutbox {
   std::size_t unacknowledged() const { return waiting_.size(); }
 
  private:
-  void schedule_resend();
+  void schedule_resend(Clock::duration waited);
 
   Node& node_;
   std::uint64_t number_ = 0, acknowledged_ = 0, sent_ = 0, limit_ = 0;
   std::deque<msg::Trajectory> waiting_;  ///< acknowledged_ + 1 .. number_
-  Clock::time_point resend_{};
-  std::chrono::milliseconds interval_{};
+  Clock::time_point waits_since_{}, resend_{};
+  Clock::duration waited_{}, interval_{};
 };
 
 }  // namespace citylearn
