@@ -41,7 +41,7 @@ struct Case {
   bool dashboard = false, encoder = false;
   bool runs = true;            ///< a learner is started; else the services only discover each other
   bool ports = false;          ///< peers are named with their ports
-  int update = 16;             ///< sequences that an update takes: --trainer-agents
+  bool large = false;          ///< an update takes 4,096 trajectories of 16 steps, as on 100 hosts; else 16 of 32
   std::string observing = "";  ///< role both: --observations
 };
 
@@ -49,7 +49,8 @@ std::string describe(const Case& c) {
   std::ostringstream text;
   text << c.envs << " x " << c.agents << " agents, " << c.actors << " actors, " << c.dimension << " features, "
        << c.agent << (c.observing.empty() ? "" : ", " + c.observing) << (c.dashboard ? ", dashboard" : "")
-       << (c.encoder ? ", encoder" : "") << (c.ports ? ", peers with ports" : "") << (c.runs ? "" : ", no learner");
+       << (c.encoder ? ", encoder" : "") << (c.ports ? ", peers with ports" : "") << (c.large ? ", large updates" : "")
+       << (c.runs ? "" : ", no learner");
   return text.str();
 }
 
@@ -111,8 +112,6 @@ class Scene {
                          case_.actors > 0 ? "learner" : "both",
                          "--agent",
                          case_.agent,
-                         "--trainer-agents",
-                         std::to_string(case_.update),
                          "--steps",
                          "1000000000",
                          "--checkpoint-every",
@@ -125,6 +124,9 @@ class Scene {
                          "1",
                          "--output",
                          folder_ / "out"};
+    if (case_.large)
+      command.insert(command.end(), {"--trainer-agents", "256", "--trainer-segment", "256", "--trainer-sequence", "16",
+                                     "--ppo-minibatch", "64"});
     if (!case_.observing.empty()) command.insert(command.end(), {"--observations", case_.observing});
     start("policy", command);
     meet();
@@ -234,7 +236,7 @@ struct Row {
 };
 
 const char* const kColumns =
-    "middleware,envs,agents,actors,dimension,agent,observing,dashboard,encoder,ports,update,phase,kind,count,main_us,"
+    "middleware,envs,agents,actors,dimension,agent,observing,dashboard,encoder,ports,large,phase,kind,count,main_us,"
     "others_us,main_sleeps,others_sleeps,sent_bytes,received_bytes,sent_packets,received_packets,sent_datagrams,"
     "received_datagrams,lost,"
     "resident_mb,steps_per_s,busy_cores,idle_cores,episodes_per_step,lag,received_per_s,repeated_per_s,resent_per_s";
@@ -246,7 +248,7 @@ void print(std::FILE* file, const std::string& middleware, const Case& c, const 
       "%s,%d,%d,%d,%d,%s,%s,%d,%d,%d,%d,%s,%s,%d,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.5g,%.4g,%.5g,%.4g,"
       "%.4g,%.4g,%.4g,%.5g,%.4g,%.4g\n",
       middleware.c_str(), c.envs, c.agents, c.actors, c.dimension, c.agent.c_str(), c.observing.c_str(), c.dashboard,
-      c.encoder, c.ports, c.update, r.phase.c_str(), r.kind.c_str(), r.count, 1e6 * u.main, 1e6 * u.others,
+      c.encoder, c.ports, c.large, r.phase.c_str(), r.kind.c_str(), r.count, 1e6 * u.main, 1e6 * u.others,
       u.main_sleeps, u.others_sleeps, u.sent_bytes, u.received_bytes, u.sent_packets, u.received_packets,
       u.sent_datagrams, u.received_datagrams, u.lost_datagrams, u.resident / 1e6, r.steps_per_second, r.busy, r.idle,
       r.episodes, r.lag, r.received, r.repeated, r.resent);
@@ -347,7 +349,7 @@ void measure(const Case& c, const std::string& middleware, std::FILE* file) {
     print(file, middleware, c, row);
   if (!c.runs) return;
   scene.learn();
-  scene.await_steps(8 * 64 * c.update);
+  scene.await_steps(c.large ? 4 * 65536 : 8192);
   scene.await_update();
   const auto rows = observe(scene, "run", kWindows, true, [&] {
     scene.hear(seconds(1));
@@ -380,6 +382,7 @@ std::vector<Case> cases() {
   add(4, 16, 4);
   add(8, 16, 4);
   add(8, 64, 4);
+  add(8, 64, 4).large = true;
   add(1, 64, 1).dimension = 256;  // by reference: 64 KiB do not fit one datagram
   add(4, 64, 2).dimension = 256;
   for (const char* observing : {"whole", "by_reference"}) add(1, 16, 0).observing = observing;

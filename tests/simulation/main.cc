@@ -41,6 +41,7 @@ struct Options {
   std::string seeds, layout;
   double hours = 0;
   int processes = 2, hosts = 0;
+  std::vector<double> costs;
   bool log = false, without_faults = false, list = false, shrink = false, traces = false;
   FewerFaults fewer;
 };
@@ -298,6 +299,13 @@ int main(int argc, char** argv) {
     app.add_option("--hosts", options.hosts,
                    "Count what so many hosts of ten env_services and an actor send, without faults, instead")
         ->check(CLI::Range(1, 1000));
+    app.add_option("--costs", options.costs,
+                   "With --hosts: time a learner with an env_service of 100 agents and an actor a host instead. "
+                   "Microseconds of processor time: of a step in an env_service, in an actor, in the learner, and of a "
+                   "message of the learner to an actor")
+        ->delimiter(',')
+        ->expected(4)
+        ->check(CLI::Range(0.0, 1e6));
     app.add_option("--processes", options.processes, "Simulations at a time")
         ->capture_default_str()
         ->check(CLI::Range(1, 1024));
@@ -315,7 +323,12 @@ int main(int argc, char** argv) {
     if (options.hosts > 0) {
       const Folder folder;
       if (!options.log) spdlog::set_level(spdlog::level::off);
-      std::cout << measure_scale(options.hosts, [](const std::string& line) { std::cerr << line << std::endl; });
+      const auto progress = [](const std::string& line) { std::cerr << line << std::endl; };
+      if (options.costs.empty())
+        std::cout << measure_scale(options.hosts, progress);
+      else
+        std::cout << measure_speed(options.hosts,
+                                   {options.costs[0], options.costs[1], options.costs[2], options.costs[3]}, progress);
       return 0;
     }
     if (!options.list) return simulate(options);

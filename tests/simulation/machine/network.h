@@ -56,7 +56,9 @@ class Network {
   LinkFaults faults;
 
   /// Called with each message that a process published, before it is sent.
-  std::function<void(const Process& sender, const Topic& topic, std::span<const std::byte> sample)> published;
+  std::function<void(Process& sender, const Topic& topic, std::span<const std::byte> sample)> published;
+  /// Called with each message that a process takes.
+  std::function<void(Process& receiver, const Topic& topic, std::span<const std::byte> sample)> taken;
   std::map<std::string, Traffic> traffic() const;      ///< by topic
   std::map<std::string, Endpoints> endpoints() const;  ///< by topic
 

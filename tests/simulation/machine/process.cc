@@ -2,6 +2,7 @@
 #include "tests/simulation/machine/process.h"
 
 #include <exception>
+#include <utility>
 
 #include "core/dds/middleware.h"
 #include "tests/simulation/machine/network.h"
@@ -61,6 +62,14 @@ bool Process::operate(Operation operation) {
 
 void Process::stall(Time duration) {
   if (running()) scheduler_.stall(*task_, scheduler_.now() + duration);
+}
+
+void Process::wait_until(Clock::time_point deadline) {
+  if (owed_ > Time(0)) {
+    const Time done = scheduler_.now() + std::exchange(owed_, Time(0));
+    while (!dead() && scheduler_.now() < done) scheduler_.wait_until(done);  // messages that arrive do not end it
+  }
+  scheduler_.wait_until(global_time(deadline));
 }
 
 void Process::wake() {

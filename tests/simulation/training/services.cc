@@ -129,7 +129,8 @@ Process::Body policy_service(const Layout& layout, int checkpoint_every) {
   options.seed = 5;
   options.resume = true;
   options.output = kPolicy;
-  options.trainer_parameters["segment"] = options.trainer_parameters["sequence"] = layout.segment;
+  options.trainer_parameters["segment"] = layout.segment;
+  options.trainer_parameters["sequence"] = layout.trajectory_steps();
   if (!layout.lockstep()) {
     options.role = "learner";
     options.trainer_parameters["agents"] = layout.batch();
