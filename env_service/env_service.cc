@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/env_service.h"
 
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -267,9 +268,11 @@ bool EnvService::start_task(const msg::TaskSettings& settings) {
     spdlog::error("settings {} of '{}' refused: {}", newest_.version(), settings.header().sender().c_str(), refusal_);
     return false;
   }
-  spdlog::info("settings {}: {}, {}, at most {} steps, seed {}{}", newest_.version(),
-               settings.task_mode() == msg::TRAIN ? "training" : std::to_string(settings.tasks()) + " evaluation tasks",
-               route(settings), settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
+  std::string what = "training";
+  if (settings.task_mode() == msg::EVALUATE)
+    what = fmt::format("evaluation tasks {}..{}", settings.first_task(), settings.first_task() + settings.tasks() - 1);
+  spdlog::info("settings {}: {}, {}, at most {} steps, seed {}{}", newest_.version(), what, route(settings),
+               settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
   return true;
 }
 

@@ -38,7 +38,11 @@ void Environment::reset(const msg::TaskSettings& settings) {
   };
   require_count(settings.max_steps(), "TaskSettings.max_steps");
   if (settings.task_mode() == msg::IDLE) throw Error("there is no task in mode IDLE", "TaskSettings.task_mode");
-  if (settings.task_mode() == msg::EVALUATE) require_count(settings.tasks(), "TaskSettings.tasks");
+  if (settings.task_mode() == msg::EVALUATE) {
+    require_count(settings.tasks(), "TaskSettings.tasks");
+    if (settings.first_task() > kMaxCount - settings.tasks())
+      throw Error("the last task would be over " + std::to_string(kMaxCount), "TaskSettings.first_task");
+  }
   if (!settings.by_reference() && agents_.size() * static_cast<std::size_t>(traversal_.dimension) > msg::MAX_FEATURES)
     throw Error("the features of " + std::to_string(agents()) + " agents x " + std::to_string(traversal_.dimension) +
                     " do not fit one observation (at most " + std::to_string(msg::MAX_FEATURES) + ")",
@@ -58,7 +62,7 @@ void Environment::reset(const msg::TaskSettings& settings) {
     }
     agent.random = Random{settings.seed(), static_cast<std::uint64_t>(index)};
     if (settings.task_mode() == msg::EVALUATE) {
-      begin_task(agent, index);
+      begin_task(agent, static_cast<int>(settings.first_task()) + index);
     } else {
       agent.mishaps = Mishaps(imperfections_, settings.seed(), static_cast<std::uint64_t>(index));
       agent.frame = static_cast<int>(agent.random.below(frames));
@@ -91,7 +95,7 @@ void Environment::begin_training_episode(Agent& agent) {
 
 void Environment::begin_task(Agent& agent, int task) {
   agent.task = task;
-  if (task >= static_cast<int>(settings_.tasks())) {
+  if (task >= static_cast<int>(settings_.first_task() + settings_.tasks())) {
     agent.flags |= msg::FLAG_IDLE;
     agent.previous_action = kNoAction;
     return;

@@ -3,37 +3,38 @@
 
 namespace citylearn {
 
+void SeenFeatures::see(const Eigen::Ref<const Vector<float>>& features) {
+  if (sum.size() == 0) sum.setZero(features.size());
+  sum += features.cast<double>();
+  ++count;
+}
+
+void SeenFeatures::add(const SeenFeatures& more) {
+  if (more.count == 0) return;
+  if (sum.size() == 0) sum.setZero(more.sum.size());
+  sum += more.sum;
+  count += more.count;
+}
+
+Vector<float> SeenFeatures::numbers() const {
+  Vector<float> numbers(sum.size() + 1);
+  numbers << sum.cast<float>(), static_cast<float>(count);
+  return numbers;
+}
+
 FeatureNormaliser::FeatureNormaliser(const Matrix<float>& reference) {
-  if (reference.cols() == 0) return;
-  prior_ = kPrior * reference.cast<double>().rowwise().mean();
-  sum_.setZero(prior_.size());
+  if (reference.cols() > 0) prior_ = kPrior * reference.cast<double>().rowwise().mean();
 }
 
-void FeatureNormaliser::see(const Eigen::Ref<const Vector<float>>& features) {
+void FeatureNormaliser::apply(Eigen::Ref<Matrix<float>> features, const SeenFeatures& seen) const {
   if (prior_.size() == 0) return;
-  sum_ += features.cast<double>();
-  ++count_;
-}
-
-void FeatureNormaliser::apply(Eigen::Ref<Matrix<float>> features) const {
-  if (prior_.size() == 0) return;
-  const Vector<float> centre = ((prior_ + sum_) / (kPrior + count_)).cast<float>();
+  Vector<float> centre = (prior_ / kPrior).cast<float>();
+  if (seen.count > 0) centre = ((prior_ + seen.sum) / (kPrior + seen.count)).cast<float>();
   features.colwise() -= centre;
   for (auto column : features.colwise()) {
     const float length = column.norm();
     if (length > 0) column /= length;
   }
-}
-
-void FeatureNormaliser::see_and_apply(NetworkInputs<float>& inputs) {
-  for (std::ptrdiff_t column = 0; column < inputs.steps * inputs.agents; ++column) see(inputs.features_of(column));
-  apply(inputs.features.leftCols(inputs.distinct));
-}
-
-Vector<float> FeatureNormaliser::seen() const {
-  Vector<float> seen(sum_.size() + 1);
-  seen << sum_.cast<float>(), static_cast<float>(count_);
-  return seen;
 }
 
 std::vector<FeatureNormaliser> normalisers_by_experience(const Matrix<float>& reference, int frames) {

@@ -5,12 +5,22 @@
 
 namespace citylearn {
 
+/// What was seen of a traversal: the sum of D features each, and how many frames.
+struct SeenFeatures {
+  Vector<double> sum;  ///< D; empty: nothing was seen
+  double count = 0;
+
+  void see(const Eigen::Ref<const Vector<float>>& features);
+  void add(const SeenFeatures& more);
+  /// Returns the D sums, then their number: what an exported model takes as `condition`.
+  Vector<float> numbers() const;
+};
+
 /// Makes the features seen on one traversal comparable with those of the training traversal, whatever the condition:
 ///   x' = (x - c) / |x - c|,   c = (w m + sum of all x seen so far) / (w + their number),
 /// where m is the mean of the training route's features, of all its experiences, and w = kPrior. Season, light and
-/// camera move all features of a traversal alike, and c follows that move. Only what was seen before an action, by all
-/// agents on the traversal, changes it: nothing is known of the traversal beforehand. See
-/// docs/decisions/0018-normalisation.md.
+/// camera move all features of a traversal alike, and c follows that move. Only what was seen before an action changes
+/// it: nothing is known of the traversal beforehand. See docs/decisions/0018-normalisation.md.
 class FeatureNormaliser {
  public:
   /// So many frames' weight the training mean has.
@@ -21,20 +31,13 @@ class FeatureNormaliser {
   /// `reference`: D x N, features of the training route; empty: changes nothing.
   explicit FeatureNormaliser(const Matrix<float>& reference);
 
-  /// Takes in what one agent sees, D numbers.
-  void see(const Eigen::Ref<const Vector<float>>& features);
-  /// Normalises each column of D numbers by what was seen so far. A column equal to the mean becomes zero.
-  void apply(Eigen::Ref<Matrix<float>> features) const;
-  /// Takes in what each column of `inputs` shows, then normalises all of it.
-  void see_and_apply(NetworkInputs<float>& inputs);
-  /// Returns the D sums of what was seen, then its number: what an exported model takes as `condition`.
-  Vector<float> seen() const;
+  /// Normalises each column of D numbers by what was seen before. A column equal to the mean becomes zero.
+  void apply(Eigen::Ref<Matrix<float>> features, const SeenFeatures& seen = {}) const;
   /// Returns w m, D numbers.
   Vector<float> prior() const { return prior_.cast<float>(); }
 
  private:
-  Vector<double> prior_, sum_;  ///< D, kPrior times the training mean; of what was seen; empty: changes nothing
-  double count_ = 0;
+  Vector<double> prior_;  ///< D, kPrior times the training mean; empty: changes nothing
 };
 
 /// Returns one FeatureNormaliser for each experience in `reference` (NetworkTask's, `frames` places each), which knows

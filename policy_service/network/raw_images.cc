@@ -56,7 +56,11 @@ class RawImages : public LstmNetwork<S> {
     const auto weights = this->layout_.view(parameters, this->sensor_weights_);
     const auto bias = this->layout_.view(parameters, this->sensor_bias_).col(0);
     make_room(sight.fresh, embedded.rows(), count);
-    sight.fresh.leftCols(count).noalias() = weights.leftCols(second_.outputs()) * sight.maps2.leftCols(count);
+    // What is remembered must not depend on which pictures were worked on with it, not even in the last bit.
+    const std::ptrdiff_t together = work.fixed ? 1 : std::max<std::ptrdiff_t>(1, count);
+    for (std::ptrdiff_t i = 0; i < count; i += together)
+      sight.fresh.middleCols(i, together).noalias() =
+          weights.leftCols(second_.outputs()) * sight.maps2.middleCols(i, together);
     for (std::ptrdiff_t i = 0; i < count; ++i)
       sight.shared.col(sight.unknown[static_cast<std::size_t>(i)]) = sight.fresh.col(i);
     if (work.fixed) remember(inputs, sight);

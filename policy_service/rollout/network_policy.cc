@@ -25,7 +25,7 @@ std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Rand
 }
 
 void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
-                      NetworkInputs<float>& inputs, std::span<const std::size_t> who, int experience) {
+                      NetworkInputs<float>& inputs, std::span<const int> who, int experience) {
   const std::size_t agents = observation.goal().size();
   if (observation.feature_dimension() != static_cast<std::uint32_t>(features))
     throw Error(
@@ -51,7 +51,15 @@ void read_observation(const msg::Observation& observation, int features, int fir
     return static_cast<int>(found);
   };
   for (std::size_t column = 0; column < columns; ++column) {
-    const std::size_t a = who.empty() ? column : who[column];
+    if (!who.empty() && who[column] == EvaluatedTasks::kNobody) {
+      inputs.goal[column] = inputs.position[column] = 0;
+      inputs.previous_action[column] = static_cast<std::uint8_t>(kNoAction);
+      inputs.allowed[column] = (1u << kActions) - 1;
+      inputs.first[column] = 1;
+      inputs.see(static_cast<std::ptrdiff_t>(column), -1, Vector<float>::Zero(features));
+      continue;
+    }
+    const std::size_t a = who.empty() ? column : static_cast<std::size_t>(who[column]);
     inputs.goal[column] = place(observation.goal()[a], "goal");
     inputs.position[column] = place(observation.position()[a], "position");
     inputs.previous_action[column] = observation.previous_action()[a];
@@ -68,7 +76,7 @@ void read_observation(const msg::Observation& observation, int features, int fir
 }
 
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
-    : agent_(std::move(agent)), options_(options), random_{options.seed}, workspace_(agent_.network->make_workspace()) {
+    : agent_(std::move(agent)), options_(options), workspace_(agent_.network->make_workspace()) {
   if (agent_.network->normalises())
     normaliser_ = FeatureNormaliser(agent_.task.reference);
   else
@@ -78,27 +86,42 @@ NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
 void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
   const std::size_t agents = observation.goal().size();
   choice.assign(agents, 0);
-  // The last tasks of an evaluation leave most agents without one.
-  awake_.clear();
-  for (std::size_t agent = 0; agent < observation.flags().size(); ++agent)
-    if (!(observation.flags()[agent] & msg::FLAG_IDLE)) awake_.push_back(agent);
-  if (awake_.empty() && observation.flags().size() == agents) return;
-  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, false, inputs_, awake_);
-  normaliser_.see_and_apply(inputs_);
-  if (state_.cols() != static_cast<std::ptrdiff_t>(agents))
-    state_.setZero(agent_.network->state_size(), static_cast<std::ptrdiff_t>(agents));
-  awake_state_ = state_(Eigen::all, awake_);
-  agent_.network->forward(agent_.parameters, inputs_, awake_state_, *workspace_);
-  state_(Eigen::all, awake_) = workspace_->state;
-  for (std::size_t column = 0; column < awake_.size(); ++column) {
-    const auto logits = workspace_->heads.logits.col(static_cast<std::ptrdiff_t>(column));
+  tasks_.follow(observation);
+  if (states_.cols() != static_cast<std::ptrdiff_t>(agents)) {
+    states_.setZero(agent_.network->state_size(), static_cast<std::ptrdiff_t>(agents));
+    random_.assign(agents, Random{options_.seed});
+  }
+  for (const EvaluatedTasks::Batch& batch : tasks_.batches()) act(observation, batch, choice);
+}
+
+void NetworkPolicy::act(const msg::Observation& observation, const EvaluatedTasks::Batch& batch,
+                        std::vector<std::uint8_t>& choice) {
+  const bool normalises = agent_.network->normalises();
+  read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, normalises, inputs_,
+                   batch);
+  state_.setZero(states_.rows(), EvaluatedTasks::kColumns);
+  for (int column = 0; column < EvaluatedTasks::kColumns; ++column) {
+    const int agent = batch[static_cast<std::size_t>(column)];
+    if (agent == EvaluatedTasks::kNobody) continue;
+    state_.col(column) = states_.col(agent);
+    if (normalises) tasks_.normalise(normaliser_, agent, inputs_.features_of(column));
+    if (inputs_.first[static_cast<std::size_t>(column)])
+      random_[static_cast<std::size_t>(agent)] = Random{options_.seed, tasks_.task(agent)};
+  }
+  agent_.network->forward(agent_.parameters, inputs_, state_, *workspace_);
+  for (int column = 0; column < EvaluatedTasks::kColumns; ++column) {
+    const int agent = batch[static_cast<std::size_t>(column)];
+    if (agent == EvaluatedTasks::kNobody) continue;
+    const auto a = static_cast<std::size_t>(agent);
+    states_.col(agent) = workspace_->state.col(column);
+    const auto logits = workspace_->heads.logits.col(column);
     float log_probability = 0;
     std::ptrdiff_t likeliest = 0;
     if (options_.greedy)
       logits.maxCoeff(&likeliest);
     else
-      likeliest = sample_action(logits, random_, log_probability);
-    choice[awake_[column]] = static_cast<std::uint8_t>(likeliest);
+      likeliest = sample_action(logits, random_[a], log_probability);
+    choice[a] = static_cast<std::uint8_t>(likeliest);
   }
 }
 

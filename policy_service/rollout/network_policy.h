@@ -10,6 +10,7 @@
 #include "policy_service/network/agent_network.h"
 #include "policy_service/network/feature_normaliser.h"
 #include "policy_service/network/trained_agent.h"
+#include "policy_service/rollout/evaluated_tasks.h"
 #include "policy_service/rollout/policy.h"
 
 namespace citylearn {
@@ -18,33 +19,37 @@ namespace citylearn {
 std::uint8_t sample_action(const Eigen::Ref<const Eigen::Vector3f>& logits, Random& random, float& log_probability);
 
 /// Fills `inputs` (one step, the agents of `who`; empty: all) from an observation of a route of `frames` places from
-/// `first_frame` on. With `own` every agent gets features of its own, for the caller to change; else agents that are
-/// shown the same frame share them. The traversal is this `experience` of the route. Throws Error naming the field when
-/// the observation has another number of features or agents, or a frame off the route.
+/// `first_frame` on. A column of EvaluatedTasks::kNobody shows nothing. With `own` every agent gets features of its
+/// own, for the caller to change; else agents that are shown the same frame share them. The traversal is this
+/// `experience` of the route. Throws Error naming the field when the observation has another number of features or
+/// agents, or a frame off the route.
 void read_observation(const msg::Observation& observation, int features, int first_frame, int frames, bool own,
-                      NetworkInputs<float>& inputs, std::span<const std::size_t> who = {}, int experience = 0);
+                      NetworkInputs<float>& inputs, std::span<const int> who = {}, int experience = 0);
 
-/// Acts from fixed parameters and keeps the recurrent state along each episode. Features are normalised by what all
-/// agents of the env_service have seen since this object was made. Idle agents cost nothing.
+/// Acts from fixed parameters and keeps the recurrent state along each episode. Idle agents cost little.
 class NetworkPolicy : public Policy {
  public:
   struct Options {
-    std::uint64_t seed = 1;  ///< of the drawn actions
+    std::uint64_t seed = 1;  ///< of the drawn actions, with the task
     bool greedy = false;     ///< take the likeliest action instead of drawing one
   };
   NetworkPolicy(TrainedAgent agent, const Options& options);
+
+  void begin(std::uint32_t first_task, const SeenFeatures& known) override { tasks_.begin(first_task, known); }
   /// Throws Error when the observation does not fit the agent (see read_observation).
   void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override;
+  std::map<std::uint32_t, SeenFeatures> seen() const override { return tasks_.seen(); }
 
  private:
+  void act(const msg::Observation& observation, const EvaluatedTasks::Batch& batch, std::vector<std::uint8_t>& choice);
+
   TrainedAgent agent_;
   Options options_;
-  Random random_;
   FeatureNormaliser normaliser_;
+  EvaluatedTasks tasks_;
+  std::vector<Random> random_;  // by agent, of its task
   NetworkInputs<float> inputs_;
-  Matrix<float> state_;  ///< of all agents
-  std::vector<std::size_t> awake_;
-  Matrix<float> awake_state_;
+  Matrix<float> states_, state_;  // of all agents, of a batch
   std::unique_ptr<Workspace<float>> workspace_;
 };
 

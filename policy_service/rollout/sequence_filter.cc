@@ -9,6 +9,7 @@
 #include "policy_service/network/place_filter.h"
 #include "policy_service/network/place_keys.h"
 #include "policy_service/rollout/control.h"
+#include "policy_service/rollout/evaluated_tasks.h"
 
 namespace citylearn {
 namespace {
@@ -37,49 +38,66 @@ class SequenceFilter : public Policy {
     keys_.emplace(task.reference, static_cast<int>(task.reference.rows()), task.frames);
   }
 
+  void begin(std::uint32_t first_task, const SeenFeatures& known) override { tasks_.begin(first_task, known); }
+  std::map<std::uint32_t, SeenFeatures> seen() const override { return tasks_.seen(); }
+
   void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override {
-    const auto agents = static_cast<std::ptrdiff_t>(observation.goal().size());
+    const std::size_t agents = observation.goal().size();
     const std::ptrdiff_t dimension = task_.reference.rows();
     if (observation.feature_dimension() != static_cast<std::uint32_t>(dimension))
       throw Error(
           std::to_string(observation.feature_dimension()) + " features, the reference has " + std::to_string(dimension),
           "traversal " + std::string(observation.traversal().c_str()));
-    if (belief_.cols() != agents) {
-      belief_.setZero(task_.frames, agents);
-      steps_.assign(observation.goal().size(), 0);
-    }
-    choice.assign(observation.goal().size(), kStay);
-    seen_ = Eigen::Map<const Matrix<float>>(observation.features().data(), dimension, agents);
-    const auto idle = [&](std::ptrdiff_t agent) {
-      return (observation.flags()[static_cast<std::size_t>(agent)] & msg::FLAG_IDLE) != 0;
-    };
-    for (std::ptrdiff_t agent = 0; agent < agents; ++agent)
-      if (!idle(agent)) normaliser_.see(seen_.col(agent));
-    normaliser_.apply(seen_);
-    keys_->compare(seen_, task_.frames, similarities_, similarity_);
-    for (std::ptrdiff_t agent = 0; agent < agents; ++agent) {
-      if (idle(agent)) continue;
-      const auto i = static_cast<std::size_t>(agent);
-      const int goal = static_cast<int>(observation.goal()[i]) - task_.first_frame;
-      const std::uint8_t allowed = observation.allowed()[i], previous = observation.previous_action()[i];
-      auto belief = belief_.col(agent);
-      if (observation.flags()[i] & msg::FLAG_FIRST) {
-        belief.setZero();
-        steps_[i] = 0;
-      } else {
-        before_ = belief;
-        motion_.move_scores(previous, before_, belief, kNever);
-      }
-      belief += evidence_ / (1 + tempering_ * steps_[i]++) * similarity_.col(agent).cast<double>();
-      exclude(goal, task_.frames, allowed, kExclusion, belief);
-      odds_ = (belief.array() - belief.maxCoeff()).exp();
-      choice[i] = task_.turns.empty() ? on_the_line(goal, previous, allowed) : on_the_map(goal, allowed);
+    if (agents_.size() != agents) agents_.assign(agents, {Vector<double>::Zero(task_.frames)});
+    choice.assign(agents, kStay);
+    tasks_.follow(observation);
+    for (const EvaluatedTasks::Batch& batch : tasks_.batches()) {
+      look(observation, batch);
+      for (int column = 0; column < EvaluatedTasks::kColumns; ++column)
+        if (const int agent = batch[static_cast<std::size_t>(column)]; agent != EvaluatedTasks::kNobody)
+          choice[static_cast<std::size_t>(agent)] = walk(observation, static_cast<std::size_t>(agent), column);
     }
   }
 
  private:
   // Beliefs are logarithms. Nothing that is seen outweighs an exclusion.
   static constexpr double kExclusion = 1e4, kNever = -100 * kExclusion;
+
+  struct Agent {
+    Vector<double> belief;  ///< N
+    int steps = 0;          ///< of its episode
+  };
+
+  /// Compares what the agents of a batch see with all places.
+  void look(const msg::Observation& observation, const EvaluatedTasks::Batch& batch) {
+    const Eigen::Map<const Matrix<float>> features(observation.features().data(), task_.reference.rows(),
+                                                   static_cast<std::ptrdiff_t>(agents_.size()));
+    seen_.setZero(features.rows(), EvaluatedTasks::kColumns);
+    for (int column = 0; column < EvaluatedTasks::kColumns; ++column) {
+      const int agent = batch[static_cast<std::size_t>(column)];
+      if (agent == EvaluatedTasks::kNobody) continue;
+      seen_.col(column) = features.col(agent);
+      tasks_.normalise(normaliser_, agent, seen_.col(column));
+    }
+    keys_->compare(seen_, task_.frames, similarities_, similarity_);
+  }
+
+  std::uint8_t walk(const msg::Observation& observation, std::size_t index, int column) {
+    Agent& agent = agents_[index];
+    const int goal = static_cast<int>(observation.goal()[index]) - task_.first_frame;
+    const std::uint8_t allowed = observation.allowed()[index], previous = observation.previous_action()[index];
+    if (observation.flags()[index] & msg::FLAG_FIRST) {
+      agent.belief.setZero();
+      agent.steps = 0;
+    } else {
+      before_ = agent.belief;
+      motion_.move_scores(previous, before_, agent.belief, kNever);
+    }
+    agent.belief += evidence_ / (1 + tempering_ * agent.steps++) * similarity_.col(column).cast<double>();
+    exclude(goal, task_.frames, allowed, kExclusion, agent.belief);
+    odds_ = (agent.belief.array() - agent.belief.maxCoeff()).exp();
+    return task_.turns.empty() ? on_the_line(goal, previous, allowed) : on_the_map(goal, allowed);
+  }
 
   std::uint8_t on_the_line(int goal, std::uint8_t previous, std::uint8_t allowed) const {
     const std::ptrdiff_t rest = odds_.size() - goal - 1;
@@ -117,10 +135,10 @@ class SequenceFilter : public Policy {
   FeatureNormaliser normaliser_;
   Vector<double> weights_;  ///< N, of places at distances from 1 on to the goal
   std::optional<PlaceKeys<float>> keys_;
-  Matrix<float> seen_;                         ///< D x agents
-  Matrix<float> similarities_, similarity_;    ///< EN x agents, N x agents
-  Matrix<double> belief_;                      ///< N x agents
-  std::vector<int> steps_;                     ///< by agent, of its episode
+  EvaluatedTasks tasks_;
+  std::vector<Agent> agents_;
+  Matrix<float> seen_;                         ///< D x columns of a batch
+  Matrix<float> similarities_, similarity_;    ///< EN x columns, N x columns
   Vector<double> before_, odds_;               ///< N
   std::map<int, std::vector<int>> distances_;  ///< by goal, on a map
 };

@@ -20,97 +20,6 @@ constexpr std::chrono::seconds kPatience{30};  // with an env_service that is si
 
 }  // namespace
 
-Evaluation::Evaluation(EnvClient& client, msg::TaskSettings settings, MakePolicy make_policy)
-    : client_(client), settings_(std::move(settings)), make_policy_(std::move(make_policy)) {}
-
-void Evaluation::begin(EnvHandle& env) {
-  Part& part = parts_[&env];
-  part.policy = make_policy_(env);
-  part.episodes.clear();
-  client_.command(env, settings_);
-}
-
-std::vector<EnvHandle*> Evaluation::unusable() const {
-  std::vector<EnvHandle*> found;
-  for (const auto& [env, part] : parts_)
-    if (!env->refusal.empty() || (!env->alive() && part.episodes.size() < settings_.tasks())) found.push_back(env);
-  return found;
-}
-
-bool Evaluation::decide(EnvHandle& env, const msg::Observation& observation, std::vector<std::uint8_t>& choice) {
-  parts_.at(&env).policy->act(observation, choice);
-  steps_ += choice.size();
-  return true;
-}
-
-void Evaluation::add(EnvHandle& env, const msg::EpisodeStat& episode) {
-  const auto part = parts_.find(&env);
-  if (part == parts_.end() || episode.settings() != env.settings.settings() || episode.task() >= settings_.tasks())
-    return;
-  part->second.episodes.emplace(episode.task(), episode);
-}
-
-bool Evaluation::done() const {
-  for (const auto& [env, part] : parts_)
-    if (part.episodes.size() < settings_.tasks()) return false;
-  return true;
-}
-
-double Evaluation::fraction() const {
-  double finished = 0;
-  for (const auto& [env, part] : parts_) finished += static_cast<double>(part.episodes.size());
-  return parts_.empty() ? 1 : finished / (static_cast<double>(parts_.size()) * settings_.tasks());
-}
-
-void Evaluation::check_alive(double wait) {
-  for (auto& [env, part] : parts_) {
-    if (env->lost()) {
-      const std::string other = client_.other_policy(*env);
-      if (other.empty())
-        begin(*env);
-      else if (wait > 0 && seconds_since(env->heard_other) > wait)
-        throw Error("works for policy_service '" + other + "'", "env_service '" + env->id + "'",
-                    "wait until that one ends, or evaluate in another --session");
-    }
-    if (Clock::now() - env->presence.last_heard() > kPatience)
-      throw Error("went silent during the evaluation on '" + env->traversal() + "'", "env_service '" + env->id + "'",
-                  "start it again, then evaluate the checkpoint with --mode evaluate");
-  }
-}
-
-std::map<std::string, Score> Evaluation::scores() const {
-  std::map<std::string, Score> result;
-  for (const auto& [env, part] : parts_) {
-    std::vector<msg::EpisodeStat> episodes;
-    for (const auto& [task, episode] : part.episodes) episodes.push_back(episode);
-    result[env->traversal()] = score(episodes);
-  }
-  return result;
-}
-
-EvaluationHandlers::EvaluationHandlers(EnvClient& client, Evaluation& evaluation)
-    : client_(client), decide_(client.decide), finished_(client.finished), joined_(client.joined) {
-  client.finished = [this, &evaluation](EnvHandle& env, const msg::EpisodeStat& episode) {
-    finished_(env, episode);
-    evaluation.add(env, episode);
-  };
-  client.decide = [this, &evaluation](EnvHandle& env, const msg::Observation& observation,
-                                      std::vector<std::uint8_t>& choice) {
-    if (evaluation.includes(env)) return evaluation.decide(env, observation, choice);
-    return decide_ && decide_(env, observation, choice);
-  };
-  client.joined = [this, &evaluation](EnvHandle& env) {
-    if (evaluation.includes(env)) evaluation.begin(env);
-    if (joined_) joined_(env);
-  };
-}
-
-EvaluationHandlers::~EvaluationHandlers() {
-  client_.decide = decide_;
-  client_.finished = finished_;
-  client_.joined = joined_;
-}
-
 void EvaluationRun::load_agent() {
   PolicyServiceOptions& options = context_.options;
   agent_ = trained_agent(read_checkpoint(options.checkpoint));
@@ -152,29 +61,53 @@ Evaluation::MakePolicy EvaluationRun::control(const std::string& name) {
       [&entry, parameters, tasks](const EnvHandle& env) { return entry.create(parameters, tasks.at(env.traversal())); };
 }
 
-/// Goes on with another env_service of the same traversal. Returns which silent ones are waited for, as there is none.
-std::string EvaluationRun::replace_unusable(Evaluation& evaluation, const std::string& label) {
+/// Lets all env_services take part that can, and goes on without those that no longer can. Returns which silent ones
+/// are waited for, as their traversals have no other. Throws Error when one has been silent for half a minute, or works
+/// for another policy_service for --wait.
+std::string EvaluationRun::gather_envs(Evaluation& evaluation, const std::string& label) {
+  std::map<std::string, int> open = evaluation.open();
+  for (EnvHandle* env : evaluation.envs()) {
+    const auto found = open.find(env->traversal());
+    if (found == open.end() || (env->usable() && !env->lost())) continue;
+    if (env->refusal.empty() && !env->lost() && found->second == 1) continue;  // it may come back
+    --found->second;
+    evaluation.remove(*env);
+    if (found->second > 0) spdlog::warn("others evaluate {} on '{}' instead of '{}'", label, found->first, env->id);
+  }
   std::string awaited;
-  for (EnvHandle* env : evaluation.unusable()) {
-    EnvHandle* const other = context_.env_on(env->traversal());
-    if (!other && env->refusal.empty()) {
-      awaited += (awaited.empty() ? "waiting for silent env_services: '" : ", '") + env->id + "'";
+  for (const auto& [traversal, count] : open) {
+    for (EnvHandle* env : context_.envs_on(traversal))
+      if (!evaluation.includes(*env)) evaluation.add(*env);
+    const EnvHandle* missing = nullptr;
+    bool any = false;
+    for (const auto& [id, env] : context_.client.envs()) {
+      if (env->traversal() != traversal || !env->refusal.empty()) continue;
+      if (evaluation.includes(*env) && env->usable()) any = true;
+      missing = env.get();
+    }
+    if (any) continue;
+    if (!missing) {
+      spdlog::error("no evaluation of {} on '{}': its env_service is not used, and there is no other", label,
+                    traversal);
+      evaluation.drop(traversal);
       continue;
     }
-    evaluation.remove(*env);
-    if (other) {
-      spdlog::warn("'{}' evaluates {} on '{}' instead of '{}'", other->id, label, env->traversal(), env->id);
-      evaluation.begin(*other);
-    } else {
-      spdlog::error("no evaluation of {} on '{}': its env_service is not used, and there is no other", label,
-                    env->traversal());
-    }
+    const std::string other = context_.client.other_policy(*missing);
+    const double wait = context_.options.wait;
+    if (!other.empty() && wait > 0 && seconds_since(missing->heard_other) > wait)
+      throw Error("works for policy_service '" + other + "'", "env_service '" + missing->id + "'",
+                  "wait until that one ends, or evaluate in another --session");
+    if (Clock::now() - missing->presence.last_heard() > kPatience)
+      throw Error("went silent during the evaluation on '" + traversal + "'", "env_service '" + missing->id + "'",
+                  "start it again, then evaluate the checkpoint with --mode evaluate");
+    if (!missing->alive())
+      awaited += (awaited.empty() ? "waiting for silent env_services: '" : ", '") + missing->id + "'";
   }
   return awaited;
 }
 
 void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evaluation::MakePolicy& make,
-                             const std::vector<EnvHandle*>& envs) {
+                             const std::vector<std::string>& traversals) {
   const PolicyServiceOptions& options = context_.options;
   msg::TaskSettings settings;
   settings.task_mode() = msg::EVALUATE;
@@ -188,23 +121,21 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
   if (agent_ && name == options.agent) settings.update() = agent_->update;
   settings.run_id() = context_.records.run_id();
   const std::string label = shuffle ? "shuffled" : name;
-  Evaluation evaluation(context_.client, settings, make);
+  Evaluation evaluation(context_.client, settings, make, traversals);
   {
     const EvaluationHandlers handlers(context_.client, evaluation);
     const Clock::time_point since = Clock::now();
-    for (EnvHandle* env : envs) evaluation.begin(*env);
     context_.node.report(msg::RUNNING, "evaluating " + label);
     std::string waiting;
     while (!evaluation.done()) {
-      context_.spin();
-      const std::string awaited = replace_unusable(evaluation, label);
+      const std::string awaited = gather_envs(evaluation, label);
       if (awaited != waiting) {
         if (!awaited.empty()) spdlog::warn("{}", awaited);
         context_.node.report(awaited.empty() ? msg::RUNNING : msg::WAITING,
                              awaited.empty() ? "evaluating " + label : awaited);
       }
       waiting = awaited;
-      evaluation.check_alive(context_.options.wait);
+      context_.spin();
       const double rate = static_cast<double>(evaluation.steps()) / std::max(1e-9, seconds_since(since));
       context_.progress.show("evaluating " + label, evaluation.fraction(), rate, -1, "");
     }
@@ -214,9 +145,9 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
 }
 
 void EvaluationRun::evaluate_others() {
-  std::vector<EnvHandle*> others;
-  for (EnvHandle* env : context_.evaluation_envs())
-    if (context_.experience_on(env->traversal()) < 0) others.push_back(env);
+  std::vector<std::string> others;
+  for (const EnvHandle* env : context_.evaluation_envs())
+    if (context_.experience_on(env->traversal()) < 0) others.push_back(env->traversal());
   if (others.empty()) return;
   evaluate(context_.options.agent, false, agent_policy(), others);
   for (const ScoreRow& row : rows_)
@@ -229,17 +160,19 @@ void EvaluationRun::evaluate_all() {
   const PolicyServiceOptions& options = context_.options;
   const std::vector<EnvHandle*> envs = context_.evaluation_envs();
   context_.cap_frames(envs);
+  std::vector<std::string> traversals;
+  for (const EnvHandle* env : envs) traversals.push_back(env->traversal());
   if (!context_.records.announced()) context_.records.announce("", 0, {});
   const Evaluation::MakePolicy agent = agent_ ? agent_policy() : control(options.agent);
-  evaluate(options.agent, false, agent, envs);
+  evaluate(options.agent, false, agent, traversals);
   for (const std::string& name : options.controls) {
     if (name == options.agent) continue;
     if (name == "shuffled") {
-      evaluate(options.agent, true, agent, envs);
+      evaluate(options.agent, true, agent, traversals);
     } else if (name.ends_with("_filter") && context_.reference().size() == 0) {
       spdlog::warn("skipping {}: traversal '{}' has no features or no env_service", name, joined(options.train));
     } else {
-      evaluate(name, false, control(name), envs);
+      evaluate(name, false, control(name), traversals);
     }
   }
   if (!rows_.empty()) return;

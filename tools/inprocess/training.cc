@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "core/task/route_map.h"
+#include "policy_service/rollout/task_waves.h"
 
 namespace citylearn {
 
@@ -95,18 +96,22 @@ std::vector<Environment::Episode> try_out(Policy& policy, const Traversal& trave
   settings.frames() = static_cast<std::uint32_t>(trial.frames);
   settings.max_steps() = static_cast<std::uint32_t>(trial.max_steps);
   settings.seed() = trial.seed;
-  settings.tasks() = static_cast<std::uint32_t>(trial.tasks);
   settings.shuffle() = trial.shuffle;
-  environment.reset(settings);
   std::vector<Environment::Episode> episodes(static_cast<std::size_t>(trial.tasks));
   msg::Observation observation;
   std::vector<std::uint8_t> choice;
-  while (!environment.done()) {
-    environment.observe(observation);
-    policy.act(observation, choice);
-    environment.step(choice);
-    for (const Environment::Episode& episode : environment.finished())
-      episodes[static_cast<std::size_t>(episode.task)] = episode;
+  for (TaskWaves waves(static_cast<std::uint32_t>(trial.tasks)); !waves.done(); waves.next(policy.seen())) {
+    settings.first_task() = waves.wave().first;
+    settings.tasks() = waves.wave().count;
+    environment.reset(settings);
+    policy.begin(waves.wave().first, waves.known());
+    while (!environment.done()) {
+      environment.observe(observation);
+      policy.act(observation, choice);
+      environment.step(choice);
+      for (const Environment::Episode& episode : environment.finished())
+        episodes[static_cast<std::size_t>(episode.task)] = episode;
+    }
   }
   return episodes;
 }

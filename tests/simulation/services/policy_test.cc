@@ -177,6 +177,59 @@ TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
   EXPECT_LT(rates.back(), 0.5 * rates.front());
 }
 
+/// Four env_services divide the tasks; what comes out is what one alone does, also when one of the four is killed.
+TEST(Evaluation, IsTheSameByAnyEnvServices) {
+  Trial run("simulated");
+  std::string path;
+  {
+    const auto summer = run.env("summer");
+    const auto trained = run.train(40, "trained");
+    ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
+    path = run.folder() / ("trained/checkpoints/" + run.checkpoint("trained").first);
+  }
+  constexpr int kTasks = 400;
+  const auto evaluate = [&](const std::string& output) {
+    return run.policy({"--mode", "evaluate", "--checkpoint", path, "--tasks", std::to_string(kTasks), "--evaluate",
+                       "winter", "--train", "winter", "--controls", "sequence_filter", "--output",
+                       run.folder() / output});
+  };
+  // Of the agent and the control together, by env_service.
+  const auto tasks = [&](const std::string& output) {
+    std::map<std::string, int> done;
+    for (const auto& row : csv_rows(run.folder() / (output + "/episodes.csv"))) ++done[row.at(0)];
+    return done;
+  };
+  const auto scores = [&](const std::string& output) {
+    const Json summary = Json::parse(contents(run.folder() / (output + "/summary.json")));
+    return summary["evaluate"].dump() + summary["controls"].dump();
+  };
+  {
+    const auto one = run.env("winter", {"--id", "alone", "--agents", "3"});
+    const auto policy = evaluate("alone");
+    ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
+    EXPECT_EQ(tasks("alone")["alone"], 2 * kTasks);
+  }
+  std::vector<std::unique_ptr<Service>> four;
+  for (const std::string id : {"a", "b", "c", "d"}) {
+    four.push_back(run.env("winter", {"--id", id}));
+    ASSERT_TRUE(four.back()->says("'" + id + "' in session", kLong)) << four.back()->output();
+  }
+  // First, while no env_service has said yet what is waited for.
+  const auto broken = evaluate("broken");
+  ASSERT_TRUE(four[1]->says("evaluation tasks 160..", kLong)) << four[1]->output();
+  ASSERT_EQ(four[1]->end(SIGKILL, seconds(5)), 128 + SIGKILL);
+  ASSERT_EQ(broken->wait(kLong), 0) << broken->output();
+  EXPECT_TRUE(contains(broken->output(), "others evaluate")) << broken->output();
+  EXPECT_EQ(scores("broken"), scores("alone"));
+
+  four[1] = run.env("winter", {"--id", "b"});
+  ASSERT_TRUE(four[1]->says("'b' in session", kLong)) << four[1]->output();
+  const auto together = evaluate("together");
+  ASSERT_EQ(together->wait(kLong), 0) << together->output();
+  EXPECT_EQ(scores("together"), scores("alone"));
+  for (const auto& [id, done] : tasks("together")) EXPECT_NEAR(done, 2 * kTasks / 4, 16) << id;
+}
+
 TEST(Checkpoint, ActsAgainInEvaluateModeAndRefusesWhatIsNone) {
   Trial run("simulated");
   const auto summer = run.env("summer");

@@ -109,7 +109,8 @@ class ScriptedPolicy {
 
   void send_acknowledgement(std::uint64_t episode, bool leaving = false) {
     msg::EpisodeAcknowledgement message;
-    left_ = message.leaving() = leaving;
+    left_ = leaving;
+    message.recorder() = leaving ? msg::LEAVES : msg::RECORDS;
     next_acknowledgement_ = Clock::now() + std::chrono::seconds(1);
     message.environment() = environment_;
     message.environment_incarnation() = info.header().incarnation();

@@ -49,6 +49,24 @@ TEST(EnvironmentEvaluate, SameTasksOnAnyTraversal) {
   }
 }
 
+TEST(EnvironmentEvaluate, DoesTheTasksOfARange) {
+  const Traversal traversal = small_traversal(64);
+  BlindSweep blind(64);
+  Environment environment(traversal, 4);
+  msg::TaskSettings with = evaluation(20, 64);
+  const auto whole = evaluate(environment, with, blind);
+  with.first_task() = 13;
+  with.tasks() = 5;
+  const auto range = evaluate(environment, with, blind);
+  ASSERT_EQ(range.size(), 5u);
+  EXPECT_EQ(range.begin()->first, 13);
+  for (const auto& [task, episode] : range) {
+    EXPECT_EQ(episode.start, whole.at(task).start);
+    EXPECT_EQ(episode.goal, whole.at(task).goal);
+    EXPECT_EQ(episode.path, whole.at(task).path);
+  }
+}
+
 TEST(EnvironmentEvaluate, AgentsWithoutTasksAreIdleAndTheirActionsIgnored) {
   const Traversal traversal = small_traversal(16);
   for (const bool shuffle : {false, true}) {

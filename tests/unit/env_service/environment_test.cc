@@ -278,6 +278,7 @@ TEST(EnvironmentRoute, RefusesSettingsThatDoNotFit) {
   refused([](auto& s) { s.max_steps() = 0x80000000; }, "max_steps");
   refused([](auto& s) { s.tasks() = 0; }, "tasks");
   refused([](auto& s) { s.tasks() = 0x80000000; }, "tasks");
+  refused([](auto& s) { s.first_task() = 1u << 30; }, "first_task");
   refused([](auto& s) { s.task_mode() = msg::IDLE; }, "task_mode");
 }
 

@@ -11,10 +11,12 @@ namespace citylearn::paper {
 class Stoppable : public Policy {
  public:
   explicit Stoppable(Policy& policy) : policy_(policy) {}
+  void begin(std::uint32_t first_task, const SeenFeatures& known) override { policy_.begin(first_task, known); }
   void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) override {
     if (stop_requested()) throw Stopped{};
     policy_.act(observation, choice);
   }
+  std::map<std::uint32_t, SeenFeatures> seen() const override { return policy_.seen(); }
 
  private:
   Policy& policy_;  // outlives this

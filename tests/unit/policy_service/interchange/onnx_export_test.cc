@@ -150,20 +150,24 @@ TEST_P(OnnxExport, OpenCvComputesTheSameOverEpisodes) {
   for (const bool together : {true, false}) {
     Reader reader(model);
     Random random{9};
-    FeatureNormaliser normaliser(task.reference);
+    const FeatureNormaliser normaliser(task.reference);
+    SeenFeatures seen;
     const auto workspace = agent.network->make_workspace();
     // Whatever is in the state at first must not matter.
     Matrix<float> state = Matrix<float>::Constant(agent.network->state_size(), kAgents, 0.3f), theirs = state;
     for (int step = 0; step < kSteps; ++step) {
       const NetworkInputs<float> inputs = some_step(task, step, random);
       NetworkInputs<float> normalised = inputs;
-      if (agent.network->normalises()) normaliser.see_and_apply(normalised);
+      if (agent.network->normalises()) {
+        for (int b = 0; b < kAgents; ++b) seen.see(inputs.features_of(b));
+        normaliser.apply(normalised.features.leftCols(normalised.distinct), seen);
+      }
       agent.network->forward(agent.parameters, normalised, state, *workspace);
       state = workspace->state;
       const Matrix<float> before = theirs;
       for (int b = 0; b < kAgents; ++b) {
         if (together && b > 0) break;
-        const std::vector<cv::Mat> outputs = reader.step(inputs, normaliser.seen(), before, together ? -1 : b);
+        const std::vector<cv::Mat> outputs = reader.step(inputs, seen.numbers(), before, together ? -1 : b);
         const int rows = together ? kAgents : 1;
         for (int row = 0; row < rows; ++row) {
           const int column = together ? row : b;

@@ -11,7 +11,7 @@
 namespace citylearn::testing {
 namespace {
 
-constexpr int kFeatures = 16, kPlaces = 40, kAgents = 4, kSteps = 30;
+constexpr int kFeatures = 16, kPlaces = 40, kAgents = 4, kSteps = 200;
 
 TEST(FeatureNormaliser, BeforeAnythingWasSeenItKnowsTheTrainingRoute) {
   const Matrix<float> reference = some_task(kFeatures, kPlaces).reference;
@@ -22,10 +22,10 @@ TEST(FeatureNormaliser, BeforeAnythingWasSeenItKnowsTheTrainingRoute) {
   Matrix<float> mean = reference.rowwise().mean();
   normaliser.apply(mean);
   EXPECT_LT(mean.norm(), 1.01f) << "finite, though the mean has no direction";
-  FeatureNormaliser none;
+  SeenFeatures seen;
+  seen.see(reference.col(0));
   Matrix<float> same = reference;
-  none.see(reference.col(0));
-  none.apply(same);
+  FeatureNormaliser().apply(same, seen);
   EXPECT_EQ(same, reference);
 }
 
@@ -34,15 +34,16 @@ TEST(FeatureNormaliser, FollowsACondition) {
   const Matrix<float> reference = some_task(kFeatures, kPlaces).reference,
                       keys = normalised_reference(reference, kPlaces);
   const Matrix<float> winter = reference.colwise() + 2 * Vector<float>::Unit(kFeatures, 3);
-  FeatureNormaliser normaliser(reference);
+  const FeatureNormaliser normaliser(reference);
+  SeenFeatures seen;
   const auto likeness = [&] {
-    Matrix<float> seen = winter;
-    normaliser.apply(seen);
-    return (seen.array() * keys.array()).sum() / kPlaces;
+    Matrix<float> frames = winter;
+    normaliser.apply(frames, seen);
+    return (frames.array() * keys.array()).sum() / kPlaces;
   };
   EXPECT_LT(likeness(), 0.6);
   for (int round = 0; round < 20; ++round)
-    for (int place = 0; place < kPlaces; ++place) normaliser.see(winter.col(place));
+    for (int place = 0; place < kPlaces; ++place) seen.see(winter.col(place));
   EXPECT_GT(likeness(), 0.99);
 }
 

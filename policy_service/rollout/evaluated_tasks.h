@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "core/wire/messages.h"
+#include "policy_service/network/feature_normaliser.h"
+
+namespace citylearn {
+
+/// Which tasks the agents of one env_service perform, for a Policy. Sees to it that what an agent does depends on its
+/// task and not on who else acts beside it. Used by one thread.
+class EvaluatedTasks {
+ public:
+  /// Agents are computed together in matrices of so many columns. A task always has the same column, because the place
+  /// of a column in a matrix, and the matrix's width, may decide the last bit of a sum.
+  static constexpr int kColumns = 16;
+  static constexpr int kNobody = -1;
+  using Batch = std::array<int, kColumns>;  ///< agents by column, or kNobody
+
+  /// As Policy::begin().
+  void begin(std::uint32_t first_task, const SeenFeatures& known);
+  /// Takes in which agents begin a task, and which are idle. Call it once for each observation.
+  void follow(const msg::Observation& observation);
+  /// Returns all agents that are not idle, divided into as few batches as their columns allow. Valid until follow().
+  const std::vector<Batch>& batches() const { return batches_; }
+  std::uint32_t task(int agent) const { return agents_[static_cast<std::size_t>(agent)].task; }
+  /// Takes in what an agent sees, D numbers, and normalises it by what was seen in its task and in earlier ones.
+  void normalise(const FeatureNormaliser& normaliser, int agent, Eigen::Ref<Vector<float>> features);
+  /// As Policy::seen().
+  const std::map<std::uint32_t, SeenFeatures>& seen() const { return seen_; }
+
+ private:
+  struct Agent {
+    std::uint32_t task = 0;
+    std::uint32_t begun = 0;  // tasks
+  };
+
+  std::uint32_t first_task_ = 0;
+  SeenFeatures known_, total_;
+  std::vector<Agent> agents_;
+  std::vector<Batch> batches_;
+  std::map<std::uint32_t, SeenFeatures> seen_;
+  Vector<float> features_;
+};
+
+}  // namespace citylearn
