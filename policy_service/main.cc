@@ -52,6 +52,7 @@ int main(int argc, char** argv) {
   PolicyServiceOptions options;
   options.node.service = "policy_service";
   options.cap_frames = true;  // until --frames is given
+  options.rank = -1;          // until --rank is given
   const std::string id = "policy";
   options.node.id = id;
   std::map<std::string, std::map<std::string, double>> plugins;  // given parameters, by plug-in
@@ -167,6 +168,29 @@ int main(int argc, char** argv) {
                    "Learner: drop trajectories of parameters older than so many updates; 0 = none")
         ->capture_default_str();
     app.add_flag("--stay", options.stay, "Actor: after a learner finishes, wait for the next");
+
+    app.option_defaults()->group("Ranks");
+    app.add_option("--rendezvous", options.rendezvous,
+                   "Share the learning with other policy_services, each a rank in a DDS domain of its own: once an "
+                   "update their parameters and Adam's moments are averaged. HOST:PORT where they meet, free on rank "
+                   "0's host. The lowest rank that lives writes checkpoints; each has an --output of its own")
+        ->type_name("HOST:PORT");
+    app.add_option("--ranks", options.ranks,
+                   "How many there are at the start; unless given, as OMPI_COMM_WORLD_SIZE, PMI_SIZE or SLURM_NTASKS "
+                   "says")
+        ->check(CLI::Range(1, 1000));
+    app.add_option("--rank", options.rank,
+                   "This one's number, from 0; unless given, as OMPI_COMM_WORLD_RANK, PMI_RANK or SLURM_PROCID says")
+        ->check(CLI::Range(0, 999));
+    app.add_option("--sync", options.sync,
+                   "update: average parameters and Adam's moments once an update, weighted by steps; step: average "
+                   "gradients at each step of Adam, which learns as one learner with all minibatches and needs a "
+                   "quicker network")
+        ->capture_default_str()
+        ->check(CLI::IsMember({"update", "step"}));
+    app.add_option("--rendezvous-wait", options.rendezvous_wait, "Seconds until ranks that do not come are an error")
+        ->capture_default_str()
+        ->check(at_least(1));
 
     app.option_defaults()->group("Length");
     app.add_option("--steps", options.steps, "Environment steps to learn from; 0 = as recommended for the agent")

@@ -12,6 +12,7 @@
 
 #include "bench/bench.h"
 #include "bench/made_up.h"
+#include "bench/parameters.h"
 #include "core/plugin/plugins.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/network/checkpoint.h"
@@ -32,25 +33,6 @@ struct Options {
   bool shuffled = false, products = false, updates = false, places = false;
   std::string save;
 };
-
-/// Assigns each name=value to the part that has such a parameter.
-void give_parameters(const std::vector<std::string>& set, TrainerOptions& options) {
-  const auto known = Trainer::recommended_parameters(options.agent, options.learner);
-  for (const std::string& one : set) {
-    const std::size_t equals = one.find('=');
-    if (equals == std::string::npos) throw Error("is not name=value", "--set " + one);
-    const std::string name = one.substr(0, equals);
-    const double value = std::stod(one.substr(equals + 1));
-    if (known.at("network").contains(name))
-      options.network_parameters[name] = value;
-    else if (known.at("learner").contains(name))
-      options.learner_parameters[name] = value;
-    else if (known.at("trainer").contains(name))
-      options.trainer_parameters[name] = value;
-    else
-      throw Error("no such parameter", "--set " + one);
-  }
-}
 
 Score evaluate(const TrainedAgent& agent, const Traversal& traversal, const Options& options, bool shuffle) {
   NetworkPolicy policy(agent, {});
@@ -355,7 +337,7 @@ void add_options(CLI::App& app, Options& options) {
 }
 
 void measure(Options options) {
-  give_parameters(options.set, options.trainer);
+  bench::give_parameters(options.set, options.trainer);
   if (options.places)
     places();
   else if (options.updates)

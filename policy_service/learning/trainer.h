@@ -10,9 +10,8 @@
 #include <vector>
 
 #include "core/wire/messages.h"
-#include "policy_service/learning/learner.h"
+#include "policy_service/learning/update_sharing.h"
 #include "policy_service/network/trained_agent.h"
-#include "policy_service/rollout/collector.h"
 
 namespace citylearn {
 
@@ -23,6 +22,7 @@ struct TrainerOptions {
   std::map<std::string, double> network_parameters, learner_parameters, trainer_parameters;
   std::uint64_t seed = 1;
   int threads = 0;  ///< that act and learn, the caller's included; 0: as many as processors. Changes no result
+  int rank = 0;     ///< of several trainers with this seed: the same initial parameters, random streams of its own
 
   // The task.
   int first_frame = 0;      ///< where the route begins, index on the traversal
@@ -47,8 +47,8 @@ struct TrainingProgress {
 /// Trains one agent on any number of environments, each with agents of its own. It uses neither wire nor clock: the
 /// same observations give the same bits, in whatever order the environments' observations arrive. Used by one thread.
 ///
-/// It collects `segment` ticks of every environment, then waits for update(). An environment whose segment is full gets
-/// its next actions from resume(), after the update.
+/// It collects `segment` ticks of every environment, then waits for update(). One whose segment is full gets its next
+/// actions from resume(), after the update.
 class Trainer {
  public:
   /// Throws Error naming an unknown plug-in or parameter, a `task` that they cannot work with, an initial agent with
@@ -61,7 +61,7 @@ class Trainer {
   /// Adds an environment, as Collector::add() does.
   void add(int environment, int agents, int experience = 0);
   void remove(int environment);
-  /// Fills in the task of the environment: all fields but header, environment, settings id and run.
+  /// Fills in the task of the environment: all but header, environment, settings id and run.
   void settings(int environment, msg::TaskSettings& settings) const;
 
   /// Takes in the next observation; the first one must be of step 0. Returns true with the actions in `choice`, or
@@ -70,8 +70,8 @@ class Trainer {
   bool full(int environment) const;
   /// Returns whether all environments are full; false when there is none.
   bool ready() const;
-  /// Learns from all environments; requires ready(). When the generation() has changed afterwards (a new lesson),
-  /// environments need new settings and resume() must not be called.
+  /// Learns from all environments; requires ready(). When the generation() has changed afterwards, environments need
+  /// new settings and resume() must not be called.
   UpdateFigures update();
   /// Learns from rollouts that actors collected, at whatever lag. `finished` are the episodes that ended meanwhile, in
   /// the order of their ends. A new generation means a new lesson.
@@ -80,6 +80,10 @@ class Trainer {
   int batch() const;
   /// As Learner::set_progress(); call it before update() or learn().
   void set_progress(double fraction);
+  double elapsed() const;  ///< that fraction, the largest of all that share updates
+  /// Makes every update together with other trainers from now on, beginning where they are; `sharing` must outlive
+  /// this. Call it before an environment is added. Throws as UpdateSharing::share().
+  void share_updates(UpdateSharing& sharing);
   /// Fills in what an actor must know: fields of the task, the network and the noise.
   void describe(msg::LearnerInfo& info) const;
 
@@ -100,6 +104,7 @@ class Trainer {
   TrainedAgent agent() const;                       ///< has a copy of the present parameters
   const Vector<float>& network_parameters() const;  ///< the present ones; valid until the next update
   const std::vector<std::string>& frozen() const;   ///< names of the tensors that are not trained
+  std::string identity() const;  ///< JSON: what must be the same in trainers that continue or share updates
   /// Returns the parameters in effect by "network", "learner" and "trainer", for manifests.
   std::map<std::string, std::map<std::string, double>> parameters() const;
   /// Returns those of `agent` and `learner` when none are given: `recommended_parameters("features",

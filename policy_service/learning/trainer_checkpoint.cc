@@ -23,6 +23,63 @@ nlohmann::json Trainer::Impl::identity() const {
   return identity;
 }
 
+nlohmann::json Trainer::Impl::progress_json() const {
+  const auto optional = [](const std::optional<std::uint64_t>& value) {
+    return value ? nlohmann::json(*value) : nlohmann::json();
+  };
+  return {{"updates", progress.updates},
+          {"steps", progress.steps},
+          {"episodes", progress.episodes},
+          {"lesson", progress.lesson},
+          {"lesson_episodes", lesson_episodes},
+          {"smoothed_reward", progress.smoothed_reward},
+          {"reward", progress.reward},
+          {"spl", progress.spl},
+          {"episodes_to_spl95", optional(progress.episodes_to_spl95)},
+          {"steps_to_spl95", optional(progress.steps_to_spl95)},
+          {"recent", recent},
+          {"recent_next", recent_next},
+          {"cut", generation}};
+}
+
+SavedProgress Trainer::Impl::read_progress(const nlohmann::json& saved) const {
+  SavedProgress read;
+  const auto number = [&](const char* name) {
+    return saved.at(name).is_null() ? std::numeric_limits<double>::quiet_NaN() : saved.at(name).get<double>();
+  };
+  const auto optional = [&](const char* name) -> std::optional<std::uint64_t> {
+    if (saved.at(name).is_null()) return std::nullopt;
+    return saved.at(name).get<std::uint64_t>();
+  };
+  read.progress.updates = saved.at("updates").get<std::uint64_t>();
+  read.progress.steps = saved.at("steps").get<std::uint64_t>();
+  read.progress.episodes = saved.at("episodes").get<std::uint64_t>();
+  read.progress.lesson = saved.at("lesson").get<int>();
+  read.progress.smoothed_reward = number("smoothed_reward");
+  read.progress.reward = number("reward");
+  read.progress.spl = number("spl");
+  read.progress.episodes_to_spl95 = optional("episodes_to_spl95");
+  read.progress.steps_to_spl95 = optional("steps_to_spl95");
+  read.lesson_episodes = saved.at("lesson_episodes").get<std::uint64_t>();
+  read.recent = saved.at("recent").get<std::vector<std::array<double, 2>>>();
+  read.recent_next = saved.at("recent_next").get<std::size_t>();
+  read.generation = saved.at("cut").get<std::uint64_t>();
+  if (read.progress.lesson < 0 || read.progress.lesson >= static_cast<int>(lessons.size()) ||
+      read.recent.size() > kRecent || read.recent_next >= kRecent)
+    throw Error("its progress makes no sense", "checkpoint");
+  return read;
+}
+
+void Trainer::Impl::continue_from(SavedProgress saved) {
+  progress = saved.progress;
+  lesson_episodes = saved.lesson_episodes;
+  recent = std::move(saved.recent);
+  recent_next = saved.recent_next;
+  generation = saved.generation;
+}
+
+std::string Trainer::identity() const { return impl_->identity().dump(); }
+
 Checkpoint Trainer::checkpoint(const std::string& manifest) {
   Impl& p = *impl_;
   p.begin_generation();
@@ -37,22 +94,7 @@ Checkpoint Trainer::checkpoint(const std::string& manifest) {
   for (const Tensor& tensor : p.network->tensors())
     layout.push_back({{"name", tensor.name}, {"rows", tensor.rows}, {"cols", tensor.cols}, {"offset", tensor.offset}});
   checkpoint.header["layout"] = layout;
-  const auto optional = [](const std::optional<std::uint64_t>& value) {
-    return value ? nlohmann::json(*value) : nlohmann::json();
-  };
-  checkpoint.header["progress"] = {{"updates", p.progress.updates},
-                                   {"steps", p.progress.steps},
-                                   {"episodes", p.progress.episodes},
-                                   {"lesson", p.progress.lesson},
-                                   {"lesson_episodes", p.lesson_episodes},
-                                   {"smoothed_reward", p.progress.smoothed_reward},
-                                   {"reward", p.progress.reward},
-                                   {"spl", p.progress.spl},
-                                   {"episodes_to_spl95", optional(p.progress.episodes_to_spl95)},
-                                   {"steps_to_spl95", optional(p.progress.steps_to_spl95)},
-                                   {"recent", p.recent},
-                                   {"recent_next", p.recent_next},
-                                   {"cut", p.generation}};
+  checkpoint.header["progress"] = p.progress_json();
   checkpoint.header["counters"] = state.counters;
   if (!manifest.empty()) checkpoint.header["manifest"] = parse_json(manifest, "the manifest");
   return checkpoint;
@@ -93,41 +135,13 @@ void Trainer::load(const Checkpoint& checkpoint) {
     throw Error("the training route crosses itself elsewhere than the one it was made with", "checkpoint",
                 "go on with the same data, or start a new run");
   try {
-    const nlohmann::json& saved = checkpoint.header.at("progress");
-    TrainingProgress progress;
-    const auto number = [&](const char* name) {
-      return saved.at(name).is_null() ? std::numeric_limits<double>::quiet_NaN() : saved.at(name).get<double>();
-    };
-    const auto optional = [&](const char* name) -> std::optional<std::uint64_t> {
-      if (saved.at(name).is_null()) return std::nullopt;
-      return saved.at(name).get<std::uint64_t>();
-    };
-    progress.updates = saved.at("updates").get<std::uint64_t>();
-    progress.steps = saved.at("steps").get<std::uint64_t>();
-    progress.episodes = saved.at("episodes").get<std::uint64_t>();
-    progress.lesson = saved.at("lesson").get<int>();
-    progress.smoothed_reward = number("smoothed_reward");
-    progress.reward = number("reward");
-    progress.spl = number("spl");
-    progress.episodes_to_spl95 = optional("episodes_to_spl95");
-    progress.steps_to_spl95 = optional("steps_to_spl95");
-    const auto lesson_episodes = saved.at("lesson_episodes").get<std::uint64_t>();
-    auto recent = saved.at("recent").get<std::vector<std::array<double, 2>>>();
-    const auto recent_next = saved.at("recent_next").get<std::size_t>();
-    const auto generation = saved.at("cut").get<std::uint64_t>();
-    if (progress.lesson < 0 || progress.lesson >= static_cast<int>(p.lessons.size()) || recent.size() > kRecent ||
-        recent_next >= kRecent)
-      throw Error("its progress makes no sense", "checkpoint");
     LearnerState state;
     state.counters = checkpoint.header.at("counters").get<std::map<std::string, std::uint64_t>>();
     for (const auto& [name, tensor] : checkpoint.tensors)
       if (name.starts_with("learner.")) state.tensors[name.substr(8)] = tensor.reshaped();
+    SavedProgress saved = p.read_progress(checkpoint.header.at("progress"));
     p.learner->load(state);
-    p.progress = progress;
-    p.lesson_episodes = lesson_episodes;
-    p.recent = std::move(recent);
-    p.recent_next = recent_next;
-    p.generation = generation;
+    p.continue_from(std::move(saved));
   } catch (const nlohmann::json::exception& problem) {
     throw Error("the header lacks something: " + std::string(problem.what()), "checkpoint");
   }

@@ -33,6 +33,14 @@ struct Lesson {
 
 constexpr int kRecent = 100;  ///< episodes in the running means
 
+/// How far a trainer was, as a checkpoint has it.
+struct SavedProgress {
+  TrainingProgress progress;
+  std::uint64_t lesson_episodes = 0, generation = 0;
+  std::vector<std::array<double, 2>> recent;
+  std::size_t recent_next = 0;
+};
+
 /// What a Trainer holds. trainer.cc trains, trainer_checkpoint.cc saves and loads.
 struct Trainer::Impl {
   TrainerOptions options;
@@ -48,6 +56,9 @@ struct Trainer::Impl {
   std::vector<Lesson> lessons;
 
   std::unique_ptr<Collector> collector;
+  std::uint64_t collector_seed = 0;
+  UpdateSharing* sharing = nullptr;
+  double elapsed = 0;
   std::uint64_t generation = 0;
   TrainingProgress progress;
   std::uint64_t lesson_episodes = 0;          ///< finished in the present lesson
@@ -61,10 +72,16 @@ struct Trainer::Impl {
   }
 
   void count_episodes(std::span<const FinishedEpisode> finished);
+  /// Makes the learner's update the one of all trainers, and counts it.
+  void share(LocalUpdate mine, const std::function<void()>& learn);
   void start_from(const TrainedAgent& agent);
   void freeze();
   /// Returns what must be the same in a trainer that continues.
   nlohmann::json identity() const;
+  nlohmann::json progress_json() const;
+  /// Returns what progress_json() wrote. Throws Error or a nlohmann::json::exception when it is something else.
+  SavedProgress read_progress(const nlohmann::json& saved) const;
+  void continue_from(SavedProgress saved);
 };
 
 }  // namespace citylearn

@@ -111,6 +111,12 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"parameters", agent},
       {"traversals", data},
   };
+  if (!options.rendezvous.empty()) {
+    manifest["rank"] = options.rank;
+    manifest["ranks"] = options.ranks;
+    manifest["sync"] = options.sync;
+    manifest["ranks_before"] = options.ranks_before;
+  }
   return manifest.dump(2) + "\n";
 }
 

@@ -11,6 +11,7 @@
 #include "core/wire/service.h"
 #include "policy_service/distributed/actor.h"
 #include "policy_service/distributed/final_status_guard.h"
+#include "policy_service/ranks/launcher.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/training_run.h"
 
@@ -74,6 +75,7 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
 }
 
 PolicyServiceOptions checked_options(PolicyServiceOptions options) {
+  number_ranks(options);
   if (options.max_steps == 0) options.max_steps = options.frames;
   if (std::find(options.controls.begin(), options.controls.end(), "all") != options.controls.end()) {
     options.controls = {"shuffled"};

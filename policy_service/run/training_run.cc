@@ -6,6 +6,12 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "core/files/json.h"
+#include "core/util/version.h"
+#include "core/wire/service.h"
+#include "policy_service/ranks/gloo_group.h"
 
 namespace citylearn {
 
@@ -43,12 +49,57 @@ void TrainingRun::build_trainer() {
   } else if (options.resume) {
     spdlog::info("no checkpoint in {}: starting anew", folder);
   }
+  if (!options.rendezvous.empty()) join_ranks();
   const TrainingProgress& progress = trainer_->progress();
   context_.records.open_training_logs(progress.updates, progress.steps, trainer_->parameters());
   earlier_wall_ = context_.records.earlier_wall();
   if (!options.output.empty()) report_.episodes_to_spl95 = progress.episodes_to_spl95;
   if (report_.episodes_to_spl95) report_.wall_to_spl95 = context_.records.earlier_wall_at(*report_.episodes_to_spl95);
   context_.records.announce(options.learner, progress.updates, trainer_->parameters());
+}
+
+/// Waits for the other ranks and continues from where they are.
+void TrainingRun::join_ranks() {
+  PolicyServiceOptions& options = context_.options;
+  options.ranks_before = earlier_ranks(options);
+  if (!options.ranks_before.empty())
+    spdlog::info("{} ranks go on where {} were", options.ranks, options.ranks_before.back());
+  nlohmann::json traversals = nlohmann::json::object();
+  for (const TraversalContents& contents : learned_)
+    traversals[contents.traversal] = {{"hash", fmt::format("{:016x}", contents.hash)},
+                                      {"encoder", contents.encoder.value_or("")}};
+  RosterOptions roster;
+  roster.rank = options.rank;
+  roster.ranks = options.ranks;
+  roster.rendezvous = options.rendezvous;
+  roster.patience = std::chrono::milliseconds(static_cast<std::int64_t>(1000 * options.rendezvous_wait));
+  roster.identity = nlohmann::json{
+      {"program", version()},
+      {"training", parse_json(trainer_->identity(), "identity")},
+      {"traversals", traversals},
+      {"initial", options.initial_checkpoint},
+      {"checkpoint-every", options.checkpoint_every},
+      {"time-limit", options.time_limit},
+      {"lockstep", options.lockstep},
+      {"sync",
+       options.sync}}.dump();
+  ranks_ = std::make_unique<GlooGroup>(roster, [] {
+    if (stop_requested()) throw StopRequested();
+  });
+  sharing_ = std::make_unique<SharedUpdates>(*ranks_, options.sync == "step");
+  context_.node.report(msg::WAITING, "waiting for the other ranks");
+  spdlog::info("rank {} of {} waits for the others at {}", options.rank, options.ranks, options.rendezvous);
+  HeartbeatThread heartbeat(context_.node);
+  heartbeat.run([this] {
+    trainer_->share_updates(*sharing_);
+    return true;
+  });
+  spdlog::info("{} ranks learn together from update {} on", sharing_->members(), trainer_->progress().updates);
+}
+
+void TrainingRun::save(Checkpoint checkpoint) {
+  if (!sharing_ || sharing_->lowest())
+    context_.records.save_checkpoint(trainer_->progress().updates, std::move(checkpoint));
 }
 
 bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
@@ -60,10 +111,10 @@ bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
     figures = learn();
   }
   record_update(figures, steps_before);
-  if (trainer_->done() || elapsed_fraction() >= 1) return false;
+  if (trainer_->done() || time_is_up()) return false;
   const std::uint64_t updates = trainer_->progress().updates;
   const auto due = [updates](int every) { return every > 0 && updates % static_cast<std::uint64_t>(every) == 0; };
-  if (due(context_.options.checkpoint_every)) context_.records.save_checkpoint(updates, trainer_->checkpoint());
+  if (due(context_.options.checkpoint_every)) save(trainer_->checkpoint());
   if (due(context_.options.evaluate_every)) {
     evaluation_.set_agent(trainer_->agent());
     evaluate_others();
@@ -115,6 +166,7 @@ void TrainingRun::execute() {
                options.seed, context_.node.middleware_name());
   since_ = last_update_ = Clock::now();
   train();
+  if (ranks_) ranks_->leave();
   context_.progress.finish();
   const TrainingProgress& progress = trainer_->progress();
   report_.traversal = names;
@@ -124,7 +176,7 @@ void TrainingRun::execute() {
   report_.reward = progress.reward;
   report_.spl = progress.spl;
   // A training that had ended already keeps its checkpoint, byte for byte.
-  if (resumed_ != progress.updates) context_.records.save_checkpoint(progress.updates, trainer_->checkpoint());
+  if (resumed_ != progress.updates) save(trainer_->checkpoint());
   evaluation_.set_agent(trainer_->agent());
   const double here = std::max(seconds_since(since_), 1e-9);
   spdlog::info(

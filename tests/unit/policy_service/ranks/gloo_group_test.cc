@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ranks over TCP and gloo on loopback, each in a thread; a rank is killed by closing all that it has open.
+#include "policy_service/ranks/gloo_group.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <map>
+#include <mutex>
+#include <thread>
+
+#include "core/util/error.h"
+#include "policy_service/ranks/shared_updates.h"
+#include "tests/support/text.h"
+#include "tests/support/wait.h"
+
+namespace citylearn::testing {
+namespace {
+
+struct Killed {};
+
+/// Where a rank is killed next.
+enum Place { kNowhere, kAnywhere, kBeforeMeeting, kBeforeSum, kBeforeVote, kWhileVoting };
+
+/// Returns an address at which nobody listens.
+std::string free_address() {
+  RankAddress address{"127.0.0.1", 0};
+  const OwnedSocket socket = listen_at(address);
+  return address.text();
+}
+
+bool poll(const std::function<bool()>& condition, milliseconds patience) {
+  return eventually([] { std::this_thread::yield(); }, condition, patience * kSlowness);
+}
+
+/// A group whose owner may die at given places.
+class Mortal : public RankGroup {
+ public:
+  Mortal(const RosterOptions& options, std::atomic<int>& death)
+      : death_(death), group_(options, [this] { die(voting_ ? kWhileVoting : kAnywhere); }) {}
+  RankMeeting meet(const RankArrival& arrival) override {
+    voting_ = false;
+    die(kBeforeMeeting);
+    return group_.meet(arrival);
+  }
+  void sum(std::span<float> values) override {
+    die(kBeforeSum);
+    group_.sum(values);
+  }
+  bool agree(bool succeeded) override {
+    die(kBeforeVote);
+    voting_ = true;
+    if (death_ == kWhileVoting) {
+      // It has voted as soon as it waits.
+      return group_.agree(succeeded), throw Killed(), false;
+    }
+    return group_.agree(succeeded);
+  }
+  void leave() override { group_.leave(); }
+
+ private:
+  void die(int place) const {
+    if (death_ == place || death_ == kAnywhere) throw Killed();
+  }
+  std::atomic<int>& death_;
+  std::atomic<bool> voting_ = false;
+  GlooGroup group_;
+};
+
+/// What all ranks saw after each update.
+struct Record {
+  std::mutex mutex;
+  std::map<std::uint64_t, std::pair<std::uint64_t, Vector<float>>> updates;  ///< number: steps and parameters
+};
+
+/// One rank that learns: each update is one step, and moves its parameters by its number.
+class Rank {
+ public:
+  Rank(Record& record, RosterOptions options)
+      : record_(record), options_(std::move(options)), thread_([this] { run(); }) {}
+  ~Rank() {
+    death = kAnywhere;
+    thread_.join();
+  }
+  bool reaches(std::uint64_t wanted, milliseconds patience = seconds(20)) const {
+    return poll([&] { return updates >= wanted; }, patience);
+  }
+  void wait() {
+    EXPECT_TRUE(poll([&] { return over.load(); }, seconds(20)));
+  }
+
+  std::atomic<int> death = kNowhere;
+  std::atomic<std::uint64_t> updates = 0;
+  std::atomic<int> members = 0;
+  std::atomic<bool> over = false;
+  std::string error;
+
+ private:
+  void run() {
+    try {
+      Mortal group(options_, death);
+      SharedUpdates sharing(group);
+      LearnerState state;
+      state.counters = {{"steps", 0}, {"updates", 0}};
+      state.tensors["parameters"] = Vector<float>::Zero(3000);
+      LocalUpdate mine;
+      while (true) {
+        mine.updates = updates;
+        mine.progress = std::to_string(updates);
+        const SharedUpdate shared = sharing.share(
+            mine, [](GradientSharing*, LearnerState&) {}, state);
+        std::uint64_t now = shared.progress ? std::stoull(*shared.progress) : updates.load();
+        if (shared.steps > 0) ++now;
+        {
+          const std::lock_guard lock(record_.mutex);
+          const auto seen = std::pair(state.counters["steps"], state.tensors["parameters"]);
+          EXPECT_TRUE(record_.updates.emplace(now, seen).first->second == seen)
+              << "all ranks have the same update " << now;
+        }
+        members = sharing.members();
+        updates = now;
+        mine.steps = 1;
+        state.tensors["parameters"].array() += static_cast<float>(options_.rank + 1);
+        ++state.counters["steps"];
+        state.counters["updates"] = now;
+      }
+    } catch (const Killed&) {
+    } catch (const std::exception& problem) {
+      error = problem.what();
+    }
+    over = true;
+  }
+
+  Record& record_;
+  const RosterOptions options_;
+  std::thread thread_;
+};
+
+class Ranks : public ::testing::Test {
+ protected:
+  RosterOptions options(int rank, int ranks) const {
+    RosterOptions options;
+    options.rank = rank;
+    options.ranks = ranks;
+    options.rendezvous = address_;
+    options.identity = R"({"training": {"trainer": {"steps": 4096}}, "lockstep": false})";
+    return options;
+  }
+  std::unique_ptr<Rank> start(int rank, int ranks) { return std::make_unique<Rank>(record_, options(rank, ranks)); }
+
+  const std::string address_ = free_address();
+  Record record_;
+};
+
+TEST_F(Ranks, LearnTogether) {
+  const auto two = start(2, 3), zero = start(0, 3), one = start(1, 3);
+  for (const auto* rank : {&zero, &one, &two}) ASSERT_TRUE((*rank)->reaches(20)) << (*rank)->error;
+  const std::lock_guard lock(record_.mutex);
+  EXPECT_EQ(record_.updates.at(20).first, 3 * 20u);
+  EXPECT_NEAR(record_.updates.at(20).second.mean(), 20 * 2.0, 1e-3) << "the mean of 1, 2 and 3";
+}
+
+TEST_F(Ranks, GoOnWithinThreeSecondsWithoutAKilledOneWhichComesBack) {
+  constexpr int kRanks = 3;
+  std::vector<std::unique_ptr<Rank>> ranks;
+  for (int rank = 0; rank < kRanks; ++rank) ranks.push_back(start(rank, kRanks));
+  ASSERT_TRUE(ranks[0]->reaches(3)) << ranks[0]->error;
+  for (const Place place : {kAnywhere, kBeforeMeeting, kBeforeSum, kBeforeVote, kWhileVoting})
+    for (int killed = 0; killed < kRanks; ++killed) {
+      ranks[static_cast<std::size_t>(killed)]->death = place;
+      ranks[static_cast<std::size_t>(killed)]->wait();
+      const Clock::time_point since = Clock::now();
+      for (int other = 0; other < kRanks; ++other) {
+        if (other == killed) continue;
+        const auto& rank = ranks[static_cast<std::size_t>(other)];
+        ASSERT_TRUE(poll([&] { return rank->members == kRanks - 1; }, seconds(3)))
+            << "rank " << other << " after a kill of " << killed << " at " << place << " " << rank->error;
+        ASSERT_TRUE(rank->reaches(rank->updates + 2, seconds(3))) << other << " " << rank->error;
+      }
+      EXPECT_LT(seconds_since(since), 3.0 * kSlowness);
+      ranks[static_cast<std::size_t>(killed)] = start(killed, kRanks);
+      for (const auto& rank : ranks)
+        ASSERT_TRUE(poll([&] { return rank->members == kRanks; }, seconds(20)))
+            << "after a kill of " << killed << " at " << place << ": " << rank->error;
+    }
+}
+
+TEST_F(Ranks, RefuseWhatDoesNotFitByName) {
+  const auto zero = start(0, 3), one = start(1, 3);
+  const auto refused = [&](RosterOptions options, const std::string& why) {
+    Rank rank(record_, std::move(options));
+    rank.wait();
+    EXPECT_TRUE(contains(rank.error, why)) << rank.error;
+  };
+  ASSERT_TRUE(poll([&] { return !zero->over && !one->over; }, seconds(5)));
+  RosterOptions other = options(2, 3);
+  other.identity = R"({"training": {"trainer": {"steps": 8192}}, "lockstep": false})";
+  refused(other, "rank 2: training.trainer.steps is 8192, that of the others 4096");
+  other.identity = R"({"training": {"trainer": {"steps": 4096}}, "lockstep": true})";
+  refused(other, "rank 2: lockstep is true, that of the others false");
+  refused(options(2, 4), "rank 2: --ranks is 4, that of the others 3");
+  const auto two = start(2, 3);
+  ASSERT_TRUE(two->reaches(3)) << two->error;
+  refused(options(1, 3), "rank 1: a living process, at 127.0.0.1:");
+  refused(options(2, 3), "rank 2: a living process, at 127.0.0.1:");
+  ASSERT_TRUE(zero->reaches(zero->updates + 3)) << zero->error;
+}
+
+TEST_F(Ranks, DoNotWaitForeverForOthers) {
+  RosterOptions alone = options(1, 2);
+  alone.patience = milliseconds(1500);
+  Rank rank(record_, alone);
+  rank.wait();
+  EXPECT_TRUE(contains(rank.error, "of 2 ranks, these did not come within 1 s: 0")) << rank.error;
+  alone.rendezvous = "192.0.2.1:2000";  // of a documentation network: nobody is there
+  Rank far(record_, alone);
+  far.wait();
+  EXPECT_FALSE(far.error.empty());
+  RankAddress address{"127.0.0.1", 0};
+  const OwnedSocket listener = listen_at(address);
+  std::jthread web([&](const std::stop_token& stop) {
+    std::vector<OwnedSocket> visitors;
+    while (!stop.stop_requested())
+      if (OwnedSocket visitor = accept_from(listener)) {
+        (void)!::write(visitor.get(), "HTTP/1.1 400 Bad Request\r\n\r\n", 28);
+        visitors.push_back(std::move(visitor));
+      }
+  });
+  alone.rendezvous = address.text();
+  Rank lost(record_, alone);
+  lost.wait();
+  EXPECT_TRUE(contains(lost.error, "is not a rank")) << lost.error;
+}
+
+TEST(RankAddress, IsAHostWithAPort) {
+  EXPECT_EQ(parse_rank_address("localhost:7000", "--rendezvous"), (RankAddress{"127.0.0.1", 7000}));
+  for (const char* wrong : {"localhost", ":7000", "localhost:", "localhost:0", "localhost:65536", "localhost:7x"})
+    EXPECT_TRUE(contains(error_of([&] { parse_rank_address(wrong, "--rendezvous"); }), "is not HOST:PORT")) << wrong;
+}
+
+}  // namespace
+}  // namespace citylearn::testing
