@@ -44,7 +44,7 @@ class AgentNetwork {
   /// Resizes and fills `parameters`.
   virtual void initialise(Random& random, Vector<S>& parameters) const = 0;
   virtual int state_size() const = 0;
-  /// Returns whether it wants features as FeatureNormaliser makes them (feature_normaliser.h). Whoever gives it inputs
+  /// Returns whether it wants features as FeatureNormaliser makes them (feature_normaliser.h). The caller
   /// has to see to that.
   virtual bool normalises() const { return false; }
   virtual std::unique_ptr<Workspace<S>> make_workspace() const = 0;

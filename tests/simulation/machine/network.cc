@@ -241,6 +241,7 @@ void Network::deliver(Members& topic, std::uint64_t id, const Sample& sample) {
   push(reader.samples, sample, depth_of(reader.topic.profile).reader);
   reader.raised = true;
   ++topic.traffic.delivered;
+  if (arrived) arrived(reader.process, reader.topic, *sample);
   reader.process.wake();
 }
 

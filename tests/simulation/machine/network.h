@@ -59,6 +59,8 @@ class Network {
   std::function<void(Process& sender, const Topic& topic, std::span<const std::byte> sample)> published;
   /// Called with each message that a process takes.
   std::function<void(Process& receiver, const Topic& topic, std::span<const std::byte> sample)> taken;
+  /// Called with each message that arrives at a process, whether it takes it or not.
+  std::function<void(Process& receiver, const Topic& topic, std::span<const std::byte> sample)> arrived;
   std::map<std::string, Traffic> traffic() const;      ///< by topic
   std::map<std::string, Endpoints> endpoints() const;  ///< by topic
 

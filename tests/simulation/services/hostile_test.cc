@@ -17,7 +17,7 @@ constexpr seconds kLong{60}, kSoon{10};
 constexpr int kTimes = 5;  // each message, at least
 const float kNan = std::numeric_limits<float>::quiet_NaN(), kInfinite = std::numeric_limits<float>::infinity();
 
-/// Says what it likes, in whoever's name.
+/// A process that sends any message, in the name of any service.
 class Stranger {
  public:
   explicit Stranger(const MiddlewareOptions& middleware)
@@ -29,7 +29,7 @@ class Stranger {
 
   Node node;
 
-  /// The next message of that kind that `wanted` likes, whoever sends it to whomever.
+  /// The next message of that kind for which `wanted` is true, from any service to any other.
   template <class Message>
   Message hear(const std::function<bool(const Message&)>& wanted = [](const Message&) { return true; }) {
     std::optional<Message> found;

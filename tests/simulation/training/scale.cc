@@ -72,6 +72,7 @@ class Scale {
   void start();
   static void charge(Process& process, double microseconds) { process.charge(from_seconds(microseconds * 1e-6)); }
   std::string table(const Snapshot& before, const Snapshot& after) const;
+  std::string measure_late_actor();
 
   const Layout layout_;
   const Traversal traversal_;
@@ -164,7 +165,38 @@ std::string Scale::measure(const std::function<void(const std::string&)>& progre
                          static_cast<double>(scheduler_.now().count()) * 1e-9, at_work_.size(), updates_,
                          static_cast<double>(copies) * 1e-6));
   }
-  return table(before, snapshot());
+  return table(before, snapshot()) + measure_late_actor();
+}
+
+/// Starts one more actor, and returns what it was sent until it acted.
+std::string Scale::measure_late_actor() {
+  Layout more = layout_;
+  ++more.actors;
+  const auto [id, body] = actors_of(more).back();
+  std::map<std::string, std::size_t> sent;  // bytes, by message
+  bool acted = false;
+  const auto is_late = [&id](const Process& process) { return process.name() == id; };
+  network_.arrived = [&](Process& receiver, const Topic& topic, std::span<const std::byte> sample) {
+    const std::string all = base_topic(topic.name);
+    if (is_late(receiver) && !acted) sent[all.substr(all.find('/') + 1)] += sample.size();
+  };
+  network_.published = [&](Process& sender, const Topic& topic, std::span<const std::byte>) {
+    if (is_late(sender) && topic.type == topic_of<msg::Action>().type) acted = true;
+  };
+  add(id, body);
+  processes_.back()->start();
+  const Time begin = scheduler_.now();
+  while (!acted) {
+    if (stop_requested() || scheduler_.now() > begin + from_seconds(kLongest))
+      throw Error(fmt::format("'{}' was given no env_service", id), "simulation");
+    scheduler_.run(scheduler_.now() + kStep);
+  }
+  network_.arrived = {};
+  network_.published = {};
+  std::string parts;
+  for (const auto& [message, bytes] : sent)
+    parts += fmt::format("{} {} {:.1f} kB", parts.empty() ? "" : ",", message, static_cast<double>(bytes) * 1e-3);
+  return "\nAn actor that joins was sent, until it acted:" + parts + "\n";
 }
 
 std::string Scale::table(const Snapshot& before, const Snapshot& after) const {

@@ -19,7 +19,8 @@ std::string measure_speed(int hosts, const Costs& costs, const std::function<voi
 
 /// Plays a training of so many hosts, each with ten env_services and an actor, beside a learner and two dashboards,
 /// without faults, in the current folder, which must be empty. Returns a table of what each topic carried in ten
-/// updates, once all env_services are at work. `progress` is called with a line now and then.
+/// updates, once all env_services are at work, and what an actor was sent that joined then. `progress` is called with a
+/// line now and then.
 std::string measure_scale(int hosts, const std::function<void(const std::string&)>& progress);
 
 }  // namespace citylearn::simulation

@@ -37,7 +37,7 @@ inline NetworkTask small_task(int features, int experiences = 1) {
 }
 
 /// 3 agents walk at random for 6 steps on the first `frames` places, with episodes that begin in the middle. Half of
-/// what they see is disguised, the rest is shared with whoever stands there; with `shared` false nothing is.
+/// what they see is disguised. The rest agents at the same place share; with `shared` false nothing is shared.
 inline NetworkInputs<double> some_inputs(const NetworkTask& task, int frames, bool shared = true) {
   constexpr int kSteps = 6, kAgents = 3;
   Random random{2};
