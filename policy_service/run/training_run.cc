@@ -295,6 +295,7 @@ void LearnerRun::train() {
     context_.spin();
     if (server_->ready()) {
       if (!update([this] { return server_->learn(); })) break;
+      warn_of_lag();
       continue;
     }
     if (server_->actors() == 0) {
@@ -309,6 +310,19 @@ void LearnerRun::train() {
   report_.waited = server_->waited();
   spdlog::info("mean policy lag {:.2f} updates, {} trajectories were too old, actors waited {:.1f} s for room",
                report_.policy_lag, report_.dropped, report_.waited);
+}
+
+/// Says once when actors collect much more than updates take, as the agent then learns from what it did long ago.
+void LearnerRun::warn_of_lag() {
+  constexpr int kSettled = 20;  // updates
+  constexpr double kOld = 16;   // updates
+  if (warned_of_lag_ || report_.updates < kSettled || report_.policy_lag < kOld) return;
+  warned_of_lag_ = true;
+  spdlog::warn(
+      "the agent learns from steps of parameters {:.0f} updates ago: actors have more agents than the {} trajectories "
+      "of "
+      "an update. Raise --trainer-agents, or drop old trajectories with --max-lag",
+      report_.policy_lag, trainer_->batch());
 }
 
 /// Takes the env_services over from the actors.

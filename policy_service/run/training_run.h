@@ -111,8 +111,10 @@ class LearnerRun : public TrainingRun {
   double policy_lag() const override { return server_->policy_lag(); }
   std::string actors_note() const override;
   void await_release();
+  void warn_of_lag();
 
   std::unique_ptr<LearnerServer> server_;
+  bool warned_of_lag_ = false;
 };
 
 }  // namespace citylearn

@@ -169,6 +169,15 @@ TEST(Actor, FollowsTheLessonsAndStaysForTheNextLearner) {
   EXPECT_EQ(actor->end(SIGTERM, seconds(5)), 130);
 }
 
+TEST(Roles, ALearnerSaysWhenItsUpdatesAreTooSmallForItsActors) {
+  Learning run("simulated");
+  const auto summer = run.trial.env("summer", {"--agents", "256"});
+  const auto learner = run.learner(100000);
+  const auto actor = run.actor("a");
+  EXPECT_TRUE(learner->says("of an update. Raise --trainer-agents", kWholeRun)) << learner->output();
+  EXPECT_EQ(learner->end(SIGTERM, seconds(5)), 130);
+}
+
 TEST(TwoLearners, TheSecondSaysWhomTheActorsWorkForAndGetsThemAfterwards) {
   Learning run("simulated");
   const auto summer = run.trial.env("summer");
