@@ -63,8 +63,8 @@ std::string literally(const std::string& text) {
 
 }  // namespace
 
-std::unique_ptr<spdlog::formatter> text_log_format() {
-  return with_message(without_controls, "%H:%M:%S.%e %^%L%$ [%n] %*");
+std::unique_ptr<spdlog::formatter> text_log_format(bool terminal) {
+  return with_message(without_controls, std::string(terminal ? "\r\033[K" : "") + "%H:%M:%S.%e %^%L%$ [%n] %*");
 }
 
 std::unique_ptr<spdlog::formatter> json_log_format(const std::string& session, const std::string& service) {

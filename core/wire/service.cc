@@ -184,7 +184,7 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     if (!Machine::simulated()) {  // there, programs share them
       install_handlers();
       spdlog::set_default_logger(spdlog::stderr_color_mt(program));
-      spdlog::set_formatter(text_log_format());
+      spdlog::set_formatter(text_log_format(isatty(STDERR_FILENO) == 1));
     }
     CLI::App app(summary, program);
     app.option_defaults()->multi_option_policy(

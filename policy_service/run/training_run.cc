@@ -6,6 +6,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "core/files/json.h"
@@ -153,7 +154,9 @@ void TrainingRun::record_update(const UpdateFigures& figures, std::uint64_t step
   const double left = done > 0.01 ? wall * (1 - done) / done : -1;
   context_.progress.show(
       "training " + options.agent, done, static_cast<double>(progress.steps) / std::max(wall, 1e-9), left,
-      fmt::format("reward {:.3f}  SPL {:.3f}{}{}", progress.reward, progress.spl,
+      fmt::format("{}{}{}",
+                  std::isnan(progress.spl) ? "no episode has ended yet"
+                                           : fmt::format("reward {:.3f}  SPL {:.3f}", progress.reward, progress.spl),
                   options.curriculum ? fmt::format("  lesson {}", progress.lesson + 1) : "", actors_note()));
 }
 

@@ -6,10 +6,12 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <set>
 
 #include "core/wire/node.h"
 #include "tests/paths.h"
+#include "tests/support/processes/hosts.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/episodes_csv.h"
@@ -75,6 +77,22 @@ TEST_P(Vendors, SigtermEndsWithinTwoSeconds) {
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output();
   EXPECT_EQ(policy->end(SIGTERM, seconds(2)), 130);
   EXPECT_EQ(summer->end(SIGTERM, seconds(2)), 0);
+}
+
+// A bar does not end its line, so a line of the log takes its place.
+TEST(Terminal, LogLinesReplaceTheProgressBar) {
+  Trial run("cyclonedds");
+  const auto summer = run.env("summer");
+  const std::string command = std::string(CITYLEARN_POLICY_SERVICE) + " --agent place_filter --steps 40000 --tasks 16" +
+                              " --evaluate summer --wait 60 --middleware cyclonedds --domain " +
+                              std::to_string(run.domain()) + " --output " + (run.folder() / "out");
+  const std::string output = shell("script -qefc '" + command + "' /dev/null 2>&1");
+  const std::regex line("\r\x1b\\[K[0-9]{2}:[0-9]{2}:[0-9]{2}\\.");
+  const auto lines = std::distance(std::sregex_iterator(output.begin(), output.end(), line), std::sregex_iterator());
+  EXPECT_GT(lines, 1) << output;
+  EXPECT_EQ(lines, occurrences(output, "[policy_service] ")) << output;
+  EXPECT_TRUE(contains(output, "\r\033[Ktraining place_filter")) << output;
+  EXPECT_FALSE(contains(output, "nan")) << output;
 }
 
 TEST_P(Vendors, AForeignTypeOnATopicIsNamedWithinFiveSeconds) {
