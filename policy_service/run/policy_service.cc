@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/run/policy_service.h"
 
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -59,9 +60,11 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
     evaluation.evaluate_all();
   } catch (const StopRequested&) {
     context.progress.finish();
-    spdlog::info("stopped by a signal{}", options.mode == "train" && !options.output.empty()
-                                              ? "; --resume continues after the last checkpoint"
-                                              : "");
+    std::string next;
+    if (training && !options.output.empty())
+      next = training->saved() ? fmt::format("; --resume continues after update {}", *training->saved())
+                               : "; there is no checkpoint yet to resume from";
+    spdlog::info("stopped by a signal{}", next);
     return 130;
   }
   context.records.require_all_written();

@@ -15,6 +15,22 @@
 #include "policy_service/ranks/gloo_group.h"
 
 namespace citylearn {
+namespace {
+
+/// Adds the time of its life to `seconds`.
+class Stopwatch {
+ public:
+  explicit Stopwatch(double& seconds) : seconds_(seconds) {}
+  ~Stopwatch() { seconds_ += seconds_since(start_); }
+  Stopwatch(const Stopwatch&) = delete;
+  Stopwatch& operator=(const Stopwatch&) = delete;
+
+ private:
+  double& seconds_;
+  Clock::time_point start_ = Clock::now();
+};
+
+}  // namespace
 
 void TrainingRun::build_trainer() {
   const PolicyServiceOptions& options = context_.options;
@@ -44,7 +60,7 @@ void TrainingRun::build_trainer() {
   if (!trainer_->frozen().empty()) spdlog::info("frozen tensors: {}", fmt::join(trainer_->frozen(), ", "));
   if (newest) {
     trainer_->load(read_checkpoint(*newest));
-    resumed_ = trainer_->progress().updates;
+    saved_ = trainer_->progress().updates;
     spdlog::info("resuming after update {} ({} steps) of {}", trainer_->progress().updates, trainer_->progress().steps,
                  *newest);
   } else if (options.resume) {
@@ -99,6 +115,7 @@ void TrainingRun::join_ranks() {
 }
 
 void TrainingRun::save(Checkpoint checkpoint) {
+  saved_ = trainer_->progress().updates;
   if (!sharing_ || sharing_->lowest())
     context_.records.save_checkpoint(trainer_->progress().updates, std::move(checkpoint));
 }
@@ -168,7 +185,13 @@ void TrainingRun::execute() {
   spdlog::info("training {} on '{}': {} steps, seed {}, {}", options.agent, names, trainer_->total_steps(),
                options.seed, context_.node.middleware_name());
   since_ = last_update_ = Clock::now();
-  train();
+  try {
+    train();
+  } catch (const StopRequested&) {
+    // In lockstep, what is resumed must be what was not interrupted, whose checkpoints are due at fixed updates.
+    if (!options.lockstep && trainer_->progress().updates > saved_.value_or(0)) save(trainer_->checkpoint());
+    throw;
+  }
   if (ranks_) ranks_->leave();
   context_.progress.finish();
   const TrainingProgress& progress = trainer_->progress();
@@ -179,7 +202,7 @@ void TrainingRun::execute() {
   report_.reward = progress.reward;
   report_.spl = progress.spl;
   // A training that had ended already keeps its checkpoint, byte for byte.
-  if (resumed_ != progress.updates) save(trainer_->checkpoint());
+  if (saved_ != progress.updates) save(trainer_->checkpoint());
   evaluation_.set_agent(trainer_->agent());
   const double here = std::max(seconds_since(since_), 1e-9);
   spdlog::info(

@@ -17,19 +17,6 @@
 
 namespace citylearn {
 
-/// Adds the time of its life to `seconds`.
-class Stopwatch {
- public:
-  explicit Stopwatch(double& seconds) : seconds_(seconds) {}
-  ~Stopwatch() { seconds_ += seconds_since(start_); }
-  Stopwatch(const Stopwatch&) = delete;
-  Stopwatch& operator=(const Stopwatch&) = delete;
-
- private:
-  double& seconds_;
-  Clock::time_point start_ = Clock::now();
-};
-
 /// Trains one agent from its beginning, or from the newest checkpoint, to its end. Subclasses say where the samples
 /// come from.
 class TrainingRun {
@@ -38,8 +25,11 @@ class TrainingRun {
   TrainingRun(RunContext& context, EvaluationRun& evaluation) : context_(context), evaluation_(evaluation) {}
   virtual ~TrainingRun() = default;
 
-  /// Trains, saves the last checkpoint and hands the agent to the evaluation. Throws Error or StopRequested.
+  /// Trains, saves the last checkpoint, also at a signal, and hands the agent to the evaluation. Throws Error or
+  /// StopRequested.
   void execute();
+  /// Returns the update of the newest checkpoint; none before the first one.
+  std::optional<std::uint64_t> saved() const { return saved_; }
   const TrainingReport& report() const { return report_; }
 
  protected:
@@ -76,7 +66,7 @@ class TrainingRun {
   double earlier_wall_ = 0;           ///< seconds of training before this process
   std::unique_ptr<RankGroup> ranks_;  ///< null without other ranks
   std::unique_ptr<SharedUpdates> sharing_;
-  std::optional<std::uint64_t> resumed_;  ///< update of the checkpoint that it goes on with
+  std::optional<std::uint64_t> saved_;
 };
 
 /// Acts and learns in this process (role both).
@@ -94,9 +84,8 @@ class LocalTrainingRun : public TrainingRun {
   void train_on();
 
   HeartbeatThread heartbeat_;
-  std::map<const EnvHandle*, int, ById>
-      slots_;                          ///< number of each training environment, which names its random streams
-  std::set<EnvHandle*, ById> active_;  ///< training environments that are not lost
+  std::map<const EnvHandle*, int, ById> slots_;  ///< numbers of training environments, for their random streams
+  std::set<EnvHandle*, ById> active_;            ///< training environments that are not lost
 };
 
 /// Learns from what actors send (role learner).

@@ -177,6 +177,32 @@ TEST(TimeLimit, EndsWhatFallsInTheCourseOfTheRun) {
   EXPECT_LT(rates.back(), 0.5 * rates.front());
 }
 
+/// Nothing is lost of a training that is stopped between two checkpoints.
+TEST(Stopping, ASignalSavesTheLastUpdate) {
+  Trial run("simulated");
+  const auto train = [&run](const std::string& output, Arguments more = {}) {
+    more.insert(more.end(), {"--agent", "place_filter", "--steps", "100000000", "--checkpoint-every", "1000000",
+                             "--output", run.folder() / output, "--evaluate", "summer"});
+    return run.policy(more);
+  };
+  const auto early = train("early");
+  ASSERT_TRUE(early->says("waiting for env_services", kLong)) << early->output();
+  EXPECT_EQ(early->end(SIGTERM, seconds(2)), 130);
+  EXPECT_TRUE(contains(early->output(), "there is no checkpoint yet to resume from")) << early->output();
+
+  const auto summer = run.env("summer");
+  const std::string metrics = run.folder() / "out/metrics.csv";
+  const auto trained = train("out");
+  ASSERT_TRUE(poll_until([&] { return csv_rows(metrics).size() > 3; }, kLong)) << trained->output();
+  EXPECT_EQ(trained->end(SIGINT, seconds(2)), 130);
+  const std::string last = csv_rows(metrics).back().at(0);
+  EXPECT_TRUE(contains(trained->output(), "--resume continues after update " + last + "\n")) << trained->output();
+  const auto resumed = train("out", {"--resume"});
+  EXPECT_TRUE(resumed->says("resuming after update " + last + " ", kLong)) << resumed->output();
+  ASSERT_TRUE(poll_until([&] { return csv_rows(metrics).size() > std::stoul(last) + 3; }, kLong)) << resumed->output();
+  EXPECT_EQ(resumed->end(SIGINT, seconds(2)), 130);
+}
+
 /// Four env_services divide the tasks; what comes out is what one alone does, also when one of the four is killed.
 TEST(Evaluation, IsTheSameByAnyEnvServices) {
   Trial run("simulated");
