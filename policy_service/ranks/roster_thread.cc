@@ -240,8 +240,8 @@ void Roster::Thread::answer_waiting(Clock::time_point now) {
             accepted.stream.send({{"type", "redirect"}, {"address", member.address}});
         accepted.hello.reset();
         accepted.closing = true;
-      } else if (now - accepted.since > kAnswer) {
-        accepted.closing = true;
+      } else if (now - accepted.since > kAnswer || (accepted.takes_over && known_.empty())) {
+        accepted.closing = true;  // one that knows no members will not take over: who asks it tries the next
       }
     }
 }
@@ -321,12 +321,15 @@ void Roster::Thread::lost_coordinator(bool silent) {
   if (!std::exchange(is_member_, false) || left_) return;
   spdlog::warn("the ranks' coordinator {}", silent ? "is silent" : "is lost");
   candidates_.clear();
-  // Perhaps it is there and only lost this rank, which then comes back like a new one.
-  if (!silent) candidates_.push_back({link_to_, false});
   std::sort(known_.begin(), known_.end(), [](const Known& a, const Known& b) { return a.rank < b.rank; });
-  for (const Known& member : known_)
-    if (member.incarnation != coordinator_incarnation_)
-      candidates_.push_back({parse_rank_address(member.address, "ranks"), true});
+  for (const Known& member : known_) {
+    const bool next = member.incarnation != coordinator_incarnation_;
+    // Perhaps it is there and only lost this rank, which then comes back like a new one. It is asked at its own
+    // address: at the rendezvous another one may listen by now, even this process.
+    if (!next && !silent) candidates_.push_front({parse_rank_address(member.address, "ranks"), false});
+    if (next) candidates_.push_back({parse_rank_address(member.address, "ranks"), true});
+  }
+  std::erase_if(known_, [&](const Known& member) { return member.incarnation == coordinator_incarnation_; });
   start_searching_ = Clock::now();
 }
 
@@ -351,11 +354,9 @@ void Roster::Thread::search(Clock::time_point now) {
   OwnedSocket socket = connect_to(next.address);
   if (!socket) return;
   link_ = std::make_unique<MessageStream>(std::move(socket));
-  link_to_ = next.address;
   hello_deadline_ = now + kAnswer;
   Json expected = Json::array();
-  for (const Known& member : known_)
-    if (member.incarnation != coordinator_incarnation_) expected.push_back(member.incarnation);
+  for (const Known& member : known_) expected.push_back(member.incarnation);
   link_->send({{"type", "hello"},
                {"protocol", kRankProtocol},
                {"version", version()},
@@ -383,12 +384,25 @@ void Roster::Thread::take(const Json& message, Clock::time_point now) {
     candidates_.assign(1, {parse_rank_address(message.at("address").get<std::string>(), "ranks"), false});
     start_searching_ = now;
   } else if (type == "members") {
-    known_.clear();
-    for (const Json& member : message.at("members"))
+    // A coordinator that took over does not have all yet. If it is lost too, the others still expect them.
+    const Json& members = message.at("members");
+    std::erase_if(known_, [&](const Known& one) {
+      return !kept_ || std::any_of(members.begin(), members.end(),
+                                   [&](const Json& member) { return member.at("rank").get<int>() == one.rank; });
+    });
+    for (const Json& member : members)
       known_.push_back({member.at("rank").get<int>(), member.at("incarnation").get<std::string>(),
                         member.at("address").get<std::string>()});
   } else if (type == "store" || type == "meeting" || type == "decision") {
     const auto meeting = message.at("meeting").get<std::uint64_t>();
+    if (type == "meeting" && std::exchange(kept_, false)) {
+      const Json& attendees = message.at("attendees");
+      std::erase_if(known_, [&](const Known& one) {
+        return std::none_of(attendees.begin(), attendees.end(), [&](const Json& attendee) {
+          return attendee.at("incarnation").get<std::string>() == one.incarnation;
+        });
+      });
+    }
     const std::lock_guard lock(mutex_);
     if (type == "meeting") {
       seen_ = store_meeting_ = meeting;
@@ -415,7 +429,8 @@ void Roster::Thread::joined(const Json& welcome, Clock::time_point now) {
   heard_ = joined_ = now;
   candidates_.clear();
   coordinator_incarnation_ = welcome.at("coordinator").get<std::string>();
-  if (!welcome.at("kept").get<bool>()) {
+  kept_ = welcome.at("kept").get<bool>();
+  if (!kept_) {
     committed_ = seen_ = 0;  // it comes like a new one
     const std::lock_guard lock(mutex_);
     if (question_ && question_->at("type") == "vote") {

@@ -86,11 +86,11 @@ class Roster::Thread {
 
   // As a member.
   std::unique_ptr<MessageStream> link_;
-  RankAddress link_to_;
   bool is_member_ = false, left_ = false, ever_met_ = false;
+  bool kept_ = false;  ///< whether the coordinator took over and has not called a meeting yet
   std::string coordinator_incarnation_;
   std::deque<Candidate> candidates_;
-  std::vector<Known> known_;  ///< members as told last
+  std::vector<Known> known_;  ///< members as told last, and those that a coordinator that took over may lack
   Clock::time_point heard_{}, joined_{}, hello_deadline_{}, next_search_{}, start_searching_ = start_;
   bool foreign_ = false;  ///< whether something else answers at the rendezvous
   std::uint64_t committed_ = 0, seen_ = 0;
