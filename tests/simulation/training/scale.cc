@@ -165,7 +165,8 @@ std::string Scale::measure(const std::function<void(const std::string&)>& progre
                          static_cast<double>(scheduler_.now().count()) * 1e-9, at_work_.size(), updates_,
                          static_cast<double>(copies) * 1e-6));
   }
-  return table(before, snapshot()) + measure_late_actor();
+  const std::string counted = table(before, snapshot());
+  return counted + measure_late_actor();
 }
 
 /// Starts one more actor, and returns what it was sent until it acted.
