@@ -4,7 +4,6 @@
 #include <arpa/inet.h>
 #include <ifaddrs.h>
 #include <net/if.h>
-#include <netdb.h>
 #include <sched.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
@@ -18,6 +17,7 @@
 #include "core/dds/security.h"
 #include "core/dds/wakeup.h"
 #include "core/util/error.h"
+#include "core/util/ipv4.h"
 #include "core/util/machine.h"
 
 namespace citylearn {
@@ -27,12 +27,6 @@ namespace {
 
 /// Several round trips on loopback, but little against the time in which nothing comes.
 constexpr std::chrono::microseconds kLook{100};
-
-std::string dotted(const sockaddr* address) {
-  char text[INET_ADDRSTRLEN] = "";
-  inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text, sizeof text);
-  return text;
-}
 
 /// Bytes that an interface sends in one packet.
 int packet_size(const char* name) {
@@ -108,8 +102,8 @@ std::vector<Interface> interfaces() {
   std::vector<Interface> all;
   for (const ifaddrs* entry = list; entry; entry = entry->ifa_next)
     if (entry->ifa_addr && entry->ifa_addr->sa_family == AF_INET)
-      all.push_back(
-          {entry->ifa_name, dotted(entry->ifa_addr), packet_size(entry->ifa_name), (entry->ifa_flags & IFF_UP) != 0});
+      all.push_back({entry->ifa_name, dotted(reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)->sin_addr),
+                     packet_size(entry->ifa_name), (entry->ifa_flags & IFF_UP) != 0});
   return all;
 }
 
@@ -187,14 +181,9 @@ Network::Peer resolve_peer(const std::string& peer, const std::string& option, i
     port = std::stoi(digits);
     if (port < 1 || port > 65535) throw Error("'" + peer + "' has no valid port", option, "ports are 1..65535");
   }
-  addrinfo hints{};
-  hints.ai_family = AF_INET;
-  hints.ai_socktype = SOCK_DGRAM;
-  addrinfo* found = nullptr;
-  if (const int status = getaddrinfo(host.c_str(), nullptr, &hints, &found); status != 0)
-    throw Error("host '" + host + "' has no IPv4 address: " + gai_strerror(status), option);
-  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, freeaddrinfo);
-  return {peer, internal::dotted(found->ai_addr), port};
+  const Ipv4Lookup found = find_ipv4(host);
+  if (found.address.empty()) throw Error("host '" + host + "' has no IPv4 address: " + found.problem, option);
+  return {peer, found.address, port};
 }
 
 Network resolve(const MiddlewareOptions& options) {

@@ -3,7 +3,6 @@
 
 #include <arpa/inet.h>
 #include <fcntl.h>
-#include <netdb.h>
 #include <netinet/in.h>
 #include <netinet/tcp.h>
 #include <poll.h>
@@ -19,6 +18,7 @@
 
 #include "core/files/json.h"
 #include "core/util/error.h"
+#include "core/util/ipv4.h"
 
 namespace citylearn {
 namespace {
@@ -65,16 +65,10 @@ RankAddress parse_rank_address(const std::string& text, const std::string& where
     if (problem != std::errc() || rest != end) address.port = 0;
   }
   if (address.port < 1 || address.port > 65535) throw Error("'" + text + "' is not HOST:PORT", where);
-  addrinfo hints{}, *found = nullptr;
-  hints.ai_family = AF_INET;
-  hints.ai_socktype = SOCK_STREAM;
   const std::string host = text.substr(0, colon);
-  if (const int status = ::getaddrinfo(host.c_str(), nullptr, &hints, &found); status != 0)
-    throw Error("'" + host + "' is unknown: " + ::gai_strerror(status), where);
-  std::array<char, INET_ADDRSTRLEN> numbers{};
-  ::inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr, numbers.data(), numbers.size());
-  ::freeaddrinfo(found);
-  address.host = numbers.data();
+  const Ipv4Lookup found = find_ipv4(host);
+  if (found.address.empty()) throw Error("'" + host + "' is unknown: " + found.problem, where);
+  address.host = found.address;
   return address;
 }
 
@@ -82,10 +76,7 @@ std::string local_host_towards(const RankAddress& to) {
   const OwnedSocket socket(::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   if (with_address(to, socket.get(), ::connect) != 0)
     throw Error("cannot be reached from here: " + std::string(std::strerror(errno)), to.text());
-  const sockaddr_in name = name_of(socket.get());
-  std::array<char, INET_ADDRSTRLEN> numbers{};
-  ::inet_ntop(AF_INET, &name.sin_addr, numbers.data(), numbers.size());
-  return numbers.data();
+  return dotted(name_of(socket.get()).sin_addr);
 }
 
 OwnedSocket::~OwnedSocket() {

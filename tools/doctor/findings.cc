@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "core/util/ipv4.h"
 #include "core/util/text.h"
 #include "core/util/wall_clock.h"
 #include "core/wire/service.h"
@@ -75,7 +76,7 @@ void look_at_peers(const MiddlewareOptions& options, Findings& findings) {
        {std::pair{&options.peers, findings.first_port}, {&options.discovery_servers, internal::kDiscoveryServerPort}})
     for (const std::string& peer : *list) {
       const std::size_t colon = peer.rfind(':');
-      const std::string address = address_of(peer.substr(0, colon));
+      const std::string address = find_ipv4(peer.substr(0, colon)).address;
       if (address.empty() || address.starts_with("127.") || findings.used.contains(address) || heard_at(address))
         continue;
       const int port = colon == std::string::npos ? standard : std::atoi(peer.c_str() + colon + 1);

@@ -2,7 +2,6 @@
 #include "tools/doctor/host.h"
 
 #include <arpa/inet.h>
-#include <netdb.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -12,7 +11,6 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
-#include <memory>
 #include <sstream>
 
 namespace citylearn::doctor {
@@ -21,12 +19,6 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kProbeAgain = 250;  // ms
-
-std::string dotted(const in_addr& address) {
-  char text[INET_ADDRSTRLEN] = "";
-  inet_ntop(AF_INET, &address, text, sizeof text);
-  return text;
-}
 
 std::string first_line(const std::string& path) {
   std::ifstream in(path);
@@ -101,16 +93,6 @@ std::vector<Limit> limits_too_small() {
     if (limit.value < limit.wanted) small.push_back(limit);
   }
   return small;
-}
-
-std::string address_of(const std::string& host) {
-  addrinfo hints{};
-  hints.ai_family = AF_INET;
-  hints.ai_socktype = SOCK_DGRAM;
-  addrinfo* found = nullptr;
-  if (getaddrinfo(host.c_str(), nullptr, &hints, &found) != 0) return "";
-  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, freeaddrinfo);
-  return dotted(reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr);
 }
 
 Answer probe(const std::string& from, const std::string& address, int port, int patience_ms) {

@@ -27,9 +27,6 @@ struct Limit {
 /// Returns those that can be read here and are too small.
 std::vector<Limit> limits_too_small();
 
-/// Returns the IPv4 address of a host by name, or an empty text.
-std::string address_of(const std::string& host);
-
 /// Probes a peer from which no participant was heard: whether the host is there, and whether it refuses or drops a
 /// packet from `from` to UDP `port`. Takes up to `patience_ms`.
 enum class Answer { kNoHost, kRefused, kSilent };
