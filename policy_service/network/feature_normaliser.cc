@@ -28,8 +28,11 @@ FeatureNormaliser::FeatureNormaliser(const Matrix<float>& reference) {
 
 void FeatureNormaliser::apply(Eigen::Ref<Matrix<float>> features, const SeenFeatures& seen) const {
   if (prior_.size() == 0) return;
-  Vector<float> centre = (prior_ / kPrior).cast<float>();
-  if (seen.count > 0) centre = ((prior_ + seen.sum) / (kPrior + seen.count)).cast<float>();
+  Vector<float> centre;
+  if (seen.count > 0)
+    centre = ((prior_ + seen.sum) / (kPrior + seen.count)).cast<float>();
+  else
+    centre = (prior_ / kPrior).cast<float>();
   features.colwise() -= centre;
   for (auto column : features.colwise()) {
     const float length = column.norm();

@@ -91,13 +91,21 @@ std::uint64_t folder_identity(const std::string& folder) {
   return ::stat(folder.c_str(), &about) == 0 ? about.st_ino : 0;
 }
 
+namespace {
+
+/// Returns the manifest.json of the run that is resumed; null where there is none.
+nlohmann::json resumed_manifest(const PolicyServiceOptions& options) {
+  const std::string path = options.output + "/manifest.json";
+  std::error_code none;
+  return options.resume && fs::exists(path, none) ? parse_json_or_null(read_file(path)) : nlohmann::json();
+}
+
+}  // namespace
+
 std::uint64_t run_id_for(const PolicyServiceOptions& options) {
   using Json = nlohmann::json;
   const std::uint64_t fresh = microseconds_since_epoch();
-  if (!options.resume) return fresh;
-  const std::string path = options.output + "/manifest.json";
-  std::error_code none;
-  const Json manifest = fs::exists(path, none) ? parse_json_or_null(read_file(path)) : Json();
+  const Json manifest = resumed_manifest(options);
   if (!manifest.is_object()) return fresh;
   const auto job = manifest.find("job");
   if (job == manifest.end() || !job->is_number_unsigned()) return fresh;
@@ -110,10 +118,8 @@ std::uint64_t run_id_for(const PolicyServiceOptions& options) {
 }
 
 std::vector<int> earlier_ranks(const PolicyServiceOptions& options) {
-  const std::string path = options.output + "/manifest.json";
-  std::error_code none;
-  if (!options.resume || !fs::exists(path, none)) return {};
-  const nlohmann::json manifest = parse_json_or_null(read_file(path));
+  const nlohmann::json manifest = resumed_manifest(options);
+  if (!manifest.is_object()) return {};
   try {
     std::vector<int> ranks = manifest.value("ranks_before", std::vector<int>());
     if (const int last = manifest.value("ranks", 1); last != options.ranks) ranks.push_back(last);

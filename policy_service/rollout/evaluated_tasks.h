@@ -27,6 +27,12 @@ class EvaluatedTasks {
   void follow(const msg::Observation& observation);
   /// Returns all agents that are not idle, divided into as few batches as their columns allow. Valid until follow().
   const std::vector<Batch>& batches() const { return batches_; }
+  /// Calls visit(column, agent) for each agent of a batch.
+  template <class Visit>
+  static void each_agent(const Batch& batch, Visit visit) {
+    for (int column = 0; column < kColumns; ++column)
+      if (const int agent = batch[static_cast<std::size_t>(column)]; agent != kNobody) visit(column, agent);
+  }
   std::uint32_t task(int agent) const { return agents_[static_cast<std::size_t>(agent)].task; }
   /// Takes in what an agent sees, D numbers, and normalises it by what was seen in its task and in earlier ones.
   void normalise(const FeatureNormaliser& normaliser, int agent, Eigen::Ref<Vector<float>> features);

@@ -100,18 +100,14 @@ void NetworkPolicy::act(const msg::Observation& observation, const EvaluatedTask
   read_observation(observation, agent_.task.features, agent_.first_frame, agent_.task.frames, normalises, inputs_,
                    batch);
   state_.setZero(states_.rows(), EvaluatedTasks::kColumns);
-  for (int column = 0; column < EvaluatedTasks::kColumns; ++column) {
-    const int agent = batch[static_cast<std::size_t>(column)];
-    if (agent == EvaluatedTasks::kNobody) continue;
+  EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
     state_.col(column) = states_.col(agent);
     if (normalises) tasks_.normalise(normaliser_, agent, inputs_.features_of(column));
     if (inputs_.first[static_cast<std::size_t>(column)])
       random_[static_cast<std::size_t>(agent)] = Random{options_.seed, tasks_.task(agent)};
-  }
+  });
   agent_.network->forward(agent_.parameters, inputs_, state_, *workspace_);
-  for (int column = 0; column < EvaluatedTasks::kColumns; ++column) {
-    const int agent = batch[static_cast<std::size_t>(column)];
-    if (agent == EvaluatedTasks::kNobody) continue;
+  EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
     const auto a = static_cast<std::size_t>(agent);
     states_.col(agent) = workspace_->state.col(column);
     const auto logits = workspace_->heads.logits.col(column);
@@ -122,7 +118,7 @@ void NetworkPolicy::act(const msg::Observation& observation, const EvaluatedTask
     else
       likeliest = sample_action(logits, random_[a], log_probability);
     choice[a] = static_cast<std::uint8_t>(likeliest);
-  }
+  });
 }
 
 }  // namespace citylearn

@@ -18,14 +18,12 @@ class Policy {
   virtual ~Policy() = default;
   /// Begins tasks of an evaluation, as the settings of the next observation have them: agent a of M performs first_task
   /// + a, then M further. `known`: what was seen of the traversal in earlier tasks.
-  virtual void begin(std::uint32_t first_task, const SeenFeatures& known);
+  virtual void begin(std::uint32_t /*first_task*/, const SeenFeatures& /*known*/) {}
   /// Chooses one allowed action per agent. Called once for each step, in order. An agent whose FLAG_FIRST is set begins
   /// a new episode, and its memory of the last one is wiped.
   virtual void act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) = 0;
   /// Returns what was seen in each task since begin(); of a policy that learns nothing from it, nothing.
   virtual std::map<std::uint32_t, SeenFeatures> seen() const { return {}; }
 };
-
-inline void Policy::begin(std::uint32_t /*first_task*/, const SeenFeatures& /*known*/) {}
 
 }  // namespace citylearn

@@ -53,9 +53,9 @@ class SequenceFilter : public Policy {
     tasks_.follow(observation);
     for (const EvaluatedTasks::Batch& batch : tasks_.batches()) {
       look(observation, batch);
-      for (int column = 0; column < EvaluatedTasks::kColumns; ++column)
-        if (const int agent = batch[static_cast<std::size_t>(column)]; agent != EvaluatedTasks::kNobody)
-          choice[static_cast<std::size_t>(agent)] = walk(observation, static_cast<std::size_t>(agent), column);
+      EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
+        choice[static_cast<std::size_t>(agent)] = walk(observation, static_cast<std::size_t>(agent), column);
+      });
     }
   }
 
@@ -73,12 +73,10 @@ class SequenceFilter : public Policy {
     const Eigen::Map<const Matrix<float>> features(observation.features().data(), task_.reference.rows(),
                                                    static_cast<std::ptrdiff_t>(agents_.size()));
     seen_.setZero(features.rows(), EvaluatedTasks::kColumns);
-    for (int column = 0; column < EvaluatedTasks::kColumns; ++column) {
-      const int agent = batch[static_cast<std::size_t>(column)];
-      if (agent == EvaluatedTasks::kNobody) continue;
+    EvaluatedTasks::each_agent(batch, [&](int column, int agent) {
       seen_.col(column) = features.col(agent);
       tasks_.normalise(normaliser_, agent, seen_.col(column));
-    }
+    });
     keys_->compare(seen_, task_.frames, similarities_, similarity_);
   }
 
