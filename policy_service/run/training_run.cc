@@ -115,9 +115,14 @@ void TrainingRun::join_ranks() {
 }
 
 void TrainingRun::save(Checkpoint checkpoint) {
+  if (sharing_ && !sharing_->lowest()) return;
   saved_ = trainer_->progress().updates;
-  if (!sharing_ || sharing_->lowest())
-    context_.records.save_checkpoint(trainer_->progress().updates, std::move(checkpoint));
+  context_.records.save_checkpoint(*saved_, std::move(checkpoint));
+}
+
+/// A training that had ended already keeps its checkpoint, byte for byte.
+void TrainingRun::save_newest() {
+  if (trainer_->progress().updates > saved_.value_or(0)) save(trainer_->checkpoint());
 }
 
 bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
@@ -189,7 +194,7 @@ void TrainingRun::execute() {
     train();
   } catch (const StopRequested&) {
     // In lockstep, what is resumed must be what was not interrupted, whose checkpoints are due at fixed updates.
-    if (!options.lockstep && trainer_->progress().updates > saved_.value_or(0)) save(trainer_->checkpoint());
+    if (!options.lockstep) save_newest();
     throw;
   }
   if (ranks_) ranks_->leave();
@@ -201,8 +206,7 @@ void TrainingRun::execute() {
   if (report_.wall == 0) report_.wall = wall();
   report_.reward = progress.reward;
   report_.spl = progress.spl;
-  // A training that had ended already keeps its checkpoint, byte for byte.
-  if (saved_ != progress.updates) save(trainer_->checkpoint());
+  save_newest();
   evaluation_.set_agent(trainer_->agent());
   const double here = std::max(seconds_since(since_), 1e-9);
   spdlog::info(

@@ -61,6 +61,7 @@ class TrainingRun {
   bool time_is_up() const { return (sharing_ ? trainer_->elapsed() : elapsed_fraction()) >= 1; }
   /// Saves a checkpoint; of several ranks only the lowest one does.
   void save(Checkpoint checkpoint);
+  void save_newest();
 
   Clock::time_point since_, last_update_;
   double earlier_wall_ = 0;           ///< seconds of training before this process
