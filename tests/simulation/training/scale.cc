@@ -61,15 +61,22 @@ class Scale {
 
  private:
   struct Snapshot {
-    std::uint64_t updates = 0;
+    std::uint64_t updates = 0, steps = 0;
     Time time{};
     std::map<std::string, Traffic> traffic;
   };
-  Snapshot snapshot() const { return {updates_, scheduler_.now(), network_.traffic()}; }
+  Snapshot snapshot() const { return {updates_, steps_, scheduler_.now(), network_.traffic()}; }
   void add(const std::string& id, Process::Body body) {
     processes_.push_back(std::make_unique<Process>(id, scheduler_, network_, std::move(body)));
   }
   void start();
+  /// Goes on for a tenth of a second. Throws Error(`problem`) after `last`, and when it is stopped.
+  void step(Time last, const std::string& problem) {
+    if (stop_requested() || scheduler_.now() > last) throw Error(problem, "simulation");
+    scheduler_.run(scheduler_.now() + kStep);
+  }
+  bool all_at_work() const { return static_cast<int>(at_work_.size()) == layout_.environments; }
+  static double seconds_of(Time time) { return static_cast<double>(time.count()) * 1e-9; }
   static void charge(Process& process, double microseconds) { process.charge(from_seconds(microseconds * 1e-6)); }
   std::string table(const Snapshot& before, const Snapshot& after) const;
   std::string measure_late_actor();
@@ -126,27 +133,19 @@ std::string Scale::measure_speed(const Costs& costs, const std::function<void(co
   costs_ = costs;
   start();
   Snapshot before;
-  std::uint64_t steps = 0;
   double lag = 0;
   while (updates_ < before.updates + kTimed || before.updates == 0) {
-    if (stop_requested() || scheduler_.now() > from_seconds(kLongest))
-      throw Error(fmt::format("ends after update {}", updates_), "simulation");
-    scheduler_.run(scheduler_.now() + kStep);
-    const bool all_at_work = static_cast<int>(at_work_.size()) == layout_.environments;
-    if (before.updates == 0 && all_at_work && updates_ >= kSettled) {
-      before = snapshot();
-      steps = steps_;
-    }
+    step(from_seconds(kLongest), fmt::format("ends after update {}", updates_));
+    if (before.updates == 0 && all_at_work() && updates_ >= kSettled) before = snapshot();
     lag = std::max(lag, lag_);
-    progress(fmt::format("{:.1f} s simulated, {} env_services at work, update {}",
-                         static_cast<double>(scheduler_.now().count()) * 1e-9, at_work_.size(), updates_));
+    progress(fmt::format("{:.1f} s simulated, {} env_services at work, update {}", seconds_of(scheduler_.now()),
+                         at_work_.size(), updates_));
   }
-  const double seconds = static_cast<double>((scheduler_.now() - before.time).count()) * 1e-9;
+  const double seconds = seconds_of(scheduler_.now() - before.time);
   return fmt::format(
-      "{} env_services of {} agents, {} actors, a learner: {:.0f} steps/s, {} updates in {:.2f} s, at most {:.1f} "
-      "updates "
-      "old\n",
-      layout_.environments, layout_.agents, layout_.actors, static_cast<double>(steps_ - steps) / seconds,
+      "{} env_services of {} agents, {} actors, a learner: {:.0f} steps/s, {} updates in {:.2f} s, "
+      "at most {:.1f} updates old\n",
+      layout_.environments, layout_.agents, layout_.actors, static_cast<double>(steps_ - before.steps) / seconds,
       updates_ - before.updates, seconds, lag);
 }
 
@@ -154,16 +153,12 @@ std::string Scale::measure(const std::function<void(const std::string&)>& progre
   start();
   Snapshot before;
   while (updates_ < before.updates + kUpdates || before.updates == 0) {
-    if (stop_requested() || scheduler_.now() > from_seconds(kLongest))
-      throw Error(fmt::format("ends after update {}", updates_), "simulation");
-    scheduler_.run(scheduler_.now() + kStep);
-    const bool all_at_work = static_cast<int>(at_work_.size()) == layout_.environments;
-    if (before.updates == 0 && updates_ >= (all_at_work ? kUpdates : kPatience)) before = snapshot();
+    step(from_seconds(kLongest), fmt::format("ends after update {}", updates_));
+    if (before.updates == 0 && updates_ >= (all_at_work() ? kUpdates : kPatience)) before = snapshot();
     std::uint64_t copies = 0;
     for (const auto& [topic, traffic] : network_.traffic()) copies += traffic.copies;
     progress(fmt::format("{:.1f} s simulated, {} env_services at work, update {}, {:.1f} million copies",
-                         static_cast<double>(scheduler_.now().count()) * 1e-9, at_work_.size(), updates_,
-                         static_cast<double>(copies) * 1e-6));
+                         seconds_of(scheduler_.now()), at_work_.size(), updates_, static_cast<double>(copies) * 1e-6));
   }
   const std::string counted = table(before, snapshot());
   return counted + measure_late_actor();
@@ -187,11 +182,7 @@ std::string Scale::measure_late_actor() {
   add(id, body);
   processes_.back()->start();
   const Time begin = scheduler_.now();
-  while (!acted) {
-    if (stop_requested() || scheduler_.now() > begin + from_seconds(kLongest))
-      throw Error(fmt::format("'{}' was given no env_service", id), "simulation");
-    scheduler_.run(scheduler_.now() + kStep);
-  }
+  while (!acted) step(begin + from_seconds(kLongest), fmt::format("'{}' was given no env_service", id));
   network_.arrived = {};
   network_.published = {};
   std::string parts;
@@ -201,7 +192,7 @@ std::string Scale::measure_late_actor() {
 }
 
 std::string Scale::table(const Snapshot& before, const Snapshot& after) const {
-  const double seconds = static_cast<double>((after.time - before.time).count()) * 1e-9;
+  const double seconds = seconds_of(after.time - before.time);
   std::string text = fmt::format(
       "{} env_services of {} agents ({} at work), {} actors, a learner, {} dashboards: {} updates in {:.1f} s\n\n",
       layout_.environments, layout_.agents, at_work_.size(), layout_.actors, layout_.dashboards,

@@ -66,11 +66,22 @@ class Trial {
   std::unique_ptr<Service> policy(const Arguments& more) {
     return start({CITYLEARN_POLICY_SERVICE, "--wait", "60"}, more, "policy-" + std::to_string(++count_) + ".log");
   }
-  /// Training of `updates` updates of 8 agents x 64 steps.
-  std::unique_ptr<Service> train(int updates, const std::string& output, Arguments more = {}) {
-    more.insert(more.end(), {"--agent", "place_filter", "--steps", std::to_string(updates * 512L), "--checkpoint-every",
-                             "20", "--output", folder_ / output, "--tasks", "16", "--evaluate", "summer"});
-    return policy(more);
+  /// Training of `updates` updates of 8 agents x 64 steps; options in `more` come last, so they count.
+  std::unique_ptr<Service> train(int updates, const std::string& output, const Arguments& more = {}) {
+    Arguments command = {"--agent",
+                         "place_filter",
+                         "--steps",
+                         std::to_string(updates * 512L),
+                         "--checkpoint-every",
+                         "20",
+                         "--output",
+                         folder_ / output,
+                         "--tasks",
+                         "16",
+                         "--evaluate",
+                         "summer"};
+    command.insert(command.end(), more.begin(), more.end());
+    return policy(command);
   }
   /// Name and bytes of the newest checkpoint.
   std::pair<std::string, std::string> checkpoint(const std::string& output) const {

@@ -35,11 +35,29 @@ class Network : public ::testing::Test {
   /// `role` of network_peer, on a host.
   std::unique_ptr<Service> peer(const Hosts& hosts, int host, const std::string& vendor, const std::string& role,
                                 const Arguments& more) {
-    Arguments command = {
-        NETWORK_PEER, role,          "--middleware",    vendor, "--id", "peer-" + std::to_string(host), "--domain",
-        "2",          "--interface", Hosts::interface()};
+    Arguments command = on_host({NETWORK_PEER, role, "--id", "peer-" + std::to_string(host)}, vendor);
     command.insert(command.end(), more.begin(), more.end());
     return hosts.start(host, command, folder_ / ("peer-" + std::to_string(++count_) + ".log"));
+  }
+  /// The command with what every service on a host needs; `peers`: none.
+  static Arguments on_host(Arguments command, const std::string& vendor, const std::string& peers = "") {
+    command.insert(command.end(), {"--middleware", vendor, "--domain", "2", "--interface", Hosts::interface()});
+    if (!peers.empty()) command.insert(command.end(), {"--peers", peers});
+    return command;
+  }
+  /// An env_service of the drawn city.
+  static Arguments drawn_env(const std::string& id, int agents) {
+    return {CITYLEARN_ENV_SERVICE,
+            "--traversal",
+            "summer",
+            "--id",
+            id,
+            "--agents",
+            std::to_string(agents),
+            "--synthetic-images",
+            "0",
+            "--synthetic-frames",
+            "160"};
   }
   const Folder folder_;
   int count_ = 0;
@@ -210,15 +228,12 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
  protected:
   std::unique_ptr<Service> env(const Hosts& hosts, int host) {
     const std::string id = "env-" + std::to_string(++count_);
-    return hosts.start(host,
-                       with_node({CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--id", id, "--agents", "8",
-                                  "--synthetic-images", "0", "--synthetic-frames", "160"},
-                                 std::get<0>(GetParam()), Hosts::address(0)),
+    return hosts.start(host, on_host(drawn_env(id, 8), std::get<0>(GetParam()), Hosts::address(0)),
                        folder_ / (id + ".log"));
   }
   std::unique_ptr<Service> policy(const Hosts& hosts, const std::string& output, int steps,
                                   const Arguments& more = {}) {
-    Arguments command = with_node(
+    Arguments command = on_host(
         {CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--environments", "4", "--steps", std::to_string(steps),
          "--tasks", "200", "--evaluate", "summer", "--wait", "60", "--output", folder_ / output},
         std::get<1>(GetParam()), Hosts::address(1) + "," + Hosts::address(2));
@@ -260,13 +275,6 @@ class Training : public Network, public ::testing::WithParamInterface<std::tuple
     EXPECT_EQ(std::count_if(rows.begin(), rows.end(), [](const auto& row) { return row.at(5) == "1"; }), 200);
     return static_cast<int>(rows.size());
   }
-
- private:
-  static Arguments with_node(Arguments command, const std::string& vendor, const std::string& peers) {
-    command.insert(command.end(),
-                   {"--middleware", vendor, "--domain", "2", "--interface", Hosts::interface(), "--peers", peers});
-    return command;
-  }
 };
 const auto kPairings = ::testing::Values(std::tuple("cyclonedds", "cyclonedds"), std::tuple("fastdds", "fastdds"),
                                          std::tuple("cyclonedds", "fastdds"));
@@ -302,21 +310,15 @@ class Messages : public Vendor {
 
   void expect_few_messages(int count) {
     Hosts hosts(6);  // policy_service, four of env_services, watcher
-    const Arguments node = {"--middleware", GetParam(), "--domain", "2", "--interface", Hosts::interface()};
-    const auto start = [&](int host, Arguments command, const std::string& name) {
-      command.insert(command.end(), node.begin(), node.end());
-      std::string peers = Hosts::address(0);
-      for (int other = 1; other < 6; ++other) peers += "," + Hosts::address(other);
-      command.insert(command.end(), {"--peers", peers});
-      return hosts.start(host, command, folder_ / (name + ".log"));
+    std::string peers = Hosts::address(0);
+    for (int other = 1; other < 6; ++other) peers += "," + Hosts::address(other);
+    const auto start = [&](int host, const Arguments& command, const std::string& name) {
+      return hosts.start(host, on_host(command, GetParam(), peers), folder_ / (name + ".log"));
     };
     std::vector<std::unique_ptr<Service>> envs;
     for (int i = 0; i < count; ++i) {
       const std::string id = "env-" + std::to_string(i);
-      envs.push_back(start(1 + i % 4,
-                           {CITYLEARN_ENV_SERVICE, "--traversal", "summer", "--id", id, "--agents",
-                            std::to_string(kAgents), "--synthetic-images", "0", "--synthetic-frames", "160"},
-                           id));
+      envs.push_back(start(1 + i % 4, drawn_env(id, kAgents), id));
     }
     const auto watcher = start(5, {NETWORK_PEER, "watch", "--id", "watcher"}, "watcher");
     const auto learner =
@@ -339,7 +341,9 @@ class Messages : public Vendor {
       const double others = (one.messages - one.ticks) / one.seconds;
       most = std::max(most, others);
       EXPECT_GT(one.messages, 0.5 * one.ticks) << id;
-      EXPECT_LT(others, 10 + 0.2 * one.ticks / one.seconds) << id << ", " << one.ticks / one.seconds << " ticks/s";
+      // A heartbeat's rate is of a slightly earlier second than its messages, so a change of speed leaves an error.
+      // Messages meant for others would be at least one a tick.
+      EXPECT_LT(others, 10 + 0.5 * one.ticks / one.seconds) << id << ", " << one.ticks / one.seconds << " ticks/s";
     }
     std::printf("%d env_services: %.0f ticks/s each, at most %.1f messages/s beside an action a tick\n", count, ticks,
                 most);

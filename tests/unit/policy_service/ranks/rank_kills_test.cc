@@ -43,7 +43,7 @@ struct Update {
 };
 
 /// Processes of ranks in virtual milliseconds. Each rank in turn is killed and starts again with nothing. A history is
-/// the number of an update; who has made the same updates in the same order has the same one.
+/// the number of the newest update. Processes that made the same updates in the same order have the same history.
 struct World {
   explicit World(std::uint64_t seed) : random(seed) {}
   void run();
@@ -81,7 +81,7 @@ struct World {
 
 /// A real Coordinator, and a model of the rest: roster_thread.cc, shared_updates.cc and, as to its outcome, gloo.
 struct Process {
-  Process(World& all, int rank_, int number_) : world(all), rank(rank_), number(number_) { learn(); }
+  Process(World& all, int own_rank, int own_number) : world(all), rank(own_rank), number(own_number) { learn(); }
   void later(int delay, std::function<void()> event) {
     world.after(delay, [this, event = std::move(event)] {
       if (alive) event();
@@ -368,7 +368,7 @@ void World::send(int number, int side, const Json& message) {
   }
   int& arrives = connection.arrives[side];
   arrives = std::max(arrives, now + pick(1, 30));
-  after(arrives - now, [this, &connection, number, side, message] {
+  after(arrives - now, [&connection, number, side, message] {
     if (!connection.open[side] || !connection.ends[side]->alive) return;
     if (!message.is_null() && connection.cut[side]) return;
     if (message.is_null()) connection.open[side] = false;
