@@ -28,7 +28,8 @@ struct Topic {
   std::string name;  ///< "citylearn/observation"
   std::string type;  ///< IDL type, "citylearn::msg::Observation"
   Profile profile;
-  std::size_t largest;  ///< bytes of the largest sample, encapsulation included
+  std::size_t largest;       ///< bytes of the largest sample, encapsulation included
+  bool read_by_all = false;  ///< every service has a reader
 };
 
 /// Sends samples of one topic. Used by one thread at a time. Must not outlive its Middleware.

@@ -305,7 +305,8 @@ CITYLEARN_MESSAGES(CITYLEARN_DESCRIBE)
 template <class Message>
 const Topic& topic_of() {
   using D = Describe<Message>;
-  static const Topic topic{D::name, D::type, D::profile, kEncapsulation + Message::getMaxCdrSerializedSize()};
+  static const Topic topic{D::name, D::type, D::profile, kEncapsulation + Message::getMaxCdrSerializedSize(),
+                           D::addressing == Addressing::kSenderAndAll};
   return topic;
 }
 
