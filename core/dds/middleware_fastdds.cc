@@ -41,7 +41,7 @@ constexpr int kHandshake = 16384;  // bytes; twice what a service's certificate 
 constexpr std::uint32_t kHeartbeatAtHome = 10'000'000;
 constexpr std::uint32_t kHeartbeat = 2'000'000;
 // Fast DDS keeps the period however long answers take. With many services the heartbeats themselves delayed the
-// answers: of 48 env_services at one policy_service, each trained 4 to 17 ticks/s instead of 75 to 109.
+// answers: of 48 env_services at one policy_service, each made 4 to 17 ticks/s instead of 64 to 109.
 constexpr std::uint32_t kHeartbeatPerParticipant = 400'000;
 constexpr std::uint32_t kLongestHeartbeat = 100'000'000;
 
