@@ -18,6 +18,7 @@
 #include "core/util/machine.h"
 #include "core/util/name.h"
 #include "core/util/version.h"
+#include "core/wire/help_text.h"
 
 namespace citylearn {
 namespace {
@@ -113,7 +114,7 @@ void add_node_options(CLI::App& app, Node::Options& options) {
   app.add_option("--middleware", middleware.name, "One of " + names + "; lossy:NAME loses messages, for tests")
       ->capture_default_str()
       ->envname("CITYLEARN_MIDDLEWARE");
-  app.add_option("--domain", middleware.domain, "DDS domain, 0..232")
+  app.add_option("--domain", middleware.domain, "DDS domain")
       ->capture_default_str()
       ->envname("CITYLEARN_DOMAIN")
       ->check(CLI::Range(0, 232));
@@ -134,14 +135,14 @@ void add_node_options(CLI::App& app, Node::Options& options) {
       ->envname("CITYLEARN_SECURITY");
   app.add_option_function<std::string>(
          "--log-level", [](const std::string& level) { spdlog::set_level(spdlog::level::from_str(level)); },
-         "trace, debug, info, warn, error or off; info unless told")
+         "Least severe messages that are logged; info unless given")
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}));
   app.add_option_function<std::string>(
          "--log-format",
          [&options](const std::string& format) {
            if (format == "json") spdlog::set_formatter(json_log_format(options.session, options.service));
          },
-         "text or json (one object a line)")
+         "json: one object a line")
       ->check(CLI::IsMember({"text", "json"}));
 }
 
@@ -192,8 +193,8 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     app.set_version_flag("--version", version());
     app.set_config("--config", "", "TOML file with the same options, names without dashes");
     app.allow_config_extras(CLI::config_extras_mode::error);
-    app.get_formatter()->column_width(44);
     setup(app);
+    add_help(app);
     try {
       app.parse(argc, argv);
     } catch (const CLI::Success& done) {

@@ -55,7 +55,7 @@ TEST(Plugins, AreLoadedAndUsed) {
 
 TEST(Plugins, AreNamedOnTheCommandLineInAFileOrInTheEnvironment) {
   EXPECT_TRUE(contains(run({"--plugin", SAMPLE_PLUGIN, "--list"}, 0), "--sample-rate"));
-  EXPECT_TRUE(contains(run({"--help", std::string("--plugin=") + SAMPLE_PLUGIN}, 0), "--sample-rate"));
+  EXPECT_TRUE(contains(run({"--help-all", std::string("--plugin=") + SAMPLE_PLUGIN}, 0), "--sample-rate"));
   const Folder folder;
   make_file(folder / "options.toml",
             std::string("plugin = \"") + SAMPLE_PLUGIN + "\"\nlearner = \"sample\"\nsample-rate = 0.125\n");
