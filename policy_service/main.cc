@@ -209,9 +209,9 @@ int main(int argc, char** argv) {
     app.add_option("--tasks", options.tasks, "Evaluation tasks on each traversal")
         ->capture_default_str()
         ->check(CLI::Range(1, 1000000));
-    app.add_option(
-           "--controls", options.controls,
-           "Controls evaluated on the same tasks: all, or some of blind, sequence_filter, shortest_path, shuffled")
+    app.add_option("--controls", options.controls,
+                   "Controls evaluated on the same tasks: all, or some of shuffled, " +
+                       joined(ControlRegistry::instance().entries(), &ControlRegistry::Entry::name))
         ->delimiter(',');
 
     add_node_options(app, options.node);

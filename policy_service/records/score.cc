@@ -39,15 +39,14 @@ std::string table(const std::vector<ScoreRow>& rows) {
     policy = std::max(policy, row.policy.size());
     traversal = std::max(traversal, row.traversal.size());
   }
-  std::string text = fmt::format("{:<{}}  {:<{}}  {:>9}  {:>7}  {:>5}  {:>6}  {:>10}  {:>8}  {:>6}  {:>5}\n", "policy",
-                                 policy, "traversal", traversal, "completed", "failed", "SPL", "excess", "mean steps",
-                                 "shortest", "reward", "tasks");
+  std::string text =
+      fmt::format("{:<{}}  {:<{}}  {:>9}  {:>5}  {:>6}  {:>6}  {:>8}  {:>6}  {:>5}\n", "policy", policy, "traversal",
+                  traversal, "completed", "SPL", "excess", "steps", "shortest", "reward", "tasks");
   for (const ScoreRow& row : rows) {
     const Score& s = row.score;
-    text += fmt::format(
-        "{:<{}}  {:<{}}  {:>7.1f} %  {:>5.1f} %  {:>5.3f}  {:>6.2f}  {:>10.1f}  {:>8.1f}  {:>6.3f}  {:>5}\n",
-        row.policy, policy, row.traversal, traversal, 100 * s.completed, 100 * (1 - s.completed), s.spl, s.excess,
-        s.mean_steps, s.shortest_mean, s.reward, s.tasks);
+    text += fmt::format("{:<{}}  {:<{}}  {:>7.1f} %  {:>5.3f}  {:>6.2f}  {:>6.1f}  {:>8.1f}  {:>6.3f}  {:>5}\n",
+                        row.policy, policy, row.traversal, traversal, 100 * s.completed, s.spl, s.excess, s.mean_steps,
+                        s.shortest_mean, s.reward, s.tasks);
   }
   return text;
 }

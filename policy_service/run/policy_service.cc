@@ -13,6 +13,7 @@
 #include "policy_service/distributed/actor.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/ranks/launcher.h"
+#include "policy_service/records/verdict.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/training_run.h"
 
@@ -71,7 +72,11 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
   if (!options.output.empty())
     write_file(options.output + "/summary.json",
                summary_json(context.options, training ? &training->report() : nullptr, evaluation.rows()));
-  std::cout << table(evaluation.rows()) << std::flush;
+  const auto& rows = evaluation.rows();
+  const bool compares =
+      std::any_of(rows.begin(), rows.end(), [&](const ScoreRow& row) { return row.policy != rows.front().policy; });
+  std::cout << (compares ? spl_matrix(context.options.agent, rows) : table(rows))
+            << verdict(context.options.agent, rows) << std::flush;
   if (!options.output.empty()) spdlog::info("wrote {}/summary.json", options.output);
   leave(context);
   return 0;
