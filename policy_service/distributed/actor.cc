@@ -408,7 +408,8 @@ void Actor::spin() {
 std::string Actor::why_idle() const {
   const LearnerSession& s = *session_;
   if (!s.info().training()) return "waiting for the next learner";
-  if (assigned_.empty()) return "waiting for learner '" + s.learner() + "' to assign an env_service";
+  if (assigned_.empty())
+    return "waiting for an env_service from learner '" + s.learner() + "'; start more if all are taken";
   if (std::none_of(client_.envs().begin(), client_.envs().end(),
                    [&](const auto& entry) { return s.serves(*entry.second); }))
     return "waiting for env_service '" + assigned_.begin()->first + "'";

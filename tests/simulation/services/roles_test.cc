@@ -178,6 +178,20 @@ TEST(Roles, ALearnerSaysWhenItsUpdatesAreTooSmallForItsActors) {
   EXPECT_EQ(learner->end(SIGTERM, seconds(5)), 130);
 }
 
+TEST(Roles, AnActorWithoutAnEnvServiceSaysWhatToDo) {
+  Learning run("simulated");
+  const auto one = run.trial.env("summer", {"--id", "one"});
+  const auto learner = run.learner(100000);
+  const auto first = run.actor("first");
+  ASSERT_TRUE(run.reaches(2)) << learner->output();
+  const auto second = run.actor("second");
+  EXPECT_TRUE(
+      second->says("waiting for an env_service from learner 'policy'; start more if all are taken", seconds(20)))
+      << second->output();
+  const auto two = run.trial.env("summer", {"--id", "two"});
+  EXPECT_TRUE(second->says("assigns env_service", seconds(20))) << second->output();
+}
+
 TEST(TwoLearners, TheSecondSaysWhomTheActorsWorkForAndGetsThemAfterwards) {
   Learning run("simulated");
   const auto summer = run.trial.env("summer");

@@ -41,6 +41,28 @@ TEST_F(SecondPolicy, NamesWhoUsesTheEnvServiceAndLeavesItAlone) {
   EXPECT_EQ(witness_.alarm("policy"), "");
 }
 
+// The twin ends by itself. Until then the env_service that was there first does not miss a step.
+TEST_F(SecondPolicy, ASecondEnvServiceOfOneIdDisturbsNobody) {
+  ASSERT_TRUE(trains()) << policy_->output();
+  const auto twin = trial_.env("summer");
+  std::uint64_t updates = witness_.updates;
+  Clock::time_point last = Clock::now();
+  milliseconds longest{0};
+  const auto ended = [&] {
+    if (witness_.updates != updates) {
+      updates = witness_.updates;
+      longest = std::max(longest, std::chrono::duration_cast<milliseconds>(Clock::now() - last));
+      last = Clock::now();
+    }
+    return twin->wait(milliseconds(1)).has_value();
+  };
+  ASSERT_TRUE(witness_.until(ended, seconds(20))) << twin->output();
+  EXPECT_TRUE(contains(twin->output(), "id 'env-summer': already runs in session 'default'")) << twin->output();
+  EXPECT_LT(longest, milliseconds(500)) << policy_->output();
+  EXPECT_TRUE(trains()) << policy_->output();
+  EXPECT_FALSE(contains(policy_->output(), "silent")) << policy_->output();
+}
+
 TEST_F(SecondPolicy, WaitsUntilTheFirstHasEnded) {
   ASSERT_TRUE(trains()) << policy_->output();
   const auto second = evaluate({});
