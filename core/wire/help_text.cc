@@ -5,33 +5,17 @@
 #include <algorithm>
 #include <cctype>
 #include <regex>
-#include <sstream>
 #include <string>
 #include <vector>
+
+#include "core/util/wrap.h"
 
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kWidth = 80, kColumn = 26;  // columns of a line, and where explanations begin
+constexpr std::size_t kColumn = 26;  // where explanations begin
 
 bool of_plugin(const std::string& group) { return !group.empty() && std::islower(group.front()) != 0; }
-
-/// Returns `text` in lines of kWidth columns, where the first begins at column `indent` and the others are indented so.
-std::string wrapped(const std::string& text, std::size_t indent) {
-  std::istringstream words(text);
-  std::string result, word;
-  std::size_t column = indent;
-  while (words >> word) {
-    if (!result.empty()) {
-      const bool fits = column + 1 + word.size() <= kWidth;
-      result += fits ? " " : "\n" + std::string(indent, ' ');
-      column = fits ? column + 1 : indent;
-    }
-    result += word;
-    column += word.size();
-  }
-  return result;
-}
 
 /// What an option takes: how its value is written, and what CLI11's checks allow.
 struct Value {
@@ -70,11 +54,11 @@ class HelpText : public CLI::Formatter {
     for (const std::string& group : app->get_groups())
       if (of_plugin(group)) others += (others.empty() ? "" : ", ") + group;
     if (!all_ && !others.empty())
-      text += "\n" + wrapped("--help-all also explains the parameters of " + others + ".", 0) + "\n";
+      text += "\n" + wrapped("--help-all also explains the parameters of " + others + ".") + "\n";
     return text;
   }
   std::string make_description(const CLI::App* app) const override {
-    return wrapped(CLI::Formatter::make_description(app), 0) + "\n";
+    return wrapped(CLI::Formatter::make_description(app)) + "\n";
   }
   std::string make_group(std::string group, bool positional, std::vector<const CLI::Option*> options) const override {
     if (!all_ && of_plugin(group)) return "";
@@ -88,7 +72,7 @@ class HelpText : public CLI::Formatter {
     const std::string& standard = option->get_default_str();
     if (help.empty() || help.back() != ']') {  // parameters of plug-ins say it themselves
       std::string shown = standard == "[]" ? "" : std::regex_replace(standard, std::regex("[\\[\\]\"]"), "");
-      if (shown.size() > kWidth - kColumn) shown = std::regex_replace(shown, std::regex(","), ", ");
+      if (shown.size() > kTerminalWidth - kColumn) shown = std::regex_replace(shown, std::regex(","), ", ");
       if (!shown.empty() || !value.allowed.empty())
         help += " [" + shown + (shown.empty() || value.allowed.empty() ? "" : "; ") + value.allowed + "]";
     }

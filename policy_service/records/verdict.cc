@@ -8,6 +8,8 @@
 #include <map>
 #include <optional>
 
+#include "core/util/wrap.h"
+
 namespace citylearn {
 namespace {
 
@@ -121,15 +123,14 @@ std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows)
       highest = std::max(highest, *own);
       continue;
     }
-    others += fmt::format("In {} it {}: SPL {:.3f}.\n", traversal, fault, *own);
-    if (const std::string why = cause(table, traversal); !why.empty()) others += "  " + why + "\n";
+    others += wrapped(fmt::format("In {} {} {}: SPL {:.3f}.", traversal, agent, fault, *own)) + "\n";
+    if (const std::string why = cause(table, traversal); !why.empty()) others += "  " + wrapped(why, 2) + "\n";
   }
   std::string text;
   if (!good.empty())
-    text = fmt::format("{} finds its way in {} (SPL {:.3f}{}).\n", agent, fmt::join(good, ", "), lowest,
-                       highest - lowest < 0.0005 ? "" : fmt::format(" to {:.3f}", highest));
-  else if (!others.empty())
-    text = agent + " does not find its way:\n";
+    text = wrapped(fmt::format("{} finds its way in {} (SPL {:.3f}{}).", agent, fmt::join(good, ", "), lowest,
+                               highest - lowest < 0.0005 ? "" : fmt::format(" to {:.3f}", highest))) +
+           "\n";
   if (!sees) text += "It does as well on shuffled frames, so it does not use what it sees.\n";
   return text + others;
 }
