@@ -48,22 +48,70 @@ std::vector<std::string> names(const std::vector<ScoreRow>& rows, std::string Sc
   return result;
 }
 
-/// Returns why an agent fails on a traversal and what to try, as far as the controls tell; empty if they do not.
-std::string cause(const Table& table, const std::string& traversal) {
-  const auto oracle = find(table, "oracle_filter", traversal), filter = find(table, "sequence_filter", traversal);
-  if (oracle && *oracle < kGood)
-    return fmt::format(
-        "Places of this route look alike: oracle_filter, which was given '{}' itself, reaches {:.3f}. Try an encoder "
-        "with more detail (--encoder, --dimension), or another part of the route (--frames).",
-        traversal, *oracle);
-  if (oracle && filter && *filter < kGood)
-    return fmt::format(
-        "Its frames differ too much from the training's: sequence_filter reaches {:.3f}, and {:.3f} if given '{}' "
-        "itself. Try another encoder (./run vpr compares them) or more recordings to train on (--train A,B).",
-        *filter, *oracle, traversal);
-  if (filter && *filter >= kGood)
-    return fmt::format(
-        "Its frames suffice: sequence_filter reaches {:.3f}. Train longer (--steps) or try another agent.", *filter);
+enum class Fault { kNone, kBlind, kFilter, kPart };
+enum class Cause { kUnknown, kAlike, kChanged, kAgent };
+
+/// Traversals on which the same can be said of an agent, with the SPL of each.
+struct Group {
+  std::vector<std::string> traversals;
+  std::vector<double> own, blind, filter, oracle;
+};
+
+Fault fault_of(double own, std::optional<double> blind, std::optional<double> filter) {
+  if (blind && own < *blind + kSame) return Fault::kBlind;
+  if (filter && own < *filter - kSame) return Fault::kFilter;
+  return own < kGood ? Fault::kPart : Fault::kNone;
+}
+
+Cause cause_of(std::optional<double> filter, std::optional<double> oracle) {
+  if (oracle && *oracle < kGood) return Cause::kAlike;
+  if (filter && *filter >= kGood) return Cause::kAgent;
+  return oracle && filter ? Cause::kChanged : Cause::kUnknown;
+}
+
+/// Returns "0.970", or "0.969 to 1.000".
+std::string range(const std::vector<double>& values) {
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  const std::string from = fmt::format("{:.3f}", *low), to = fmt::format("{:.3f}", *high);
+  return from == to ? from : from + " to " + to;
+}
+
+std::string sentence(const std::string& agent, Fault fault, const Group& group) {
+  const std::string where = fmt::format("{}", fmt::join(group.traversals, ", ")), own = range(group.own);
+  switch (fault) {
+    case Fault::kNone:
+      return fmt::format("{} finds its way in {} (SPL {}).", agent, where, own);
+    case Fault::kBlind:
+      return fmt::format("{} is no better than blind, which never looks, in {} (SPL {}, blind {}).", agent, where, own,
+                         range(group.blind));
+    case Fault::kFilter:
+      return fmt::format("{} is worse than sequence_filter, which has learned nothing, in {} (SPL {}, filter {}).",
+                         agent, where, own, range(group.filter));
+    case Fault::kPart:
+      return fmt::format("{} finds its way only in part in {} (SPL {}).", agent, where, own);
+  }
+  return "";
+}
+
+/// Returns why an agent fails and what to try, as far as the controls tell; empty if they do not.
+std::string advice(Cause cause, const Group& group) {
+  switch (cause) {
+    case Cause::kUnknown:
+      return "";
+    case Cause::kAlike:
+      return fmt::format(
+          "Places look alike there: oracle_filter, which was given the very frames, reaches {}. Try an encoder with "
+          "more detail (--encoder, --dimension), or another part of the route (--frames).",
+          range(group.oracle));
+    case Cause::kChanged:
+      return fmt::format(
+          "The frames differ too much from the training's: sequence_filter reaches {}, and {} if given the very "
+          "frames. Try another encoder (./run vpr compares them) or more recordings to train on (--train A,B).",
+          range(group.filter), range(group.oracle));
+    case Cause::kAgent:
+      return fmt::format("The frames suffice: sequence_filter reaches {}. Train longer (--steps) or try another agent.",
+                         range(group.filter));
+  }
   return "";
 }
 
@@ -100,39 +148,29 @@ std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& ro
 std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows) {
   const Table table = table_of(rows);
   if (table.size() < 2) return "";
-  std::vector<std::string> good;
-  double lowest = 1, highest = 0;
-  std::string others;
-  bool sees = true;
+  std::map<std::pair<Fault, Cause>, Group> groups;
+  bool looks = true;
   for (const std::string& traversal : names(rows, &ScoreRow::traversal)) {
-    const auto own = find(table, agent, traversal);
+    const auto own = find(table, agent, traversal), shuffled = find(table, "shuffled", traversal);
     if (!own) continue;
-    const auto blind = find(table, "blind", traversal), filter = find(table, "sequence_filter", traversal);
-    const auto shuffled = find(table, "shuffled", traversal);
-    if (shuffled && *shuffled >= *own - kSame) sees = false;
-    std::string fault;
-    if (blind && agent != "blind" && *own < *blind + kSame)
-      fault = fmt::format("is no better than blind, which never looks ({:.3f})", *blind);
-    else if (filter && *own < *filter - kSame)
-      fault = fmt::format("is worse than sequence_filter, which has learned nothing ({:.3f})", *filter);
-    else if (*own < kGood)
-      fault = "finds its way in part";
-    if (fault.empty()) {
-      good.push_back(traversal);
-      lowest = std::min(lowest, *own);
-      highest = std::max(highest, *own);
-      continue;
-    }
-    others += wrapped(fmt::format("In {} {} {}: SPL {:.3f}.", traversal, agent, fault, *own)) + "\n";
-    if (const std::string why = cause(table, traversal); !why.empty()) others += "  " + wrapped(why, 2) + "\n";
+    const auto blind = agent == "blind" ? std::nullopt : find(table, "blind", traversal);
+    const auto filter = find(table, "sequence_filter", traversal), oracle = find(table, "oracle_filter", traversal);
+    if (shuffled && *shuffled >= *own - kSame) looks = false;
+    const Fault fault = fault_of(*own, blind, filter);
+    Group& group = groups[{fault, fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle)}];
+    group.traversals.push_back(traversal);
+    group.own.push_back(*own);
+    if (blind) group.blind.push_back(*blind);
+    if (filter) group.filter.push_back(*filter);
+    if (oracle) group.oracle.push_back(*oracle);
   }
   std::string text;
-  if (!good.empty())
-    text = wrapped(fmt::format("{} finds its way in {} (SPL {:.3f}{}).", agent, fmt::join(good, ", "), lowest,
-                               highest - lowest < 0.0005 ? "" : fmt::format(" to {:.3f}", highest))) +
-           "\n";
-  if (!sees) text += "It does as well on shuffled frames, so it does not use what it sees.\n";
-  return text + others;
+  for (const auto& [kind, group] : groups) {
+    text += wrapped(sentence(agent, kind.first, group)) + "\n";
+    if (const std::string what = advice(kind.second, group); !what.empty()) text += "  " + wrapped(what, 2) + "\n";
+  }
+  if (!looks) text += wrapped(agent + " does as well on shuffled frames, so it does not use what it sees.") + "\n";
+  return text;
 }
 
 }  // namespace citylearn

@@ -64,15 +64,30 @@ TEST(Verdict, SaysWhatAFailureHasToDoWithTheFrames) {
     return std::regex_replace(text, std::regex("\n +|\n"), " ");  // whole sentences
   };
   std::string text = of(0.6, 0.85, 0.7, 0.99);
-  EXPECT_TRUE(contains(text, "In night features is no better than blind, which never looks (0.850): SPL 0.600."))
-      << text;
+  EXPECT_TRUE(
+      contains(text, "features is no better than blind, which never looks, in night (SPL 0.600, blind 0.850)."));
   EXPECT_TRUE(contains(text, "differ too much from the training's: sequence_filter reaches 0.700, and 0.990")) << text;
   text = of(0.6, 0.4, 0.55, 0.7);
-  EXPECT_TRUE(contains(text, "finds its way in part: SPL 0.600")) << text;
-  EXPECT_TRUE(contains(text, "look alike: oracle_filter, which was given 'night' itself, reaches 0.700")) << text;
+  EXPECT_TRUE(contains(text, "finds its way only in part in night (SPL 0.600).")) << text;
+  EXPECT_TRUE(contains(text, "look alike there: oracle_filter, which was given the very frames, reaches 0.700"))
+      << text;
   text = of(0.9, 0.4, 0.97, 1);
-  EXPECT_TRUE(contains(text, "is worse than sequence_filter, which has learned nothing (0.970): SPL 0.900")) << text;
-  EXPECT_TRUE(contains(text, "Its frames suffice")) << text;
+  EXPECT_TRUE(
+      contains(text, "worse than sequence_filter, which has learned nothing, in night (SPL 0.900, filter 0.970)"))
+      << text;
+  EXPECT_TRUE(contains(text, "The frames suffice")) << text;
+}
+
+TEST(Verdict, SaysOnceWhatHoldsForSeveralTraversals) {
+  const std::string text =
+      verdict("features", rows_of({{"features", {{"fall", 1}, {"night", 0.5}, {"rain", 0.6}}},
+                                   {"sequence_filter", {{"fall", 1}, {"night", 0.95}, {"rain", 1}}}}));
+  EXPECT_EQ(text,
+            "features finds its way in fall (SPL 1.000).\n"
+            "features is worse than sequence_filter, which has learned nothing, in night,\n"
+            "rain (SPL 0.500 to 0.600, filter 0.950 to 1.000).\n"
+            "  The frames suffice: sequence_filter reaches 0.950 to 1.000. Train longer\n"
+            "  (--steps) or try another agent.\n");
 }
 
 TEST(Verdict, TellsAnAgentThatDoesNotLook) {
