@@ -32,8 +32,18 @@ void read_range(const std::string& option, const std::string& text, Number& from
 void add_dataset_options(CLI::App& app, Source& source, const std::string& group) {
   const OptionGroup options(app, group);
   const std::string names = joined(DatasetRegistry::instance().entries(), &DatasetRegistry::Entry::name);
-  app.add_option("--dataset", source.dataset, "Dataset that traversals come from: " + names)->capture_default_str();
-  app.add_option("--data", source.folder, "Folder of the dataset's files")->type_name("DIR");
+  const auto* dataset =
+      app.add_option("--dataset", source.dataset,
+                     "Dataset that traversals come from: " + names + "; plain unless given with --data")
+          ->capture_default_str();
+  app.add_option_function<std::string>(
+         "--data",
+         [&source, dataset](const std::string& folder) {
+           source.folder = folder;
+           if (dataset->empty()) source.dataset = "plain";
+         },
+         "Folder of the dataset's files")
+      ->type_name("DIR");
   add_dataset_parameters(app, source);
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/interchange/export.h"
 
+#include <spdlog/spdlog.h>
+
 #include <filesystem>
 
 #include "core/files/files.h"
@@ -40,8 +42,11 @@ void export_agent(const ExportOptions& options) {
     load_parameters(options.parameters, agent);
     metadata["parameters_sha256"] = sha256(read_file(options.parameters));
   }
-  write_file(options.output,
-             format == ".onnx" ? onnx_bytes(agent, parameters, metadata) : parameters_of(agent, metadata).bytes());
+  const std::string bytes =
+      format == ".onnx" ? onnx_bytes(agent, parameters, metadata) : parameters_of(agent, metadata).bytes();
+  write_file(options.output, bytes);
+  spdlog::info("wrote {} ({} bytes): agent {}, {} features, {} frames from frame {} on, update {}", options.output,
+               bytes.size(), agent.name, agent.task.features, agent.task.frames, agent.first_frame, agent.update);
 }
 
 }  // namespace citylearn
