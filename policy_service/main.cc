@@ -199,6 +199,10 @@ int main(int argc, char** argv) {
                    "End training after so many seconds; schedules such as the learning rate finish by then; 0 = never")
         ->capture_default_str()
         ->check(at_least(0));
+    app.add_option("--stop-when", options.stop_when,
+                   "End training when the mean SPL of the last 100 training episodes is at least this; 0 = never")
+        ->capture_default_str()
+        ->check(CLI::Range(0.0, 1.0));
     app.add_option("--checkpoint-every", options.checkpoint_every, "Updates between checkpoints")
         ->capture_default_str()
         ->check(at_least(1));

@@ -86,7 +86,6 @@ class Trainer {
   void share_updates(UpdateSharing& sharing);
   /// Fills in what an actor must know: fields of the task, the network and the noise.
   void describe(msg::LearnerInfo& info) const;
-
   /// Chooses, after update(), the actions for the observation that found the segment full.
   void resume(int environment, std::vector<std::uint8_t>& choice);
 
@@ -101,6 +100,7 @@ class Trainer {
   const TrainingProgress& progress() const;
   std::uint64_t total_steps() const;                ///< the parameter `steps`
   bool done() const;                                ///< whether that many were learned from
+  bool in_last_lesson() const;                      ///< of the curriculum; true without one
   TrainedAgent agent() const;                       ///< has a copy of the present parameters
   const Vector<float>& network_parameters() const;  ///< the present ones; valid until the next update
   const std::vector<std::string>& frozen() const;   ///< names of the tensors that are not trained

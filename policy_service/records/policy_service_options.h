@@ -52,6 +52,7 @@ struct PolicyServiceOptions : TrainerOptions {
   // How long.
   std::uint64_t steps = 0;    ///< environment steps to learn from; 0 = the agent's recommendation
   double time_limit = 0;      ///< seconds of training; 0 = none
+  double stop_when = 0;       ///< training ends at this mean SPL over the last 100 training episodes; 0 = never
   int checkpoint_every = 50;  ///< updates
   int evaluate_every = 0;     ///< updates; 0 = at the end only
 

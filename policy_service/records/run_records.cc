@@ -69,6 +69,8 @@ void RunRecords::write_pending_checkpoint() {
   if (events_) events_->sync();
   try {
     write_checkpoint_of_update(checkpoint_folder(), pending_->update, pending_->checkpoint);
+    if (!best_) best_.emplace(checkpoint_folder());
+    best_->consider(pending_->checkpoint);
   } catch (const Error& error) {
     pending_->retry = Clock::now() + std::chrono::seconds(1);
     node_.alarm("checkpoint", std::string(error.what()) + "; those before it are kept");

@@ -11,6 +11,7 @@
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/interchange/event_log.h"
 #include "policy_service/network/checkpoint.h"
+#include "policy_service/records/best_checkpoint.h"
 #include "policy_service/records/episode_log.h"
 #include "policy_service/records/metrics_log.h"
 #include "policy_service/records/output_folder.h"
@@ -50,6 +51,8 @@ class RunRecords {
 
   void add(msg::TrainingStat& stat);
   void save_checkpoint(std::uint64_t update, Checkpoint checkpoint);
+  /// Returns the best checkpoint of this run; null before the first one was saved.
+  const BestCheckpoint* best() const { return best_ ? &*best_ : nullptr; }
   /// Acknowledges episodes, answers requests and retries what could not be written. Call it whenever messages were
   /// handled.
   void handle();
@@ -83,6 +86,7 @@ class RunRecords {
     Clock::time_point retry{};
   };
   std::optional<Pending> pending_;
+  std::optional<BestCheckpoint> best_;
 };
 
 }  // namespace citylearn

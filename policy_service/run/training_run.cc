@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "core/files/json.h"
 #include "core/util/version.h"
@@ -16,6 +17,8 @@
 
 namespace citylearn {
 namespace {
+
+constexpr std::uint64_t kSettled = 100;  // episodes; the mean SPL of fewer may be luck
 
 /// Adds the time of its life to `seconds`.
 class Stopwatch {
@@ -134,7 +137,8 @@ bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
     figures = learn();
   }
   record_update(figures, steps_before);
-  if (trainer_->done() || time_is_up()) return false;
+  warn_of_collapse();
+  if (ended() || time_is_up()) return false;
   const std::uint64_t updates = trainer_->progress().updates;
   const auto due = [updates](int every) { return every > 0 && updates % static_cast<std::uint64_t>(every) == 0; };
   if (due(context_.options.checkpoint_every)) save(trainer_->checkpoint());
@@ -143,6 +147,30 @@ bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
     evaluate_others();
   }
   return true;
+}
+
+bool TrainingRun::ended() const {
+  const TrainingProgress& progress = trainer_->progress();
+  const double wanted = context_.options.stop_when;
+  return trainer_->done() ||
+         (wanted > 0 && progress.episodes >= kSettled && trainer_->in_last_lesson() && progress.spl >= wanted);
+}
+
+/// Warns while the agent is much worse than it was.
+void TrainingRun::warn_of_collapse() {
+  const TrainingProgress& progress = trainer_->progress();
+  if (progress.episodes < kSettled || !trainer_->in_last_lesson()) return;
+  if (const bool before = std::exchange(collapsed_, watch_.collapsed(progress.spl)); before == collapsed_) return;
+  std::string problem;
+  if (collapsed_) {
+    const BestCheckpoint* best = context_.records.best();
+    problem =
+        fmt::format("SPL fell from {:.3f} to {:.3f} at update {}; ", watch_.best(), progress.spl, progress.updates) +
+        (best && best->figures() ? fmt::format("{} is of update {}, SPL {:.3f}", best->path(), best->figures()->update,
+                                               best->figures()->spl)
+                                 : "no checkpoint has kept the best agent");
+  }
+  context_.node.alarm("training", problem);
 }
 
 void TrainingRun::record_update(const UpdateFigures& figures, std::uint64_t steps_before) {
@@ -208,6 +236,11 @@ void TrainingRun::execute() {
   report_.spl = progress.spl;
   save_newest();
   evaluation_.set_agent(trainer_->agent());
+  constexpr double kWorse = 0.02;
+  if (const BestCheckpoint* best = context_.records.best();
+      best && best->figures() && best->figures()->spl > progress.spl + kWorse)
+    spdlog::info("the best checkpoint is of update {}, SPL {:.3f} in training: {}", best->figures()->update,
+                 best->figures()->spl, best->path());
   const double here = std::max(seconds_since(since_), 1e-9);
   spdlog::info(
       "trained {} episodes, {} steps in {:.1f} s ({:.0f} steps/s): {:.0f} % inference, {:.0f} % update, {:.0f} % "
@@ -278,7 +311,7 @@ void LocalTrainingRun::train() {
 
 void LocalTrainingRun::train_on() {
   std::vector<std::uint8_t> choice;
-  while (!trainer_->done()) {
+  while (!ended()) {
     context_.spin();
     drop_lost_envs();
     if (!trainer_->ready()) continue;
@@ -321,7 +354,7 @@ void LearnerRun::train() {
   context_.on_spin = [this] { server_->handle(); };
   context_.client.subscribe(/*observations=*/false, /*episodes=*/true);
   Clock::time_point next_log = Clock::now() + std::chrono::seconds(5);
-  while (!trainer_->done()) {
+  while (!ended()) {
     context_.spin();
     if (server_->ready()) {
       if (!update([this] { return server_->learn(); })) break;

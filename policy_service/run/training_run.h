@@ -12,6 +12,7 @@
 #include "policy_service/learning/trainer.h"
 #include "policy_service/ranks/shared_updates.h"
 #include "policy_service/records/report.h"
+#include "policy_service/run/collapse_watch.h"
 #include "policy_service/run/evaluation_run.h"
 #include "policy_service/run/run_context.h"
 
@@ -44,6 +45,8 @@ class TrainingRun {
 
   /// Makes one update by `learn`, records it, and saves and evaluates when due. Returns false when training is over.
   bool update(const std::function<UpdateFigures()>& learn);
+  /// Returns whether the training has taken all its steps or reached --stop-when.
+  bool ended() const;
   double wall() const { return earlier_wall_ + seconds_since(since_); }
 
   RunContext& context_;
@@ -56,6 +59,7 @@ class TrainingRun {
   void build_trainer();
   void join_ranks();
   void record_update(const UpdateFigures& figures, std::uint64_t steps_before);
+  void warn_of_collapse();
   /// Returns the fraction of --time-limit that has passed.
   double elapsed_fraction() const { return context_.options.time_limit > 0 ? wall() / context_.options.time_limit : 0; }
   bool time_is_up() const { return (sharing_ ? trainer_->elapsed() : elapsed_fraction()) >= 1; }
@@ -68,6 +72,8 @@ class TrainingRun {
   std::unique_ptr<RankGroup> ranks_;  ///< null without other ranks
   std::unique_ptr<SharedUpdates> sharing_;
   std::optional<std::uint64_t> saved_;
+  CollapseWatch watch_;
+  bool collapsed_ = false;
 };
 
 /// Acts and learns in this process (role both).

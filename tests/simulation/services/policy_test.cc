@@ -198,6 +198,19 @@ TEST(Stopping, ASignalSavesTheLastUpdate) {
   EXPECT_EQ(resumed->end(SIGINT, seconds(2)), 130);
 }
 
+TEST(Stopping, AtAnSplThatIsGoodEnoughWithItsCheckpointAsTheBest) {
+  Trial run("simulated");
+  const auto summer = run.env("summer");
+  const auto trained = run.train(100000, "out", {"--stop-when", "0.9"});
+  ASSERT_EQ(trained->wait(kLong), 0) << trained->output();
+  const auto last = csv_rows(run.folder() / "out/metrics.csv").back();
+  EXPECT_GE(std::stoul(last.at(2)), 100u) << "episodes";
+  EXPECT_EQ(contents(run.folder() / "out/checkpoints/best.clk"), run.checkpoint("out").second);
+  const auto resumed = run.train(100000, "out", {"--stop-when", "0.9", "--resume"});
+  ASSERT_EQ(resumed->wait(kLong), 0) << resumed->output();
+  EXPECT_EQ(csv_rows(run.folder() / "out/metrics.csv").back(), last) << "it had ended";
+}
+
 /// Four env_services divide the tasks; what comes out is what one alone does, also when one of the four is killed.
 TEST(Evaluation, IsTheSameByAnyEnvServices) {
   Trial run("simulated");

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/records/best_checkpoint.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+#include "tests/support/files.h"
+
+namespace citylearn::testing {
+namespace {
+
+Checkpoint of(std::uint64_t update, double spl, std::uint64_t episodes = 100, int lesson = 0) {
+  Checkpoint checkpoint;
+  checkpoint.header = {{"agent", "nobody"},
+                       {"progress", {{"updates", update}, {"episodes", episodes}, {"lesson", lesson}, {"spl", spl}}}};
+  return checkpoint;
+}
+
+std::uint64_t kept(const BestCheckpoint& best) {
+  return read_checkpoint(best.path()).header.at("progress").at("updates").get<std::uint64_t>();
+}
+
+TEST(BestCheckpoint, KeepsTheHighestSplAndOfEqualOnesTheLatest) {
+  const Folder folder;
+  BestCheckpoint best(folder.path());
+  best.consider(of(1, 1.0, 99));
+  EXPECT_FALSE(best.figures()) << "too few episodes";
+  EXPECT_FALSE(std::filesystem::exists(best.path()));
+  best.consider(of(2, 0.7));
+  best.consider(of(3, 0.9));
+  best.consider(of(4, 0.2));
+  EXPECT_EQ(kept(best), 3u);
+  best.consider(of(5, 0.9));
+  EXPECT_EQ(kept(best), 5u);
+  EXPECT_EQ(best.figures()->spl, 0.9);
+}
+
+TEST(BestCheckpoint, PrefersALaterLesson) {
+  const Folder folder;
+  BestCheckpoint best(folder.path());
+  best.consider(of(1, 1.0, 200, 0));
+  best.consider(of(2, 0.3, 300, 1));
+  EXPECT_EQ(kept(best), 2u);
+}
+
+TEST(BestCheckpoint, IsKnownAgainByTheNextProcess) {
+  const Folder folder;
+  BestCheckpoint(folder.path()).consider(of(7, 0.9));
+  BestCheckpoint next(folder.path());
+  ASSERT_TRUE(next.figures());
+  EXPECT_EQ(next.figures()->update, 7u);
+  next.consider(of(8, 0.5));
+  EXPECT_EQ(kept(next), 7u);
+}
+
+TEST(BestCheckpoint, ReplacesAFileThatCannotBeRead) {
+  const Folder folder;
+  make_file(folder / "best.clk", "not a checkpoint");
+  BestCheckpoint best(folder.path());
+  EXPECT_FALSE(best.figures());
+  best.consider(of(1, 0.1));
+  EXPECT_EQ(kept(best), 1u);
+}
+
+}  // namespace
+}  // namespace citylearn::testing
