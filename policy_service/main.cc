@@ -11,6 +11,7 @@
 #include "policy_service/learning/trainer.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/records/comparison.h"
+#include "policy_service/records/config_text.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/policy_service.h"
 #include "policy_service/run/sweep.h"
@@ -36,6 +37,22 @@ void print_list() {
   for (const auto& [name, help] : list_middlewares()) std::cout << describe(name, help, {}, "");
 }
 
+/// Returns what --show-config prints.
+std::string shown_config(const CLI::App& app, const std::vector<std::string>& arguments, const std::string& agent,
+                         const std::string& learner) {
+  const auto recommended = Trainer::recommended_parameters(agent, learner);
+  const PluginValues effective = {
+      {agent, recommended.at("network")}, {learner, recommended.at("learner")}, {"trainer", recommended.at("trainer")}};
+  PluginValues defaults;
+  const auto add = [&](const std::string& plugin, const std::vector<ParameterSpec>& specs) {
+    for (const ParameterSpec& spec : specs) defaults[plugin][spec.name] = spec.default_value;
+  };
+  add(agent, NetworkRegistry<float>::instance().find("agent", agent).parameters);
+  add(learner, LearnerRegistry::instance().find("learner", learner).parameters);
+  add("trainer", Trainer::parameter_specs());
+  return config_text(app, arguments, effective, defaults, agent);
+}
+
 /// Returns a check for `least` or more, 0 or 1. CLI11's own one names a range that ends with 309 digits.
 CLI::Validator at_least(int least) {
   const std::string wanted = "must be " + std::to_string(least) + " or more";
@@ -56,13 +73,18 @@ int main(int argc, char** argv) {
   const std::string id = "policy";
   options.node.id = id;
   std::map<std::string, std::map<std::string, double>> plugins;  // given parameters, by plug-in
-  bool list = false, agents = false;
+  bool list = false, agents = false, show_config = false;
+  CLI::App* parsed = nullptr;
   std::vector<std::uint64_t> seeds;  // of a sweep
   std::vector<std::string> runs;     // of a table
 
   const auto setup = [&](CLI::App& app) {
+    parsed = &app;
     add_plugin_option(app, argc, argv);
     app.add_flag("--list", list, "Print networks, learners, controls and middlewares with their parameters, and exit");
+    app.add_flag("--show-config", show_config,
+                 "Print the value of each option and where it comes from, also what --agent recommends instead of a "
+                 "default, and exit");
     app.add_flag("--recommended-agents", agents, "Print the number of agents that --agent trains best with, and exit");
     app.add_option("--mode", options.mode,
                    "train (and evaluate at the end); evaluate; export --checkpoint to --output FILE.onnx (opset " +
@@ -231,6 +253,10 @@ int main(int argc, char** argv) {
   const auto body = [&] {
     if (list) {
       print_list();
+      return 0;
+    }
+    if (show_config) {
+      std::cout << shown_config(*parsed, {argv + 1, argv + argc}, options.agent, options.learner);
       return 0;
     }
     if (!runs.empty() && options.mode != "table") throw Error("is for --mode table alone", runs.front());

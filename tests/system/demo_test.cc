@@ -10,6 +10,7 @@
 #include "tests/paths.h"
 #include "tests/support/data/scans.h"
 #include "tests/support/processes/domain.h"
+#include "tests/support/processes/hosts.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/records/witness.h"
 #include "tests/support/text.h"
@@ -42,6 +43,11 @@ class Demo {
   /// A signal to all processes of the demo, as Ctrl-C sends it.
   void interrupt() const { ::kill(-group_, SIGINT); }
   const std::string& output() const { return output_; }
+  /// What `./run` says to a command, run where this demo runs.
+  std::string run(const std::string& command, const std::string& environment = "") const {
+    return shell(environment + " CITYLEARN_BUILD=" CITYLEARN_BINARY_DIR " CITYLEARN_RUNS='" + (folder_ / "all runs") +
+                 "' " + CITYLEARN_SOURCE_DIR "/run " + command + " 2>&1 || true");
+  }
 
  private:
   Folder folder_;
@@ -141,6 +147,31 @@ TEST(Demo, CtrlCAndSigtermStopAllWithinTwoSeconds) {
     EXPECT_EQ(demo->wait(seconds(2)), 128 + signal) << demo->output();
     expect_none_left(witness);
   }
+}
+
+TEST(Demo, IsFoundByToolsWhileItRuns) {
+  const std::uint32_t domain = own_domain();
+  Witness witness("cyclonedds", domain);
+  Demo demo(kEndless, domain);
+  expect_training(demo, witness);
+  EXPECT_TRUE(contains(demo->output(), "run: domain " + std::to_string(domain) + ", session ")) << demo->output();
+  const std::string seen = demo.run("doctor --seconds 3");
+  EXPECT_TRUE(contains(seen, "run: looks at the demo that runs here: --domain " + std::to_string(domain))) << seen;
+  EXPECT_TRUE(contains(seen, "training on summer")) << seen;
+  demo->send(SIGTERM);
+  EXPECT_EQ(demo->wait(seconds(2)), 143) << demo->output();
+  EXPECT_FALSE(contains(demo.run("doctor --seconds 1"), "looks at the demo"));
+}
+
+TEST(Demo, IsRepeatedWithOtherOptions) {
+  Demo demo({"--evaluate", "summer", "--steps", "1024", "--tasks", "4", "--no-dashboard"});
+  ASSERT_EQ(demo->wait(kLong), 0) << demo->output();
+  const std::string again =
+      demo.run("again '" + demo.output() + "' --seed 2 --tasks 5", "CITYLEARN_DOMAIN=" + std::to_string(own_domain()));
+  EXPECT_TRUE(contains(again, "seed 2")) << again;
+  EXPECT_TRUE(contains(again, "./run demo --output ")) << again;
+  EXPECT_TRUE(contains(again, "Next:")) << again;
+  EXPECT_TRUE(contains(demo.run("again nowhere"), "'nowhere' is no folder of a demo's run"));
 }
 
 TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {
