@@ -64,13 +64,14 @@ export function linesOf(groups: readonly GroupRows[], options: CurveOptions): Li
       group.runs.forEach((run, i) => {
         const curve = curves[i];
         if (!curve || options.hidden.has(run.id)) return;
-        lines.push({
-          ...curve,
-          key: run.id,
-          label: alone ? group.label : `${group.label}, ${run.label}`,
-          colour: options.display === 'runs' ? run.colour : group.colour,
-          faint: options.display === 'both' && !alone,
-        });
+        const label = alone ? group.label : `${group.label}, ${run.label}`;
+        const colour = options.display === 'runs' ? run.colour : group.colour;
+        const faint = options.display === 'both' && !alone;
+        if (options.smoothing > 0 && !faint) {
+          const raw = curveOf(run.rows, { ...options, smoothing: 0 });
+          lines.push({ ...raw, key: `raw ${run.id}`, label: `${label}, not smoothed`, colour, faint: true });
+        }
+        lines.push({ ...curve, key: run.id, label, colour, faint });
       });
     }
     if (options.display !== 'runs' && !alone) {

@@ -22,14 +22,16 @@ export function smooth(values: readonly (number | null)[], at: readonly number[]
 
 /**
  * Mean steps of the episodes that ended by each row, over the last `window` of them or a little more: from the growth of
- * both counts. Null before an episode has ended.
+ * both counts. It counts from the first row by which an episode had ended: before it, all steps are of unfinished episodes,
+ * and would make the mean longer than the step limit. Null until a quarter of the window has ended since.
  */
 export function episodeLength(steps: readonly number[], episodes: readonly number[], window = 100): (number | null)[] {
-  let from = -1; // row from which it is counted; -1 is the start of training
+  let from = episodes.findIndex((count) => count > 0); // row from which it is counted
   return steps.map((now, i) => {
+    if (from < 0 || i <= from) return null;
     const count = episodes[i] ?? 0;
     while (from + 1 < i && count - (episodes[from + 1] ?? 0) >= window) ++from;
-    const ended = count - (from < 0 ? 0 : (episodes[from] ?? 0));
-    return ended > 0 ? (now - (from < 0 ? 0 : (steps[from] ?? 0))) / ended : null;
+    const ended = count - (episodes[from] ?? 0);
+    return ended >= window / 4 ? (now - (steps[from] ?? 0)) / ended : null;
   });
 }

@@ -62,9 +62,20 @@ export function axis(rows: Rows, x: XAxis): number[] {
   return rows.columns[x].map((value) => (last = Math.max(last, value ?? last)));
 }
 
-/** Returns a figure that can be drawn: a column, or `episode_length`, which follows from two of them. */
+/** Means over the last 100 episodes. Those of fewer are of the shortest tasks, as these end first. */
+const MEANS = ['reward', 'spl'];
+const SETTLED = 100;
+
+/**
+ * Returns a figure that can be drawn: a column, or `episode_length`, which follows from two of them. Means over 100 episodes
+ * are null until so many have ended.
+ */
 export function metric(rows: Rows, key: string): Column {
-  return key === 'episode_length' ? episodeLength(axis(rows, 'steps'), axis(rows, 'episodes')) : (rows.columns[key] ?? []);
+  if (key === 'episode_length') return episodeLength(axis(rows, 'steps'), axis(rows, 'episodes'));
+  const column = rows.columns[key] ?? [];
+  if (!MEANS.includes(key)) return column;
+  const episodes = axis(rows, 'episodes');
+  return column.map((value, i) => ((episodes[i] ?? 0) < SETTLED ? null : value));
 }
 
 /** Returns the last known value of a column. */

@@ -2,7 +2,7 @@
 import { describe, expect, it } from 'vitest';
 import { linesOf, type CurveOptions, type GroupRows } from '../../src/maths/curves';
 import { episodeLength, smooth } from '../../src/maths/ema';
-import { append, axis, latest, noRows, rowsOf, type Rows } from '../../src/maths/rows';
+import { append, axis, latest, metric, noRows, rowsOf, type Rows } from '../../src/maths/rows';
 import { aggregate, deviation, median, valueAt } from '../../src/maths/seeds';
 import { TRAINING_COLUMNS } from '../../src/api/training_figures';
 
@@ -28,12 +28,21 @@ describe('smooth', () => {
 });
 
 describe('episodeLength', () => {
-  it('is null before an episode has ended, then the growth of steps per episode', () => {
-    expect(episodeLength([100, 200, 300], [0, 2, 4])).toEqual([null, 100, 75]);
+  it('is the growth of steps per episode', () => {
+    // 16 agents whose episodes take 100 of at most 128 steps; a row each 64 steps of each agent.
+    const steps = Array.from({ length: 20 }, (_, i) => 1024 * (i + 1));
+    const lengths = episodeLength(steps, steps.map((count) => Math.floor(count / 1600) * 16));
+    expect(lengths.slice(0, 3)).toEqual([null, null, null]);
+    for (const length of lengths.filter((value) => value !== null)) expect(length).toBeLessThanOrEqual(128);
+    expect(lengths.at(-1)).toBeCloseTo(100, -1);
+  });
+  it('is null before a quarter of the window has ended since the first episodes', () => {
+    expect(episodeLength([512, 1024, 1536], [0, 6, 30])).toEqual([null, null, null]);
+    expect(episodeLength([512, 1024, 1536], [0, 6, 31])).toEqual([null, null, 512 / 25]);
   });
   it('looks back over about the window alone', () => {
     // 100 episodes of 10 steps, then 100 of 2 steps.
-    expect(episodeLength([1000, 1200], [100, 200])).toEqual([10, 2]);
+    expect(episodeLength([100, 1100, 1300], [10, 110, 210])).toEqual([null, 10, 2]);
   });
 });
 
@@ -87,7 +96,7 @@ function rows(updates: number[], reward: number[]): Rows {
     x: 'updates',
     total: updates.length,
     decimated: false,
-    columns: { ...columns, x: updates, update: updates, steps: updates.map((u) => u * 100), reward },
+    columns: { ...columns, x: updates, update: updates, steps: updates.map((u) => u * 100), episodes: updates.map((u) => 99 + u), reward },
   });
 }
 
@@ -100,6 +109,12 @@ describe('rows', () => {
     expect(all.total).toBe(3);
     expect(all.columns.reward).toEqual([0.1, 0.2, null]);
     expect(latest(all, 'reward')).toBe(0.2);
+  });
+  it('has no mean over 100 episodes before so many have ended', () => {
+    const all = rows([1, 2, 3], [0.76, 0.3, 0.2]);
+    all.columns.episodes = [6, 99, 100];
+    expect(metric(all, 'reward')).toEqual([null, null, 0.2]);
+    expect(metric(all, 'steps')).toEqual([100, 200, 300]);
   });
   it('tells when updates are missing between', () => {
     expect(append(rows([1, 2], [0, 0]), new Map([['update', [5]]]))).toBe(false);
@@ -156,12 +171,19 @@ describe('linesOf', () => {
     const one = [{ ...(groups[0] as GroupRows), runs: (groups[0] as GroupRows).runs.slice(0, 1) }];
     expect(linesOf(one, options({ display: 'mean' })).map((line) => [line.key, line.faint])).toEqual([['r1', false]]);
   });
+  it('draws what is not smoothed faintly behind the line', () => {
+    const one = [{ ...(groups[0] as GroupRows), runs: (groups[0] as GroupRows).runs.slice(0, 1) }];
+    const lines = linesOf(one, options({ smoothing: 0.9 }));
+    expect(lines.map((line) => [line.key, line.faint])).toEqual([['raw r1', true], ['r1', false]]);
+    expect(lines[0]?.y).toEqual([1, 2, 3]);
+    expect(lines[1]?.y[2]).toBeLessThan(3);
+  });
   it('of updates at one count of episodes draws the last', () => {
     const flat = rows([1, 2, 3], [1, 2, 3]);
-    flat.columns.episodes = [0, 0, 5];
+    flat.columns.episodes = [100, 100, 105];
     const one = [{ ...(groups[0] as GroupRows), runs: [{ id: 'r', label: '', colour: 'series-1', rows: flat }] }];
     const [line] = linesOf(one, options({ x: 'episodes' }));
-    expect(line?.x).toEqual([0, 5]);
+    expect(line?.x).toEqual([100, 105]);
     expect(line?.y).toEqual([2, 3]);
   });
 });
