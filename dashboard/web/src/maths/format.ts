@@ -40,10 +40,14 @@ export function threeDecimals(value: number | null | undefined): string {
   return fixed(value, 3);
 }
 
-/** Fraction as 97.5 % */
+/** Fraction as 97.5 %. Ties go to the even digit, as in the tables that a policy_service prints. */
 export function percent(value: number | null | undefined, digits = 1): string {
   if (!known(value)) return NONE;
-  return `${minus((100 * value).toFixed(value === 0 || value === 1 ? 0 : digits))} %`;
+  const scale = 10 ** digits;
+  const scaled = 100 * value * scale;
+  const below = Math.floor(scaled);
+  const rounded = scaled - below === 0.5 ? below + Math.abs(below % 2) : Math.round(scaled);
+  return `${minus((rounded / scale).toFixed(value === 0 || value === 1 ? 0 : digits))} %`;
 }
 
 function minus(text: string): string {

@@ -10,17 +10,30 @@ export interface Group {
   runs: Run[];
 }
 
+/** Steps per second over all of a run's training; null before it has taken time. */
+export function meanRate(run: Run): number | null {
+  return run.steps !== null && run.wall !== null && run.wall > 0 ? run.steps / run.wall : null;
+}
+
 /**
- * Groups runs: those of one policy_service (`sweep`: certainly the same options), or all of one agent and learner (`agent`).
- * Groups are in the order of their newest run, runs in the order of their seeds.
+ * Groups runs: those of one policy_service with different seeds (`sweep`), or all of one agent and learner (`agent`). A seed
+ * that comes again begins another sweep, as its options may have changed. Groups are in the order of their newest run, runs
+ * in the order of their seeds.
  */
 export function groupRuns(runs: readonly Run[], by: GroupBy): Group[] {
   const groups = new Map<string, Group>();
+  const sweeps = new Map<string, number>(); // of one policy_service, by its key
   for (const run of runs) {
     const kind = [run.agent, run.learner].filter(Boolean).join(' · ') || 'unknown agent';
-    const key = by === 'sweep' ? JSON.stringify([run.session, run.policy, kind]) : kind;
-    let group = groups.get(key);
-    if (!group) groups.set(key, (group = { key, label: by === 'sweep' ? `${kind} · ${run.session}` : kind, runs: [] }));
+    const of = by === 'sweep' ? JSON.stringify([run.session, run.policy, kind]) : kind;
+    let number = sweeps.get(of) ?? 1;
+    const name = (): string => (number === 1 ? of : `${of} ${number}`);
+    if (by === 'sweep' && groups.get(name())?.runs.some((one) => one.seed === run.seed)) sweeps.set(of, ++number);
+    let group = groups.get(name());
+    if (!group) {
+      const label = by === 'sweep' ? `${kind} · ${run.session}${number === 1 ? '' : ` (earlier, ${number - 1})`}` : kind;
+      groups.set(name(), (group = { key: name(), label, runs: [] }));
+    }
     group.runs.push(run);
   }
   for (const group of groups.values())

@@ -6,7 +6,7 @@ import type { Evaluation, Run, RunDetail } from '../api/types';
 import { curveOf, type Line } from '../maths/curves';
 import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant, threeDecimals } from '../maths/format';
-import { groupRuns, type Group } from '../maths/groups';
+import { groupRuns, meanRate, type Group } from '../maths/groups';
 import { compareManifests } from '../maths/manifest';
 import { deviation, mean, median } from '../maths/seeds';
 import { failure, useJsons, valueOf } from '../state/resource';
@@ -237,7 +237,7 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
     of('Steps', (run) => integer(run.steps)),
     of('Episodes', (run) => integer(run.episodes)),
     of('Training time', (run) => duration(run.wall)),
-    of('Steps per second', (run) => short(run.steps_per_second)),
+    of('Steps per second, mean', (run) => short(meanRate(run))),
     of('Reward, last 100 episodes', (run) => threeDecimals(run.reward)),
     of('SPL, last 100 episodes', (run) => threeDecimals(run.spl)),
     ...traversals.flatMap((name) => [

@@ -3,6 +3,7 @@ import type { JSX } from 'preact';
 import type { Run, Service } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
+import { meanRate } from '../maths/groups';
 import { latest, type Rows } from '../maths/rows';
 import { valueOf } from '../state/resource';
 import { hrefOf } from '../state/router';
@@ -118,7 +119,7 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
     ['Reward', fixed(run.reward, 3)],
     ['Steps', short(run.steps)],
     ['Episodes', short(run.episodes)],
-    ['Steps/s', short(run.steps_per_second)],
+    ['Steps/s', short(run.state === 'running' ? run.steps_per_second : meanRate(run))],
     ['Lesson', integer(rows && latest(rows, 'lesson'))],
     ['Policy lag', fixed(rows && latest(rows, 'policy_lag'), 1)],
     ['Time', duration(run.wall)],

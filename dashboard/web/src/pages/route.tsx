@@ -122,7 +122,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
         <Card
           title={`Route: ${traversal.traversal}`}
           hint={
-            scene
+            scene && count > 0
               ? `${modeName(scene.mode)} ${scene.policy} · frames ${integer(first)} to ${integer(first + count - 1)} · tick ${integer(scene.step)}`
               : `${integer(traversal.frames)} frames`
           }
@@ -155,7 +155,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
         <WalkChart trail={trail} agent={agent} goal={here?.goal ?? null} name={`${traversal.traversal} agent ${agent}`} />
       </div>
       <div class="stack">
-        <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} frame={here?.frame ?? null} />
+        <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} frame={here?.frame ?? null} ended={!running} />
         <Agents scene={scene} agent={agent} name={traversal.traversal} />
       </div>
     </div>
@@ -187,12 +187,13 @@ function WalkChart({ trail, agent, goal, name }: { trail: Trail | undefined; age
 }
 
 /** Shows what the agent sees, and the same place on a sibling traversal. */
-function Eyes({ source, traversal, all, agent, frame }: {
+function Eyes({ source, traversal, all, agent, frame, ended }: {
   source: string;
   traversal: RunTraversal;
   all: readonly RunTraversal[];
   agent: number;
   frame: number | null;
+  ended: boolean;
 }): JSX.Element {
   const siblings = all.filter((one) => one.hash !== traversal.hash && one.images);
   const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
@@ -219,6 +220,7 @@ function Eyes({ source, traversal, all, agent, frame }: {
         frame={frame}
         topic={`picture:${source}:${agent}`}
         sibling={sibling}
+        ended={ended}
       />
     </Card>
   );

@@ -214,7 +214,7 @@ export function IconButton({ icon, label, pressed, onClick, disabled }: {
 
 const TONES = {
   good: ['running', 'back', 'started', 'reached'],
-  warn: ['starting', 'waiting', 'stopping', 'restarted'],
+  warn: ['starting', 'stopping', 'restarted'],
   bad: ['lost', 'failed', 'alarm', 'missed'],
 };
 

@@ -10,6 +10,7 @@ import { useVisible } from './use';
 type Picture = { state: 'none'; text: string } | { state: 'waiting' } | { state: 'ready'; src: string; frame: number };
 
 const WAITING: Picture = { state: 'waiting' };
+const KEPT = 5000; // ms
 
 /** Fetches the picture of a frame, or says why there is none. Returns null without a connection: the banner reports that. */
 async function fetchFrame(path: string, frame: number, abort: AbortSignal): Promise<Picture | null> {
@@ -55,8 +56,8 @@ function useLivePicture(topic: string | null): Picture {
       const { type } = frame.header;
       url = URL.createObjectURL(new Blob([new Uint8Array(frame.payload)], { type: typeof type === 'string' ? type : 'image/jpeg' }));
       setPicture({ state: 'ready', src: url, frame: Number(frame.header.frame) });
-      // The previous one stays on the screen until the new one is decoded.
-      if (old) setTimeout(() => URL.revokeObjectURL(old), 500);
+      // The previous one stays on the screen until the new one is decoded, and waits for the same place on a sibling.
+      if (old) setTimeout(() => URL.revokeObjectURL(old), KEPT);
     });
     return () => {
       stop();
@@ -64,6 +65,31 @@ function useLivePicture(topic: string | null): Picture {
     };
   }, [topic]);
   return picture;
+}
+
+/** An agent's picture and the same place on a sibling. */
+interface Pair {
+  own: Picture;
+  other: Picture;
+}
+
+/** Returns the newest picture with that of the same frame of a sibling: both change together, once both are there. */
+function usePair(own: Picture, hash: string | null, visible: boolean): Pair {
+  const [pair, setPair] = useState<Pair & { hash: string | null }>({ own: WAITING, other: WAITING, hash });
+  const busy = useRef<AbortController | null>(null);
+  useEffect(() => {
+    if (hash === null || own.state !== 'ready' || !visible || busy.current || (pair.hash === hash && pair.own === own)) return;
+    const abort = (busy.current = new AbortController());
+    void fetchFrame(`api/frames/${hash}/${own.frame}`, own.frame, abort.signal).then((other) => {
+      busy.current = null;
+      if (!abort.signal.aborted) setPair({ own, other: other ?? WAITING, hash });
+      else if (other?.state === 'ready') URL.revokeObjectURL(other.src);
+    });
+  }, [own, hash, visible, pair]);
+  useEffect(() => () => busy.current?.abort(), []);
+  const src = pair.other.state === 'ready' ? pair.other.src : null;
+  useEffect(() => () => (src === null ? undefined : URL.revokeObjectURL(src)), [src]);
+  return hash !== null && own.state === 'ready' && pair.hash === hash ? pair : { own, other: WAITING };
 }
 
 function PictureBox({ picture, alt, caption }: { picture: Picture; alt: string; caption: string }): JSX.Element {
@@ -93,16 +119,28 @@ interface PicturesProps {
   /** The topic of what the agent sees. Without it, the picture of the frame is fetched. */
   topic?: string;
   sibling: RunTraversal | undefined;
+  /** Whether the agent acts no more. */
+  ended?: boolean;
 }
 
 /** Shows the pictures of a frame of a traversal and of the same place on a sibling, while they are on the screen. */
-export function Pictures({ on, name, alt, frame, topic, sibling }: PicturesProps): JSX.Element {
+export function Pictures({ on, name, alt, frame, topic, sibling, ended = false }: PicturesProps): JSX.Element {
   const room = useRef<HTMLDivElement>(null);
   const visible = useVisible(room);
   const watched = useLivePicture(visible && on?.images && topic ? topic : null);
   const fetched = useFrame(on?.images && !topic ? on.hash : null, frame, visible);
-  const other = useFrame(sibling?.hash ?? null, frame, visible);
-  const own: Picture = on?.images ? (topic ? watched : fetched) : { state: 'none', text: 'This traversal has features only.' };
+  const newest: Picture = !on?.images
+    ? { state: 'none', text: 'This traversal has features only.' }
+    : !topic
+      ? fetched
+      : watched.state === 'waiting' && ended
+        ? { state: 'none', text: 'This run has ended, so no agent sees anything.' }
+        : watched;
+  const pair = usePair(newest, sibling?.hash ?? null, visible);
+  // Without a picture of its own, the agent's place is known all the same.
+  const alone = useFrame(newest.state === 'none' ? (sibling?.hash ?? null) : null, frame, visible);
+  const own = pair.own;
+  const other = newest.state === 'none' ? alone : pair.other;
   return (
     <div class="pictures" ref={room}>
       <PictureBox picture={own} alt={alt} caption={name} />

@@ -2,7 +2,7 @@
 import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
 import type { Run, SceneAgent } from '../../src/api/types';
-import { groupRuns } from '../../src/maths/groups';
+import { groupRuns, meanRate } from '../../src/maths/groups';
 import { compareManifests, flatten } from '../../src/maths/manifest';
 import { extend, Trails } from '../../src/maths/trail';
 
@@ -19,11 +19,26 @@ describe('groupRuns', () => {
       ['a/policy/1'],
     ]);
   });
+  it('a seed that comes again begins another sweep', () => {
+    const twice = [run('b', 1, 'x'), run('b', 2, 'x'), run('b', 1, 'x'), run('b', 2, 'x'), run('b', 1, 'x')];
+    expect(groupRuns(twice, 'sweep').map((group) => [group.label, group.runs.map((one) => one.seed)])).toEqual([
+      ['x · ppo · b', [1, 2]],
+      ['x · ppo · b (earlier, 1)', [1, 2]],
+      ['x · ppo · b (earlier, 2)', [1]],
+    ]);
+  });
   it('by agent and learner', () => {
     expect(groupRuns(runs, 'agent').map((group) => [group.label, group.runs.length])).toEqual([
       ['x · ppo', 3],
       ['y · ppo', 1],
     ]);
+  });
+});
+
+describe('meanRate', () => {
+  it('is of the whole run, not of its last update', () => {
+    expect(meanRate({ ...run('a', 1, 'x'), steps: 1000, wall: 4, steps_per_second: 7 })).toBe(250);
+    expect(meanRate({ ...run('a', 1, 'x'), steps: 0, wall: 0 })).toBeNull();
   });
 });
 
