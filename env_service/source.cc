@@ -1,34 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Command-line options of selection.h.
 #include <CLI/CLI.hpp>
-#include <charconv>
 
 #include "core/util/text.h"
+#include "core/wire/range_option.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/selection.h"
 
 namespace citylearn {
-namespace {
-
-/// Parses "A:B", either of which may be left out, over the two defaults.
-template <class Number>
-void read_range(const std::string& option, const std::string& text, Number& from, Number& to) {
-  const std::size_t colon = text.find(':');
-  const auto read = [&](std::string_view part, Number& number) {
-    if (part.empty()) return;
-    const auto [end, error] = std::from_chars(part.data(), part.data() + part.size(), number);
-    if (error != std::errc() || end != part.data() + part.size())
-      throw CLI::ValidationError(option, "'" + std::string(part) + "' is not a number");
-  };
-  if (colon == text.npos || text.size() == 1)
-    throw CLI::ValidationError(option, "'" + text + "' is not a range FROM:TO, of which one may be left out");
-  read(std::string_view(text).substr(0, colon), from);
-  read(std::string_view(text).substr(colon + 1), to);
-  if (!(from < to)) throw CLI::ValidationError(option, "'" + text + "' is an empty range");
-}
-
-}  // namespace
-
 void add_dataset_options(CLI::App& app, Source& source, const std::string& group) {
   const OptionGroup options(app, group);
   const std::string names = joined(DatasetRegistry::instance().entries(), &DatasetRegistry::Entry::name);

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <CLI/CLI.hpp>
 #include <iostream>
+#include <limits>
 
 #include "core/plugin/plugins.h"
 #include "core/util/name.h"
+#include "core/wire/range_option.h"
 #include "core/wire/service.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/interchange/onnx_graph.h"
@@ -19,6 +21,8 @@
 namespace {
 
 using namespace citylearn;
+
+constexpr int kMostFrames = 100000;
 
 void print_list() {
   std::cout << "Networks (--agent):\n";
@@ -152,13 +156,24 @@ int main(int argc, char** argv) {
                    "Traversals to evaluate on, A,B,...; all that are found unless given")
         ->delimiter(',')
         ->transform(name_from);
-    app.add_option("--first-frame", options.first_frame, "The route begins at this frame of the traversal")
-        ->capture_default_str()
-        ->check(at_least(0));
-    app.add_option("--frames", options.frames, "Places on the route, N; the default is lower on shorter traversals")
-        ->capture_default_str()
-        ->check(CLI::Range(2, 100000))
-        ->each([&options](const std::string&) { options.cap_frames = false; });
+    app.add_option_function<std::string>(
+           "--frames",
+           [&options](const std::string& text) {
+             constexpr int kOpen = std::numeric_limits<int>::max();
+             int first = 0, end = kOpen;
+             read_range("--frames", text, first, end);
+             options.cap_frames = end == kOpen;
+             if (options.cap_frames) end = kMostFrames;
+             if (first < 0 || end - first < 2 || end > kMostFrames)
+               throw CLI::ValidationError(
+                   "--frames", "'" + text + "' must be two frames or more of 0:" + std::to_string(kMostFrames));
+             options.first_frame = first;
+             options.frames = end - first;
+           },
+           "Frames of the traversal that are the route's places, END not included; either may be left out; the "
+           "default is lower on shorter traversals")
+        ->type_name("FIRST:END")
+        ->default_str("0:128");
     app.add_option("--max-steps", options.max_steps, "Step limit of an episode; 0 = N")
         ->capture_default_str()
         ->check(at_least(0));

@@ -43,8 +43,8 @@ void RunContext::cap_frames(const std::vector<EnvHandle*>& envs) {
   for (const EnvHandle* env : envs) {
     const int frames = static_cast<int>(env->info.frames()) - options.first_frame;
     if (frames < 2 || frames >= options.frames) continue;
-    spdlog::info("'{}' has {} frames: --frames is {} instead of {}", env->traversal(), env->info.frames(), frames,
-                 options.frames);
+    spdlog::info("'{}' has {} frames: --frames is {}:{}", env->traversal(), env->info.frames(), options.first_frame,
+                 options.first_frame + frames);
     if (options.max_steps == options.frames) options.max_steps = frames;
     options.frames = frames;
   }

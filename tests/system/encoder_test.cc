@@ -44,7 +44,7 @@ TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
   // 16 x 21,168 numbers: more than an observation can hold.
   const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:32", "--agents", "16"});
   auto encoder = run.encoder({"--encoder", "raw84", "--dimension", "0"});
-  const Arguments task = {"--frames", "32", "--tasks", "64", "--evaluate", "summer"};
+  const Arguments task = {"--frames", "0:32", "--tasks", "64", "--evaluate", "summer"};
   const auto with = [&](Arguments more, const std::string& output) {
     more.insert(more.end(), task.begin(), task.end());
     more.insert(more.end(), {"--output", run.folder() / output});

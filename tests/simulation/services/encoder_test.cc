@@ -239,7 +239,7 @@ TEST(EncodingFaults, DefaultsFitAShortRouteAndGivenValuesMustFit) {
   const auto encoder = run.encoder({});
   ASSERT_TRUE(encoder->says("serves 'env-summer'", kSoon)) << encoder->output();
   EXPECT_TRUE(contains(encoder->output(), "--dimension is 19 instead of 64")) << encoder->output();
-  const auto too_long = run.policy({"--frames", "128", "--wait", std::to_string(3 * kSlowness)});
+  const auto too_long = run.policy({"--frames", "0:128", "--wait", std::to_string(3 * kSlowness)});
   ASSERT_EQ(too_long->wait(kSoon), 1) << too_long->output();
   EXPECT_TRUE(contains(too_long->output(), "has 20 frames, the route needs frames 0..127")) << too_long->output();
   for (const Arguments& mode :
@@ -248,7 +248,7 @@ TEST(EncodingFaults, DefaultsFitAShortRouteAndGivenValuesMustFit) {
     options.insert(options.end(), mode.begin(), mode.end());
     const auto policy = run.policy(options);
     ASSERT_EQ(policy->wait(kLong), 0) << policy->output();
-    EXPECT_TRUE(contains(policy->output(), "'summer' has 20 frames: --frames is 20 instead of 128")) << mode[0];
+    EXPECT_TRUE(contains(policy->output(), "'summer' has 20 frames: --frames is 0:20")) << mode[0];
   }
   const Json manifest = Json::parse(contents(run.folder() / "1024/manifest.json"));
   EXPECT_EQ(manifest["frames"], 20);

@@ -201,7 +201,7 @@ class History {
     std::string line = "start " + id + " in " + name;
     for (const std::string& option : options) line += " " + option;
     note(line + (wrong ? ", which is refused" : ""));
-    options.insert(options.end(), {"--id", id, "--output", folder, "--frames", "16", "--tasks", "16"});
+    options.insert(options.end(), {"--id", id, "--output", folder, "--frames", "0:16", "--tasks", "16"});
     Program& program = add("policy_service", id, trial_.policy(options));
     program.folder = folder;
     if (wrong) {

@@ -23,7 +23,7 @@ class Misfits : public ::testing::Test {
     return trial_.env(traversal, all);
   }
   std::unique_ptr<Service> policy(const Arguments& more) {
-    Arguments all = {"--agent", "place_filter", "--frames", "64", "--tasks", "16", "--wait", "20"};
+    Arguments all = {"--agent", "place_filter", "--frames", "0:64", "--tasks", "16", "--wait", "20"};
     all.insert(all.end(), more.begin(), more.end());
     return trial_.policy(all);
   }

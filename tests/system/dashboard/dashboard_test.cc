@@ -59,7 +59,7 @@ TEST(Dashboard, ShowsATrainingWhileItRunsAndKeepsEachOfItsEpisodes) {
   const auto env = service({CITYLEARN_ENV_SERVICE, "--dataset", "plain", "--data", folder / "data", "--traversal",
                             "summer", "--agents", "4"},
                            "env.log");
-  const auto policy = service({CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--frames", "64", "--steps",
+  const auto policy = service({CITYLEARN_POLICY_SERVICE, "--agent", "place_filter", "--frames", "0:64", "--steps",
                                "150000", "--tasks", "30", "--evaluate", "summer", "--output", folder / "out"},
                               "policy.log");
   // The run's ID comes with the list of runs; then its training is watched too.

@@ -72,7 +72,7 @@ class Town {
     // The recommended learning rate falls to zero within 40,000 steps; a run without an end keeps what it begins with,
     // and with that rate it forgets to look after 100,000 steps, killed or not.
     if (plan_.kills > 1) options.insert(options.end(), {"--relabel-learning-rate", "0.0003"});
-    if (plan_.pictures) options.insert(options.end(), {"--frames", "96"});
+    if (plan_.pictures) options.insert(options.end(), {"--frames", "0:96"});
     return trial_.policy(options);
   }
   Json summary(const std::string& output) const {

@@ -65,7 +65,7 @@ TEST_P(Leftovers, AllServicesKilledTenTimesLeaveNothing) {
     const auto encoder = run.encoder({"--encoder", "hog"});
     const auto env = run.env("summer", {"--recorders", "dashboard", "--dataset", "synthetic", "--frames", "0:80"});
     const auto policy = run.policy({"--agent", "place_filter", "--steps", "1000000000", "--checkpoint-every", "2",
-                                    "--output", out, "--evaluate", "summer", "--frames", "80", "--resume"});
+                                    "--output", out, "--evaluate", "summer", "--frames", "0:80", "--resume"});
     const std::vector<Service*> all = {dashboard.get(), encoder.get(), env.get(), policy.get()};
     const auto works = [&] { return run.checkpoint("out").first != before && recorded(store) > rows; };
     ASSERT_TRUE(poll_until(works, round == 0 ? kLong : kAtOnce))
