@@ -33,21 +33,27 @@ export function significant(value: number | null | undefined, digits = 3): strin
 }
 
 export function fixed(value: number | null | undefined, digits: number): string {
-  return known(value) ? minus(value.toFixed(digits)) : NONE;
+  return known(value) ? minus(rounded(value, digits)) : NONE;
+}
+
+const MORE = 25; // digits that show whether a number lies exactly between two decimals
+
+/** Rounds a number that lies exactly between two decimals to the even one, as C++ and Python do. toFixed() does not. */
+function rounded(value: number, digits: number): string {
+  const exact = value.toFixed(digits + MORE);
+  const below = exact.slice(0, -MORE).replace(/\.$/, '');
+  const between = /^50*$/.test(exact.slice(-MORE));
+  return between && Number(below.at(-1)) % 2 === 0 ? below : value.toFixed(digits);
 }
 
 export function threeDecimals(value: number | null | undefined): string {
   return fixed(value, 3);
 }
 
-/** Fraction as 97.5 %. Ties go to the even digit, as in the tables that a policy_service prints. */
+/** Fraction as 97.5 % */
 export function percent(value: number | null | undefined, digits = 1): string {
   if (!known(value)) return NONE;
-  const scale = 10 ** digits;
-  const scaled = 100 * value * scale;
-  const below = Math.floor(scaled);
-  const rounded = scaled - below === 0.5 ? below + Math.abs(below % 2) : Math.round(scaled);
-  return `${minus((rounded / scale).toFixed(value === 0 || value === 1 ? 0 : digits))} %`;
+  return `${fixed(100 * value, value === 0 || value === 1 ? 0 : digits)} %`;
 }
 
 function minus(text: string): string {

@@ -10,11 +10,6 @@ export interface Group {
   runs: Run[];
 }
 
-/** Steps per second over all of a run's training; null before it has taken time. */
-export function meanRate(run: Run): number | null {
-  return run.steps !== null && run.wall !== null && run.wall > 0 ? run.steps / run.wall : null;
-}
-
 /**
  * Groups runs: those of one policy_service with different seeds (`sweep`), or all of one agent and learner (`agent`). A seed
  * that comes again begins another sweep, as its options may have changed. Groups are in the order of their newest run, runs
@@ -31,7 +26,7 @@ export function groupRuns(runs: readonly Run[], by: GroupBy): Group[] {
     if (by === 'sweep' && groups.get(name())?.runs.some((one) => one.seed === run.seed)) sweeps.set(of, ++number);
     let group = groups.get(name());
     if (!group) {
-      const label = by === 'sweep' ? `${kind} · ${run.session}${number === 1 ? '' : ` (earlier, ${number - 1})`}` : kind;
+      const label = by === 'sweep' ? `${kind} · session ${run.session}${number === 1 ? '' : ` (earlier, ${number - 1})`}` : kind;
       groups.set(name(), (group = { key: name(), label, runs: [] }));
     }
     group.runs.push(run);

@@ -6,8 +6,9 @@ import type { Evaluation, Run, RunDetail } from '../api/types';
 import { curveOf, type Line } from '../maths/curves';
 import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant, threeDecimals } from '../maths/format';
-import { groupRuns, meanRate, type Group } from '../maths/groups';
+import { groupRuns, type Group } from '../maths/groups';
 import { compareManifests } from '../maths/manifest';
+import { meanRate, runName } from '../maths/runs';
 import { deviation, mean, median } from '../maths/seeds';
 import { failure, useJsons, valueOf } from '../state/resource';
 import { param, place, setParams } from '../state/router';
@@ -16,7 +17,6 @@ import { useTraining } from '../state/training';
 import { Card, Empty, Failed, IconButton, Select, State, Swatch, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
-import { runName } from '../ui/run_select';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
 

@@ -3,7 +3,7 @@ import type { JSX } from 'preact';
 import type { Run, Service } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
-import { meanRate } from '../maths/groups';
+import { meanRate } from '../maths/runs';
 import { latest, type Rows } from '../maths/rows';
 import { valueOf } from '../state/resource';
 import { hrefOf } from '../state/router';
@@ -133,7 +133,7 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
         <State state={run.state} />
       </header>
       <p class="hint">
-        {[run.learner, run.seed !== null && `seed ${run.seed}`, run.session].filter(Boolean).join(' · ')}
+        {[run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`].filter(Boolean).join(' · ')}
       </p>
       {rows && rows.length > 1 && (
         <Spark curve={curveOf(rows, { metric: 'spl', x: 'steps', smoothing: 0.9 })} low={0} high={1} />

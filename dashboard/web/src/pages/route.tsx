@@ -7,7 +7,7 @@ import { live } from '../api/live';
 import type { Run, RunDetail, RunTraversal, Scene, TraversalMap } from '../api/types';
 import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
-import { manifestNumber } from '../maths/manifest';
+import { awaitedPicture, routePart, sceneText } from '../maths/scene';
 import { idle, Trails, type Trail } from '../maths/trail';
 import { useJson, valueOf } from '../state/resource';
 import { hrefOf, param, setParams } from '../state/router';
@@ -47,13 +47,6 @@ function useScene(topic: string | null): { scene: Scene | null; trails: Trails; 
     });
   }, [topic]);
   return { ...state, trails: trails.current };
-}
-
-const MODES: Record<string, string> = { '0': 'idle', '1': 'training', '2': 'evaluating', train: 'training', evaluate: 'evaluating' };
-
-function modeName(mode: string | number): string {
-  const name = String(mode).toLowerCase();
-  return MODES[name] ?? name;
 }
 
 function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
@@ -113,20 +106,12 @@ function Scenery({ run, traversal, all, detail, whole }: {
   );
   const trail = trails.of(agent);
   const here = scene?.list[agent];
-  const first = scene?.first_frame ?? manifestNumber(detail, 'first_frame') ?? 0;
-  const count = scene?.frames ?? Math.min(manifestNumber(detail, 'frames') ?? traversal.frames, traversal.frames - first);
+  const { first, count } = routePart(scene, detail, traversal);
   const silent = Math.floor((now.value - came) / 1000);
   return (
     <div class="columns route-columns">
       <div class="stack">
-        <Card
-          title={`Route: ${traversal.traversal}`}
-          hint={
-            scene && count > 0
-              ? `${modeName(scene.mode)} ${scene.policy} · frames ${integer(first)} to ${integer(first + count - 1)} · tick ${integer(scene.step)}`
-              : `${integer(traversal.frames)} frames`
-          }
-        >
+        <Card title={`Route: ${traversal.traversal}`} hint={sceneText(scene, traversal)}>
           {!scene && !running && (
             <p class="note">
               This run has ended, so no agent moves. Its episodes can be replayed under{' '}
@@ -155,7 +140,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
         <WalkChart trail={trail} agent={agent} goal={here?.goal ?? null} name={`${traversal.traversal} agent ${agent}`} />
       </div>
       <div class="stack">
-        <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} frame={here?.frame ?? null} ended={!running} />
+        <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} state={run.state} frame={here?.frame ?? null} />
         <Agents scene={scene} agent={agent} name={traversal.traversal} />
       </div>
     </div>
@@ -187,13 +172,13 @@ function WalkChart({ trail, agent, goal, name }: { trail: Trail | undefined; age
 }
 
 /** Shows what the agent sees, and the same place on a sibling traversal. */
-function Eyes({ source, traversal, all, agent, frame, ended }: {
+function Eyes({ source, traversal, all, agent, state, frame }: {
   source: string;
   traversal: RunTraversal;
   all: readonly RunTraversal[];
   agent: number;
+  state: Run['state'];
   frame: number | null;
-  ended: boolean;
 }): JSX.Element {
   const siblings = all.filter((one) => one.hash !== traversal.hash && one.images);
   const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
@@ -220,7 +205,7 @@ function Eyes({ source, traversal, all, agent, frame, ended }: {
         frame={frame}
         topic={`picture:${source}:${agent}`}
         sibling={sibling}
-        ended={ended}
+        waiting={awaitedPicture(state)}
       />
     </Card>
   );

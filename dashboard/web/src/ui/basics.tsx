@@ -214,11 +214,14 @@ export function IconButton({ icon, label, pressed, onClick, disabled }: {
 
 const TONES = {
   good: ['running', 'back', 'started', 'reached'],
-  warn: ['starting', 'stopping', 'restarted'],
+  warn: ['restarted'],
   bad: ['lost', 'failed', 'alarm', 'missed'],
 };
 
-/** Returns the class of the colour of a state or an event; none for what has merely ended. */
+/**
+ * Returns the class of the colour of a state or an event; none for what calls for no attention: a service that starts, waits
+ * for work or stops is as healthy as one that runs.
+ */
 export function toneOf(word: string): string | undefined {
   return Object.entries(TONES).flatMap(([tone, words]) => (words.includes(word) ? [`tone-${tone}`] : []))[0];
 }

@@ -2,13 +2,9 @@
 import type { JSX } from 'preact';
 import type { Run } from '../api/types';
 import { dateTime } from '../maths/format';
+import { runName } from '../maths/runs';
 import { param, setParams } from '../state/router';
 import { Select } from './basics';
-
-export function runName(run: Run): string {
-  const parts = [run.agent || 'unknown agent', run.learner, run.seed !== null && `seed ${run.seed}`, run.session];
-  return parts.filter(Boolean).join(' · ');
-}
 
 /** Returns the run that the address names, else the first that `prefer` accepts, else the newest. `runs` must not be empty. */
 export function chosenRun(runs: readonly Run[], prefer: (run: Run) => boolean): Run {

@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
-import type { Run, SceneAgent } from '../../src/api/types';
-import { groupRuns, meanRate } from '../../src/maths/groups';
+import type { Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
+import { groupRuns } from '../../src/maths/groups';
+import { meanRate, runName } from '../../src/maths/runs';
 import { compareManifests, flatten } from '../../src/maths/manifest';
+import { awaitedPicture, routePart, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
+import { toneOf } from '../../src/ui/basics';
 
 function run(session: string, seed: number, agent: string): Run {
   return { id: `${session}/policy/${seed}`, session, policy: 'policy', seed, agent, learner: 'ppo', started: 0 } as Run;
@@ -22,9 +25,9 @@ describe('groupRuns', () => {
   it('a seed that comes again begins another sweep', () => {
     const twice = [run('b', 1, 'x'), run('b', 2, 'x'), run('b', 1, 'x'), run('b', 2, 'x'), run('b', 1, 'x')];
     expect(groupRuns(twice, 'sweep').map((group) => [group.label, group.runs.map((one) => one.seed)])).toEqual([
-      ['x · ppo · b', [1, 2]],
-      ['x · ppo · b (earlier, 1)', [1, 2]],
-      ['x · ppo · b (earlier, 2)', [1]],
+      ['x · ppo · session b', [1, 2]],
+      ['x · ppo · session b (earlier, 1)', [1, 2]],
+      ['x · ppo · session b (earlier, 2)', [1]],
     ]);
   });
   it('by agent and learner', () => {
@@ -35,10 +38,28 @@ describe('groupRuns', () => {
   });
 });
 
-describe('meanRate', () => {
-  it('is of the whole run, not of its last update', () => {
-    expect(meanRate({ ...run('a', 1, 'x'), steps: 1000, wall: 4, steps_per_second: 7 })).toBe(250);
-    expect(meanRate({ ...run('a', 1, 'x'), steps: 0, wall: 0 })).toBeNull();
+describe('runs', () => {
+  it('a name says which of its words is the session: a session may be named as a middleware is', () => {
+    expect(runName({ agent: 'place_filter', learner: 'ppo', seed: 1, session: 'cyclonedds' })).toBe(
+      'place_filter · ppo · seed 1 · session cyclonedds',
+    );
+    expect(groupRuns([run('cyclonedds', 1, 'x')], 'sweep')[0]?.label).toBe('x · ppo · session cyclonedds');
+  });
+  it('the steps per second are those of the whole run, not of its last update', () => {
+    expect(meanRate({ steps: 3000, wall: 2, steps_per_second: 9 } as Run)).toBe(1500);
+    expect(meanRate({ steps: 0, wall: 0 })).toBeNull();
+    expect(meanRate({ steps: null, wall: null })).toBeNull();
+  });
+});
+
+describe('tones', () => {
+  it.each(['starting', 'waiting', 'stopping', 'stopped'])('a service that is %s is healthy, and not amber', (state) =>
+    expect(toneOf(state)).toBeUndefined(),
+  );
+  it('what needs attention has a colour', () => {
+    expect(toneOf('running')).toBe('tone-good');
+    expect(toneOf('restarted')).toBe('tone-warn');
+    for (const state of ['lost', 'failed', 'alarm']) expect(toneOf(state)).toBe('tone-bad');
   });
 });
 
@@ -58,6 +79,27 @@ describe('manifests', () => {
       ['extra', true],
     ]);
     expect(rows[0]?.values).toEqual(['1', null, '2']);
+  });
+});
+
+describe('scenes', () => {
+  const traversal = { frames: 1000 } as RunTraversal;
+  const scene = { first_frame: 17, frames: 128, step: 12, mode: 'train', policy: 'features' } as Scene;
+  const idle = { first_frame: 0, frames: 0, step: 0, mode: 'idle', policy: '' } as Scene; // an env_service without settings
+  const detail = { manifest: { first_frame: 5, frames: 64 } } as unknown as RunDetail;
+  it('say what the agents do, and where', () => {
+    expect(sceneText(scene, traversal)).toBe('training features · frames 17 to 144 · tick 12');
+    expect(routePart(scene, detail, traversal)).toEqual({ first: 17, count: 128 });
+  });
+  it('without settings have no frames or ticks to name', () => {
+    expect(sceneText(idle, traversal)).toBe('idle · 1,000 frames');
+    expect(routePart(idle, detail, traversal)).toEqual({ first: 5, count: 64 });
+    expect(sceneText(null, traversal)).toBe('1,000 frames');
+    expect(routePart(null, { manifest: null } as RunDetail, traversal)).toEqual({ first: 0, count: 1000 });
+  });
+  it('no picture is awaited of a run that is over', () => {
+    expect(awaitedPicture('running')).toContain('Waiting');
+    for (const state of ['ended', 'lost'] as const) expect(awaitedPicture(state)).not.toContain('Waiting');
   });
 });
 

@@ -38,6 +38,16 @@ describe('formatters', () => {
     [3_599.9, '1 h 00 min'],
     [187_200, '2 d 4 h'],
   ])('duration(%d)', (value, text) => expect(duration(value)).toBe(text));
+  it('rounds what lies between two decimals to the even one, as the services do in the terminal', () => {
+    expect(percent(361 / 400)).toBe('90.2 %'); // 90.25
+    expect(percent(363 / 400)).toBe('90.8 %'); // 90.75
+    expect(fixed(0.0625, 3)).toBe('0.062');
+    expect(fixed(-0.0625, 3)).toBe('−0.062');
+    expect(fixed(2.5, 0)).toBe('2');
+    expect(fixed(3.5, 0)).toBe('4');
+    expect(fixed(0.15, 1)).toBe('0.1'); // is a little less than it looks
+    expect(fixed(0.25 + 1e-12, 1)).toBe('0.3');
+  });
   it('fractions, sizes, lengths, counts', () => {
     expect(percent(1)).toBe('100 %');
     expect(percent(0.9746)).toBe('97.5 %');

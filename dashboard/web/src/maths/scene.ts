@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+import type { Run, RunDetail, RunTraversal, Scene } from '../api/types';
+import { integer } from './format';
+import { manifestNumber } from './manifest';
+
+const MODES: Record<string, string> = { '0': 'idle', '1': 'training', '2': 'evaluating', train: 'training', evaluate: 'evaluating' };
+
+function modeName(mode: string | number): string {
+  const name = String(mode).toLowerCase();
+  return MODES[name] ?? name;
+}
+
+/** Frames of a traversal: the route of its agents. */
+export interface RoutePart {
+  first: number;
+  count: number;
+}
+
+/** Returns the route of a scene's agents. Without settings it has no frames yet: then that of the run's options. */
+export function routePart(scene: Scene | null, detail: RunDetail, traversal: RunTraversal): RoutePart {
+  if (scene && scene.frames > 0) return { first: scene.first_frame, count: scene.frames };
+  const first = manifestNumber(detail, 'first_frame') ?? 0;
+  return { first, count: Math.min(manifestNumber(detail, 'frames') ?? traversal.frames, traversal.frames - first) };
+}
+
+/** Describes what an env_service does: its mode and policy, its route, and how far it is. */
+export function sceneText(scene: Scene | null, traversal: RunTraversal): string {
+  if (!scene) return `${integer(traversal.frames)} frames`;
+  const does = [modeName(scene.mode), scene.policy].filter(Boolean).join(' ');
+  if (scene.frames === 0) return `${does} · ${integer(traversal.frames)} frames`;
+  return `${does} · frames ${integer(scene.first_frame)} to ${integer(scene.first_frame + scene.frames - 1)} · tick ${integer(scene.step)}`;
+}
+
+/** Says what is awaited where no picture has come yet. The agents of a run that is over see nothing any more. */
+export function awaitedPicture(state: Run['state']): string {
+  return state === 'running' ? 'Waiting for the picture' : 'The run is over: its agents see nothing any more.';
+}
