@@ -239,7 +239,9 @@ std::uint64_t Trainer::generation() const { return impl_->generation; }
 const TrainingProgress& Trainer::progress() const { return impl_->progress; }
 std::uint64_t Trainer::total_steps() const { return impl_->total_steps; }
 bool Trainer::done() const { return impl_->progress.steps >= impl_->total_steps; }
-bool Trainer::in_last_lesson() const { return impl_->progress.lesson + 1 == static_cast<int>(impl_->lessons.size()); }
+bool Trainer::settled() const {
+  return impl_->progress.lesson + 1 == static_cast<int>(impl_->lessons.size()) && impl_->lesson_episodes >= kRecent;
+}
 
 const Vector<float>& Trainer::network_parameters() const { return impl_->learner->parameters(); }
 

@@ -100,7 +100,7 @@ class Trainer {
   const TrainingProgress& progress() const;
   std::uint64_t total_steps() const;                ///< the parameter `steps`
   bool done() const;                                ///< whether that many were learned from
-  bool in_last_lesson() const;                      ///< of the curriculum; true without one
+  bool settled() const;                             ///< whether reward and SPL are of the last lesson's episodes alone
   TrainedAgent agent() const;                       ///< has a copy of the present parameters
   const Vector<float>& network_parameters() const;  ///< the present ones; valid until the next update
   const std::vector<std::string>& frozen() const;   ///< names of the tensors that are not trained

@@ -11,13 +11,14 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kSettled = 100;  // episodes; the mean SPL of fewer may be luck
+constexpr std::uint64_t kSettled =
+    100;  // episodes of a lesson; the mean SPL of fewer may be luck, or of the one before
 
 /// Returns the figures of a checkpoint; none when too few episodes have ended.
 std::optional<BestCheckpoint::Figures> figures_of(const Checkpoint& checkpoint) {
   const nlohmann::json progress = checkpoint.header.value("progress", nlohmann::json::object());
   const auto spl = progress.find("spl");
-  if (spl == progress.end() || !spl->is_number() || progress.value("episodes", std::uint64_t{0}) < kSettled)
+  if (spl == progress.end() || !spl->is_number() || progress.value("lesson_episodes", std::uint64_t{0}) < kSettled)
     return std::nullopt;
   return BestCheckpoint::Figures{progress.value("lesson", 0), spl->get<double>(),
                                  progress.value("updates", std::uint64_t{0})};

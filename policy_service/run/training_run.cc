@@ -18,8 +18,6 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kSettled = 100;  // episodes; the mean SPL of fewer may be luck
-
 /// Adds the time of its life to `seconds`.
 class Stopwatch {
  public:
@@ -152,14 +150,13 @@ bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
 bool TrainingRun::ended() const {
   const TrainingProgress& progress = trainer_->progress();
   const double wanted = context_.options.stop_when;
-  return trainer_->done() ||
-         (wanted > 0 && progress.episodes >= kSettled && trainer_->in_last_lesson() && progress.spl >= wanted);
+  return trainer_->done() || (wanted > 0 && trainer_->settled() && progress.spl >= wanted);
 }
 
 /// Warns while the agent is much worse than it was.
 void TrainingRun::warn_of_collapse() {
   const TrainingProgress& progress = trainer_->progress();
-  if (progress.episodes < kSettled || !trainer_->in_last_lesson()) return;
+  if (!trainer_->settled()) return;
   if (const bool before = std::exchange(collapsed_, watch_.collapsed(progress.spl)); before == collapsed_) return;
   std::string problem;
   if (collapsed_) {

@@ -12,8 +12,9 @@ namespace {
 
 Checkpoint of(std::uint64_t update, double spl, std::uint64_t episodes = 100, int lesson = 0) {
   Checkpoint checkpoint;
-  checkpoint.header = {{"agent", "nobody"},
-                       {"progress", {{"updates", update}, {"episodes", episodes}, {"lesson", lesson}, {"spl", spl}}}};
+  checkpoint.header = {
+      {"agent", "nobody"},
+      {"progress", {{"updates", update}, {"lesson_episodes", episodes}, {"lesson", lesson}, {"spl", spl}}}};
   return checkpoint;
 }
 
@@ -39,9 +40,11 @@ TEST(BestCheckpoint, KeepsTheHighestSplAndOfEqualOnesTheLatest) {
 TEST(BestCheckpoint, PrefersALaterLesson) {
   const Folder folder;
   BestCheckpoint best(folder.path());
-  best.consider(of(1, 1.0, 200, 0));
-  best.consider(of(2, 0.3, 300, 1));
-  EXPECT_EQ(kept(best), 2u);
+  best.consider(of(1, 0.9, 200, 0));
+  best.consider(of(2, 1.0, 99, 1));
+  EXPECT_EQ(kept(best), 1u) << "still of the lesson before";
+  best.consider(of(3, 0.3, 100, 1));
+  EXPECT_EQ(kept(best), 3u);
 }
 
 TEST(BestCheckpoint, IsKnownAgainByTheNextProcess) {
