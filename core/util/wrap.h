@@ -8,8 +8,8 @@ namespace citylearn {
 
 inline constexpr std::size_t kTerminalWidth = 80;  ///< columns
 
-/// Returns `text` in lines of kTerminalWidth columns, broken between words. The first line begins at column `indent`,
-/// which whoever prints it has reached; the others are indented by as much. No line break at the end.
+/// Returns `text` in lines of kTerminalWidth columns, broken between words, without a line break at the end. The lines
+/// after the first are indented by `indent`. The first one is not: the caller has printed so many columns before it.
 std::string wrapped(const std::string& text, std::size_t indent = 0);
 
 }  // namespace citylearn

@@ -15,8 +15,6 @@ namespace {
 
 constexpr std::size_t kColumn = 26;  // where explanations begin
 
-bool of_plugin(const std::string& group) { return !group.empty() && std::islower(group.front()) != 0; }
-
 /// What an option takes: how its value is written, and what CLI11's checks allow.
 struct Value {
   std::string written, allowed;
@@ -52,7 +50,7 @@ class HelpText : public CLI::Formatter {
     text.erase(text.find_last_not_of('\n') + 2);
     std::string others;
     for (const std::string& group : app->get_groups())
-      if (of_plugin(group)) others += (others.empty() ? "" : ", ") + group;
+      if (is_plugin_group(group)) others += (others.empty() ? "" : ", ") + group;
     if (!all_ && !others.empty())
       text += "\n" + wrapped("--help-all also explains the parameters of " + others + ".") + "\n";
     return text;
@@ -61,7 +59,7 @@ class HelpText : public CLI::Formatter {
     return wrapped(CLI::Formatter::make_description(app)) + "\n";
   }
   std::string make_group(std::string group, bool positional, std::vector<const CLI::Option*> options) const override {
-    if (!all_ && of_plugin(group)) return "";
+    if (!all_ && is_plugin_group(group)) return "";
     return CLI::Formatter::make_group(std::move(group), positional, std::move(options));
   }
   std::string make_option(const CLI::Option* option, bool positional) const override {
@@ -69,9 +67,8 @@ class HelpText : public CLI::Formatter {
     std::string line = "  " + option->get_name(positional, true);
     if (!positional && !value.written.empty()) line += " " + value.written;
     std::string help = option->get_description();
-    const std::string& standard = option->get_default_str();
     if (help.empty() || help.back() != ']') {  // parameters of plug-ins say it themselves
-      std::string shown = standard == "[]" ? "" : std::regex_replace(standard, std::regex("[\\[\\]\"]"), "");
+      std::string shown = default_text(*option);
       if (shown.size() > kTerminalWidth - kColumn) shown = std::regex_replace(shown, std::regex(","), ", ");
       if (!shown.empty() || !value.allowed.empty())
         help += " [" + shown + (shown.empty() || value.allowed.empty() ? "" : "; ") + value.allowed + "]";
@@ -93,10 +90,16 @@ class HelpText : public CLI::Formatter {
 
 }  // namespace
 
+bool is_plugin_group(const std::string& group) { return !group.empty() && std::islower(group.front()) != 0; }
+
+std::string default_text(const CLI::Option& option) {
+  return std::regex_replace(option.get_default_str(), std::regex("[\\[\\]\"]"), "");
+}
+
 void add_help(CLI::App& app) {
   app.formatter(std::make_shared<HelpText>());
   const std::vector<std::string> groups = app.get_groups();
-  if (std::any_of(groups.begin(), groups.end(), of_plugin))
+  if (std::any_of(groups.begin(), groups.end(), is_plugin_group))
     app.set_help_all_flag("--help-all", "Explain the parameters of plug-ins too, and exit")->group("Options");
 }
 

@@ -11,8 +11,8 @@
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kSettled =
-    100;  // episodes of a lesson; the mean SPL of fewer may be luck, or of the one before
+/// Episodes of the present lesson, as many as the mean SPL is of. That of fewer may be luck, or of the lesson before.
+constexpr std::uint64_t kSettled = 100;
 
 /// Returns the figures of a checkpoint; none when too few episodes have ended.
 std::optional<BestCheckpoint::Figures> figures_of(const Checkpoint& checkpoint) {

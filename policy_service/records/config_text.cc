@@ -4,8 +4,9 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <cstdlib>
+
+#include "core/wire/help_text.h"
 
 namespace citylearn {
 namespace {
@@ -29,10 +30,8 @@ struct Line {
 
 Line line_of(const CLI::App& app, const CLI::Option& option, const std::vector<std::string>& arguments) {
   if (!option.empty()) return {CLI::detail::join(option.results(), ","), origin_of(app, option, arguments)};
-  std::string value = option.get_default_str();
-  value.erase(std::remove_if(value.begin(), value.end(), [](char c) { return c == '[' || c == ']' || c == '"'; }),
-              value.end());
-  if (option.get_items_expected_max() == 0) value = "no";
+  if (option.get_items_expected_max() == 0) return {"no", "default"};  // a flag
+  const std::string value = default_text(option);
   return {value.empty() ? "-" : value, "default"};
 }
 
@@ -55,7 +54,7 @@ std::string config_text(const CLI::App& app, const std::vector<std::string>& arg
     Line line = line_of(app, *option, arguments);
     if (effective.contains(group)) {
       if (option->empty()) line = recommended(group, word.substr(group.size() + 1));
-    } else if (!group.empty() && std::islower(group.front())) {
+    } else if (is_plugin_group(group)) {
       continue;  // of a plug-in that takes no part
     } else if (word == "steps" && option->empty()) {
       line = recommended("trainer", "steps");
