@@ -173,7 +173,7 @@ void TrajectoryQueue::follow(const std::string& actor, const msg::Trajectory& tr
     if (trajectory.ended()[t] == Rollout::kGoesOn || !std::exchange(episode.known, false)) continue;
     const bool arrived = trajectory.ended()[t] == Rollout::kTerminated;
     finished_.push_back({static_cast<int>(t) + 1, static_cast<int>(trajectory.agent()), episode.reward,
-                         spl_of(arrived, std::abs(episode.goal - episode.start), episode.steps)});
+                         spl_of(arrived, std::abs(episode.goal - episode.start), episode.steps), episode.steps});
   }
 }
 

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "core/task/route_map.h"
 #include "policy_service/learning/trainer_state.h"
@@ -27,6 +28,11 @@ constexpr double kLessonReward = 0.95;  // smoothed, to pass a lesson
 constexpr std::uint64_t kLessonEpisodes = 100;
 
 }  // namespace
+
+double mean_steps(const std::deque<int>& steps) {
+  if (steps.empty()) return std::numeric_limits<double>::quiet_NaN();
+  return std::accumulate(steps.begin(), steps.end(), 0.0) / static_cast<double>(steps.size());
+}
 
 Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : impl_(std::make_unique<Impl>()) {
   Impl& p = *impl_;
@@ -64,7 +70,7 @@ Trainer::Trainer(const TrainerOptions& options, const NetworkTask& task) : impl_
                        p.parameters.trainer["noise-episode"]},
       p.task, *p.network, *p.workers);
   p.collector->reset_all(p.generation, p.lesson().frames);
-  p.progress.reward = p.progress.spl = std::numeric_limits<double>::quiet_NaN();
+  p.progress.reward = p.progress.spl = p.progress.episode_length = std::numeric_limits<double>::quiet_NaN();
 }
 
 Trainer::~Trainer() = default;
@@ -214,6 +220,8 @@ void Trainer::Impl::count_episodes(std::span<const FinishedEpisode> finished) {
     if (recent.size() < kRecent) recent.emplace_back();
     recent[recent_next] = {episode.reward, episode.spl};
     recent_next = (recent_next + 1) % kRecent;
+    recent_steps.push_back(episode.steps);
+    if (recent_steps.size() > kRecent) recent_steps.pop_front();
     progress.reward = progress.spl = 0;
     for (const auto& [reward, spl] : recent) {
       progress.reward += reward / static_cast<double>(recent.size());
@@ -225,6 +233,7 @@ void Trainer::Impl::count_episodes(std::span<const FinishedEpisode> finished) {
     }
   }
   if (finished.empty()) return;
+  progress.episode_length = mean_steps(recent_steps);
   progress.smoothed_reward = 0.25 * rewards / static_cast<double>(finished.size()) + 0.75 * progress.smoothed_reward;
   lesson_episodes += finished.size();
   if (progress.lesson + 1 == static_cast<int>(lessons.size()) || progress.smoothed_reward <= kLessonReward ||

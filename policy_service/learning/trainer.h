@@ -40,6 +40,7 @@ struct TrainingProgress {
   int lesson = 0;                                  ///< of the curriculum, from 0
   double smoothed_reward = 0;                      ///< of finished episodes, as the curriculum sees it
   double reward, spl;                              ///< means over the last 100 episodes; NaN before the first
+  double episode_length;                           ///< steps, likewise
   std::optional<std::uint64_t> episodes_to_spl95;  ///< when the mean SPL of the last 100 episodes first reached 0.95
   std::optional<std::uint64_t> steps_to_spl95;
 };

@@ -39,6 +39,7 @@ nlohmann::json Trainer::Impl::progress_json() const {
           {"steps_to_spl95", optional(progress.steps_to_spl95)},
           {"recent", recent},
           {"recent_next", recent_next},
+          {"recent_steps", recent_steps},
           {"cut", generation}};
 }
 
@@ -63,10 +64,12 @@ SavedProgress Trainer::Impl::read_progress(const nlohmann::json& saved) const {
   read.lesson_episodes = saved.at("lesson_episodes").get<std::uint64_t>();
   read.recent = saved.at("recent").get<std::vector<std::array<double, 2>>>();
   read.recent_next = saved.at("recent_next").get<std::size_t>();
+  read.recent_steps = saved.value("recent_steps", std::deque<int>());  // older checkpoints lack it
   read.generation = saved.at("cut").get<std::uint64_t>();
   if (read.progress.lesson < 0 || read.progress.lesson >= static_cast<int>(lessons.size()) ||
-      read.recent.size() > kRecent || read.recent_next >= kRecent)
+      read.recent.size() > kRecent || read.recent_steps.size() > kRecent || read.recent_next >= kRecent)
     throw Error("its progress makes no sense", "checkpoint");
+  read.progress.episode_length = mean_steps(read.recent_steps);
   return read;
 }
 
@@ -75,6 +78,7 @@ void Trainer::Impl::continue_from(SavedProgress saved) {
   lesson_episodes = saved.lesson_episodes;
   recent = std::move(saved.recent);
   recent_next = saved.recent_next;
+  recent_steps = std::move(saved.recent_steps);
   generation = saved.generation;
 }
 

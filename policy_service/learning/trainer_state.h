@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <deque>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -33,12 +34,16 @@ struct Lesson {
 
 constexpr int kRecent = 100;  ///< episodes in the running means
 
+/// Returns the mean of the lengths of episodes; NaN where there are none.
+double mean_steps(const std::deque<int>& steps);
+
 /// How far a trainer was, as a checkpoint has it.
 struct SavedProgress {
   TrainingProgress progress;
   std::uint64_t lesson_episodes = 0, generation = 0;
   std::vector<std::array<double, 2>> recent;
   std::size_t recent_next = 0;
+  std::deque<int> recent_steps;
 };
 
 /// What a Trainer holds. trainer.cc trains, trainer_checkpoint.cc saves and loads.
@@ -64,6 +69,7 @@ struct Trainer::Impl {
   std::uint64_t lesson_episodes = 0;          ///< finished in the present lesson
   std::vector<std::array<double, 2>> recent;  ///< reward and SPL of the last episodes, a ring
   std::size_t recent_next = 0;
+  std::deque<int> recent_steps;  ///< of the last episodes, the oldest first
 
   const Lesson& lesson() const { return lessons[static_cast<std::size_t>(progress.lesson)]; }
   void begin_generation() {

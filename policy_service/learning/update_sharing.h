@@ -17,7 +17,7 @@ struct LocalUpdate {
   std::uint64_t updates = 0;              ///< made before this one
   std::uint64_t generation = 0;           ///< Trainer::generation()
   std::uint64_t steps = 0;                ///< environment steps that it learned from; 0 before the first update
-  std::vector<FinishedEpisode> episodes;  ///< that ended meanwhile; only reward and SPL are shared
+  std::vector<FinishedEpisode> episodes;  ///< that ended meanwhile; their reward, SPL and steps are shared
   double elapsed = 0;                     ///< fraction of the run that has passed by its clock
   std::string progress;                   ///< of the trainer before this update, JSON
 };

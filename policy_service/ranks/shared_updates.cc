@@ -20,14 +20,14 @@ namespace {
 struct UpdateNews {
   std::uint64_t steps = 0, generation = 0;
   double elapsed = 0;
-  std::vector<std::array<double, 2>> episodes;  // reward and SPL
+  std::vector<std::array<double, 3>> episodes;  // reward, SPL and steps
   std::map<std::string, std::uint64_t> counters;
   std::map<std::string, std::ptrdiff_t> tensors;  // sizes
 };
 
 std::string news_of(const LocalUpdate& mine, const LearnerState& state) {
   nlohmann::json episodes = nlohmann::json::array(), tensors = nlohmann::json::object();
-  for (const FinishedEpisode& episode : mine.episodes) episodes.push_back({episode.reward, episode.spl});
+  for (const FinishedEpisode& episode : mine.episodes) episodes.push_back({episode.reward, episode.spl, episode.steps});
   for (const auto& [name, tensor] : state.tensors)
     if (is_shared(name)) tensors[name] = tensor.size();
   return nlohmann::json{{"steps", mine.steps},  {"generation", mine.generation}, {"elapsed", mine.elapsed},
@@ -116,7 +116,8 @@ SharedUpdate SharedUpdates::share(const LocalUpdate& mine, const Learn& learn, L
       }
       shared.steps += news[i].steps;
       shared.elapsed = std::max(shared.elapsed, news[i].elapsed);
-      for (const auto& [reward, spl] : news[i].episodes) shared.episodes.push_back({0, 0, reward, spl});
+      for (const auto& [reward, spl, steps] : news[i].episodes)
+        shared.episodes.push_back({0, 0, reward, spl, static_cast<int>(steps)});
     }
     // Where gradients were shared, and before the first update, all follow the leader.
     const bool weigh = !each_step_ && shared.steps > 0, behind = meeting.behind(meeting.mine);

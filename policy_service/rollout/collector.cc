@@ -284,8 +284,8 @@ void Collector::Impl::end_action(EnvState& env, const msg::Observation& observat
                       observation.allowed()[index], features);
     }
     if (!terminated && !truncated) continue;
-    env.finished.push_back(
-        {env.tick, static_cast<int>(index), agent.reward, spl_of(terminated, agent.shortest, agent.steps)});
+    const double spl = spl_of(terminated, agent.shortest, agent.steps);
+    env.finished.push_back({env.tick, static_cast<int>(index), agent.reward, spl, agent.steps});
   }
 }
 

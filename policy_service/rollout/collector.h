@@ -25,6 +25,7 @@ struct CollectorOptions {
 struct FinishedEpisode {
   int tick = 0, agent = 0;  ///< the action `tick` (from 1) of the segment ended it
   double reward = 0, spl = 0;
+  int steps = 0;  ///< its length
 };
 
 /// Acts on any number of environments, each with agents of its own, and records what a learner needs: a Rollout of

@@ -185,6 +185,7 @@ void TrainingRun::record_update(const UpdateFigures& figures, std::uint64_t step
   stat.steps_per_second() = static_cast<float>(rate);
   stat.reward() = static_cast<float>(progress.reward);
   stat.spl() = static_cast<float>(progress.spl);
+  stat.episode_length() = static_cast<float>(progress.episode_length);
 #define LEARNED(name, ...) stat.name() = static_cast<float>(figures.name);
 #include "core/task/training_figures.inc"
   stat.policy_lag() = static_cast<float>(policy_lag());

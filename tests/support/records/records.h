@@ -92,6 +92,7 @@ inline msg::TrainingStat training_stat(std::uint64_t update, std::uint64_t incar
   s.steps_per_second(2000);
   s.reward(reward);
   s.spl(update == 1 ? std::nanf("") : 0.8f);
+  s.episode_length(48);
   s.policy_loss(0.01f);
   s.entropy(1.0f);
   s.learning_rate(1e-3f);

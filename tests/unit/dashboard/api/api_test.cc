@@ -130,11 +130,11 @@ TEST_F(ApiTest, TrainingExports) {
   const Answer csv = ask({"runs", id_, "training.csv"});
   EXPECT_EQ(csv.type, "text/csv; charset=utf-8");
   EXPECT_EQ(csv.body,
-            "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,policy_loss,value_loss,entropy,approx_kl,"
-            "clip_fraction,gradient_norm,learning_rate,policy_lag\n"
-            "1,512,10,0,0.25,2000,0.5,,0.01,0,1,0,0,0,0.001,0\n"
-            "2,1024,20,0,0.5,2000,0.5,0.8,0.01,0,1,0,0,0,0.001,0\n"
-            "3,1536,30,0,0.75,2000,0.5,0.8,0.01,0,1,0,0,0,0.001,0\n");
+            "update,steps,episodes,lesson,wall,steps_per_second,reward,spl,episode_length,policy_loss,value_loss,"
+            "entropy,approx_kl,clip_fraction,gradient_norm,learning_rate,policy_lag\n"
+            "1,512,10,0,0.25,2000,0.5,,48,0.01,0,1,0,0,0,0.001,0\n"
+            "2,1024,20,0,0.5,2000,0.5,0.8,48,0.01,0,1,0,0,0,0.001,0\n"
+            "3,1536,30,0,0.75,2000,0.5,0.8,48,0.01,0,1,0,0,0,0.001,0\n");
   ASSERT_EQ(csv.headers.size(), 1u);
   EXPECT_EQ(csv.headers[0].second, "attachment; filename=\"demo-policy-1-1700000000000000-training.csv\"");
   const Json all = json({"runs", id_, "training.json"});

@@ -124,16 +124,19 @@ TEST(Trajectories, EpisodesAreCountedAsACollectorCountsThem) {
   Segments segments;
   TrajectoryQueue queue(segments.shape(), 100);
   std::vector<double> expected, found;
+  const auto sum_of = [](const FinishedEpisode& episode) {
+    return episode.reward + 100 * episode.spl + 10000 * episode.steps;
+  };
   std::uint64_t number = 0;
   for (int segment = 0; segment < 6; ++segment) {
     segments.next();
-    for (const FinishedEpisode& episode : segments.finished()) expected.push_back(episode.reward + 100 * episode.spl);
+    for (const FinishedEpisode& episode : segments.finished()) expected.push_back(sum_of(episode));
     for (int agent = 0; agent < kAgents; ++agent) {
       msg::Trajectory trajectory = segments.trajectory(agent, ++number);
       ASSERT_EQ(queue.take(trajectory, 0), TrajectoryQueue::Taken::kTaken);
     }
   }
-  for (const FinishedEpisode& episode : queue.finished()) found.push_back(episode.reward + 100 * episode.spl);
+  for (const FinishedEpisode& episode : queue.finished()) found.push_back(sum_of(episode));
   std::sort(expected.begin(), expected.end());
   std::sort(found.begin(), found.end());
   EXPECT_GT(expected.size(), 10u);

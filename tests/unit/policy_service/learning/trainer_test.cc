@@ -70,6 +70,24 @@ TEST(Trainer, RefusesACheckpointOfOtherOptions) {
   EXPECT_THROW(elsewhere.trainer.load(checkpoint), Error);
 }
 
+/// However many agents are under way, whose steps belong to no finished episode.
+TEST(Trainer, TheEpisodeLengthIsThatOfFinishedEpisodes) {
+  const Traversal city = small_city();
+  Loop loop(city, small_options("baseline"));
+  EXPECT_TRUE(std::isnan(loop.trainer.progress().episode_length));
+  while (loop.trainer.progress().episodes == 0) loop.update();
+  const double length = loop.trainer.progress().episode_length;
+  EXPECT_GE(length, 1);
+  EXPECT_LE(length, city.frames) << "the step limit";
+  Loop resumed(city, small_options("baseline"));
+  resumed.trainer.load(loop.trainer.checkpoint());
+  EXPECT_EQ(resumed.trainer.progress().episode_length, length);
+  Checkpoint old = loop.trainer.checkpoint();
+  old.header["progress"].erase("recent_steps");
+  resumed.trainer.load(old);
+  EXPECT_TRUE(std::isnan(resumed.trainer.progress().episode_length));
+}
+
 /// A trainer's parameters that belong to tensor `name`.
 Vector<float> part(const Trainer& trainer, const std::string& name) {
   const TrainedAgent agent = trainer.agent();
