@@ -123,6 +123,7 @@ export class RunData {
       steps_per_second: shaken(plan.rate, 0.05),
       reward: n === 1 ? NaN : level(plan.reward),
       spl: n === 1 ? NaN : spl,
+      episode_length: n === 1 ? NaN : MAX_STEPS - (MAX_STEPS - 43) * share,
       policy_loss: -0.002 * (1 - share) + 0.001 * random.normal(),
       value_loss: shaken(0.03 * (1.1 - share), 0.2),
       entropy: 1.0986 - 0.78 * share + 0.02 * random.normal(),

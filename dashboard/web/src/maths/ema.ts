@@ -19,19 +19,3 @@ export function smooth(values: readonly (number | null)[], at: readonly number[]
     return sum / weight;
   });
 }
-
-/**
- * Mean steps of the episodes that ended by each row, over the last `window` of them or a little more: from the growth of
- * both counts. It counts from the first row by which an episode had ended: before it, all steps are of unfinished episodes,
- * and would make the mean longer than the step limit. Null until a quarter of the window has ended since.
- */
-export function episodeLength(steps: readonly number[], episodes: readonly number[], window = 100): (number | null)[] {
-  let from = episodes.findIndex((count) => count > 0); // row from which it is counted
-  return steps.map((now, i) => {
-    if (from < 0 || i <= from) return null;
-    const count = episodes[i] ?? 0;
-    while (from + 1 < i && count - (episodes[from + 1] ?? 0) >= window) ++from;
-    const ended = count - (episodes[from] ?? 0);
-    return ended >= window / 4 ? (now - (steps[from] ?? 0)) / ended : null;
-  });
-}

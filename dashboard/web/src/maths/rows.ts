@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { TRAINING_COLUMNS } from '../api/training_figures';
 import type { TrainingAnswer } from '../api/types';
-import { episodeLength } from './ema';
 
 type Column = (number | null)[];
 
@@ -63,15 +62,11 @@ export function axis(rows: Rows, x: XAxis): number[] {
 }
 
 /** Means over the last 100 episodes. Those of fewer are of the shortest tasks, as these end first. */
-const MEANS = ['reward', 'spl'];
+const MEANS = ['reward', 'spl', 'episode_length'];
 const SETTLED = 100;
 
-/**
- * Returns a figure that can be drawn: a column, or `episode_length`, which follows from two of them. Means over 100 episodes
- * are null until so many have ended.
- */
+/** Returns a figure that can be drawn. Means over 100 episodes are null until so many have ended. */
 export function metric(rows: Rows, key: string): Column {
-  if (key === 'episode_length') return episodeLength(axis(rows, 'steps'), axis(rows, 'episodes'));
   const column = rows.columns[key] ?? [];
   if (!MEANS.includes(key)) return column;
   const episodes = axis(rows, 'episodes');

@@ -30,7 +30,7 @@ interface Metric {
 const PERFORMANCE: Metric[] = [
   { key: 'reward', title: 'Reward', hint: 'mean of the last 100 episodes', format: threeDecimals },
   { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', format: threeDecimals },
-  { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of about 100 episodes', format: (v) => fixed(v, 1) },
+  { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of the last 100 episodes', format: (v) => fixed(v, 1) },
 ];
 const FORMATS: { [unit: string]: (value: number) => string } = { share: (v) => percent(v), 'steps/s': short };
 const AXES = ['update', 'steps', 'episodes', 'wall'];

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { linesOf, type CurveOptions, type GroupRows } from '../../src/maths/curves';
-import { episodeLength, smooth } from '../../src/maths/ema';
+import { smooth } from '../../src/maths/ema';
 import { append, axis, latest, metric, noRows, rowsOf, type Rows } from '../../src/maths/rows';
 import { aggregate, deviation, median, valueAt } from '../../src/maths/seeds';
 import { TRAINING_COLUMNS } from '../../src/api/training_figures';
@@ -24,25 +24,6 @@ describe('smooth', () => {
   });
   it('does nothing at 0', () => {
     expect(smooth([1, 5, null], [1, 2, 3], 0)).toEqual([1, 5, null]);
-  });
-});
-
-describe('episodeLength', () => {
-  it('is the growth of steps per episode', () => {
-    // 16 agents whose episodes take 100 of at most 128 steps; a row each 64 steps of each agent.
-    const steps = Array.from({ length: 20 }, (_, i) => 1024 * (i + 1));
-    const lengths = episodeLength(steps, steps.map((count) => Math.floor(count / 1600) * 16));
-    expect(lengths.slice(0, 3)).toEqual([null, null, null]);
-    for (const length of lengths.filter((value) => value !== null)) expect(length).toBeLessThanOrEqual(128);
-    expect(lengths.at(-1)).toBeCloseTo(100, -1);
-  });
-  it('is null before a quarter of the window has ended since the first episodes', () => {
-    expect(episodeLength([512, 1024, 1536], [0, 6, 30])).toEqual([null, null, null]);
-    expect(episodeLength([512, 1024, 1536], [0, 6, 31])).toEqual([null, null, 512 / 25]);
-  });
-  it('looks back over about the window alone', () => {
-    // 100 episodes of 10 steps, then 100 of 2 steps.
-    expect(episodeLength([100, 1100, 1300], [10, 110, 210])).toEqual([null, 10, 2]);
   });
 });
 
@@ -114,6 +95,8 @@ describe('rows', () => {
     const all = rows([1, 2, 3], [0.76, 0.3, 0.2]);
     all.columns.episodes = [6, 99, 100];
     expect(metric(all, 'reward')).toEqual([null, null, 0.2]);
+    all.columns.episode_length = [12, 90, 80];
+    expect(metric(all, 'episode_length')).toEqual([null, null, 80]);
     expect(metric(all, 'steps')).toEqual([100, 200, 300]);
   });
   it('tells when updates are missing between', () => {
