@@ -71,7 +71,7 @@ TEST_P(Encoding, RawPicturesOfSixteenAgentsAreSeenByReference) {
 
 void expect_two_to_share_the_work(const std::string& middleware, bool common_store) {
   Trial run(middleware);
-  const Arguments drawn = {"--dataset", "synthetic", "--frames", "0:1000"};
+  const Arguments drawn = {"--dataset", "synthetic", "--frames", "0:640"};
   const auto start = [&](const std::string& id) {
     return run.encoder({"--id", id, "--store", common_store ? std::string(run.folder() / "store") : "none"});
   };
@@ -79,7 +79,7 @@ void expect_two_to_share_the_work(const std::string& middleware, bool common_sto
   for (const auto* encoder : {one.get(), two.get()})
     ASSERT_TRUE(encoder->says("takes part", kSoon)) << encoder->output();
   const auto summer = run.env("summer", drawn);
-  const auto policy = run.train(1500, "out");
+  const auto policy = run.train(600, "out");
   ASSERT_TRUE(run.has_checkpoint("out", kLong)) << policy->output() << one->output() << two->output();
   // The one that serves goes; the other one has all it needs.
   const auto serves = [](const Service& encoder) {
@@ -94,7 +94,7 @@ void expect_two_to_share_the_work(const std::string& middleware, bool common_sto
   ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << other->output();
   const int by_serving = number_before(serving->output(), " of them now"),
             by_other = number_before(other->output(), " of them now");
-  EXPECT_EQ(by_serving + by_other, 1000) << "each frame once: " << by_serving << " + " << by_other;
+  EXPECT_EQ(by_serving + by_other, 640) << "each frame once: " << by_serving << " + " << by_other;
   EXPECT_GT(std::min(by_serving, by_other), 100) << "both have a share";
   EXPECT_EQ(number_before(other->output(), " by others"), common_store ? 0 : by_serving);
 }

@@ -145,7 +145,7 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
   EXPECT_EQ(Json::parse(file("manifest.json"))["files"], manifest["files"]);
 
   // From nothing, in another folder: the same outcomes.
-  run({"--only", "figure-8-9"}, 0, "other");
+  run({"--only", "transfer"}, 0, "other");
   const std::vector<std::string> known = lines_of(results);
   for (std::string line : lines_of(file("results.json", "other"))) {
     line = std::regex_replace(line, std::regex("^\\[|[\\],]+$"), "");
@@ -155,7 +155,7 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
 }
 
 TEST_F(PaperReport, GoesOnWhereItWasStopped) {
-  const std::vector<std::string> part = {"--only", "figure-8-9"};
+  const std::vector<std::string> part = {"--only", "transfer"};
   {
     Service program(command(part), folder_ / "log");
     ASSERT_TRUE(poll_until([&] { return !outcomes().empty(); }, kLong)) << program.output();

@@ -66,8 +66,9 @@ std::map<std::string, std::string> files_of(const std::string& store) {
   return files;
 }
 
-const Arguments kLongWay = {"--dataset", "synthetic", "--frames", "0:640"};  // ten blocks
-constexpr int kLongWayFrames = 640;
+constexpr int kLongWayFrames = 320;  // five blocks
+const std::string kLongWayCount = std::to_string(kLongWayFrames);
+const Arguments kLongWay = {"--dataset", "synthetic", "--frames", "0:" + kLongWayCount};
 
 TEST(EncodingShared, AnyNumberOfEncoderServicesMakeTheSameFeaturesOfEachFrameOnce) {
   std::vector<float> expected;
@@ -132,12 +133,13 @@ TEST(EncodingShared, OneThatComesLateFetchesEverything) {
   const auto two = run.encoder({"--id", "two", "--store", run.folder() / "own"});
   ASSERT_TRUE(two->says("fall: ready", kLong)) << two->output();
   ASSERT_TRUE(two->says("summer: ready", kLong)) << two->output();
-  EXPECT_EQ(occurrences(two->output(), "(0 of them now, 640 by others"), 2) << two->output();
+  EXPECT_EQ(occurrences(two->output(), "(0 of them now, " + kLongWayCount + " by others"), 2) << two->output();
   EXPECT_EQ(two->end(SIGTERM, seconds(5)), 0);
   EXPECT_TRUE(contains(two->output(), " 0 frames encoded")) << two->output();
   // What it fetched is in its store.
   const auto again = run.encoder({"--id", "two", "--store", run.folder() / "own"});
-  ASSERT_TRUE(again->says("640 of 640 frames were encoded before", kSoon)) << again->output();
+  ASSERT_TRUE(again->says(kLongWayCount + " of " + kLongWayCount + " frames were encoded before", kSoon))
+      << again->output();
 }
 
 TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
@@ -170,7 +172,8 @@ TEST(EncodingShared, AKilledOneLosesNothingButWhatItHadNotFinished) {
       encoders["one"] = run.encoder({"--id", "one", "--store", own_store(run, "one", true)});
       ASSERT_TRUE(encoders["one"]->says("summer: ready", kLong)) << encoders["one"]->output();
       EXPECT_EQ(number_before(encoders["one"]->output(), " of them now"), 0);
-      const int before = number_before(encoders["one"]->output(), " of 640 frames were encoded before");
+      const int before =
+          number_before(encoders["one"]->output(), " of " + kLongWayCount + " frames were encoded before");
       EXPECT_GE(before, by_killed) << what;
     }
     std::string serving;
