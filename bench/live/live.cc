@@ -1,17 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 // See README.md.
-#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/wait.h>
 
 #include <algorithm>
 #include <cstdio>
-#include <fstream>
 #include <iostream>
 #include <memory>
 #include <thread>
 
 #include "bench/bench.h"
+#include "core/util/machine.h"
 #include "dashboard/http/server.h"
 #include "tests/support/web/web_client.h"
 
@@ -23,20 +22,6 @@ using testing::WebClient;
 
 constexpr std::size_t kScene = 64 * 6 * 4, kPicture = 20'000;
 const std::string kWatch = R"({"watch": ["scene:env@run", "picture:env@run:0"]})";
-
-double processor_seconds() {
-  rusage used{};
-  getrusage(RUSAGE_SELF, &used);
-  const auto seconds = [](const timeval& t) { return double(t.tv_sec) + double(t.tv_usec) * 1e-6; };
-  return seconds(used.ru_utime) + seconds(used.ru_stime);
-}
-
-double resident_megabytes() {
-  std::ifstream statm("/proc/self/statm");
-  double all = 0, pages = 0;
-  statm >> all >> pages;
-  return pages * double(sysconf(_SC_PAGESIZE)) / 1e6;
-}
 
 /// Work of another process, which ends when this does.
 class Crowd {
@@ -155,7 +140,7 @@ double bare_share(int clients, std::chrono::seconds duration) {
         if (one.revents && ::recv(one.fd, bytes.data(), bytes.size(), 0) <= 0) return;
   });
   const std::vector<char> scene(kScene + 200), picture(kPicture + 200);
-  const double before = processor_seconds();
+  const double before = process_use().processor_seconds;
   const auto begin = Clock::now();
   for (auto next = begin; next < begin + duration; next += 100ms) {
     std::this_thread::sleep_until(next);
@@ -164,7 +149,7 @@ double bare_share(int clients, std::chrono::seconds duration) {
           ::send(one, picture.data(), picture.size(), MSG_NOSIGNAL) < 0)
         throw Error("cannot send");
   }
-  const double share = (processor_seconds() - before) / seconds_since(begin);
+  const double share = (process_use().processor_seconds - before) / seconds_since(begin);
   for (const int one : ours) ::close(one);
   for (const int one : theirs) ::close(one);
   return share;
@@ -181,11 +166,11 @@ void measure(int clients, std::chrono::seconds duration) {
     const Crowd crowd([&] { watch(server.port(), clients); });
     wait_for([&] { return hub.counts().clients == static_cast<std::size_t>(clients) && hub.watched().size() == 2; });
     const auto before_counts = hub.counts();
-    const double before = processor_seconds();
+    const double before = process_use().processor_seconds;
     const auto begin = Clock::now();
     publish_for(hub, 100ms, duration);
     const double seconds = seconds_since(begin);
-    const double share = (processor_seconds() - before) / seconds;
+    const double share = (process_use().processor_seconds - before) / seconds;
     const auto counts = hub.counts();
     std::printf("%d clients, 10 scenes and 10 pictures a second: %.0f frames/s, %llu dropped\n", clients,
                 double(counts.taken - before_counts.taken) / seconds,
@@ -198,7 +183,7 @@ void measure(int clients, std::chrono::seconds duration) {
   wait_for([&] { return hub.counts().clients == 7 && hub.watched().size() == 2; });
   publish_for(hub, 1ms, 1s);
   const Rate without = publish_for(hub, 1ms, duration);
-  const double memory = resident_megabytes();
+  const double memory = double(process_use().resident) / 1e6;
   WebClient stopped(server.port());
   stopped.upgrade();
   stopped.say(kWatch);
@@ -209,7 +194,7 @@ void measure(int clients, std::chrono::seconds duration) {
   std::printf("  publisher %.1f/s without it, %.1f/s with it: ratio %.4f; longest call %.2f ms, %.2f ms\n",
               without.each_second, with.each_second, with.each_second / without.each_second, without.longest_ms,
               with.longest_ms);
-  std::printf("  memory +%.1f MB; %llu messages dropped\n", resident_megabytes() - memory,
+  std::printf("  memory +%.1f MB; %llu messages dropped\n", double(process_use().resident) / 1e6 - memory,
               static_cast<unsigned long long>(hub.counts().dropped - dropped));
 }
 

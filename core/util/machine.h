@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -33,5 +34,13 @@ class Machine {
 std::string host_name();
 /// Returns the number of this process.
 int process_number();
+
+/// What this process uses of its machine.
+struct ProcessUse {
+  double processor_seconds = 0;  ///< user and system time of all its threads since it began
+  std::uint64_t resident = 0;    ///< bytes of memory
+};
+/// Returns what the operating system counts; zeros where the machine is simulated.
+ProcessUse process_use();
 
 }  // namespace citylearn

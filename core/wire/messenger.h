@@ -35,6 +35,7 @@ class Messenger {
   template <class Message>
   bool take(Message& message) {
     while (channels_of<Message>().take(buffer_)) {
+      traffic.received_bytes += buffer_.size();
       try {
         decode(std::span<const std::byte>(buffer_), message);
         if (accept(message.header())) return true;
@@ -98,6 +99,7 @@ class Messenger {
   void send(const Message& message, const std::vector<Address>& addresses) {
     encode(message, buffer_);
     for (const Address& address : addresses) channels_of<Message>().writer(address).publisher->publish(buffer_);
+    traffic.sent_bytes += addresses.size() * buffer_.size();
   }
   /// Returns the address of a service of this session; id empty: of all.
   Address at(const std::string& id) const { return id.empty() ? Address() : Address{options_.session, id}; }

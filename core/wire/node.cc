@@ -18,7 +18,7 @@ constexpr double kSameMoment = 0.1;  // seconds between two starts that count as
 
 }  // namespace
 
-Node::Node(const Options& options) : Messenger(options) {
+Node::Node(const Options& options) : Messenger(options), use_(process_use()) {
   started_ = next_heartbeat_ = Clock::now();
   status_.service(options_.service);
   status_.host(host_name());
@@ -35,7 +35,16 @@ void Node::heartbeat() {
   if (now - twin_heard_ >= kSilence) alarm("id", "");
   if (const std::string& keys = options_.middleware.security; !keys.empty())
     alarm("security", internal::outdated_revocations(keys, incarnation_));
-  status_.uptime(std::chrono::duration<double>(now - started_).count());
+  const double uptime = std::chrono::duration<double>(now - started_).count();
+  const ProcessUse use = process_use();
+  if (uptime > status_.uptime())
+    status_.processors(
+        static_cast<float>((use.processor_seconds - use_.processor_seconds) / (uptime - status_.uptime())));
+  use_ = use;
+  status_.memory(use.resident);
+  status_.sent_bytes(traffic.sent_bytes);
+  status_.received_bytes(traffic.received_bytes);
+  status_.uptime(uptime);
   status_.received(traffic.received);
   status_.repeated(traffic.repeated);
   status_.resent(traffic.resent);

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "core/util/machine.h"
 #include "core/wire/messenger.h"
 
 namespace citylearn {
@@ -38,6 +39,7 @@ class Node : public Messenger {
   void heartbeat();
 
   msg::ServiceStatus status_;
+  ProcessUse use_;  // at the last heartbeat
   Clock::time_point started_, next_heartbeat_, twin_heard_;
   std::vector<std::string> faults_;
   std::map<std::string, std::string> alarms_;

@@ -23,6 +23,8 @@ struct Traffic {
   std::uint64_t resent = 0;
   std::uint64_t rejected = 0;
   std::uint64_t foreign = 0;
+  std::uint64_t sent_bytes = 0;
+  std::uint64_t received_bytes = 0;
 };
 
 }  // namespace citylearn

@@ -2,11 +2,11 @@
 #include "dashboard/http/request_handler.h"
 
 #include <spdlog/spdlog.h>
-#include <sys/resource.h>
 
 #include <bit>
 #include <cstdio>
 
+#include "core/util/machine.h"
 #include "dashboard/http/server_context.h"
 
 namespace citylearn {
@@ -151,13 +151,10 @@ std::string RequestHandler::metrics() const {
   text += "# HELP " + requests + " Requests answered, by status.\n# TYPE " + requests + " counter\n";
   for (const auto& [status, count] : context_.answers)
     text += requests + "{status=\"" + std::to_string(status) + "\"} " + std::to_string(count) + "\n";
-  rusage used{};
-  getrusage(RUSAGE_SELF, &used);
-  const auto seconds = [](const timeval& t) { return double(t.tv_sec) + double(t.tv_usec) * 1e-6; };
   text +=
       "# HELP process_cpu_seconds_total User and system time.\n# TYPE process_cpu_seconds_total counter\n"
       "process_cpu_seconds_total " +
-      number(seconds(used.ru_utime) + seconds(used.ru_stime));
+      number(process_use().processor_seconds);
   return text;
 }
 

@@ -117,6 +117,12 @@ export interface Service {
   uptime: number | null;
   rate: number | null;
   age: number | null;
+  /** Processors kept busy since the heartbeat before. */
+  processors: number | null;
+  /** Bytes, resident. */
+  memory: number | null;
+  sent_bytes: number | null;
+  received_bytes: number | null;
   received: number | null;
   repeated: number | null;
   resent: number | null;

@@ -30,6 +30,27 @@ TEST(Node, LaterStartsHaveLargerIncarnationsAndServicesTheirOwn) {
   EXPECT_GT(names.size(), 1U) << "in containers all have the same process number";
 }
 
+TEST(Node, SaysWhatItUsesOfItsMachineAndOfTheWire) {
+  Node node(options("busy")), watcher(options("watcher"));
+  watcher.create_reader<msg::ServiceStatus>();
+  msg::ServiceStatus status;
+  const auto heartbeat = [&](msg::State state) {
+    node.report(state, "");
+    ASSERT_TRUE(watcher.take(status));
+  };
+  heartbeat(msg::RUNNING);
+  EXPECT_GT(status.memory(), 1u << 20);
+  EXPECT_EQ(status.sent_bytes(), 0u) << "this one is counted by the next";
+  const ProcessUse before = process_use();
+  while (process_use().processor_seconds < before.processor_seconds + 0.05) continue;
+  heartbeat(msg::STOPPING);
+  EXPECT_GT(status.processors(), 0);
+  EXPECT_LT(status.processors(), 1000);
+  const std::uint64_t sent = status.sent_bytes();
+  EXPECT_GT(sent, 100u);
+  EXPECT_EQ(watcher.traffic.received_bytes, 2 * sent);
+}
+
 /// A node, and somebody who speaks to it past any node.
 class Hostile : public ::testing::Test {
  protected:

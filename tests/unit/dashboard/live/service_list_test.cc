@@ -128,8 +128,9 @@ TEST(ServiceList, TellsRunsApartAndForgetsInTheEnd) {
   EXPECT_EQ(beats.state("env", "two"), "waiting");
   const Json service = beats.list.json(beats.now)["services"][0];
   for (const char* key :
-       {"id", "service", "session", "host", "process", "middleware", "incarnation", "state", "activity", "uptime",
-        "rate", "age", "received", "repeated", "resent", "rejected", "foreign", "alarm", "since"})
+       {"id",       "service",  "session", "host",     "process",    "middleware", "incarnation", "state",
+        "activity", "uptime",   "rate",    "age",      "processors", "memory",     "sent_bytes",  "received_bytes",
+        "received", "repeated", "resent",  "rejected", "foreign",    "alarm",      "since"})
     EXPECT_TRUE(service.contains(key)) << key;
   beats.after(std::chrono::minutes(61));
   EXPECT_TRUE(beats.list.json(beats.now)["services"].empty());
