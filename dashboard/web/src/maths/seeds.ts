@@ -48,8 +48,9 @@ export function lowerBound(sorted: readonly number[], x: number): number {
 }
 
 /**
- * Mean, lowest and highest of curves at `points` places from the least x to the greatest, or of that what lies in `range`. At
- * each place those curves count that have reached it and have a value there; one that starts later or ended earlier does not.
+ * Mean, lowest and highest of curves at `points` places from the least x to the greatest, or of that what lies in `range`. They
+ * begin where every curve has begun, as a mean of the first to begin jumps with each that joins. At each place those curves
+ * count that have a value there; one that ended earlier does not.
  */
 export function aggregate(curves: readonly Curve[], points = 400, range: Range | null = null): Band {
   const band: Band = { x: [], mean: [], low: [], high: [], count: [] };
@@ -57,11 +58,12 @@ export function aggregate(curves: readonly Curve[], points = 400, range: Range |
   if (there.length === 0) return band;
   const first = Math.max(range?.from ?? -Infinity, Math.min(...there.map((curve) => curve.x[0] as number)));
   const last = Math.min(range?.to ?? Infinity, Math.max(...there.map((curve) => curve.x[curve.x.length - 1] as number)));
+  const begun = Math.max(...there.map((curve) => curve.x[curve.y.findIndex((value) => value !== null)] ?? -Infinity));
   const rows = last > first ? points : 1;
   for (let i = 0; i < rows; ++i) {
     // The ends are exact, so that rounding excludes no curve there.
     const x = i === 0 ? first : i === rows - 1 ? last : first + ((last - first) * i) / (rows - 1);
-    const values = there.map((curve) => valueAt(curve, x)).filter((value): value is number => value !== null);
+    const values = x < begun ? [] : there.map((curve) => valueAt(curve, x)).filter((value): value is number => value !== null);
     band.x.push(x);
     band.count.push(values.length);
     band.mean.push(values.length ? mean(values) : null);

@@ -50,6 +50,11 @@ describe('aggregate', () => {
   it('keeps to a range', () => {
     expect(aggregate([{ x: [0, 10], y: [0, 10] }], 3, { from: 4, to: 20 }).x).toEqual([4, 7, 10]);
   });
+  it('begins where every curve has begun; one without values holds nothing up', () => {
+    const band = aggregate([{ x: [0, 10], y: [0, 10] }, { x: [0, 5, 10], y: [null, 3, 4] }, { x: [0, 10], y: [null, null] }], 3);
+    expect(band.mean).toEqual([null, 4, 7]);
+    expect(band.count).toEqual([0, 2, 2]);
+  });
   it('is empty of nothing', () => expect(aggregate([{ x: [], y: [] }]).x).toEqual([]));
   it('reaches the last x of each curve in spite of rounding', () => {
     const x = [0.1, 0.3];
