@@ -141,7 +141,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
       </div>
       <div class="stack">
         <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} state={run.state} frame={here?.frame ?? null} />
-        <Agents scene={scene} agent={agent} name={traversal.traversal} />
+        <Agents scene={scene} agent={agent} name={traversal.traversal} running={running} />
       </div>
     </div>
   );
@@ -211,7 +211,12 @@ function Eyes({ source, traversal, all, agent, state, frame }: {
   );
 }
 
-function Agents({ scene, agent, name }: { scene: Scene | null; agent: number; name: string }): JSX.Element {
+function Agents({ scene, agent, name, running }: {
+  scene: Scene | null;
+  agent: number;
+  name: string;
+  running: boolean;
+}): JSX.Element {
   const rows = (scene?.list ?? []).map((one, i) => ({ ...one, agent: i, left: Math.abs(one.goal - one.position) }));
   const columns: Column<(typeof rows)[number]>[] = [
     {
@@ -238,7 +243,7 @@ function Agents({ scene, agent, name }: { scene: Scene | null; agent: number; na
       rows={rows}
       rowKey={(row) => row.agent}
       rowClass={(row) => (row.agent === agent ? 'chosen' : undefined)}
-      empty={<Empty title="No agents yet" />}
+      empty={<Empty title={running ? 'No agents yet' : 'The run is over'} />}
     />
   );
 }

@@ -35,6 +35,17 @@ describe('live', () => {
     await eventually(() => page.locator('.picture img').count(), (count) => count === 2);
   });
 
+  it('pictures beside each other are of one frame', async () => {
+    const { page } = await stage.page('route');
+    const frames = (): Promise<string[]> =>
+      page.evaluate(() => [...document.querySelectorAll<HTMLElement>('.picture figcaption .number')].map((one) => one.innerText));
+    const seen = new Set<string>();
+    await eventually(frames, (now) => {
+      if (now.length === 2) expect(now[0]).toBe(now[1]);
+      return now.length === 2 && seen.add(now[0] ?? '').size > 4;
+    });
+  });
+
   it.runIf(onMock)('pictures are asked for only while they are seen', async () => {
     const { page } = await stage.page('route');
     await page.waitForSelector('.picture img');

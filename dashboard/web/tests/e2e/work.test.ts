@@ -110,6 +110,14 @@ describe.runIf(onMock)('deployment', () => {
   });
 });
 
+describe.runIf(onMock)('route', () => {
+  it('a run that is over awaits neither agents nor pictures', async () => {
+    const { page } = await stage.page(`route?run=${encodeURIComponent('relabel-1907/policy/1/1763740800000004')}`);
+    await page.getByText('The run is over: its agents see nothing any more.').first().waitFor();
+    expect(await page.getByText(/Waiting|yet/).count()).toBe(0);
+  });
+});
+
 describe.runIf(onMock)('compare', () => {
   it('shows what differs in the manifests; groups count every run', async () => {
     const { page } = await stage.page('compare');
