@@ -10,6 +10,7 @@ import { groupRuns, type Group } from '../maths/groups';
 import { compareManifests } from '../maths/manifest';
 import { meanRate, runName } from '../maths/runs';
 import { deviation, mean, median } from '../maths/seeds';
+import { useGroups } from '../state/groups';
 import { failure, useJsons, valueOf } from '../state/resource';
 import { param, place, setParams } from '../state/router';
 import { seriesColour } from '../state/theme';
@@ -63,7 +64,7 @@ const known = (values: readonly (number | null)[]): number[] => values.filter((v
 /** Statistics over all seeds of a group, whichever runs are chosen. */
 function Groups({ all }: { all: readonly Run[] }): JSX.Element {
   const by = chosen(GROUPS);
-  const groups = useMemo(() => groupRuns(all, by), [all, by]);
+  const groups = useGroups(all, by);
   const spread = (key: 'spl' | 'reward' | 'episodes' | 'wall', label: string, show: (value: number) => string, save = show): Column<Group> => {
     const of = (group: Group, format: (value: number) => string): string => {
       const values = known(group.runs.map((run) => run[key]));

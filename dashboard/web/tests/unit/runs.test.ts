@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
-import type { Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
-import { groupRuns } from '../../src/maths/groups';
+import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
+import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
 import { meanRate, runName } from '../../src/maths/runs';
 import { compareManifests, flatten } from '../../src/maths/manifest';
 import { awaitedPicture, routePart, sceneText } from '../../src/maths/scene';
@@ -22,19 +22,41 @@ describe('groupRuns', () => {
       ['a/policy/1'],
     ]);
   });
-  it('a seed that comes again begins another sweep', () => {
-    const twice = [run('b', 1, 'x'), run('b', 2, 'x'), run('b', 1, 'x'), run('b', 2, 'x'), run('b', 1, 'x')];
-    expect(groupRuns(twice, 'sweep').map((group) => [group.label, group.runs.map((one) => one.seed)])).toEqual([
-      ['x · ppo · session b', [1, 2]],
-      ['x · ppo · session b (earlier, 1)', [1, 2]],
-      ['x · ppo · session b (earlier, 2)', [1]],
-    ]);
-  });
   it('by agent and learner', () => {
     expect(groupRuns(runs, 'agent').map((group) => [group.label, group.runs.length])).toEqual([
       ['x · ppo', 3],
       ['y · ppo', 1],
     ]);
+  });
+});
+
+describe('seeds of one setting', () => {
+  const one = (seed: number, id: string): Run => ({ ...run('b', seed, 'x'), id, started: 60 * Number(id) });
+  const ids = (runs: Run[], settings?: Map<string, string>): string[] =>
+    groupRuns(runs, 'sweep', settings).map((group) => group.runs.map(({ id }) => id).join());
+  it('runs of one name with other options are not seeds of one group', () => {
+    const runs = [one(3, '3'), one(2, '2'), one(1, '1')];
+    expect(ids(runs)).toEqual(['1,2,3']);
+    const clips = [['1', 0.2], ['2', 0.1], ['3', 0.2]] as const;
+    const settings = new Map(clips.map(([id, clip]) => [id, settingsOf({ seed: Number(id), job: id, parameters: { clip } })]));
+    expect(ids(runs, settings)).toEqual(['1,3', '2']);
+    const [first, second] = groupRuns(runs, 'sweep', settings);
+    expect(first?.label).not.toBe(second?.label);
+    expect(first?.key).toBe(groupRuns(runs, 'sweep')[0]?.key);
+    expect(second?.key).not.toBe(first?.key);
+  });
+  it('a seed counts once: a sweep that is run again is another group', () => {
+    expect(ids([one(2, '4'), one(1, '3'), one(2, '2'), one(1, '1')])).toEqual(['3,4', '1,2']);
+  });
+  it('traversals that are not trained on say nothing about the settings', () => {
+    const of = (traversals: Manifest): string => settingsOf({ seed: 1, train: 'summer, fall', traversals });
+    expect(of({ summer: { hash: 'a' } })).toBe(of({ rain: { hash: 'b' }, summer: { hash: 'a' } }));
+    expect(of({ summer: { hash: 'a' } })).not.toBe(of({ summer: { hash: 'b' } }));
+  });
+  it('manifests are needed of namesakes alone', () => {
+    const runs = [one(2, '2'), run('a', 1, 'x'), one(1, '1')];
+    expect(namesakes(runs, 'sweep').map(({ id }) => id)).toEqual(['2', '1']);
+    expect(namesakes(runs, 'agent')).toEqual(runs);
   });
 });
 
