@@ -6,7 +6,7 @@ export default defineConfig({
   server: { fs: { allow: ['.', '../../core/task'] } }, // training_figures.inc
   test: {
     include: ['tests/e2e/**/*.test.ts'],
-    globalSetup: 'tests/e2e/browser.ts',
+    globalSetup: 'tests/e2e/city.ts',
     fileParallelism: false,
     testTimeout: 30_000,
     hookTimeout: 60_000,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Evaluation } from '../api/types';
 
-const CONTROLS = ['sequence_filter', 'blind', 'shortest_path'];
+const CONTROLS = ['blind', 'oracle_filter', 'sequence_filter', 'shortest_path'];
 
 /** Returns whether the policy is a reference that does not learn. */
 export function isControl(one: Pick<Evaluation, 'policy'>): boolean {

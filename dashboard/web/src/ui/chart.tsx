@@ -181,7 +181,10 @@ function Plot(props: PlotProps): JSX.Element {
   useEffect(() => {
     if (data) current.current = { ...props, data };
     const width = Math.floor(size.width);
-    if (!room.current || !current.current || !visible || width < 50) return;
+    if (!room.current || !current.current || width < 50) return;
+    // One out of sight too, as it would stay wider than a window that has become narrow.
+    if (plot.current && plot.current.width !== width) plot.current.setSize({ width, height });
+    if (!visible) return;
     if (plot.current && plot.current.root.dataset.structure !== structure) {
       plot.current.destroy();
       plot.current = null;
@@ -189,10 +192,7 @@ function Plot(props: PlotProps): JSX.Element {
     if (!plot.current) {
       plot.current = new uPlot(optionsOf(current, width, height), current.current.data, room.current);
       plot.current.root.dataset.structure = structure;
-    } else {
-      if (plot.current.width !== width) plot.current.setSize({ width, height });
-      plot.current.setData(current.current.data, true);
-    }
+    } else plot.current.setData(current.current.data, true);
   }, [data, structure, size.width, visible, zoom?.from, zoom?.to, references]);
 
   useEffect(

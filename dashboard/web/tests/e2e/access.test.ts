@@ -1,38 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
-import { spawn, type ChildProcess } from 'node:child_process';
 import { once } from 'node:events';
-import { existsSync, mkdtempSync, readFileSync, rmSync } from 'node:fs';
+import { readFileSync } from 'node:fs';
 import { createServer, type Server } from 'node:http';
 import type { AddressInfo } from 'node:net';
-import { tmpdir } from 'node:os';
-import { join, resolve } from 'node:path';
-import { chromium, type Browser, type BrowserContext, type Page } from 'playwright-core';
-import { afterAll, afterEach, beforeAll, describe, expect, inject, it } from 'vitest';
+import { join } from 'node:path';
+import type { BrowserContext, Page } from 'playwright-core';
+import { afterAll, beforeAll, describe, expect, inject, it } from 'vitest';
+import { Stage, violations } from './stage';
 
-// The program itself, beside the folder of the page that was built with it, and a foreign server on another port.
+// A dashboard with a token that sees the city's services, and a foreign server on another port.
 
-const PAGE = resolve(process.env.CITYLEARN_PAGE ?? 'dist');
-const PROGRAM = resolve(PAGE, '../dashboard');
-
-describe.runIf(existsSync(PROGRAM))('a dashboard with a token', () => {
-  const folder = mkdtempSync(join(tmpdir(), 'citylearn-'));
-  let dashboard: ChildProcess;
-  let browser: Browser;
+describe('a dashboard with a token', () => {
+  const stage = Stage.ofProgram((folder) => ({ ...inject('city').wire, id: 'guarded', leave: true, 'token-file': join(folder, 'token') }));
   let foreign: Server;
-  let link = '';
-  let url = '';
   let port = 0; // of the foreign server
   const asked: string[] = []; // of it
 
   beforeAll(async () => {
-    browser = await chromium.connect(inject('browser'));
-    const options = { '--middleware': 'inprocess', '--port': '0', '--page': PAGE, '--store': join(folder, 'store'), '--token-file': join(folder, 'token') };
-    dashboard = spawn(PROGRAM, Object.entries(options).flat(), { stdio: ['ignore', 'pipe', 'inherit'] });
-    for await (const text of dashboard.stdout as NodeJS.ReadableStream) {
-      link = /http:\S+/.exec(String(text))?.[0] ?? '';
-      if (link) break;
-    }
-    url = new URL('/', link).href;
     foreign = createServer((request, response) => {
       if (request.url !== '/') asked.push(`${request.method} ${request.url}`);
       response.writeHead(200, { 'Content-Type': 'text/html', 'Access-Control-Allow-Origin': '*' }).end('<!doctype html><title>foreign</title>');
@@ -40,24 +24,17 @@ describe.runIf(existsSync(PROGRAM))('a dashboard with a token', () => {
     await once(foreign, 'listening');
     port = (foreign.address() as AddressInfo).port;
   });
-  afterEach(() => Promise.all(browser.contexts().map((context) => context.close())));
-  afterAll(async () => {
-    foreign.close();
-    dashboard.kill();
-    await once(dashboard, 'exit');
-    await browser.close();
-    rmSync(folder, { recursive: true });
-  });
+  afterAll(() => void foreign.close());
 
-  const token = (): string => readFileSync(join(folder, 'token'), 'utf8').trim();
+  const token = (): string => readFileSync(join(stage.folder, 'token'), 'utf8').trim();
   const live = (page: Page): Promise<void> => page.locator('[data-link="open"]').waitFor();
 
   /** Returns a context that has logged in. */
   async function known(): Promise<{ context: BrowserContext; page: Page }> {
-    const context = await browser.newContext();
+    const context = await stage.browser.newContext();
     const page = await context.newPage();
     page.setDefaultTimeout(10_000);
-    await page.goto(url);
+    await page.goto(stage.url);
     await page.getByLabel('Token').fill(token());
     await page.getByRole('button', { name: 'Open' }).click();
     await live(page);
@@ -65,32 +42,53 @@ describe.runIf(existsSync(PROGRAM))('a dashboard with a token', () => {
   }
 
   it('is opened by its link once, which leaves nothing behind but the cookie', async () => {
-    const context = await browser.newContext();
+    const context = await stage.browser.newContext();
     const page = await context.newPage();
-    await page.goto(link);
+    await page.goto(stage.dashboard.link);
     await live(page);
-    expect(page.url()).toBe(url);
+    expect(page.url()).toBe(stage.url);
     const left = await page.evaluate(() => [document.cookie, document.referrer, localStorage.length, sessionStorage.length, history.length]);
     expect(left).toEqual(['', '', 0, 0, 2]); // about:blank and the page
     const [cookie, ...more] = await context.cookies();
     expect(more).toEqual([]);
     expect(cookie).toMatchObject({ httpOnly: true, sameSite: 'Strict', path: '/', domain: '127.0.0.1', expires: -1 });
-    expect([token(), link]).not.toContain(cookie?.value);
+    expect([token(), stage.dashboard.link]).not.toContain(cookie?.value);
     const second = await context.newPage(); // another tab
-    await second.goto(url);
+    await second.goto(stage.url);
     await live(second);
-    const stranger = await (await browser.newContext()).newPage();
-    expect((await stranger.goto(link))?.status()).toBe(401);
-    await stranger.goto(url);
+    const stranger = await (await stage.browser.newContext()).newPage();
+    expect((await stranger.goto(stage.dashboard.link))?.status()).toBe(401);
+    await stranger.goto(stage.url);
     await stranger.getByLabel('Token').fill(token().replace(/^./, (c) => (c === '0' ? '1' : '0')));
     await stranger.getByRole('button', { name: 'Open' }).click();
     await stranger.getByText('The token is wrong.').waitFor();
     expect(await stranger.context().cookies()).toEqual([]);
   });
 
+  it('asks for the token, and then shows runs and pictures', async () => {
+    const { page, outside } = await stage.page('overview', {});
+    const requests: string[] = [];
+    page.on('request', (request) => requests.push(request.url()));
+    const field = page.getByLabel('Token');
+    await field.fill('wrong');
+    expect(await violations(page)).toEqual([]);
+    await page.getByRole('button', { name: 'Open' }).click();
+    await page.getByText('The token is wrong.').waitFor();
+    await field.fill(token());
+    await page.getByRole('button', { name: 'Open' }).click();
+    await live(page);
+    await page.waitForSelector('.run-card');
+    // The cookie opens the next page, and the pictures.
+    await page.goto(`${stage.url}#/route`);
+    await page.reload();
+    await page.waitForSelector('.picture img');
+    expect(requests.some((one) => one.includes(token()))).toBe(false);
+    expect(outside).toEqual([]);
+  });
+
   it('cannot be reached under a name that somebody else binds to its address', async () => {
-    const page = await browser.newPage();
-    expect((await page.goto(url.replace('127.0.0.1', 'rebound.localhost')))?.status()).toBe(403);
+    const page = await stage.browser.newPage();
+    expect((await page.goto(stage.url.replace('127.0.0.1', 'rebound.localhost')))?.status()).toBe(403);
   });
 
   // Another port of its own host is the same site: the browser sends the cookie along. Another name is another site.
@@ -118,11 +116,11 @@ describe.runIf(existsSync(PROGRAM))('a dashboard with a token', () => {
         style: await element('link', { rel: 'stylesheet', href: `${target}api/runs` }),
         socket: await socket,
       }).flatMap(([name, yes]) => (yes ? [name] : []));
-    }, url);
+    }, stage.url);
     expect(reached).toEqual([]);
     const framed = (target: string): void => document.body.append(Object.assign(document.createElement('iframe'), { src: target }));
-    await Promise.all([page.waitForEvent('console', (message) => message.text().includes('frame-ancestors')), page.evaluate(framed, url)]);
-    const [opened] = await Promise.all([context.waitForEvent('page'), page.evaluate((target) => void window.open(target), url)]);
+    await Promise.all([page.waitForEvent('console', (message) => message.text().includes('frame-ancestors')), page.evaluate(framed, stage.url)]);
+    const [opened] = await Promise.all([context.waitForEvent('page'), page.evaluate((target) => void window.open(target), stage.url)]);
     await live(opened);
     expect(await opened.evaluate(() => window.opener === null)).toBe(true);
   });
@@ -173,7 +171,7 @@ describe.runIf(existsSync(PROGRAM))('a dashboard with a token', () => {
       while (lacking().length && Date.now() < end) await new Promise((done) => requestAnimationFrame(done));
       return [lacking(), (window as unknown as { hacked?: number }).hacked ?? null, document.baseURI];
     }, elsewhere);
-    expect(refused).toEqual([[], null, url]);
+    expect(refused).toEqual([[], null, stage.url]);
     expect(asked).toEqual([]);
   });
 });

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
-import { describe, expect, it } from 'vitest';
+import { describe, expect, inject, it } from 'vitest';
 import type { Page } from 'playwright-core';
-import { eventually, onMock, Stage } from './stage';
-
-const stage = Stage.forSpecs();
+import { startDashboard } from './programs';
+import { eventually, Stage } from './stage';
 
 /** Steps of the running run's card on the overview. */
 const steps = (page: Page): Promise<string> => page.locator('.run-card .pairs dd').nth(2).innerText();
 
 describe('live', () => {
+  const stage = Stage.ofCity();
+
   it('the overview moves by itself', async () => {
     const { page } = await stage.page('overview');
     await page.waitForSelector('.run-card');
@@ -46,74 +47,92 @@ describe('live', () => {
     });
   });
 
-  it.runIf(onMock)('pictures are asked for only while they are seen', async () => {
-    const { page } = await stage.page('route');
+  it('pictures are asked for only while they are seen', async () => {
+    const { page } = await stage.page('overview');
+    let watched: string[] = [];
+    page.on('websocket', (socket) => socket.on('framesent', ({ payload }) => (watched = (JSON.parse(String(payload)) as { watch: string[] }).watch)));
+    await page.goto(`${stage.url}#/route`);
+    await page.reload();
     await page.waitForSelector('.picture img');
+    const pictures = (): Promise<boolean> => Promise.resolve(watched.some((topic) => topic.startsWith('picture:')));
+    expect(await pictures()).toBe(true);
     await page.goto(`${stage.url}#/compare`);
-    const watches = await eventually(
-      () => Promise.resolve(stage.dashboard.watched()),
-      (topics) => !topics.some((topic) => topic.startsWith('picture:')),
-    );
-    expect(watches).toContain('services');
+    await eventually(pictures, (now) => !now);
+    expect(watched).toContain('services');
+  });
+
+  it('a lost service turns red and comes back', async () => {
+    const { page, complaints } = await stage.page('overview');
+    const row = page.locator('tr', { hasText: 'env-winter' });
+    await row.locator('.state').waitFor();
+    expect(await row.getAttribute('class') ?? '').not.toContain('bad');
+    const { winter } = inject('city');
+    const lost = page.locator('.event-lost', { hasText: 'env-winter' });
+    const back = page.locator('.event-back', { hasText: 'env-winter' });
+    const before = await lost.count();
+    process.kill(winter, 'SIGSTOP');
+    try {
+      await row.locator('.state-lost').waitFor();
+      expect(await row.getAttribute('class')).toContain('bad');
+      expect(await page.locator('.badge').innerText()).toContain('1');
+      await eventually(() => lost.count(), (count) => count === before + 1);
+    } finally {
+      process.kill(winter, 'SIGCONT');
+    }
+    await row.locator('.state-lost').waitFor({ state: 'detached' });
+    await page.locator('.badge').waitFor({ state: 'detached' });
+    await eventually(() => back.count(), (count) => count === before + 1);
+    expect(complaints).toEqual([]);
   });
 });
 
-describe.runIf(onMock)('what gets lost', () => {
-  it('a lost service turns red and comes back', async () => {
-    const { page, complaints } = await stage.page('overview');
-    const row = page.locator('tr', { hasText: 'env-fall' });
-    await row.locator('.state-running').waitFor();
-    stage.dashboard.lose('env-fall');
-    await row.locator('.state-lost').waitFor({ timeout: 5000 });
-    expect(await row.getAttribute('class')).toContain('bad');
-    expect(await page.locator('.badge').innerText()).toContain('1');
-    await page.locator('.event-lost', { hasText: 'env-fall' }).waitFor();
-    stage.dashboard.bring('env-fall');
-    await row.locator('.state-running').waitFor({ timeout: 5000 });
-    await page.locator('.badge').waitFor({ state: 'detached' });
-    await page.locator('.event-back', { hasText: 'env-fall' }).waitFor();
-    expect(complaints).toEqual([]);
+describe('a dashboard that is killed and started again', () => {
+  const stage = Stage.ofProgram(() => ({ ...inject('city').wire, id: 'second', leave: true }));
+
+  it('is missed, keeps what the page had, and is found again', async () => {
+    const { page } = await stage.page('overview');
+    await page.waitForSelector('.run-card');
+    const { port } = new URL(stage.url);
+    await stage.dashboard.program.kill('SIGKILL');
+    await page.locator('.banner', { hasText: 'does not answer' }).waitFor();
+    expect(await page.locator('[data-link]').getAttribute('data-link')).not.toBe('open');
+    expect(await page.locator('.run-card').count()).toBeGreaterThan(0);
+    stage.dashboard = await startDashboard({ ...inject('city').wire, id: 'second', leave: true, port }, stage.folder);
+    await page.locator('[data-link="open"]').waitFor({ timeout: 15_000 });
+    await page.locator('.banner').waitFor({ state: 'detached' });
+    const first = await steps(page);
+    await eventually(() => steps(page), (now) => now !== first);
   });
+});
+
+describe('what a service seldom says', () => {
+  const stage = Stage.ofMock();
 
   it('an alarm stands in its service\'s row, in the overview and among the events until it is over', async () => {
     const { page } = await stage.page('overview');
     const row = page.locator('tr', { hasText: 'policy_service' });
     await row.locator('.state-running').waitFor();
     expect(await row.locator('.alarm').count()).toBe(0);
-    stage.dashboard.alarm('policy', 'checkpoint: No space left on device');
+    stage.mock.alarm('policy', 'checkpoint: No space left on device');
     await row.locator('.alarm', { hasText: 'No space left' }).waitFor({ timeout: 5000 });
     expect(await row.getAttribute('class')).toContain('bad');
     await page.locator('.figures', { hasText: '1 alarm' }).waitFor();
     await page.locator('.event-alarm', { hasText: 'checkpoint' }).waitFor();
-    stage.dashboard.alarm('policy', '');
+    stage.mock.alarm('policy', '');
     await row.locator('.alarm').waitFor({ state: 'detached' });
     await page.locator('.event-alarm', { hasText: 'resolved' }).waitFor();
-  });
-
-  it('says that the dashboard is gone, keeps what it had, and reconnects by itself', async () => {
-    const { page } = await stage.page('overview');
-    await page.waitForSelector('.run-card');
-    stage.dashboard.silence();
-    await page.locator('.banner', { hasText: 'does not answer' }).waitFor();
-    expect(await page.locator('[data-link]').getAttribute('data-link')).not.toBe('open');
-    expect(await page.locator('.run-card').count()).toBe(1);
-    stage.dashboard.answer();
-    await page.locator('[data-link="open"]').waitFor({ timeout: 15_000 });
-    await page.locator('.banner').waitFor({ state: 'detached' });
-    const first = await steps(page);
-    await eventually(() => steps(page), (now) => now !== first);
   });
 
   it('curves have no hole after a reconnection', async () => {
     const { page } = await stage.page('training?x=update&smooth=0&show=runs');
     await page.waitForSelector('.uplot');
-    stage.dashboard.silence();
+    stage.mock.silence();
     await page.waitForSelector('.banner');
-    stage.dashboard.answer();
+    stage.mock.answer();
     await page.getByRole('button', { name: 'Try now' }).click();
     await page.locator('[data-link="open"]').waitFor();
     // A hole would be asked for again: the newest update is there within a moment of being made.
-    const run = stage.dashboard.world.running;
+    const run = stage.mock.world.running;
     const plot = page.getByRole('img', { name: /^Reward/ });
     const seen = await eventually(
       async () => /seed 4: last (−?\d+\.\d+)/.exec((await plot.getAttribute('aria-label')) ?? '')?.[1] ?? '',

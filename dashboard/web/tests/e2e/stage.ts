@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-import { readFileSync } from 'node:fs';
+import { mkdtempSync, readFileSync, rmSync } from 'node:fs';
 import { createRequire } from 'node:module';
-import { chromium, type Browser, type BrowserContextOptions, type Page } from 'playwright-core';
+import { tmpdir } from 'node:os';
+import { join } from 'node:path';
+import { chromium, type Browser, type BrowserContext, type BrowserContextOptions, type Page } from 'playwright-core';
 import { afterAll, afterEach, beforeAll, inject } from 'vitest';
 import { Mock, type MockOptions } from '../../mock/server';
-
-// CITYLEARN_DASHBOARD: address of a dashboard to test in place of the mock. Specs that need to kill something are then skipped.
-const ADDRESS = process.env.CITYLEARN_DASHBOARD ? new URL('/', process.env.CITYLEARN_DASHBOARD).href : undefined;
-export const onMock = ADDRESS === undefined;
+import { startDashboard, type Dashboard, type Options } from './programs';
 
 export interface Opened {
   page: Page;
@@ -17,38 +16,71 @@ export interface Opened {
   outside: string[];
 }
 
-/** A dashboard and a browser for the specs of a file or of a `describe`. */
+/** What stands behind a page while specs run: its address, and how it is stopped. */
+interface Behind {
+  url: string;
+  stop?: () => Promise<void>;
+}
+
+/** A dashboard and a browser for the specs of a file or of a `describe`. Pages are closed after each spec. */
 export class Stage {
-  private browser!: Browser;
-  private mock: Mock | null = null;
-  url = ADDRESS ?? '';
+  browser!: Browser;
+  url = '';
+  private shared: Promise<BrowserContext> | null = null;
 
-  /** Opens both before the specs that follow, closes their pages after each, and both in the end. */
-  static forSpecs(options: Partial<MockOptions> = {}): Stage {
-    const stage = new Stage();
+  private constructor(start: () => Promise<Behind> | Behind) {
+    let behind: Behind | undefined;
     beforeAll(async () => {
-      stage.browser = await chromium.connect(inject('browser'));
-      if (ADDRESS) return;
-      stage.mock = await Mock.start({ port: 0, page: process.env.CITYLEARN_PAGE ?? 'dist', ...options });
-      stage.url = stage.mock.url;
+      this.browser = await chromium.connect(inject('city').browser);
+      behind = await start();
+      this.url = behind.url;
     });
-    afterEach(() => Promise.all(stage.browser.contexts().map((context) => context.close())));
+    afterEach(async () => {
+      const kept = await this.shared;
+      await Promise.all(this.browser.contexts().map((one) => (one === kept ? one.pages().map((page) => page.close()) : one.close())).flat());
+    });
     afterAll(async () => {
-      await stage.browser.close();
-      await stage.mock?.stop();
+      await this.browser.close();
+      await behind?.stop?.();
     });
-    return stage;
   }
 
-  /** The mock; there is none in front of a real dashboard. */
-  get dashboard(): Mock {
-    if (!this.mock) throw new Error('this spec needs the mock');
-    return this.mock;
+  /** The dashboard that all specs share, which nothing may be done to. */
+  static ofCity(): Stage {
+    return new Stage(() => ({ url: inject('city').url }));
   }
 
-  async page(hash: string, options: BrowserContextOptions = {}): Promise<Opened> {
-    const context = await this.browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
-    const page = await context.newPage();
+  /** A dashboard of its own: the program, which can be killed. `folder` is where its files are. */
+  static ofProgram(options: Options | ((folder: string) => Options)): Stage & { dashboard: Dashboard; folder: string } {
+    const folder = mkdtempSync(join(tmpdir(), 'citylearn-own-'));
+    const stage = new Stage(async (): Promise<Behind> => {
+      own.dashboard = await startDashboard(typeof options === 'function' ? options(folder) : options, folder);
+      return {
+        url: own.dashboard.url,
+        stop: async () => {
+          await own.dashboard.program.kill();
+          rmSync(folder, { recursive: true });
+        },
+      };
+    });
+    const own: Stage & { dashboard: Dashboard; folder: string } = Object.assign(stage, { dashboard: null as unknown as Dashboard, folder });
+    return own;
+  }
+
+  /** The mock, which says what no service says. */
+  static ofMock(options: Partial<MockOptions> = {}): Stage & { mock: Mock } {
+    const stage = new Stage(async (): Promise<Behind> => {
+      own.mock = await Mock.start({ port: 0, page: inject('city').page, ...options });
+      return { url: own.mock.url, stop: () => own.mock.stop() };
+    });
+    const own: Stage & { mock: Mock } = Object.assign(stage, { mock: null as unknown as Mock });
+    return own;
+  }
+
+  /** Opens a page. Without options it shares its cache with others, which makes it quicker. */
+  async page(hash: string, options?: BrowserContextOptions): Promise<Opened> {
+    const open = (): Promise<BrowserContext> => this.browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
+    const page = await (await (options ? open() : (this.shared ??= open()))).newPage();
     page.setDefaultTimeout(10_000);
     const complaints: string[] = [];
     const outside: string[] = [];
@@ -94,4 +126,9 @@ export async function violations(page: Page): Promise<string[]> {
     const result = await axe.run();
     return result.violations.map((v) => `${v.id}: ${v.help}: ${v.nodes.slice(0, 3).map((n) => `${n.target.join(' ')} ${n.html.slice(0, 120)}`).join(' | ')}`);
   });
+}
+
+/** Returns an answer of the dashboard's API. */
+export async function api<T>(url: string, path: string): Promise<T> {
+  return (await (await fetch(`${url}api/${path}`)).json()) as T;
 }

@@ -1,24 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
-import { describe, expect, it } from 'vitest';
+import { beforeAll, describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
-import { eventually, onMock, Stage, violations } from './stage';
+import type { Episode, Run } from '../../src/api/types';
+import { api, eventually, Stage, violations } from './stage';
 
-const stage = Stage.forSpecs();
+const stage = Stage.ofCity();
+
+// Runs by the ID of their policy_service: three seeds of `policy`, a `spare` one with another option, and `live`.
+let runs: Run[] = [];
+beforeAll(async () => {
+  runs = (await api<{ runs: Run[] }>(stage.url, 'runs')).runs;
+});
+const idOf = (policy: string): string => encodeURIComponent(runs.find((run) => run.policy === policy)?.id ?? '');
 
 const curve = (page: Page, name: RegExp): Promise<string | null> => page.getByRole('img', { name }).getAttribute('aria-label');
 
 /** Cells of a line of CSV without quotes in them. */
 const cells = (line = ''): string[] => [...line.matchAll(/(?:^|,)(?:"([^"]*)"|([^,]*))/g)].map((match) => match[1] ?? match[2] ?? '');
 
-describe.runIf(onMock)('training', () => {
+describe('training', () => {
   // A group whose runs have all ended: nothing moves while it is looked at.
-  const ended = (params = ''): string => `training?runs=${encodeURIComponent('features-1830/policy/1/1763740800000005')}${params}`;
+  const ended = (params = ''): string => `training?runs=${idOf('policy')}${params}`;
 
   it('the mean of the seeds stays the same when a seed is hidden', async () => {
     const { page } = await stage.page(ended());
     await page.waitForSelector('.uplot');
     const mean = await curve(page, /^SPL/);
-    expect(mean).toContain('mean of 5: last 0.');
+    expect(mean).toContain('mean of 3: last 0.');
     const csv = async (): Promise<string[]> => {
       const [download] = await Promise.all([
         page.waitForEvent('download'),
@@ -66,7 +74,13 @@ describe.runIf(onMock)('training', () => {
   });
 
   it('asks for the points of a part of a long run', async () => {
-    const { page } = await stage.page(`training?runs=${encodeURIComponent('pixels-0412/learner/1/1763740800000010')}`);
+    const { page } = await stage.page('overview');
+    const asked: string[] = [];
+    await page.route('**/training?*', (route) => {
+      asked.push(route.request().url());
+      return route.continue({ url: route.request().url().replace(/points=\d+/, 'points=10') }); // as if the run were long
+    });
+    await page.goto(`${stage.url}#/training?runs=${idOf('policy')}`);
     await page.waitForSelector('.uplot');
     const box = await page.locator('section[aria-label="Reward"] .u-over').boundingBox();
     if (!box) throw new Error('no plot');
@@ -74,17 +88,17 @@ describe.runIf(onMock)('training', () => {
     await page.mouse.down();
     await page.mouse.move(box.x + 140, box.y + 60, { steps: 4 });
     await page.mouse.up();
-    await eventually(() => Promise.resolve(stage.dashboard.asked.filter((one) => one.includes('from='))), (asked) => asked.length > 0);
+    await eventually(() => Promise.resolve(asked.filter((one) => one.includes('from='))), (parts) => parts.length > 0);
     await page.getByRole('button', { name: 'Whole range' }).first().click();
   });
 });
 
-describe.runIf(onMock)('deployment', () => {
+describe('deployment', () => {
   it('leads from an evaluation to its worst tasks and replays one by keys', async () => {
-    const { page, complaints } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}`);
-    await page.getByRole('button', { name: 'Worst tasks of place_filter, update 90 on night' }).click();
+    const { page, complaints } = await stage.page(`deployment?run=${idOf('policy')}`);
+    await page.getByRole('button', { name: /^Worst tasks of place_filter, update \d+ on winter$/ }).first().click();
     const row = page.locator('#episodes tbody tr').first();
-    await row.getByRole('cell', { name: 'night', exact: true }).waitFor();
+    await row.getByRole('cell', { name: 'winter', exact: true }).waitFor();
     await row.getByRole('button').click();
     const slider = page.getByRole('slider', { name: 'Step' });
     await slider.waitFor();
@@ -105,26 +119,33 @@ describe.runIf(onMock)('deployment', () => {
   });
 
   it('says so when the actions of an episode were not kept', async () => {
-    const { page } = await stage.page(`deployment?run=${encodeURIComponent('demo-2211/policy/1/1763740800000000')}&episode=1000097`);
+    const { episodes } = await api<{ episodes: Episode[] }>(stage.url, `runs/${idOf('policy')}/episodes?limit=1`);
+    const rowid = episodes[0]?.rowid ?? 0;
+    const { page } = await stage.page('overview');
+    await page.route(`**/api/episodes/${rowid}`, async (route) => {
+      const response = await route.fetch();
+      await route.fulfill({ json: { ...((await response.json()) as object), positions: null } });
+    });
+    await page.goto(`${stage.url}#/deployment?run=${idOf('policy')}&episode=${rowid}`);
     await page.getByText('The actions of this episode were not recorded').waitFor();
   });
 });
 
-describe.runIf(onMock)('route', () => {
+describe('route', () => {
   it('a run that is over awaits neither agents nor pictures', async () => {
-    const { page } = await stage.page(`route?run=${encodeURIComponent('relabel-1907/policy/1/1763740800000004')}`);
+    const { page } = await stage.page(`route?run=${idOf('policy')}`);
     await page.getByText('The run is over: its agents see nothing any more.').first().waitFor();
     expect(await page.getByText(/Waiting|yet/).count()).toBe(0);
   });
 });
 
-describe.runIf(onMock)('compare', () => {
+describe('compare', () => {
   it('shows what differs in the manifests; groups count every run', async () => {
     const { page } = await stage.page('compare');
     const manifests = page.locator('section[aria-label="Manifests"]');
     await manifests.getByText('parameters.learner.gamma').waitFor();
     expect(await manifests.getByText('parameters.learner.clip').count()).toBe(0);
-    const groups = page.locator('section[aria-label="Over seeds"] tbody tr', { hasText: 'features-1830' });
+    const groups = page.locator('section[aria-label="Over seeds"] tbody tr', { hasText: 'session city' }).filter({ has: page.getByRole('cell', { name: '3', exact: true }) });
     const before = await groups.innerText();
     await page.locator('section[aria-label="Runs"] input[type=checkbox]:checked').last().click();
     await page.waitForFunction(() => location.hash.includes('runs='));
@@ -138,10 +159,11 @@ describe.runIf(onMock)('compare', () => {
     const rows = page.locator('section[aria-label="Runs"] tbody tr');
     await rows.first().waitFor();
     const count = await rows.count();
-    await page.getByRole('button', { name: /^Remove raw_images/ }).click();
+    const spare = rows.nth(runs.findIndex((run) => run.policy === 'spare'));
+    await spare.getByRole('button', { name: /^Remove place_filter/ }).click();
     await page.getByRole('button', { name: 'Keep' }).click();
     expect(await rows.count()).toBe(count);
-    await page.getByRole('button', { name: /^Remove raw_images/ }).click();
+    await spare.getByRole('button', { name: /^Remove place_filter/ }).click();
     await page.getByRole('button', { name: 'Remove with its episodes' }).click();
     await eventually(() => rows.count(), (now) => now === count - 1);
   });

@@ -14,6 +14,7 @@ const list = [
   of('agent', 20, 'winter'),
   of('shortest_path', 0, 'winter'),
   of('sequence_filter', 0, 'winter'),
+  of('oracle_filter', 0, 'winter'),
   of('agent', 10, 'summer'),
 ];
 
@@ -29,8 +30,9 @@ describe('evaluations', () => {
       'agent, update 20',
       'agent, update 10',
       'agent, update 20, shuffled frames',
-      'sequence_filter',
       'blind',
+      'oracle_filter',
+      'sequence_filter',
       'shortest_path',
     ]);
   });
