@@ -53,3 +53,22 @@ export function newest(list: readonly Evaluation[]): Map<string, Evaluation> {
   }
   return result;
 }
+
+/** Mean SPL by traversal and policy: of agents, on their own and on shuffled frames, and of controls. */
+export interface SplMatrix {
+  policies: string[];
+  rows: { traversal: string; spl: Map<string, number> }[];
+}
+
+/** Returns what a policy_service prints at its end: of each policy its newest checkpoint, the agent's column first. */
+export function splMatrix(list: readonly Evaluation[]): SplMatrix {
+  const columnOf = (one: Evaluation): string => (one.shuffled && !isControl(one) ? `${one.policy}, shuffled frames` : one.policy || 'unknown policy');
+  const policies = [...new Set(sortEvaluations(list).map(columnOf))];
+  const rows = [...byTraversal(list)].map(([traversal, group]) => {
+    // The newest checkpoint of a policy comes first.
+    const spl = new Map<string, number>();
+    for (const one of group) if (!spl.has(columnOf(one))) spl.set(columnOf(one), one.spl);
+    return { traversal, spl };
+  });
+  return { policies, rows };
+}

@@ -4,7 +4,7 @@ import { useMemo } from 'preact/hooks';
 import { runPath } from '../api/client';
 import type { Episode, Evaluation, Run, RunDetail } from '../api/types';
 import type { Line } from '../maths/curves';
-import { byTraversal, checkpoints, evaluationKey, evaluationName, isControl } from '../maths/evaluations';
+import { byTraversal, checkpoints, evaluationKey, evaluationName, isControl, splMatrix } from '../maths/evaluations';
 import { dateTime, fixed, integer, percent, plural, short, threeDecimals } from '../maths/format';
 import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
@@ -12,7 +12,7 @@ import { seriesColour } from '../state/theme';
 import { Card, Empty, Select, Show, State, toneOf } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Choice, chosen, type ChoiceOf } from '../ui/choice';
-import { CompletedBar, Whisker } from '../ui/marks';
+import { CompletedBar, Heat, Whisker } from '../ui/marks';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
@@ -49,6 +49,7 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
         {({ evaluations: list }) =>
           list.length ? (
             <>
+              <Matrix list={list} />
               <div class="tiles evaluations">
                 {[...byTraversal(list)].map(([traversal, group]) => (
                   <EvaluationCard key={traversal} traversal={traversal} list={group} />
@@ -68,6 +69,29 @@ function DeploymentOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Elem
       </Show>
       <Episodes run={run} evaluations={evaluations} fresh={fresh} />
     </>
+  );
+}
+
+/** Shows SPL as a policy_service prints it at its end. */
+function Matrix({ list }: { list: readonly Evaluation[] }): JSX.Element {
+  const { policies, rows } = useMemo(() => splMatrix(list), [list]);
+  const columns: Column<(typeof rows)[number]>[] = [
+    text('traversal', 'Traversal'),
+    ...policies.map((policy): Column<(typeof rows)[number]> => {
+      const spl = (row: (typeof rows)[number]): number | null => row.spl.get(policy) ?? null;
+      return { key: policy, label: policy, number: true, cell: spl, show: (row) => <Heat share={spl(row)} /> };
+    }),
+  ];
+  return (
+    <TableCard
+      title="SPL by traversal and policy"
+      hint="Mean over the tasks, of the newest checkpoint. 1 is the shortest path every time. An agent that sees is better than blind, and worse on shuffled frames."
+      name="spl"
+      caption="SPL by traversal and policy"
+      columns={columns}
+      rows={rows}
+      rowKey={(row) => row.traversal}
+    />
   );
 }
 

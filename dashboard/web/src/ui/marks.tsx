@@ -31,3 +31,13 @@ export function Whisker({ value, low, high }: { value: number; low: number; high
     </span>
   );
 }
+
+/** A share with a background that is the stronger the nearer it is to 1. */
+export function Heat({ share }: { share: number | null }): JSX.Element {
+  const strength = share === null ? 0 : Math.round(30 * Math.min(Math.max(share, 0), 1) ** 2);
+  return (
+    <span class="heat" style={{ background: `color-mix(in srgb, var(--good) ${strength}%, transparent)` }}>
+      {fixed(share, 3)}
+    </span>
+  );
+}
