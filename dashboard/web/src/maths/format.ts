@@ -1,13 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 const NONE = '–';
 
+// Made once: toLocaleString() makes one for each call, which takes seconds for a table of thousands of cells.
+const INTEGER = new Intl.NumberFormat('en-US');
+const CLOCK = new Intl.DateTimeFormat('en-GB', { timeStyle: 'medium' });
+const DATE_TIME = new Intl.DateTimeFormat('sv-SE', { dateStyle: 'short', timeStyle: 'short' });
+
 function known(value: number | null | undefined): value is number {
   return value !== null && value !== undefined && Number.isFinite(value);
 }
 
 /** 1,234,567 */
 export function integer(value: number | null | undefined): string {
-  return known(value) ? Math.round(value).toLocaleString('en-US') : NONE;
+  return known(value) ? INTEGER.format(Math.round(value)) : NONE;
 }
 
 /** 950, 12.3k, 4.56M */
@@ -86,14 +91,19 @@ export function metres(value: number | null | undefined): string {
   return value >= 1000 ? `${trim((value / 1000).toPrecision(3))} km` : `${trim(value.toPrecision(3))} m`;
 }
 
+/** Returns whether there is a date for a time: services may say any. */
+function dated(seconds: number | null | undefined): seconds is number {
+  return known(seconds) && Math.abs(seconds) <= 8.64e12;
+}
+
 /** Time of day, local: 14:03:07 */
 export function clock(seconds: number | null | undefined): string {
-  return known(seconds) ? new Date(seconds * 1000).toLocaleTimeString('en-GB') : NONE;
+  return dated(seconds) ? CLOCK.format(seconds * 1000) : NONE;
 }
 
 /** 2026-03-04 14:03, local. */
 export function dateTime(seconds: number | null | undefined): string {
-  return known(seconds) ? new Date(seconds * 1000).toLocaleString('sv-SE', { dateStyle: 'short', timeStyle: 'short' }) : NONE;
+  return dated(seconds) ? DATE_TIME.format(seconds * 1000) : NONE;
 }
 
 export function plural(count: number, one: string, many = `${one}s`): string {

@@ -12,7 +12,7 @@ import { meanRate, runName } from '../maths/runs';
 import { deviation, mean, median } from '../maths/seeds';
 import { useGroups } from '../state/groups';
 import { failure, useJsons, valueOf } from '../state/resource';
-import { param, place, setParams } from '../state/router';
+import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
 import { useTraining } from '../state/training';
 import { Card, Empty, Failed, IconButton, Select, State, Swatch, Tick } from '../ui/basics';
@@ -41,6 +41,7 @@ function chosenRuns(all: readonly Run[]): Run[] {
 
 function CompareRuns({ all }: { all: readonly Run[] }): JSX.Element {
   const selected = chosenRuns(all);
+  usePinned('runs', selected.map((run) => run.id).join('\n'));
   return (
     <>
       <Groups all={all} />
@@ -176,8 +177,8 @@ const SPL = { value: 'spl', label: 'SPL' };
 const METRICS = [
   SPL,
   { value: 'reward', label: 'Reward' },
-  { value: 'episode_length', label: 'Episode length' },
-  { value: 'entropy', label: 'Entropy' },
+  { value: 'episode_length', label: 'Episode length, steps' },
+  { value: 'entropy', label: 'Entropy, nats' },
   { value: 'steps_per_second', label: 'Steps per second' },
 ];
 
@@ -207,6 +208,7 @@ function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
         hint="smoothing 0.90"
         name="compare"
         {...axisProps(x)}
+        yLabel={metric.label}
         format={metric.value === 'steps_per_second' ? short : (value) => significant(value)}
         lines={lines}
         height={300}

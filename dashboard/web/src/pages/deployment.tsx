@@ -160,6 +160,7 @@ function Checkpoints({ list }: { list: readonly Evaluation[] }): JSX.Element | n
       hint="with 95 % intervals"
       name="checkpoints"
       xLabel="update"
+      yLabel="SPL"
       lines={lines}
       format={threeDecimals}
       xFormat={short}
@@ -196,7 +197,7 @@ function Episodes({ run, evaluations, fresh }: {
       key: 'replay',
       label: 'Replay',
       show: (e) => (
-        <button type="button" aria-label={`${taskOf(e)}: replay, row ${e.rowid}`} onClick={() => setParams({ episode: String(e.rowid) })}>
+        <button type="button" aria-label={`${taskOf(e)}: replay, row ${e.rowid}`} onClick={() => setParams({ episode: String(e.rowid), step: null })}>
           {taskOf(e)}
         </button>
       ),

@@ -115,6 +115,7 @@ function ResultOf({ result }: { result: Result }): JSX.Element {
             hint={[result.name, result.reference && `reference ${result.reference}`, result.ground_truth].filter(Boolean).join(' · ')}
             name={result.name}
             xLabel="recall"
+            yLabel="precision"
             lines={lines}
             format={(value) => fixed(value, 2)}
             xFormat={(value) => fixed(value, 2)}

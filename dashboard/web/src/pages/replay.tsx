@@ -7,7 +7,7 @@ import { evaluationName } from '../maths/evaluations';
 import { fixed, integer } from '../maths/format';
 import { manifestNumber } from '../maths/manifest';
 import { useJson, valueOf, type Resource } from '../state/resource';
-import { setParams } from '../state/router';
+import { param, setParams } from '../state/router';
 import { Card, Empty, IconButton, Select, Show } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Pictures } from '../ui/picture';
@@ -25,7 +25,7 @@ export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunD
         title={`Replay of episode ${rowid}`}
         hint={shown ? describe(shown) : undefined}
         actions={
-          <button type="button" onClick={() => setParams({ episode: null })}>
+          <button type="button" onClick={() => setParams({ episode: null, step: null })}>
             Close
           </button>
         }
@@ -60,9 +60,9 @@ function Player({ episode, positions, detail }: {
   detail: Resource<RunDetail>;
 }): JSX.Element {
   const last = positions.length - 1;
-  const [step, setStep] = useState(0);
+  const [step, setStep] = useState(() => Math.min(Math.max(Math.round(Number(param('step', '0')) || 0), 0), last));
   const [playing, setPlaying] = useState(false);
-  const [speed, setSpeed] = useState<(typeof SPEEDS)[number]>('10');
+  const speed = SPEEDS.find((one) => one === param('speed', '')) ?? '10';
   const slider = useRef<HTMLInputElement>(null);
   useEffect(() => slider.current?.focus({ preventScroll: true }), []);
   useEffect(() => {
@@ -70,6 +70,10 @@ function Player({ episode, positions, detail }: {
     const timer = setInterval(() => setStep((now) => Math.min(now + 1, last)), 1000 / Number(speed));
     return () => clearInterval(timer);
   }, [playing, speed, last]);
+  // While it plays the address stays, as everything that depends on it would be drawn again with each step.
+  useEffect(() => {
+    if (!playing) setParams({ step: String(step) });
+  }, [playing, step]);
   useEffect(() => {
     if (step === last) setPlaying(false);
   }, [step, last]);
@@ -126,7 +130,7 @@ function Player({ episode, positions, detail }: {
           label="Steps per second"
           value={speed}
           options={SPEEDS.map((value) => ({ value, label: value }))}
-          onChange={setSpeed}
+          onChange={(value) => setParams({ speed: value })}
         />
       </div>
       <p class="hint">Space plays and pauses, arrows step, Home and End jump, with the slider in focus.</p>
@@ -151,6 +155,7 @@ function Player({ episode, positions, detail }: {
         hint={`frame over steps, from ${integer(episode.start)} to the goal ${integer(episode.goal)}`}
         name={`episode ${episode.rowid}`}
         xLabel="steps"
+        yLabel="frame"
         lines={lines}
         references={[{ label: 'goal', value: episode.goal }]}
         format={integer}

@@ -162,6 +162,7 @@ function WalkChart({ trail, agent, goal, name }: { trail: Trail | undefined; age
       hint="frame over steps of its episode, as far as observed"
       name={name}
       xLabel="steps"
+      yLabel="frame"
       lines={lines}
       references={goal === null ? [] : [{ label: 'goal', value: goal }]}
       format={integer}

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { JSX } from 'preact';
-import { useMemo, useState } from 'preact/hooks';
+import { useMemo } from 'preact/hooks';
 import { runPath } from '../api/client';
 import { TRAINING_FIGURES } from '../api/training_figures';
 import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
@@ -12,7 +12,7 @@ import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
 import { useGroups } from '../state/groups';
 import { useJson, valueOf } from '../state/resource';
-import { param, place, setParams } from '../state/router';
+import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
 import { useDetail, useTraining } from '../state/training';
 import { Card, Failed, Loading, Slider } from '../ui/basics';
@@ -25,19 +25,20 @@ interface Metric {
   key: string;
   title: string;
   hint: string;
+  unit: string;
   format: (value: number) => string;
 }
 
 const PERFORMANCE: Metric[] = [
-  { key: 'reward', title: 'Reward', hint: 'mean of the last 100 episodes', format: threeDecimals },
-  { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', format: threeDecimals },
-  { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of the last 100 episodes', format: (v) => fixed(v, 1) },
+  { key: 'reward', title: 'Reward', hint: 'mean of the last 100 episodes', unit: '', format: threeDecimals },
+  { key: 'spl', title: 'SPL', hint: 'success weighted by path length, last 100 episodes', unit: '', format: threeDecimals },
+  { key: 'episode_length', title: 'Episode length', hint: 'steps, mean of the last 100 episodes', unit: 'steps', format: (v) => fixed(v, 1) },
 ];
 const FORMATS: { [unit: string]: (value: number) => string } = { share: (v) => percent(v), 'steps/s': short };
 const AXES = ['update', 'steps', 'episodes', 'wall'];
 const OPTIMISATION: Metric[] = TRAINING_FIGURES.filter(
   ({ name }) => !AXES.includes(name) && !PERFORMANCE.some(({ key }) => key === name),
-).map(({ name, unit, title, help }) => ({ key: name, title, hint: help, format: FORMATS[unit] ?? ((v) => significant(v)) }));
+).map(({ name, unit, title, help }) => ({ key: name, title, hint: help, unit: FORMATS[unit] ? '' : unit, format: FORMATS[unit] ?? ((v) => significant(v)) }));
 
 const MAX_RUNS = 24; // curves fetched at once
 
@@ -70,15 +71,28 @@ function shownGroups(groups: readonly Group[]): Group[] {
   return found.length ? found : groups.slice(0, 1);
 }
 
+/** Returns the part of the horizontal axis that the address names; null: all of it. */
+function zoomOf(): Range | null {
+  const [from, to] = [Number(param('from', 'NaN')), Number(param('to', 'NaN'))];
+  return Number.isFinite(from) && Number.isFinite(to) && from < to ? { from, to } : null;
+}
+
+function setZoom(zoom: Range | null): void {
+  setParams({ from: zoom && String(zoom.from), to: zoom && String(zoom.to) });
+}
+
 function Training({ all }: { all: readonly Run[] }): JSX.Element {
   const by = chosen(GROUPS);
   const x: XAxis = param('x', '') === 'update' ? 'update' : chosen(AXIS);
   const display = chosen(SEEDS);
   const smoothing = Math.min(Math.max(Number(param('smooth', '0.9')) || 0, 0), 0.999);
   const hidden = useMemo(() => new Set(param('hide', '').split('\n').filter(Boolean)), [place.value]);
-  const [zoom, setZoom] = useState<Range | null>(null);
+  const zoom = useMemo(zoomOf, [param('from', ''), param('to', '')]);
   const groups = useGroups(all, by);
   const shown = shownGroups(groups);
+  // Its newest run stands for a group, as runs may be grouped otherwise once their manifests are known.
+  const [newest] = [...(shown[0]?.runs ?? [])].sort((a, b) => (b.started ?? 0) - (a.started ?? 0));
+  usePinned('runs', newest?.id ?? null, place.value.params.has('groups'));
   let room = MAX_RUNS;
   const fitting = shown.filter((group) => (room -= group.runs.length) >= 0 || group === shown[0]);
   const ids = fitting.flatMap((group) => group.runs.map((run) => run.id));
@@ -131,7 +145,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
       />
       <div class="stack">
         <div class="wrap card">
-          <Choice of={AXIS} onChange={() => setZoom(null)} />
+          <Choice of={{ ...AXIS, resets: ['from', 'to'] }} />
           <Choice of={SEEDS} />
           <Slider
             label="Smoothing"
@@ -190,6 +204,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
       hint={metric.hint}
       name="training"
       {...axisProps(x)}
+      yLabel={[metric.title, metric.unit].filter(Boolean).join(', ')}
       format={metric.format}
       lines={lines}
       references={references}

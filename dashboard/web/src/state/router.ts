@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import { signal } from '@preact/signals';
+import { useEffect } from 'preact/hooks';
 
 export const PAGES = ['overview', 'training', 'route', 'deployment', 'recognition', 'compare'] as const;
 export type PageName = (typeof PAGES)[number];
@@ -53,4 +54,15 @@ export function setParams(changes: Record<string, string | null>): void {
 
 export function param(name: string, otherwise: string): string {
   return place.value.params.get(name) ?? otherwise;
+}
+
+/**
+ * Writes into the address what the page chose itself, so that the address shows the same when another choice would be newer.
+ * Nothing is written for null, or where `named` says that the address names it in another way.
+ */
+export function usePinned(name: string, value: string | null, named = false): void {
+  const pinned = named || place.value.params.has(name);
+  useEffect(() => {
+    if (!pinned && value !== null) setParams({ [name]: value });
+  }, [pinned, name, value]);
 }

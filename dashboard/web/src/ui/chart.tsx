@@ -20,7 +20,9 @@ export interface Reference {
 interface ChartProps {
   title: string;
   hint?: string;
+  /** What the axes show, with the unit unless the numbers have it. */
   xLabel: string;
+  yLabel: string;
   lines: readonly Line[];
   references?: readonly Reference[];
   /** Part of the names of saved files: the page or the run. */
@@ -175,6 +177,8 @@ function Plot(props: PlotProps): JSX.Element {
     shown.value,
     height,
     props.sync,
+    xLabel,
+    props.yLabel,
     lines.map((line) => [line.key, line.colour, line.faint, line.dashed, line.band !== undefined]),
   ]);
 
@@ -237,10 +241,11 @@ function dataOf(lines: readonly Line[]): uPlot.AlignedData {
 }
 
 function optionsOf(current: { current: Current | null }, width: number, height: number): uPlot.Options {
-  const { lines, sync } = current.current as Current;
+  const { lines, sync, xLabel, yLabel } = current.current as Current;
   const text = colourOf('text-soft');
   const grid = { stroke: colourOf('line-soft'), width: 1 };
   const font = '12px "Inter Variable", system-ui, sans-serif';
+  const labelled = (label: string): Partial<uPlot.Axis> => ({ label, labelFont: font, labelSize: 18, labelGap: 0 });
   const series: uPlot.Series[] = [{}];
   const bands: uPlot.Band[] = [];
   for (const line of lines) {
@@ -294,8 +299,9 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
         font,
         grid: { show: false },
         ticks: { ...grid, size: 4 },
-        size: 30,
+        size: 26,
         gap: 4,
+        ...labelled(xLabel),
         space: 64,
         values: (_, splits) => splits.map(current.current?.xFormat ?? short),
       },
@@ -306,6 +312,7 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
         ticks: { show: false },
         size: 52,
         gap: 6,
+        ...labelled(yLabel),
         space: 36,
         values: (_, splits) => splits.map((value) => (current.current?.format ?? significant)(value)),
       },

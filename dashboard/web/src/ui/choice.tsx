@@ -24,9 +24,8 @@ export function chosen<T extends string>(choice: ChoiceOf<T>): T {
 }
 
 /** A choice among a few visible options. */
-export function Choice<T extends string>({ of, onChange }: { of: ChoiceOf<T>; onChange?: () => void }): JSX.Element {
+export function Choice<T extends string>({ of }: { of: ChoiceOf<T> }): JSX.Element {
   const select = (value: T): void => {
-    onChange?.();
     setParams({ ...Object.fromEntries((of.resets ?? []).map((name) => [name, null])), [of.name]: value });
   };
   return (

@@ -3,7 +3,7 @@ import type { JSX } from 'preact';
 import type { Run } from '../api/types';
 import { dateTime } from '../maths/format';
 import { runName } from '../maths/runs';
-import { param, setParams } from '../state/router';
+import { param, setParams, usePinned } from '../state/router';
 import { Select } from './basics';
 
 /** Returns the run that the address names, else the first that `prefer` accepts, else the newest. `runs` must not be empty. */
@@ -13,6 +13,7 @@ export function chosenRun(runs: readonly Run[], prefer: (run: Run) => boolean): 
 }
 
 export function RunSelect({ runs, chosen }: { runs: readonly Run[]; chosen: Run }): JSX.Element {
+  usePinned('run', chosen.id);
   return (
     <Select
       label="Run"
@@ -21,7 +22,7 @@ export function RunSelect({ runs, chosen }: { runs: readonly Run[]; chosen: Run 
         value: run.id,
         label: `${runName(run)} · ${run.state === 'running' ? 'running' : dateTime(run.started)}`,
       }))}
-      onChange={(id) => setParams({ run: id, env: null, agent: null, episode: null, evaluation: null })}
+      onChange={(id) => setParams({ run: id, env: null, agent: null, episode: null, step: null, evaluation: null })}
     />
   );
 }

@@ -44,11 +44,16 @@ function slowed(program: Program): () => void {
   const signal = (name: NodeJS.Signals): void => {
     if (!program.over) process.kill(program.pid, name);
   };
+  let pause: ReturnType<typeof setTimeout> | undefined;
   const timer = setInterval(() => {
     signal('SIGCONT');
-    setTimeout(() => signal('SIGSTOP'), 10);
+    pause = setTimeout(() => signal('SIGSTOP'), 10);
   }, 100);
-  return () => clearInterval(timer);
+  return () => {
+    clearInterval(timer);
+    clearTimeout(pause); // a program that stands does not end
+    signal('SIGCONT');
+  };
 }
 
 /** Starts it all: a drawn city in summer and winter, its services, trainings with evaluations, and place recognition. */

@@ -92,7 +92,7 @@ describe('what else the page is given', () => {
   const mark = `<img src=x onerror=${HACK}>`;
 
   it.each([mark, `javascript:${HACK}`, '-1', '1e999'])('in its address is looked up, never shown: %s', async (value) => {
-    const names = ['runs', 'groups', 'hide', 'x', 'by', 'show', 'smooth', 'run', 'env', 'agent', 'sibling', 'view', 'episode', 'evaluation', 'kind', 'order', 'goal', 'limit', 'result', 'row', 'matrix', 'metric', 'keys'];
+    const names = ['runs', 'groups', 'hide', 'x', 'by', 'show', 'smooth', 'run', 'env', 'agent', 'sibling', 'view', 'episode', 'evaluation', 'kind', 'order', 'goal', 'limit', 'result', 'row', 'matrix', 'metric', 'keys', 'from', 'to', 'step', 'speed'];
     const query = names.map((one) => `${one}=${encodeURIComponent(value)}`).join('&');
     const { page, complaints, outside } = await stage.page(`${encodeURIComponent(value)}?${query}`);
     for (const [name] of VIEWS) {

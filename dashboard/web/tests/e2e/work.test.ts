@@ -124,6 +124,7 @@ describe('deployment', () => {
     const { evaluations } = await api<{ evaluations: Evaluation[] }>(stage.url, path);
     const { page } = await stage.page(`deployment?run=${idOf('policy')}`);
     const matrix = page.locator('section[aria-label="SPL by traversal and policy"]');
+    await matrix.locator('tbody tr').first().waitFor();
     const heads = (await matrix.locator('thead th').allInnerTexts()).slice(1);
     expect(heads).toEqual(['place_filter', 'place_filter, shuffled frames', 'blind', 'oracle_filter', 'sequence_filter', 'shortest_path']);
     const of = (traversal: string, policy: string): number | undefined =>
@@ -182,6 +183,47 @@ describe('compare', () => {
     await spare.getByRole('button', { name: /^Remove place_filter/ }).click();
     await page.getByRole('button', { name: 'Remove with its episodes' }).click();
     await eventually(() => rows.count(), (now) => now === count - 1);
+  });
+});
+
+describe('a link', () => {
+  const hash = (page: Page): string => new URL(page.url()).hash.slice(2);
+
+  it('shows the same curves: runs, axis, smoothing and the part in sight', async () => {
+    const { page } = await stage.page('training');
+    await page.waitForFunction(() => location.hash.includes('runs='));
+    await page.goto(`${stage.url}#/training?runs=${idOf('policy')}`);
+    await page.getByRole('radio', { name: 'Episodes' }).check({ force: true });
+    await page.getByRole('slider', { name: /Smoothing/ }).fill('0.5');
+    const box = await page.locator('section[aria-label="Reward"] .u-over').boundingBox();
+    if (!box) throw new Error('no plot');
+    await page.mouse.move(box.x + 60, box.y + 60);
+    await page.mouse.down();
+    await page.mouse.move(box.x + 160, box.y + 60, { steps: 4 });
+    await page.mouse.up();
+    await page.waitForFunction(() => /from=.*to=/.test(location.hash));
+    await page.getByRole('button', { name: 'Reward as a table' }).click();
+    const rows = 'section[aria-label="Reward"] table';
+    const seen = await page.locator(rows).innerText();
+    const { page: other } = await stage.page(hash(page));
+    await other.getByRole('button', { name: 'Reward as a table' }).click();
+    await eventually(() => other.locator(rows).innerText(), (text) => text === seen);
+    expect(await other.getByRole('slider', { name: /Smoothing/ }).inputValue()).toBe('0.5');
+  });
+
+  it('shows the same step of an episode at the same speed', async () => {
+    const { episodes } = await api<{ episodes: Episode[] }>(stage.url, `runs/${idOf('policy')}/episodes?limit=1&evaluation=1&order=worst`);
+    const { page } = await stage.page(`deployment?run=${idOf('policy')}&episode=${episodes[0]?.rowid}`);
+    await page.getByRole('slider', { name: 'Step' }).waitFor();
+    await page.keyboard.press('ArrowRight');
+    await page.keyboard.press('ArrowRight');
+    await page.getByLabel('Steps per second').selectOption('50');
+    await page.waitForFunction(() => /step=2&.*speed=50/.test(location.hash));
+    const { page: other } = await stage.page(hash(page));
+    const output = other.locator('.transport output');
+    await output.waitFor();
+    expect(await output.innerText()).toBe(await page.locator('.transport output').innerText());
+    expect(await other.getByLabel('Steps per second').inputValue()).toBe('50');
   });
 });
 

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { csv, fileName } from '../../src/maths/csv';
-import { bytes, duration, fixed, integer, metres, percent, plural, short, significant } from '../../src/maths/format';
+import { bytes, clock, dateTime, duration, fixed, integer, metres, percent, plural, short, significant } from '../../src/maths/format';
 
 describe('formatters', () => {
   it('unknown is a dash', () => {
     for (const format of [integer, short, significant, duration, bytes, metres]) expect(format(null)).toBe('–');
     expect(fixed(NaN, 2)).toBe('–');
     expect(percent(undefined)).toBe('–');
+    for (const format of [clock, dateTime]) expect(format(1e300)).toBe('–'); // no date
   });
   it.each([
     [0, '0'],
