@@ -106,8 +106,14 @@ describe('deployment', () => {
     expect(await slider.evaluate((element) => element === document.activeElement)).toBe(true);
     const step = page.locator('.transport output');
     expect(await step.innerText()).toMatch(/^0 \//);
+    // The picture of the place, and of the same place on the other traversal, follow the step.
+    const frames = page.locator('.player .picture figcaption .number');
+    const here = async (): Promise<string> => `frame ${/frame (\d+)/.exec((await slider.getAttribute('aria-valuetext')) ?? '')?.[1]}`;
+    const follow = (): Promise<unknown> => eventually(async () => [await here(), ...(await frames.allInnerTexts())].join(), (all) => /^(frame \d+),\1,\1$/.test(all));
+    await follow();
     await page.keyboard.press('ArrowRight');
     expect(await step.innerText()).toMatch(/^1 \//);
+    await follow();
     await page.keyboard.press('Space');
     await page.getByRole('button', { name: 'Pause' }).waitFor();
     await eventually(() => step.innerText(), (text) => Number(text.split(' ')[0]) >= 3);
