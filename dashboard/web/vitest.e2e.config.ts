@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 import { defineConfig } from 'vitest/config';
 
-// One browser, one page at a time: a chromium takes more than a core while it draws.
+// One browser, two pages at a time: a page waits for the server as long as it draws.
 export default defineConfig({
   server: { fs: { allow: ['.', '../../core/task'] } }, // training_figures.inc
   test: {
     include: ['tests/e2e/**/*.test.ts'],
     globalSetup: 'tests/e2e/city.ts',
-    fileParallelism: false,
+    maxWorkers: 2,
+    minWorkers: 1,
     testTimeout: 30_000,
     hookTimeout: 60_000,
   },

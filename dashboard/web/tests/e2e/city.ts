@@ -15,8 +15,8 @@ export interface City {
   page: string;
   /** Options of a node that takes part. */
   wire: Options;
-  /** ID of the process of the env_service that no training needs now. */
-  winter: number;
+  /** ID of the process of the encoder_service, which the training does not need any more. */
+  encoder: number;
 }
 
 declare module 'vitest' {
@@ -79,8 +79,8 @@ export async function startCity(): Promise<{ city: City; stop: () => Promise<voi
     const source = { dataset: 'synthetic', 'synthetic-frames': 200, frames: FRAMES };
     const env = { ...wire, ...source, agents: 4, recorders: 'dashboard' };
     start('env_service', 'env-summer', { ...env, id: 'env-summer', traversal: 'summer' });
-    const winter = start('env_service', 'env-winter', { ...env, id: 'env-winter', traversal: 'winter', 'align-to': 'summer' });
-    start('encoder_service', 'encoder', { ...wire, reference: 'summer', encoder: 'patchnorm', store: join(folder, 'features') });
+    start('env_service', 'env-winter', { ...env, id: 'env-winter', traversal: 'winter', 'align-to': 'summer' });
+    const encoder = start('encoder_service', 'encoder', { id: 'encoder', ...wire, reference: 'summer', encoder: 'patchnorm', store: join(folder, 'features') });
     const vpr = Program.start('tools/vpr/citylearn_vpr', { ...source, reference: 'summer', query: 'winter', encoder: 'patchnorm', output: join(folder, 'vpr') }, { folder, name: 'vpr' });
     const policy = { ...wire, train: 'summer', frames: FRAMES, wait: 60 };
     const evaluated = { ...policy, evaluate: 'summer,winter', tasks: 60, controls: 'all' };
@@ -92,7 +92,7 @@ export async function startCity(): Promise<{ city: City; stop: () => Promise<voi
     hurry = slowed(live);
     const server = await browser;
     return {
-      city: { browser: server.wsEndpoint(), url: dashboard.url, page: PAGE, wire, winter: winter.pid },
+      city: { browser: server.wsEndpoint(), url: dashboard.url, page: PAGE, wire, encoder: encoder.pid },
       stop: async () => {
         await server.close();
         await stop();

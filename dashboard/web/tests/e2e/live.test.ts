@@ -63,21 +63,21 @@ describe('live', () => {
 
   it('a lost service turns red and comes back', async () => {
     const { page, complaints } = await stage.page('overview');
-    const row = page.locator('tr', { hasText: 'env-winter' });
+    const row = page.getByRole('row', { name: /^encoder / });
     await row.locator('.state').waitFor();
     expect(await row.getAttribute('class') ?? '').not.toContain('bad');
-    const { winter } = inject('city');
-    const lost = page.locator('.event-lost', { hasText: 'env-winter' });
-    const back = page.locator('.event-back', { hasText: 'env-winter' });
+    const { encoder } = inject('city');
+    const lost = page.locator('.event-lost', { hasText: 'encoder' });
+    const back = page.locator('.event-back', { hasText: 'encoder' });
     const before = await lost.count();
-    process.kill(winter, 'SIGSTOP');
+    process.kill(encoder, 'SIGSTOP');
     try {
       await row.locator('.state-lost').waitFor();
       expect(await row.getAttribute('class')).toContain('bad');
       expect(await page.locator('.badge').innerText()).toContain('1');
       await eventually(() => lost.count(), (count) => count === before + 1);
     } finally {
-      process.kill(winter, 'SIGCONT');
+      process.kill(encoder, 'SIGCONT');
     }
     await row.locator('.state-lost').waitFor({ state: 'detached' });
     await page.locator('.badge').waitFor({ state: 'detached' });
