@@ -169,21 +169,30 @@ internal::Interface resolve_interface(const std::string& wanted) {
   throw Error("unknown interface '" + wanted + "'", "interface", "those with IPv4: " + known);
 }
 
-/// `option` is where the host was given, for messages. Without a port it gets `standard`.
-Network::Peer resolve_peer(const std::string& peer, const std::string& option, int standard) {
-  std::string host = peer;
+constexpr std::string_view kDnsPrefix = "dns:";
+
+/// Returns one entry for each address of the host. `option` is where the host was given, for messages. Without a port
+/// it gets `standard`. "dns:NAME" is a name of containers that come and go: it may have no address yet, since those
+/// that start later ask for ours.
+std::vector<Network::Peer> resolve_peer(const std::string& peer, const std::string& option, int standard) {
+  const bool may_be_unknown = peer.starts_with(kDnsPrefix);
+  std::string host = may_be_unknown ? peer.substr(kDnsPrefix.size()) : peer;
+  if (host.empty()) throw Error("'" + peer + "' names no host", option, "write HOST, HOST:PORT or dns:NAME");
   int port = standard;
-  if (const std::size_t colon = peer.rfind(':'); colon != std::string::npos) {
-    host = peer.substr(0, colon);
-    const std::string digits = peer.substr(colon + 1);
+  if (const std::size_t colon = host.rfind(':'); colon != std::string::npos) {
+    const std::string digits = host.substr(colon + 1);
+    host.resize(colon);
     if (digits.empty() || digits.size() > 5 || digits.find_first_not_of("0123456789") != std::string::npos)
       throw Error("'" + peer + "' has no valid port", option, "write HOST or HOST:PORT");
     port = std::stoi(digits);
     if (port < 1 || port > 65535) throw Error("'" + peer + "' has no valid port", option, "ports are 1..65535");
   }
   const Ipv4Lookup found = find_ipv4(host);
-  if (found.address.empty()) throw Error("host '" + host + "' has no IPv4 address: " + found.problem, option);
-  return {peer, found.address, port};
+  if (found.addresses.empty() && !may_be_unknown)
+    throw Error("host '" + host + "' has no IPv4 address: " + found.problem, option);
+  std::vector<Network::Peer> peers;
+  for (const std::string& address : found.addresses) peers.push_back({peer, address, port});
+  return peers;
 }
 
 Network resolve(const MiddlewareOptions& options) {
@@ -208,17 +217,24 @@ Network resolve(const MiddlewareOptions& options) {
     network.addresses.push_back(address);
     network.peers.push_back({interface, address, 0});
   }
-  const auto reachable = [&](const Network::Peer& peer, const std::string& option) {
+  const auto check_reachable = [&](const Network::Peer& peer, const std::string& option) {
     if (network.loopback_only && !is_loopback(peer.address))
       throw Error("'" + peer.name + "' cannot be reached through interface '" + network.interfaces + "'", option,
                   "name the interface that leads there");
-    return peer;
   };
   for (const std::string& peer : options.peers)
-    network.peers.push_back(reachable(resolve_peer(peer, "peers", 0), "peers"));
-  for (const std::string& server : options.discovery_servers)
-    network.discovery_servers.push_back(
-        reachable(resolve_peer(server, "discovery-server", internal::kDiscoveryServerPort), "discovery-server"));
+    for (const Network::Peer& each : resolve_peer(peer, "peers", 0)) {
+      check_reachable(each, "peers");
+      network.peers.push_back(each);
+    }
+  for (const std::string& server : options.discovery_servers) {
+    // One entry each, because the position of a server is its id.
+    const std::vector<Network::Peer> found = resolve_peer(server, "discovery-server", internal::kDiscoveryServerPort);
+    if (found.empty())
+      throw Error("'" + server + "' has no IPv4 address", "discovery-server", "start the server first");
+    check_reachable(found.front(), "discovery-server");
+    network.discovery_servers.push_back(found.front());
+  }
   return network;
 }
 

@@ -5,6 +5,7 @@
 #include <netdb.h>
 #include <sys/socket.h>
 
+#include <algorithm>
 #include <memory>
 
 namespace citylearn {
@@ -21,9 +22,15 @@ Ipv4Lookup find_ipv4(const std::string& host) {
   hints.ai_socktype = SOCK_STREAM;  // one answer for each address, not one for each type
   addrinfo* found = nullptr;
   if (const int status = ::getaddrinfo(host.c_str(), nullptr, &hints, &found); status != 0)
-    return {"", ::gai_strerror(status)};
+    return {{}, ::gai_strerror(status)};
   const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owner(found, freeaddrinfo);
-  return {dotted(reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr), ""};
+  Ipv4Lookup lookup;
+  for (const addrinfo* entry = found; entry; entry = entry->ai_next) {
+    const std::string address = dotted(reinterpret_cast<const sockaddr_in*>(entry->ai_addr)->sin_addr);
+    if (std::find(lookup.addresses.begin(), lookup.addresses.end(), address) == lookup.addresses.end())
+      lookup.addresses.push_back(address);
+  }
+  return lookup;
 }
 
 }  // namespace citylearn

@@ -123,7 +123,9 @@ void add_node_options(CLI::App& app, Node::Options& options) {
       ->delimiter(',')
       ->capture_default_str()
       ->envname("CITYLEARN_INTERFACE");
-  app.add_option("--peers", middleware.peers, "Other hosts to find services on: HOST[:PORT],...")
+  app.add_option("--peers", middleware.peers,
+                 "Other hosts to find services on: HOST[:PORT],...; all addresses of a name count, and dns:NAME may "
+                 "have none yet")
       ->delimiter(',')
       ->envname("CITYLEARN_PEERS");
   app.add_option("--discovery-server", middleware.discovery_servers,

@@ -67,8 +67,8 @@ RankAddress parse_rank_address(const std::string& text, const std::string& where
   if (address.port < 1 || address.port > 65535) throw Error("'" + text + "' is not HOST:PORT", where);
   const std::string host = text.substr(0, colon);
   const Ipv4Lookup found = find_ipv4(host);
-  if (found.address.empty()) throw Error("'" + host + "' is unknown: " + found.problem, where);
-  address.host = found.address;
+  if (found.addresses.empty()) throw Error("'" + host + "' is unknown: " + found.problem, where);
+  address.host = found.addresses.front();
   return address;
 }
 

@@ -101,6 +101,18 @@ TEST_P(Vendor, PeersAreChecked) {
             "peers: '203.0.113.9' cannot be reached through interface 'lo' (name the interface that leads there)");
 }
 
+TEST_P(Vendor, DnsPeersMayHaveNoAddressYet) {
+  MiddlewareOptions options = options_of(GetParam());
+  options.peers = {"nobody.invalid"};
+  EXPECT_TRUE(start_error(options).starts_with("peers: host 'nobody.invalid' has no IPv4 address: "));
+  options.peers = {"dns:nobody.invalid", "dns:nobody.invalid:17410", "dns:localhost"};
+  EXPECT_EQ(start_error(options), "");
+  options.peers = {"dns:"};
+  EXPECT_EQ(start_error(options), "peers: 'dns:' names no host (write HOST, HOST:PORT or dns:NAME)");
+  options.peers = {"dns:nobody.invalid:port"};
+  EXPECT_NE(start_error(options), "");
+}
+
 TEST_P(Vendor, NoFreePortIsAnError) {
   std::vector<int> sockets;
   for (int index = 0; index < 62; ++index) {

@@ -75,12 +75,12 @@ void look_at_peers(const MiddlewareOptions& options, Findings& findings) {
   for (const auto& [list, standard] :
        {std::pair{&options.peers, findings.first_port}, {&options.discovery_servers, internal::kDiscoveryServerPort}})
     for (const std::string& peer : *list) {
-      const std::size_t colon = peer.rfind(':');
-      const std::string address = find_ipv4(peer.substr(0, colon)).address;
-      if (address.empty() || address.starts_with("127.") || findings.used.contains(address) || heard_at(address))
-        continue;
-      const int port = colon == std::string::npos ? standard : std::atoi(peer.c_str() + colon + 1);
-      findings.problems.push_back(account_of(peer, address, port, findings));
+      const std::string host = peer.starts_with("dns:") ? peer.substr(4) : peer;
+      const std::size_t colon = host.rfind(':');
+      const int port = colon == std::string::npos ? standard : std::atoi(host.c_str() + colon + 1);
+      for (const std::string& address : find_ipv4(host.substr(0, colon)).addresses)
+        if (!address.starts_with("127.") && !findings.used.contains(address) && !heard_at(address))
+          findings.problems.push_back(account_of(peer, address, port, findings));
     }
 }
 
