@@ -147,7 +147,7 @@ class WhatIsNotUnderstood(unittest.TestCase):
 
 
 class Image(unittest.TestCase):
-    TEXT = (COMPOSE / "Dockerfile").read_text()
+    TEXT = (COMPOSE / "Containerfile").read_text()
 
     def stages(self):
         return re.split(r"^FROM ", re.sub(r"\\\n", " ", self.TEXT), flags=re.MULTILINE)[1:]
@@ -165,11 +165,10 @@ class Image(unittest.TestCase):
             self.assertFalse([each for each in ignored if path == each or path.startswith(each + "/")], path)
 
     def test_programs_are_for_any_processor_and_run_as_nobody_in_particular(self):
-        build, runtime = self.stages()
-        self.assertIn("-DCITYLEARN_NATIVE=OFF", build)
-        self.assertRegex(runtime, r"\nUSER 10001:10001\n")
-        self.assertEqual(build.split()[0], "debian:bookworm")
-        self.assertEqual(runtime.split()[0], "debian:bookworm-slim")
+        self.assertIn("-DCITYLEARN_NATIVE=OFF", self.TEXT)
+        for stage in self.stages()[-2:]:
+            self.assertRegex(stage, r"^scratch AS (dashboard|services)\n")
+            self.assertRegex(stage, r"\nUSER 10001:10001\n")
 
     def test_the_small_image_has_the_libraries_of_the_programs_and_no_others(self):
         for tool in ("dpkg", "readelf", "ldd"):
@@ -188,7 +187,7 @@ class Image(unittest.TestCase):
         owners = {str(Path(path).resolve()): package for package, path in re.findall(r"^(\S+?):.* (/\S+)$", owned, re.MULTILINE)}
         packages = {owners[str(Path(path).resolve())] for path in libraries}
         packages -= {"libc6", "libgcc-s1", "libstdc++6"}  # others bring them
-        listed = re.search(r"--no-install-recommends(.*?)&&", self.stages()[1])[1].split()
+        listed = re.search(r"--no-install-recommends(.*?)&&", self.TEXT, re.DOTALL)[1].replace("\\", "").split()
         self.assertEqual(sorted(listed), sorted(packages))
 
 
