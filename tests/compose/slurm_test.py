@@ -117,4 +117,4 @@ class Slurm(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    support.main()
+    unittest.main(verbosity=2)

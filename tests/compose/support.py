@@ -1,188 +1,204 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of compose/ share. Each is called with the folder into which the programs are installed."""
+"""What the tests in containers share: images of this build, compose projects, and waiting. Each test is called with the folder
+into which the programs are installed. Needs root, podman and podman-compose; no registry is asked."""
 
 import csv
 import json
 import os
+import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
 import unittest
+import zlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[2]
 COMPOSE = SOURCE / "compose"
 PREFIX = Path(sys.argv.pop(1)) if len(sys.argv) > 1 else Path("/usr/local")
-STATES = Path("/run/citylearn-hosts")
-sys.path.insert(0, str(COMPOSE))
+BASE = "docker.io/library/debian:bookworm"
+OWN = f"citylearn-test-{os.getpid()}"  # begins every name: several tests do not meet
+TAG = f"test-{zlib.crc32(bytes(PREFIX)):x}"  # of images; two builds do not share them
+SERVICES, DASHBOARD = f"localhost/citylearn-dds:{TAG}", f"localhost/citylearn-dashboard:{TAG}"
 
 
-def main(needs=()):
-    """Runs the calling file's tests; `needs`: reasons to skip all of them, empty ones count for nothing."""
-    for reason in needs:
-        if reason:
-            print("skipped:", reason)
-            sys.exit(77)
-    unittest.main(verbosity=2)
+def call(*words, check=True, **options):
+    """What a command says. An error shows the command and all that it said."""
+    done = subprocess.run([str(word) for word in words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace",
+                          check=False, **options)
+    if check and done.returncode != 0:
+        raise AssertionError(f"status {done.returncode}: {' '.join(map(str, words))}\n{done.stdout}")
+    return done.stdout
 
 
-def without_yaml():
-    try:
-        import yaml  # noqa: F401
-    except ImportError:
-        return "python3-yaml is missing"
-    return ""
+def podman(*words, check=True):
+    return call("podman", "--log-level=fatal", *words, check=check).strip()
 
 
-def without_namespaces():
-    """Why no host can be made here; empty when one can."""
-    if os.geteuid() != 0:
-        return "only root can make network namespaces"
-    name = f"citylearn-test-{os.getpid()}"
-    try:
-        said = subprocess.run(["ip", "netns", "add", name], capture_output=True, text=True, check=False)
-        if said.returncode == 0:
-            subprocess.run(["ip", "netns", "delete", name], check=True)
-            said = subprocess.run(["unshare", "--mount", "--pid", "--fork", "--uts", "--ipc", "true"],
-                                  capture_output=True, text=True, check=False)
-    except FileNotFoundError:
-        return "ip is missing (package iproute2)"
-    return "" if said.returncode == 0 else f"no namespaces here: {said.stderr.strip()}"
+def status_of(*words):
+    return subprocess.run(list(map(str, words)), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False).returncode
 
 
-def wait_for(what, seconds, condition):
-    """Until `condition` holds; AssertionError after so long."""
+def wait_for(what, seconds, condition, report=None):
+    """Until `condition` holds; AssertionError after so long, with what `report` returns."""
     until = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > until:
-            raise AssertionError(f"not within {seconds} s: {what}")
-        time.sleep(0.05)
+            raise AssertionError(f"not within {seconds} s: {what}\n{report() if report else ''}")
+        time.sleep(0.1)
 
 
-class Up:
-    """`compose/hosts up FILE`, as a context: ends with it, whatever happened."""
-
-    def __init__(self, file, *options, settings=None, seconds=120):
-        self.file = file
-        self.options = [option for option in options if option == "--profile" or option == "*"]
-        self.project = f"test-{os.getpid()}-{Path(file).stem}"
-        self.seconds = seconds
-        self.temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
-        self.folder = Path(self.temporary.name)
-        self.volumes = self.folder / "volumes"
-        env_file = self.folder / "settings.env"
-        env_file.write_text("".join(f"{name}={value}\n" for name, value in (settings or {}).items()))
-        self.output = self.folder / "output"
-        command = [COMPOSE / "hosts", "up", file, "--prefix", PREFIX, "--volumes", self.volumes, "--project", self.project,
-                   "--env-file", env_file, *options]
-        clean = {name: value for name, value in os.environ.items() if name not in (settings or {})}
-        with open(self.output, "wb") as output:
-            self.process = subprocess.Popen([str(word) for word in command], stderr=output, stdout=output, env=clean)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, kind, error, trace):
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-            try:
-                self.process.wait(30)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
-        if kind:
-            print(self.report(), file=sys.stderr)
-        self.temporary.cleanup()
-        shutil.rmtree(STATES / self.project, ignore_errors=True)
-        (STATES / f"{self.project}.lock").unlink(missing_ok=True)
-
-    def report(self):
-        """What everybody said, for a test that failed."""
-        text = f"---- compose/hosts\n{self.output.read_text()}"
-        for log in sorted((STATES / self.project / "logs").glob("*")):
-            text += f"---- {log.name}\n" + "\n".join(log.read_text(errors="replace").splitlines()[-25:]) + "\n"
-        return text
-
-    def states(self):
-        try:
-            state = json.loads((STATES / self.project / "state.json").read_text())
-        except OSError:
-            return {}
-        return state["services"] if state["owner"] == self.process.pid else {}  # else of one that was killed
-
-    def log(self, service):
-        path = STATES / self.project / "logs" / f"{service}.log"
-        return path.read_text(errors="replace") if path.exists() else ""
-
-    def inside(self, service, *words):
-        """What a command that runs inside a service says."""
-        command = [COMPOSE / "hosts", "exec", self.file, "--project", self.project, "--env-file", self.folder / "settings.env"]
-        return subprocess.run([*command, *self.options, service, *words], capture_output=True, text=True, check=True).stdout
-
-    def wait_state(self, service, key, value):
-        def holds():
-            if self.process.poll() is not None:
-                raise AssertionError(f"compose/hosts has ended; {service}'s {key} was to become {value}")
-            return self.states().get(service, {}).get(key) == value
-        wait_for(f"{service}'s {key} is {value}", self.seconds, holds)
-
-    def kill(self, service):
-        """-9, and it is there again with one restart more."""
-        before = self.states()[service]
-        os.kill(before["pid"], signal.SIGKILL)
-        self.wait_state(service, "restarts", before["restarts"] + 1)
-        self.wait_state(service, "state", "running")
-
-    def end(self):
-        """Waits for its own end and returns the status."""
-        return self.process.wait(self.seconds)
-
-    def leftovers(self):
-        """Namespaces, control groups and processes of this one that are still there."""
-        mine = f"citylearn-hosts-{self.process.pid}-"
-        found = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout.split()
-        found += [str(path) for path in Path("/sys/fs/cgroup").glob(f"*/{mine}*")]
-        found += [str(path) for path in Path("/sys/fs/cgroup").glob(f"{mine}*")]
-        return [name for name in found if mine in name]
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
 
 
-class Topology(unittest.TestCase):
-    """A run of the drawn city in a compose file's services: small, and long enough for somebody to be killed in it."""
+def missing(programs=(), images=(SERVICES, DASHBOARD)):
+    """Why nothing can be tested here; empty when it can."""
+    if os.geteuid() != 0:
+        return "only root can make containers and networks here"
+    for program in ("podman", *programs):
+        if not shutil.which(program):
+            return f"{program} is missing"
+    backend = subprocess.run(["podman", "info", "--format", "{{.Host.NetworkBackend}}"], capture_output=True, text=True, check=False)
+    if backend.returncode != 0:
+        return "podman does not run here (`podman info` says why)"
+    if backend.stdout.strip() != "netavark":
+        return "podman's networks have no names (packages netavark and aardvark-dns; `podman system reset` chooses them)"
+    for image in images:
+        if status_of("podman", "image", "exists", image) != 0:
+            return f"the image {image} is not in podman's store"
+    return ""
+
+
+def main(reason):
+    """Runs the calling file's tests, or says why not. A signal ends it as an error does: everything is removed."""
+    if reason:
+        print("skipped:", reason)
+        sys.exit(77)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    unittest.main(verbosity=2)
+
+
+def settings_of_files():
+    return set(re.findall(r"\$\{([A-Z_]+)", "".join(path.read_text() for path in COMPOSE.glob("*.yaml"))))
+
+
+class Project:
+    """A compose file under podman-compose, as a context: gone with its containers, networks and volumes, whatever happened."""
 
     SETTINGS = {
-        "SESSION": "trial", "FRAMES": "0:48", "PLACES": "48", "ENCODER_OPTIONS": "--dimension 24", "HEALTH_INTERVAL": "1s",
-        # The learning rate falls with the steps done, here never: the recommended one is too high for that.
-        "POLICY_OPTIONS": "--steps 100000000 --time-limit 10 --tasks 50 --checkpoint-every 20 --ppo-learning-rate 0.002",
+        "IMAGE": SERVICES, "DASHBOARD_IMAGE": DASHBOARD, "SESSION": "trial", "FRAMES": "0:48", "PLACES": "48",
+        "ENCODER_OPTIONS": "--dimension 24",
+        # A file in the volume, so that the test says when it has trained long enough: `finish`. The learning rate falls with the
+        # steps done, here never: the recommended one is too high for that.
+        "POLICY_OPTIONS": "--config /runs/limit.toml --steps 100000000 --tasks 50 --checkpoint-every 20 --ppo-learning-rate 0.002",
     }
 
-    def expect_all_healthy(self, up, learner):
-        """All at once, while the learner still learns. Without the program that asks, the dashboard alone is asked."""
-        asked = (PREFIX / "bin/citylearn_doctor").exists()
+    def __init__(self, file, **settings):
+        self.name = f"{OWN}-{Path(file).stem}"
+        # A .env beside the file, as an engine reads it. podman-compose makes folders that it does not find beside it, too.
+        self.temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
+        self.file = Path(self.temporary.name) / Path(file).name
+        shutil.copy(COMPOSE / file, self.file)
+        self.entering = {}  # of services on another host's network: the command that enters it
+        self.settings = self.SETTINGS | {"PORT": free_port()} | settings
 
-        def good():
-            if up.process.poll() is not None:
-                raise AssertionError("the run has ended before all were healthy")
-            states = up.states()
-            return bool(states) and all(
-                state["state"] == "running" and (state["health"] == "healthy" or not asked and name != "dashboard")
-                for name, state in states.items())
-        wait_for("all are healthy", up.seconds, good)
-        checkpoints = up.volumes / "runs/trial/checkpoints"
-        wait_for(f"{learner} has a checkpoint", up.seconds, lambda: any(checkpoints.glob("*.clk")))
+    def __enter__(self):
+        podman("volume", "create", "--label", f"io.podman.compose.project={self.name}", f"{self.name}_runs")
+        os.chown(self.volume("runs"), 10001, 10001)
+        self.limit(3600)
+        return self
 
-    def expect_good_run(self, up):
-        """It ended well, is on record, and the agent navigates."""
-        self.assertEqual(up.end(), 0)
-        folder = up.volumes / "runs/trial"
+    def limit(self, seconds):
+        (self.volume("runs") / "limit.toml").write_text(f"time-limit = {seconds}\n")
+
+    def __exit__(self, kind, error, trace):
+        if kind:
+            print(self.report(), file=sys.stderr)
+        for what, words in (("ps", ["rm", "--force", "--time", "2", "--volumes"]), ("network ls", ["network", "rm", "--force"]),
+                            ("volume ls", ["volume", "rm", "--force"])):
+            found = self.all_of(what)
+            if found:
+                podman(*words, *found, check=False)
+        self.temporary.cleanup()
+
+    def all_of(self, what):
+        """Names of this project's containers (`ps`), networks or volumes."""
+        words = [*what.split(), *(["--all", "--format", "{{.Names}}"] if what == "ps" else ["--format", "{{.Name}}"])]
+        return podman(*words, "--filter", f"label=io.podman.compose.project={self.name}").split()
+
+    def compose(self, *words, before=(), options=()):
+        """podman-compose, with the project's settings and none of the caller's."""
+        known = settings_of_files()
+        self.file.with_name(".env").write_text("".join(f"{name}={value}\n" for name, value in self.settings.items()))
+        clean = {name: value for name, value in os.environ.items() if name not in known}
+        return call(*before, "podman-compose", *options, "-p", self.name, "-f", self.file, *words, env=clean)
+
+    def up(self, *services, before=(), options=(), **settings):
+        self.settings |= settings
+        return self.compose("up", "-d", "--no-build", *services, before=before, options=options)
+
+    def container(self, service, number=1):
+        return f"{self.name}_{service}_{number}"
+
+    def inspect(self, service, field, number=1):
+        return podman("inspect", "--type", "container", "--format", "{{" + field + "}}", self.container(service, number), check=False)
+
+    def log(self, service, number=1):
+        return podman("logs", self.container(service, number), check=False)
+
+    def report(self):
+        """What every container said last, for a test that failed."""
+        text = podman("ps", "--all", "--filter", f"label=io.podman.compose.project={self.name}", check=False)
+        for name in self.all_of("ps"):
+            text += f"\n---- {name}\n" + "\n".join(podman("logs", "--tail", "25", name, check=False).splitlines()[-25:])
+        return text
+
+    def volume(self, name):
+        return Path(podman("volume", "inspect", "--format", "{{.Mountpoint}}", f"{self.name}_{name}"))
+
+    def healthy(self, name):
+        entering = self.entering.get(name.removeprefix(f"{self.name}_").rpartition("_")[0], [])
+        return status_of(*entering, "podman", "healthcheck", "run", name) == 0
+
+    def expect_all_healthy(self, seconds=60):
+        """Each container's own health check succeeds, all while the learner still learns."""
+        def expect_healthy(name):
+            wait_for(f"{name} is healthy", seconds, lambda: self.healthy(name), self.report)
+
+        with ThreadPoolExecutor() as pool:
+            list(pool.map(expect_healthy, self.all_of("ps")))
+        wait_for("a checkpoint", seconds, lambda: any((self.volume("runs") / "trial/checkpoints").glob("*.clk")), self.report)
+
+    def kill(self, service, number=1):
+        """-9, and the engine starts it again."""
+        before = int(self.inspect(service, ".State.Pid", number))
+        os.kill(before, signal.SIGKILL)
+        wait_for(f"{service} runs again", 30, lambda: int(self.inspect(service, ".State.Pid", number) or 0) not in (0, before), self.report)
+
+    def finish(self, test, learner="policy", seconds=120):
+        """Kills the learner, which then continues for a second only. It ends well, is on record, and the agent navigates. Then
+        nothing is left after `down`."""
+        self.limit(1)
+        self.kill(learner)
+        wait_for(f"{learner} has ended", seconds, lambda: self.inspect(learner, ".State.Status") == "exited", self.report)
+        test.assertEqual(self.inspect(learner, ".State.ExitCode"), "0", self.log(learner)[-2000:])
+        test.assertIn("resuming after update", self.log(learner))
+        folder = self.volume("runs") / "trial"
         evaluated = json.loads((folder / "summary.json").read_text())["evaluate"]
-        self.assertEqual(sorted(evaluated), ["fall", "summer"])
+        test.assertEqual(sorted(evaluated), ["fall", "summer"])
         for figures in evaluated.values():
-            self.assertGreater(figures["spl"], 0.9, evaluated)
+            test.assertGreater(figures["spl"], 0.95, evaluated)
         with open(folder / "episodes.csv", encoding="utf-8") as file:
             episodes = [(row["environment"], row["incarnation"], row["episode"]) for row in csv.DictReader(file)]
-        self.assertGreater(len(episodes), 100)
-        self.assertEqual(len(episodes), len(set(episodes)), "an episode stands there twice")
-        self.assertEqual(up.leftovers(), [])
+        test.assertGreater(len(episodes), 100)
+        test.assertEqual(len(episodes), len(set(episodes)), "an episode stands there twice")
+        self.compose("down", "-v", "-t", "10")
+        test.assertEqual(self.all_of("ps") + self.all_of("volume ls"), [])
+        podman("network", "rm", *self.all_of("network ls"))  # podman-compose 1.0.3 leaves it
