@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import tomllib
 import unittest
 from pathlib import Path
 
@@ -61,6 +62,16 @@ class Commands(unittest.TestCase):
             for word in words:
                 if word.startswith("$"):
                     self.assertIn(word[1:], variables, unit.name)
+
+    def test_of_kubernetes(self):
+        for path in (COMPOSE / "kubernetes").rglob("*.toml"):
+            service = path.stem.partition("-")[0]
+            program = service if service == "dashboard" else f"{service}_service"
+            for option in tomllib.loads(path.read_text()):
+                self.assertRegex(help_of(program), rf"(?m)^ +--{option} ", path)
+        for path in (COMPOSE / "kubernetes").rglob("*.yaml"):
+            for command in re.findall(r"\b(?:env_service|encoder_service|policy_service|dashboard|citylearn_doctor) (?:[^']*--[^']*)", path.read_text()):
+                self.check(command.split(), path)
 
     def test_of_the_slurm_script(self):
         subprocess.run(["bash", "-n", COMPOSE / "slurm/train.sbatch"], check=True)
