@@ -72,18 +72,19 @@ class Played(unittest.TestCase):
                 peers = each["data"].get("CITYLEARN_PEERS")
                 if peers:
                     each["data"]["CITYLEARN_PEERS"] = ",".join(f"dns:{own}{peer.removesuffix('.citylearn')}" for peer in peers.split(","))
-            if kind == "PersistentVolumeClaim":
-                each["metadata"]["name"] = own + name
             if kind in ("ConfigMap", "PersistentVolumeClaim"):
+                each["metadata"]["name"] = own + name
                 played.append(each)
         # Pods without a name last: they ask those that have one. In Kubernetes they are started again until all names resolve.
         for kind, name, spec, template in sorted(templates(objects), key=lambda each: each[0] == "Deployment"):
             for number in range(spec.get("replicas", 1)):
                 pod = copy.deepcopy(template["spec"])
                 for volume in pod["volumes"]:
-                    if "persistentVolumeClaim" in volume:
-                        volume["persistentVolumeClaim"]["claimName"] = own + volume["persistentVolumeClaim"]["claimName"]
+                    for source, key in (("persistentVolumeClaim", "claimName"), ("configMap", "name")):
+                        if source in volume:
+                            volume[source][key] = own + volume[source][key]
                 for container in pod["containers"]:
+                    container["envFrom"][0]["configMapRef"]["name"] = own + container["envFrom"][0]["configMapRef"]["name"]
                     container["image"] = f"localhost/{container['image']}:{support.TAG}"
                     for probe in ("startupProbe", "livenessProbe", "readinessProbe"):  # podman forgets the quotes of a command
                         container.pop(probe, None)
