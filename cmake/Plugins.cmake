@@ -4,7 +4,8 @@ set(CITYLEARN_PLUGINS "" CACHE STRING "Plug-ins of your own: NAME.cc, or a folde
 
 # One hash of all headers that a plug-in and a program must agree on; only a changed hash compiles anything anew.
 file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/core/*.h ${CMAKE_SOURCE_DIR}/core/*.inc ${CMAKE_SOURCE_DIR}/policy_service/network/*.h
-  ${CMAKE_SOURCE_DIR}/policy_service/rollout/*.h ${CMAKE_SOURCE_DIR}/policy_service/learning/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
+  ${CMAKE_SOURCE_DIR}/policy_service/rollout/*.h ${CMAKE_SOURCE_DIR}/policy_service/learning/*.h
+  ${CMAKE_SOURCE_DIR}/encoder_service/encoding/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
 list(JOIN headers "," inputs)
 set(interface ${CMAKE_BINARY_DIR}/generated/core/plugin/plugin_interface.h)
 add_custom_command(
@@ -21,18 +22,10 @@ function(citylearn_takes_plugins program)
   set_property(TARGET ${program} APPEND PROPERTY LINK_DEPENDS ${CMAKE_SOURCE_DIR}/cmake/plugins.list)
 endfunction()
 
-# citylearn_plugin(NAME FILE...): plugins/NAME.so in the build folder. It is linked to nothing of this project: the program that
-# loads it has all that, once.
-function(citylearn_plugin name)
-  add_library(${name} MODULE ${ARGN} ${CMAKE_SOURCE_DIR}/core/plugin/plugin_stamp.cc)
-  set_target_properties(${name} PROPERTIES PREFIX "" LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/plugins)
-  target_include_directories(${name} SYSTEM PRIVATE ${CMAKE_BINARY_DIR}/generated
-    $<TARGET_PROPERTY:citylearn_learning,INTERFACE_INCLUDE_DIRECTORIES>)
-  target_compile_definitions(${name} PRIVATE $<TARGET_PROPERTY:citylearn_learning,INTERFACE_COMPILE_DEFINITIONS>)
-  target_compile_options(${name} PRIVATE $<TARGET_PROPERTY:citylearn_learning,INTERFACE_COMPILE_OPTIONS>)
-  target_link_libraries(${name} PRIVATE citylearn_warnings)
-  add_dependencies(${name} citylearn_interface citylearn_idl)
-endfunction()
+# What every kind of plug-in includes beyond the headers of citylearn_learning: encoders take OpenCV's pictures.
+add_library(citylearn_plugin_headers INTERFACE)
+target_include_directories(citylearn_plugin_headers SYSTEM INTERFACE ${OpenCV_INCLUDE_DIR})
+include(cmake/PluginTarget.cmake)
 
 foreach(plugin ${CITYLEARN_PLUGINS})
   get_filename_component(plugin ${plugin} ABSOLUTE BASE_DIR ${CMAKE_SOURCE_DIR})

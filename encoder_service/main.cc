@@ -4,6 +4,7 @@
 #include <iostream>
 #include <opencv2/core.hpp>
 
+#include "core/plugin/plugins.h"
 #include "core/util/name.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
@@ -116,5 +117,9 @@ int main(int argc, char** argv) {
       argc, argv,
       "Encodes the pictures of env_services as features and completes their observations. Several with the same "
       "options divide the frames, so that each is encoded once.",
-      [&](CLI::App& app) { add_options(app, line); }, [&] { return serve(line); });
+      [&](CLI::App& app) {
+        add_plugin_option(app, argc, argv);
+        add_options(app, line);
+      },
+      [&] { return serve(line); });
 }

@@ -49,7 +49,7 @@ void check_stamp(const std::string& file) {
 
 void declare(CLI::App& app, const std::function<void(const std::vector<std::string>&)>& given) {
   app.add_option_function("--plugin", given,
-                          "Shared objects with more networks, learners ...: FILE,... (docs/how-to/load-a-plugin.md)")
+                          "Shared objects with more learners, encoders ...: FILE,... (docs/how-to/load-a-plugin.md)")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->take_all()
@@ -67,8 +67,12 @@ void load_plugin(const std::string& file) {
   check_stamp(path);
   const Registrations before = registrations();
   if (!dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL)) {
-    const char* reason = dlerror();
-    throw Error("cannot be loaded: " + std::string(reason ? reason : "no reason given"), "plug-in " + file);
+    const char* text = dlerror();
+    const std::string reason = text ? text : "no reason given";
+    throw Error("cannot be loaded: " + reason, "plug-in " + file,
+                reason.find("undefined symbol") == std::string::npos
+                    ? ""
+                    : "it may be for another program: docs/how-to/load-a-plugin.md");
   }
   const Registrations& after = registrations();
   if (after.taken.size() > before.taken.size())

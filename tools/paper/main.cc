@@ -8,6 +8,7 @@
 #include <optional>
 
 #include "core/files/files.h"
+#include "core/plugin/plugins.h"
 #include "core/util/error.h"
 #include "core/util/version.h"
 #include "core/wire/service.h"
@@ -161,7 +162,10 @@ int main(int argc, char** argv) {
   line.text = "./run paper" + line.text;
   return service_main(
       argc, argv, "Repeats the paper's experiments on the data at hand and writes a report.",
-      [&](CLI::App& app) { add_options(app, line); },
+      [&](CLI::App& app) {
+        add_plugin_option(app, argc, argv);
+        add_options(app, line);
+      },
       [&] {
         if (line.list) {
           for (const Section& section : sections()) std::cout << section.name << "  " << section.title << "\n";

@@ -3,6 +3,7 @@
 #include <ctime>
 #include <iostream>
 
+#include "core/plugin/plugins.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "tools/vpr/evaluate.h"
@@ -134,5 +135,9 @@ int main(int argc, char** argv) {
   for (int i = 0; i < argc; ++i) line.options.command += (i ? " " : "") + std::string(argv[i]);
   return service_main(
       argc, argv, "Evaluates place recognition: which frames of a query traversal show which place of a reference.",
-      [&](CLI::App& app) { add_options(app, line); }, [&] { return run(line); });
+      [&](CLI::App& app) {
+        add_plugin_option(app, argc, argv);
+        add_options(app, line);
+      },
+      [&] { return run(line); });
 }

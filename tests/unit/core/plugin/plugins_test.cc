@@ -18,10 +18,10 @@ std::string refusal_of(const std::string& file) {
   return error_of([&] { load_plugin(file); });
 }
 
-/// Runs policy_service and returns its output.
-std::string run(std::vector<std::string> arguments, int status) {
+/// Runs a program and returns its output.
+std::string run(std::vector<std::string> arguments, int status, const char* program = CITYLEARN_POLICY_SERVICE) {
   const Folder folder;
-  arguments.insert(arguments.begin(), CITYLEARN_POLICY_SERVICE);
+  arguments.insert(arguments.begin(), program);
   Service service(arguments, folder / "log");
   const auto ended = service.wait(seconds(60));
   EXPECT_TRUE(ended && *ended == status) << service.output();
@@ -88,6 +88,14 @@ TEST(Plugins, ThatAreNoneAreRefusedInOneLine) {
   EXPECT_TRUE(contains(said, "policy_service: plug-in " + folder / "text.so: is not a plug-in"));
   EXPECT_EQ(occurrences(said, "\n"), 1) << said;
   EXPECT_TRUE(contains(run({"--plugin", TAKEN_PLUGIN, "--list"}, 1), "registers 'ppo', which exists already"));
+}
+
+TEST(Plugins, AreForProgramsThatHaveWhatTheyBuildOn) {
+  const std::string said = run({"--plugin", ENCODER_PLUGIN, "--list"}, 1);
+  EXPECT_TRUE(contains(said, "it may be for another program: docs/how-to/load-a-plugin.md"));
+  EXPECT_EQ(occurrences(said, "\n"), 1) << said;
+  EXPECT_TRUE(contains(run({"--plugin", ENCODER_PLUGIN, "--list"}, 1, CITYLEARN_ENCODER_SERVICE),
+                       "registers 'raw84', which exists already"));
 }
 
 TEST(Plugins, OfAnotherVersionAreRefusedBeforeTheirCodeRuns) {
