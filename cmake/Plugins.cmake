@@ -5,7 +5,9 @@ set(CITYLEARN_PLUGINS "" CACHE STRING "Plug-ins of your own: NAME.cc, or a folde
 # One hash of all headers that a plug-in and a program must agree on; only a changed hash compiles anything anew.
 file(GLOB_RECURSE headers CONFIGURE_DEPENDS ${CMAKE_SOURCE_DIR}/core/*.h ${CMAKE_SOURCE_DIR}/core/*.inc ${CMAKE_SOURCE_DIR}/policy_service/network/*.h
   ${CMAKE_SOURCE_DIR}/policy_service/rollout/*.h ${CMAKE_SOURCE_DIR}/policy_service/learning/*.h
-  ${CMAKE_SOURCE_DIR}/encoder_service/encoding/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
+  ${CMAKE_SOURCE_DIR}/encoder_service/encoding/*.h ${CMAKE_SOURCE_DIR}/env_service/dataset_io/*.h
+  ${CMAKE_SOURCE_DIR}/env_service/files/*.h ${CMAKE_SOURCE_DIR}/env_service/geometry/*.h
+  ${CMAKE_SOURCE_DIR}/env_service/images/*.h ${CMAKE_SOURCE_DIR}/idl/*.idl)
 list(JOIN headers "," inputs)
 set(interface ${CMAKE_BINARY_DIR}/generated/core/plugin/plugin_interface.h)
 add_custom_command(
@@ -22,7 +24,7 @@ function(citylearn_takes_plugins program)
   set_property(TARGET ${program} APPEND PROPERTY LINK_DEPENDS ${CMAKE_SOURCE_DIR}/cmake/plugins.list)
 endfunction()
 
-# What every kind of plug-in includes beyond the headers of citylearn_learning: encoders take OpenCV's pictures.
+# What every kind of plug-in includes beyond the headers of citylearn_learning: encoders and datasets take OpenCV's pictures.
 add_library(citylearn_plugin_headers INTERFACE)
 target_include_directories(citylearn_plugin_headers SYSTEM INTERFACE ${OpenCV_INCLUDE_DIR})
 include(cmake/PluginTarget.cmake)

@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <iostream>
 
+#include "core/plugin/plugins.h"
 #include "core/util/name.h"
 #include "core/util/text.h"
 #include "core/wire/messages.h"
@@ -90,5 +91,9 @@ int main(int argc, char** argv) {
   CommandLine line;
   return service_main(
       argc, argv, "Hosts agents on one traversal of a route, which a policy_service drives over DDS.",
-      [&](CLI::App& app) { add_options(app, line); }, [&] { return serve(line); });
+      [&](CLI::App& app) {
+        add_plugin_option(app, argc, argv);
+        add_options(app, line);
+      },
+      [&] { return serve(line); });
 }

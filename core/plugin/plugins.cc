@@ -48,8 +48,9 @@ void check_stamp(const std::string& file) {
 }
 
 void declare(CLI::App& app, const std::function<void(const std::vector<std::string>&)>& given) {
-  app.add_option_function("--plugin", given,
-                          "Shared objects with more learners, encoders ...: FILE,... (docs/how-to/load-a-plugin.md)")
+  app.add_option_function(
+         "--plugin", given,
+         "Shared objects with more learners, encoders, datasets ...: FILE,... (docs/how-to/load-a-plugin.md)")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->take_all()

@@ -3,6 +3,7 @@
 #include <iostream>
 #include <optional>
 
+#include "core/plugin/plugins.h"
 #include "core/util/progress.h"
 #include "core/util/text.h"
 #include "core/wire/service.h"
@@ -31,7 +32,10 @@ void add_options(CLI::App& app, CommandLine& line) {
                         "Read it as this dataset, without recognising it; an option of a dataset names it too");
     add_dataset_parameters(*command, line.source);
   }
-  for (CLI::App* command : {line.list, line.check, line.info}) command->add_flag("--json", line.json, "Print JSON");
+  for (CLI::App* command : {line.list, line.check, line.info}) {
+    command->add_flag("--json", line.json, "Print JSON");
+    command->fallthrough();  // --plugin may stand behind it
+  }
 }
 
 void list() {
@@ -108,7 +112,10 @@ int main(int argc, char** argv) {
   line.source.dataset.clear();
   return service_main(
       argc, argv, "Lists the datasets, and checks and describes a folder of one.",
-      [&](CLI::App& app) { add_options(app, line); },
+      [&](CLI::App& app) {
+        add_plugin_option(app, argc, argv);
+        add_options(app, line);
+      },
       [&] {
         if (line.check->parsed()) return check(line);
         if (line.info->parsed()) return info(line);
