@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "core/util/error.h"
-#include "policy_service/network/agent_network.h"
+#include "policy_service/network/layers.h"
 #include "tests/support/networks/small_networks.h"
 #include "tests/support/text.h"
 
@@ -73,6 +73,40 @@ TEST_P(Networks, CarryTheirStateFromCallToCall) {
       EXPECT_NEAR(single->heads.values(0), workspace->heads.values(t * inputs.agents + b), 1e-9);
     }
     EXPECT_TRUE(state.isApprox(workspace->state.col(b), 1e-9));
+  }
+}
+
+/// The backward pass is the derivative of the forward pass, as central differences see it.
+TEST_P(Networks, DifferentiateWhatTheyCompute) {
+  const NetworkInputs<double> inputs = some_inputs(task, task.frames);
+  const Matrix<double> begin = start(inputs.agents);
+  workspace->localise = true;
+  network->forward(parameters, inputs, begin, *workspace);
+  Heads<double> weights = workspace->heads;
+  for (Matrix<double>* part : {&weights.logits, &weights.values, &weights.auxiliary})
+    for (std::ptrdiff_t i = 0; i < part->size(); ++i) {
+      const bool masked = part == &weights.logits && part->data()[i] < 0.5 * kMasked;
+      part->data()[i] = masked ? 0 : 1 + static_cast<double>(i % 7);
+    }
+  Vector<double> gradient_of_all = Vector<double>::Zero(parameters.size());
+  network->backward(parameters, inputs, *workspace, weights, gradient_of_all);
+  const auto sum = [&] {
+    network->forward(parameters, inputs, begin, *workspace);
+    const Heads<double>& heads = workspace->heads;
+    return heads.logits.cwiseProduct(weights.logits).sum() + heads.values.cwiseProduct(weights.values).sum() +
+           heads.auxiliary.cwiseProduct(weights.auxiliary).sum();
+  };
+  const double largest = gradient_of_all.cwiseAbs().maxCoeff(), step = 1e-5;
+  EXPECT_GT(largest, 0);
+  const std::ptrdiff_t every = std::max<std::ptrdiff_t>(1, parameters.size() / 500);
+  for (std::ptrdiff_t i = 0; i < parameters.size(); i += every) {
+    const double kept = parameters(i);
+    parameters(i) = kept + step;
+    const double above = sum();
+    parameters(i) = kept - step;
+    const double below = sum();
+    parameters(i) = kept;
+    ASSERT_NEAR(gradient_of_all(i), (above - below) / (2 * step), 1e-5 * largest) << "parameter " << i;
   }
 }
 

@@ -18,7 +18,7 @@ PROGRAMS = {
     "vpr": "tools/vpr/citylearn_vpr",
     "paper": "tools/paper/citylearn_paper",
 }
-PLUGINS_OF_READERS = ("--mine-", "--a2c-", "--patch_means-")  # that the pages have them write
+PLUGINS_OF_READERS = ("--mine-", "--a2c-", "--patch_means-", "--photo_log-", "--gru-")  # that the pages have them write
 # What `./run demo` passes on to.
 DEMO = ["env_service", "encoder_service", "policy_service"]
 SERVICES = {"env": "env_service", "encoder": "encoder_service", "policy": "policy_service"}

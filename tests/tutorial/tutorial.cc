@@ -68,7 +68,7 @@ void Tutorial::follow(int files) {
     }
   }
   ASSERT_EQ(written, files);
-  ASSERT_GE(commands, 5);
+  ASSERT_GE(commands, 4);
   script += "echo followed to the end\n";
   std::ofstream(folder_ / "tutorial.sh") << script;
   Service reader({"/bin/bash", folder_ / "tutorial.sh"}, folder_ / "log");

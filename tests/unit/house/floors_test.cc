@@ -28,7 +28,7 @@ const std::vector<std::vector<std::string>> kOrders = {
      "env_service/drawn_city", "env_service/datasets", "env_service"},
     {"encoder_service/encoding", "encoder_service/onnx", "encoder_service/encoders", "encoder_service/recognition",
      "encoder_service"},
-    {"policy_service/network", "policy_service/rollout", "policy_service/learning",
+    {"policy_service/network", "policy_service/network/autodiff", "policy_service/rollout", "policy_service/learning",
      "policy_service/learning/optimization", "policy_service/learning/learners", "policy_service/interchange",
      "policy_service/interchange/exporters", "policy_service/env_client", "policy_service/distributed",
      "policy_service/records", "policy_service/ranks", "policy_service/run", "policy_service"},
