@@ -12,6 +12,7 @@
 #include "core/util/random.h"
 #include "core/wire/incumbent.h"
 #include "encoder_service/encoding_pipeline.h"
+#include "encoder_service/learned_files.h"
 
 namespace citylearn {
 namespace {

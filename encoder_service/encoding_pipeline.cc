@@ -10,6 +10,7 @@
 
 #include "core/files/files.h"
 #include "core/util/random.h"
+#include "encoder_service/learned_files.h"
 
 namespace citylearn {
 namespace {
@@ -25,12 +26,6 @@ std::string duration(double seconds) {
 }
 
 }  // namespace
-
-std::uint64_t mix_text(const std::string& text) {
-  std::uint64_t hash = 0;
-  for (const char c : text) hash = mix_seeds({hash, static_cast<unsigned char>(c)});
-  return hash;
-}
 
 std::string EncodedTraversal::time_left(Clock::time_point now) const {
   const int left = frames - work->done(), new_here = work->made() + work->fetched();
@@ -119,16 +114,16 @@ EncodedTraversal* EncodingPipeline::reference() const {
   return nullptr;
 }
 
-std::string EncodingPipeline::learned_path(const std::string& recipe, const std::string& suffix) const {
-  return fmt::format("{}/{:016x}.{}", options_.store, mix_text(recipe), suffix);
+/// Where the store has what the encoder learned on the traversal with this hash.
+std::string EncodingPipeline::encoder_path(std::uint64_t traversal) const {
+  return learned_path(options_.store, fmt::format("{} {:016x}", encoder_recipe_, traversal), "encoder");
 }
 
 std::string EncodingPipeline::feature_recipe() const {
-  const std::string reduction = options_.reduction_file.empty()
-                                    ? fmt::format("{} {} {:g}", options_.reduction.dimension,
-                                                  name_of(options_.reduction.centring), options_.reduction.whitening)
-                                    : std::filesystem::path(options_.reduction_file).filename().string();
-  return (spec_.name + " | " + reduction).substr(0, 256);
+  return FeatureRecipe{spec_.name, options_.reduction_file.empty()
+                                       ? recipe_of(options_.reduction)
+                                       : std::filesystem::path(options_.reduction_file).filename().string()}
+      .text();
 }
 
 // ---------------------------------------------------------------- The encoder learns from the reference traversal.
@@ -137,7 +132,7 @@ void EncodingPipeline::learn_encoder() {
   EncodedTraversal* traversal = reference();
   if (sampling_ || !traversal) return;
   const int wanted = std::min(encoder_->training_sample_count(), traversal->frames);
-  if (restore_encoder(learned_path(fmt::format("{} {:016x}", encoder_recipe_, traversal->hash), "encoder"))) return;
+  if (restore_encoder(encoder_path(traversal->hash))) return;
   sampling_ = true;
   std::vector<int> frames;
   for (int i = 0; i < wanted; ++i)
@@ -191,8 +186,7 @@ void EncodingPipeline::finish_training_sample() {
         spec_ = encoder_->spec();
         spdlog::info("encoder {}: {} numbers a picture", spec_.name, spec_.dimension);
         if (options_.store.empty()) return;
-        write_file(learned_path(fmt::format("{} {:016x}", encoder_recipe_, hash), "encoder"),
-                   as_text(encoder_->state()));
+        write_file(encoder_path(hash), as_text(encoder_->state()));
       });
 }
 
@@ -331,12 +325,9 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
                  traversal.frames, spec_.dimension, most, reduction.dimension);
     reduction.dimension = most;
   }
-  const std::string path =
-      options_.store.empty() || !needs_reference()
-          ? ""
-          : learned_path(fmt::format("{} {:016x} {} {} {:g}", spec_.name, traversal.hash, reduction.dimension,
-                                     static_cast<int>(reduction.centring), reduction.whitening),
-                         "reduction");
+  const std::string path = options_.store.empty() || !needs_reference()
+                               ? ""
+                               : reduction_path(options_.store, spec_.name, traversal.hash, reduction);
   const TraversalWork* work = traversal.work.get();
   reducing_.post(
       [this, work, features, learned, lost, path, reduction] {

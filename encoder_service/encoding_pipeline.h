@@ -16,9 +16,6 @@
 
 namespace citylearn {
 
-/// Mixes the characters of a text into one number.
-std::uint64_t mix_text(const std::string& text);
-
 /// Turns the images of traversals into features: fetches the images, encodes each once, or fetches what other
 /// encoder_services made of it, learns the reduction on the reference traversal and applies it. Encoding and reducing
 /// run on threads of their own. Used by the node's thread.
@@ -76,7 +73,7 @@ class EncodingPipeline {
   }
   EncodedTraversal* reference() const;
   bool has_host(const EncodedTraversal& traversal) const { return !find_host_(traversal.hash).empty(); }
-  std::string learned_path(const std::string& recipe, const std::string& suffix) const;
+  std::string encoder_path(std::uint64_t traversal) const;
 
   Node& node_;
   const EncoderServiceOptions options_;

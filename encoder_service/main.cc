@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <CLI/CLI.hpp>
-#include <cstdlib>
 #include <iostream>
 #include <opencv2/core.hpp>
 
@@ -9,6 +8,7 @@
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/encoder_service.h"
+#include "encoder_service/learned_files.h"
 
 namespace {
 
@@ -22,17 +22,6 @@ struct CommandLine {
   int threads = 0;
   bool list = false;
 };
-
-/// Returns the folder for files that can be made again (XDG Base Directory Specification).
-std::string default_store() {
-  const auto variable = [](const char* name) {
-    const char* value = std::getenv(name);
-    return std::string(value ? value : "");
-  };
-  if (const std::string cache = variable("XDG_CACHE_HOME"); !cache.empty()) return cache + "/citylearn";
-  if (const std::string home = variable("HOME"); !home.empty()) return home + "/.cache/citylearn";
-  return "none";
-}
 
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string encoding = "Encoding";

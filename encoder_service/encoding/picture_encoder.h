@@ -38,4 +38,8 @@ cv::Mat scaled_grey(const cv::Mat& picture, int width, int height);
 /// which removes slow changes of light and of contrast.
 cv::Mat sliding_normalised(const cv::Mat& picture, double sigma);
 
+/// Of the encoder raw84: pixels of a side, and deviations from black to white where contrast is normalised.
+inline constexpr int kRaw84Side = 84;
+inline constexpr double kRaw84Deviations = 6;
+
 }  // namespace citylearn

@@ -21,7 +21,6 @@ using Eigen::MatrixXf;
 using Eigen::VectorXd;
 using Eigen::VectorXf;
 
-constexpr double kPrior = 20;                 // frames the reference's mean is worth in a running mean
 constexpr double kSmallestEigenvalue = 1e-6;  // of the largest; what is below is rounding
 const std::string kFormat = "citylearn reduction 1";
 

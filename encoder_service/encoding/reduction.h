@@ -15,7 +15,7 @@ enum class Centring {
   kNone,
   kReference,  ///< the mean of the reference traversal
   kOwn,        ///< the traversal's own mean: needs all of it
-  kRunning,    ///< the mean of its frames so far, with the reference's mean as a prior worth 20 frames: works online
+  kRunning,    ///< the mean of its frames so far, with the reference's mean as a prior: works online
 };
 /// Parses "none", "reference", "own" or "running". Throws Error listing them.
 Centring centring_of(const std::string& name);
@@ -31,6 +31,9 @@ struct ReductionOptions {
 /// to features (Jegou & Chum, ECCV 2012). Immutable once made.
 class Reduction {
  public:
+  /// So many frames' weight the reference's mean has in a running mean.
+  static constexpr double kPrior = 20;
+
   Reduction() = default;
   /// Learns from the D x F descriptors of the reference traversal, in the order of its frames. Throws Error when the
   /// dimension is not 0..min(D, F - 1); logs a warning when it is more than half of F - 1 and the whitening is full
@@ -48,6 +51,8 @@ class Reduction {
   int input_dimension() const { return static_cast<int>(mean_.size()); }
   int dimension() const;
   const ReductionOptions& options() const { return options_; }
+  const Eigen::VectorXf& mean() const { return mean_; }              ///< D, of the reference; zeros without centring
+  const Eigen::MatrixXf& projection() const { return projection_; }  ///< d x D, whitened rows; empty without PCA
 
   /// Returns its bytes, with the name of the encoder whose descriptors it was learned on. load() throws Error when the
   /// bytes are something else or belong to another encoder.
@@ -56,8 +61,8 @@ class Reduction {
 
  private:
   ReductionOptions options_;
-  Eigen::VectorXf mean_;        ///< D, of the reference
-  Eigen::MatrixXf projection_;  ///< d x D, whitened rows; empty when options_.dimension is 0
+  Eigen::VectorXf mean_;
+  Eigen::MatrixXf projection_;
 };
 
 }  // namespace citylearn

@@ -218,26 +218,31 @@ void OnnxNetwork::choose_layer(const std::string& wanted, bool pooled) {
   throw Error("has no layer '" + wanted + "'", path_, (close.empty() ? "its last are " : "it has ") + joined(last));
 }
 
+std::vector<std::array<int, 2>> resizing_steps(std::array<int, 2> from, std::array<int, 2> to) {
+  std::array<int, 2> at = to;
+  for (int side = 0; side < 2; ++side)
+    while (from[side] > 2.5 * at[side]) at[side] *= 2;
+  // Halving both sides at once is quicker still.
+  if (at[0] == 2 * to[0] && at[1] == to[1]) at[1] *= 2;
+  if (at[1] == 2 * to[1] && at[0] == to[0]) at[0] *= 2;
+  std::vector<std::array<int, 2>> steps = {at};
+  while (at != to) {
+    for (int side = 0; side < 2; ++side)
+      if (at[side] > to[side]) at[side] /= 2;
+    steps.push_back(at);
+  }
+  return steps;
+}
+
 namespace {
 
-/// `picture` at another size into `resized`. Area means over fractions of pixels cost a tenth of a small network's
-/// time, so each side first goes, bilinear, to the wanted length times a power of two that leaves at most 2.5 pixels to
-/// each of its own, and is then halved, which is exact and quick.
+/// `picture` at another size into `resized`.
 void fit(const cv::Mat& picture, cv::Size size, cv::Mat& resized) {
-  const auto doubled = [](int from, int to) {
-    while (from > 2.5 * to) to *= 2;
-    return to;
-  };
-  cv::Size at(doubled(picture.cols, size.width), doubled(picture.rows, size.height));
-  // Halving both sides at once is quicker still.
-  if (at.width == 2 * size.width && at.height == size.height) at.height *= 2;
-  if (at.height == 2 * size.height && at.width == size.width) at.width *= 2;
-  cv::resize(picture, resized, at, 0, 0, cv::INTER_LINEAR);
-  while (at != size) {
-    if (at.width > size.width) at.width /= 2;
-    if (at.height > size.height) at.height /= 2;
+  const auto steps = resizing_steps({picture.cols, picture.rows}, {size.width, size.height});
+  cv::resize(picture, resized, {steps[0][0], steps[0][1]}, 0, 0, cv::INTER_LINEAR);
+  for (std::size_t step = 1; step < steps.size(); ++step) {
     cv::Mat half;
-    cv::resize(resized, half, at, 0, 0, cv::INTER_AREA);
+    cv::resize(resized, half, {steps[step][0], steps[step][1]}, 0, 0, cv::INTER_AREA);
     resized = half;
   }
 }

@@ -40,6 +40,12 @@ class OnnxNetwork {
   const std::string& model() const { return path_; }
   /// Returns OpenCV's name of the layer.
   const std::string& layer() const { return layer_; }
+  bool rgb() const { return rgb_; }  ///< of the input's channels; else blue, green, red
+  /// What a byte v of a channel becomes: (v / 255 * scale - mean) / deviation; means and deviations of red, green,
+  /// blue.
+  float scale() const { return scale_; }
+  const std::array<float, 3>& mean() const { return mean_; }
+  const std::array<float, 3>& deviation() const { return deviation_; }
 
  private:
   void choose_layer(const std::string& wanted, bool pooled);
@@ -55,6 +61,12 @@ class OnnxNetwork {
   std::array<std::array<float, 256>, 3> table_{};  // what each value of a byte becomes, by channel of the input
   std::vector<int> shape_;
 };
+
+/// Returns the sizes (width, height) that a picture is resized to one after the other, the first bilinear and the
+/// others by means over areas, of which the last is the network's. Area means over fractions of pixels cost a tenth of
+/// a small network's time, so each side first goes to the wanted length times a power of two that leaves at most 2.5
+/// pixels to each of its own, and is then halved, which is exact and quick.
+std::vector<std::array<int, 2>> resizing_steps(std::array<int, 2> from, std::array<int, 2> to);
 
 /// Returns `name`, or its beginning and a hash when it is longer than the 200 characters of Encoder::Spec::name.
 std::string fit_name(const std::string& name);
