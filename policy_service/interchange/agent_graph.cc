@@ -29,8 +29,7 @@ OnnxValue AgentGraph::features() {
       exp(-1 * log(columns(condition, width, width + 1) + static_cast<float>(FeatureNormaliser::kPrior)));
   const OnnxValue moved = seen - columns(condition, 0, width) * stretched(weight, width) -
                           linear(weight, "condition.prior", FeatureNormaliser(agent_.task.reference).prior());
-  const OnnxValue length = linear(moved * moved, "sum", Matrix<float>::Ones(1, width));
-  return inputs_["normalised"] = moved * stretched(exp(-0.5f * log(length + 1e-30f)), width);
+  return inputs_["normalised"] = unit_length(moved, width);
 }
 OnnxValue AgentGraph::goal() {
   return known("goal", 1, "place of the goal on the route, 0 .. frames - 1: the goal's frame less first_frame");
@@ -52,10 +51,6 @@ OnnxValue AgentGraph::state() {
   const int size = agent_.network->state_size();
   const OnnxValue before = known("state", size, "next_state of the step before; zeros at the very first");
   return inputs_["wiped"] = before * stretched(-1 * first() + 1, size);
-}
-
-OnnxValue AgentGraph::stretched(const OnnxValue& x, std::int64_t width) {
-  return linear(x, "ones", Matrix<float>::Ones(width, 1));  // readers differ in what they stretch by themselves
 }
 
 Eigen::Map<const Matrix<float>> AgentGraph::tensor(const std::string& name) const {

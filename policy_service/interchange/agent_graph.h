@@ -25,8 +25,6 @@ class AgentGraph : public OnnxGraph {
   /// batch x state_size, zeros where an episode begins: already wiped by the input `first`.
   OnnxValue state();
   OnnxValue first();  ///< batch x 1, 1 = first observation of an episode
-  /// batch x 1 to batch x width, the same in each column.
-  OnnxValue stretched(const OnnxValue& x, std::int64_t width);
   /// A linear layer by the names of its tensors.
   OnnxValue layer(const OnnxValue& x, const std::string& weight, const std::string& bias);
   OnnxValue layer(const OnnxValue& x, const std::string& weight);

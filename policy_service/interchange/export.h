@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <map>
+#include <nlohmann/json.hpp>
 #include <string>
 
 #include "policy_service/network/trained_agent.h"
@@ -12,6 +14,17 @@ struct ExportOptions {
   std::string parameters;  ///< safetensors file whose parameters replace the checkpoint's; none when empty
   std::string output;      ///< file to write: NAME.onnx or NAME.safetensors
 };
+
+/// An agent that is to be exported.
+struct ExportedAgent {
+  TrainedAgent agent;
+  Parameters parameters;                        ///< of its network
+  std::map<std::string, std::string> metadata;  ///< that the exported file carries
+  nlohmann::json manifest;                      ///< of the run that trained it; null: the checkpoint has none
+};
+
+/// Reads options.checkpoint and options.parameters. Throws Error naming the option or file.
+ExportedAgent read_exported_agent(const ExportOptions& options);
 
 /// Writes the agent in the format that the output's name asks for (docs/reference/export-formats.md). The same inputs
 /// give the same bytes. Throws Error naming the option or file.

@@ -5,6 +5,7 @@
 #include <google/protobuf/io/zero_copy_stream_impl_lite.h>
 #include <onnx/onnx_pb.h>
 
+#include <algorithm>
 #include <bit>
 #include <cstring>
 #include <set>
@@ -19,13 +20,29 @@ static_assert(std::endian::native == std::endian::little, "tensors are written a
 constexpr int kIrVersion = 6;  // of the format itself, as it came with opset 11
 constexpr const char* kProducer = "citylearn";
 
-void describe(onnx::ValueInfoProto& value, const std::string& name, std::int64_t width, const std::string& help) {
+void describe(onnx::ValueInfoProto& value, const std::string& name, const std::vector<std::int64_t>& sides,
+              const std::string& help) {
   value.set_name(name);
   value.set_doc_string(help);
   auto& tensor = *value.mutable_type()->mutable_tensor_type();
   tensor.set_elem_type(onnx::TensorProto::FLOAT);
   tensor.mutable_shape()->add_dim()->set_dim_param("batch");
-  tensor.mutable_shape()->add_dim()->set_dim_value(width);
+  for (const std::int64_t side : sides) tensor.mutable_shape()->add_dim()->set_dim_value(side);
+}
+
+/// The nodes that `wanted` depends on, in the graph's order.
+std::vector<const onnx::NodeProto*> nodes_before(const onnx::GraphProto& graph, const std::string& wanted) {
+  std::set<std::string> needed = {wanted};
+  std::vector<const onnx::NodeProto*> nodes;
+  for (int i = graph.node_size() - 1; i >= 0; --i) {  // nodes are sorted: what a node reads comes before it
+    const onnx::NodeProto& node = graph.node(i);
+    if (std::none_of(node.output().begin(), node.output().end(),
+                     [&](const std::string& name) { return needed.contains(name); }))
+      continue;
+    needed.insert(node.input().begin(), node.input().end());
+    nodes.insert(nodes.begin(), &node);
+  }
+  return nodes;
 }
 
 }  // namespace
@@ -33,6 +50,7 @@ void describe(onnx::ValueInfoProto& value, const std::string& name, std::int64_t
 struct OnnxGraph::Parts {
   onnx::GraphProto graph;
   std::set<std::string> names;
+  std::int64_t opset = kOpset, ir_version = kIrVersion;
 
   /// `wanted`, with a number where it is taken.
   std::string fresh(const std::string& wanted) {
@@ -49,14 +67,43 @@ struct OnnxGraph::Parts {
     added.set_raw_data(numbers, bytes);
     return added;
   }
+  /// Appends nodes of another graph and the weights that they read. `renamed`: tensors of that graph that are here
+  /// already, by the name they have there; the appended ones are added to it.
+  void append(const onnx::GraphProto& other, const std::vector<const onnx::NodeProto*>& nodes,
+              std::map<std::string, std::string>& renamed) {
+    std::set<std::string> read;
+    for (const onnx::NodeProto* node : nodes) read.insert(node->input().begin(), node->input().end());
+    for (const onnx::TensorProto& weights : other.initializer()) {
+      if (!read.contains(weights.name())) continue;
+      onnx::TensorProto& added = *graph.add_initializer();
+      added = weights;
+      added.set_name(renamed[weights.name()] = fresh(weights.name()));
+    }
+    for (const onnx::NodeProto* node : nodes) {
+      onnx::NodeProto& added = *graph.add_node();
+      added = *node;
+      added.set_name(fresh(node->name().empty() ? node->op_type() : node->name()));
+      for (std::string& name : *added.mutable_input())
+        if (const auto found = renamed.find(name); found != renamed.end())
+          name = found->second;
+        else if (!name.empty())  // an empty one is left out
+          throw Error("reads '" + name + "', which nothing gives", "operator " + added.op_type());
+      for (std::string& name : *added.mutable_output())
+        if (!name.empty()) name = renamed[name] = fresh(name);
+    }
+  }
 };
 
 OnnxGraph::OnnxGraph(const std::string& name) : parts_(std::make_unique<Parts>()) { parts_->graph.set_name(name); }
 OnnxGraph::~OnnxGraph() = default;
 
 OnnxValue OnnxGraph::input(const std::string& name, std::int64_t width, const std::string& help) {
+  return input(name, std::vector{width}, help);
+}
+
+OnnxValue OnnxGraph::input(const std::string& name, const std::vector<std::int64_t>& sides, const std::string& help) {
   if (!parts_->names.insert(name).second) throw Error("is there already", "input " + name);
-  describe(*parts_->graph.add_input(), name, width, help);
+  describe(*parts_->graph.add_input(), name, sides, help);
   return {this, name};
 }
 
@@ -67,7 +114,7 @@ void OnnxGraph::output(const std::string& name, const OnnxValue& value, std::int
   node.set_name(parts_->fresh("out_" + name));
   node.add_input(value.name);
   node.add_output(name);
-  describe(*parts_->graph.add_output(), name, width, help);
+  describe(*parts_->graph.add_output(), name, {width}, help);
 }
 
 OnnxValue OnnxGraph::constant(const std::string& name, const Eigen::Ref<const Matrix<float>>& numbers) {
@@ -116,7 +163,8 @@ OnnxValue OnnxGraph::node(const std::string& type, const std::vector<OnnxValue>&
 
 OnnxValue OnnxGraph::linear(const OnnxValue& x, const std::string& name,
                             const Eigen::Ref<const Matrix<float>>& weight) {
-  return node("Gemm", {x, constant(name, weight)}, {{"transB", std::int64_t{1}}});
+  // The bias may be left out from opset 11 on only.
+  return linear(x, name, weight, name + ".none", Matrix<float>::Zero(weight.rows(), 1));
 }
 
 OnnxValue OnnxGraph::linear(const OnnxValue& x, const std::string& name, const Eigen::Ref<const Matrix<float>>& weight,
@@ -124,6 +172,15 @@ OnnxValue OnnxGraph::linear(const OnnxValue& x, const std::string& name, const E
   const std::vector<float> numbers(bias.reshaped().begin(), bias.reshaped().end());
   return node("Gemm", {x, constant(name, weight), constant(bias_name, {bias.size()}, numbers)},
               {{"transB", std::int64_t{1}}});
+}
+
+OnnxValue OnnxGraph::stretched(const OnnxValue& x, std::int64_t width) {
+  return linear(x, "ones", Matrix<float>::Ones(width, 1));  // readers differ in what they stretch by themselves
+}
+
+OnnxValue OnnxGraph::unit_length(const OnnxValue& x, std::int64_t width) {
+  const OnnxValue length = linear(x * x, "sum", Matrix<float>::Ones(1, width));
+  return x * stretched(exp(-0.5f * log(length + 1e-30f)), width);
 }
 
 OnnxValue OnnxGraph::columns(const OnnxValue& x, std::int64_t begin, std::int64_t end) {
@@ -134,14 +191,73 @@ OnnxValue OnnxGraph::concat(const std::vector<OnnxValue>& parts) {
   return node("Concat", parts, {{"axis", std::int64_t{1}}});
 }
 
+OnnxValue OnnxGraph::append_network(const std::string& model, const OnnxValue& input, const std::string& node,
+                                    const std::string& where) {
+  onnx::ModelProto network;
+  if (!network.ParseFromString(model)) throw Error("is not an ONNX model", where);
+  const onnx::GraphProto& graph = network.graph();
+  std::set<std::string> weights;
+  for (const onnx::TensorProto& tensor : graph.initializer()) weights.insert(tensor.name());
+  std::map<std::string, std::string> renamed;
+  for (const auto& one : graph.input())  // old files list weights among the inputs
+    if (!weights.contains(one.name())) renamed[one.name()] = input.name;
+  if (renamed.size() != 1) throw Error("has " + std::to_string(renamed.size()) + " inputs, a picture is one", where);
+  for (const auto& opset : network.opset_import()) {
+    if (!opset.domain().empty() && opset.domain() != "ai.onnx")
+      throw Error("has operators of '" + opset.domain() + "'", where, "export it with standard operators alone");
+    if (opset.version() < kOldestOpset)
+      throw Error("is of opset " + std::to_string(opset.version()), where,
+                  "export it with opset " + std::to_string(kOldestOpset) + " or newer");
+    parts_->opset = opset.version();
+  }
+  parts_->ir_version = std::max<std::int64_t>(kIrVersion, network.ir_version());
+  for (const onnx::NodeProto& one : graph.node()) {
+    if (one.output_size() == 0 || (one.name() != node && one.output(0) != node)) continue;
+    parts_->append(graph, nodes_before(graph, one.output(0)), renamed);
+    return {this, renamed.at(one.output(0))};
+  }
+  throw Error("has no node '" + node + "'", where);
+}
+
+void OnnxGraph::append(const OnnxGraph& other, const std::map<std::string, OnnxValue>& given) {
+  const onnx::GraphProto& graph = other.parts_->graph;
+  std::map<std::string, std::string> renamed;
+  for (const auto& one : graph.input())
+    if (const auto found = given.find(one.name()); found != given.end()) {
+      renamed[one.name()] = found->second.name;
+    } else {
+      if (!parts_->names.insert(one.name()).second) throw Error("is there already", "input " + one.name());
+      *parts_->graph.add_input() = one;
+      renamed[one.name()] = one.name();
+    }
+  std::vector<const onnx::NodeProto*> nodes;
+  for (const onnx::NodeProto& one : graph.node()) nodes.push_back(&one);
+  parts_->append(graph, nodes, renamed);
+  for (const auto& one : graph.output()) {
+    *parts_->graph.add_output() = one;
+    if (renamed.at(one.name()) != one.name()) throw Error("is there already", "output " + one.name());
+  }
+}
+
+void OnnxGraph::close_batch() {
+  for (auto* values : {parts_->graph.mutable_input(), parts_->graph.mutable_output()})
+    for (onnx::ValueInfoProto& value : *values)
+      value.mutable_type()->mutable_tensor_type()->mutable_shape()->mutable_dim(0)->set_dim_value(1);
+}
+
+bool OnnxGraph::has_input(const std::string& name) const {
+  return std::any_of(parts_->graph.input().begin(), parts_->graph.input().end(),
+                     [&](const auto& input) { return input.name() == name; });
+}
+
 std::string OnnxGraph::bytes(const std::string& help, const std::map<std::string, std::string>& metadata) const {
   onnx::ModelProto model;
-  model.set_ir_version(kIrVersion);
+  model.set_ir_version(parts_->ir_version);
   model.set_producer_name(kProducer);
   model.set_doc_string(help);
   onnx::OperatorSetIdProto& opset = *model.add_opset_import();
   opset.set_domain("");
-  opset.set_version(kOpset);
+  opset.set_version(parts_->opset);
   for (const auto& [key, value] : metadata) {
     onnx::StringStringEntryProto& entry = *model.add_metadata_props();
     entry.set_key(key);

@@ -39,6 +39,8 @@ class OnnxGraph {
  public:
   /// The version of the operators' definitions: the newest that readers of some years ago (OpenCV 4.6) know well.
   static constexpr int kOpset = 11;
+  /// The first whose operators take what this class writes.
+  static constexpr int kOldestOpset = 10;
   using Attribute = std::pair<std::string, std::variant<std::int64_t, float, std::vector<std::int64_t>>>;
 
   explicit OnnxGraph(const std::string& name);
@@ -47,6 +49,8 @@ class OnnxGraph {
   OnnxGraph& operator=(const OnnxGraph&) = delete;
 
   OnnxValue input(const std::string& name, std::int64_t width, const std::string& help);
+  /// The same with sides of its own after the batch: a picture's 3 x height x width.
+  OnnxValue input(const std::string& name, const std::vector<std::int64_t>& sides, const std::string& help);
   void output(const std::string& name, const OnnxValue& value, std::int64_t width, const std::string& help);
   /// Numbers kept in the model, rows x cols; named as the tensor they come from.
   OnnxValue constant(const std::string& name, const Eigen::Ref<const Matrix<float>>& numbers);
@@ -63,11 +67,25 @@ class OnnxGraph {
   OnnxValue linear(const OnnxValue& x, const std::string& name, const Eigen::Ref<const Matrix<float>>& weight);
   OnnxValue linear(const OnnxValue& x, const std::string& name, const Eigen::Ref<const Matrix<float>>& weight,
                    const std::string& bias_name, const Eigen::Ref<const Matrix<float>>& bias);
+  /// batch x 1 to batch x width, the same in each column.
+  OnnxValue stretched(const OnnxValue& x, std::int64_t width);
+  /// Each row of `width` numbers over its length; zeros stay zeros.
+  OnnxValue unit_length(const OnnxValue& x, std::int64_t width);
   /// Columns begin .. end - 1.
   OnnxValue columns(const OnnxValue& x, std::int64_t begin, std::int64_t end);
   /// Side by side.
   OnnxValue concat(const std::vector<OnnxValue>& parts);
 
+  /// Appends a network read from an ONNX file's bytes, of one input and opset kOldestOpset or newer, up to the output
+  /// of the node `node` (its name, or that of its output), and takes over its opset. Throws Error naming `where`.
+  OnnxValue append_network(const std::string& model, const OnnxValue& input, const std::string& node,
+                           const std::string& where);
+  /// Appends all of another graph, its outputs too. Its inputs become inputs here, but those that are `given`.
+  void append(const OnnxGraph& other, const std::map<std::string, OnnxValue>& given);
+
+  bool has_input(const std::string& name) const;
+  /// Makes the batch of all inputs and outputs 1. OpenCV cannot follow an open one through changes of shape.
+  void close_batch();
   /// The model as a file's bytes, the same for the same graph.
   std::string bytes(const std::string& help, const std::map<std::string, std::string>& metadata) const;
 
