@@ -2,7 +2,7 @@
 # cmake --install BUILD --prefix DIR: the programs, the dashboard's page, and the units of systemd.
 include(GNUInstallDirs)
 foreach(program env_service encoder_service policy_service dashboard
-        citylearn_data citylearn_doctor citylearn_record citylearn_replay citylearn_vpr citylearn_discovery_server)
+        citylearn_data citylearn_doctor citylearn_export citylearn_record citylearn_replay citylearn_vpr citylearn_discovery_server)
   if(TARGET ${program})
     install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
   endif()

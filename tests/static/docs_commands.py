@@ -16,6 +16,7 @@ PROGRAMS = {
     "record": "tools/record/citylearn_record",
     "replay": "tools/record/citylearn_replay",
     "vpr": "tools/vpr/citylearn_vpr",
+    "export": "tools/export/citylearn_export",
     "paper": "tools/paper/citylearn_paper",
 }
 PLUGINS_OF_READERS = ("--mine-", "--a2c-", "--patch_means-", "--photo_log-", "--gru-")  # that the pages have them write

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <CLI/CLI.hpp>
+
+#include "core/util/name.h"
+#include "core/wire/service.h"
+#include "encoder_service/encoder_options.h"
+#include "encoder_service/learned_files.h"
+#include "tools/export/picture_export.h"
+
+namespace {
+
+using namespace citylearn;
+
+void add_options(CLI::App& app, PictureExportOptions& options, std::string& picture) {
+  app.add_option("--checkpoint", options.agent.checkpoint, "Checkpoint of the agent")->type_name("FILE")->required();
+  app.add_option("--parameters", options.agent.parameters,
+                 "Safetensors file whose parameters replace those of --checkpoint")
+      ->type_name("FILE");
+  app.add_option("--output", options.agent.output, "File to write, FILE.onnx")->type_name("FILE")->required();
+
+  const std::string encoding = "Encoding";
+  app.option_defaults()->group(encoding);
+  app.add_option("--picture", picture, "Width and height of the pictures that the file takes: 160x96, as recorded")
+      ->type_name("SIZE")
+      ->required();
+  app.add_option("--encoder", options.encoder, "Encoder that the agent learned with; by default as its manifest says");
+  add_encoder_options(app, options.files, options.parameters, encoding);
+  app.add_option("--reduction", options.reduction_file, "File of the reduction; by default found in --store")
+      ->type_name("FILE");
+  app.add_option("--store", options.store, "Store of the encoder_service that the agent learned with")
+      ->type_name("DIR")
+      ->envname("CITYLEARN_STORE")
+      ->capture_default_str();
+  app.add_option("--reference", options.reference,
+                 "Traversal that the encoder_service learned on; by default the first that the agent learned on")
+      ->transform(name_from);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  PictureExportOptions options;
+  std::string picture;
+  options.store = default_store();
+  return service_main(
+      argc, argv, "Writes encoder, reduction and agent as one ONNX file, from a picture to an action.",
+      [&](CLI::App& app) { add_options(app, options, picture); },
+      [&] {
+        if (options.store == "none") options.store.clear();
+        options.picture = picture_size(picture);
+        export_picture_agent(options);
+        return 0;
+      });
+}
