@@ -41,8 +41,6 @@ ExportedAgent read_exported_agent(const ExportOptions& options) {
     load_parameters(options.parameters, agent);
     exported.metadata["parameters_sha256"] = sha256(read_file(options.parameters));
   }
-  if (const auto found = checkpoint.header.find("manifest"); found != checkpoint.header.end())
-    exported.manifest = *found;
   return exported;
 }
 

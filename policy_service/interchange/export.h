@@ -2,7 +2,6 @@
 #pragma once
 
 #include <map>
-#include <nlohmann/json.hpp>
 #include <string>
 
 #include "policy_service/network/trained_agent.h"
@@ -20,7 +19,6 @@ struct ExportedAgent {
   TrainedAgent agent;
   Parameters parameters;                        ///< of its network
   std::map<std::string, std::string> metadata;  ///< that the exported file carries
-  nlohmann::json manifest;                      ///< of the run that trained it; null: the checkpoint has none
 };
 
 /// Reads options.checkpoint and options.parameters. Throws Error naming the option or file.

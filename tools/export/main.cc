@@ -16,6 +16,10 @@ void add_options(CLI::App& app, PictureExportOptions& options, std::string& pict
   app.add_option("--parameters", options.agent.parameters,
                  "Safetensors file whose parameters replace those of --checkpoint")
       ->type_name("FILE");
+  app.add_option("--manifest", options.manifest,
+                 "The run's manifest.json, which says what the agent learned with; by default beside the checkpoint's "
+                 "folder")
+      ->type_name("FILE");
   app.add_option("--output", options.agent.output, "File to write, FILE.onnx")->type_name("FILE")->required();
 
   const std::string encoding = "Encoding";
@@ -23,7 +27,7 @@ void add_options(CLI::App& app, PictureExportOptions& options, std::string& pict
   app.add_option("--picture", picture, "Width and height of the pictures that the file takes: 160x96, as recorded")
       ->type_name("SIZE")
       ->required();
-  app.add_option("--encoder", options.encoder, "Encoder that the agent learned with; by default as its manifest says");
+  app.add_option("--encoder", options.encoder, "Encoder that the agent learned with; by default as the manifest says");
   add_encoder_options(app, options.files, options.parameters, encoding);
   app.add_option("--reduction", options.reduction_file, "File of the reduction; by default found in --store")
       ->type_name("FILE");

@@ -4,9 +4,12 @@
 #include <spdlog/spdlog.h>
 
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
+#include <nlohmann/json.hpp>
 
 #include "core/files/files.h"
+#include "core/files/json.h"
 #include "core/util/error.h"
 #include "encoder_service/learned_files.h"
 #include "policy_service/interchange/agent_graph.h"
@@ -17,19 +20,20 @@ namespace {
 
 constexpr int kLargestSide = 4096;  // pixels
 
-/// The traversals that a checkpoint's agent learned on, as its manifest has them.
+/// What an agent learned on, as the manifest of its run has it.
 class TrainedOn {
  public:
-  TrainedOn(const nlohmann::json& manifest, const std::string& checkpoint)
-      : manifest_(manifest), checkpoint_(checkpoint) {
-    const std::string text = manifest_.is_object() ? traversal(first()).value("encoder", "") : "";
-    const auto recipe = FeatureRecipe::parse(text);
+  /// Throws Error when there is no such manifest, or none of a run with an encoder_service.
+  explicit TrainedOn(const std::string& path) try : path_(path), manifest_(parse_json(read_file(path), path)) {
+    const auto recipe =
+        manifest_.is_object() ? FeatureRecipe::parse(traversal(first()).value("encoder", "")) : std::nullopt;
     if (!recipe)
-      throw Error(
-          "does not say which encoder its agent learned with", checkpoint_,
-          "export a checkpoint of a run with an encoder_service; policy_service --mode export writes agents that "
-          "take features");
+      throw Error("names no encoder that the agent learned with", path_,
+                  "export an agent of a run with an encoder_service; policy_service --mode export writes agents that "
+                  "take features");
     recipe_ = *recipe;
+  } catch (const nlohmann::json::exception&) {
+    throw Error("is not the manifest of a run", path, "name it with --manifest");
   }
   const FeatureRecipe& recipe() const { return recipe_; }
   /// Returns the name of the encoder: "patchnorm" of "patchnorm-1 height=32".
@@ -37,27 +41,38 @@ class TrainedOn {
     const std::string versioned = recipe_.encoder.substr(0, recipe_.encoder.find(' '));
     return versioned.substr(0, versioned.rfind('-'));
   }
+  /// Returns the first traversal that it learned on.
   std::string first() const {
     const std::string all = manifest_.value("train", "");
     return all.substr(0, all.find(','));
   }
   std::uint64_t hash(const std::string& name) const {
-    return std::stoull(traversal(name).value("hash", "0"), nullptr, 16);
+    return std::strtoull(traversal(name).value("hash", "0").c_str(), nullptr, 16);
   }
 
  private:
   nlohmann::json traversal(const std::string& name) const {
     const nlohmann::json all = manifest_.value("traversals", nlohmann::json::object());
     if (!all.contains(name))
-      throw Error("knows no traversal '" + name + "'", "manifest in " + checkpoint_,
+      throw Error("knows no traversal '" + name + "'", path_,
                   "name with --reference a traversal of its run, or the file with --reduction");
     return all.at(name);
   }
 
-  const nlohmann::json& manifest_;
-  std::string checkpoint_;
+  std::string path_;
+  nlohmann::json manifest_;
   FeatureRecipe recipe_;
 };
+
+/// Returns the manifest of the run whose checkpoint this is: checkpoints are in a folder beside it.
+std::string manifest_of(const PictureExportOptions& options) {
+  namespace fs = std::filesystem;
+  if (!options.manifest.empty()) return options.manifest;
+  const std::string path = fs::absolute(options.agent.checkpoint).parent_path().parent_path() / "manifest.json";
+  if (!fs::exists(path))
+    throw Error("is not there", path, "it says which encoder the agent learned with; name it with --manifest");
+  return path;
+}
 
 Reduction find_reduction(const PictureExportOptions& options, const TrainedOn& trained, const Encoder::Spec& encoder,
                          int features) {
@@ -134,7 +149,7 @@ void export_picture_agent(const PictureExportOptions& options) {
   if (std::filesystem::path(options.agent.output).extension() != ".onnx")
     throw Error("'" + options.agent.output + "' is not a file FILE.onnx", "--output");
   const ExportedAgent exported = read_exported_agent(options.agent);
-  const TrainedOn trained(exported.manifest, options.agent.checkpoint);
+  const TrainedOn trained(manifest_of(options));
   PictureEncoding encoding;
   encoding.encoder = options.encoder.empty() ? trained.encoder() : options.encoder;
   const auto& entry = EncoderRegistry::instance().find("encoder", encoding.encoder);

@@ -18,8 +18,9 @@ struct PictureSize {
 PictureSize picture_size(const std::string& text);
 
 struct PictureExportOptions {
-  ExportOptions agent;  ///< its checkpoint and parameters, and the file to write, NAME.onnx
-  std::string encoder;  ///< name; empty: the one that the checkpoint's manifest names
+  ExportOptions agent;   ///< its checkpoint and parameters, and the file to write, NAME.onnx
+  std::string manifest;  ///< manifest.json of the run; empty: that beside the checkpoint's folder
+  std::string encoder;   ///< name; empty: the one that the manifest names
   std::map<std::string, std::map<std::string, double>> parameters;  ///< given ones, by encoder
   EncoderFiles files;
   PictureSize picture;

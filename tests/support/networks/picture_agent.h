@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
 #include <string>
 #include <vector>
@@ -69,14 +70,15 @@ class PictureAgent {
                {reinterpret_cast<const char*>(reduction.data()), reduction.size()});
     ReductionOptions asked = reduction_.options();
     asked.dimension = 64;  // the recipe has what was asked for, the route is too short for it
-    Checkpoint checkpoint = checkpoint_;
-    checkpoint.header["manifest"] = {
+    const nlohmann::json manifest = {
         {"train", "summer"},
         {"traversals",
          {{"summer",
            {{"hash", fmt::format("{:016x}", hash)}, {"encoder", FeatureRecipe{spec.name, recipe_of(asked)}.text()}}}}}};
-    options.agent = {folder / "one.clk", "", folder / "agent.onnx"};
-    write_checkpoint(options.agent.checkpoint, checkpoint);
+    write_file(folder / "manifest.json", manifest.dump());
+    std::filesystem::create_directory(folder / "checkpoints");
+    options.agent = {folder / "checkpoints/one.clk", "", folder / "agent.onnx"};
+    write_checkpoint(options.agent.checkpoint, checkpoint_);
     options.files = files_;
     options.picture = {season_picture(0).cols, season_picture(0).rows};
     export_picture_agent(options);

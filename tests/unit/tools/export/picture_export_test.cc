@@ -183,11 +183,10 @@ struct SomeExport {
   PictureExportOptions options;
 
   explicit SomeExport(const std::string& recipe, const std::string& agent = "place_filter") {
-    const NetworkTask task = some_task();
-    Checkpoint checkpoint = some_checkpoint(agent, task);
-    checkpoint.header["manifest"] = manifest(recipe);
-    write_checkpoint(folder / "one.clk", checkpoint);
-    options.agent = {folder / "one.clk", "", folder / "one.onnx"};
+    write_file(folder / "manifest.json", manifest(recipe).dump());
+    std::filesystem::create_directory(folder / "checkpoints");
+    options.agent = {folder / "checkpoints/one.clk", "", folder / "one.onnx"};
+    write_checkpoint(options.agent.checkpoint, some_checkpoint(agent, some_task()));
     options.encoder = "patchnorm";
     options.picture = {160, 96};
     options.store = folder / "store";
@@ -262,6 +261,16 @@ TEST(PictureExportFile, OneClearLineWhereThingsDoNotFit) {
   expect_error({"none.onnx"});
   some.options.agent.checkpoint = some.folder / "none.clk";
   expect_error({"none.clk"});
+  some.options.manifest = some.folder / "none.json";
+  expect_error({"none.json"});
+  for (const std::string text : {"[]", "{", R"({"train": 1})", R"({"train": "a", "traversals": {"a": 2}})"}) {
+    make_file(some.folder / "other.json", text);
+    some.options.manifest = some.folder / "other.json";
+    expect_error({"other.json"});
+  }
+  std::filesystem::copy_file(right.agent.checkpoint, some.folder / "moved.clk");
+  some.options.agent.checkpoint = some.folder / "moved.clk";
+  expect_error({"manifest.json", "--manifest"});
   some.options.agent.output = some.folder / "one.safetensors";
   expect_error({"--output", "one.safetensors"});
   some.options.reduction_file = some.folder / "none.reduction";
@@ -282,7 +291,7 @@ TEST(PictureExportFile, OneClearLineWhereThingsDoNotFit) {
 
   expect(SomeExport(SomeExport::kPatchnorm + " | mine.reduction").error(), {"--reduction", "mine.reduction"});
   expect(SomeExport(SomeExport::kPatchnorm + " | 12 own 0.2").error(), {"'own'", "running"});
-  expect(SomeExport("").error(), {"one.clk", "does not say which encoder"});
+  expect(SomeExport("").error(), {"manifest.json", "names no encoder"});
   expect(SomeExport(kRecipe, "baseline").error(), {"baseline", "does not look at pictures"});
   for (const std::string text : {"", "160", "160x", "0x96", "160x96x3", "160x5000", "ax96"})
     expect(error_of([&] { picture_size(text); }), {"--picture"});
