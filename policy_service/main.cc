@@ -244,7 +244,9 @@ int main(int argc, char** argv) {
         ->capture_default_str()
         ->check(at_least(1));
     app.add_option("--evaluate-every", options.evaluate_every,
-                   "Updates between evaluations on the other traversals; 0 = at the end only")
+                   "Updates between evaluations on the other traversals, whose mean SPL then decides which checkpoint "
+                   "is best.clk; "
+                   "0 = at the end only")
         ->capture_default_str()
         ->check(at_least(0));
     app.add_option("--tasks", options.tasks, "Evaluation tasks on each traversal")

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/wire/messages.h"
+#include "policy_service/learning/training_progress.h"
 #include "policy_service/learning/update_sharing.h"
 #include "policy_service/network/trained_agent.h"
 
@@ -32,17 +33,6 @@ struct TrainerOptions {
   // What it begins with.
   std::optional<TrainedAgent> initial;  ///< gives its parameters, learned on any route; none: random ones
   std::vector<std::string> frozen;      ///< tensors of the network, or prefixes of their names, that are not trained
-};
-
-/// How far training has come. Changes only in Trainer::update and learn.
-struct TrainingProgress {
-  std::uint64_t updates = 0, steps = 0, episodes = 0;
-  int lesson = 0;                                  ///< of the curriculum, from 0
-  double smoothed_reward = 0;                      ///< of finished episodes, as the curriculum sees it
-  double reward, spl;                              ///< means over the last 100 episodes; NaN before the first
-  double episode_length;                           ///< steps, likewise
-  std::optional<std::uint64_t> episodes_to_spl95;  ///< when the mean SPL of the last 100 episodes first reached 0.95
-  std::optional<std::uint64_t> steps_to_spl95;
 };
 
 /// Trains one agent on any number of environments, each with agents of its own. It uses neither wire nor clock: the
@@ -95,6 +85,8 @@ class Trainer {
   /// Begins a new generation and returns everything needed to continue after it, in another process too; the present
   /// segment is dropped. Environments need new settings afterwards. `manifest` (JSON, may be empty) is stored too.
   Checkpoint checkpoint(const std::string& manifest = "");
+  /// Returns a checkpoint that the present generation goes on without: what continues from it begins a new one.
+  Checkpoint snapshot() const;
   /// Continues from a checkpoint of a trainer with the same options and task. Throws Error naming what differs.
   void load(const Checkpoint& checkpoint);
 

@@ -84,23 +84,33 @@ void Trainer::Impl::continue_from(SavedProgress saved) {
 
 std::string Trainer::identity() const { return impl_->identity().dump(); }
 
-Checkpoint Trainer::checkpoint(const std::string& manifest) {
-  Impl& p = *impl_;
-  p.begin_generation();
+Checkpoint Trainer::Impl::checkpoint() const {
   Checkpoint checkpoint;
-  checkpoint.header = p.identity();
+  checkpoint.header = identity();
   LearnerState state;
-  p.learner->save(state);
+  learner->save(state);
   for (const auto& [name, tensor] : state.tensors) checkpoint.tensors["learner." + name] = tensor;
-  checkpoint.tensors["reference"] = p.task.reference;
-  if (!p.task.turns.empty()) checkpoint.header["turns"] = p.task.turns;
+  checkpoint.tensors["reference"] = task.reference;
+  if (!task.turns.empty()) checkpoint.header["turns"] = task.turns;
   nlohmann::json layout = nlohmann::json::array();
-  for (const Tensor& tensor : p.network->tensors())
+  for (const Tensor& tensor : network->tensors())
     layout.push_back({{"name", tensor.name}, {"rows", tensor.rows}, {"cols", tensor.cols}, {"offset", tensor.offset}});
   checkpoint.header["layout"] = layout;
-  checkpoint.header["progress"] = p.progress_json();
+  checkpoint.header["progress"] = progress_json();
   checkpoint.header["counters"] = state.counters;
+  return checkpoint;
+}
+
+Checkpoint Trainer::checkpoint(const std::string& manifest) {
+  impl_->begin_generation();
+  Checkpoint checkpoint = impl_->checkpoint();
   if (!manifest.empty()) checkpoint.header["manifest"] = parse_json(manifest, "the manifest");
+  return checkpoint;
+}
+
+Checkpoint Trainer::snapshot() const {
+  Checkpoint checkpoint = impl_->checkpoint();
+  checkpoint.header["progress"]["cut"] = impl_->generation + 1;
   return checkpoint;
 }
 

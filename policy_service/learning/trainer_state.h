@@ -32,8 +32,6 @@ struct Lesson {
   int frames, max_steps;
 };
 
-constexpr int kRecent = 100;  ///< episodes in the running means
-
 /// Returns the mean of the lengths of episodes; NaN where there are none.
 double mean_steps(const std::deque<int>& steps);
 
@@ -85,6 +83,8 @@ struct Trainer::Impl {
   /// Returns what must be the same in a trainer that continues.
   nlohmann::json identity() const;
   nlohmann::json progress_json() const;
+  /// Returns everything that continuing in the present generation needs.
+  Checkpoint checkpoint() const;
   /// Returns what progress_json() wrote. Throws Error or a nlohmann::json::exception when it is something else.
   SavedProgress read_progress(const nlohmann::json& saved) const;
   void continue_from(SavedProgress saved);

@@ -159,8 +159,10 @@ std::string write_checkpoint_of_update(const std::string& folder, std::uint64_t 
 
 std::optional<std::string> newest_checkpoint(const std::string& folder) {
   const auto all = checkpoints_in(folder);
-  if (all.empty()) return std::nullopt;
-  return all.front().second.string();
+  if (!all.empty()) return all.front().second.string();
+  const std::filesystem::path best = std::filesystem::path(folder) / kBestCheckpoint;
+  std::error_code none;
+  return std::filesystem::exists(best, none) ? std::optional(best.string()) : std::nullopt;
 }
 
 TrainedAgent trained_agent(const Checkpoint& checkpoint) {

@@ -28,7 +28,11 @@ Checkpoint read_checkpoint(const std::string& path);
 std::string write_checkpoint_of_update(const std::string& folder, std::uint64_t update, const Checkpoint& checkpoint,
                                        int keep = 3);
 
-/// Returns the checkpoint of the latest update; none when the folder has none or does not exist.
+/// The file of a run's best checkpoint, beside the newest ones.
+inline constexpr const char* kBestCheckpoint = "best.clk";
+
+/// Returns the checkpoint of the latest update, or the best one where it is alone; none when the folder has none or
+/// does not exist.
 std::optional<std::string> newest_checkpoint(const std::string& folder);
 
 }  // namespace citylearn

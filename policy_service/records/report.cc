@@ -26,6 +26,14 @@ Json or_null(const std::optional<T>& value) {
   return value ? Json(*value) : Json(nullptr);
 }
 
+Json best_json(const std::optional<BestCheckpoint::Figures>& best) {
+  if (!best) return nullptr;
+  return {{"checkpoint", std::string("checkpoints/") + kBestCheckpoint},
+          {"update", best->update},
+          {"spl", best->spl()},
+          {"chosen_by", best->evaluation_spl ? "evaluation" : "training"}};
+}
+
 }  // namespace
 
 std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training,
@@ -46,7 +54,8 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
         {"wall_s_to_spl95", or_null(training->wall_to_spl95)},
         {"policy_lag", training->policy_lag},
         {"dropped", training->dropped},
-        {"actors_waited_s", training->waited}};
+        {"actors_waited_s", training->waited},
+        {"best", best_json(training->best)}};
   summary["evaluate"] = Json::object();
   summary["controls"] = Json::object();
   for (const ScoreRow& row : rows) {

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "policy_service/records/best_checkpoint.h"
 #include "policy_service/records/policy_service_options.h"
 #include "policy_service/records/score.h"
 
@@ -25,6 +26,7 @@ struct TrainingReport {
   double policy_lag = 0;      ///< updates between acting and learning, mean over those; 0 in role both
   std::uint64_t dropped = 0;  ///< trajectories that were too old
   double waited = 0;          ///< seconds in which actors waited for the learner, in all
+  std::optional<BestCheckpoint::Figures> best;
 };
 
 /// Returns the text of summary.json. Rows of the agent go under "evaluate", all others under "controls".

@@ -32,6 +32,7 @@ RunRecords::RunRecords(const PolicyServiceOptions& options, Node& node, EnvClien
 
 void RunRecords::open_training_logs(std::uint64_t updates, std::uint64_t steps, const Parameters& parameters) {
   if (options_.output.empty()) return;
+  best_.emplace(checkpoint_folder());
   metrics_ = std::make_unique<MetricsLog>(options_.output + "/metrics.csv", updates);
   events_ = std::make_unique<EventLog>(options_.output + "/tensorboard", steps);
   write_file(options_.output + "/manifest.json", manifest(parameters));
@@ -58,25 +59,39 @@ void RunRecords::add(msg::TrainingStat& stat) {
 void RunRecords::save_checkpoint(std::uint64_t update, Checkpoint checkpoint) {
   if (options_.output.empty()) return;
   pending_ = Pending{update, std::move(checkpoint)};
-  write_pending_checkpoint();
+  retry_ = {};
+  write_pending_checkpoints();
+}
+
+void RunRecords::save_evaluated(Checkpoint checkpoint, double spl) {
+  if (options_.output.empty()) return;
+  evaluated_ = BestCheckpoint::evaluated(std::move(checkpoint), spl);
+  retry_ = {};
+  write_pending_checkpoints();
 }
 
 /// A full disk does not end the training: the last checkpoints are still there, and space may be freed.
-void RunRecords::write_pending_checkpoint() {
-  if (!pending_ || Clock::now() < pending_->retry) return;
+void RunRecords::write_pending_checkpoints() {
+  if ((!pending_ && !evaluated_) || Clock::now() < retry_) return;
   // Rows of updates that are not computed again must last as long as the checkpoint.
   if (metrics_) metrics_->sync();
   if (events_) events_->sync();
   try {
-    write_checkpoint_of_update(checkpoint_folder(), pending_->update, pending_->checkpoint);
-    if (!best_) best_.emplace(checkpoint_folder());
-    best_->consider(pending_->checkpoint);
+    if (pending_) {
+      write_checkpoint_of_update(checkpoint_folder(), pending_->update, pending_->checkpoint);
+      best_->consider(pending_->checkpoint);
+      pending_.reset();
+    }
+    if (evaluated_) {
+      create_folder(checkpoint_folder());
+      best_->consider(*evaluated_);
+      evaluated_.reset();
+    }
   } catch (const Error& error) {
-    pending_->retry = Clock::now() + std::chrono::seconds(1);
+    retry_ = Clock::now() + std::chrono::seconds(1);
     node_.alarm("checkpoint", std::string(error.what()) + "; those before it are kept");
     return;
   }
-  pending_.reset();
   node_.alarm("checkpoint", "");
 }
 
@@ -93,7 +108,7 @@ void RunRecords::report_problems() {
 void RunRecords::handle() {
   if (announcer_) announcer_->handle();
   acknowledge(/*all=*/false);
-  write_pending_checkpoint();
+  write_pending_checkpoints();
   report_problems();
 }
 
@@ -107,9 +122,10 @@ void RunRecords::acknowledge(bool all) {
 }
 
 void RunRecords::require_all_written() {
-  if (pending_) pending_->retry = {};
-  write_pending_checkpoint();
+  retry_ = {};
+  write_pending_checkpoints();
   acknowledge();
+  if (evaluated_) throw Error("the best checkpoint could not be written", options_.output, "free some space");
   if (pending_)
     throw Error("the checkpoint of update " + std::to_string(pending_->update) + " could not be written",
                 options_.output, "free some space, then continue with --resume");

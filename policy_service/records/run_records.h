@@ -38,8 +38,9 @@ class RunRecords {
   std::uint64_t run_id() const { return run_id_; }
   std::string checkpoint_folder() const { return options_.output + "/checkpoints"; }
 
-  /// Opens the logs of training and writes manifest.json. Rows past `updates` and points past `steps` are dropped: a
-  /// killed process wrote them, and they will be computed again.
+  /// Opens the logs of training, reads what an earlier stretch has as its best checkpoint and writes manifest.json.
+  /// Rows past `updates` and points past `steps` are dropped: a killed process wrote them, and they will be computed
+  /// again.
   void open_training_logs(std::uint64_t updates, std::uint64_t steps, const Parameters& parameters);
   /// Returns the seconds of training in the logs that were kept: in all, and up to an episode.
   double earlier_wall() const { return metrics_ ? metrics_->wall() : 0; }
@@ -51,7 +52,9 @@ class RunRecords {
 
   void add(msg::TrainingStat& stat);
   void save_checkpoint(std::uint64_t update, Checkpoint checkpoint);
-  /// Returns the best checkpoint of this run; null before the first one was saved.
+  /// Keeps the checkpoint as the best one if its agent's mean SPL in an evaluation is the highest.
+  void save_evaluated(Checkpoint checkpoint, double spl);
+  /// Returns the best checkpoint of this run; null without --output.
   const BestCheckpoint* best() const { return best_ ? &*best_ : nullptr; }
   /// Acknowledges episodes, answers requests and retries what could not be written. Call it whenever messages were
   /// handled.
@@ -65,7 +68,7 @@ class RunRecords {
 
  private:
   std::string manifest(const Parameters& parameters) const;
-  void write_pending_checkpoint();
+  void write_pending_checkpoints();
   void report_problems();
 
   const PolicyServiceOptions& options_;
@@ -79,13 +82,14 @@ class RunRecords {
   std::unique_ptr<EventLog> events_;
   std::set<EnvHandle*, ById> to_acknowledge_;
   Clock::time_point next_acknowledgement_;
-  /// A checkpoint that the disk did not take.
+  // Checkpoints that the disk did not take.
   struct Pending {
     std::uint64_t update = 0;
     Checkpoint checkpoint;
-    Clock::time_point retry{};
   };
   std::optional<Pending> pending_;
+  std::optional<Checkpoint> evaluated_;
+  Clock::time_point retry_{};
   std::optional<BestCheckpoint> best_;
 };
 

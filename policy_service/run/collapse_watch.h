@@ -9,6 +9,9 @@ namespace citylearn {
 /// more. It is over at 0.8 of the best. Used by one thread.
 class CollapseWatch {
  public:
+  /// Begins with the best mean SPL of an earlier process.
+  explicit CollapseWatch(double best = 0) : best_(best) {}
+
   /// Takes the mean SPL after an update. Returns whether the agent has collapsed.
   bool collapsed(double spl) {
     best_ = std::max(best_, spl);
@@ -22,7 +25,7 @@ class CollapseWatch {
 
  private:
   static constexpr double kGood = 0.5, kCollapsed = 0.5, kRecovered = 0.8;  // SPL; shares of the best
-  double best_ = 0;
+  double best_;
   bool collapsed_ = false;
 };
 

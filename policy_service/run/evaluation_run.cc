@@ -144,16 +144,21 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
   for (const auto& [traversal, result] : evaluation.scores()) rows_.push_back({label, traversal, result});
 }
 
-void EvaluationRun::evaluate_others() {
+std::optional<double> EvaluationRun::evaluate_others() {
   std::vector<std::string> others;
   for (const EnvHandle* env : context_.evaluation_envs())
     if (context_.experience_on(env->traversal()) < 0) others.push_back(env->traversal());
-  if (others.empty()) return;
+  if (others.empty()) return std::nullopt;
   evaluate(context_.options.agent, false, agent_policy(), others);
-  for (const ScoreRow& row : rows_)
+  double sum = 0;
+  for (const ScoreRow& row : rows_) {
+    sum += row.score.spl;
     spdlog::info("update {} on '{}': completed {:.1f} %, SPL {:.3f}", agent_->update, row.traversal,
                  100 * row.score.completed, row.score.spl);
+  }
+  const auto count = static_cast<double>(rows_.size());
   rows_.clear();
+  return count > 0 ? std::optional(sum / count) : std::nullopt;
 }
 
 void EvaluationRun::evaluate_all() {

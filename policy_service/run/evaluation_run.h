@@ -24,9 +24,10 @@ class EvaluationRun {
   /// Evaluates this agent from now on.
   void set_agent(TrainedAgent agent) { agent_ = std::move(agent); }
 
-  /// Evaluates the agent on all traversals but those trained on and logs its scores. Training environments wait
-  /// meanwhile, so the training's results are the same with and without it.
-  void evaluate_others();
+  /// Evaluates the agent on all traversals but those trained on, logs its scores and returns the mean of their SPL;
+  /// none without such a traversal. Training environments wait meanwhile, so the training's results are the same with
+  /// and without it.
+  std::optional<double> evaluate_others();
   /// Evaluates the agent, or the control in its place where there is none, and the controls.
   void evaluate_all();
   const std::vector<ScoreRow>& rows() const { return rows_; }

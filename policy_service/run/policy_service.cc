@@ -103,8 +103,6 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
     throw Error("learns from one traversal, not from " + joined(options.train), "--role " + options.role,
                 "train on several with --role both");
   if (std::isnan(options.stop_when)) throw Error("is not a number", "--stop-when");
-  if (options.stop_when > 0 && !options.rendezvous.empty())
-    throw Error("is not for ranks", "--stop-when", "they end together by --steps or --time-limit");
   if (options.overwrite && options.output.empty()) throw Error("needs --output", "--overwrite");
   if (options.role != "both" && options.mode != "train") throw Error("is for --role both", "--mode " + options.mode);
   if (options.role == "learner" && options.lockstep)

@@ -39,7 +39,7 @@ void require_same_run(const std::string& folder, const PolicyServiceOptions& opt
                 "choose another --output or leave --resume out");
   };
   for (const char* field : {"agent", "learner", "seed", "train", "evaluate", "first_frame", "frames", "max_steps",
-                            "curriculum", "steps", "time_limit", "tasks", "controls"}) {
+                            "curriculum", "steps", "time_limit", "stop_when", "tasks", "controls"}) {
     const bool capped = options.cap_frames && (std::string(field) == "frames" || std::string(field) == "max_steps");
     if (const Json was = found.value(field, Json()); was != wanted[field] && !capped) refuse(field, was, wanted[field]);
   }

@@ -70,6 +70,9 @@ void TrainingRun::build_trainer() {
   if (!options.rendezvous.empty()) join_ranks();
   const TrainingProgress& progress = trainer_->progress();
   context_.records.open_training_logs(progress.updates, progress.steps, trainer_->parameters());
+  if (const BestCheckpoint* best = context_.records.best();
+      best && best->figures() && best->figures()->lesson == progress.lesson)
+    watch_ = CollapseWatch(best->figures()->training_spl.value_or(0));
   earlier_wall_ = context_.records.earlier_wall();
   if (!options.output.empty()) report_.episodes_to_spl95 = progress.episodes_to_spl95;
   if (report_.episodes_to_spl95) report_.wall_to_spl95 = context_.records.earlier_wall_at(*report_.episodes_to_spl95);
@@ -98,6 +101,7 @@ void TrainingRun::join_ranks() {
       {"initial", options.initial_checkpoint},
       {"checkpoint-every", options.checkpoint_every},
       {"time-limit", options.time_limit},
+      {"stop-when", options.stop_when},
       {"lockstep", options.lockstep},
       {"sync",
        options.sync}}.dump();
@@ -142,7 +146,8 @@ bool TrainingRun::update(const std::function<UpdateFigures()>& learn) {
   if (due(context_.options.checkpoint_every)) save(trainer_->checkpoint());
   if (due(context_.options.evaluate_every)) {
     evaluation_.set_agent(trainer_->agent());
-    evaluate_others();
+    const std::optional<double> spl = evaluate_others();
+    if (spl && (!sharing_ || sharing_->lowest())) context_.records.save_evaluated(trainer_->snapshot(), *spl);
   }
   return true;
 }
@@ -163,8 +168,7 @@ void TrainingRun::warn_of_collapse() {
     const BestCheckpoint* best = context_.records.best();
     problem =
         fmt::format("SPL fell from {:.3f} to {:.3f} at update {}; ", watch_.best(), progress.spl, progress.updates) +
-        (best && best->figures() ? fmt::format("{} is of update {}, SPL {:.3f}", best->path(), best->figures()->update,
-                                               best->figures()->spl)
+        (best && best->figures() ? fmt::format("{} is of {}", best->path(), best->figures()->description())
                                  : "no checkpoint has kept the best agent");
   }
   context_.node.alarm("training", problem);
@@ -233,12 +237,12 @@ void TrainingRun::execute() {
   report_.reward = progress.reward;
   report_.spl = progress.spl;
   save_newest();
+  if (const BestCheckpoint* best = context_.records.best()) report_.best = best->figures();
   evaluation_.set_agent(trainer_->agent());
   constexpr double kWorse = 0.02;
   if (const BestCheckpoint* best = context_.records.best();
-      best && best->figures() && best->figures()->spl > progress.spl + kWorse)
-    spdlog::info("the best checkpoint is of update {}, SPL {:.3f} in training: {}", best->figures()->update,
-                 best->figures()->spl, best->path());
+      best && best->figures() && (best->figures()->evaluation_spl || best->figures()->spl() > progress.spl + kWorse))
+    spdlog::info("the best checkpoint is of {}: {}", best->figures()->description(), best->path());
   const double here = std::max(seconds_since(since_), 1e-9);
   spdlog::info(
       "trained {} episodes, {} steps in {:.1f} s ({:.0f} steps/s): {:.0f} % inference, {:.0f} % update, {:.0f} % "
@@ -336,10 +340,11 @@ std::string LearnerRun::actors_note() const {
   return fmt::format("  {} actors, lag {:.1f}", server_->actors(), report_.policy_lag);
 }
 
-void LearnerRun::evaluate_others() {
+std::optional<double> LearnerRun::evaluate_others() {
   context_.client.subscribe(/*observations=*/true, /*episodes=*/true);
-  TrainingRun::evaluate_others();
+  const std::optional<double> spl = TrainingRun::evaluate_others();
   context_.client.subscribe(/*observations=*/false, /*episodes=*/true);
+  return spl;
 }
 
 void LearnerRun::train() {

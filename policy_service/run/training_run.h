@@ -36,8 +36,8 @@ class TrainingRun {
  protected:
   /// Calls update() until it returns false.
   virtual void train() = 0;
-  /// Evaluates between two updates.
-  virtual void evaluate_others() { evaluation_.evaluate_others(); }
+  /// Evaluates between two updates. Returns as EvaluationRun::evaluate_others().
+  virtual std::optional<double> evaluate_others() { return evaluation_.evaluate_others(); }
   /// Returns the mean age of the policies that acted for the last update, in updates.
   virtual double policy_lag() const { return 0; }
   /// Returns what the progress bar says of the actors.
@@ -103,7 +103,7 @@ class LearnerRun : public TrainingRun {
 
  private:
   void train() override;
-  void evaluate_others() override;
+  std::optional<double> evaluate_others() override;
   double policy_lag() const override { return server_->policy_lag(); }
   std::string actors_note() const override;
   void await_release();

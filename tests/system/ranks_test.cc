@@ -143,6 +143,16 @@ TEST_P(Sync, TheOthersGoOnWithinThreeSecondsWhenOneIsKilledOrStopped) {
     for (int rank = 0; rank < 3; ++rank) std::printf("rank %d:\n%s\n", rank, group[rank].policy().output().c_str());
 }
 
+TEST(RanksSystem, StopTogetherAtTheirSplAndTheLowestKeepsTheBest) {
+  Group group(2);
+  group.start(1000000, {"--stop-when", "0.9"});
+  for (const int rank : {0, 1}) ASSERT_EQ(group[rank].policy().wait(kLong), 0) << group[rank].policy().output();
+  EXPECT_EQ(group[0].updates(), group[1].updates());
+  const std::string best = "out/checkpoints/best.clk";
+  EXPECT_TRUE(std::filesystem::exists(group[0].trial.folder() / best));
+  EXPECT_FALSE(std::filesystem::exists(group[1].trial.folder() / best));
+}
+
 TEST(RanksSystem, GoesOnWithAnotherNumberOfRanks) {
   Group two(2);
   two.start(60, {"--lockstep"});

@@ -50,6 +50,24 @@ TEST_P(EachNetwork, LearnsFromSeveralExperiencesAlike) {
   }
 }
 
+TEST(Trainer, ASnapshotChangesNothingAndBeginsAGenerationOfItsOwn) {
+  const Traversal city = small_city();
+  Loop watched(city, small_options("features")), alone(city, small_options("features"));
+  Checkpoint snapshot;
+  for (int i = 0; i < 3; ++i) {
+    watched.update();
+    alone.update();
+    snapshot = watched.trainer.snapshot();
+  }
+  EXPECT_EQ(watched.trainer.agent().parameters, alone.trainer.agent().parameters);
+  EXPECT_EQ(watched.trainer.generation(), alone.trainer.generation());
+  Loop again(city, small_options("features"));
+  again.trainer.load(snapshot);
+  EXPECT_EQ(again.trainer.agent().parameters, watched.trainer.agent().parameters);
+  EXPECT_EQ(again.trainer.progress().updates, 3u);
+  EXPECT_EQ(again.trainer.generation(), watched.trainer.generation() + 1);
+}
+
 TEST(Trainer, RefusesAnExperienceThatItDoesNotKnow) {
   const Traversal city = small_city();
   Trainer trainer(small_options("features"), task_of(city));

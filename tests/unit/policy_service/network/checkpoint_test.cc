@@ -87,6 +87,16 @@ TEST_F(CheckpointFile, OnlyTheNewestAreKept) {
   EXPECT_TRUE(std::filesystem::exists(kept + "/checkpoint-10.clk"));
 }
 
+TEST_F(CheckpointFile, TheBestOneStaysAndIsFoundWhereItIsAlone) {
+  const std::string kept = folder_ / "run", best = kept + "/best.clk";
+  std::filesystem::create_directories(kept);
+  write_checkpoint(best, checkpoint_);
+  EXPECT_EQ(newest_checkpoint(kept), best);
+  for (const std::uint64_t update : {5, 10, 95, 100}) write_checkpoint_of_update(kept, update, checkpoint_, 1);
+  EXPECT_TRUE(std::filesystem::exists(best));
+  EXPECT_EQ(newest_checkpoint(kept), kept + "/checkpoint-100.clk");
+}
+
 TEST_F(CheckpointFile, AFailedWriteLeavesTheOldOnes) {
   const std::string kept = folder_ / "run";
   const std::string old = write_checkpoint_of_update(kept, 1, checkpoint_);

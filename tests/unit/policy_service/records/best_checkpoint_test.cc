@@ -34,7 +34,7 @@ TEST(BestCheckpoint, KeepsTheHighestSplAndOfEqualOnesTheLatest) {
   EXPECT_EQ(kept(best), 3u);
   best.consider(of(5, 0.9));
   EXPECT_EQ(kept(best), 5u);
-  EXPECT_EQ(best.figures()->spl, 0.9);
+  EXPECT_EQ(best.figures()->spl(), 0.9);
 }
 
 TEST(BestCheckpoint, PrefersALaterLesson) {
@@ -45,6 +45,25 @@ TEST(BestCheckpoint, PrefersALaterLesson) {
   EXPECT_EQ(kept(best), 1u) << "still of the lesson before";
   best.consider(of(3, 0.3, 100, 1));
   EXPECT_EQ(kept(best), 3u);
+}
+
+TEST(BestCheckpoint, EvaluationsDecideWhereThereAreAny) {
+  const Folder folder;
+  BestCheckpoint best(folder.path());
+  best.consider(of(1, 0.9, 200, 1));
+  best.consider(BestCheckpoint::evaluated(of(2, 0.3, 50, 0), 0.4));
+  EXPECT_EQ(kept(best), 2u) << "also early in the first lesson";
+  best.consider(of(3, 0.95, 200, 1));
+  EXPECT_EQ(kept(best), 2u) << "was not evaluated";
+  best.consider(BestCheckpoint::evaluated(of(4, 0.95, 200, 1), 0.3));
+  EXPECT_EQ(kept(best), 2u);
+  best.consider(BestCheckpoint::evaluated(of(5, 0.5, 200, 1), 0.6));
+  EXPECT_EQ(kept(best), 5u);
+  const BestCheckpoint next(folder.path());
+  ASSERT_TRUE(next.figures());
+  EXPECT_EQ(next.figures()->spl(), 0.6);
+  EXPECT_EQ(next.figures()->training_spl, 0.5);
+  EXPECT_EQ(next.figures()->description(), "update 5, SPL 0.600 in evaluation");
 }
 
 TEST(BestCheckpoint, IsKnownAgainByTheNextProcess) {

@@ -6,6 +6,11 @@
 namespace citylearn::testing {
 namespace {
 
+TEST(CollapseWatch, KnowsTheBestOfAnEarlierProcess) {
+  EXPECT_TRUE(CollapseWatch(0.9).collapsed(0.4));
+  EXPECT_FALSE(CollapseWatch(0.9).collapsed(0.5));
+}
+
 TEST(CollapseWatch, SeesAFallFromAGoodAgentAndItsRecovery) {
   CollapseWatch watch;
   for (const double spl : {0.2, 0.05, 0.49, 0.1}) EXPECT_FALSE(watch.collapsed(spl)) << "never was good: " << spl;
