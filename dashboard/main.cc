@@ -61,11 +61,12 @@ void add_options(CLI::App& app, CommandLine& line) {
   line.store_option =
       app.add_option("--store", line.store, "Database file of all records; created if missing")->capture_default_str();
   app.add_option("--open", line.open,
-                 "Show recordings (./run record) instead of live services; without --store nothing is kept")
+                 "Show recordings (citylearn record) instead of live services; without --store nothing is kept")
       ->type_name("FILE.mcap ...");
   app.add_option("--speed", line.speed, "Speed of recordings relative to real time; max: as fast as possible")
       ->capture_default_str();
-  app.add_option("--recognition", line.recognition, "Folder of place-recognition results, as `./run vpr` writes them");
+  app.add_option("--recognition", line.recognition,
+                 "Folder of place-recognition results, as `citylearn vpr` writes them");
   app.add_flag("--leave", line.leave, "Unregister on exit, so env_services stop buffering episodes");
   line.node.service = "dashboard";
   line.node.id = "dashboard";

@@ -106,7 +106,7 @@ std::string advice(Cause cause, const Group& group) {
     case Cause::kChanged:
       return fmt::format(
           "The frames differ too much from the training's: sequence_filter reaches {}, and {} if given the very "
-          "frames. Try another encoder (./run vpr compares them) or more recordings to train on (--train A,B).",
+          "frames. Try another encoder (citylearn vpr compares them) or more recordings to train on (--train A,B).",
           range(group.filter), range(group.oracle));
     case Cause::kAgent:
       return fmt::format("The frames suffice: sequence_filter reaches {}. Train longer (--steps) or try another agent.",

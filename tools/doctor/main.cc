@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ./run doctor: shows reachable services and diagnoses problems of the network.
+// citylearn doctor: shows reachable services and diagnoses problems of the network.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ./run paper: repeats the paper's experiments on the given data and reports them.
+// citylearn paper: repeats the paper's experiments on the given data and reports them.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
@@ -159,7 +159,7 @@ int main(int argc, char** argv) {
     else if (!word.starts_with("--only="))
       line.text += " " + word;
   }
-  line.text = "./run paper" + line.text;
+  line.text = "citylearn paper" + line.text;
   return service_main(
       argc, argv, "Repeats the paper's experiments on the data at hand and writes a report.",
       [&](CLI::App& app) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ./run record: writes the messages of a session to MCAP files.
+// citylearn record: writes the messages of a session to MCAP files.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>

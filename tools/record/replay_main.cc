@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// ./run replay: plays MCAP recordings to a dashboard, or their trajectories to a learner.
+// citylearn replay: plays MCAP recordings to a dashboard, or their trajectories to a learner.
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>

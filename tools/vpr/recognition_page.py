@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws precision over recall and ROC curves and writes index.html, from the results.json and curves.json of ./run vpr."""
+"""Draws precision over recall and ROC curves and writes index.html, from the results.json and curves.json of citylearn vpr."""
 
 import html
 import json
@@ -86,4 +86,4 @@ if __name__ == "__main__":
     try:
         main(Path(sys.argv[1]))
     except (OSError, ValueError, KeyError) as error:
-        sys.exit(f"{sys.argv[1]}: {error} (expected results.json and curves.json of ./run vpr)")
+        sys.exit(f"{sys.argv[1]}: {error} (expected results.json and curves.json of citylearn vpr)")

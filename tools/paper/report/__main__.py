@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the figures and the page of ./run paper from the results.json and report.json in a folder."""
+"""Makes the figures and the page of citylearn paper from the results.json and report.json in a folder."""
 
 import sys
 from pathlib import Path

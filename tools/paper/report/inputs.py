@@ -19,16 +19,16 @@ class Fields(dict):
         self.file = file
 
     def __missing__(self, key: str) -> None:
-        raise InputError(f"{self.file}: field '{key}' is missing (run ./run paper again)")
+        raise InputError(f"{self.file}: field '{key}' is missing (run citylearn paper again)")
 
 
 def read_json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=lambda pairs: Fields(path, pairs))
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror} (name the folder that ./run paper wrote)") from error
+        raise InputError(f"{path}: {error.strerror} (name the folder that citylearn paper wrote)") from error
     except ValueError as error:
-        raise InputError(f"{path}: not JSON: {error} (run ./run paper again)") from error
+        raise InputError(f"{path}: not JSON: {error} (run citylearn paper again)") from error
 
 
 def number(value: Any) -> float:
@@ -36,7 +36,7 @@ def number(value: Any) -> float:
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputError(f"results.json: {value!r} is not a number (run ./run paper again)")
+        raise InputError(f"results.json: {value!r} is not a number (run citylearn paper again)")
     return float(value)
 
 
@@ -84,7 +84,7 @@ class Inputs:
         measurements = report["measurements"]
         if len(measurements) != len(results):
             raise InputError(f"{folder}/report.json: field 'measurements' has {len(measurements)} entries, but "
-                             f"results.json has {len(results)} (both must come from the same run of ./run paper)")
+                             f"results.json has {len(results)} (both must come from the same run of citylearn paper)")
         self._outcomes = [merged(result["outcome"], measured) for result, measured in zip(results, measurements)]
 
     def outcome(self, unit: int) -> Any:

@@ -13,7 +13,7 @@ def module_of(section: str) -> ModuleType:
     try:
         return importlib.import_module(f"sections.{section.replace('-', '_')}")
     except ModuleNotFoundError as error:
-        raise InputError(f"report.json: field 'name': unknown section '{section}' (run ./run paper again)") from error
+        raise InputError(f"report.json: field 'name': unknown section '{section}' (run citylearn paper again)") from error
 
 
 def make_report(folder: Path) -> None:
@@ -35,7 +35,7 @@ def make_report(folder: Path) -> None:
 
 def main(arguments: list[str]) -> int:
     if len(arguments) != 1:
-        print("usage: python3 tools/paper/report FOLDER, which ./run paper wrote", file=sys.stderr)
+        print("usage: python3 tools/paper/report FOLDER, which citylearn paper wrote", file=sys.stderr)
         return 2
     try:
         make_report(Path(arguments[0]))

@@ -86,8 +86,12 @@ double of_process(const std::string& program, const World& world) {
 std::string env_service_program() {
   std::error_code error;
   const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
-  const std::filesystem::path program = self.parent_path() / "../../env_service/env_service";
-  return !error && std::filesystem::exists(program, error) ? program.lexically_normal().string() : "";
+  if (error) return "";
+  for (const char* place : {"env_service", "../../env_service/env_service"}) {  // of an installation, of a build
+    const std::filesystem::path program = self.parent_path() / place;
+    if (std::filesystem::is_regular_file(program, error)) return program.lexically_normal().string();
+  }
+  return "";
 }
 
 Unit memory_unit(const std::string& representation, const std::string& program, World& world) {

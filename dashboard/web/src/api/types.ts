@@ -154,7 +154,7 @@ export interface TraversalMap {
   longitude: (number | null)[] | null;
 }
 
-/** One row of what `./run vpr` wrote (results.json). */
+/** One row of what `citylearn vpr` wrote (results.json). */
 export interface RecognitionRow {
   encoder: string;
   name: string;

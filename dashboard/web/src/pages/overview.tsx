@@ -58,7 +58,7 @@ function NothingRuns({ known }: { known: readonly Run[] }): JSX.Element {
     );
   return (
     <Empty title="No runs yet">
-      Start one with <code>./run demo</code>, or start services of your own on this domain: they appear here automatically.
+      Start one with <code>citylearn demo</code>, or start services of your own on this domain: they appear here automatically.
     </Empty>
   );
 }

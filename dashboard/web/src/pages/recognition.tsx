@@ -37,7 +37,7 @@ export function Recognition(): JSX.Element {
         ) : (
           <Card title="Results">
             <Empty title="No place-recognition results">
-              <code>./run vpr --dataset plain --data DIR --reference summer --query winter</code> writes results; start the dashboard
+              <code>citylearn vpr --dataset plain --data DIR --reference summer --query winter</code> writes results; start the dashboard
               with <code>--recognition DIR</code>, where DIR holds them.
             </Empty>
           </Card>

@@ -50,7 +50,7 @@ export function TrainingPage(): JSX.Element {
       title="Runs"
       empty={
         <>
-          Curves appear with the first update of a policy_service. <code>./run demo</code> starts one.
+          Curves appear with the first update of a policy_service. <code>citylearn demo</code> starts one.
         </>
       }
     >

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The command `citylearn` of an installation, and `./run`, which is the same command in the repository."""
+
+import json
+import re
+import unittest
+
+from support import BUILD, SOURCE, CommandLine
+
+
+class Installation(CommandLine):
+    def test_help_fits_a_screen(self):
+        shown = self.run_command("citylearn", "--help")
+        self.assertEqual(shown, self.run_command("citylearn"))
+        self.assertLessEqual(len(shown.splitlines()), 24)
+        for line in shown.splitlines() + self.run_command("citylearn", "demo", "--help").splitlines():
+            self.assertLessEqual(len(line), 80, line)
+
+    def test_every_command_of_the_help_has_a_help(self):
+        shown = self.run_command("citylearn", "--help")
+        commands = re.findall(r'^  ([a-z]+) |"([a-z]+)" plays', shown, re.MULTILINE)
+        commands = {one or other for one, other in commands}
+        listed = self.run_command("citylearn", "unknown", status=1)
+        self.assertEqual(commands, set(re.search("there are: (.*)", listed)[1].split()) - {"help"})
+        for command in commands:
+            with self.subTest(command):
+                self.assertRegex(self.run_command("citylearn", command, "--help"), "--|again")
+        self.assertIn("Lists the datasets", self.run_command("citylearn", "data", "--help"))
+        self.assertRegex(self.run_command("citylearn", "--version"), r"^\S+")
+
+    def test_an_unknown_command_is_one_line_with_the_known_ones(self):
+        said = self.run_command("citylearn", "trian", status=1)
+        self.assertRegex(said, r"^citylearn: unknown command 'trian'; there are: demo .*\n$")
+        self.environment["CITYLEARN_BUILD"] = str(BUILD)
+        said = self.run_command(SOURCE / "run", "trian", status=1)
+        self.assertRegex(said, r"^run: unknown command 'trian'; there are: demo .* test .*\n$")
+
+    def test_run_has_the_same_commands(self):
+        self.environment["CITYLEARN_BUILD"] = str(BUILD)
+        shown = self.run_command("citylearn", "--help").replace("citylearn ", "./run ")
+        self.assertTrue(self.run_command(SOURCE / "run", "--help").startswith(shown))
+        for command in ("data", "demo"):
+            self.assertEqual(self.run_command(SOURCE / "run", command, "--help").replace("./run", "citylearn"),
+                             self.run_command("citylearn", command, "--help"))
+
+    def test_the_doctor_looks_at_this_machine(self):
+        said = self.run_command("citylearn", "doctor", "--seconds", "1", status=1)
+        self.assertIn(f"PROBLEM: no participant was heard in domain {self.domain} on lo", said)
+
+    def test_a_demo_trains_here_and_is_repeated(self):
+        said = self.run_command("citylearn", "demo", "--frames", "0:40", "--evaluate", "summer", "--steps", "512", "--tasks", "4",
+                                "--output", "first run", "--no-wait", "--no-dashboard")
+        self.assertIn("citylearn dashboard", said)
+        self.assertNotIn("./run", said)
+        self.assertIn("summer", json.loads((self.folder / "first run/summary.json").read_text())["evaluate"])
+        said = self.run_command("citylearn", "again", "first run", "--seed", "2")
+        self.assertIn("citylearn demo --frames 0:40", said)
+        self.assertEqual(len(list(self.folder.glob("runs/*/summary.json"))), 1)
+
+    def test_a_program_that_is_not_installed_is_named(self):
+        copy = self.folder / "bin"
+        (self.folder / "share/citylearn/tools").mkdir(parents=True)
+        copy.mkdir()
+        for name in ("commands.sh", "demo.sh"):
+            file = self.folder / "share/citylearn/tools/citylearn" / name
+            file.parent.mkdir(exist_ok=True)
+            file.write_text((SOURCE / "tools/citylearn" / name).read_text())
+        (copy / "citylearn").write_text((SOURCE / "tools/citylearn/citylearn").read_text())
+        said = self.run_command("bash", copy / "citylearn", "vpr", status=1)
+        self.assertRegex(said, r"^citylearn: vpr: its program '\S+/bin/citylearn_vpr' is missing")
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)

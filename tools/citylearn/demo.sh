@@ -1,0 +1,286 @@
+# shellcheck shell=bash
+# SPDX-License-Identifier: Apache-2.0
+# The command `demo`: starts the services of a run here, shows the results and stops them. commands.sh reads this file.
+
+demo_usage() {
+  cat <<TEXT
+$COMMAND demo [OPTIONS]    trains on one traversal and evaluates on all
+
+What it runs on
+  --data DIR           recordings: each traversal is a folder of images or a
+                       video, DIR/NAME/ or DIR/NAME.mp4, or features,
+                       DIR/NAME.csv, one frame a row (default: a drawn city)
+  --dataset NAME       format of DIR (default plain); "$COMMAND data list"
+                       shows all
+  --train A[,B]        traversal to train on (default summer); A,B trains on
+                       both, as experiences of the route of A
+  --evaluate A,B       traversals to evaluate on (default all)
+  --frames FIRST:END   part of the route to use, 0-based, half open (default
+                       0:128, or all of a shorter route)
+  --encoder NAME       how images become features (default hog_vlad);
+                       "$COMMAND encoder --list" shows all. Options of the
+                       encoder may follow: --dimension --centring --whitening
+                       --model --layer --preset --head --store
+  --plugin A.so[,B.so] datasets, encoders, networks and learners of your own
+  --DATASET-X, --ENCODER-X   parameters that "$COMMAND env --list" and
+                       "$COMMAND encoder --list" show, as --kitti-camera
+
+What it trains
+  --agent NAME         place_filter (default), place_memory, features,
+                       raw_images, baseline
+  --seed N             seed of all randomness (default 1)
+  --seeds 1..5         one run for each seed, then medians and spreads
+  --time-limit S       ends training after S seconds
+  --resume             continues with the newest checkpoint in --output
+  Any other option is passed unchanged to the policy_service
+  ("$COMMAND policy --help").
+
+Where
+  --output DIR         summary.json, metrics.csv, manifest.json, checkpoints/
+                       (default $RUNS/TIME)
+  --middleware NAME    cyclonedds (default), fastdds
+  --port N             port of the page (default a free one)
+  --no-dashboard       starts no dashboard
+  --no-wait            ends when the results are printed. Otherwise, on a
+                       terminal, the page stays open until a key is pressed
+TEXT
+}
+
+declare -gA running=()   # process ids of the demo's services, by name
+
+# Starts a service of the demo: NAME COMMAND... Its log is logs/NAME.log in the output folder.
+start() {
+  "${@:2}" 2>"$output/logs/$1.log" &
+  running[$1]=$!
+}
+
+# Ends the services named, or kills them where they have not ended within 10 s.
+end() {
+  local name try pids=()
+  for name; do
+    [ -z "${running[$name]:-}" ] || pids+=("${running[$name]}")
+    unset "running[$name]"
+  done
+  [ ${#pids[@]} -gt 0 ] || return 0
+  kill "${pids[@]}" || true
+  for ((try = 0; try < 200; ++try)); do
+    kill -0 "${pids[@]}" || break
+    sleep 0.05
+  done
+  kill -KILL "${pids[@]}" || true
+  wait "${pids[@]}" || true
+} 2>/dev/null
+
+# Ends all services, the dashboard last: env_services hand it their last episodes.
+stop() {
+  trap '' INT TERM
+  rm -f "$RUNS/.demo-$$"
+  local name others=()
+  for name in "${!running[@]}"; do [ "$name" = dashboard ] || others+=("$name"); done
+  end "${others[@]}"
+  end dashboard
+}
+
+# Starts the dashboard with options $2... on the store $1; false when it ends at once.
+start_dashboard() {
+  local store=$1; shift
+  start dashboard "$(program dashboard)" --store "$store" --recognition "$RUNS" "$@" >"$output/logs/dashboard.address"
+  until [ -s "$output/logs/dashboard.address" ]; do
+    kill -0 "${running[dashboard]}" 2>/dev/null || { unset 'running[dashboard]'; return 1; }
+    sleep 0.05
+  done
+}
+
+# Repeats the demo whose folder is $1 in a new folder; $2... are added to its options.
+again() {
+  local folder=${1:-}
+  if [ "$folder" = -h ] || [ "$folder" = --help ]; then
+    say "$COMMAND again RUN [OPTIONS]    repeats the demo whose folder is RUN; OPTIONS, those of
+demo, are added to its own. Its results go to a new folder."
+    return
+  fi
+  [ -n "$folder" ] || fail "again: name the folder of a demo's run, as $COMMAND again runs/20260101-120000"
+  [ -r "$folder/command" ] || fail "again: '$folder' is no folder of a demo's run (there is no $folder/command)"
+  shift
+  local before=()
+  mapfile -d '' -t before <"$folder/command"
+  set -- "${before[@]}" --output= "$@"
+  say "$COMMAND demo $(printf '%q ' "$@")"
+  demo "$@"
+}
+
+# Says what one may do next. On a terminal the page stays up until a key is pressed, unless $1 is no.
+after_demo() {
+  say "Next:
+  $COMMAND dashboard                               shows this run and all earlier ones again
+  $COMMAND demo --agent features                   trains another agent on the same route
+  $COMMAND demo --data DIR --train A --evaluate B  does the same with your own recordings"
+  [ "$1" = yes ] && [ -t 0 ] && [ -n "${running[dashboard]:-}" ] || return 0
+  say "The page stays open at $(sed 's/^dashboard: //' "$output/logs/dashboard.address") Press any key to end."
+  read -rsn 1 || true
+}
+
+demo() {
+  local data='' dataset='' train='' evaluate='' frames='' middleware=${CITYLEARN_MIDDLEWARE:-cyclonedds} output='' pass=() encoding=()
+  local plugins=''
+  local dashboard=yes port=0 wait=yes asked=("$@")
+  while [ $# -gt 0 ]; do
+    case $1 in
+      --data|--dataset|--train|--evaluate|--frames|--middleware|--output|--port)
+        [ $# -ge 2 ] || fail "$1 needs a value"
+        declare "${1#--}=$2"; shift 2 ;;
+      --data=*|--dataset=*|--train=*|--evaluate=*|--frames=*|--middleware=*|--output=*|--port=*)
+        local name=${1%%=*}; declare "${name#--}=${1#*=}"; shift ;;
+      --encoder|--dimension|--centring|--whitening|--model|--layer|--preset|--head|--store)
+        [ $# -ge 2 ] || fail "$1 needs a value"
+        encoding+=("$1" "$2"); shift 2 ;;
+      --encoder=*|--dimension=*|--centring=*|--whitening=*|--model=*|--layer=*|--preset=*|--head=*|--store=*)
+        encoding+=("$1"); shift ;;
+      --plugin)
+        [ $# -ge 2 ] || fail "$1 needs a value"
+        plugins+=$2,; shift 2 ;;
+      --plugin=*) plugins+=${1#*=},; shift ;;
+      --no-dashboard) dashboard=no; shift ;;
+      --no-wait) wait=no; shift ;;
+      -h|--help) demo_usage; exit 0 ;;
+      *) pass+=("$1"); shift ;;
+    esac
+  done
+  [ -z "$data" ] || [ -d "$data" ] || fail "--data: '$data' is not a folder"
+  local count=${frames:-128} part=()
+  case $frames in
+    *:*) [[ $frames =~ ^[0-9]+:[0-9]+$ && ${frames%:*} -lt ${frames#*:} ]] || fail "--frames: '$frames' is not FIRST:END, as 0:128"
+         count=$((${frames#*:} - ${frames%:*})); part=(--frames "$frames") ;;
+    *) [[ $count =~ ^[0-9]+$ ]] || fail "--frames: '$frames' is not FIRST:END, as 0:128" ;;
+  esac
+  local services=(env encoder policy)
+  [ $dashboard = no ] || services+=(dashboard)
+  prepare "${services[@]}"
+  local env encoder policy; env=$(program env) encoder=$(program encoder) policy=$(program policy)
+  local source=(--dataset synthetic)
+  [ -z "$data" ] || source=(--dataset "${dataset:-plain}" --data "$data")
+  # Each plug-in is for the services that can load it; the policy_service says what is wrong with one that none can.
+  local file used plug_env=() plug_encoder=()
+  while IFS= read -r -d , file; do
+    used=no
+    ! "$env" --plugin "$file" --list >/dev/null 2>&1 || { plug_env+=(--plugin "$file"); used=yes; }
+    ! "$encoder" --plugin "$file" --list >/dev/null 2>&1 || { plug_encoder+=(--plugin "$file"); used=yes; }
+    [ $used = yes ] && ! "$policy" --plugin "$file" --list >/dev/null 2>&1 || pass+=(--plugin "$file")
+  done <<<"$plugins"
+  source+=("${plug_env[@]}") encoding+=("${plug_encoder[@]}")
+  # Parameters of datasets and encoders are for the services that list them, all else is for the policy_service.
+  if [ ${#pass[@]} -gt 0 ]; then
+    local of_datasets of_encoders line taken rest=()
+    of_datasets=$("$env" "${plug_env[@]}" --list) of_encoders=$("$encoder" "${plug_encoder[@]}" --list)
+    set -- "${pass[@]}"
+    while [ $# -gt 0 ]; do
+      line=$'\n'"      ${1%%=*} " taken=1
+      [[ $1 == *=* || $# -lt 2 ]] || taken=2
+      if [[ $of_datasets == *"$line"* ]]; then
+        source+=("${@:1:taken}")
+      elif [[ $of_encoders == *"$line"* ]]; then
+        encoding+=("${@:1:taken}")
+      else
+        taken=1 rest+=("$1")
+      fi
+      shift $taken
+    done
+    pass=("${rest[@]}")
+  fi
+  local known; known=$("$env" "${source[@]}" --list-traversals) || exit 1
+  [ -n "$train" ] || train=$(grep -x summer <<<"$known" || head -n 1 <<<"$known")
+  local route=${train%%,*}   # the others are aligned to it, and the encoder learns from it
+  # As many agents as the chosen agent trains best with; it says so itself, and complains of options it does not know.
+  local agents; agents=$("$policy" "${pass[@]}" --recommended-agents) || exit 1
+  # Sets `kind` (whether it has images, yes or no) and `length` of the traversal $1.
+  look_at() {
+    local shown; shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" --show) || return 1
+    kind=$(sed -n 's/^images //p' <<<"$shown") length=$(sed -n 's/^frames //p' <<<"$shown")
+  }
+  local kind length; look_at "$route" || exit 1
+  local images=$kind shortest=$length name
+  if [ -z "$frames" ] || [ -z "$evaluate" ]; then
+    local all=${evaluate:+$train,$evaluate} given=$evaluate
+    all=${all//,/$'\n'}
+    while IFS= read -r name; do
+      if [ -n "$given" ]; then
+        look_at "$name" || exit 1
+      else
+        # Pictures and features in one folder do not mix: what is of the other kind is something else.
+        look_at "$name" 2>/dev/null || continue
+        [ "$kind" = "$images" ] || continue
+        evaluate+=${evaluate:+,}$name
+      fi
+      [ "$length" -ge "$shortest" ] || shortest=$length
+    done <<<"${all:-$known}"
+  fi
+  if [ -z "$frames" ] && [ "$shortest" -lt "$count" ]; then
+    count=$shortest
+    say "$NAME: the shortest traversal has $count frames: --frames is 0:$count instead of 0:128"
+  fi
+  local aligned=$images   # frames of equal index in tables of features show the same place already
+  [ "${dataset:-plain}" = plain ] || aligned=yes
+  # No more pictures, and no more places to align, than the agents will see.
+  [ "$aligned" = no ] || [ ${#part[@]} -gt 0 ] || part=(--frames "0:$count")
+  if [ "$images" = yes ]; then
+    "$encoder" "${encoding[@]}" --list >/dev/null || exit 1
+  fi
+  output=${output:-$RUNS/$(date +%Y%m%d-%H%M%S)}
+  mkdir -p "$output/logs" || fail "--output: cannot create '$output'"
+
+  # A domain and a run of its own: several demos on one machine don't meet.
+  local run; run=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
+  local domain=${CITYLEARN_DOMAIN:-$((1 + $$ % 200))} traversal
+  local wire=(--session "$run" --domain "$domain" --middleware "$middleware")
+  # Options that `again` repeats, each with a null byte behind it.
+  [ ${#asked[@]} -eq 0 ] && : >"$output/command" || printf '%s\0' "${asked[@]}" >"$output/command"
+  mkdir -p "$RUNS"
+  printf '%s %s %s\n' "$domain" "$middleware" "$run" >"$RUNS/.demo-$$"
+  say "$NAME: domain $domain, session $run; $COMMAND doctor and $COMMAND record find it"
+  trap stop EXIT
+  trap 'exit 130' INT
+  trap 'exit 143' TERM
+
+  local recorders=()
+  if [ $dashboard = yes ]; then
+    # All demos share a store, so that their runs can be compared; while another one has it, this one has its own.
+    start_dashboard "$RUNS/dashboard.sqlite" "${wire[@]}" --port "$port" ||
+      start_dashboard "$output/dashboard.sqlite" "${wire[@]}" --port "$port" ||
+      { tail -n 1 "$output/logs/dashboard.log" >&2; fail "the dashboard did not start; --no-dashboard goes without it"; }
+    cat "$output/logs/dashboard.address"
+    recorders=(--recorders dashboard)
+  fi
+  while IFS= read -r traversal; do
+    local align=()
+    [ "$aligned" = no ] || [ "$traversal" = "$route" ] || align=(--align-to "$route")
+    start "env-$traversal" \
+      "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" --agents "$agents" "${recorders[@]}"
+  done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
+  [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" --reference "$route" "${encoding[@]}"
+  "$policy" "${wire[@]}" --mode train --train "$train" --evaluate "$evaluate" --frames "0:$count" --controls all --wait 60 \
+    --output "$output" "${pass[@]}" &
+  running[policy_service]=$!
+
+  # The run ends with its policy_service. A service that ends before it has said why in its log. (bash's `wait -n` misses a
+  # service that is killed before it is called.)
+  local name status
+  while true; do
+    for name in "${!running[@]}"; do
+      ! kill -0 "${running[$name]}" 2>/dev/null || continue
+      status=0
+      wait "${running[$name]}" || status=$?
+      unset "running[$name]"
+      case $name in
+        policy_service)
+          [ $status -ne 0 ] || after_demo "$wait"
+          return $status ;;
+        dashboard) say "$NAME: the dashboard ended early, so this run is not recorded to its end; its log is $output/logs/$name.log" ;;
+        *)
+          stop
+          tail -n 1 "$output/logs/$name.log" >&2 || true
+          fail "$name ended early (status $status); its log is $output/logs/$name.log" ;;
+      esac
+    done
+    sleep 0.2
+  done
+}
