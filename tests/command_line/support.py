@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 import unittest
 from pathlib import Path
 
@@ -52,22 +53,38 @@ class CommandLine(unittest.TestCase):
         with open(log, "wb") as output, subprocess.Popen([str(word) for word in words], cwd=self.folder, env=self.environment,
                                                          stdin=subprocess.DEVNULL, stdout=output, stderr=output,
                                                          start_new_session=True) as process:
+            ended = None
             try:
                 ended = process.wait(seconds)
             except subprocess.TimeoutExpired:
-                ended = None
+                pass
             finally:
-                left = self.kill_group(process.pid)
+                left = self.kill_session(process.pid, None if ended is None else time.monotonic() + 5)
         said = f"{' '.join(map(str, words))}\n{log.read_text()}"
         self.assertEqual(ended, status, said)
-        self.assertFalse(left, f"left processes behind: {said}")
+        self.assertFalse(left, f"left {left} behind: {said}")
         return log.read_text()
 
     @staticmethod
-    def kill_group(group):
-        """Kills the processes of a session. Returns whether there were any."""
+    def kill_session(session, deadline):
+        """Kills the processes of a session that have not ended by then, at once without a deadline. Returns their names."""
+        while left := living(session):
+            if deadline is None or time.monotonic() > deadline:
+                os.killpg(session, signal.SIGKILL)
+                return left
+            time.sleep(0.02)
+        return []
+
+
+def living(session):
+    """Returns the names of the processes of a session, without those that have ended and that nobody has waited for."""
+    found = []
+    for file in Path("/proc").glob("[0-9]*/stat"):
         try:
-            os.killpg(group, signal.SIGKILL)
-        except ProcessLookupError:
-            return False
-        return True
+            name, rest = file.read_text().split("(", 1)[1].rsplit(")", 1)
+        except OSError:
+            continue  # it has just ended
+        state, _, _, of_session = rest.split()[:4]
+        if int(of_session) == session and state != "Z":
+            found.append(name)
+    return found

@@ -79,6 +79,11 @@ main() {
       . "$PARTS/demo.sh"
       "$command" "$@"
       return ;;
+    complete)
+      # shellcheck source=completion/complete.sh
+      . "$PARTS/completion/complete.sh"
+      completions "$@"
+      return ;;
     help|-h|--help) usage; return ;;
     --version) command='env'; set -- --version ;;
     *) [ -n "${PROGRAMS[$command]:-}" ] || fail "unknown command '$command'; there are: ${COMMANDS[*]}" ;;
