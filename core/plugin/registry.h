@@ -21,6 +21,7 @@ struct ParameterSpec {
   double minimum = 0;
   double maximum = 0;
   bool integer = false;
+  bool recommended = false;  ///< other plug-ins may recommend a value, which then replaces the default
 };
 
 /// Values of a plug-in's parameters, checked against its specs.

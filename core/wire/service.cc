@@ -7,12 +7,14 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <iostream>
+#include <set>
 
 #include "core/util/log_format.h"
 #include "core/util/machine.h"
@@ -86,6 +88,30 @@ std::string short_number(double value) {
   return text.str();
 }
 
+/// Returns "[DEFAULT; MINIMUM..MAXIMUM]".
+std::string range_of(const ParameterSpec& spec) {
+  return std::string("[") + (spec.recommended ? "what the agent recommends, see --show-config; else " : "") +
+         short_number(spec.default_value) + "; " + short_number(spec.minimum) + ".." + short_number(spec.maximum) + "]";
+}
+
+/// Returns whether the arguments name the option; CLI11 does not say where a value comes from.
+bool on_command_line(const CLI::Option& option, int argc, const char* const* argv) {
+  return std::any_of(argv + 1, argv + argc, [&option](std::string argument) {
+    argument = argument.substr(0, argument.find('='));
+    return argument.starts_with("--") && option.check_name(argument);
+  });
+}
+
+std::string value_of(const CLI::Option& option) {
+  if (option.count() == 0) {
+    if (option.get_items_expected_max() == 0) return "false";
+    const std::string value = option.get_default_str();
+    const bool list = value.starts_with('[') && value.ends_with(']');  // as CLI11 writes a vector
+    return list ? value.substr(1, value.size() - 2) : value;
+  }
+  return option.get_items_expected_max() <= 1 ? option.results().back() : CLI::detail::join(option.results(), ",");
+}
+
 }  // namespace
 
 OptionGroup::OptionGroup(CLI::App& app, const std::string& name)
@@ -137,7 +163,8 @@ void add_node_options(CLI::App& app, Node::Options& options) {
       ->envname("CITYLEARN_SECURITY");
   app.add_option_function<std::string>(
          "--log-level", [](const std::string& level) { spdlog::set_level(spdlog::level::from_str(level)); },
-         "Least severe messages that are logged; info unless given")
+         "Least severe messages that are logged")
+      ->default_str(spdlog::level::to_string_view(spdlog::get_level()).data())
       ->check(CLI::IsMember({"trace", "debug", "info", "warn", "error", "off"}));
   app.add_option_function<std::string>(
          "--log-format",
@@ -145,14 +172,14 @@ void add_node_options(CLI::App& app, Node::Options& options) {
            if (format == "json") spdlog::set_formatter(json_log_format(options.session, options.service));
          },
          "json: one object a line")
+      ->default_str("text")
       ->check(CLI::IsMember({"text", "json"}));
 }
 
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
                     std::map<std::string, double>& values) {
   for (const ParameterSpec& spec : specs) {
-    std::string help = spec.help + " [" + short_number(spec.default_value) + "; " + short_number(spec.minimum) + ".." +
-                       short_number(spec.maximum) + "]";
+    const std::string help = spec.help + " " + range_of(spec);
     app.add_option_function<double>(
            "--" + prefix + "-" + spec.name, [&values, name = spec.name](double value) { values[name] = value; }, help)
         ->check(CLI::Range(spec.minimum, spec.maximum))
@@ -166,11 +193,33 @@ std::string describe(const std::string& name, const std::string& help, const std
   std::string text = "  " + name + std::string(name.size() < 16 ? 16 - name.size() : 1, ' ') + help + "\n";
   for (const ParameterSpec& spec : specs) {
     const std::string option = "--" + prefix + "-" + spec.name;
-    text += "      " + option + std::string(option.size() < 34 ? 34 - option.size() : 1, ' ') + spec.help + " [" +
-            short_number(spec.default_value) + "; " + short_number(spec.minimum) + ".." + short_number(spec.maximum) +
-            "]\n";
+    text += "      " + option + std::string(option.size() < 34 ? 34 - option.size() : 1, ' ') + spec.help + " " +
+            range_of(spec) + "\n";
   }
   return text;
+}
+
+std::vector<OptionValue> option_values(const CLI::App& app, int argc, const char* const* argv) {
+  std::string file;
+  std::set<const CLI::Option*> in_file;
+  if (const CLI::Option* config = app.get_config_ptr(); config && config->count() > 0) {
+    file = config->results().back();
+    for (const CLI::ConfigItem& item : app.get_config_formatter()->from_file(file))
+      in_file.insert(app.get_option_no_throw("--" + item.fullname()));
+  }
+  std::vector<OptionValue> values;
+  for (const CLI::Option* option : app.get_options()) {
+    if (option == app.get_help_ptr() || option == app.get_version_ptr() || option == app.get_config_ptr()) continue;
+    std::string origin = "command line";
+    if (option->count() == 0)
+      origin = kDefaultOrigin;
+    else if (!on_command_line(*option, argc, argv) && in_file.contains(option))
+      origin = "file " + file;
+    else if (!on_command_line(*option, argc, argv) && !option->get_envname().empty())
+      origin = "environment " + option->get_envname();
+    values.push_back({option->get_name(), value_of(*option), origin});
+  }
+  return values;
 }
 
 int service_main(int argc, char** argv, const std::string& summary, const std::function<void(CLI::App&)>& setup,

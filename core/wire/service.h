@@ -44,6 +44,17 @@ void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<
 std::string describe(const std::string& name, const std::string& help, const std::vector<ParameterSpec>& specs,
                      const std::string& prefix);
 
+/// An option after the command line was parsed.
+struct OptionValue {
+  std::string name;    ///< "--domain"; a positional argument has no dashes
+  std::string value;   ///< as text; empty: it has none
+  std::string origin;  ///< "command line", "file FILE" (of --config), "environment NAME" or kDefaultOrigin
+};
+inline constexpr const char* kDefaultOrigin = "default";
+
+/// Returns all options of a parsed `app` but --help, --version and --config, in the order in which they were added.
+std::vector<OptionValue> option_values(const CLI::App& app, int argc, const char* const* argv);
+
 /// The body of every `main`: builds the command line with `setup`, parses it, runs `body` and returns its exit status.
 /// SIGTERM and SIGINT set stop_requested(). A wrong command line or an Error becomes one line on standard error and
 /// status 2 or 1. `summary` is the first line of --help.

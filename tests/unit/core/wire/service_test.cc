@@ -70,6 +70,55 @@ TEST(ServiceLog, JsonIsJsonWhateverItSays) {
   EXPECT_EQ(line["service"], "env_service");
 }
 
+/// Returns "VALUE, ORIGIN" by the name of each option of a service that was started so.
+std::map<std::string, std::string> options_of(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), "service");
+  std::vector<const char*> given;
+  for (const std::string& argument : arguments) given.push_back(argument.c_str());
+  CLI::App app;
+  app.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
+  app.set_config("--config");
+  Node::Options node;
+  bool flag = false;
+  std::vector<std::string> files;
+  app.add_flag("--flag", flag);
+  app.add_option("files", files);
+  add_node_options(app, node);
+  const int count = static_cast<int>(given.size());
+  app.parse(count, given.data());
+  std::map<std::string, std::string> found;
+  for (const OptionValue& option : option_values(app, count, given.data()))
+    found[option.name] = option.value + ", " + option.origin;
+  return found;
+}
+
+TEST(OptionValues, SayWhereTheyComeFrom) {
+  const Folder folder;
+  const std::string file = folder / "options.toml";
+  write_file(file, "domain = 3\npeers = [\"a\", \"b\"]\nsession = \"from-file\"\nflag = true\n");
+  ::setenv("CITYLEARN_DOMAIN", "4", 1);
+  ::setenv("CITYLEARN_MIDDLEWARE", "fastdds", 1);
+  auto options = options_of({"x", "--session", "one", "--config", file, "--session=two", "--interface", "lo,eth0"});
+  EXPECT_EQ(options["--session"], "two, command line") << "the last one";
+  EXPECT_EQ(options["--interface"], "lo,eth0, command line");
+  EXPECT_EQ(options["files"], "x, command line");
+  EXPECT_EQ(options["--domain"], "3, file " + file) << "goes before the environment";
+  EXPECT_EQ(options["--peers"], "a,b, file " + file);
+  EXPECT_EQ(options["--flag"], "true, file " + file);
+  EXPECT_EQ(options["--middleware"], "fastdds, environment CITYLEARN_MIDDLEWARE");
+  EXPECT_EQ(options["--log-format"], "text, default");
+  EXPECT_FALSE(options.contains("--help") || options.contains("--config"));
+  options = options_of({"--domain", "5"});
+  EXPECT_EQ(options["--domain"], "5, command line");
+  ::unsetenv("CITYLEARN_DOMAIN");
+  ::unsetenv("CITYLEARN_MIDDLEWARE");
+  options = options_of({});
+  EXPECT_EQ(options["--domain"], "0, default");
+  EXPECT_EQ(options["--interface"], "lo, default");
+  EXPECT_EQ(options["--flag"], "false, default");
+  EXPECT_EQ(options["--peers"], ", default");
+}
+
 /// What `ulimit` forbids ends in one line; without it the kernel or a DDS library would end the process without a word.
 TEST(ServiceLimits, EndWithOneLine) {
   const Folder folder;
