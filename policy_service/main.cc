@@ -11,9 +11,11 @@
 #include "policy_service/interchange/onnx_graph.h"
 #include "policy_service/learning/learner.h"
 #include "policy_service/learning/trainer.h"
+#include "policy_service/learning/trainer_parameters.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/records/comparison.h"
-#include "policy_service/records/config_text.h"
+#include "policy_service/records/configuration.h"
+#include "policy_service/records/demo_command.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/policy_service.h"
 #include "policy_service/run/sweep.h"
@@ -24,37 +26,26 @@ using namespace citylearn;
 
 constexpr int kMostFrames = 100000;
 
+std::vector<ParameterSpec> trainer_parameters() { return mark_recommended(Trainer::parameter_specs(), ""); }
+
 void print_list() {
-  std::cout << "Networks (--agent):\n";
+  std::cout
+      << "Networks (--agent), with the values of --LEARNER-X and --trainer-X that each recommends; relabel.X: for "
+         "relabel alone\n";
   for (const auto* entry : NetworkRegistry<float>::instance().entries())
-    std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
+    std::cout << describe(entry->name, entry->help, entry->parameters, entry->name)
+              << recommendation_text(entry->recommended);
   std::cout << "\nLearners (--learner):\n";
   for (const auto* entry : LearnerRegistry::instance().entries())
-    std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
+    std::cout << describe(entry->name, entry->help, mark_recommended(entry->parameters, entry->name), entry->name);
   std::cout << "\nTraining, whatever the learner:\n"
-            << describe("trainer", "collects what is learned from", Trainer::parameter_specs(), "trainer");
+            << describe("trainer", "collects what is learned from", trainer_parameters(), "trainer");
   std::cout << "\nControls (--controls, or --agent with --mode evaluate):\n";
   for (const auto* entry : ControlRegistry::instance().entries())
     std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
   std::cout << describe("shuffled", "the agent itself on shuffled frames (--controls only)", {}, "");
   std::cout << "\nMiddlewares (--middleware):\n";
   for (const auto& [name, help] : list_middlewares()) std::cout << describe(name, help, {}, "");
-}
-
-/// Returns what --show-config prints.
-std::string shown_config(const CLI::App& app, const std::vector<std::string>& arguments, const std::string& agent,
-                         const std::string& learner) {
-  const auto recommended = Trainer::recommended_parameters(agent, learner);
-  const PluginValues effective = {
-      {agent, recommended.at("network")}, {learner, recommended.at("learner")}, {"trainer", recommended.at("trainer")}};
-  PluginValues defaults;
-  const auto add = [&](const std::string& plugin, const std::vector<ParameterSpec>& specs) {
-    for (const ParameterSpec& spec : specs) defaults[plugin][spec.name] = spec.default_value;
-  };
-  add(agent, NetworkRegistry<float>::instance().find("agent", agent).parameters);
-  add(learner, LearnerRegistry::instance().find("learner", learner).parameters);
-  add("trainer", Trainer::parameter_specs());
-  return config_text(app, arguments, effective, defaults, agent);
 }
 
 /// Returns a check for `least` or more, 0 or 1. CLI11's own one names a range that ends with 309 digits.
@@ -78,7 +69,8 @@ int main(int argc, char** argv) {
   options.node.id = id;
   std::map<std::string, std::map<std::string, double>> plugins;  // given parameters, by plug-in
   bool list = false, agents = false, show_config = false;
-  CLI::App* parsed = nullptr;
+  std::string demo;  // folder of a demo
+  const CLI::App* parsed = nullptr;
   std::vector<std::uint64_t> seeds;  // of a sweep
   std::vector<std::string> runs;     // of a table
 
@@ -87,9 +79,13 @@ int main(int argc, char** argv) {
     add_plugin_option(app, argc, argv);
     app.add_flag("--list", list, "Print networks, learners, controls and middlewares with their parameters, and exit");
     app.add_flag("--show-config", show_config,
-                 "Print the value of each option and where it comes from, also what --agent recommends instead of a "
-                 "default, and exit");
+                 "Print the value of each option that takes effect and where it comes from, and exit");
     app.add_flag("--recommended-agents", agents, "Print the number of agents that --agent trains best with, and exit");
+    // How the command `demo` keeps its own words in manifest.json, and `again` finds them.
+    app.add_option_function<std::string>("--demo-command",
+                                         [&](const std::string& file) { options.demo_command = read_words(file); })
+        ->group("");
+    app.add_option("--print-demo-command", demo)->group("");
     app.add_option("--mode", options.mode,
                    "train (and evaluate at the end); evaluate; export --checkpoint to --output FILE.onnx (opset " +
                        std::to_string(OnnxGraph::kOpset) +
@@ -152,8 +148,8 @@ int main(int argc, char** argv) {
         ->default_str("summer")
         ->delimiter(',')
         ->transform(name_from);
-    app.add_option("--evaluate", options.evaluate,
-                   "Traversals to evaluate on, A,B,...; all that are found unless given")
+    app.add_option("--evaluate", options.evaluate, "Traversals to evaluate on, A,B,...")
+        ->default_str("all that are found")
         ->delimiter(',')
         ->transform(name_from);
     app.add_option_function<std::string>(
@@ -230,7 +226,8 @@ int main(int argc, char** argv) {
         ->check(at_least(1));
 
     app.option_defaults()->group("Length");
-    app.add_option("--steps", options.steps, "Environment steps to learn from; 0 = as recommended for the agent")
+    app.add_option("--steps", options.steps,
+                   "Environment steps to learn from; 0: what the agent recommends, see --show-config")
         ->capture_default_str();
     app.add_option("--time-limit", options.time_limit,
                    "End training after so many seconds; schedules such as the learning rate finish by then; 0 = never")
@@ -261,10 +258,10 @@ int main(int argc, char** argv) {
     for (const auto* entry : NetworkRegistry<float>::instance().entries())
       add_parameters(app, entry->name, entry->parameters, plugins[entry->name]);
     for (const auto* entry : LearnerRegistry::instance().entries())
-      add_parameters(app, entry->name, entry->parameters, plugins[entry->name]);
+      add_parameters(app, entry->name, mark_recommended(entry->parameters, entry->name), plugins[entry->name]);
     for (const auto* entry : ControlRegistry::instance().entries())
       add_parameters(app, entry->name, entry->parameters, plugins[entry->name]);
-    add_parameters(app, "trainer", Trainer::parameter_specs(), plugins["trainer"]);
+    add_parameters(app, "trainer", trainer_parameters(), plugins["trainer"]);
   };
 
   const auto body = [&] {
@@ -272,8 +269,8 @@ int main(int argc, char** argv) {
       print_list();
       return 0;
     }
-    if (show_config) {
-      std::cout << shown_config(*parsed, {argv + 1, argv + argc}, options.agent, options.learner);
+    if (!demo.empty()) {
+      for (const std::string& word : demo_command_of(demo)) std::cout << word << '\0';
       return 0;
     }
     if (!runs.empty() && options.mode != "table") throw Error("is for --mode table alone", runs.front());
@@ -294,6 +291,12 @@ int main(int argc, char** argv) {
     options.trainer_parameters = plugins["trainer"];
     options.control_parameters = plugins;
     if (options.role == "actor" && options.node.id == id) options.node.id.clear();  // one of its own
+    options.configuration = option_values(*parsed, argc, argv);
+    options.command.assign(argv, argv + argc);
+    if (show_config) {
+      std::cout << configuration_text(checked_options(options).configuration);
+      return 0;
+    }
     return seeds.empty() ? run_policy_service(options) : run_sweep(options, seeds);
   };
   return service_main(argc, argv, "Trains and evaluates navigation agents on the env_services of its run.", setup,

@@ -103,12 +103,7 @@ bool on_command_line(const CLI::Option& option, int argc, const char* const* arg
 }
 
 std::string value_of(const CLI::Option& option) {
-  if (option.count() == 0) {
-    if (option.get_items_expected_max() == 0) return "false";
-    const std::string value = option.get_default_str();
-    const bool list = value.starts_with('[') && value.ends_with(']');  // as CLI11 writes a vector
-    return list ? value.substr(1, value.size() - 2) : value;
-  }
+  if (option.count() == 0) return option.get_items_expected_max() == 0 ? "false" : default_text(option);
   return option.get_items_expected_max() <= 1 ? option.results().back() : CLI::detail::join(option.results(), ",");
 }
 
@@ -209,7 +204,9 @@ std::vector<OptionValue> option_values(const CLI::App& app, int argc, const char
   }
   std::vector<OptionValue> values;
   for (const CLI::Option* option : app.get_options()) {
-    if (option == app.get_help_ptr() || option == app.get_version_ptr() || option == app.get_config_ptr()) continue;
+    if (option == app.get_help_ptr() || option == app.get_help_all_ptr() || option == app.get_version_ptr() ||
+        option == app.get_config_ptr() || option->get_name().empty())  // hidden from --help
+      continue;
     std::string origin = "command line";
     if (option->count() == 0)
       origin = kDefaultOrigin;

@@ -52,7 +52,8 @@ struct OptionValue {
 };
 inline constexpr const char* kDefaultOrigin = "default";
 
-/// Returns all options of a parsed `app` but --help, --version and --config, in the order in which they were added.
+/// Returns all options of a parsed `app` but --help, --help-all, --version, --config and hidden ones, in the order in
+/// which they were added.
 std::vector<OptionValue> option_values(const CLI::App& app, int argc, const char* const* argv);
 
 /// The body of every `main`: builds the command line with `setup`, parses it, runs `body` and returns its exit status.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
+#include "policy_service/learning/trainer_parameters.h"
 
-#include "policy_service/learning/trainer_state.h"
+#include <algorithm>
 
 namespace citylearn {
 namespace {
@@ -41,13 +41,23 @@ TrainerParameters::TrainerParameters(const TrainerOptions& options)
     if (std::any_of(specs.begin(), specs.end(), is_name))
       for_trainer[name] = value;
     else if (std::any_of(learner_entry->parameters.begin(), learner_entry->parameters.end(), is_name))
-      for_learner[name] = value;  // another learner may not know it
+      for_learner[name] = value;
+    else
+      continue;  // another learner may know it
+    recommended.insert(name);
   }
   for (const auto& [name, value] : options.learner_parameters) for_learner[name] = value;
   for (const auto& [name, value] : options.trainer_parameters) for_trainer[name] = value;
   network = {"network " + options.agent, network_entry->parameters, options.network_parameters};
   learner = {"learner " + options.learner, learner_entry->parameters, for_learner};
   trainer = {"trainer", specs, for_trainer};
+}
+
+std::vector<ParameterSpec> mark_recommended(std::vector<ParameterSpec> specs, const std::string& learner) {
+  for (ParameterSpec& spec : specs)
+    for (const auto* network : NetworkRegistry<float>::instance().entries())
+      spec.recommended |= recommended_for(learner, network->recommended).contains(spec.name);
+  return specs;
 }
 
 std::map<std::string, std::map<std::string, double>> TrainerParameters::values() const {

@@ -9,23 +9,11 @@
 #include <vector>
 
 #include "policy_service/learning/trainer.h"
+#include "policy_service/learning/trainer_parameters.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/collector.h"
 
 namespace citylearn {
-
-/// The plug-ins that a trainer uses, and all parameters in effect: those given, over what the network recommends, over
-/// defaults. Throws Error naming an unknown plug-in or parameter.
-struct TrainerParameters {
-  TrainerParameters() = default;
-  explicit TrainerParameters(const TrainerOptions& options);
-  /// Returns them by "network", "learner" and "trainer".
-  std::map<std::string, std::map<std::string, double>> values() const;
-
-  const NetworkRegistry<float>::Entry* network_entry = nullptr;
-  const LearnerRegistry::Entry* learner_entry = nullptr;
-  Parameters network, learner, trainer;
-};
 
 /// A stretch of the curriculum.
 struct Lesson {

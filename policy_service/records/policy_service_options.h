@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "core/wire/node.h"
+#include "core/wire/service.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/learning/trainer.h"
 
@@ -63,6 +64,12 @@ struct PolicyServiceOptions : TrainerOptions {
 
   /// Folder for summary.json, metrics.csv, episodes.csv, manifest.json, checkpoints/, tensorboard/.
   std::string output;
+
+  /// What the command line says, option_values(). checked_options() makes it effective_configuration(), for
+  /// manifest.json.
+  std::vector<OptionValue> configuration;
+  std::vector<std::string> command;       ///< the words of the whole command line, for manifest.json
+  std::vector<std::string> demo_command;  ///< the arguments of the command `demo` if it started this, likewise
 };
 
 }  // namespace citylearn

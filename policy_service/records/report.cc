@@ -4,6 +4,7 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <Eigen/Core>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "core/plugin/plugins.h"
@@ -121,6 +122,14 @@ std::string manifest_json(const PolicyServiceOptions& options,
       {"parameters", agent},
       {"traversals", data},
   };
+  Json origins = Json::object();
+  for (const OptionValue& option : options.configuration)
+    if (option.origin != kDefaultOrigin)
+      origins[option.name.substr(option.name.find_first_not_of('-'))] = option.origin;
+  manifest["origins"] = origins;
+  std::error_code none;
+  manifest["command"] = {{"words", options.command}, {"folder", std::filesystem::current_path(none).string()}};
+  if (!options.demo_command.empty()) manifest["demo"] = options.demo_command;
   if (!options.rendezvous.empty()) {
     manifest["rank"] = options.rank;
     manifest["ranks"] = options.ranks;

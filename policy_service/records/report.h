@@ -35,6 +35,7 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
 
 /// Returns the text of manifest.json: everything needed to repeat the run. `agent` holds the effective parameters of
 /// network, learner and trainer; `traversals` what the env_services announced, by name; `job` the run_id of RunInfo.
+/// "origins" says where each option comes from that does not have its default, "command" how the program was started.
 std::string manifest_json(const PolicyServiceOptions& options,
                           const std::map<std::string, std::map<std::string, double>>& agent,
                           const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,

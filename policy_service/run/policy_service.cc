@@ -14,6 +14,7 @@
 #include "policy_service/distributed/actor.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/ranks/launcher.h"
+#include "policy_service/records/configuration.h"
 #include "policy_service/records/verdict.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/training_run.h"
@@ -117,6 +118,7 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
   } else if (options.checkpoint.empty()) {
     ControlRegistry::instance().find("control", options.agent);
   }
+  if (!options.configuration.empty()) options.configuration = effective_configuration(options, options.configuration);
   return options;
 }
 

@@ -95,6 +95,8 @@ int run_sweep(const PolicyServiceOptions& given, const std::vector<std::uint64_t
   const auto of_seed = [&options](std::uint64_t seed) {
     PolicyServiceOptions one = options;
     one.seed = seed;
+    for (OptionValue& option : one.configuration)
+      if (option.name == "--seed") option.origin = "option --seeds";
     one.output = options.output + "/seed-" + std::to_string(seed);
     return one;
   };

@@ -53,9 +53,31 @@ class Installation(CommandLine):
         self.assertIn("citylearn dashboard", said)
         self.assertNotIn("./run", said)
         self.assertIn("summer", json.loads((self.folder / "first run/summary.json").read_text())["evaluate"])
+        manifest = json.loads((self.folder / "first run/manifest.json").read_text())
+        self.assertEqual(manifest["demo"][:2], ["--frames", "0:40"])
+        self.assertIn("--session", manifest["command"]["words"])
+        self.assertEqual(manifest["origins"]["steps"], "command line")
+        self.assertEqual(manifest["origins"]["ppo-learning-rate"], "recommended by place_filter")
         said = self.run_command("citylearn", "again", "first run", "--seed", "2")
         self.assertIn("citylearn demo --frames 0:40", said)
         self.assertEqual(len(list(self.folder.glob("runs/*/summary.json"))), 1)
+        self.assertIn("'nowhere': is no folder of a demo's run", self.run_command("citylearn", "again", "nowhere", status=1))
+
+    def test_a_demo_is_repeated_from_another_folder(self):
+        data = self.folder / "my drives"
+        data.mkdir()
+        for name in ("there", "back"):
+            (data / f"{name}.csv").write_text("".join(f"{i % 7},{i * i % 11},{i}\n" for i in range(24)))
+        self.run_command("citylearn", "demo", "--data", "my drives", "--train", "there", "--steps", "512", "--tasks", "4", "--output",
+                         "first", "--no-wait", "--no-dashboard")
+        elsewhere = self.folder / "elsewhere"
+        elsewhere.mkdir()
+        self.folder = elsewhere
+        said = self.run_command("citylearn", "again", "../first", "--seed", "2")
+        self.assertIn(str(data).replace(" ", "\\ "), said)
+        (again,) = elsewhere.glob("runs/*/manifest.json")
+        manifest = json.loads(again.read_text())
+        self.assertEqual((manifest["seed"], manifest["demo"][:2]), (2, ["--data", str(data)]))
 
     def test_a_program_that_is_not_installed_is_named(self):
         copy = self.folder / "bin"

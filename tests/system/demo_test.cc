@@ -171,7 +171,7 @@ TEST(Demo, IsRepeatedWithOtherOptions) {
   EXPECT_TRUE(contains(again, "seed 2")) << again;
   EXPECT_TRUE(contains(again, "./run demo --output ")) << again;
   EXPECT_TRUE(contains(again, "Next:")) << again;
-  EXPECT_TRUE(contains(demo.run("again nowhere"), "'nowhere' is no folder of a demo's run"));
+  EXPECT_TRUE(contains(demo.run("again nowhere"), "'nowhere': is no folder of a demo's run"));
 }
 
 TEST(Demo, NamesAServiceThatEndsEarlyAndItsLog) {

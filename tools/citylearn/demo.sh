@@ -100,13 +100,30 @@ demo, are added to its own. Its results go to a new folder."
     return
   fi
   [ -n "$folder" ] || fail "again: name the folder of a demo's run, as $COMMAND again runs/20260101-120000"
-  [ -r "$folder/command" ] || fail "again: '$folder' is no folder of a demo's run (there is no $folder/command)"
   shift
-  local before=()
-  mapfile -d '' -t before <"$folder/command"
+  prepare policy
+  local before=() words; words=$(mktemp)
+  "$(program policy)" --print-demo-command "$folder" >"$words" || { rm -f "$words"; exit 1; }
+  mapfile -d '' -t before <"$words"
+  rm -f "$words"
   set -- "${before[@]}" --output= "$@"
   say "$COMMAND demo $(printf '%q ' "$@")"
   demo "$@"
+}
+
+# Prints the demo's words $@ for manifest.json, each with a null byte behind it: `again` repeats them, in any folder.
+repeatable() {
+  local word is_path=no
+  [ $# -gt 0 ] || set -- --output=   # which is the default
+  for word; do
+    [ $is_path = no ] || word=$(realpath -ms "$word")
+    is_path=no
+    case $word in
+      --data|--model|--head|--initial) is_path=yes ;;
+      --data=*|--model=*|--head=*|--initial=*) word=${word%%=*}=$(realpath -ms "${word#*=}") ;;
+    esac
+    printf '%s\0' "$word"
+  done
 }
 
 # Says what one may do next. On a terminal the page stays up until a key is pressed, unless $1 is no.
@@ -232,8 +249,6 @@ demo() {
   local run; run=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
   local domain=${CITYLEARN_DOMAIN:-$((1 + $$ % 200))} traversal
   local wire=(--session "$run" --domain "$domain" --middleware "$middleware")
-  # Options that `again` repeats, each with a null byte behind it.
-  [ ${#asked[@]} -eq 0 ] && : >"$output/command" || printf '%s\0' "${asked[@]}" >"$output/command"
   mkdir -p "$RUNS"
   printf '%s %s %s\n' "$domain" "$middleware" "$run" >"$RUNS/.demo-$$"
   say "$NAME: domain $domain, session $run; $COMMAND doctor and $COMMAND record find it"
@@ -258,7 +273,7 @@ demo() {
   done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
   [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" --reference "$route" "${encoding[@]}"
   "$policy" "${wire[@]}" --mode train --train "$train" --evaluate "$evaluate" --frames "0:$count" --controls all --wait 60 \
-    --output "$output" "${pass[@]}" &
+    --output "$output" "${pass[@]}" --demo-command <(repeatable "${asked[@]}") &
   running[policy_service]=$!
 
   # The run ends with its policy_service. A service that ends before it has said why in its log. (bash's `wait -n` misses a
