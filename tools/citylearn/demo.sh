@@ -111,16 +111,21 @@ demo, are added to its own. Its results go to a new folder."
   demo "$@"
 }
 
+absolute_list() { tr , '\n' <<<"$1" | xargs -d '\n' realpath -ms | paste -sd ,; }
+
 # Prints the demo's words $@ for manifest.json, each with a null byte behind it: `again` repeats them, in any folder.
 repeatable() {
-  local word is_path=no
+  local word option=''
   [ $# -gt 0 ] || set -- --output=   # which is the default
   for word; do
-    [ $is_path = no ] || word=$(realpath -ms "$word")
-    is_path=no
+    case $option in
+      --data|--model|--head|--initial) word=$(realpath -ms "$word") ;;
+      --plugin) word=$(absolute_list "$word") ;;
+    esac
+    option=$word
     case $word in
-      --data|--model|--head|--initial) is_path=yes ;;
       --data=*|--model=*|--head=*|--initial=*) word=${word%%=*}=$(realpath -ms "${word#*=}") ;;
+      --plugin=*) word=--plugin=$(absolute_list "${word#*=}") ;;
     esac
     printf '%s\0' "$word"
   done
