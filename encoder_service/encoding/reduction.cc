@@ -157,6 +157,7 @@ MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
   if (descriptors.rows() != mean_.size())
     throw Error("descriptors of " + std::to_string(descriptors.rows()) + " numbers, the reduction was learned on " +
                 std::to_string(mean_.size()));
+  if (options_.keeps_all()) return descriptors;
   MatrixXf centred;
   if (options_.centring == Centring::kRunning) {
     centred.resize(descriptors.rows(), descriptors.cols());

@@ -23,8 +23,11 @@ std::string name_of(Centring centring);
 
 struct ReductionOptions {
   Centring centring = Centring::kRunning;
-  int dimension = 64;      ///< d after PCA; 0 = no PCA: centred and scaled to length 1 only
+  int dimension = 64;      ///< d after PCA; 0 = no PCA: centred and scaled to length 1 only; without centring as it is
   double whitening = 0.2;  ///< exponent e of the eigenvalues: components are divided by eigenvalue^e; 0 none, 0.5 full
+
+  /// Returns whether descriptors stay as they are: what networks see that learn their own features from pixels.
+  bool keeps_all() const { return centring == Centring::kNone && dimension == 0; }
 };
 
 /// Centring, PCA with (partial) whitening learned on a reference traversal, and length 1: from an encoder's descriptors
@@ -45,7 +48,7 @@ class Reduction {
   }
 
   /// Turns D x n descriptors of a traversal's first frames, in order, into d x n features of length 1 (a descriptor
-  /// equal to the mean becomes zeros). With kOwn it needs the whole traversal.
+  /// equal to the mean becomes zeros), unless options().keeps_all(). With kOwn it needs the whole traversal.
   Eigen::MatrixXf apply(const Eigen::Ref<const Eigen::MatrixXf>& descriptors) const;
 
   int input_dimension() const { return static_cast<int>(mean_.size()); }

@@ -37,6 +37,7 @@ OnnxValue counted(const OnnxValue& sums, const OnnxValue& numbers) {
 
 OnnxValue append_reduction(const OnnxValue& descriptor, const Reduction& reduction) {
   require_exportable(reduction.options().centring);
+  if (reduction.options().keeps_all()) return descriptor;
   OnnxGraph& graph = *descriptor.graph;
   const std::int64_t width = reduction.input_dimension();
   const Matrix<float> mean = reduction.mean();

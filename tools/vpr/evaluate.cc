@@ -196,10 +196,8 @@ class Evaluation {
           continue;
         }
         const Clock::time_point start = Clock::now();
-        // Neither a mean nor a PCA: the descriptors as they are, lengths and all.
-        const bool raw = centring == "none" && dimension == 0;
         std::vector<Reduction> reductions(parts.size());
-        for (std::size_t i = 0; i < parts.size() && !raw; ++i)
+        for (std::size_t i = 0; i < parts.size(); ++i)
           reductions[i] = Reduction::learn(
               parts[i].reference.matrix,
               {.centring = centring_of(centring), .dimension = dimension, .whitening = options_.whitening});
@@ -207,7 +205,7 @@ class Evaluation {
           Eigen::MatrixXf all;
           for (std::size_t i = 0; i < parts.size(); ++i) {
             const Eigen::MatrixXf& descriptors = descriptors_of(parts[i]).matrix;
-            Eigen::MatrixXf features = raw ? descriptors : reductions[i].apply(descriptors);
+            Eigen::MatrixXf features = reductions[i].apply(descriptors);
             if (parts.size() == 1) return features;
             for (auto column : features.colwise()) column.normalize();
             all.conservativeResize(all.rows() + features.rows(), features.cols());

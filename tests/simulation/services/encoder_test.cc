@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -51,6 +52,21 @@ TEST(Encoding, AnotherEncoderInTheSameRunIsAMistake) {
       ASSERT_EQ(other->wait(kSoon), 1) << other->output();
       EXPECT_TRUE(contains(other->output(), "'hog' already encodes with")) << other->output();
     }
+}
+
+TEST(Encoding, PixelsReachThePolicyServiceAsTheyAre) {
+  Trial run("simulated");
+  EncodingWatch watch(run.middleware());
+  const auto encoder = run.encoder({"--encoder", "raw84", "--dimension", "0", "--centring", "none"});
+  const auto summer = run.env("summer", {"--dataset", "synthetic", "--frames", "0:16"});
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kSoon)) << encoder->output();
+  const std::vector<float> pixels = watch.features("summer", "encoder", kSoon);
+  ASSERT_EQ(pixels.size(), 16u * 84 * 84 * 3) << encoder->output();
+  const auto [least, most] = std::minmax_element(pixels.begin(), pixels.end());
+  EXPECT_GE(*least, 0);
+  EXPECT_LT(*least, 0.1f);
+  EXPECT_LE(*most, 1);
+  EXPECT_GT(*most, 0.9f) << "scaled to length 1 they would be less than 0.1";
 }
 
 /// The folder of an encoder_service of its own, or none.
