@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "core/plugin/plugins.h"
+#include "core/util/machine.h"
 #include "core/util/name.h"
 #include "core/wire/range_option.h"
 #include "core/wire/service.h"
@@ -292,7 +293,8 @@ int main(int argc, char** argv) {
     options.control_parameters = plugins;
     if (options.role == "actor" && options.node.id == id) options.node.id.clear();  // one of its own
     options.configuration = option_values(*parsed, argc, argv);
-    options.command.assign(argv, argv + argc);
+    // The folders of a simulated machine have other names in each run, which must be the same to the last byte.
+    if (!Machine::simulated()) options.command.assign(argv, argv + argc);
     if (show_config) {
       std::cout << configuration_text(checked_options(options).configuration);
       return 0;

@@ -128,7 +128,8 @@ std::string manifest_json(const PolicyServiceOptions& options,
       origins[option.name.substr(option.name.find_first_not_of('-'))] = option.origin;
   manifest["origins"] = origins;
   std::error_code none;
-  manifest["command"] = {{"words", options.command}, {"folder", std::filesystem::current_path(none).string()}};
+  if (!options.command.empty())
+    manifest["command"] = {{"words", options.command}, {"folder", std::filesystem::current_path(none).string()}};
   if (!options.demo_command.empty()) manifest["demo"] = options.demo_command;
   if (!options.rendezvous.empty()) {
     manifest["rank"] = options.rank;

@@ -2,8 +2,10 @@
 #include "policy_service/records/run_records.h"
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 
 #include "core/files/files.h"
+#include "core/files/json.h"
 #include "policy_service/records/report.h"
 
 namespace citylearn {
@@ -46,8 +48,11 @@ std::string RunRecords::manifest(const Parameters& parameters) const {
 }
 
 void RunRecords::announce(const std::string& learner, std::uint64_t updates, const Parameters& parameters) {
+  // Paths are of this host alone; without them equal runs announce the same, wherever they write.
+  auto announced = parse_json<nlohmann::json>(manifest(parameters), "the manifest");
+  for (const char* name : {"command", "demo"}) announced.erase(name);
   announcer_ = std::make_unique<RunAnnouncer>(
-      node_, RunAnnouncer::Run{options_.agent, learner, options_.seed, run_id_, updates, manifest(parameters)});
+      node_, RunAnnouncer::Run{options_.agent, learner, options_.seed, run_id_, updates, announced.dump(2) + "\n"});
 }
 
 void RunRecords::add(msg::TrainingStat& stat) {
