@@ -69,10 +69,10 @@ std::string summary_json(const PolicyServiceOptions& options, const TrainingRepo
   return summary.dump(2) + "\n";
 }
 
-std::string manifest_json(const PolicyServiceOptions& options,
-                          const std::map<std::string, std::map<std::string, double>>& agent,
-                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,
-                          std::uint64_t job) {
+Json manifest_json(const PolicyServiceOptions& options,
+                   const std::map<std::string, std::map<std::string, double>>& agent,
+                   const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,
+                   std::uint64_t job) {
   std::string vendor;
   for (const auto& [name, help] : list_middlewares())
     if (name == middleware) vendor = help;
@@ -137,7 +137,7 @@ std::string manifest_json(const PolicyServiceOptions& options,
     manifest["sync"] = options.sync;
     manifest["ranks_before"] = options.ranks_before;
   }
-  return manifest.dump(2) + "\n";
+  return manifest;
 }
 
 }  // namespace citylearn

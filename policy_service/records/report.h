@@ -2,6 +2,7 @@
 #pragma once
 
 #include <map>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -33,12 +34,12 @@ struct TrainingReport {
 std::string summary_json(const PolicyServiceOptions& options, const TrainingReport* training,
                          const std::vector<ScoreRow>& rows);
 
-/// Returns the text of manifest.json: everything needed to repeat the run. `agent` holds the effective parameters of
+/// Returns what manifest.json says: everything needed to repeat the run. `agent` holds the effective parameters of
 /// network, learner and trainer; `traversals` what the env_services announced, by name; `job` the run_id of RunInfo.
 /// "origins" says where each option comes from that does not have its default, "command" how the program was started.
-std::string manifest_json(const PolicyServiceOptions& options,
-                          const std::map<std::string, std::map<std::string, double>>& agent,
-                          const std::map<std::string, msg::TraversalInfo>& traversals, const std::string& middleware,
-                          std::uint64_t job);
+nlohmann::ordered_json manifest_json(const PolicyServiceOptions& options,
+                                     const std::map<std::string, std::map<std::string, double>>& agent,
+                                     const std::map<std::string, msg::TraversalInfo>& traversals,
+                                     const std::string& middleware, std::uint64_t job);
 
 }  // namespace citylearn

@@ -5,7 +5,6 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files/files.h"
-#include "core/files/json.h"
 #include "policy_service/records/report.h"
 
 namespace citylearn {
@@ -13,6 +12,8 @@ namespace {
 
 constexpr std::chrono::milliseconds kAcknowledgements{100};  // between two, so that many rows go to the disk at once
 constexpr int kShareOfDisk = 20;                             // times as long as the disk took, at least
+
+std::string text_of(const nlohmann::ordered_json& manifest) { return manifest.dump(2) + "\n"; }
 
 }  // namespace
 
@@ -37,10 +38,10 @@ void RunRecords::open_training_logs(std::uint64_t updates, std::uint64_t steps, 
   best_.emplace(checkpoint_folder());
   metrics_ = std::make_unique<MetricsLog>(options_.output + "/metrics.csv", updates);
   events_ = std::make_unique<EventLog>(options_.output + "/tensorboard", steps);
-  write_file(options_.output + "/manifest.json", manifest(parameters));
+  write_file(options_.output + "/manifest.json", text_of(manifest(parameters)));
 }
 
-std::string RunRecords::manifest(const Parameters& parameters) const {
+nlohmann::ordered_json RunRecords::manifest(const Parameters& parameters) const {
   std::map<std::string, msg::TraversalInfo> traversals;
   for (const auto& [id, env] : client_.envs())
     if (env->refusal.empty()) traversals[env->traversal()] = env->info;
@@ -49,10 +50,10 @@ std::string RunRecords::manifest(const Parameters& parameters) const {
 
 void RunRecords::announce(const std::string& learner, std::uint64_t updates, const Parameters& parameters) {
   // Paths are of this host alone; without them equal runs announce the same, wherever they write.
-  auto announced = parse_json<nlohmann::json>(manifest(parameters), "the manifest");
+  nlohmann::ordered_json announced = manifest(parameters);
   for (const char* name : {"command", "demo"}) announced.erase(name);
   announcer_ = std::make_unique<RunAnnouncer>(
-      node_, RunAnnouncer::Run{options_.agent, learner, options_.seed, run_id_, updates, announced.dump(2) + "\n"});
+      node_, RunAnnouncer::Run{options_.agent, learner, options_.seed, run_id_, updates, text_of(announced)});
 }
 
 void RunRecords::add(msg::TrainingStat& stat) {

@@ -67,7 +67,7 @@ class RunRecords {
   void end();
 
  private:
-  std::string manifest(const Parameters& parameters) const;
+  nlohmann::ordered_json manifest(const Parameters& parameters) const;
   void write_pending_checkpoints();
   void report_problems();
 

@@ -33,7 +33,7 @@ void require_same_run(const std::string& folder, const PolicyServiceOptions& opt
   const std::string path = folder + "/manifest.json";
   const auto found = parse_json_or_null<Json>(read_file(path));
   if (!found.is_object()) throw Error("is not JSON", path, "choose another --output or leave --resume out");
-  const auto wanted = parse_json<Json>(manifest_json(options, {}, {}, "", 0), "the manifest");
+  const auto wanted = manifest_json(options, {}, {}, "", 0);
   const auto refuse = [&path](const std::string& what, const Json& was, const Json& is) {
     throw Error(what + " was " + was.dump() + ", is " + is.dump(), path,
                 "choose another --output or leave --resume out");

@@ -93,7 +93,7 @@ TEST(Configuration, IsInTheManifest) {
   PolicyServiceOptions options;
   options.learner_parameters = {{"epochs", 7}};
   options.configuration = kParsed;
-  const Json origins = Json::parse(manifest_json(checked_options(options), {}, {}, "", 1))["origins"];
+  const Json origins = manifest_json(checked_options(options), {}, {}, "", 1)["origins"];
   EXPECT_EQ(origins["ppo-epochs"], "file a.toml");
   EXPECT_EQ(origins["steps"], "recommended by place_filter");
   EXPECT_FALSE(origins.contains("agent")) << "it is the default";
@@ -106,11 +106,11 @@ TEST(Configuration, ManifestHasTheWholeCommandAndThatOfADemo) {
   make_file(folder / "words", std::string("--data\0/a b\0--flag=\0", 20));
   options.demo_command = read_words(folder / "words");
   EXPECT_EQ(options.demo_command, (std::vector<std::string>{"--data", "/a b", "--flag="}));
-  const std::string text = manifest_json(checked_options(options), {}, {}, "", 1);
-  EXPECT_EQ(Json::parse(text)["command"]["words"], Json(options.command));
-  EXPECT_EQ(Json::parse(text)["command"]["folder"], std::filesystem::current_path().string());
+  const Json manifest = manifest_json(checked_options(options), {}, {}, "", 1);
+  EXPECT_EQ(manifest["command"]["words"], Json(options.command));
+  EXPECT_EQ(manifest["command"]["folder"], std::filesystem::current_path().string());
   EXPECT_THROW(demo_command_of(folder.path()), Error) << "no manifest";
-  make_file(folder / "seed-3/manifest.json", text);
+  make_file(folder / "seed-3/manifest.json", manifest.dump());
   EXPECT_EQ(demo_command_of(folder.path()), options.demo_command) << "of one of its seeds";
   for (const char* bad : {"{", "[]", "{}", R"({"demo": 1})", R"({"demo": ["a", 1]})"}) {
     make_file(folder / "manifest.json", bad);

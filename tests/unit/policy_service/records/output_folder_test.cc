@@ -110,7 +110,7 @@ TEST_F(OutputFolderTest, AResumedRunKeepsItsIdAndACopyGetsItsOwn) {
   const std::uint64_t first = run_id_for(options_);
   options_.resume = true;
   EXPECT_GE(run_id_for(options_), first) << "there is no manifest";
-  make_file(path("manifest.json"), manifest_json(options_, {}, {}, "", first));
+  make_file(path("manifest.json"), manifest_json(options_, {}, {}, "", first).dump());
   EXPECT_EQ(run_id_for(options_), first);
   options_.node.id = "another";
   EXPECT_NE(run_id_for(options_), first);
@@ -120,7 +120,7 @@ TEST_F(OutputFolderTest, AResumedRunKeepsItsIdAndACopyGetsItsOwn) {
   std::filesystem::copy(original, options_.output, std::filesystem::copy_options::recursive);
   const std::uint64_t second = run_id_for(options_);
   EXPECT_NE(second, first);
-  make_file(path("manifest.json"), manifest_json(options_, {}, {}, "", second));
+  make_file(path("manifest.json"), manifest_json(options_, {}, {}, "", second).dump());
   EXPECT_EQ(run_id_for(options_), second) << "once it has written its own";
   std::filesystem::remove_all(original);
   std::filesystem::rename(options_.output, original);
