@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <nlohmann/json.hpp>
 #include <regex>
 #include <sstream>
 #include <vector>
@@ -89,6 +90,16 @@ double Tutorial::promised(const std::string& said) const {
   if (std::regex_search(page_, number, std::regex(words + "([0-9.]*[0-9])"))) return std::stod(number[1]);
   ADD_FAILURE() << "the page does not promise: " << said;
   return 0;
+}
+
+nlohmann::json Tutorial::expect_promised_spl(const std::string& trained, const std::string& other,
+                                             const std::string& other_said) const {
+  auto summary = nlohmann::json::parse(contents(workplace_ + "/runs/first/summary.json"));
+  const double least = promised(other_said);
+  EXPECT_GE(summary["evaluate"][trained]["spl"].get<double>(), promised("an SPL of"));
+  EXPECT_GE(summary["evaluate"][other]["spl"].get<double>(), least);
+  EXPECT_LT(summary["controls"]["blind"][other]["spl"].get<double>(), least - 0.02);
+  return summary;
 }
 
 void Tutorial::expect_home(const std::string& file, const std::string& folder, const std::string& neighbour,

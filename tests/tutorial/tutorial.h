@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
 #include <string>
 
 #include "tests/support/files.h"
@@ -20,6 +21,10 @@ class Tutorial : public ::testing::Test {
   /// Returns the number of which the page says "SAID at least NUMBER", whatever its line breaks; fails when it does
   /// not.
   double promised(const std::string& said) const;
+  /// Expects the SPL that the page promises in the summary.json of runs/first: on the traversal `trained` ("an SPL of")
+  /// and on `other` (`other_said`), where the blind control has less. Returns the summary.
+  nlohmann::json expect_promised_spl(const std::string& trained, const std::string& other,
+                                     const std::string& other_said) const;
   /// Expects that the page's last step copies `file` into `folder`, that this is where plug-ins such as `neighbour`
   /// are, and that `cmake` (a CMakeLists.txt) takes it from there by the pattern `glob`.
   void expect_home(const std::string& file, const std::string& folder, const std::string& neighbour,
