@@ -8,21 +8,26 @@ import random
 import re
 import signal
 import subprocess
+import sys
 import time
 import unittest
 
 from support import SOURCE, CommandLine
 
+sys.path.append(str(SOURCE / "tests/support"))
+from pages import commands
+
 PATIENCE = 200  # seconds
 
 
 def tasks():
-    """Returns the commands of each task by its number: a list of their words as one text, without comments."""
-    page = (SOURCE / "docs/tutorials/README.md").read_text()
-    found = {}
-    for number, text in re.findall(r"^## (\d+)\..*?\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL):
-        lines = [line for block in re.findall(r"```\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
-        found[int(number)] = [re.sub(r"\s+#.*", "", line) for line in lines]
+    """Returns the commands of each task by its number, each as its words."""
+    page = SOURCE / "docs/tutorials/README.md"
+    titles = {line: int(title[1]) for line, text in enumerate(page.read_text().splitlines(), 1)
+              if (title := re.match(r"## (\d+)\.", text))}
+    found = {number: [] for number in titles.values()}
+    for line, words in commands(page):
+        found[titles[max(title for title in titles if title < line)]].append(words)
     return found
 
 
@@ -65,14 +70,14 @@ class FirstTasks(CommandLine):
         super().setUpClass()
         cls.tasks = tasks()
 
-    def words(self, line, **names):
-        for name, value in names.items():
-            line = re.sub(rf"\b{name}\b", str(value), line)
-        return ["citylearn" if word == "./run" else word for word in line.split() if word != "&"]
+    def words(self, command, names=None):
+        """Returns the words of a command of the page, with other names for some."""
+        names = {"./run": "citylearn"} | (names or {})
+        return [str(names.get(word, word)) for word in command if word != "&"]
 
-    def run_task(self, number, **names):
+    def run_task(self, number, names=None):
         """Runs the commands of a task, one after the other. Returns what they say."""
-        return [self.run_command(*self.words(line, **names), seconds=PATIENCE) for line in self.tasks[number]]
+        return [self.run_command(*self.words(command, names), seconds=PATIENCE) for command in self.tasks[number]]
 
     def start(self, *words, environment=None):
         """Starts a command that goes on. Returns its process and the file of what it says."""
@@ -114,45 +119,45 @@ class FirstTasks(CommandLine):
         data, scenery = self.folder / "DATA", Scenery(140)
         scenery.write_pictures(data / "summer", 1)
         scenery.write_pictures(data / "winter", 0.6)
-        check, demo = self.run_task(2, DIR=data)
+        check, demo = self.run_task(2, {"DIR": data})
         self.assertIn("280 frames, 0 bad", check)
         self.assertIn("place_filter finds its way in summer, winter", demo)
         self.assertGreater(self.spl(self.newest_run(), "winter"), 0.9)
-        why, places, config = self.run_task(10, DIR=data)
+        why, places, config = self.run_task(10, {"DIR": data})
         self.assertIn("place_filter finds its way in winter", why)
         self.assertRegex(places, r"hog_vlad.*winter|winter.*hog_vlad")
         self.assertRegex(config, r"learning-rate\b.*place_filter")
         videos = self.folder / "VIDEOS"
         videos.mkdir()
         Scenery(210).write_video(self.folder / "drive.mp4")
-        self.run_task(3, DIR=videos)
+        self.run_task(3, {"DIR": videos, "DIR/summer.mp4": videos / "summer.mp4"})
         self.assertGreater(self.spl(self.newest_run(), "summer"), 0.9)
 
     def test_a_demo_another_learner_and_export(self):
         self.assertIn("place_filter finds its way in", self.run_task(1)[0])
         first = self.newest_run()
-        listed, demo = (self.run_command(*self.words(line), seconds=PATIENCE) for line in self.tasks[5][:2])
+        listed, demo = (self.run_command(*self.words(command), seconds=PATIENCE) for command in self.tasks[5][:2])
         self.assertRegex(listed, r"vtrace")
         self.assertIn("place_filter", demo)
         second = self.newest_run()
         self.assertNotEqual(first, second)
         names = {"runs/FIRST": first, "runs/SECOND": second}
-        table = self.run_command(*(str(names.get(word, word)) for word in self.words(self.tasks[5][2])))
+        table = self.run_command(*self.words(self.tasks[5][2], names))
         self.assertIn("vtrace", table)
-        export = self.tasks[9][0].replace("runs/TIME", str(first))
-        self.assertIn("agent.onnx", self.run_command(*self.words(export)))
+        names = {"runs/TIME/checkpoints/best.clk": first / "checkpoints/best.clk"}
+        self.assertIn("agent.onnx", self.run_command(*self.words(self.tasks[9][0], names)))
         self.assertGreater((self.folder / "agent.onnx").stat().st_size, 1000)
 
     def test_two_hosts(self):
         names = {"eth0": "lo", "hostA": "127.0.0.1", "hostB": "127.0.0.1"}
-        commands = [self.words(line.split("$ ", 1)[1], **names) for line in self.tasks[4]]
-        for command in commands[:2]:
-            self.start(*command)
-        self.run_command(*commands[2], seconds=PATIENCE)
+        env, encoder, policy = (self.words(command, names) for command in self.tasks[4])
+        self.start(*env)
+        self.start(*encoder)
+        self.run_command(*policy, seconds=PATIENCE)
         self.assertGreater(self.spl(self.folder / "out", "summer"), 0.9)
 
     def test_a_run_is_recorded_and_replayed(self):
-        demo, record, replay = (self.words(line) for line in self.tasks[8])
+        demo, record, replay = (self.words(command) for command in self.tasks[8])
         running, said = self.start(*demo)
         self.wait_for("domain", said)
         # Told a domain, it would not look for the demo.

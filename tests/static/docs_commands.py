@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 SOURCE, BUILD = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
+sys.path.insert(0, str(SOURCE / "tests/support"))
+from pages import commands
 PROGRAMS = {
     "env_service": "env_service/env_service",
     "encoder_service": "encoder_service/encoder_service",
@@ -49,25 +51,6 @@ def program_of(words: list[str]) -> str | None:
     name = Path(words[0]).name if words else ""
     name = name.removeprefix("citylearn_")
     return name if name in PROGRAMS else None
-
-
-def commands(page: Path):
-    """Yields line number and words of each command in a page's code blocks."""
-    inside, number, held = False, 0, ""
-    for number, line in enumerate(page.read_text().splitlines(), 1):
-        if line.lstrip().startswith("```"):
-            inside = not inside
-            continue
-        if not inside and not line.startswith("    "):
-            continue
-        line = held + line.split(" # ")[0].strip()
-        held = ""
-        if line.endswith("\\"):
-            held = line[:-1]
-            continue
-        line = re.sub(r"^(host[A-Z]|[a-z0-9]+)?\$ ", "", line)
-        line = re.sub(r"^([A-Z_]+=\S+ )+", "", line)
-        yield number, line.replace("|", " ").split()
 
 
 faults, seen = [], 0
