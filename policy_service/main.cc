@@ -14,6 +14,7 @@
 #include "policy_service/learning/trainer.h"
 #include "policy_service/learning/trainer_parameters.h"
 #include "policy_service/network/agent_network.h"
+#include "policy_service/network/product.h"
 #include "policy_service/records/comparison.h"
 #include "policy_service/records/configuration.h"
 #include "policy_service/records/demo_command.h"
@@ -139,6 +140,12 @@ int main(int argc, char** argv) {
                    "env_service, at least two")
         ->default_str("processors")
         ->check(CLI::Range(1, 1024));
+    app.add_option_function<std::string>(
+           "--math", set_math,
+           "Library that multiplies the networks' matrices. With another one the same seed gives slightly other "
+           "results")
+        ->default_str("onednn")
+        ->check(CLI::IsMember(std::vector<std::string>(kMathNames.begin(), kMathNames.end())));
 
     app.option_defaults()->group("Task");
     // env_services announce recordings under such names.

@@ -16,6 +16,7 @@
 #include "core/plugin/plugins.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/network/checkpoint.h"
+#include "policy_service/network/product.h"
 #include "policy_service/rollout/network_policy.h"
 #include "policy_service/rollout/worker_pool.h"
 #include "tools/vpr/descriptors.h"
@@ -313,6 +314,9 @@ void add_options(CLI::App& app, Options& options) {
   app.add_option("--seed", options.trainer.seed, "")->capture_default_str();
   app.add_option("--threads", options.trainer.threads, "that act and learn; as many as processors unless given")
       ->check(CLI::Range(1, 1024));
+  app.add_option_function<std::string>("--math", set_math, "library that multiplies matrices")
+      ->default_str("onednn")
+      ->check(CLI::IsMember(std::vector<std::string>(kMathNames.begin(), kMathNames.end())));
   app.add_option("--set", options.set, "name=value: a parameter of network, learner or trainer");
   app.add_flag("--curriculum", options.trainer.curriculum, "the paper's lessons");
   app.add_option("--dataset", options.dataset, "")->capture_default_str();

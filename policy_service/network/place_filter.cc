@@ -10,6 +10,7 @@
 #include "policy_service/network/layers.h"
 #include "policy_service/network/motion.h"
 #include "policy_service/network/place_keys.h"
+#include "policy_service/network/product.h"
 
 namespace citylearn {
 namespace {
@@ -157,13 +158,13 @@ class PlaceFilter : public AgentNetwork<S> {
     for (int input = 0; input < inputs_; ++input)
       work.head_input.row(input).tail(columns) =
           work.head_input.row(mirror_[static_cast<std::size_t>(input)]).head(columns);
-    work.layer1.noalias() = layout_.view(parameters, weights1_) * work.head_input;
+    set_product(work.layer1, layout_.view(parameters, weights1_), work.head_input);
     work.layer1.colwise() += layout_.view(parameters, bias1_).col(0);
     work.layer1 = work.layer1.array().tanh();
-    work.layer2.noalias() = layout_.view(parameters, weights2_) * work.layer1;
+    set_product(work.layer2, layout_.view(parameters, weights2_), work.layer1);
     work.layer2.colwise() += layout_.view(parameters, bias2_).col(0);
     work.layer2 = work.layer2.array().tanh();
-    work.both.noalias() = layout_.view(parameters, weights3_) * work.layer2;
+    set_product(work.both, layout_.view(parameters, weights3_), work.layer2);
     work.both.colwise() += layout_.view(parameters, bias3_).col(0);
     const auto seen = work.both.leftCols(columns), image = work.both.rightCols(columns);
     work.heads.logits.resize(kActions, columns);
@@ -186,17 +187,17 @@ class PlaceFilter : public AgentNetwork<S> {
     seen.row(kWayOn) = derivative.logits.row(kNext);
     image.row(kWayOn) = derivative.logits.row(kPrevious);
     seen.row(kStateValue) = image.row(kStateValue) = S(0.5) * derivative.values;
-    layout_.view(gradient, weights3_).noalias() += work.both * work.layer2.transpose();
+    add_product(layout_.view(gradient, weights3_), work.both, work.layer2.transpose());
     layout_.view(gradient, bias3_) += work.both.rowwise().sum();
-    work.layer_gradient.noalias() = layout_.view(parameters, weights3_).transpose() * work.both;
+    set_product(work.layer_gradient, layout_.view(parameters, weights3_).transpose(), work.both);
     work.layer_gradient.array() *= S(1) - work.layer2.array().square();
-    layout_.view(gradient, weights2_).noalias() += work.layer_gradient * work.layer1.transpose();
+    add_product(layout_.view(gradient, weights2_), work.layer_gradient, work.layer1.transpose());
     layout_.view(gradient, bias2_) += work.layer_gradient.rowwise().sum();
-    work.layer2.noalias() = layout_.view(parameters, weights2_).transpose() * work.layer_gradient;
+    set_product(work.layer2, layout_.view(parameters, weights2_).transpose(), work.layer_gradient);
     work.layer_gradient = work.layer2.array() * (S(1) - work.layer1.array().square());
-    layout_.view(gradient, weights1_).noalias() += work.layer_gradient * work.head_input.transpose();
+    add_product(layout_.view(gradient, weights1_), work.layer_gradient, work.head_input.transpose());
     layout_.view(gradient, bias1_) += work.layer_gradient.rowwise().sum();
-    work.input_gradient.noalias() = layout_.view(parameters, weights1_).transpose() * work.layer_gradient;
+    set_product(work.input_gradient, layout_.view(parameters, weights1_).transpose(), work.layer_gradient);
     for (int input = 0; input < inputs_; ++input)
       work.input_gradient.row(input).head(columns) +=
           work.input_gradient.row(mirror_[static_cast<std::size_t>(input)]).tail(columns);

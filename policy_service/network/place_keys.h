@@ -6,6 +6,7 @@
 
 #include "core/util/error.h"
 #include "policy_service/network/feature_normaliser.h"
+#include "policy_service/network/product.h"
 
 namespace citylearn {
 
@@ -29,10 +30,10 @@ class PlaceKeys {
   template <class Features>
   void compare(const Features& features, std::ptrdiff_t places, Matrix<S>& each, Matrix<S>& similarity) const {
     if (keys_.rows() == frames_) {
-      similarity.noalias() = keys_.topRows(places) * features;
+      set_product(similarity, keys_.topRows(places), features);
       return;
     }
-    each.noalias() = keys_ * features;
+    set_product(each, keys_, features);
     similarity = each.topRows(places);
     for (std::ptrdiff_t first = frames_; first < keys_.rows(); first += frames_)
       similarity = similarity.cwiseMax(each.middleRows(first, places));

@@ -3,6 +3,7 @@
 
 #include "policy_service/network/lstm.h"
 #include "policy_service/network/place_keys.h"
+#include "policy_service/network/product.h"
 
 namespace citylearn {
 namespace {
@@ -65,7 +66,7 @@ class PlaceMemory : public LstmNetwork<S> {
       sensed(kSharpness) = weights.squaredNorm();
       sensed(kGoal) = S(4) * (static_cast<S>(goal) / static_cast<S>(places_) - S(0.5));
     }
-    embedded.noalias() = this->layout_.view(parameters, this->sensor_weights_) * work.sensed;
+    set_product(embedded, this->layout_.view(parameters, this->sensor_weights_), work.sensed);
     embedded.colwise() += this->layout_.view(parameters, this->sensor_bias_).col(0);
   }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/network/convolution.h"
 #include "policy_service/network/lstm.h"
+#include "policy_service/network/product.h"
 
 namespace citylearn {
 namespace {
@@ -59,8 +60,8 @@ class RawImages : public LstmNetwork<S> {
     // What is remembered must not depend on which pictures were worked on with it, not even in the last bit.
     const std::ptrdiff_t together = work.fixed ? 1 : std::max<std::ptrdiff_t>(1, count);
     for (std::ptrdiff_t i = 0; i < count; i += together)
-      sight.fresh.middleCols(i, together).noalias() =
-          weights.leftCols(second_.outputs()) * sight.maps2.middleCols(i, together);
+      set_product(sight.fresh.middleCols(i, together), weights.leftCols(second_.outputs()),
+                  sight.maps2.middleCols(i, together));
     for (std::ptrdiff_t i = 0; i < count; ++i)
       sight.shared.col(sight.unknown[static_cast<std::size_t>(i)]) = sight.fresh.col(i);
     if (work.fixed) remember(inputs, sight);
@@ -83,9 +84,9 @@ class RawImages : public LstmNetwork<S> {
       by_weights.col(second_.outputs()) += goal(inputs, column) * by_embedded;
     }
     this->layout_.view(gradient, this->sensor_bias_) += work.embedded_gradient.rowwise().sum();
-    by_weights.leftCols(second_.outputs()).noalias() += shared * sight.maps2.leftCols(distinct).transpose();
+    add_product(by_weights.leftCols(second_.outputs()), shared, sight.maps2.leftCols(distinct).transpose());
     make_room(sight.by_maps2, second_.outputs(), distinct);
-    sight.by_maps2.leftCols(distinct).noalias() = weights.leftCols(second_.outputs()).transpose() * shared;
+    set_product(sight.by_maps2.leftCols(distinct), weights.leftCols(second_.outputs()).transpose(), shared);
     sight.by_maps2.leftCols(distinct).array() *= (sight.maps2.leftCols(distinct).array() > S(0)).template cast<S>();
 
     const auto weights2 = this->layout_.view(parameters, weights2_);
@@ -94,16 +95,16 @@ class RawImages : public LstmNetwork<S> {
     for (std::ptrdiff_t thing = 0; thing < distinct; ++thing) {
       const Eigen::Map<const Matrix<S>> by_out2(sight.by_maps2.col(thing).data(), second_.maps, second_.positions());
       second_.gather(sight.maps1.col(thing).data(), sight.patches2);
-      by_weights2.noalias() += by_out2 * sight.patches2.transpose();
+      add_product(by_weights2, by_out2, sight.patches2.transpose());
       by_bias2 += by_out2.rowwise().sum();
-      sight.patches2.noalias() = weights2.transpose() * by_out2;
+      set_product(sight.patches2, weights2.transpose(), by_out2);
       sight.by_maps1.setZero(first_.outputs());
       second_.scatter(sight.patches2, sight.by_maps1.data());
       sight.by_maps1.array() *= (sight.maps1.col(thing).array() > S(0)).template cast<S>();
       const Eigen::Map<const Matrix<S>> by_out1(sight.by_maps1.data(), first_.maps, first_.positions());
       look(inputs.features.col(thing),
            sight);  // gathered again: all patches of all pictures would not stay in the cache
-      by_weights1.noalias() += by_out1 * sight.patches1.transpose();
+      add_product(by_weights1, by_out1, sight.patches1.transpose());
       by_bias1 += by_out1.rowwise().sum();
     }
   }
@@ -197,7 +198,7 @@ class RawImages : public LstmNetwork<S> {
   void convolve(const Convolution& convolution, const Vector<S>& parameters, std::size_t weights, std::size_t bias,
                 const Matrix<S>& patches, S* maps) const {
     Eigen::Map<Matrix<S>> out(maps, convolution.maps, convolution.positions());
-    out.noalias() = this->layout_.view(parameters, weights) * patches;
+    set_product(out, this->layout_.view(parameters, weights), patches);
     out = (out.colwise() + this->layout_.view(parameters, bias).col(0)).cwiseMax(S(0));
   }
 

@@ -10,6 +10,7 @@
 #include "core/plugin/plugins.h"
 #include "core/util/text.h"
 #include "core/util/version.h"
+#include "policy_service/network/product.h"
 #include "policy_service/records/output_folder.h"
 
 namespace citylearn {
@@ -89,6 +90,7 @@ Json manifest_json(const PolicyServiceOptions& options,
       {"eigen", std::to_string(EIGEN_WORLD_VERSION) + "." + std::to_string(EIGEN_MAJOR_VERSION) + "." +
                     std::to_string(EIGEN_MINOR_VERSION)},
       {"instructions", Eigen::SimdInstructionSetsInUse()},
+      {"math", name_of(used_math())},
       {"middleware", middleware},
       {"vendor", vendor},
       {"run", options.node.session},

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/network/product.h"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <map>
+#include <oneapi/dnnl/dnnl.hpp>
+#include <tuple>
+#include <vector>
+
+#include "core/util/error.h"
+
+namespace citylearn {
+namespace {
+
+std::atomic<Math> chosen_math{Math::kOneDnn};
+
+/// Products of one thread in bfloat16.
+class Bfloat16Products {
+ public:
+  using Factor = products::Factor;
+
+  void multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {
+    round(a, a_);
+    round(b, b_);
+    const std::ptrdiff_t rows = a.transposed ? a.cols : a.rows, inner = a.transposed ? a.rows : a.cols;
+    const std::ptrdiff_t cols = b.transposed ? b.rows : b.cols;
+    using dnnl::memory;
+    using Type = memory::data_type;
+    // It takes matrices row after row, so what lies here is the transpose of each: out' = b' a'.
+    const auto lies = [](std::ptrdiff_t height, std::ptrdiff_t width, bool transposed) {
+      return memory::desc({width, height}, Type::bf16, transposed ? memory::dims{1, width} : memory::dims{height, 1});
+    };
+    const memory::desc left = lies(inner, cols, b.transposed), right = lies(rows, inner, a.transposed);
+    const memory::desc result({cols, rows}, Type::f32, memory::dims{stride, 1});
+    auto [known, is_new] = known_.try_emplace({rows, inner, cols, stride, a.transposed, b.transposed, keep != 0});
+    if (is_new) {
+      dnnl::primitive_attr attributes;
+      dnnl::post_ops after;
+      if (keep != 0) after.append_sum(keep);
+      attributes.set_post_ops(after);
+      known->second = dnnl::matmul({dnnl::matmul::desc(left, right, result), attributes, engine_});
+    }
+    known->second.execute(stream_, {{DNNL_ARG_SRC, memory(left, engine_, b_.data())},
+                                    {DNNL_ARG_WEIGHTS, memory(right, engine_, a_.data())},
+                                    {DNNL_ARG_DST, memory(result, engine_, out)}});
+    stream_.wait();
+  }
+
+ private:
+  /// Rounds to the nearest, column after column without gaps.
+  static void round(const Factor& from, std::vector<std::uint16_t>& to) {
+    to.resize(static_cast<std::size_t>(from.rows * from.cols));
+    for (std::ptrdiff_t col = 0; col < from.cols; ++col) {
+      const float* in = from.data + col * from.stride;
+      std::uint16_t* out = to.data() + col * from.rows;
+      for (std::ptrdiff_t row = 0; row < from.rows; ++row) {
+        const auto bits = std::bit_cast<std::uint32_t>(in[row]);
+        out[row] = static_cast<std::uint16_t>((bits + 0x7fff + (bits >> 16 & 1)) >> 16);
+      }
+    }
+  }
+
+  dnnl::engine engine_{dnnl::engine::kind::cpu, 0};
+  dnnl::stream stream_{engine_};
+  std::map<std::tuple<std::ptrdiff_t, std::ptrdiff_t, std::ptrdiff_t, std::ptrdiff_t, bool, bool, bool>, dnnl::matmul>
+      known_;
+  std::vector<std::uint16_t> a_, b_;
+};
+
+}  // namespace
+
+void set_math(std::string_view name) {
+  const auto found = std::ranges::find(kMathNames, name);
+  if (found == kMathNames.end())
+    throw Error("'" + std::string(name) + "' is unknown", "--math", "choose eigen, onednn or onednn_bfloat16");
+  const Math math = static_cast<Math>(found - kMathNames.begin());
+  constexpr int kBfloat16 = static_cast<int>(dnnl::cpu_isa::avx512_core_bf16);
+  if (math == Math::kOneDnnBfloat16 && (static_cast<int>(dnnl::get_effective_cpu_isa()) & kBfloat16) != kBfloat16)
+    throw Error("this processor has no products of bfloat16", "--math " + std::string(name), "choose onednn");
+  chosen_math = math;
+}
+
+Math used_math() { return chosen_math; }
+
+bool products::by_onednn(std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff_t cols) {
+  // Measured with AVX-512: Eigen is as fast or faster at narrow and at small products.
+  return chosen_math.load(std::memory_order_relaxed) != Math::kEigen && rows >= 16 && cols >= 2 &&
+         rows * inner * cols >= 1 << 15;
+}
+
+void products::multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {
+  // oneDNN starts threads by OpenMP, which counts for each of our threads. Ours divide the work already.
+  thread_local const bool alone = (omp_set_num_threads(1), true);
+  static_cast<void>(alone);
+  const std::ptrdiff_t rows = a.transposed ? a.cols : a.rows, inner = a.transposed ? a.rows : a.cols;
+  const std::ptrdiff_t cols = b.transposed ? b.rows : b.cols;
+  constexpr std::ptrdiff_t kWide = 64;  // rounding the factors of a narrower product costs more than it saves
+  if (used_math() == Math::kOneDnnBfloat16 && std::min({rows, inner, cols}) >= kWide) {
+    thread_local Bfloat16Products rounded;
+    rounded.multiply(a, b, keep, out, stride);
+    return;
+  }
+  // It takes matrices row after row: see above.
+  dnnl::sgemm(b.transposed ? 'T' : 'N', a.transposed ? 'T' : 'N', cols, rows, inner, 1, b.data, b.stride, a.data,
+              a.stride, keep, out, stride);
+}
+
+}  // namespace citylearn

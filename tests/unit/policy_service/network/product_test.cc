@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/network/product.h"
+
+#include <gtest/gtest.h>
+
+#include <optional>
+#include <thread>
+
+#include "core/util/error.h"
+
+namespace citylearn {
+namespace {
+
+using Floats = Eigen::MatrixXf;
+
+/// Uses one library for a test.
+class With {
+ public:
+  explicit With(Math math) : before_(used_math()) { set_math(name_of(math)); }
+  ~With() { set_math(name_of(before_)); }
+
+ private:
+  Math before_;
+};
+
+float error(const Floats& a, const Floats& b) { return (a - b).norm() / b.norm(); }
+
+TEST(Product, IsTheSameByAllLibraries) {
+  for (const int inner : {3, 64, 257})
+    for (const int cols : {1, 2, 33, 200}) {
+      const int rows = 130;
+      const Floats a = Floats::Random(rows, inner), b = Floats::Random(inner, cols);
+      const Floats at = a.transpose(), bt = b.transpose(), before = Floats::Random(rows, cols);
+      const Floats right = (a.cast<double>() * b.cast<double>()).cast<float>();
+      for (const Math math : {Math::kEigen, Math::kOneDnn}) {
+        SCOPED_TRACE(std::string(name_of(math)) + ", " + std::to_string(inner) + ", " + std::to_string(cols));
+        const With with(math);
+        Floats out;
+        set_product(out, a, b);
+        EXPECT_LT(error(out, right), 1e-6F);
+        set_product(out, at.transpose(), b);
+        EXPECT_LT(error(out, right), 1e-6F);
+        set_product(out, a, bt.transpose());
+        EXPECT_LT(error(out, right), 1e-6F);
+        set_product(out, at.transpose(), bt.transpose());
+        EXPECT_LT(error(out, right), 1e-6F);
+        out = before;
+        add_product(out, a, b);
+        EXPECT_LT(error(out, right + before), 1e-6F);
+      }
+    }
+}
+
+TEST(Product, TakesPartsOfMatricesAndLeavesTheRest) {
+  const Floats a = Floats::Random(100, 80), b = Floats::Random(90, 70);
+  for (const Math math : {Math::kEigen, Math::kOneDnn}) {
+    const With with(math);
+    Floats out = Floats::Constant(120, 75, 7);
+    set_product(out.block(10, 5, 90, 60), a.block(5, 8, 90, 70), b.block(9, 4, 70, 60));
+    EXPECT_LT(error(out.block(10, 5, 90, 60), a.block(5, 8, 90, 70) * b.block(9, 4, 70, 60)), 1e-6F);
+    out.block(10, 5, 90, 60).setConstant(7);
+    EXPECT_EQ(out, Floats::Constant(120, 75, 7));
+  }
+}
+
+TEST(Product, RepeatsItsBitsOnAnyThread) {
+  const Floats a = Floats::Random(300, 200), b = Floats::Random(200, 100);
+  const With with(Math::kOneDnn);
+  Floats first, second;
+  set_product(first, a, b);
+  std::thread([&] { set_product(second, a, b); }).join();
+  EXPECT_EQ(first, second);
+}
+
+TEST(Product, RoundsLargeFactorsToBfloat16Alone) {
+  std::optional<With> with;
+  try {
+    with.emplace(Math::kOneDnnBfloat16);
+  } catch (const Error& error) {
+    EXPECT_EQ(used_math(), Math::kOneDnn);
+    GTEST_SKIP() << error.what();
+  }
+  const Floats a = Floats::Random(130, 257), b = Floats::Random(257, 200), before = Floats::Random(130, 200);
+  const Floats at = a.transpose(), bt = b.transpose(), right = a * b;
+  Floats out = Floats::Zero(150, 200);
+  const auto error_is = [&](const char* what, const Floats& wanted) {
+    SCOPED_TRACE(what);
+    EXPECT_LT(error(out.topRows(130), wanted), 4e-3F);
+    EXPECT_GT(error(out.topRows(130), wanted), 1e-4F);
+    EXPECT_TRUE(out.bottomRows(20).isZero());
+  };
+  set_product(out.topRows(130), a, b);
+  error_is("as they are", right);
+  set_product(out.topRows(130), at.transpose(), b);
+  error_is("first transposed", right);
+  set_product(out.topRows(130), a, bt.transpose());
+  error_is("second transposed", right);
+  out.topRows(130) = before;
+  add_product(out.topRows(130), at.transpose(), bt.transpose());
+  error_is("both transposed, added", right + before);
+
+  const Floats narrow = b.leftCols(8);
+  set_product(out, a, narrow);
+  EXPECT_LT(error(out, a * narrow), 1e-6F);
+}
+
+TEST(Product, UnknownLibrariesAreRefused) {
+  EXPECT_THROW(set_math("mkl"), Error);
+  EXPECT_EQ(used_math(), Math::kOneDnn);
+}
+
+}  // namespace
+}  // namespace citylearn
