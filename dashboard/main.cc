@@ -72,6 +72,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   line.node.id = "dashboard";
   line.node.session = kAllRuns;
   add_node_options(app, line.node);
+  add_metrics_option(app, line.node);
   app.get_option("--session")->description("Session to show and record, or all of the domain's");
 }
 
@@ -131,7 +132,9 @@ int serve(CommandLine& line) {
            line.node.middleware.domain, line.recognition, [&failing] { return !failing; }},
           *store, &live);
   Server server(line.server, hub,
-                {[&api](const Query& query) { return api.answer(query); }, [&] { return metrics(recorded, failing); }});
+                {[&api](const Query& query) { return api.answer(query); },
+                 [&] { return metrics(recorded, failing) + node.metrics().text(); },
+                 [&node](bool alarms) { return node.metrics().problem(alarms); }});
   const RunsFeed runs(hub, [&api] { return api.runs(); });
   std::cout << "dashboard: " << server.link() << std::endl;
   node.report(msg::RUNNING, "serving " + server.url());

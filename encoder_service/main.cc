@@ -70,6 +70,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   service.node.service = "encoder_service";
   service.node.id = "encoder";
   add_node_options(app, service.node);
+  add_metrics_option(app, service.node);
 }
 
 void list() {

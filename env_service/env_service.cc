@@ -448,6 +448,7 @@ void EnvService::report() {
                          std::to_string(settings_.tasks()) + " tasks";
   }
   if (!outbox_problem_.empty()) activity = outbox_problem_ + "; " + activity;
+  node_.metrics().set_queue("episodes", outbox_.kept(), EpisodeOutbox::kCapacity);
   node_.report(state, activity, rate);
 }
 

@@ -14,7 +14,9 @@ It reads one declaration a line, and annotations that begin a comment, so that I
   //@finite            behind a float, a double or a sequence of them: NaN and infinities are refused
   //@name              behind a string: it follows the rule for names (core/util/name.h); name(optional): or is empty
   //@protocol          behind the number that must be PROTOCOL
+  //@metric(NAME)      behind a number: services export it to Prometheus as citylearn_NAME, with the comment as its help
 """
+import json
 import os
 import re
 import sys
@@ -25,7 +27,7 @@ NUMBERS = ("octet|boolean|short|unsigned short|long|unsigned long|long long|unsi
 
 class Struct:
     def __init__(self, name, profile, addressing):
-        self.name, self.profile, self.addressing, self.fields, self.checks = name, profile, addressing, {}, []
+        self.name, self.profile, self.addressing, self.fields, self.checks, self.metrics = name, profile, addressing, {}, [], []
         self.topic = "citylearn/" + re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower()
 
     def enumerator(self):
@@ -64,7 +66,8 @@ class Idl:
                 sys.exit(f"{path}:{number}: {error}")
 
     def read_line(self, code, comment):
-        notes = re.findall(r"@(\w*)(?:\((.*?)\))?", re.match(r"(\s*@\w*(\(.*?\))?)*", comment)[0])
+        head = re.match(r"(\s*@\w*(\(.*?\))?)*", comment)[0]
+        notes = re.findall(r"@(\w*)(?:\((.*?)\))?", head)
         if found := re.fullmatch(r"@final struct (\w+) \{", code):
             self.open = self.structs[found[1]] = Struct(found[1], self.profile, self.addressing)
             self.profile, self.addressing = None, ("", "")
@@ -80,7 +83,7 @@ class Idl:
                 raise ValueError(f"{self.open.name} has no string<64> '{argument}'")
             self.open = None
         elif self.open and code:
-            self.read_field(code, notes)
+            self.read_field(code, notes, comment[len(head):].strip())
         elif found := re.fullmatch(r"const .* (\w+) = .*;", code):
             self.constants.add(found[1])
         elif found := re.match(r"enum (\w+) \{.*\b(\w+)\s*\}", code):
@@ -97,7 +100,7 @@ class Idl:
         elif not re.fullmatch(r'(#include ".*"|module citylearn \{ module msg \{|\};|;)?', code):
             raise ValueError(f"cannot read '{code}'" + (", structs must be @final" if "struct" in code else ""))
 
-    def read_field(self, code, notes):
+    def read_field(self, code, notes, text):
         found = re.fullmatch(r"(.*\S) (\w+);", code)
         if not found or found[2] in self.open.fields:
             raise ValueError(f"'{code}' is not a new field: TYPE NAME;")
@@ -118,6 +121,8 @@ class Idl:
                 self.open.checks.append(f'check.finite("{name}", m.{name}());')
             elif note == "name" and type_.startswith("string") and argument in ("", "optional"):
                 self.open.checks.append(f'check.name("{name}", m.{name}(), {"true" if argument else "false"});')
+            elif note == "metric" and re.fullmatch(NUMBERS, type_) and re.fullmatch("[a-z_]+", argument) and text:
+                self.open.metrics.append(f'visitor("citylearn_{argument}", {json.dumps(text)}, m.{name}());')
             elif note == "protocol" and type_ == "unsigned long":
                 self.open.fields[name] = "protocol"
             else:
@@ -164,6 +169,9 @@ def main(folder, *paths):
                       "template <class Check>",
                       f"void check_fields([[maybe_unused]] const {struct.name}& m, [[maybe_unused]] Check& check) {{",
                       *idl.checks(struct), "}"]
+        if struct.metrics:
+            functions += [f"template <class Visitor>\nvoid visit_metrics(const {struct.name}& m, Visitor visitor) {{",
+                          *struct.metrics, "}"]
         if struct.profile:
             functions += [f"inline std::string receiver_of([[maybe_unused]] const {struct.name}& m) {{",
                           f"  return {struct.receiver()};", "}"]

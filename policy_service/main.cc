@@ -263,6 +263,7 @@ int main(int argc, char** argv) {
         ->delimiter(',');
 
     add_node_options(app, options.node);
+    add_metrics_option(app, options.node);
     for (const auto* entry : NetworkRegistry<float>::instance().entries())
       add_parameters(app, entry->name, entry->parameters, plugins[entry->name]);
     for (const auto* entry : LearnerRegistry::instance().entries())

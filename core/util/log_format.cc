@@ -2,10 +2,17 @@
 #include "core/util/log_format.h"
 
 #include <spdlog/pattern_formatter.h>
+#include <spdlog/spdlog.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
+#include <atomic>
+#include <cstdlib>
+#include <iostream>
 #include <iterator>
+#include <memory>
+#include <mutex>
 #include <nlohmann/json.hpp>
-#include <string_view>
 
 namespace citylearn {
 namespace {
@@ -48,28 +55,83 @@ class MessageFlag : public spdlog::custom_flag_formatter {
   const Written written_;
 };
 
-std::unique_ptr<spdlog::formatter> with_message(MessageFlag::Written written, const std::string& pattern) {
-  auto formatter = std::make_unique<spdlog::pattern_formatter>();
+void set_format(MessageFlag::Written written, spdlog::pattern_time_type time, const std::string& pattern) {
+  auto formatter = std::make_unique<spdlog::pattern_formatter>(time);
   formatter->add_flag<MessageFlag>('*', written).set_pattern(pattern);
-  return formatter;
+  spdlog::set_formatter(std::move(formatter));
 }
 
-/// Returns a JSON string as a part of a pattern.
-std::string literally(const std::string& text) {
-  std::string pattern;
-  for (const char c : json_string(text)) pattern += c == '%' ? "%%" : std::string(1, c);
-  return pattern;
+/// Kept until the very end, as threads of libraries still log when globals are gone already.
+struct Shared {
+  std::mutex mutex;
+  LogIdentity identity;
+  std::atomic<bool> json{false};
+};
+Shared& shared() {
+  static Shared& kept = *new Shared;
+  return kept;
+}
+
+/// Returns the members of a line of JSON that follow its level.
+std::string json_members(std::string_view message) {
+  const std::lock_guard lock(shared().mutex);
+  const LogIdentity& of = shared().identity;
+  return fmt::format(R"("session":{},"service":{},"id":{},"message":{})", json_string(of.session),
+                     json_string(of.service), json_string(of.id), json_string(message));
+}
+
+/// Returns whether standard error goes to systemd's journal.
+bool is_journal() {
+  const char* stream = std::getenv("JOURNAL_STREAM");
+  struct stat error {};
+  return stream && fstat(STDERR_FILENO, &error) == 0 && fmt::format("{}:{}", error.st_dev, error.st_ino) == stream;
 }
 
 }  // namespace
 
-std::unique_ptr<spdlog::formatter> text_log_format(bool terminal) {
-  return with_message(without_controls, std::string(terminal ? "\r\033[K" : "") + "%H:%M:%S.%e %^%L%$ [%n] %*");
+void use_text_log(bool terminal) {
+  shared().json = false;
+  set_format(without_controls, spdlog::pattern_time_type::local,
+             std::string(terminal ? "\r\033[K" : "") + (is_journal() ? "" : "%H:%M:%S.%e ") + "%^%L%$ [%n] %*");
 }
 
-std::unique_ptr<spdlog::formatter> json_log_format(const std::string& session, const std::string& service) {
-  return with_message(json_string, R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l","session":)" + literally(session) +
-                                       R"(,"service":)" + literally(service) + R"(,"text":%*})");
+void set_log_identity(const LogIdentity& identity) {
+  const std::lock_guard lock(shared().mutex);
+  shared().identity = identity;
+}
+
+void use_json_log() {
+  shared().json = true;
+  set_format(json_members, spdlog::pattern_time_type::utc, R"({"time":"%Y-%m-%dT%H:%M:%S.%eZ","level":"%l",%*})");
+}
+
+bool is_json_log() { return shared().json; }
+
+void print_line(const std::string& line) {
+  if (is_json_log())
+    spdlog::info("{}", line);
+  else
+    std::cerr << line << std::endl;
+}
+
+void print_last_line(const char* program, const char* what, const char* more) noexcept {
+  char text[1024];
+  std::size_t size = 0;
+  const auto add = [&](const char* part, bool escape) {
+    for (; *part && size + 8 < sizeof text; ++part) {
+      const char c = *part;
+      text[size++] = escape && (c < ' ' || c == '"' || c == '\\' || c == 0x7F) ? '?' : c;
+    }
+  };
+  const bool json = is_json_log();
+  if (json) add(R"({"level":"critical","service":")", false);
+  add(program, json);
+  add(json ? R"(","message":")" : ": ", false);
+  add(what, json);
+  add(more, json);
+  add(json ? "\"}" : "", false);
+  text[size++] = '\n';
+  if (write(STDERR_FILENO, text, size) < 0) return;  // nobody is left who could be told
 }
 
 }  // namespace citylearn

@@ -7,6 +7,8 @@
 #include <cstdio>
 #include <iostream>
 
+#include "core/util/log_format.h"
+
 namespace citylearn {
 
 std::string clock_time(double seconds) {
@@ -20,7 +22,10 @@ std::string clock_time(double seconds) {
 }
 
 Progress::Progress(std::string what, int total)
-    : what_(std::move(what)), total_(total), terminal_(isatty(STDERR_FILENO) != 0), start_(Clock::now()) {
+    : what_(std::move(what)),
+      total_(total),
+      terminal_(isatty(STDERR_FILENO) != 0 && !is_json_log()),
+      start_(Clock::now()) {
   spoke_ = start_;
 }
 
@@ -34,7 +39,10 @@ void Progress::done(int count) {
   const double left = seconds_since(start_) / done_ * (total_ - done_);
   const std::string text =
       what_ + ": " + std::to_string(done_) + " of " + std::to_string(total_) + ", " + clock_time(left) + " left";
-  std::cerr << (terminal_ ? "\r\033[K" + text : text + "\n") << std::flush;
+  if (terminal_)
+    std::cerr << "\r\033[K" << text << std::flush;
+  else
+    print_line(text);
   spoke_ = Clock::now();
   shown_ = true;
 }

@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "core/dds/security.h"
+#include "core/util/log_format.h"
 #include "core/util/machine.h"
 #include "core/wire/presence.h"
 
@@ -18,7 +19,8 @@ constexpr double kSameMoment = 0.1;  // seconds between two starts that count as
 
 }  // namespace
 
-Node::Node(const Options& options) : Messenger(options), use_(process_use()) {
+Node::Node(const Options& options) : Messenger(options), use_(process_use()), metrics_(options.metrics) {
+  set_log_identity({options_.session, options_.service, options_.id});
   started_ = next_heartbeat_ = Clock::now();
   status_.service(options_.service);
   status_.host(host_name());
@@ -51,6 +53,7 @@ void Node::heartbeat() {
   status_.rejected(traffic.rejected);
   status_.foreign(traffic.foreign);
   publish(status_);
+  metrics_.set(status_);
 }
 
 Clock::time_point Node::publish_heartbeat_if_due() {

@@ -7,6 +7,7 @@
 
 #include "core/util/machine.h"
 #include "core/wire/messenger.h"
+#include "core/wire/metrics.h"
 
 namespace citylearn {
 
@@ -34,6 +35,8 @@ class Node : public Messenger {
   std::string middleware_name() const { return middleware_->name(); }
   /// Faults of the middleware seen so far (type mismatches), a line each.
   const std::vector<std::string>& faults() const { return faults_; }
+  /// What it tells Prometheus; heartbeats get there by themselves.
+  Metrics& metrics() { return metrics_; }
 
  private:
   void heartbeat();
@@ -43,6 +46,7 @@ class Node : public Messenger {
   Clock::time_point started_, next_heartbeat_, twin_heard_;
   std::vector<std::string> faults_;
   std::map<std::string, std::string> alarms_;
+  Metrics metrics_;
 };
 
 }  // namespace citylearn

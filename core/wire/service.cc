@@ -33,21 +33,20 @@ extern "C" void on_stop_signal(int signal) { stop_signal = signal; }
 [[noreturn]] void on_terminate() {
   try {
     if (const std::exception_ptr thrown = std::current_exception()) std::rethrow_exception(thrown);
-    ::dprintf(STDERR_FILENO, "%s: ended by a library\n", program_invocation_short_name);
+    print_last_line(program_invocation_short_name, "ended by a library");
   } catch (const std::bad_alloc&) {
-    ::dprintf(STDERR_FILENO, "%s: out of memory\n", program_invocation_short_name);
+    print_last_line(program_invocation_short_name, "out of memory");
   } catch (const std::exception& error) {
-    ::dprintf(STDERR_FILENO, "%s: unexpected failure of a thread: %s\n", program_invocation_short_name, error.what());
+    print_last_line(program_invocation_short_name, "unexpected failure of a thread: ", error.what());
   } catch (...) {
-    ::dprintf(STDERR_FILENO, "%s: unexpected failure of a thread\n", program_invocation_short_name);
+    print_last_line(program_invocation_short_name, "unexpected failure of a thread");
   }
   std::_Exit(1);
 }
 
 /// Cyclone DDS aborts without a word when it finds no memory. The process then ends as it would have.
 extern "C" void on_abort(int) {
-  ::dprintf(STDERR_FILENO, "%s: aborted by a library, as some do when they are out of memory\n",
-            program_invocation_short_name);
+  print_last_line(program_invocation_short_name, "aborted by a library, as some do when they are out of memory");
 }
 
 void install_handlers() {
@@ -100,6 +99,18 @@ bool on_command_line(const CLI::Option& option, int argc, const char* const* arg
     argument = argument.substr(0, argument.find('='));
     return argument.starts_with("--") && option.check_name(argument);
   });
+}
+
+/// Returns whether the command line, or else the environment, asks for a log of JSON.
+bool asks_for_json(int argc, const char* const* argv) {
+  const char* environment = std::getenv("CITYLEARN_LOG_FORMAT");
+  std::string format = environment ? environment : "";
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i], option = "--log-format";
+    if (argument.starts_with(option + "=")) format = argument.substr(option.size() + 1);
+    if (argument == option && i + 1 < argc) format = argv[i + 1];
+  }
+  return format == "json";
 }
 
 std::string value_of(const CLI::Option& option) {
@@ -164,11 +175,23 @@ void add_node_options(CLI::App& app, Node::Options& options) {
   app.add_option_function<std::string>(
          "--log-format",
          [&options](const std::string& format) {
-           if (format == "json") spdlog::set_formatter(json_log_format(options.session, options.service));
+           set_log_identity({options.session, options.service, options.id});
+           if (format == "json") use_json_log();
          },
          "json: one object a line")
       ->default_str("text")
+      ->envname("CITYLEARN_LOG_FORMAT")
       ->check(CLI::IsMember({"text", "json"}));
+}
+
+void add_metrics_option(CLI::App& app, Node::Options& options) {
+  const OptionGroup group(app, "Service");
+  app.add_option("--metrics", options.metrics,
+                 "Serve figures for Prometheus (/metrics) and health (/healthz, /livez) on this port; without an "
+                 "address to this machine alone; 0 picks a free port")
+      ->type_name("[ADDRESS:]PORT")
+      ->envname("CITYLEARN_METRICS")
+      ->check(metrics_address_problem);
 }
 
 void add_parameters(CLI::App& app, const std::string& prefix, const std::vector<ParameterSpec>& specs,
@@ -224,7 +247,12 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
   const std::string program = std::string(argv[0]).substr(std::string(argv[0]).find_last_of('/') + 1);
   const auto complain = [&program](std::string text, int status) {
     text.erase(text.find_last_not_of("\n ") + 1);
-    std::cerr << program << ": " << one_line(text) << std::endl;
+    if (!is_json_log()) {
+      std::cerr << program << ": " << one_line(text) << std::endl;
+      return status;
+    }
+    spdlog::set_level(spdlog::level::critical);  // whatever --log-level says
+    spdlog::critical("{}", one_line(text));
     return status;
   };
   try {
@@ -233,7 +261,11 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     if (!Machine::simulated()) {  // there, programs share them
       install_handlers();
       spdlog::set_default_logger(spdlog::stderr_color_mt(program));
-      spdlog::set_formatter(text_log_format(isatty(STDERR_FILENO) == 1));
+      set_log_identity({"", program, ""});
+      if (asks_for_json(argc, argv))  // now, as errors of the command line are lines too
+        use_json_log();
+      else
+        use_text_log(isatty(STDERR_FILENO) == 1);
     }
     CLI::App app(summary, program);
     app.option_defaults()->multi_option_policy(

@@ -31,9 +31,12 @@ class OptionGroup {
 /// Options that every service has: --session, --id, --middleware, --domain, --interface, --peers, --discovery-server,
 /// --security, --config, --log-level, --log-format. Precedence: command line, then --config FILE (TOML, the same names
 /// without dashes), then environment (CITYLEARN_SESSION, CITYLEARN_MIDDLEWARE, CITYLEARN_DOMAIN, CITYLEARN_INTERFACE,
-/// CITYLEARN_PEERS, CITYLEARN_DISCOVERY_SERVER, CITYLEARN_SECURITY), then the default. `options.service` and
-/// `options.id` are the defaults to begin with.
+/// CITYLEARN_PEERS, CITYLEARN_DISCOVERY_SERVER, CITYLEARN_SECURITY, CITYLEARN_LOG_FORMAT), then the default.
+/// `options.service` and `options.id` are the defaults to begin with.
 void add_node_options(CLI::App& app, Node::Options& options);
+
+/// Adds --metrics (CITYLEARN_METRICS), for services that make a Node.
+void add_metrics_option(CLI::App& app, Node::Options& options);
 
 /// Adds one option `--PREFIX-NAME` for each parameter of a plug-in; those given end up in `values` (name without
 /// prefix).

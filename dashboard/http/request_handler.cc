@@ -66,10 +66,13 @@ Reply RequestHandler::unauthorised(const RequestHead& head) const {
 }
 
 Reply RequestHandler::reply(const RequestHead& head, const Target& target) const {
-  if (target.path == "/healthz") {
+  if (target.path == "/healthz" || target.path == "/livez") {
+    const auto& ask = context_.handlers.problem;
+    const std::string problem = ask ? ask(target.path == "/healthz") : "";
     Reply reply;
+    reply.answer.status = problem.empty() ? 200 : 503;
     reply.answer.type = "text/plain; charset=utf-8";
-    reply.answer.body = "ok\n";
+    reply.answer.body = problem.empty() ? "ok\n" : problem + "\n";
     return reply;
   }
   if (target.path == "/login") return login(head, target);

@@ -44,6 +44,8 @@ class Server {
   struct Handlers {
     std::function<Answer(const Query&)> api;  ///< by several threads at once; an exception becomes a 500
     std::function<std::string()> metrics;     ///< further lines for /metrics, likewise; may be empty
+    /// Returns why the dashboard is not well, for /healthz (alarms count) and /livez; at once; may be empty.
+    std::function<std::string(bool alarms)> problem{};
   };
   /// Listens when it returns. Throws Error when it cannot: the port is in use, a file cannot be read, a token is
   /// missing or readable by others. `hub` must outlive the server.

@@ -213,6 +213,7 @@ void LearnerServer::send_info() {
   info_.hash() = newest.hash();
   info_.chunks() = newest.chunks();
   node_.publish(info_);
+  node_.metrics().set_queue("trajectories", queue_.size(), queue_.capacity());
   next_info_ = Clock::now() + kInfoInterval;
 }
 

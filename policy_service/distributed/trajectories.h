@@ -63,6 +63,7 @@ class TrajectoryQueue {
   std::vector<FinishedEpisode> finished();
 
   std::size_t size() const { return queue_.size(); }
+  std::size_t capacity() const { return capacity_; }
   std::uint64_t dropped() const { return dropped_; }
 
  private:

@@ -30,6 +30,7 @@ RunAnnouncer::RunAnnouncer(Node& node, const Run& run) : node_(node), first_(run
 void RunAnnouncer::add(msg::TrainingStat& stat) {
   stat.run_id() = info_.run_id();
   node_.publish(stat);
+  node_.metrics().set(stat);
   info_.updates() = stat.update();
   Bytes bytes;
   encode(stat, bytes);  // all are of one size, as their headers name one sender

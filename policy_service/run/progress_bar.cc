@@ -8,13 +8,15 @@
 #include <algorithm>
 #include <iostream>
 
+#include "core/util/log_format.h"
+
 namespace citylearn {
 
 std::chrono::milliseconds ProgressBar::interval() const {
   return terminal_ ? std::chrono::milliseconds(200) : std::chrono::milliseconds(5000);
 }
 
-ProgressBar::ProgressBar() : terminal_(isatty(STDERR_FILENO) == 1) { finish(); }
+ProgressBar::ProgressBar() : terminal_(isatty(STDERR_FILENO) == 1 && !is_json_log()) { finish(); }
 
 void ProgressBar::show(const std::string& what, double fraction, double rate, double left, const std::string& note) {
   const Clock::time_point now = Clock::now();
@@ -24,7 +26,7 @@ void ProgressBar::show(const std::string& what, double fraction, double rate, do
   std::string line = fmt::format(" {:3.0f} %  {:.0f} steps/s  {}", 100 * fraction, rate, note);
   if (left >= 0) line += fmt::format("  {:.0f} s left", left);
   if (!terminal_) {
-    std::cerr << what << line << std::endl;
+    print_line(what + line);
     return;
   }
   winsize size{};

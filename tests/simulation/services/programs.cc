@@ -200,7 +200,7 @@ int run_simulated(const std::function<int()>& body) {
   const Output out(std::cout), error(std::cerr);
   auto log = std::make_shared<spdlog::logger>("simulation", std::make_shared<Log>());
   spdlog::set_default_logger(log);
-  spdlog::set_formatter(text_log_format());
+  use_text_log();
   Process test("test", here.scheduler, here.network, [&](const std::function<bool()>&) { return body(); });
   test.start();
   while (test.running()) here.scheduler.run(here.scheduler.now() + std::chrono::seconds(1));
