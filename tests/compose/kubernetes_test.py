@@ -40,7 +40,7 @@ class Manifests(unittest.TestCase):
                 self.assertFalse(others, where)
                 self.assertTrue(pod["securityContext"]["runAsNonRoot"] and container["securityContext"]["readOnlyRootFilesystem"], where)
                 self.assertTrue(container["resources"]["requests"]["cpu"] and container["resources"]["limits"]["memory"], where)
-                self.assertTrue(container["startupProbe"] and container["livenessProbe"], where)
+                self.assertTrue(container["startupProbe"] and container["livenessProbe"] and container["readinessProbe"], where)
                 self.assertEqual(template["metadata"]["labels"]["app.kubernetes.io/part-of"], "citylearn", where)
                 for volume in pod["volumes"]:
                     named = volume.get("configMap", {}).get("name") or volume.get("persistentVolumeClaim", {}).get("claimName")
@@ -131,7 +131,7 @@ class Played(unittest.TestCase):
         for kind, name, spec, template in templates(render("one-node")):
             container = template["spec"]["containers"][0]
             if kind == "StatefulSet":
-                probe = ["podman", "exec", f"{support.OWN}-{name}-0-{container['name']}", *container["livenessProbe"]["exec"]["command"]]
+                probe = ["podman", "exec", f"{support.OWN}-{name}-0-{container['name']}", *container["startupProbe"]["exec"]["command"]]
                 wait_for(f"{name} is healthy", 60, lambda probe=probe: support.status_of(*probe) == 0, self.report)
 
     def test_actors(self):
