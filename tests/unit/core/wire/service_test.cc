@@ -5,9 +5,12 @@
 #include <signal.h>
 #include <spdlog/spdlog.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
+#include <regex>
 #include <thread>
 
 #include "core/files/files.h"
@@ -18,7 +21,8 @@ namespace citylearn::testing {
 namespace {
 
 /// Returns what a service with these options writes to standard error when it logs `text`.
-std::string logged(const std::string& name, std::vector<std::string> options, const std::string& text) {
+std::string logged(const std::string& name, std::vector<std::string> options, const std::string& text,
+                   bool journal = false) {
   options.insert(options.begin(), name);
   std::vector<char*> arguments;
   for (std::string& option : options) arguments.push_back(option.data());
@@ -26,6 +30,10 @@ std::string logged(const std::string& name, std::vector<std::string> options, co
   node.service = "env_service";
   const auto before = spdlog::default_logger();
   ::testing::internal::CaptureStderr();
+  struct stat error {};
+  ::fstat(STDERR_FILENO, &error);
+  if (journal)
+    ::setenv("JOURNAL_STREAM", (std::to_string(error.st_dev) + ":" + std::to_string(error.st_ino)).c_str(), 1);
   service_main(
       static_cast<int>(arguments.size()), arguments.data(), "A service.",
       [&](CLI::App& app) { add_node_options(app, node); },
@@ -35,6 +43,7 @@ std::string logged(const std::string& name, std::vector<std::string> options, co
         return 0;
       });
   spdlog::set_default_logger(before);
+  ::unsetenv("JOURNAL_STREAM");
   return ::testing::internal::GetCapturedStderr();
 }
 
@@ -59,15 +68,40 @@ TEST(ServiceLog, NoTextForgesALineOrCommandsATerminal) {
 }
 
 TEST(ServiceLog, JsonIsJsonWhateverItSays) {
-  const std::string lines = logged("logs_json", {"--session", "demo-1", "--log-format", "json"}, nasty() + "\xFF");
+  const std::string lines =
+      logged("logs_json", {"--session", "demo-1", "--id", "env-1", "--log-format", "json"}, nasty() + "\xFF");
   EXPECT_EQ(std::count(lines.begin(), lines.end(), '\n'), 1);
   for (const char c : lines.substr(0, lines.size() - 1)) EXPECT_TRUE(c >= ' ' && c != 0x7F) << int{c};
   const nlohmann::json line = nlohmann::json::parse(lines, nullptr, false);
   ASSERT_TRUE(line.is_object()) << lines;
-  EXPECT_EQ(line["text"], nasty() + "\xEF\xBF\xBD");
+  EXPECT_EQ(line["message"], nasty() + "\xEF\xBF\xBD");
   EXPECT_EQ(line["level"], "warning");
   EXPECT_EQ(line["session"], "demo-1");
   EXPECT_EQ(line["service"], "env_service");
+  EXPECT_EQ(line["id"], "env-1");
+  EXPECT_TRUE(
+      std::regex_match(line["time"].get<std::string>(), std::regex("[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:]{8}\\.[0-9]{3}Z")))
+      << lines;
+}
+
+TEST(ServiceLog, JsonBeginsWithTheErrorsOfTheCommandLine) {
+  using Options = std::vector<std::string>;
+  for (const Options& options :
+       {Options{"--domain", "x", "--log-format", "json"}, Options{"--log-format=json", "--none"},
+        Options{"--log-level", "off", "--log-format", "json", "--domain"}}) {
+    const nlohmann::json line = nlohmann::json::parse(logged("env_service", options, ""), nullptr, false);
+    ASSERT_TRUE(line.is_object()) << options.front();
+    EXPECT_EQ(line["level"], "critical");
+    EXPECT_EQ(line["service"], "env_service");
+    EXPECT_TRUE(contains(line["message"], "try --help"));
+  }
+  EXPECT_TRUE(logged("env_service", {"--domain", "x"}, "").starts_with("env_service: ")) << "text again";
+}
+
+TEST(ServiceLog, TheJournalGetsNoTime) {
+  EXPECT_EQ(logged("logs_journal", {}, "hot", true), "W [logs_journal] hot\n");
+  EXPECT_TRUE(
+      std::regex_match(logged("logs_file", {}, "hot"), std::regex("[0-9:]{8}\\.[0-9]{3} W \\[logs_file\\] hot\n")));
 }
 
 /// Returns "VALUE, ORIGIN" by the name of each option of a service that was started so.
@@ -146,11 +180,12 @@ TEST(ServiceLimits, EndWithOneLine) {
 
 /// Threads of libraries have nobody who catches what they throw.
 TEST(ServiceLimits, AThreadThatFailsEndsTheServiceWithOneLine) {
-  const auto service_of = [](const std::function<void()>& thread) {
-    std::string name = "limited";
-    char* arguments[] = {name.data(), nullptr};
+  const auto service_of = [](const std::function<void()>& thread, std::string format = "text") {
+    std::string name = "limited", option = "--log-format";
+    char* arguments[] = {name.data(), option.data(), format.data(), nullptr};
+    Node::Options node;
     std::exit(service_main(
-        1, arguments, "A service.", [](CLI::App&) {},
+        3, arguments, "A service.", [&](CLI::App& app) { add_node_options(app, node); },
         [&] {
           std::thread(thread).join();
           return 0;
@@ -160,6 +195,9 @@ TEST(ServiceLimits, AThreadThatFailsEndsTheServiceWithOneLine) {
   EXPECT_EXIT(service_of([] { throw std::runtime_error("no more"); }), ::testing::ExitedWithCode(1),
               "^[^:]*: unexpected failure of a thread: no more\n$");
   EXPECT_EXIT(service_of([] { std::abort(); }), ::testing::KilledBySignal(SIGABRT), "^[^:]*: aborted by a library");
+  EXPECT_EXIT(
+      service_of([] { throw std::runtime_error("no \"more\""); }, "json"), ::testing::ExitedWithCode(1),
+      "^.\"level\":\"critical\",\"service\":\"[^\"]*\",\"message\":\"unexpected failure of a thread: no .more.\".\n$");
 }
 
 }  // namespace
