@@ -1,20 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/wire/metrics.h"
 
-#include <arpa/inet.h>
-#include <civetweb.h>
-#include <spdlog/spdlog.h>
+#include <spdlog/fmt/fmt.h>
 
-#include <array>
-#include <charconv>
 #include <map>
 #include <mutex>
 #include <optional>
 
 #include "core/task/training_figures.h"
-#include "core/util/error.h"
 #include "core/util/version.h"
 #include "core/wire/message_fields.h"
+#include "core/wire/metrics_server.h"
 #include "core/wire/presence.h"
 #include "core/wire/service_state.h"
 
@@ -62,83 +58,8 @@ struct Metrics::Values {
   std::map<std::string, std::pair<std::uint64_t, std::uint64_t>> queues;  // length and capacity
 };
 
-/// An HTTP server whose clients, however slow or hostile, keep only its own few threads busy.
-class Metrics::Server {
- public:
-  Server(const Metrics& metrics, const std::string& address) : metrics_(metrics) {
-    const std::string full = address.find(':') == std::string::npos ? "127.0.0.1:" + address : address;
-    const char* options[] = {
-        "listening_ports",  full.c_str(), "num_threads", "4", "enable_keep_alive", "no", "request_timeout_ms", "2000",
-        "max_request_size", "4096",       nullptr};
-    mg_callbacks callbacks{};
-    callbacks.begin_request = [](mg_connection* connection) {
-      return static_cast<Server*>(mg_get_request_info(connection)->user_data)->answer(connection);
-    };
-    callbacks.log_message = [](const mg_connection*, const char* text) {
-      spdlog::debug("metrics: {}", text);
-      return 1;
-    };
-    mg_init_data init{&callbacks, this, options};
-    std::array<char, 256> why{};
-    mg_error_data error{nullptr, why.data(), why.size()};
-    mg_init_library(0);
-    context_ = mg_start2(&init, &error);
-    if (!context_)
-      throw Error(std::string("cannot listen: ") + why.data(), "--metrics " + full,
-                  "choose a free port and an address of this host");
-    mg_server_port port{};
-    mg_get_server_ports(context_, 1, &port);
-    spdlog::info("metrics: http://{}:{}/metrics", full.substr(0, full.find(':')), port.port);
-  }
-  ~Server() { mg_stop(context_); }
-  Server(const Server&) = delete;
-  Server& operator=(const Server&) = delete;
-
- private:
-  /// Answers every request itself, so that the library serves no files. Returns the status.
-  int answer(mg_connection* connection) const {
-    const mg_request_info& request = *mg_get_request_info(connection);
-    const std::string_view method = request.request_method, path = request.local_uri;
-    if (method != "GET" && method != "HEAD") return send(connection, 405, "Method Not Allowed", "use GET\n");
-    if (path == "/metrics")
-      return send(connection, 200, "OK", metrics_.text(), "text/plain; version=0.0.4; charset=utf-8");
-    if (path != "/healthz" && path != "/livez")
-      return send(connection, 404, "Not Found", "use /metrics, /healthz or /livez\n");
-    const std::string problem = metrics_.problem(path == "/healthz");
-    return problem.empty() ? send(connection, 200, "OK", "ok\n")
-                           : send(connection, 503, "Service Unavailable", problem + "\n");
-  }
-
-  static int send(mg_connection* connection, int status, const char* reason, const std::string& body,
-                  const char* type = "text/plain; charset=utf-8") {
-    const bool head = std::string_view(mg_get_request_info(connection)->request_method) == "HEAD";
-    const std::string reply = fmt::format(
-        "HTTP/1.1 {} {}\r\nContent-Type: {}\r\nContent-Length: {}\r\nCache-Control: no-store\r\nConnection: "
-        "close\r\n\r\n{}",
-        status, reason, type, body.size(), head ? "" : body);
-    mg_write(connection, reply.data(), reply.size());
-    return status;
-  }
-
-  const Metrics& metrics_;
-  mg_context* context_ = nullptr;
-};
-
-std::string metrics_address_problem(const std::string& text) {
-  if (text.empty()) return "";
-  const std::size_t colon = text.find(':'), begin = colon == std::string::npos ? 0 : colon + 1;
-  in_addr address{};
-  std::uint16_t port = 0;
-  const auto [end, error] = std::from_chars(text.data() + begin, text.data() + text.size(), port);
-  if (error == std::errc() && end == text.data() + text.size() &&
-      (begin == 0 || inet_pton(AF_INET, text.substr(0, colon).c_str(), &address) == 1))
-    return "";
-  return "'" + text + "' is not [ADDRESS:]PORT, an IPv4 address and a port up to 65535, as 9464 or 0.0.0.0:9464";
-}
-
 Metrics::Metrics(const std::string& address) : values_(std::make_unique<Values>()) {
-  if (const std::string problem = metrics_address_problem(address); !problem.empty()) throw Error(problem, "--metrics");
-  if (!address.empty()) server_ = std::make_unique<Server>(*this, address);
+  if (!address.empty()) server_ = std::make_unique<MetricsServer>(*this, address);
 }
 
 Metrics::~Metrics() = default;

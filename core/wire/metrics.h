@@ -9,11 +9,13 @@
 
 namespace citylearn {
 
+class MetricsServer;
+
 /// Returns why `text` is not [ADDRESS:]PORT, an IPv4 address and a port; empty when it is, or when it is empty.
 std::string metrics_address_problem(const std::string& text);
 
 /// What a service tells Prometheus and health probes: its last heartbeat, its last update of training, and its queues.
-/// Serves GET /metrics, /healthz and /livez over HTTP on threads of its own. Used by any thread.
+/// Serves GET /metrics, /healthz and /livez over HTTP on a thread of its own. Used by any thread.
 class Metrics {
  public:
   /// Listens at `address`, "[ADDRESS:]PORT"; without ADDRESS on 127.0.0.1 alone, at port 0 on a free port. Serves
@@ -34,10 +36,9 @@ class Metrics {
   std::string problem(bool alarms) const;
 
  private:
-  class Server;
   struct Values;
   const std::unique_ptr<Values> values_;
-  std::unique_ptr<Server> server_;
+  std::unique_ptr<MetricsServer> server_;
 };
 
 }  // namespace citylearn

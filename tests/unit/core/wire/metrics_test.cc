@@ -67,7 +67,7 @@ class Client {
 };
 
 /// Metrics that are served, on a free port.
-class MetricsServer : public ::testing::Test {
+class ServedMetrics : public ::testing::Test {
  protected:
   void SetUp() override {
     std::smatch found;
@@ -152,12 +152,13 @@ TEST(Metrics, RefuseAddressesThatAreNone) {
   for (const std::string address : {"", "0", "9464", "0.0.0.0:9464"}) EXPECT_EQ(metrics_address_problem(address), "");
 }
 
-TEST_F(MetricsServer, AnswersProbesAndPrometheus) {
+TEST_F(ServedMetrics, AnswersProbesAndPrometheus) {
   EXPECT_TRUE(request("GET /healthz").starts_with("HTTP/1.1 503 Service Unavailable\r\n"));
   msg::ServiceStatus status = running();
   metrics_.set(status);
   const std::string reply = request("GET /metrics");
-  EXPECT_TRUE(reply.starts_with("HTTP/1.1 200 OK\r\nContent-Type: text/plain; version=0.0.4; charset=utf-8\r\n"));
+  EXPECT_TRUE(reply.starts_with("HTTP/1.1 200 OK\r\nContent-Type: text/plain; version=0.0.4; charset=utf-8\r\n"))
+      << reply;
   EXPECT_TRUE(contains(reply, "\r\n\r\n# HELP citylearn_info ")) << reply;
   EXPECT_TRUE(request("GET /healthz").ends_with("\r\n\r\nok\n"));
   EXPECT_TRUE(request("HEAD /healthz").ends_with("\r\n\r\n"));
@@ -165,18 +166,17 @@ TEST_F(MetricsServer, AnswersProbesAndPrometheus) {
   metrics_.set(status);
   EXPECT_TRUE(request("GET /healthz").ends_with("\r\n\r\nepisodes: too many\n"));
   EXPECT_TRUE(request("GET /livez").ends_with("\r\n\r\nok\n"));
-  EXPECT_TRUE(eventually([] {}, [&] { return contains(request("GET /livez"), " 503 "); }))
-      << "no heartbeat comes";
+  EXPECT_TRUE(eventually([] {}, [&] { return contains(request("GET /livez"), " 503 "); })) << "no heartbeat comes";
   EXPECT_TRUE(contains(request("GET /livez"), "the main loop stands"));
   for (const std::string path : {"/", "/metrics/", "/../etc/passwd", "/%2e%2e/etc/passwd"})
     EXPECT_TRUE(request("GET " + path).starts_with("HTTP/1.1 404 ")) << path;
   EXPECT_TRUE(request("PUT /metrics").starts_with("HTTP/1.1 405 "));
 }
 
-TEST_F(MetricsServer, SlowAndHostileClientsHoldItUpForAMoment) {
+TEST_F(ServedMetrics, SlowAndHostileClientsHoldItUpForAMoment) {
   metrics_.set(running());
   std::deque<Client> slow;
-  for (int i = 0; i < 12; ++i) slow.emplace_back(port_).send("GET /metrics HTTP/1.1\r\nHost: ");
+  for (int i = 0; i < 40; ++i) slow.emplace_back(port_).send("GET /metrics HTTP/1.1\r\nHost: ");
   Client endless(port_), garbage(port_);
   endless.send("GET /" + std::string(100'000, 'x'));
   garbage.send(std::string("\x16\x03\x01\0\xFF\r\n\r\n", 9));
@@ -187,13 +187,12 @@ TEST_F(MetricsServer, SlowAndHostileClientsHoldItUpForAMoment) {
   EXPECT_TRUE(request("GET /livez").starts_with("HTTP/1.1 ")) << "it goes on";
 }
 
-TEST_F(MetricsServer, AnUsedPortIsAnErrorThatNamesIt) {
+TEST_F(ServedMetrics, AnUsedPortIsAnErrorThatNamesIt) {
   try {
     Metrics second(std::to_string(port_));
     FAIL();
   } catch (const Error& error) {
-    EXPECT_TRUE(contains(error.what(), "--metrics 127.0.0.1:" + std::to_string(port_) + ": cannot listen"))
-        << error.what();
+    EXPECT_TRUE(contains(error.what(), "--metrics " + std::to_string(port_) + ": cannot listen")) << error.what();
   }
 }
 
