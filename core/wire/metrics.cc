@@ -37,7 +37,7 @@ class Exposition {
   std::string name_;
 };
 
-std::string escaped(const std::string& label) {
+std::string label_text(const std::string& label) {
   std::string text;
   for (const char c : label) text += c == '\n' ? "\\n" : c == '"' || c == '\\' ? std::string{'\\', c} : std::string{c};
   return text;
@@ -86,7 +86,7 @@ std::string Metrics::text() const {
   if (values_->status) {
     const msg::ServiceStatus& status = *values_->status;
     const auto label = [](const char* name, const std::string& value) {
-      return std::string(name) + "=\"" + escaped(value) + "\"";
+      return std::string(name) + "=\"" + label_text(value) + "\"";
     };
     all.family("citylearn_info", "The service; always 1.");
     all.sample(1, "{" + label("service", status.service().c_str()) + "," +
