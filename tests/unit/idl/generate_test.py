@@ -24,7 +24,7 @@ GOOD = """module citylearn { module msg {
     string<64> name;                            //@name(optional) of the thing
     sequence<float, MOST> number;               //@finite metres
     sequence<octet, MOST> flags;                //@length(number) one for each number
-    double uptime;
+    double uptime;                              //@finite @metric(uptime_seconds) seconds "alive"
   };
 };
 };
@@ -50,7 +50,7 @@ class Generate(unittest.TestCase):
                      'check.length("flags", m.flags().size(), "number", m.number().size(), 0);',
                      'check.name("name", m.name(), true);',
                      'X(BigThing, "citylearn/big_thing", kState, kReceiver)', 'return m.name().c_str();',
-                     '#include "idl/thing.h"'):
+                     '#include "idl/thing.h"', r'visitor("citylearn_uptime_seconds", "seconds \"alive\"", m.uptime());'):
             self.assertIn(line, fields)
         forward = (pathlib.Path(self.folder.name) / "idl/forward.h").read_text()
         self.assertIn("class BigThing;", forward)
@@ -68,6 +68,9 @@ class Generate(unittest.TestCase):
                 ("//@name(optional)", "//@finite", 14, "does not fit"),
                 ("//@name(optional)", "//@name(maybe)", 14, "does not fit"),
                 ("//@finite", "//@finit", 15, "unknown annotation"),
+                ("//@name(optional)", "//@metric(name)", 14, "does not fit"),
+                ("@metric(uptime_seconds)", "@metric", 17, "does not fit"),
+                ('seconds "alive"', "", 17, "does not fit"),
                 ("topic(state)", "topic(fast)", 10, "one of state, command, durable"),
                 ("@to(name)", "@to(number)", 18, "no string<64> 'number'"),
                 ("@to(name)", "@from(some)", 10, "expected @to(FIELD), @from or @from(all)"),
