@@ -118,7 +118,7 @@ void print_last_line(const char* program, const char* what, const char* more) no
   char text[1024];
   std::size_t size = 0;
   const auto add = [&](const char* part, bool escape) {
-    for (; *part && size + 8 < sizeof text; ++part) {
+    for (; *part && size + (escape ? 8 : 1) < sizeof text; ++part) {  // there is always room for the end
       const char c = *part;
       text[size++] = escape && (c < ' ' || c == '"' || c == '\\' || c == 0x7F) ? '?' : c;
     }

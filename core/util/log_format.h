@@ -9,9 +9,8 @@ namespace citylearn {
 // line or command a terminal.
 
 /// Makes all lines those for people from now on: "12:30:01.123 I [env_service] text", control characters of the text
-/// written as
-/// "\x1b". On a terminal a line first clears what stands there, as a progress bar does not end its line. Without the
-/// time where standard error is the journal's, which notes it.
+/// written as "\x1b". On a terminal a line first clears what stands there, as a progress bar does not end its line. In
+/// the journal, which notes the time, lines have none.
 void use_text_log(bool terminal = false);
 
 /// The service that lines of JSON name. It is set anew as more of it is known.

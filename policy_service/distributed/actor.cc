@@ -428,8 +428,6 @@ void Actor::report() {
     node_.report(msg::WAITING, "waiting for a learner");
     return;
   }
-  node_.metrics().set_queue("trajectories", session_->outbox.unacknowledged(),
-                            session_->info().window() * served_.size());
   const std::string learner = session_->info().header().sender().c_str();
   const bool silent = !learner_.here(now);
   if (silent && !std::exchange(warned_, true))

@@ -22,10 +22,16 @@ void TrajectoryOutbox::schedule_resend(Clock::duration waited) {
   resend_ = waits_since_ + interval_;
 }
 
+/// Its capacity is the room that the learner gives.
+void TrajectoryOutbox::show_queue() {
+  node_.metrics().set_queue("trajectories", waiting_.size(), std::max(limit_, acknowledged_) - acknowledged_);
+}
+
 msg::Trajectory& TrajectoryOutbox::add() {
   if (waiting_.empty()) schedule_resend(waited_);
   msg::Trajectory& trajectory = waiting_.emplace_back();
   trajectory.number() = ++number_;
+  show_queue();
   return trajectory;
 }
 
@@ -54,6 +60,7 @@ TrajectoryOutbox::Result TrajectoryOutbox::acknowledge(std::uint64_t number, std
     sent_ = std::max(sent_, acknowledged_);
     schedule_resend(waited_ = Clock::now() - waits_since_);
   }
+  show_queue();
   return Result::kAccepted;
 }
 

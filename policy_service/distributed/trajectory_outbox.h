@@ -32,6 +32,7 @@ class TrajectoryOutbox {
 
  private:
   void schedule_resend(Clock::duration waited);
+  void show_queue();
 
   Node& node_;
   std::uint64_t number_ = 0, acknowledged_ = 0, sent_ = 0, limit_ = 0;
