@@ -13,8 +13,8 @@ struct NodeOptions {
   MiddlewareOptions middleware;
   std::string service;              ///< kind: "env_service"
   std::string id;                   ///< a name (core/util/name.h), unique within the session
-  std::string metrics;              ///< where to serve /metrics and /healthz, "[ADDRESS:]PORT"; empty: nowhere
   std::string session = "default";  ///< a name: messages of other sessions are ignored; empty: hears all sessions
+  std::string metrics{};            ///< where to serve /metrics and /healthz, "[ADDRESS:]PORT"; empty: nowhere
 };
 
 /// Counts of a node's traffic, as published in ServiceStatus.
