@@ -11,10 +11,15 @@ from pathlib import Path
 
 import support
 
-# Takes srun's options off; as the real one, it hands signals on.
+# Takes srun's options off. scancel signals what it started, as Slurm does.
 SRUN = """#!/bin/bash
 while [[ $1 == --* ]]; do echo "$1" >>"$TRIAL/options"; shift; done
+echo $$ >>"$TRIAL/steps"
 exec "$@"
+"""
+SCANCEL = """#!/bin/bash
+echo "$*" >>"$TRIAL/asked"
+kill -TERM $(cat "$TRIAL/steps") 2>/dev/null
 """
 SCONTROL = """#!/bin/bash
 echo "$*" >>"$TRIAL/asked"
@@ -27,7 +32,7 @@ class Slurm(unittest.TestCase):
         temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
         self.addCleanup(temporary.cleanup)
         self.folder = Path(temporary.name)
-        for name, text in (("srun", SRUN), ("scontrol", SCONTROL)):
+        for name, text in (("srun", SRUN), ("scontrol", SCONTROL), ("scancel", SCANCEL)):
             (self.folder / name).write_text(text)
             (self.folder / name).chmod(0o755)
         self.output = self.folder / "output"
@@ -82,7 +87,7 @@ class Slurm(unittest.TestCase):
         self.assertIn(f"done; results are in {self.output}", said)
         evaluated = json.loads((self.output / "summary.json").read_text())["evaluate"]
         self.assertGreater(evaluated["fall"]["spl"], 0.9)
-        self.assertIn("all acknowledged", self.log("env-fall"))
+        self.assertIn("all acknowledged", self.log("env-fall-127.0.0.2"))
         self.assertIn("--nodelist=127.0.0.1", (self.folder / "options").read_text())
 
     def test_before_its_time_is_over_it_is_queued_again_and_then_goes_on(self):
@@ -99,7 +104,8 @@ class Slurm(unittest.TestCase):
 
     def test_odd_settings_are_refused_and_nothing_in_them_is_run(self):
         command = f"$(touch {self.folder}/run)"
-        for name, value in (("ENVS", f"PATH[{command}]"), ("ENVS", "08"), ("ENVS", "99999999999999999999"),
+        for name, value in (("ENVS", f"PATH[{command}]"), ("ACTORS", f"PATH[{command}]"), ("RANKS", "maybe"),
+                            ("ENVS", "08"), ("ENVS", "99999999999999999999"),
                             ("FRAMES", f"PATH[{command}]:128"), ("FRAMES", f"0:PATH[{command}]"), ("FRAMES", "128"),
                             ("FRAMES", "9:9"), ("TRAIN", f"a{command}"), ("TRAIN", "a\nb"), ("EVALUATE", "fall ../../fall"), ("EVALUATE", f"fall{command}"), ("EVALUATE", "*")):
             self.start(**{name: value})
