@@ -144,7 +144,7 @@ class Image(unittest.TestCase):
                 self.assertIn(service["build"]["target"], stages, f"{path.name}: {name}")
                 self.assertEqual((path.parent / service["build"]["context"] / service["build"]["dockerfile"]).resolve(),
                                  COMPOSE / "Containerfile")
-        self.assertIn("-DCITYLEARN_NATIVE=OFF", self.TEXT)
+        self.assertIn("cmake --preset package ", self.TEXT)
         self.assertEqual(len(re.findall(r"^USER 10001:10001$", self.TEXT, re.MULTILINE)), 2)
 
     def test_what_is_copied_exists_and_is_not_ignored(self):

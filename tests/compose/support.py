@@ -76,6 +76,20 @@ def missing(programs=(), images=(SERVICES, DASHBOARD)):
     return ""
 
 
+def build_image(image, containerfile, *options):
+    """Builds an image; why there is none, where its packages cannot be fetched."""
+    with tempfile.TemporaryDirectory(prefix="citylearn-") as folder:
+        path = Path(folder) / "Containerfile"
+        path.write_text(containerfile)
+        done = subprocess.run(["podman", "build", "--quiet", *options, "--tag", image, "--file", path, folder],
+                              capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return ""
+    if re.search("Failed to fetch|Unable to locate package|has no installation candidate", done.stdout + done.stderr):
+        return "its packages cannot be fetched into an image here"
+    raise SystemExit(done.stdout + done.stderr)
+
+
 def main(reason):
     """Runs the calling file's tests, or says why not. A signal ends it as an error does: everything is removed."""
     if reason:
@@ -202,3 +216,57 @@ class Project:
         self.compose("down", "-v", "-t", "10")
         test.assertEqual(self.all_of("ps") + self.all_of("volume ls"), [])
         podman("network", "rm", *self.all_of("network ls"))  # podman-compose 1.0.3 leaves it
+
+
+UNITS = ("citylearn-dashboard", "citylearn-encoder", "citylearn-env@summer", "citylearn-env@fall", "citylearn-policy@first")
+SETTINGS = """CITYLEARN_SESSION=trial
+CITYLEARN_INTERFACE=lo
+ENV_OPTIONS="--dataset synthetic --frames 0:48 --agents 8 --recorders dashboard"
+ENCODER_OPTIONS="--reference summer --dimension 24"
+POLICY_OPTIONS="--train summer --evaluate summer,fall --frames 0:48 --tasks 50 --steps 60000 --wait 100"
+DASHBOARD_OPTIONS="--port 8080"
+"""
+
+
+class SystemdCase(unittest.TestCase):
+    """Each test has a container of IMAGE, in which a real systemd runs."""
+
+    IMAGE = ""
+    NAME = f"{OWN}-systemd"
+
+    def setUp(self):
+        self.addCleanup(podman, "rm", "--force", "--time", "5", "--volumes", self.NAME, check=False)
+        # --privileged stays out: systemd needs the right to make namespaces for the confinement of the units.
+        podman("run", "--detach", "--systemd=always", "--cap-add", "SYS_ADMIN", "--security-opt", "seccomp=unconfined",
+               "--name", self.NAME, self.IMAGE, "/lib/systemd/systemd")
+        wait_for("systemd runs", 60, lambda: self.inside("systemctl", "is-system-running", check=False) in ("running", "degraded"))
+
+    def inside(self, *words, check=True):
+        return podman("exec", self.NAME, *words, check=check)
+
+    def property_of(self, unit, name):
+        return self.inside("systemctl", "show", "--value", "-p", name, unit)
+
+    def report(self):
+        return self.inside("journalctl", "--no-pager", "-n", "60", check=False)
+
+    def start_target(self):
+        """Starts citylearn.target with all UNITS, as the user citylearn."""
+        with tempfile.NamedTemporaryFile("w", suffix=".env") as file:
+            file.write(SETTINGS)
+            file.flush()
+            podman("cp", file.name, f"{self.NAME}:/etc/citylearn/citylearn.env")
+        self.inside("systemctl", "enable", "citylearn.target", *UNITS)
+        self.inside("systemctl", "start", "citylearn.target")
+        for unit in UNITS[:-1]:
+            wait_for(f"{unit} runs", 30, lambda unit=unit: self.property_of(unit, "ActiveState") == "active", self.report)
+            self.assertEqual(self.property_of(unit, "User"), "citylearn")
+
+    def expect_trained(self):
+        """The run ends well, and its agent navigates."""
+        summary = "/var/lib/citylearn/runs/first/summary.json"
+        wait_for("the run's results", 120, lambda: '"evaluate"' in self.inside("cat", summary, check=False), self.report)
+        for figures in json.loads(self.inside("cat", summary))["evaluate"].values():
+            self.assertGreater(figures["spl"], 0.95)
+        wait_for("the policy_service has ended well", 30, lambda: self.property_of(UNITS[-1], "ActiveState") == "inactive", self.report)
+        self.assertEqual(self.property_of(UNITS[-1], "Result"), "success", self.report())
