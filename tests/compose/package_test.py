@@ -10,7 +10,7 @@ import unittest
 from pathlib import Path
 
 import support
-from support import call, podman, wait_for
+from support import UNITS, call, podman, wait_for
 
 BUILD = sys.argv.pop(1)
 IMAGE = f"localhost/citylearn-bare-systemd:{support.TAG}"
@@ -54,6 +54,11 @@ class Packages(support.SystemdCase):
         self.start_target()
         wait_for("the page", 30, lambda: "<!doctype html>" in self.inside("bash", "-c", PAGE, check=False).lower(), self.report)
         self.expect_trained()
+        processes = [self.property_of(unit, "MainPID") for unit in UNITS[:4]]
+        self.inside("dpkg", "--install", *(f"/packages/{self.files[name].name}" for name in PACKAGES[:2]))  # as an upgrade does
+        for unit, process in zip(UNITS[:4], processes):
+            wait_for(f"{unit} is another process", 30, lambda unit=unit, process=process: self.property_of(unit, "MainPID") not in
+                     ("0", process), self.report)
         before = self.inside("find", "/var/lib/citylearn/runs", "-type", "f")
         self.assertIn("/first/checkpoints/", before)
         self.inside("apt-get", "remove", "-y", *PACKAGES[:2])
