@@ -125,7 +125,7 @@ void Environment::step(std::span<const std::uint8_t> actions) {
                 "Action.choice");
   for (int index = 0; index < agents(); ++index) {
     const Agent& agent = agents_[index];
-    if (agent.flags & msg::FLAG_IDLE) continue;
+    if (agent.flags & msg::FLAG_IDLE || waits(agent, actions[index])) continue;
     if (actions[index] >= kActions || !(allowed(agent.frame) >> actions[index] & 1))
       throw Error("action " + std::to_string(actions[index]) + " is not allowed at frame " +
                       std::to_string(settings_.first_frame() + agent.frame),
@@ -138,6 +138,11 @@ void Environment::step(std::span<const std::uint8_t> actions) {
     Agent& agent = agents_[index];
     if (agent.flags & msg::FLAG_IDLE) {
       agent.flags = msg::FLAG_IDLE;
+      agent.reward = 0;
+      continue;
+    }
+    if (waits(agent, actions[index])) {
+      agent.flags = msg::FLAG_FIRST;
       agent.reward = 0;
       continue;
     }

@@ -51,7 +51,8 @@ class Environment {
     return std::span(traversal_.features).subspan(static_cast<std::size_t>(frame) * dimension, dimension);
   }
 
-  /// One action per agent. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
+  /// One action per agent. An agent at the start of its episode may be given kNoAction: it waits, and nothing of it
+  /// changes. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
   void step(std::span<const std::uint8_t> actions);
 
   /// Fills everything but the header.
@@ -84,6 +85,7 @@ class Environment {
   void begin_training_episode(Agent& agent);
   void begin_task(Agent& agent, int task);
   std::uint8_t allowed(int frame) const;
+  static bool waits(const Agent& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }
   static int distance(const Agent& agent, int frame);
   void move(Agent& agent, std::uint8_t action);
   void kidnap(Agent& agent);

@@ -216,7 +216,7 @@ void check(const MapChunk& m, const std::string& type) {
     refuse(type, "latitude", counts(m.latitude().size(), places));
 }
 
-void check(const Action& m, const std::string& type) { require_actions(m.choice(), false, type, "choice"); }
+void check(const Action& m, const std::string& type) { require_actions(m.choice(), true, type, "choice"); }
 
 template <class Message>
 void check_size(const Message& m, const std::string& type) {

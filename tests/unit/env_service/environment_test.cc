@@ -46,6 +46,22 @@ msg::TaskSettings beginning(const Traversal& traversal, msg::TaskSettings with, 
   throw Error("no such beginning");
 }
 
+TEST(EnvironmentWait, AnAgentWaitsAtTheStartOfItsEpisodeAlone) {
+  const Traversal traversal = small_traversal(20);
+  const msg::TaskSettings with = settings(msg::TRAIN, 20, 100);
+  Walk waiting(traversal, with), going(traversal, with);
+  msg::Observation before = waiting.seen;
+  waiting.step(kNoAction);
+  before.step() = 1;
+  EXPECT_EQ(waiting.seen, before) << "nothing of it changes";
+  while (!(going.seen.flags()[0] & msg::FLAG_TERMINATED)) {
+    EXPECT_EQ(waiting.reward_of(waiting.towards()), going.reward_of(going.towards()));
+    EXPECT_EQ(waiting.seen.goal(), going.seen.goal()) << "it draws the same numbers";
+    if (going.seen.flags()[0] & msg::FLAG_FIRST) break;
+    EXPECT_THROW(waiting.step(kNoAction), Error) << "in the middle of an episode";
+  }
+}
+
 TEST(EnvironmentMask, ForbidsLeavingTheRouteAtBothEnds) {
   const Traversal traversal = small_traversal(20);
   msg::TaskSettings with = settings(msg::TRAIN, 5, 100);

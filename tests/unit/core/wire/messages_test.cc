@@ -193,7 +193,7 @@ TEST(Messages, InconsistentContentNamesTypeAndField) {
     m.episode() = 150;
     m.acknowledged() = 1'000'000'000'000;
   });
-  expect_error<msg::Action>("choice: unknown action 255", [](auto& m) { m.choice()[0] = 255; });
+  expect_error<msg::Action>("choice: unknown action 3", [](auto& m) { m.choice()[0] = 3; });
   expect_error<msg::TraversalInfo>("frames: must be 1..1048576", [](auto& m) { m.frames(0); });
   expect_error<msg::TraversalInfo>("agents: must be 1..256", [](auto& m) { m.agents(257); });
   expect_error<msg::TraversalInfo>("feature_dimension: must be at most 262144",
