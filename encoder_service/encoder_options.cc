@@ -3,6 +3,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "core/util/name.h"
 #include "core/util/text.h"
 #include "core/wire/service.h"
 
@@ -20,6 +21,28 @@ void add_encoder_options(CLI::App& app, EncoderFiles& files,
       ->type_name("FILE");
   for (const auto* entry : EncoderRegistry::instance().entries())
     add_parameters(app, entry->name, entry->parameters, parameters[entry->name]);
+}
+
+void add_reduction_options(CLI::App& app, ReductionChoice& choice, const std::string& group) {
+  const OptionGroup options(app, group);
+  app.add_option("--reference", choice.reference, "Traversal that the encoder and the reduction learn from")
+      ->capture_default_str()
+      ->transform(name_from);
+  app.add_option("--dimension", choice.reduction.dimension,
+                 "Features a frame, by PCA; 0 keeps all that the encoder gives; the default is lower for a short "
+                 "reference")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 4096))
+      ->each([&choice](const std::string&) { choice.cap_dimension = false; });
+  app.add_option("--whitening", choice.reduction.whitening, "Exponent of the whitening: 0 none, 0.5 full")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 0.5));
+  app.add_option("--centring", choice.centring,
+                 "Mean that is subtracted first: of the reference, of the traversal's own frames, of its frames so far "
+                 "(running), "
+                 "or none")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"reference", "own", "running", "none"}));
 }
 
 std::string list_encoders() {

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "encoder_service/encoding/encoder.h"
+#include "encoder_service/encoding/reduction.h"
 
 namespace CLI {
 class App;
@@ -19,6 +20,16 @@ std::string encoder_names();
 /// encoder; those given end up in `parameters`, by encoder.
 void add_encoder_options(CLI::App& app, EncoderFiles& files,
                          std::map<std::string, std::map<std::string, double>>& parameters, const std::string& group);
+
+/// What becomes of an encoder's descriptors, as the command line says it.
+struct ReductionChoice {
+  std::string reference = "summer";  ///< traversal that the encoder and the reduction learn from
+  ReductionOptions reduction;        ///< but for its centring
+  bool cap_dimension = true;         ///< until --dimension is given: fewer where the reference is too short for as many
+  std::string centring = "running";
+};
+/// Adds --reference, --dimension, --whitening and --centring under `group`.
+void add_reduction_options(CLI::App& app, ReductionChoice& choice, const std::string& group);
 
 /// Returns the text of `--list`.
 std::string list_encoders();

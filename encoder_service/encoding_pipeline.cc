@@ -131,13 +131,10 @@ std::string EncodingPipeline::feature_recipe() const {
 void EncodingPipeline::learn_encoder() {
   EncodedTraversal* traversal = reference();
   if (sampling_ || !traversal) return;
-  const int wanted = std::min(encoder_->training_sample_count(), traversal->frames);
   if (restore_encoder(encoder_path(traversal->hash))) return;
   sampling_ = true;
-  std::vector<int> frames;
-  for (int i = 0; i < wanted; ++i)
-    frames.push_back(static_cast<int>((2 * std::int64_t{i} + 1) * traversal->frames / (2 * std::int64_t{wanted})));
-  spdlog::info("encoder {} learns from {} of {} frames of {}", options_.encoder, wanted, traversal->frames,
+  const std::vector<int> frames = training_frames(encoder_->training_sample_count(), traversal->frames);
+  spdlog::info("encoder {} learns from {} of {} frames of {}", options_.encoder, frames.size(), traversal->frames,
                traversal->name);
   traversal->images.want(frames);
 }

@@ -4,7 +4,6 @@
 #include <opencv2/core.hpp>
 
 #include "core/plugin/plugins.h"
-#include "core/util/name.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/encoder_service.h"
@@ -17,7 +16,7 @@ using namespace citylearn;
 struct CommandLine {
   EncoderServiceOptions service;
   std::map<std::string, std::map<std::string, double>> parameters;  // as given, by encoder
-  std::string centring = "running";
+  ReductionChoice reduction;
   std::string on_bad_frame = "refuse";
   int threads = 0;
   bool list = false;
@@ -46,24 +45,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--list", line.list, "Print encoders and middlewares, then exit")->configurable(false);
 
   app.option_defaults()->group("Reduction");
-  app.add_option("--reference", service.reference, "Traversal that the encoder and the reduction learn from")
-      ->capture_default_str()
-      ->transform(name_from);
-  app.add_option("--dimension", service.reduction.dimension,
-                 "Features a frame, by PCA; 0 keeps all that the encoder gives; the default is lower for a short "
-                 "reference")
-      ->capture_default_str()
-      ->check(CLI::Range(0, 4096))
-      ->each([&service](const std::string&) { service.cap_dimension = false; });
-  app.add_option("--whitening", service.reduction.whitening, "Exponent of the whitening: 0 none, 0.5 full")
-      ->capture_default_str()
-      ->check(CLI::Range(0.0, 0.5));
-  app.add_option("--centring", line.centring,
-                 "Mean that is subtracted first: of the reference, of the traversal's own frames, of its frames so far "
-                 "(running), "
-                 "or none")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"reference", "own", "running", "none"}));
+  add_reduction_options(app, line.reduction, "Reduction");
   app.add_option("--reduction", service.reduction_file,
                  "Reduction learned earlier, instead of one learned on --reference")
       ->type_name("FILE");
@@ -89,7 +71,10 @@ int serve(CommandLine& line) {
     return 0;
   }
   line.service.parameters = line.parameters[line.service.encoder];
-  line.service.reduction.centring = centring_of(line.centring);
+  line.service.reference = line.reduction.reference;
+  line.service.reduction = line.reduction.reduction;
+  line.service.reduction.centring = centring_of(line.reduction.centring);
+  line.service.cap_dimension = line.reduction.cap_dimension;
   line.service.skip_bad_frames = line.on_bad_frame == "skip";
   if (line.service.store == "none") line.service.store.clear();
   cv::setNumThreads(line.threads == 0 ? cv::getNumberOfCPUs() : line.threads);
@@ -102,7 +87,6 @@ int serve(CommandLine& line) {
 int main(int argc, char** argv) {
   CommandLine line;
   line.service.store = default_store();
-  line.service.cap_dimension = true;  // until --dimension is given
   return service_main(
       argc, argv,
       "Encodes the pictures of env_services as features and completes their observations. Several with the same "

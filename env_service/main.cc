@@ -26,11 +26,7 @@ struct CommandLine {
 void add_options(CLI::App& app, CommandLine& line) {
   const std::string group = "Environment";
   const OptionGroup environment(app, group);
-  add_dataset_options(app, line.source, group);
-  CLI::Option* traversal =
-      app.add_option("--traversal", line.source.traversal, "Traversal to host")->capture_default_str();
-  app.add_option("--condition", line.source.condition, "Host the one traversal recorded under this condition")
-      ->excludes(traversal);
+  add_source_options(app, line.source, group);
   app.add_option("--agents", line.service.agents, "Number of agents on the traversal")
       ->capture_default_str()
       ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)));

@@ -26,6 +26,14 @@ void add_dataset_options(CLI::App& app, Source& source, const std::string& group
   add_dataset_parameters(app, source);
 }
 
+void add_source_options(CLI::App& app, Source& source, const std::string& group) {
+  const OptionGroup options(app, group);
+  add_dataset_options(app, source, group);
+  CLI::Option* traversal = app.add_option("--traversal", source.traversal, "Traversal to host")->capture_default_str();
+  app.add_option("--condition", source.condition, "Host the one traversal recorded under this condition")
+      ->excludes(traversal);
+}
+
 void add_dataset_parameters(CLI::App& app, Source& source) {
   for (const auto* entry : DatasetRegistry::instance().entries())
     add_parameters(app, entry->name, entry->parameters, source.parameters[entry->name]);

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -42,6 +44,16 @@ class Encoder {
   virtual Bytes state() const { return {}; }
   virtual void restore(std::span<const std::byte> /*state*/) {}
 };
+
+/// Returns which frames of a reference traversal with `frames` frames an encoder learns from that wants `wanted`
+/// pictures: the middles of as many equal parts.
+inline std::vector<int> training_frames(int wanted, int frames) {
+  wanted = std::min(wanted, frames);
+  std::vector<int> chosen;
+  for (int i = 0; i < wanted; ++i)
+    chosen.push_back(static_cast<int>((2 * std::int64_t{i} + 1) * frames / (2 * std::int64_t{wanted})));
+  return chosen;
+}
 
 /// Files and names that an encoder needs beside its numeric parameters.
 struct EncoderFiles {

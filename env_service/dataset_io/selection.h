@@ -53,6 +53,8 @@ struct Source {
 
 /// Adds --dataset, --data and --DATASET-PARAMETER for each parameter of each dataset; `group` heads them in --help.
 void add_dataset_options(CLI::App& app, Source& source, const std::string& group);
+/// Adds these, --traversal and --condition.
+void add_source_options(CLI::App& app, Source& source, const std::string& group);
 /// Adds --DATASET-PARAMETER alone.
 void add_dataset_parameters(CLI::App& app, Source& source);
 /// Adds --frames, --metres, --step, --step-metres, --align-to, --align-by, --align-within and --on-bad-frame.
