@@ -7,12 +7,17 @@
 #include <string>
 #include <vector>
 
+#include "core/util/random.h"
 #include "policy_service/env_client/env_client.h"
 #include "policy_service/records/score.h"
 #include "policy_service/rollout/policy.h"
 #include "policy_service/rollout/task_waves.h"
 
 namespace citylearn {
+
+/// Return the seeds of an evaluation's tasks and of its agent's drawn actions, from that of the run.
+inline std::uint64_t evaluation_task_seed(std::uint64_t seed) { return mix_seeds({seed, 102}); }
+inline std::uint64_t evaluation_choice_seed(std::uint64_t seed) { return mix_seeds({seed, 103}); }
 
 /// Performs all tasks of `settings` (mode EVALUATE) on several traversals at once. The env_services of a traversal
 /// divide its tasks; what comes out is the same for any number of them, of any number of agents, that come and go. The

@@ -13,9 +13,6 @@
 namespace citylearn {
 namespace {
 
-// Purposes of random streams: (seed, purpose, ...) names a stream.
-enum : std::uint64_t { kEvaluationTasks = 102, kEvaluationChoices = 103 };
-
 constexpr std::chrono::seconds kPatience{30};  // with an env_service that is silent
 
 }  // namespace
@@ -36,7 +33,7 @@ void EvaluationRun::load_agent() {
 
 Evaluation::MakePolicy EvaluationRun::agent_policy() const {
   NetworkPolicy::Options options;
-  options.seed = mix_seeds({context_.options.seed, kEvaluationChoices});
+  options.seed = evaluation_choice_seed(context_.options.seed);
   return [agent = *agent_, options](const EnvHandle&) { return std::make_unique<NetworkPolicy>(agent, options); };
 }
 
@@ -115,7 +112,7 @@ void EvaluationRun::evaluate(const std::string& name, bool shuffle, const Evalua
   settings.frames() = static_cast<std::uint32_t>(options.frames);
   settings.max_steps() = static_cast<std::uint32_t>(options.max_steps);
   settings.tasks() = static_cast<std::uint32_t>(options.tasks);
-  settings.seed() = mix_seeds({options.seed, kEvaluationTasks});
+  settings.seed() = evaluation_task_seed(options.seed);
   settings.shuffle() = shuffle;
   settings.policy() = name.c_str();
   if (agent_ && name == options.agent) settings.update() = agent_->update;
