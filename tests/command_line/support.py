@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tests of the command line share. Each is called with the folders of the sources, the build and the installation."""
 
-import fcntl
 import os
 import signal
 import subprocess
@@ -12,22 +11,8 @@ import unittest
 from pathlib import Path
 
 SOURCE, BUILD, PREFIX = (Path(sys.argv.pop(1)).resolve() for _ in range(3))
-DOMAINS = range(110, 200)  # as tests/support/processes/domain.h
-
-
-def own_domain():
-    """Returns a DDS domain that no other test on this machine has, until this process and its children have ended."""
-    for tried in range(len(DOMAINS)):
-        domain = DOMAINS[(os.getpid() + tried) % len(DOMAINS)]
-        file = os.open(f"/tmp/citylearn-test-domain-{domain}", os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            os.close(file)
-            continue
-        os.set_inheritable(file, True)
-        return domain
-    raise AssertionError("no DDS domain is free for a test")
+sys.path.append(str(SOURCE / "tests/support"))
+from domain import own_domain
 
 
 class CommandLine(unittest.TestCase):
