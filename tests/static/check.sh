@@ -7,7 +7,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/../.."
 
 skip() { echo "skipped: $*"; exit 77; }
 need() { command -v "$1" >/dev/null || skip "$1 is missing (package $1)"; }
-folders=(core env_service encoder_service policy_service dashboard tools tests bench)
+folders=(core env_service encoder_service policy_service dashboard tools python tests bench)
 sources() { find "${folders[@]}" -name node_modules -prune -o \( "$@" \) -print | sort; }
 
 changed() {

@@ -18,8 +18,8 @@ namespace fs = std::filesystem;
 
 const std::vector<std::string> kServices = {"env_service", "encoder_service", "policy_service", "dashboard"};
 
-const std::vector<std::string> kProduct = {"core",           "env_service", "encoder_service",
-                                           "policy_service", "dashboard",   "tools"};
+const std::vector<std::string> kProduct = {"core",      "env_service", "encoder_service", "policy_service",
+                                           "dashboard", "tools",       "python"};
 
 /// The sub-folders of each part, from the lowest floor to the highest. A file includes its own folder and lower ones.
 const std::vector<std::vector<std::string>> kOrders = {

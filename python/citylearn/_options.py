@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Keyword arguments as the services' options."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from . import _native
+
+DEFAULT_FRAMES = 128
+
+
+def as_text(options: dict[str, Any]) -> dict[str, str]:
+    """Returns keyword arguments as the texts of a command line; None leaves an option out."""
+
+    def text(value: Any) -> str:
+        if isinstance(value, (list, tuple)):
+            return ",".join(map(text, value))
+        return str(int(value)) if isinstance(value, bool) else str(value)
+
+    return {name: text(value) for name, value in options.items() if value is not None}
+
+
+def count(name: str, value: Any, least: int, most: int = 2**30) -> int:
+    """Returns a whole number of this range. Raises TypeError or ValueError."""
+    try:
+        number = value.__index__()
+    except AttributeError:
+        raise TypeError(f"{name} must be a whole number, is {value!r}") from None
+    if not least <= number <= most:
+        raise ValueError(f"{name} must be {least}..{most}, is {number}")
+    return number
+
+
+def seed_of(seed: Any) -> int:
+    """Returns a seed. Raises TypeError or ValueError."""
+    return count("seed", seed, 0, 2**64 - 1)
+
+
+def route_of(frames: int | str | None, max_steps: int, shuffle: bool, available: int, name: str) -> _native.Route:
+    """Returns the route that `frames` names, "FIRST:END" or a number, on a traversal with `available` frames."""
+    first, end = 0, min(DEFAULT_FRAMES, available)
+    if isinstance(frames, str):
+        try:
+            parts = [int(part) if part.strip() else None for part in frames.split(":")]
+            first, end = (parts[0] or 0), (available if parts[1] is None else parts[1])
+        except (ValueError, IndexError):
+            raise ValueError(f"frames: '{frames}' is not FIRST:END, of which one may be left out") from None
+    elif frames is not None:
+        end = count("frames", frames, 2)
+    if not (0 <= first and first + 2 <= end <= available):
+        raise ValueError(f"frames: {first}:{end} must be two frames or more of the {available} of traversal '{name}'")
+    return _native.Route(first, end - first, count("max_steps", max_steps, 0) or end - first, shuffle)

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trained policies and their evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from . import _native
+from ._options import as_text, count, route_of, seed_of
+
+Policy = _native.Agent
+Act = Callable[[dict[str, np.ndarray], np.ndarray], Any]
+
+
+class Scores(dict):
+    """Figures by (policy, traversal): tasks, completed (0..1), spl (0..1), excess, mean_steps, shortest_mean and reward.
+    Prints as policy_service's table."""
+
+    def __str__(self) -> str:
+        return _native.table([(*key, score) for key, score in self.items()])
+
+
+def load_policy(path: Any) -> Policy:
+    """Returns the agent of a checkpoint (.clk): name, features D, frames N, first_frame and update are its attributes.
+    Raises FileNotFoundError, or ValueError that names the file."""
+    with open(path, "rb"):  # Python's own errors for what cannot be opened
+        return _native.Agent(str(path))
+
+
+def evaluate(policy: Policy | str | Act, *, traversals: Sequence[str] = (), controls: Sequence[str] = (),
+             tasks: int = 2000, seed: int = 1, frames: int | str | None = None, max_steps: int = 0,
+             train: str = "summer", control_parameters: dict[str, dict[str, float]] | None = None, name: str = "policy",
+             **options: Any) -> Scores:
+    """Lets a policy perform numbered tasks, and returns its figures as policy_service --mode evaluate has them.
+
+    policy: of load_policy(); a control's name ("random"); or a function of observations, as VectorEnv's, and episode
+      starts, bool (B,), that returns actions (B,). `name` is the function's in the results.
+    traversals: to walk on; `traversal` alone by default.
+    controls: evaluated on the same tasks; "shuffled" is the policy on shuffled frames, "all" means every one.
+    tasks, seed: the same seed gives every policy the same tasks.
+    frames, max_steps: the route, as VectorEnv has it; a checkpoint's own by default.
+    train: the traversal whose features the controls' filters know, unless the policy is a checkpoint's.
+    options: as VectorEnv's in process.
+    """
+    count("tasks", tasks, 1)
+    seed_of(seed)
+    agent = policy if isinstance(policy, Policy) else None
+    own = agent.name if agent else policy if isinstance(policy, str) else name
+    if agent and frames is None:
+        frames, max_steps = f"{agent.first_frame}:{agent.first_frame + agent.frames}", max_steps or agent.frames
+    if "all" in controls:
+        controls = ["shuffled", *_native.controls()]
+    scores = Scores()
+    shown = options.pop("traversal", "summer")
+    recordings = {each: _native.Recording(as_text({**options, "traversal": each})) for each in traversals or [shown]}
+
+    def reference(control: str, recording: Any, route: Any) -> Any:
+        if control == "oracle_filter":
+            return recording.reference(route)
+        if not control.endswith("_filter"):
+            return np.zeros((0, 0), np.float32)
+        if agent:
+            return agent.reference
+        return (recordings.get(train) or _native.Recording(as_text({**options, "traversal": train}))).reference(route)
+
+    for label in [own, *(control for control in controls if control != own)]:
+        for traversal, recording in recordings.items():
+            route = route_of(frames, max_steps, label == "shuffled", recording.frames, traversal)
+            which = own if label == "shuffled" else label
+            if agent and which == own:
+                acting = _native.agent_policy(agent, seed)
+            elif callable(policy) and which == own:
+                acting = _native.function_policy(_columns(policy), recording.features, route.first_frame)
+            else:
+                acting = _native.control_policy(which, (control_parameters or {}).get(which, {}), route,
+                                                reference(which, recording, route))
+            scores[label, recording.name] = _native.evaluate(acting, recording, route, tasks, seed)
+    return scores
+
+
+def _columns(act: Act) -> Callable[[tuple[np.ndarray, ...]], np.ndarray]:
+    def choose(columns: tuple[np.ndarray, ...]) -> np.ndarray:
+        features, goal, previous_action, mask, _, _, flags = columns
+        actions = np.asarray(act({"features": features, "goal": goal, "previous_action": previous_action,
+                                  "action_mask": mask}, (flags & 1) != 0))
+        if actions.shape != goal.shape or actions.dtype.kind not in "iu" or actions.min() < 0 or actions.max() > 2:
+            raise ValueError(f"the policy must return {len(goal)} whole numbers 0..2, one per agent")
+        return actions.astype(np.uint8)
+
+    return choose

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Environments with Gymnasium's interface (1.x)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from . import _native
+from ._options import as_text, count, route_of, seed_of
+from ._spaces import AutoresetMode, Discrete, EnvBase, VectorEnvBase, batch_space, observation_space
+
+STAY, NEXT, PREVIOUS = 0, 1, 2
+_WAIT = 255  # at the start of an episode: nothing of the agent changes
+_FIRST, _TERMINATED, _TRUNCATED = 1, 2, 4
+
+Observation = dict[str, np.ndarray]
+
+
+class VectorEnv(VectorEnvBase):
+    """Agents on one route of a traversal: agents x services of them, in this process or in env_services over DDS.
+
+    An agent stands at one of the route's N places and is to reach another. It stays (0), goes on (1) or back (2). A step
+    that leads nearer to the goal than any before costs nothing, any other 1 / max_steps; the goal is worth 1 and
+    terminates the episode; max_steps steps truncate it. An action that leads off the route counts as 0.
+
+    Observations, for B = num_envs agents, are new arrays at each step:
+      features         float32 (B, D)  of the frame that the agent sees
+      goal             int64 (B,)      place to reach, 0..N-1
+      previous_action  int64 (B,)      0..2, or 3 at the start of an episode
+      action_mask      int8 (B, 3)     1 where the action stays on the route
+    Infos: `position` int64 (B,), the place stood at, and `spl` float64 (B,) where an episode ended, success weighted by
+    path length; each with its mask `_position`, `_spl`. The same seed gives the same observations in process and over
+    DDS, whatever the middleware.
+    """
+
+    def __init__(self, *, agents: int = 16, services: int = 1, frames: int | str | None = None, max_steps: int = 0,
+                 shuffle: bool = False, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, wait: float = 30,
+                 **options: Any):
+        """Loads the traversal, or finds the env_services.
+
+        agents: of each service, 1..256; over DDS the env_services say how many.
+        services: environments that step together, each with random numbers of its own.
+        frames: the route, a number of frames from the first on or "FIRST:END"; the first 128 by default.
+        max_steps: step limit of an episode; 0: as many as the route has places.
+        shuffle: show the frames in a random order, another one in each episode.
+        wait: seconds until a missing or silent env_service raises TimeoutError.
+        options: those of env_service (dataset, data, traversal, step_metres, slip ...) and, for pictures, of
+          encoder_service (encoder, dimension ...), with _ for -. With one of a service's own (session, middleware,
+          domain, interface, peers ...) the env_services that host `traversal` there are driven instead.
+        """
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_modes": []}
+        services = count("services", services, 1)
+        if options.keys() & set(_native.node_options()):
+            traversal = options.pop("traversal", "summer")
+            self._envs = _native.Envs(as_text(options), traversal, services, float(wait))
+        else:
+            recording = _native.Recording(as_text(options))
+            self._envs = _native.Envs(recording, count("agents", agents, 1, 256), services)
+        self._route = route_of(frames, max_steps, shuffle, self._envs.frames, self._envs.traversal)
+        self.num_envs: int = self._envs.agents
+        self.single_observation_space = observation_space(self._envs.features, self._route.frames)
+        self.single_action_space = Discrete(3)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._rows = np.arange(self.num_envs)
+        self._ready = False  # agents have been reset
+        self._sent: np.ndarray | None = None  # the actions under way
+
+    def reset(self, *, seed: int | None = None,
+              options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+        """Begins anew: service i draws from seed + i. Without a seed, from the next of the environment's own.
+
+        options["reset_mask"], bool (B,): only these agents begin their next episode (AutoresetMode.DISABLED). Their
+        last one must have ended.
+        """
+        self._check_open()
+        if self._sent is not None:
+            raise RuntimeError("reset() between send() and recv(); call recv() first")
+        if options and options.get("reset_mask") is not None:
+            return self._reset_ended(options["reset_mask"], seed)
+        if seed is not None:
+            seed = seed_of(seed)
+        super().reset(seed=seed)
+        if seed is None:
+            seed = int(self.np_random.integers(2**63))
+        self._ready = False
+        observation, position, _, _ = self._unpack(self._envs.reset(self._route, seed))
+        self._steps = np.zeros(self.num_envs, np.int64)
+        self._shortest = np.abs(observation["goal"] - position)
+        self._ended = np.zeros(self.num_envs, bool)
+        self._ready = True
+        return observation, self._infos(position)
+
+    def step(self, actions: Any) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Steps all agents by actions, whole numbers (B,). Returns observations, rewards float64 (B,), terminations and
+        truncations bool (B,), infos. What follows an episode's end is as the autoreset mode says."""
+        chosen = self._choose(actions)
+        return self._finish(chosen, self._call(self._envs.step, chosen))
+
+    def send(self, actions: Any) -> None:
+        """Begins step(actions), which goes on beside Python until recv() returns its result."""
+        chosen = self._choose(actions)
+        self._envs.send(chosen)
+        self._sent = chosen
+
+    def recv(self) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Waits for what send() began, and returns what step() would."""
+        self._check_open()
+        if self._sent is None:
+            raise RuntimeError("recv() without send()")
+        chosen, self._sent = self._sent, None
+        return self._finish(chosen, self._call(self._envs.receive))
+
+    def action_masks(self) -> np.ndarray:
+        """Returns the action_mask of the last observation, bool (B, 3)."""
+        return self._mask.astype(bool)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Releases the env_services."""
+        del self._envs
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise RuntimeError("the environment is closed; make a new one")
+
+    def _call(self, step: Any, *arguments: Any) -> Any:
+        """Calls a step; after an error or an interrupt agents must be reset."""
+        self._ready = False
+        result = step(*arguments)
+        self._ready = True
+        return result
+
+    def _choose(self, actions: Any) -> np.ndarray:
+        """Returns checked actions as agents do them."""
+        self._check_open()
+        if self._sent is not None:
+            raise RuntimeError("a step is under way; call recv() first")
+        if not self._ready:
+            raise RuntimeError("call reset() first")
+        actions = np.asarray(actions)
+        if actions.shape != (self.num_envs,):
+            raise ValueError(f"actions have shape {actions.shape}, must have ({self.num_envs},): one per agent")
+        if actions.dtype.kind not in "iu":
+            raise TypeError(f"actions are {actions.dtype}, must be whole numbers")
+        if actions.min() < 0 or actions.max() > PREVIOUS:
+            agent = int(np.argmax((actions < 0) | (actions > PREVIOUS)))
+            raise ValueError(f"action {actions[agent]} of agent {agent} must be 0 (stay), 1 (next) or 2 (previous)")
+        chosen = np.where(self._mask[self._rows, actions], actions, STAY).astype(np.uint8)
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            chosen[self._ended] = _WAIT
+        elif self.autoreset_mode == AutoresetMode.DISABLED and self._ended.any():
+            raise RuntimeError(f"the episode of agent {int(np.argmax(self._ended))} has ended; call "
+                               "reset(options={'reset_mask': terminations | truncations})")
+        return chosen
+
+    def _unpack(self, columns: tuple[np.ndarray, ...]) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray]:
+        """Returns observation, position, reward and flags, and keeps what the next step needs."""
+        features, goal, previous_action, mask, position, reward, flags = columns
+        self._goal, self._mask, self._position = goal.copy(), mask.copy(), position.copy()  # callers may write into theirs
+        self._last = {"features": features, "goal": goal, "previous_action": previous_action, "action_mask": mask}
+        return dict(self._last), position, reward, flags
+
+    def _finish(self, chosen: np.ndarray, columns: tuple[np.ndarray, ...]) -> Any:
+        goal_before = self._goal
+        observation, position, rewards, flags = self._unpack(columns)
+        terminated, truncated = (flags & _TERMINATED) != 0, (flags & _TRUNCATED) != 0
+        self._ended = ended = terminated | truncated
+        self._steps += chosen != _WAIT
+        infos = self._infos(position)
+        if ended.any():
+            final = {**observation, "goal": np.where(ended, goal_before, observation["goal"]),
+                     "previous_action": np.where(ended, chosen, observation["previous_action"])}
+            spl = np.where(terminated, self._shortest / np.maximum(self._steps, self._shortest), 0.0)
+            self._steps[ended] = 0
+            self._shortest = np.where(ended, np.abs(observation["goal"] - position), self._shortest)
+            if self.autoreset_mode == AutoresetMode.SAME_STEP:
+                infos["final_obs"] = np.full(self.num_envs, None, object)
+                for agent in np.flatnonzero(ended):
+                    infos["final_obs"][agent] = {name: values[agent] for name, values in final.items()}
+                infos["final_info"] = {"position": np.where(ended, position, 0), "_position": ended.copy(),
+                                       "spl": spl, "_spl": ended.copy()}
+                infos["_final_obs"], infos["_final_info"] = ended.copy(), ended.copy()
+            else:
+                observation = final
+                infos["spl"], infos["_spl"] = spl, ended.copy()
+        return observation, rewards, terminated, truncated, infos
+
+    def _infos(self, position: np.ndarray) -> dict[str, Any]:
+        return {"position": position, "_position": np.ones(self.num_envs, bool)}
+
+    def _reset_ended(self, mask: Any, seed: int | None) -> tuple[Observation, dict[str, Any]]:
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+            raise TypeError("reset_mask must be a numpy array of bool")
+        if mask.shape != (self.num_envs,):
+            raise ValueError(f"reset_mask has shape {mask.shape}, must have ({self.num_envs},)")
+        if not self._ready:
+            raise RuntimeError("call reset() without a reset_mask first")
+        if seed is not None:
+            raise ValueError("seed: agents that begin their next episode go on with their random numbers; leave it out")
+        if (mask & ~self._ended).any():
+            raise ValueError(f"reset_mask: the episode of agent {int(np.argmax(mask & ~self._ended))} goes on; "
+                             "only agents whose episode has ended can begin the next one alone")
+        self._ended &= ~mask
+        # What these agents see next has arrived with the end of the last episode.
+        position = np.where(mask, self._position, 0)
+        return {name: values.copy() for name, values in self._last.items()}, {"position": position, "_position": mask.copy()}
+
+
+class Env(EnvBase):
+    """One agent, with Gymnasium's interface of a single environment. Options, observations and infos as VectorEnv's."""
+
+    metadata: dict[str, Any] = {"render_modes": []}
+
+    def __init__(self, render_mode: None = None, **options: Any):
+        self.render_mode = render_mode
+        self._envs = VectorEnv(**{"agents": 1, "autoreset_mode": AutoresetMode.DISABLED, **options})
+        if self._envs.num_envs != 1:
+            raise ValueError(f"Env has one agent, these are {self._envs.num_envs}; use VectorEnv")
+        self.observation_space = self._envs.single_observation_space
+        self.action_space = self._envs.single_action_space
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        super().reset(seed=seed)
+        ended = self._envs._ready and seed is None and self._envs._ended.all()
+        observation, infos = self._envs.reset(seed=seed, options={"reset_mask": np.ones(1, bool)} if ended else None)
+        return self._only(observation), self._only(infos)
+
+    def step(self, action: Any) -> Any:
+        observation, rewards, terminated, truncated, infos = self._envs.step(np.asarray(action).reshape(1))
+        return (self._only(observation), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), self._only(infos))
+
+    def action_masks(self) -> np.ndarray:
+        """Returns the action_mask of the last observation, bool (3,)."""
+        return self._envs.action_masks()[0]
+
+    def close(self) -> None:
+        self._envs.close()
+
+    @staticmethod
+    def _only(values: dict[str, Any]) -> dict[str, Any]:
+        return {name: array[0] for name, array in values.items() if not name.startswith("_")}

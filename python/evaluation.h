@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "policy_service/network/trained_agent.h"
+#include "policy_service/records/score.h"
+#include "policy_service/rollout/policy.h"
+#include "python/env_group.h"
+#include "python/options.h"
+
+namespace citylearn::python {
+
+/// Returns the agent of a checkpoint. Throws Error naming the file.
+TrainedAgent load_agent(const std::string& path);
+
+/// Return policies that have decided nothing yet. `seed` is that of policy_service's --seed.
+std::unique_ptr<Policy> agent_policy(const TrainedAgent& agent, std::uint64_t seed);
+/// `reference`: D x EN, as ControlTask has it. Throws Error when the control or a parameter is unknown.
+std::unique_ptr<Policy> control_policy(const std::string& name, const std::map<std::string, double>& parameters,
+                                       const Route& route, const Matrix<float>& reference);
+/// `act` chooses one action per agent from their observations.
+using Act = std::function<void(const msg::Observation& seen, std::vector<std::uint8_t>& choice)>;
+std::unique_ptr<Policy> function_policy(Act act);
+
+/// Returns the features of the route, D x N. Throws Error when the recording lacks some of its frames.
+Matrix<float> reference_of(const Recording& recording, const Route& route);
+
+/// The tasks that policy_service's evaluation with this --seed has.
+struct Tasks {
+  int count = 2000;
+  std::uint64_t seed = 1;
+};
+/// Performs them by a policy that has decided nothing yet. `interrupt` is called at each step; what it throws ends it.
+Score evaluate(Policy& policy, const Recording& recording, const Route& route, const Tasks& tasks,
+               const EnvGroup::Interrupt& interrupt);
+
+}  // namespace citylearn::python

@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: Apache-2.0
+// The module citylearn._native: what the package's Python files need of the C++ libraries.
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <future>
+#include <optional>
+
+#include "core/util/log_format.h"
+#include "policy_service/rollout/control.h"
+#include "python/columns.h"
+#include "python/errors.h"
+#include "python/evaluation.h"
+
+namespace py = pybind11;
+
+namespace citylearn::python {
+namespace {
+
+using Actions = py::array_t<std::uint8_t, py::array::c_style>;
+
+/// Throws KeyboardInterrupt and the like. Called without the GIL.
+void check_signals() {
+  const py::gil_scoped_acquire gil;
+  if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
+/// An EnvGroup for one Python thread; another thread steps it between send() and receive().
+class Envs {
+ public:
+  Envs(std::shared_ptr<const Recording> recording, int agents, int services)
+      : recording_(std::move(recording)), group_(make_local_group(*recording_, agents, services)) {}
+  explicit Envs(const RemoteOptions& options) : group_(make_remote_group(options, check_signals)) {}
+  ~Envs() { cancelled_ = true; }
+
+  const EnvGroup::Shape& shape() const { return group_->shape(); }
+
+  py::tuple reset(const Route& route, std::uint64_t seed) {
+    msg::TaskSettings settings;
+    settings.task_mode() = msg::TRAIN;
+    settings.first_frame() = static_cast<std::uint32_t>(route.first_frame);
+    settings.frames() = static_cast<std::uint32_t>(route.frames);
+    settings.max_steps() = static_cast<std::uint32_t>(route.max_steps);
+    settings.shuffle() = route.shuffle;
+    settings.seed() = seed;
+    Columns columns = make_columns();
+    const Batch batch = columns.batch();
+    {
+      const py::gil_scoped_release no_gil;
+      group_->reset(settings);
+      group_->receive(batch, check_signals);
+    }
+    return columns.tuple();
+  }
+
+  py::tuple step(const Actions& actions) {
+    Columns columns = make_columns();
+    const Batch batch = columns.batch();
+    const std::span<const std::uint8_t> choices(actions.data(), static_cast<std::size_t>(actions.size()));
+    {
+      const py::gil_scoped_release no_gil;
+      group_->send(choices);
+      group_->receive(batch, check_signals);
+    }
+    return columns.tuple();
+  }
+
+  void send(const Actions& actions) {
+    pending_.emplace(make_columns());
+    std::vector<std::uint8_t> choices(actions.data(), actions.data() + actions.size());
+    done_ = std::async(std::launch::async, [this, choices = std::move(choices), batch = pending_->batch()] {
+      group_->send(choices);
+      group_->receive(batch, [this] {
+        if (cancelled_) throw Error("closed while agents stepped");
+      });
+    });
+  }
+
+  py::tuple receive() {
+    {
+      const py::gil_scoped_release no_gil;
+      while (done_.wait_for(std::chrono::milliseconds(50)) != std::future_status::ready) check_signals();
+      done_.get();
+    }
+    const Columns columns = std::move(*pending_);
+    pending_.reset();
+    return columns.tuple();
+  }
+
+ private:
+  Columns make_columns() const { return {shape().agents, shape().features}; }
+
+  const std::shared_ptr<const Recording> recording_;
+  const std::unique_ptr<EnvGroup> group_;
+  std::atomic<bool> cancelled_ = false;
+  std::optional<Columns> pending_;
+  std::future<void> done_;  // last: its end is awaited first
+};
+
+/// Calls `act(columns, first)`, where first[b] says that agent b begins a task, for one action per agent. One that is
+/// not allowed becomes `stay`.
+std::unique_ptr<Policy> python_policy(py::function act, int dimension, int first_frame) {
+  return function_policy([act = std::move(act), dimension, first_frame](const msg::Observation& seen,
+                                                                        std::vector<std::uint8_t>& choice) {
+    const py::gil_scoped_acquire gil;
+    const auto agents = static_cast<int>(seen.goal().size());
+    Columns columns(agents, dimension);
+    write_rows(seen, static_cast<std::uint32_t>(first_frame), static_cast<std::size_t>(dimension), 0, columns.batch(),
+               [&](std::size_t agent) { return seen.features().data() + agent * static_cast<std::size_t>(dimension); });
+    const auto actions = act(columns.tuple()).cast<Actions>();
+    choice.assign(actions.data(), actions.data() + actions.size());
+    for (std::size_t agent = 0; agent < choice.size() && agent < seen.allowed().size(); ++agent)
+      if (choice[agent] < kActions && !(seen.allowed()[agent] >> choice[agent] & 1)) choice[agent] = kStay;
+  });
+}
+
+void translate(std::exception_ptr thrown) {  // NOLINT(performance-unnecessary-value-param): pybind11 asks for it
+  try {
+    if (thrown) std::rethrow_exception(thrown);
+  } catch (const UnknownOption& error) {
+    PyErr_SetString(PyExc_TypeError, error.what());
+  } catch (const ServiceMissing& error) {
+    PyErr_SetString(PyExc_TimeoutError, error.what());
+  } catch (const ServiceLost& error) {
+    PyErr_SetString(PyExc_ConnectionError, error.what());
+  } catch (const Error& error) {
+    PyErr_SetString(PyExc_ValueError, error.what());
+  }
+}
+
+void define_environments(py::module_& module) {
+  py::class_<Recording, std::shared_ptr<Recording>>(module, "Recording")
+      .def(py::init([](const Keywords& options) {
+        const py::gil_scoped_release no_gil;
+        return std::make_shared<Recording>(load_recording(options));
+      }))
+      .def_property_readonly("name", [](const Recording& one) { return one.traversal.name; })
+      .def_property_readonly("frames", [](const Recording& one) { return one.traversal.frames; })
+      .def_property_readonly("features", [](const Recording& one) { return one.traversal.dimension; })
+      .def("reference", &reference_of);
+  py::class_<Route>(module, "Route")
+      .def(py::init([](int first_frame, int frames, int max_steps, bool shuffle) {
+        return Route{first_frame, frames, max_steps, shuffle};
+      }))
+      .def_readonly("first_frame", &Route::first_frame)
+      .def_readonly("frames", &Route::frames)
+      .def_readonly("max_steps", &Route::max_steps)
+      .def_readonly("shuffle", &Route::shuffle);
+  py::class_<Envs>(module, "Envs")
+      .def(py::init<std::shared_ptr<Recording>, int, int>())
+      .def(py::init([](const Keywords& options, const std::string& traversal, int services, double wait) {
+        const RemoteOptions remote{read_node_options(options), traversal, services, wait};
+        const py::gil_scoped_release no_gil;
+        return std::make_unique<Envs>(remote);
+      }))
+      .def_property_readonly("agents", [](const Envs& envs) { return envs.shape().agents; })
+      .def_property_readonly("features", [](const Envs& envs) { return envs.shape().features; })
+      .def_property_readonly("traversal", [](const Envs& envs) { return envs.shape().traversal; })
+      .def_property_readonly("frames", [](const Envs& envs) { return envs.shape().traversal_frames; })
+      .def("reset", &Envs::reset)
+      .def("step", &Envs::step)
+      .def("send", &Envs::send)
+      .def("receive", &Envs::receive);
+  module.def("recording_options", &recording_options);
+  module.def("node_options", &node_option_names);
+}
+
+void define_evaluation(py::module_& module) {
+  py::class_<TrainedAgent>(module, "Agent")
+      .def(py::init(&load_agent))
+      .def_readonly("name", &TrainedAgent::name)
+      .def_readonly("first_frame", &TrainedAgent::first_frame)
+      .def_readonly("update", &TrainedAgent::update)
+      .def_property_readonly("frames", [](const TrainedAgent& agent) { return agent.task.frames; })
+      .def_property_readonly("features", [](const TrainedAgent& agent) { return agent.task.features; })
+      .def_property_readonly("reference", [](const TrainedAgent& agent) { return agent.task.reference; });
+  py::class_<Score>(module, "Score")
+      .def_readonly("tasks", &Score::tasks)
+      .def_readonly("completed", &Score::completed)
+      .def_readonly("spl", &Score::spl)
+      .def_readonly("excess", &Score::excess)
+      .def_readonly("mean_steps", &Score::mean_steps)
+      .def_readonly("shortest_mean", &Score::shortest_mean)
+      .def_readonly("reward", &Score::reward);
+  py::class_<Policy>(module, "Policy");
+  module.def("agent_policy", &agent_policy);
+  module.def("control_policy", &control_policy);
+  module.def("function_policy", &python_policy);
+  module.def("controls", [] {
+    std::vector<std::string> names;
+    for (const auto* entry : ControlRegistry::instance().entries()) names.push_back(entry->name);
+    return names;
+  });
+  module.def("evaluate",
+             [](Policy& policy, const Recording& recording, const Route& route, int tasks, std::uint64_t seed) {
+               const py::gil_scoped_release no_gil;
+               return evaluate(policy, recording, route, {tasks, seed}, check_signals);
+             });
+  module.def("table", [](const std::vector<std::tuple<std::string, std::string, Score>>& rows) {
+    std::vector<ScoreRow> all;
+    for (const auto& [policy, traversal, score] : rows) all.push_back({policy, traversal, score});
+    return table(all);
+  });
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_native, module) {
+  spdlog::set_default_logger(spdlog::stderr_color_mt("citylearn"));
+  spdlog::set_formatter(text_log_format(isatty(STDERR_FILENO) == 1));
+  spdlog::set_level(spdlog::level::warn);  // log_level= changes it
+  py::register_exception_translator(&translate);
+  define_environments(module);
+  define_evaluation(module);
+}
+
+}  // namespace citylearn::python

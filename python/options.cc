@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "python/options.h"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <opencv2/core.hpp>
+
+#include "core/util/name.h"
+#include "core/wire/service.h"
+#include "encoder_service/encoder_options.h"
+#include "encoder_service/learned_files.h"
+#include "env_service/dataset_io/selection.h"
+#include "python/errors.h"
+#include "tools/vpr/descriptors.h"
+
+namespace citylearn::python {
+namespace {
+
+struct RecordingOptions {
+  Source source;
+  Imperfections imperfections;
+  std::string encoder = kDefaultEncoder, store = default_store();
+  EncoderFiles files;
+  std::map<std::string, std::map<std::string, double>> encoder_parameters;
+  ReductionChoice reduction;
+};
+
+std::string with(std::string name, char from, char to) {
+  std::replace(name.begin(), name.end(), from, to);
+  return name;
+}
+
+std::vector<std::string> names_of(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::Option* option : app.get_options())
+    if (option != app.get_help_ptr() && !option->get_lnames().empty())
+      names.push_back(with(option->get_lnames().front(), '-', '_'));
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+void parse(CLI::App& app, const Keywords& keywords) {
+  const std::vector<std::string> known = names_of(app);
+  std::vector<std::string> arguments;
+  for (const auto& [name, value] : keywords) {
+    if (!std::binary_search(known.begin(), known.end(), name))
+      throw UnknownOption("unknown option '" + name + "'", "", "known: " + joined(known));
+    arguments.push_back("--" + with(name, '_', '-') + "=" + value);
+  }
+  try {
+    app.parse(arguments);
+  } catch (const CLI::ParseError& error) {
+    throw Error(error.what());
+  }
+}
+
+void add_recording_options(CLI::App& app, RecordingOptions& options) {
+  add_source_options(app, options.source, "");
+  add_selection_options(app, options.source.selection, "");
+  add_imperfection_options(app, options.imperfections, "");
+  app.add_option("--encoder", options.encoder);
+  add_encoder_options(app, options.files, options.encoder_parameters, "");
+  app.add_option("--store", options.store)->envname("CITYLEARN_STORE");
+  add_reduction_options(app, options.reduction, "");
+}
+
+/// Turns pictures into features as an encoder_service with these options does.
+Traversal encoded(const Traversal& pictures, Dataset& dataset, RecordingOptions& options) {
+  const auto& entry = EncoderRegistry::instance().find("encoder", options.encoder);
+  const auto encoder = entry.create(
+      Parameters("encoder " + entry.name, entry.parameters, options.encoder_parameters[entry.name]), options.files);
+  const std::string store = options.store == "none" ? "" : options.store;
+  const ReductionChoice& choice = options.reduction;
+  ReductionOptions how = choice.reduction;
+  how.centring = centring_of(choice.centring);
+  if (how.keeps_all() && encoder->training_sample_count() == 0)
+    return vpr::with_features(pictures, vpr::encode(*encoder, pictures, entry.name, store).matrix);
+  Selection selection = options.source.selection;
+  selection.align.clear();
+  const bool own = choice.reference == pictures.name;
+  const Traversal reference = own ? pictures : select(dataset, choice.reference, selection);
+  if (!reference.images) throw Error("has no pictures to learn from", "reference '" + choice.reference + "'");
+  std::vector<cv::Mat> sample;
+  for (const int frame : training_frames(encoder->training_sample_count(), reference.frames))
+    sample.push_back(vpr::read_picture(reference, frame));
+  if (!sample.empty()) encoder->learn(sample);
+  const Eigen::MatrixXf descriptors = vpr::encode(*encoder, reference, entry.name, store).matrix;
+  if (choice.cap_dimension)
+    how.dimension = std::min(how.dimension, Reduction::largest_dimension(descriptors.rows(), descriptors.cols()));
+  const Reduction reduction = Reduction::learn(descriptors, how);
+  return vpr::with_features(
+      pictures, reduction.apply(own ? descriptors : vpr::encode(*encoder, pictures, entry.name, store).matrix));
+}
+
+}  // namespace
+
+Recording load_recording(const Keywords& keywords) {
+  CLI::App app;
+  RecordingOptions options;
+  add_recording_options(app, options);
+  parse(app, keywords);
+  const std::unique_ptr<Dataset> dataset = open_dataset(options.source);
+  Recording recording{imperfect(select(*dataset, chosen_traversal(*dataset, options.source), options.source.selection),
+                                options.imperfections),
+                      options.imperfections};
+  Traversal& traversal = recording.traversal;
+  traversal.name = name_from(traversal.name);
+  if (!traversal.turns.empty())
+    throw Error("crosses itself, which agents cannot be told yet", "traversal '" + traversal.name + "'",
+                "leave its turns empty");
+  if (traversal.images) traversal = encoded(traversal, *dataset, options);
+  return recording;
+}
+
+NodeOptions read_node_options(const Keywords& keywords) {
+  CLI::App app;
+  NodeOptions options;
+  options.service = "policy_service";
+  options.id = "python";
+  add_node_options(app, options);
+  parse(app, keywords);
+  return options;
+}
+
+std::vector<std::string> recording_options() {
+  CLI::App app;
+  RecordingOptions options;
+  add_recording_options(app, options);
+  return names_of(app);
+}
+
+std::vector<std::string> node_option_names() {
+  CLI::App app;
+  NodeOptions options;
+  add_node_options(app, options);
+  return names_of(app);
+}
+
+}  // namespace citylearn::python

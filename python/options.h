@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include "core/wire/node_options.h"
+#include "env_service/dataset_io/traversal.h"
+#include "env_service/imperfections.h"
+
+namespace citylearn::python {
+
+/// Keyword arguments as text, named as the programs' options with '_' for '-': {"step_metres", "2"}.
+using Keywords = std::map<std::string, std::string>;
+
+/// A traversal with features, and what befalls agents on it.
+struct Recording {
+  Traversal traversal;
+  Imperfections imperfections;
+};
+
+/// Loads a traversal by the options of env_service and, for pictures, of encoder_service. Throws UnknownOption; Error
+/// naming option, file or frame.
+Recording load_recording(const Keywords& keywords);
+
+/// Reads the options that every service has (add_node_options). Throws UnknownOption or Error.
+NodeOptions read_node_options(const Keywords& keywords);
+
+/// Return the names that these two know.
+std::vector<std::string> recording_options();
+std::vector<std::string> node_option_names();
+
+}  // namespace citylearn::python

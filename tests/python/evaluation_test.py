@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Policies and their figures: those of policy_service's own evaluation."""
+
+import json
+import subprocess
+import tempfile
+import unittest
+from pathlib import Path
+
+from support import BUILD, DRAWN
+from domain import own_domain
+
+import numpy as np
+
+import citylearn
+
+DATA = {name: value for name, value in DRAWN.items() if name != "frames"}
+TASKS = 60
+WHERE = [f"--domain={own_domain()}", "--interface=lo", "--middleware=cyclonedds", "--log-level=warn"]
+
+
+class Evaluation(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        """A policy_service trains a little and evaluates the agent and every control on two recordings."""
+        temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
+        cls.addClassCleanup(temporary.cleanup)
+        options = [f"--{name.replace('_', '-')}={value}" for name, value in DATA.items()]
+        services = [subprocess.Popen([BUILD / "env_service/env_service", *WHERE, *options, f"--traversal={name}",
+                                      "--agents=8", "--linger=0"]) for name in ("summer", "winter")]
+        try:
+            command = [BUILD / "policy_service/policy_service", *WHERE, "--agent=place_filter", "--steps=4000",
+                       "--frames=0:32", f"--tasks={TASKS}", "--controls=all", "--seed=3", "--wait=60",
+                       "--evaluate=summer,winter", f"--output={temporary.name}/run"]
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=200)
+        finally:
+            for service in services:
+                service.terminate()
+                service.wait()
+        cls.summary = json.loads(Path(temporary.name, "run/summary.json").read_text())
+        cls.checkpoint = next(Path(temporary.name, "run/checkpoints").glob("checkpoint-*.clk"))
+        cls.policy = citylearn.load_policy(cls.checkpoint)
+
+    def same(self, score, expected):
+        for name in ("tasks", "completed", "spl", "excess", "mean_steps", "shortest_mean", "reward"):
+            self.assertAlmostEqual(getattr(score, name), expected[name], 12, name)
+
+    def test_figures_are_those_of_policy_service(self):
+        scores = citylearn.evaluate(self.policy, traversals=["summer", "winter"], controls=["all"], tasks=TASKS, seed=3,
+                                    **DATA)
+        policies = {"place_filter": self.summary["evaluate"], **self.summary["controls"]}
+        self.assertEqual(set(scores), {(policy, name) for policy in policies for name in ("summer", "winter")})
+        self.assertGreater(len(policies), 5)
+        for (policy, traversal), score in scores.items():
+            with self.subTest(policy=policy, traversal=traversal):
+                self.same(score, policies[policy][traversal])
+        self.assertIn("shortest_path", str(scores))
+
+    def test_a_control_and_a_function_are_policies_too(self):
+        scores = citylearn.evaluate("sequence_filter", tasks=TASKS, seed=3, frames=32, **DATA)
+        self.same(scores["sequence_filter", "summer"], self.summary["controls"]["sequence_filter"]["summer"])
+        begun = []
+
+        def on(observation, starts):
+            begun.append(int(starts.sum()))
+            return np.full(len(starts), 1)
+
+        score = citylearn.evaluate(on, tasks=TASKS, seed=3, frames=32, name="on", **DATA)["on", "summer"]
+        self.assertEqual((score.tasks, sum(begun)), (TASKS, TASKS))
+        self.assertTrue(0.2 < score.completed < 0.8, "goals ahead are reached, those behind are not")
+        self.assertAlmostEqual(score.spl, score.completed, 12)
+
+    def test_a_policy_says_what_it_is(self):
+        policy = self.policy
+        self.assertEqual((policy.name, policy.frames, policy.features, policy.first_frame),
+                         ("place_filter", 32, DATA["synthetic_dimension"], 0))
+        self.assertGreater(policy.update, 0)
+
+    def test_errors(self):
+        for error, pattern, call in (
+            (FileNotFoundError, "missing.clk", lambda: citylearn.load_policy("missing.clk")),
+            (ValueError, "support.py", lambda: citylearn.load_policy(Path(__file__).with_name("support.py"))),
+            (ValueError, "unknown control 'nobody'.*known: ", lambda: citylearn.evaluate("nobody", **DATA)),
+            (ValueError, "feature_dimension", lambda: citylearn.evaluate(
+                self.policy, **{**DATA, "synthetic_dimension": 8})),
+            (ValueError, "must return .* whole numbers", lambda: citylearn.evaluate(lambda *_: [7], **DATA)),
+            (ZeroDivisionError, "", lambda: citylearn.evaluate(lambda *_: 1 // 0, **DATA)),
+            (TypeError, "unknown option 'colour'", lambda: citylearn.evaluate("blind", colour=1, **DATA)),
+        ):
+            with self.subTest(pattern=pattern), self.assertRaisesRegex(error, pattern):
+                call()
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+"""VectorEnv over DDS: the same numbers as in process, and one clear error for each thing that goes wrong."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import threading
+import unittest
+
+from support import BUILD, DRAWN, walk
+from domain import own_domain
+
+import numpy as np
+
+import citylearn
+
+MIDDLEWARES = ["cyclonedds", "fastdds"]
+DOMAIN = own_domain()
+TASK = {"frames": DRAWN["frames"], "max_steps": 20}
+DATA = [f"--{name.replace('_', '-')}={value}" for name, value in DRAWN.items() if name != "frames"]
+
+
+@contextlib.contextmanager
+def env_services(middleware, count=1, session="default"):
+    """Yields running env_services of four agents."""
+    command = [BUILD / "env_service/env_service", "--agents=4", "--interface=lo", f"--domain={DOMAIN}",
+               f"--middleware={middleware}", f"--session={session}", "--log-level=warn", "--linger=0", *DATA]
+    processes = [subprocess.Popen([*command, f"--id=env-{i}"]) for i in range(count)]
+    try:
+        yield processes
+    finally:
+        for process in processes:
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+        for process in processes:
+            process.wait()
+
+
+def connect(middleware, **options):
+    return citylearn.VectorEnv(**{"middleware": middleware, "domain": DOMAIN, "interface": "lo", **TASK, **options})
+
+
+class Equality(unittest.TestCase):
+    def test_a_walk_is_the_same_in_process_and_over_each_middleware(self):
+        for mode in ("NextStep", "SameStep"):
+            here = citylearn.VectorEnv(agents=4, services=2, max_steps=20, autoreset_mode=mode, **DRAWN)
+            expected = walk(here, 7, 150)
+            for middleware in MIDDLEWARES:
+                with self.subTest(mode=mode, middleware=middleware), env_services(middleware, 2):
+                    env = connect(middleware, services=2, autoreset_mode=mode)
+                    self.assertEqual(env.num_envs, 8)
+                    self.assertEqual(walk(env, 7, 150), expected)
+                    self.assertEqual(walk(env, 7, 150), expected, "the same again")
+                    env.close()
+
+    def test_send_and_recv(self):
+        with env_services("cyclonedds"):
+            env = connect("cyclonedds")
+            env.reset(seed=1)
+            env.send(np.zeros(4, int))
+            observation = env.recv()[0]
+            self.assertTrue((observation["previous_action"] == 0).all())
+            env.close()
+
+    def test_a_closed_environment_frees_its_services(self):
+        with env_services("cyclonedds"):
+            for seed in range(2):
+                env = connect("cyclonedds", wait=10)
+                env.reset(seed=seed)
+                env.close()
+
+
+class Errors(unittest.TestCase):
+    def test_a_missing_service_is_a_timeout_that_leaves_other_threads_running(self):
+        caught = []
+
+        def run():
+            try:
+                connect("cyclonedds", session="nobody", wait=1)
+            except TimeoutError as error:
+                caught.append(str(error))
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        turns = 0
+        while thread.is_alive():
+            thread.join(0.01)
+            turns += 1
+        self.assertRegex(caught[0], r"0 of 1 env_services on 'summer' within 1 s \(none was found\) \(same session 'nobody'")
+        self.assertGreater(turns, 20)
+
+    def test_a_silent_service_is_a_timeout_and_reset_goes_on_after_it(self):
+        with env_services("cyclonedds") as (service,):
+            env = connect("cyclonedds", wait=2)
+            env.reset(seed=1)
+            service.send_signal(signal.SIGSTOP)
+            with self.assertRaisesRegex(TimeoutError, "env_service 'env-0': has .* for 2 s"):
+                env.step(np.zeros(4, int))
+            with self.assertRaisesRegex(RuntimeError, r"call reset\(\) first"):
+                env.step(np.zeros(4, int))
+            service.send_signal(signal.SIGCONT)
+            first = env.reset(seed=1)[0]["goal"]
+            np.testing.assert_array_equal(first, env.reset(seed=1)[0]["goal"])
+            env.close()
+
+    def test_an_interrupt_ends_the_wait(self):
+        with env_services("cyclonedds") as (service,):
+            env = connect("cyclonedds")
+            env.reset(seed=1)
+            service.send_signal(signal.SIGSTOP)
+            threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+            with self.assertRaises(KeyboardInterrupt):
+                env.step(np.zeros(4, int))
+            service.send_signal(signal.SIGCONT)
+            env.close()
+
+    def test_a_restarted_service_is_a_connection_error(self):
+        with env_services("cyclonedds") as (first,):
+            env = connect("cyclonedds", wait=20)
+            env.reset(seed=1)
+            first.kill()
+            first.wait()
+            with env_services("cyclonedds"), self.assertRaisesRegex(ConnectionError, r"was restarted \(call reset"):
+                while True:
+                    env.step(np.zeros(4, int))
+
+    def test_options(self):
+        with self.assertRaisesRegex(TypeError, "unknown option 'slip' .known: .*middleware"):
+            connect("cyclonedds", slip=0.1)
+        with self.assertRaisesRegex(ValueError, "unknown middleware 'none'"):
+            connect("none")
+        with env_services("cyclonedds"):
+            with self.assertRaisesRegex(ValueError, "frames: 0:64 must be two frames or more of the 40"):
+                connect("cyclonedds", frames=64)
+
+
+if __name__ == "__main__":
+    unittest.main()

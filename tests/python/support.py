@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the tests of the package share. Each is called with the folders of the sources and the build."""
+
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+SOURCE, BUILD = (Path(sys.argv.pop(1)).resolve() for _ in range(2))
+sys.path[:0] = [str(BUILD / "python"), str(SOURCE / "tests/support")]
+
+# A route with features that is made at once.
+DRAWN = {"synthetic_images": 0, "synthetic_frames": 40, "synthetic_dimension": 16, "frames": 32}
+
+
+def need_peers(*names):
+    """Makes other projects importable, from $CITYLEARN_PEERS_SOURCE or shared/peers beside the sources. Skips without."""
+    folder = Path(os.environ.get("CITYLEARN_PEERS_SOURCE", SOURCE.parent / "shared/peers"))
+    for name in names:
+        if not (folder / name).is_dir():
+            print(f"skipped: {folder / name} is missing")
+            sys.exit(77)
+        sys.path.append(str(folder / name))
+
+
+def need_modules(*names):
+    for name in names:
+        try:
+            __import__(name)
+        except ImportError as error:
+            print(f"skipped: {error}")
+            sys.exit(77)
+
+
+def towards_goal(observation, position):
+    """Returns actions that lead to the goal, but at some places and goals stay, so that some episodes are truncated."""
+    goal = observation["goal"]
+    lazy = (position * 5 + goal * 3) % 11 == 0
+    return np.where(lazy, 0, np.where(goal > position, 1, 2))
+
+
+def walk(env, seed, steps):
+    """Returns all that an environment gives in a walk, as bytes."""
+    observation, infos = env.reset(seed=seed)
+    seen = [observation[name].tobytes() for name in sorted(observation)] + [infos["position"].tobytes()]
+    for _ in range(steps):
+        observation, rewards, terminated, truncated, infos = env.step(towards_goal(observation, infos["position"]))
+        seen += [observation[name].tobytes() for name in sorted(observation)]
+        seen += [infos["position"].tobytes(), rewards.tobytes(), terminated.tobytes(), truncated.tobytes()]
+    return b"".join(seen)

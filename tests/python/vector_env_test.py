@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""VectorEnv in process, with numpy alone."""
+
+import re
+import tempfile
+import unittest
+from pathlib import Path
+
+from support import DRAWN, SOURCE, towards_goal, walk
+
+import numpy as np
+
+import citylearn
+from citylearn import VectorEnv
+
+MODES = ["NextStep", "SameStep", "Disabled"]
+SPACES = {"features", "goal", "previous_action", "action_mask"}
+
+
+def transitions(mode, steps):
+    """Returns what each agent lived through: (observation, action, reward, ended how, observation after)."""
+    env = VectorEnv(agents=8, services=2, max_steps=20, autoreset_mode=mode, **DRAWN)
+    lived = [[] for _ in range(env.num_envs)]
+    before, infos = env.reset(seed=5)
+    waits = np.zeros(env.num_envs, bool)
+    for _ in range(steps):
+        actions = towards_goal(before, infos["position"])
+        after, rewards, terminated, truncated, infos = env.step(actions)
+        ended = terminated | truncated
+        for agent in range(env.num_envs):
+            if waits[agent]:
+                continue
+            seen = {name: values[agent] for name, values in after.items()}
+            if ended[agent] and mode == "SameStep":
+                seen = infos["final_obs"][agent]
+            told = infos["final_info"] if ended[agent] and mode == "SameStep" else infos
+            lived[agent].append((*(before[name][agent].tobytes() for name in sorted(before)), int(actions[agent]),
+                                 float(rewards[agent]), bool(terminated[agent]), bool(truncated[agent]),
+                                 *(seen[name].tobytes() for name in sorted(seen)),
+                                 float(told["spl"][agent]) if ended[agent] else None))
+        if mode == "NextStep":
+            waits = ended
+        if mode == "Disabled" and ended.any():
+            after, _ = env.reset(options={"reset_mask": ended})
+        before = after
+    return lived
+
+
+class Spaces(unittest.TestCase):
+    def test_observations_fit_the_spaces(self):
+        env = VectorEnv(agents=3, services=2, **DRAWN)
+        self.assertEqual(env.num_envs, 6)
+        observation, infos = env.reset(seed=1)
+        self.assertEqual(set(observation), SPACES)
+        self.assertTrue(env.observation_space.contains(observation))
+        self.assertEqual(observation["features"].shape, (6, 16))
+        self.assertEqual(observation["features"].dtype, np.float32)
+        for _ in range(50):
+            actions = env.action_space.sample()
+            self.assertTrue(env.action_space.contains(actions))
+            observation, rewards, terminated, truncated, infos = env.step(actions)
+            self.assertTrue(env.observation_space.contains(observation))
+            self.assertEqual((rewards.shape, terminated.dtype, truncated.dtype), ((6,), np.bool_, np.bool_))
+            self.assertTrue(infos["_position"].all())
+            one = {name: values[0] for name, values in observation.items()}
+            self.assertTrue(env.single_observation_space.contains(one))
+        self.assertEqual(env.metadata["autoreset_mode"], citylearn.AutoresetMode.NEXT_STEP)
+
+    def test_arrays_are_new_and_own_their_memory(self):
+        env = VectorEnv(agents=2, **DRAWN)
+        first, _ = env.reset(seed=1)
+        kept = {name: values.copy() for name, values in first.items()}
+        second = env.step(np.ones(2, int))[0]
+        for name in SPACES:
+            self.assertFalse(np.shares_memory(first[name], second[name]), name)
+            np.testing.assert_array_equal(first[name], kept[name])
+        self.assertIsNone(second["features"].base)
+
+    def test_features_are_those_of_the_place(self):
+        with tempfile.TemporaryDirectory() as folder:
+            rows = np.arange(24, dtype=np.float32).reshape(12, 2)
+            np.savetxt(Path(folder, "line.csv"), rows, delimiter=",", fmt="%g")
+            env = VectorEnv(agents=4, data=folder, traversal="line")
+            observation, infos = env.reset(seed=2)
+            for _ in range(100):
+                np.testing.assert_array_equal(observation["features"], rows[infos["position"]])
+                observation, _, _, _, infos = env.step(env.action_space.sample())
+
+
+class Seeds(unittest.TestCase):
+    def walk(self, seed, **options):
+        return walk(VectorEnv(agents=4, services=2, **{**DRAWN, **options}), seed, 100)
+
+    def test_the_same_seed_gives_the_same_walk_and_another_seed_another(self):
+        self.assertEqual(self.walk(3), self.walk(3))
+        self.assertNotEqual(self.walk(3), self.walk(4))
+        self.assertNotEqual(self.walk(3), self.walk(3, slip=0.2))
+
+    def test_service_i_draws_from_seed_plus_i(self):
+        both = VectorEnv(agents=4, services=2, **DRAWN).reset(seed=3)[0]["goal"]
+        np.testing.assert_array_equal(both[4:], VectorEnv(agents=4, **DRAWN).reset(seed=4)[0]["goal"])
+
+    def test_without_a_seed_resets_differ_but_repeat_after_one(self):
+        env = VectorEnv(agents=16, **DRAWN)
+        goals = []
+        for seed in (1, None, 1, None):
+            goals.append(env.reset(seed=seed)[0]["goal"].tolist())
+        self.assertEqual(goals[:2], goals[2:])
+        self.assertNotEqual(goals[0], goals[1])
+
+
+class Steps(unittest.TestCase):
+    def test_the_walk_is_that_of_the_golden_trace(self):
+        """The C++ tests write tests/golden/environment_training.txt."""
+        trace = (SOURCE / "tests/golden/environment_training.txt").read_text().split("step ")[1:]
+        pattern = re.compile(r"agent (\d) at (\d+) sees \d+ goal (\d+) allowed([a-z ]*?) after (\S+) reward (\S+)(.*)")
+        names = ["stay", "next", "previous", "-"]
+        ticks = [[pattern.search(line).groups() for line in tick.splitlines() if " at " in line] for tick in trace]
+        self.assertGreater(len(ticks), 30)
+        with tempfile.TemporaryDirectory() as folder:
+            np.savetxt(Path(folder, "line.csv"), np.arange(24).reshape(12, 2), delimiter=",", fmt="%g")
+            env = VectorEnv(agents=2, data=folder, traversal="line", frames="4:10", max_steps=8,
+                            autoreset_mode="SameStep")
+            observation, infos = env.reset(seed=3)
+            rewards, ended = np.zeros(2), [""] * 2
+            for now, after in zip(ticks, ticks[1:] + [None]):
+                for agent, (number, at, goal, allowed, previous, reward, flags) in enumerate(now):
+                    self.assertEqual(agent, int(number))
+                    self.assertEqual(infos["position"][agent] + 4, int(at))
+                    self.assertEqual(observation["goal"][agent] + 4, int(goal))
+                    self.assertEqual([names[i] for i in np.flatnonzero(observation["action_mask"][agent])],
+                                     allowed.split())
+                    self.assertEqual(names[observation["previous_action"][agent]], previous)
+                    self.assertAlmostEqual(rewards[agent], float(reward), 5)
+                    self.assertEqual(ended[agent], flags.replace("first", "").strip())
+                if after is None:
+                    return
+                # At an episode's end the trace does not say the action: one step to the goal, or by the place after it.
+                actions = [names.index(then[4]) if then[4] != "-" else
+                           (0, 1, 2)[np.sign(int(then[1]) - int(one[1]))] for one, then in zip(now, after)]
+                observation, rewards, terminated, truncated, infos = env.step(np.array(actions))
+                ended = ["terminated" if terminated[i] else "truncated" if truncated[i] else "" for i in range(2)]
+
+    def test_rewards_and_ends_are_those_of_a_simple_model(self):
+        env = VectorEnv(agents=8, max_steps=20, autoreset_mode="SameStep", **DRAWN)
+        observation, infos = env.reset(seed=9)
+        position, goal = infos["position"].copy(), observation["goal"].copy()
+        start, nearest, steps = position.copy(), np.abs(goal - position), np.zeros(8, int)
+        ends = {True: 0, False: 0}
+        for _ in range(400):
+            actions = towards_goal(observation, position)
+            observation, rewards, terminated, truncated, infos = env.step(actions)
+            position = position + np.array([0, 1, -1])[actions]
+            np.testing.assert_array_equal(infos["position"], position)
+            distance = np.abs(goal - position)
+            steps += 1
+            np.testing.assert_array_equal(terminated, distance == 0)
+            np.testing.assert_array_equal(truncated, (distance > 0) & (steps == 20))
+            np.testing.assert_allclose(rewards, np.where(distance == 0, 1, np.where(distance < nearest, 0, -1 / 20)))
+            nearest = np.minimum(nearest, distance)
+            for agent in np.flatnonzero(terminated | truncated):
+                ends[bool(terminated[agent])] += 1
+                shortest = abs(goal[agent] - start[agent])
+                self.assertAlmostEqual(infos["final_info"]["spl"][agent],
+                                       terminated[agent] * shortest / max(shortest, steps[agent]))
+                start[agent], steps[agent] = position[agent], 0
+                nearest[agent] = abs(observation["goal"][agent] - position[agent])
+            goal = observation["goal"].copy()
+        self.assertGreater(min(ends.values()), 10, "both ends occur")
+
+    def test_agents_live_through_the_same_in_every_autoreset_mode(self):
+        lived = {mode: transitions(mode, 300) for mode in MODES}
+        for mode in MODES:
+            for agent, own in enumerate(lived[mode]):
+                self.assertGreater(len(own), 200)
+                self.assertEqual(own, lived["SameStep"][agent][:len(own)], f"{mode}, agent {agent}")
+
+    def test_after_an_end_the_next_step_is_a_reset(self):
+        env = VectorEnv(agents=8, max_steps=20, **DRAWN)
+        observation, infos = env.reset(seed=5)
+        ended, seen = np.zeros(8, bool), 0
+        for _ in range(200):
+            before = observation
+            observation, rewards, terminated, truncated, infos = env.step(towards_goal(before, infos["position"]))
+            self.assertTrue((rewards[ended] == 0).all())
+            self.assertFalse((terminated | truncated)[ended].any())
+            self.assertTrue((observation["previous_action"][ended] == 3).all())
+            self.assertTrue((observation["previous_action"][~ended] < 3).all())
+            np.testing.assert_array_equal(observation["goal"][~ended], before["goal"][~ended])
+            seen += ended.sum()
+            ended = terminated | truncated
+            np.testing.assert_array_equal(infos.get("_spl", np.zeros(8, bool)), ended)
+        self.assertGreater(seen, 20)
+
+    def test_an_action_off_the_route_is_stay(self):
+        env = VectorEnv(agents=16, **DRAWN)
+        observation, infos = env.reset(seed=1)
+        off = 0
+        for _ in range(60):
+            before, observation_before = infos["position"], observation
+            observation, _, terminated, truncated, infos = env.step(np.full(16, 2))
+            at_end = (before == 0) & (observation_before["previous_action"] != 3)
+            off += at_end.sum()
+            self.assertTrue((observation["previous_action"][at_end & ~terminated & ~truncated] == 0).all())
+        self.assertGreater(off, 10)
+
+    def test_send_and_recv_are_step(self):
+        one, other = (VectorEnv(agents=4, services=3, **DRAWN) for _ in range(2))
+        observation, infos = one.reset(seed=2)
+        other.reset(seed=2)
+        for _ in range(50):
+            actions = towards_goal(observation, infos["position"])
+            other.send(actions)
+            observation, rewards, _, _, infos = one.step(actions)
+            later, rewards_later, _, _, _ = other.recv()
+            np.testing.assert_array_equal(observation["features"], later["features"])
+            np.testing.assert_array_equal(rewards, rewards_later)
+        other.send(actions)
+        other.close()  # waits for the step
+
+
+class Errors(unittest.TestCase):
+    def expect(self, kind, pattern, call, *arguments, **options):
+        with self.assertRaisesRegex(kind, pattern) as caught:
+            call(*arguments, **options)
+        self.assertNotIn("\n", str(caught.exception))
+
+    def test_options(self):
+        self.expect(TypeError, r"unknown option 'colour' \(known: .*traversal", VectorEnv, colour="red", **DRAWN)
+        self.expect(ValueError, "known: .*synthetic", VectorEnv, dataset="none")
+        self.expect(ValueError, "'spring'.*winter", VectorEnv, **{**DRAWN, "traversal": "spring"})
+        self.expect(ValueError, "--slip", VectorEnv, slip=2, **DRAWN)
+        self.expect(ValueError, "agents must be 1..256, is 0", VectorEnv, agents=0, **DRAWN)
+        self.expect(TypeError, "services must be a whole number, is 1.5", VectorEnv, services=1.5, **DRAWN)
+        self.expect(ValueError, "frames: 0:99 must be two frames or more of the 40", VectorEnv,
+                    **{**DRAWN, "frames": 99})
+        self.expect(ValueError, "'a:b' is not FIRST:END", VectorEnv, **{**DRAWN, "frames": "a:b"})
+        self.expect(ValueError, "Sometimes", VectorEnv, autoreset_mode="Sometimes", **DRAWN)
+
+    def test_actions(self):
+        env = VectorEnv(agents=2, **DRAWN)
+        self.expect(RuntimeError, r"call reset\(\) first", env.step, np.zeros(2, int))
+        env.reset(seed=0)
+        self.expect(ValueError, r"shape \(3,\), must have \(2,\)", env.step, np.zeros(3, int))
+        self.expect(TypeError, "float64, must be whole numbers", env.step, np.zeros(2))
+        self.expect(ValueError, "action 3 of agent 1", env.step, np.array([0, 3]))
+        self.expect(RuntimeError, r"recv\(\) without send\(\)", env.recv)
+        env.send(np.zeros(2, int))
+        self.expect(RuntimeError, r"call recv\(\) first", env.step, np.zeros(2, int))
+        self.expect(RuntimeError, r"call recv\(\) first", env.reset)
+        env.recv()
+        env.close()
+        env.close()
+        self.expect(RuntimeError, "is closed", env.step, np.zeros(2, int))
+        self.expect(RuntimeError, "is closed", env.reset)
+
+    def test_resets(self):
+        env = VectorEnv(agents=2, autoreset_mode="Disabled", max_steps=2, **DRAWN)
+        mask = np.ones(2, bool)
+        self.expect(ValueError, "seed must be 0", env.reset, seed=-1)
+        self.expect(TypeError, "seed must be a whole number", env.reset, seed=1.5)
+        self.expect(RuntimeError, "without a reset_mask first", env.reset, options={"reset_mask": mask})
+        env.reset(seed=0)
+        self.expect(TypeError, "array of bool", env.reset, options={"reset_mask": [True, True]})
+        self.expect(ValueError, r"shape \(1,\)", env.reset, options={"reset_mask": mask[:1]})
+        self.expect(ValueError, "episode of agent 0 goes on", env.reset, options={"reset_mask": mask})
+        for _ in range(2):
+            _, _, terminated, truncated, _ = env.step(np.zeros(2, int))
+        self.assertTrue((terminated | truncated).all())
+        self.expect(RuntimeError, "episode of agent 0 has ended; call reset", env.step, np.zeros(2, int))
+        self.expect(ValueError, "seed: ", env.reset, seed=1, options={"reset_mask": mask})
+
+
+if __name__ == "__main__":
+    unittest.main()
