@@ -19,6 +19,15 @@ TrainedAgent load_agent(const std::string& path);
 
 /// Return policies that have decided nothing yet. `seed` is that of policy_service's --seed.
 std::unique_ptr<Policy> agent_policy(const TrainedAgent& agent, std::uint64_t seed);
+/// An agent that was exported as an ONNX model. Throws Error naming the file when it is another model.
+struct ExportedPolicy {
+  explicit ExportedPolicy(const std::string& path);
+  std::string name;
+  int first_frame = 0, frames = 0, features = 0;  ///< 0 features: it takes none
+  std::vector<std::byte> model;
+  std::map<std::string, int> inputs;  ///< their widths
+};
+std::unique_ptr<Policy> exported_policy(const ExportedPolicy& policy, std::uint64_t seed);
 /// `reference`: D x EN, as ControlTask has it. Throws Error when the control or a parameter is unknown.
 std::unique_ptr<Policy> control_policy(const std::string& name, const std::map<std::string, double>& parameters,
                                        const Route& route, const Matrix<float>& reference);

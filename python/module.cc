@@ -178,6 +178,12 @@ void define_evaluation(py::module_& module) {
       .def_property_readonly("frames", [](const TrainedAgent& agent) { return agent.task.frames; })
       .def_property_readonly("features", [](const TrainedAgent& agent) { return agent.task.features; })
       .def_property_readonly("reference", [](const TrainedAgent& agent) { return agent.task.reference; });
+  py::class_<ExportedPolicy>(module, "ExportedPolicy")
+      .def(py::init<const std::string&>())
+      .def_readonly("name", &ExportedPolicy::name)
+      .def_readonly("first_frame", &ExportedPolicy::first_frame)
+      .def_readonly("frames", &ExportedPolicy::frames)
+      .def_readonly("features", &ExportedPolicy::features);
   py::class_<Score>(module, "Score")
       .def_readonly("tasks", &Score::tasks)
       .def_readonly("completed", &Score::completed)
@@ -188,6 +194,7 @@ void define_evaluation(py::module_& module) {
       .def_readonly("reward", &Score::reward);
   py::class_<Policy>(module, "Policy");
   module.def("agent_policy", &agent_policy);
+  module.def("exported_policy", &exported_policy);
   module.def("control_policy", &control_policy);
   module.def("function_policy", &python_policy);
   module.def("controls", [] {

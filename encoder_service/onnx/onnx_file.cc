@@ -57,6 +57,7 @@ OnnxFile read_onnx(std::span<const std::byte> bytes, const std::string& where) {
     throw Error("is not an ONNX model: it has no operators", where, "--model names an .onnx file");
   OnnxFile file;
   file.nodes = graph.node_size();
+  for (const auto& entry : model.metadata_props()) file.metadata[entry.key()] = entry.value();
   for (const auto& opset : model.opset_import())
     if (opset.domain().empty() || opset.domain() == "ai.onnx") file.opset = opset.version();
   std::set<std::string> weights;

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <span>
 #include <string>
 #include <vector>
@@ -25,9 +26,10 @@ struct OnnxFile {
   std::vector<Input> inputs;  ///< of the graph, weights excluded
   std::int64_t opset = 0;     ///< of the standard operators
   int nodes = 0;
+  std::map<std::string, std::string> metadata;
 };
 
-/// Reads the inputs and the size of an ONNX model. Throws Error naming `where` when it is something else, cut short or
+/// Reads inputs, size and metadata of an ONNX model. Throws Error naming `where` when it is something else, cut short or
 /// damaged, has a graph without nodes, or keeps weights in other files.
 OnnxFile read_onnx(std::span<const std::byte> bytes, const std::string& where);
 

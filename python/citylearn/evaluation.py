@@ -11,7 +11,7 @@ import numpy as np
 from . import _native
 from ._options import as_text, count, route_of, seed_of
 
-Policy = _native.Agent
+_LOADED = (_native.Agent, _native.ExportedPolicy)
 Act = Callable[[dict[str, np.ndarray], np.ndarray], Any]
 
 
@@ -23,14 +23,14 @@ class Scores(dict):
         return _native.table([(*key, score) for key, score in self.items()])
 
 
-def load_policy(path: Any) -> Policy:
-    """Returns the agent of a checkpoint (.clk): name, features D, frames N, first_frame and update are its attributes.
-    Raises FileNotFoundError, or ValueError that names the file."""
+def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
+    """Returns the agent of a checkpoint (.clk) or of a model that policy_service exported (.onnx), with the attributes
+    name, features (D), frames (N) and first_frame. Raises FileNotFoundError, or ValueError that names the file."""
     with open(path, "rb"):  # Python's own errors for what cannot be opened
-        return _native.Agent(str(path))
+        return (_native.ExportedPolicy if str(path).endswith(".onnx") else _native.Agent)(str(path))
 
 
-def evaluate(policy: Policy | str | Act, *, traversals: Sequence[str] = (), controls: Sequence[str] = (),
+def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, traversals: Sequence[str] = (), controls: Sequence[str] = (),
              tasks: int = 2000, seed: int = 1, frames: int | str | None = None, max_steps: int = 0,
              train: str = "summer", control_parameters: dict[str, dict[str, float]] | None = None, name: str = "policy",
              **options: Any) -> Scores:
@@ -42,12 +42,12 @@ def evaluate(policy: Policy | str | Act, *, traversals: Sequence[str] = (), cont
     controls: evaluated on the same tasks; "shuffled" is the policy on shuffled frames, "all" means every one.
     tasks, seed: the same seed gives every policy the same tasks.
     frames, max_steps: the route, as VectorEnv has it; a checkpoint's own by default.
-    train: the traversal whose features the controls' filters know, unless the policy is a checkpoint's.
+    train: the traversal whose features the controls' filters know, unless the policy is a checkpoint's own.
     options: as VectorEnv's in process.
     """
     count("tasks", tasks, 1)
     seed_of(seed)
-    agent = policy if isinstance(policy, Policy) else None
+    agent = policy if isinstance(policy, _LOADED) else None
     own = agent.name if agent else policy if isinstance(policy, str) else name
     if agent and frames is None:
         frames, max_steps = f"{agent.first_frame}:{agent.first_frame + agent.frames}", max_steps or agent.frames
@@ -62,7 +62,7 @@ def evaluate(policy: Policy | str | Act, *, traversals: Sequence[str] = (), cont
             return recording.reference(route)
         if not control.endswith("_filter"):
             return np.zeros((0, 0), np.float32)
-        if agent:
+        if isinstance(agent, _native.Agent):
             return agent.reference
         return (recordings.get(train) or _native.Recording(as_text({**options, "traversal": train}))).reference(route)
 
@@ -71,7 +71,8 @@ def evaluate(policy: Policy | str | Act, *, traversals: Sequence[str] = (), cont
             route = route_of(frames, max_steps, label == "shuffled", recording.frames, traversal)
             which = own if label == "shuffled" else label
             if agent and which == own:
-                acting = _native.agent_policy(agent, seed)
+                make = _native.agent_policy if isinstance(agent, _native.Agent) else _native.exported_policy
+                acting = make(agent, seed)
             elif callable(policy) and which == own:
                 acting = _native.function_policy(_columns(policy), recording.features, route.first_frame)
             else:
