@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <atomic>
+#include <cctype>
 #include <future>
 #include <optional>
 
@@ -118,17 +119,33 @@ std::unique_ptr<Policy> python_policy(py::function act, int dimension, int first
   });
 }
 
+/// Returns a message with keyword arguments in place of options: "step_metres: ..." for "--step-metres: ...".
+std::string in_python(const std::string& message) {
+  std::string text;
+  for (std::size_t i = 0; i < message.size(); ++i) {
+    const bool option = message.compare(i, 2, "--") == 0 && i + 2 < message.size() && std::islower(message[i + 2]);
+    if (!option) {
+      text += message[i];
+      continue;
+    }
+    for (i += 2; i < message.size() && (std::islower(message[i]) || std::isdigit(message[i]) || message[i] == '-'); ++i)
+      text += message[i] == '-' ? '_' : message[i];
+    --i;
+  }
+  return text;
+}
+
 void translate(std::exception_ptr thrown) {  // NOLINT(performance-unnecessary-value-param): pybind11 asks for it
   try {
     if (thrown) std::rethrow_exception(thrown);
   } catch (const UnknownOption& error) {
-    PyErr_SetString(PyExc_TypeError, error.what());
+    PyErr_SetString(PyExc_TypeError, in_python(error.what()).c_str());
   } catch (const ServiceMissing& error) {
-    PyErr_SetString(PyExc_TimeoutError, error.what());
+    PyErr_SetString(PyExc_TimeoutError, in_python(error.what()).c_str());
   } catch (const ServiceLost& error) {
-    PyErr_SetString(PyExc_ConnectionError, error.what());
+    PyErr_SetString(PyExc_ConnectionError, in_python(error.what()).c_str());
   } catch (const Error& error) {
-    PyErr_SetString(PyExc_ValueError, error.what());
+    PyErr_SetString(PyExc_ValueError, in_python(error.what()).c_str());
   }
 }
 

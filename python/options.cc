@@ -16,6 +16,8 @@
 namespace citylearn::python {
 namespace {
 
+const std::string kGroup = "Options";  // one without a name hides options' names in messages
+
 struct RecordingOptions {
   Source source;
   Imperfections imperfections;
@@ -55,13 +57,13 @@ void parse(CLI::App& app, const Keywords& keywords) {
 }
 
 void add_recording_options(CLI::App& app, RecordingOptions& options) {
-  add_source_options(app, options.source, "");
-  add_selection_options(app, options.source.selection, "");
-  add_imperfection_options(app, options.imperfections, "");
+  add_source_options(app, options.source, kGroup);
+  add_selection_options(app, options.source.selection, kGroup);
+  add_imperfection_options(app, options.imperfections, kGroup);
   app.add_option("--encoder", options.encoder);
-  add_encoder_options(app, options.files, options.encoder_parameters, "");
+  add_encoder_options(app, options.files, options.encoder_parameters, kGroup);
   app.add_option("--store", options.store)->envname("CITYLEARN_STORE");
-  add_reduction_options(app, options.reduction, "");
+  add_reduction_options(app, options.reduction, kGroup);
 }
 
 /// Turns pictures into features as an encoder_service with these options does.
