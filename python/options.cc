@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "python/options.h"
 
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <atomic>
 #include <opencv2/core.hpp>
 
 #include "core/util/name.h"
@@ -118,7 +121,8 @@ NodeOptions read_node_options(const Keywords& keywords) {
   CLI::App app;
   NodeOptions options;
   options.service = "policy_service";
-  options.id = "python";
+  static std::atomic<int> made = 0;  // several may work in one session
+  options.id = "python-" + std::to_string(getpid()) + "-" + std::to_string(++made);
   add_node_options(app, options);
   parse(app, keywords);
   return options;
