@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the wheel for pip (PEP 517): builds the module with CMake, or takes that of the finished build $CITYLEARN_BUILD."""
+"""Makes the wheel for pip (PEP 517), from a build of its own or from the finished one that $CITYLEARN_BUILD names."""
 
 import base64
 import hashlib

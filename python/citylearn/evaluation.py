@@ -16,7 +16,7 @@ Act = Callable[[dict[str, np.ndarray], np.ndarray], Any]
 
 
 class Scores(dict):
-    """Figures by (policy, traversal): tasks, completed (0..1), spl (0..1), excess, mean_steps, shortest_mean and reward.
+    """Figures by (policy, traversal): tasks, completed (0..1), spl (0..1), excess, mean_steps, shortest_mean, reward.
     Prints as policy_service's table."""
 
     def __str__(self) -> str:
@@ -30,10 +30,10 @@ def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
         return (_native.ExportedPolicy if str(path).endswith(".onnx") else _native.Agent)(str(path))
 
 
-def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, traversals: Sequence[str] = (), controls: Sequence[str] = (),
-             tasks: int = 2000, seed: int = 1, frames: int | str | None = None, max_steps: int = 0,
-             train: str = "summer", control_parameters: dict[str, dict[str, float]] | None = None, name: str = "policy",
-             **options: Any) -> Scores:
+def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, traversals: Sequence[str] = (),
+             controls: Sequence[str] = (), tasks: int = 2000, seed: int = 1, frames: int | str | None = None,
+             max_steps: int = 0, train: str = "summer", name: str = "policy",
+             control_parameters: dict[str, dict[str, float]] | None = None, **options: Any) -> Scores:
     """Lets a policy perform numbered tasks, and returns its figures as policy_service --mode evaluate has them.
 
     policy: of load_policy(); a control's name ("random"); or a function of observations, as VectorEnv's, and episode

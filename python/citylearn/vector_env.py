@@ -21,9 +21,9 @@ Observation = dict[str, np.ndarray]
 class VectorEnv(VectorEnvBase):
     """Agents on one route of a traversal: agents x services of them, in this process or in env_services over DDS.
 
-    An agent stands at one of the route's N places and is to reach another. It stays (0), goes on (1) or back (2). A step
-    that leads nearer to the goal than any before costs nothing, any other 1 / max_steps; the goal is worth 1 and
-    terminates the episode; max_steps steps truncate it. An action that leads off the route counts as 0.
+    An agent stands at one of the route's N places and is to reach another. It stays (0), goes on (1) or back (2). A
+    step that leads nearer to the goal than any before costs nothing, any other 1 / max_steps. Reaching the goal is
+    worth 1 and terminates the episode; max_steps steps truncate it. An action that leads off the route counts as 0.
 
     Observations, for B = num_envs agents, are new arrays at each step:
       features         float32 (B, D)  of the frame that the agent sees
@@ -159,7 +159,8 @@ class VectorEnv(VectorEnvBase):
     def _unpack(self, columns: tuple[np.ndarray, ...]) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray]:
         """Returns observation, position, reward and flags, and keeps what the next step needs."""
         features, goal, previous_action, mask, position, reward, flags = columns
-        self._goal, self._mask, self._position = goal.copy(), mask.copy(), position.copy()  # callers may write into theirs
+        # Copies, because callers may write into theirs.
+        self._goal, self._mask, self._position = goal.copy(), mask.copy(), position.copy()
         self._last = {"features": features, "goal": goal, "previous_action": previous_action, "action_mask": mask}
         return dict(self._last), position, reward, flags
 
@@ -205,8 +206,8 @@ class VectorEnv(VectorEnvBase):
                              "only agents whose episode has ended can begin the next one alone")
         self._ended &= ~mask
         # What these agents see next has arrived with the end of the last episode.
-        position = np.where(mask, self._position, 0)
-        return {name: values.copy() for name, values in self._last.items()}, {"position": position, "_position": mask.copy()}
+        infos = {"position": np.where(mask, self._position, 0), "_position": mask.copy()}
+        return {name: values.copy() for name, values in self._last.items()}, infos
 
 
 class Env(EnvBase):

@@ -15,7 +15,7 @@ DRAWN = {"synthetic_images": 0, "synthetic_frames": 40, "synthetic_dimension": 1
 
 
 def need_peers(*names):
-    """Makes other projects importable, from $CITYLEARN_PEERS_SOURCE or shared/peers beside the sources. Skips without."""
+    """Makes other projects importable, from $CITYLEARN_PEERS_SOURCE or shared/peers beside the sources, or skips."""
     folder = Path(os.environ.get("CITYLEARN_PEERS_SOURCE", SOURCE.parent / "shared/peers"))
     for name in names:
         if not (folder / name).is_dir():

@@ -23,8 +23,8 @@ class Wheel(unittest.TestCase):
             program = ("import citylearn\n"
                        "env = citylearn.VectorEnv(synthetic_images=0, synthetic_frames=40, agents=2)\n"
                        "print(citylearn.__file__, env.reset(seed=1)[0]['features'].shape)")
-            done = subprocess.run([sys.executable, "-c", program], env={**environment, "PYTHONPATH": folder}, cwd=folder,
-                                  capture_output=True, text=True, check=False)
+            done = subprocess.run([sys.executable, "-c", program], env={**environment, "PYTHONPATH": folder},
+                                  cwd=folder, capture_output=True, text=True, check=False)
             self.assertEqual(done.stdout, f"{folder}/citylearn/__init__.py (2, 64)\n", done.stderr)
 
 
