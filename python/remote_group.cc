@@ -105,7 +105,7 @@ class RemoteGroup : public EnvGroup {
         const std::string other = client_.other_policy(*env);
         if (!env->refusal.empty()) found += ", which " + env->refusal;
         if (!other.empty()) found += ", which works for '" + other + "'";
-        if (env->usable() && other.empty()) envs_.push_back(env.get());
+        if (env->traversal() == options_.traversal && env->usable() && other.empty()) envs_.push_back(env.get());
       }
       for (const auto& [id, traversal] : client_.encoders().unencoded())
         found += (found.empty() ? "" : ", ") + id + " on " + traversal + ", whose images wait for an encoder_service";
