@@ -30,6 +30,11 @@ class RemoteGroup : public EnvGroup {
         if (envs_[i] == &env) seen_[i] = seen;
       return false;  // send() answers
     };
+    // So that env_services do not keep episodes for want of anybody who acknowledges them.
+    client_.finished = [this](EnvHandle& env, const msg::EpisodeStat& episode) {
+      if (episode.episode() > env.acknowledged) client_.acknowledge(env, episode.episode());
+    };
+    client_.begin_recording();
     node_.report(msg::WAITING, "waiting for env_services");
     await_services(interrupt);
     seen_.resize(envs_.size());
@@ -151,6 +156,7 @@ class RemoteGroup : public EnvGroup {
     const Clock::time_point until = Clock::now() + kRelease;
     for (const EnvHandle* env : envs_)
       while (!env->in_force && env->alive() && Clock::now() < until) client_.spin(until);
+    client_.end_recording();
   }
 
   const RemoteOptions options_;

@@ -18,23 +18,32 @@ import citylearn
 MIDDLEWARES = ["cyclonedds", "fastdds"]
 DOMAIN = own_domain()
 TASK = {"frames": DRAWN["frames"], "max_steps": 20}
-DATA = [f"--{name.replace('_', '-')}={value}" for name, value in DRAWN.items() if name != "frames"]
+
+
+def where(middleware):
+    return [f"--domain={DOMAIN}", "--interface=lo", f"--middleware={middleware}", "--log-level=warn"]
 
 
 @contextlib.contextmanager
-def env_services(middleware, count=1, session="default"):
-    """Yields running env_services of four agents."""
-    command = [BUILD / "env_service/env_service", "--agents=4", "--interface=lo", f"--domain={DOMAIN}",
-               f"--middleware={middleware}", f"--session={session}", "--log-level=warn", "--linger=0", *DATA]
-    processes = [subprocess.Popen([*command, f"--id=env-{i}"]) for i in range(count)]
+def running(*command):
+    """Yields a service, which runs meanwhile."""
+    process = subprocess.Popen(command)
     try:
-        yield processes
+        yield process
     finally:
-        for process in processes:
-            process.send_signal(signal.SIGCONT)
-            process.terminate()
-        for process in processes:
-            process.wait()
+        process.send_signal(signal.SIGCONT)
+        process.terminate()
+        process.wait()
+
+
+@contextlib.contextmanager
+def env_services(middleware, count=1, traversal="summer", data=None):
+    """Yields running env_services of four agents."""
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in (data or DRAWN).items() if name != "frames"]
+    with contextlib.ExitStack() as stack:
+        yield [stack.enter_context(running(BUILD / "env_service/env_service", "--agents=4", "--linger=0",
+                                           f"--traversal={traversal}", f"--id=env-{traversal}-{i}", *options,
+                                           *where(middleware))) for i in range(count)]
 
 
 def connect(middleware, **options):
@@ -53,6 +62,18 @@ class Equality(unittest.TestCase):
                     self.assertEqual(walk(env, 7, 150), expected)
                     self.assertEqual(walk(env, 7, 150), expected, "the same again")
                     env.close()
+
+    def test_pictures_are_seen_as_an_encoder_service_encodes_them(self):
+        data = {"synthetic_frames": 40, "synthetic_width": 64, "synthetic_height": 48, "frames": 32}
+        task = {"autoreset_mode": "SameStep", "max_steps": 20}
+        for traversal in ("summer", "winter"):
+            here = citylearn.VectorEnv(agents=4, traversal=traversal, store="none", encoder="patchnorm", **task, **data)
+            with env_services("cyclonedds", data=data), env_services("cyclonedds", data=data, traversal="winter"), \
+                    running(BUILD / "encoder_service/encoder_service", "--encoder=patchnorm", "--store=none",
+                            *where("cyclonedds")):
+                env = connect("cyclonedds", traversal=traversal, **task)
+                self.assertEqual(walk(env, 7, 60), walk(here, 7, 60), traversal)
+                env.close()
 
     def test_send_and_recv(self):
         with env_services("cyclonedds"):
@@ -95,7 +116,7 @@ class Errors(unittest.TestCase):
             env = connect("cyclonedds", wait=2)
             env.reset(seed=1)
             service.send_signal(signal.SIGSTOP)
-            with self.assertRaisesRegex(TimeoutError, "env_service 'env-0': has .* for 2 s"):
+            with self.assertRaisesRegex(TimeoutError, "env_service 'env-summer-0': has .* for 2 s"):
                 env.step(np.zeros(4, int))
             with self.assertRaisesRegex(RuntimeError, r"call reset\(\) first"):
                 env.step(np.zeros(4, int))
