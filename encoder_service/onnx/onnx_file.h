@@ -29,8 +29,8 @@ struct OnnxFile {
   std::map<std::string, std::string> metadata;
 };
 
-/// Reads inputs, size and metadata of an ONNX model. Throws Error naming `where` when it is something else, cut short or
-/// damaged, has a graph without nodes, or keeps weights in other files.
+/// Reads inputs, size and metadata of an ONNX model. Throws Error naming `where` when it is something else, cut short
+/// or damaged, has a graph without nodes, or keeps weights in other files.
 OnnxFile read_onnx(std::span<const std::byte> bytes, const std::string& where);
 
 }  // namespace citylearn
