@@ -25,11 +25,18 @@ void add_encoder_options(CLI::App& app, EncoderFiles& files,
 struct ReductionChoice {
   std::string reference = "summer";  ///< traversal that the encoder and the reduction learn from
   ReductionOptions reduction;        ///< but for its centring
-  bool cap_dimension = true;         ///< until --dimension is given: fewer where the reference is too short for as many
   std::string centring = "running";
+  bool dimension_given = false, centring_given = false;
 };
 /// Adds --reference, --dimension, --whitening and --centring under `group`.
 void add_reduction_options(CLI::App& app, ReductionChoice& choice, const std::string& group);
+/// Returns the chosen reduction, with what the encoder recommends in place of defaults. Warns in the log of what was
+/// given otherwise. Throws Error when there is no such encoder.
+ReductionOptions reduction_for(const std::string& encoder, const ReductionChoice& choice);
+/// Takes the reduction that the encoder recommends, but for what was given. Returns a warning of what was given
+/// otherwise; empty where nothing was. Throws Error when there is no such encoder.
+std::string take_recommended(const std::string& encoder, ReductionOptions& reduction, bool dimension_given,
+                             bool centring_given);
 
 /// Returns the text of `--list`.
 std::string list_encoders();

@@ -74,7 +74,8 @@ int serve(CommandLine& line) {
   line.service.reference = line.reduction.reference;
   line.service.reduction = line.reduction.reduction;
   line.service.reduction.centring = centring_of(line.reduction.centring);
-  line.service.cap_dimension = line.reduction.cap_dimension;
+  if (line.service.reduction_file.empty()) line.service.reduction = reduction_for(line.service.encoder, line.reduction);
+  line.service.cap_dimension = !line.reduction.dimension_given;
   line.service.skip_bad_frames = line.on_bad_frame == "skip";
   if (line.service.store == "none") line.service.store.clear();
   cv::setNumThreads(line.threads == 0 ? cv::getNumberOfCPUs() : line.threads);

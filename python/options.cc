@@ -76,8 +76,7 @@ Traversal encoded(const Traversal& pictures, Dataset& dataset, RecordingOptions&
       Parameters("encoder " + entry.name, entry.parameters, options.encoder_parameters[entry.name]), options.files);
   const std::string store = options.store == "none" ? "" : options.store;
   const ReductionChoice& choice = options.reduction;
-  ReductionOptions how = choice.reduction;
-  how.centring = centring_of(choice.centring);
+  ReductionOptions how = reduction_for(options.encoder, choice);
   if (how.keeps_all() && encoder->training_sample_count() == 0)
     return vpr::with_features(pictures, vpr::encode(*encoder, pictures, entry.name, store).matrix);
   Selection selection = options.source.selection;
@@ -90,7 +89,7 @@ Traversal encoded(const Traversal& pictures, Dataset& dataset, RecordingOptions&
     sample.push_back(vpr::read_picture(reference, frame));
   if (!sample.empty()) encoder->learn(sample);
   const Eigen::MatrixXf descriptors = vpr::encode(*encoder, reference, entry.name, store).matrix;
-  if (choice.cap_dimension)
+  if (!choice.dimension_given)
     how.dimension = std::min(how.dimension, Reduction::largest_dimension(descriptors.rows(), descriptors.cols()));
   const Reduction reduction = Reduction::learn(descriptors, how);
   return vpr::with_features(

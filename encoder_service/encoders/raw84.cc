@@ -2,6 +2,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "encoder_service/encoding/picture_encoder.h"
+#include "encoder_service/encoding/reduction.h"
 
 namespace citylearn {
 namespace {
@@ -37,6 +38,8 @@ const EncoderRegistry::Registration raw84_registration({
                     "is divided, so that light and season change less; 0: colours as they are",
                     4, 0, 84}},
     .create = make_encoder<Raw84>,
+    // A network that learns to see learns nothing from pixels of which PCA keeps some, or that are scaled to length 1.
+    .recommended = {{"dimension", 0}, {"centring", static_cast<double>(Centring::kNone)}},
 });
 
 }  // namespace

@@ -63,7 +63,8 @@ struct EncoderFiles {
   std::string head;    ///< --head: file of the NetVLAD layer's weights and of what follows it
 };
 
-/// An encoder is one file of encoders/ that ends in a static Registration.
+/// An encoder is one file of encoders/ that ends in a static Registration. It may recommend a reduction: "dimension",
+/// and "centring" as a Centring.
 using EncoderRegistry = Registry<Encoder, const EncoderFiles&>;
 
 /// The encoder of all programs that are not told which.

@@ -3,11 +3,13 @@
 
 #include <cmath>
 
+#include "encoder_service/encoder_options.h"
 #include "encoder_service/encoding/dense_sift.h"
 #include "encoder_service/encoding/encoder.h"
 #include "encoder_service/encoding/kmeans.h"
 #include "encoder_service/encoding/reduction.h"
 #include "tests/support/data/sample_pictures.h"
+#include "tests/support/text.h"
 
 namespace citylearn::testing {
 namespace {
@@ -110,6 +112,26 @@ TEST(Raw84, GivesRedGreenBlueRowByRow) {
   EXPECT_FLOAT_EQ(pixels(2), 0);
   EXPECT_FLOAT_EQ(pixels(3), 0);
   EXPECT_FLOAT_EQ(pixels(5), 1);
+}
+
+TEST(Raw84, RecommendsItsPixelsAsTheyAre) {
+  const ReductionOptions defaults;
+  ReductionOptions reduction = defaults;
+  EXPECT_EQ(take_recommended("hog_vlad", reduction, false, false), "");
+  EXPECT_EQ(reduction.dimension, defaults.dimension);
+  EXPECT_EQ(reduction.centring, defaults.centring);
+  EXPECT_EQ(take_recommended("raw84", reduction, false, false), "");
+  EXPECT_TRUE(reduction.keeps_all());
+  EXPECT_EQ(take_recommended("raw84", reduction, true, true), "") << "given as recommended";
+  // What was given stays, with a warning.
+  reduction = defaults;
+  reduction.dimension = 0;
+  const std::string warning = take_recommended("raw84", reduction, true, true);
+  EXPECT_EQ(warning,
+            "encoder raw84 recommends --centring none --dimension 0, not --dimension 0 --centring running: a network "
+            "that learns to see may learn nothing from such features; leave these options out");
+  EXPECT_EQ(reduction.centring, Centring::kRunning);
+  EXPECT_TRUE(contains(list_encoders(), "recommends --centring none --dimension 0"));
 }
 
 TEST(Raw84, LightAndTintMakeLittleDifference) {
