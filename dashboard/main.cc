@@ -8,10 +8,12 @@
 #include <filesystem>
 #include <iostream>
 #include <optional>
+#include <shared_mutex>
 
 #include "core/wire/service.h"
 #include "dashboard/api/api.h"
 #include "dashboard/http/server.h"
+#include "dashboard/live/json.h"
 #include "dashboard/live/live.h"
 #include "dashboard/live/playback.h"
 #include "dashboard/live/runs_feed.h"
@@ -22,6 +24,7 @@ namespace {
 using namespace citylearn;
 
 const std::string kAllRuns = "all";
+constexpr std::chrono::milliseconds kPositions{250};  // between two messages of topic `playback`
 
 struct CommandLine {
   ServerOptions server;
@@ -60,10 +63,12 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.option_defaults()->group("Records");
   line.store_option =
       app.add_option("--store", line.store, "Database file of all records; created if missing")->capture_default_str();
-  app.add_option("--open", line.open,
-                 "Show recordings (citylearn record) instead of live services; without --store nothing is kept")
+  app.add_option(
+         "--open", line.open,
+         "Show recordings (citylearn record) instead of live services, with a bar to pause them and to go to any "
+         "position; without --store nothing is kept")
       ->type_name("FILE.mcap ...");
-  app.add_option("--speed", line.speed, "Speed of recordings relative to real time; max: as fast as possible")
+  app.add_option("--speed", line.speed, "Speed of recordings at first, relative to real time; max: as fast as possible")
       ->capture_default_str();
   app.add_option("--recognition", line.recognition,
                  "Folder of place-recognition results, as `citylearn vpr` writes them");
@@ -108,50 +113,43 @@ void dispatch(Node& node, Message& message, Listeners&... listeners) {
   while (node.take(message)) (listeners.on_message(message), ...);
 }
 
-int serve(CommandLine& line) {
-  line.server.allow_hosts.insert(line.allow_hosts.begin(), line.allow_hosts.end());
-  if (line.node.session == kAllRuns) line.node.session.clear();  // as the node spells it
-  allow_many_files();
-  std::optional<TemporaryFolder> temporary;
-  std::optional<Playback> playback;
-  if (!line.open.empty()) {
-    line.node.middleware.name = "inprocess";
-    if (line.store_option->count() == 0) line.store = temporary.emplace().path() + "/dashboard.sqlite";
-    playback.emplace(line.node.middleware.domain, ReplayOptions{line.open, replay_speed(line.speed), {}, ""});
+/// What watches the domain, and answers from what it has seen. Made anew when an earlier position of a recording is
+/// asked for: so nothing later than that is left.
+struct Watch {
+  Watch(const CommandLine& line, Hub& hub, const std::optional<Timeline>& timeline, const ReplayOptions& replay,
+        std::uint64_t begins)
+      : generation(begins),
+        temporary(timeline && line.store_option->count() == 0 ? std::make_unique<TemporaryFolder>() : nullptr),
+        playback(timeline ? std::make_unique<Playback>(line.node.middleware.domain, replay, begins, *timeline)
+                          : nullptr),
+        store(open_store(temporary ? temporary->path() + "/dashboard.sqlite" : line.store)),
+        node(line.node),
+        recorder(node, *store),
+        live(node, hub, live_options()),
+        api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
+             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence, playback.get()},
+            *store, &live) {
+    live.on_event = [this](const Event& event) { store->record(event); };
+    recorder.on_event = [this](const Event& event) { live.publish(event); };
   }
-  const std::unique_ptr<Store> store = open_store(line.store);
-  Node node(line.node);  // before the server: its sockets then have low numbers, whatever clients do
-  ClientHub hub;
-  Recorder recorder(node, *store);
-  Live live(node, hub);
-  live.on_event = [&store](const Event& event) { store->record(event); };
-  recorder.on_event = [&live](const Event& event) { live.publish(event); };
-  std::atomic<std::uint64_t> recorded{0};
-  std::atomic<bool> failing{false};
-  Api api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
-           line.node.middleware.domain, line.recognition, [&failing] { return !failing; }},
-          *store, &live);
-  Server server(line.server, hub,
-                {[&api](const Query& query) { return api.answer(query); },
-                 [&] { return metrics(recorded, failing) + node.metrics().text(); },
-                 [&node](bool alarms) { return node.metrics().problem(alarms); }});
-  const RunsFeed runs(hub, [&api] { return api.runs(); });
-  std::cout << "dashboard: " << server.link() << std::endl;
-  node.report(msg::RUNNING, "serving " + server.url());
 
-  msg::ServiceStatus status;
-  msg::TraversalInfo traversal;
-  msg::RunInfo run;
-  msg::TrainingStat stat;
-  while (!stop_requested()) {
+  /// Handles the messages that have arrived and does what is due.
+  void turn(Hub& hub) {
+    if (playback) heard_until = playback->now();
     dispatch(node, status, recorder, live);
     dispatch(node, traversal, recorder, live);
     dispatch(node, run, recorder, live);
     dispatch(node, stat, recorder, live);
     recorder.poll();
     live.poll();
-    for (const std::string& text : playback ? playback->take_messages() : std::vector<std::string>()) {
-      const Event event{seconds_since_epoch(), "", line.node.id, "recording", text};
+    recorded = recorder.recorded();
+    failing = recorder.failing();
+    if (playback) show_playback(hub);
+  }
+
+  void show_playback(Hub& hub) {
+    for (const std::string& text : playback->take_messages()) {
+      const Event event{seconds_since_epoch(), "", node.options().id, "recording", text};
       spdlog::info("{}", text);
       live.publish(event);
       try {
@@ -160,11 +158,111 @@ int serve(CommandLine& line) {
         spdlog::error("{}", error.what());
       }
     }
-    recorded = recorder.recorded();
-    failing = recorder.failing();
-    node.wait(std::min({recorder.due(), live.due(), Clock::now() + std::chrono::milliseconds(50)}));
+    if (Clock::now() < next_position) return;
+    next_position = Clock::now() + kPositions;
+    hub.publish("playback", {}, bytes_of(text_of(playback_json(*playback))), Hub::Merge::kReplace);
   }
-  recorder.finish(line.leave);
+
+  const std::uint64_t generation;
+  std::unique_ptr<TemporaryFolder> temporary;
+  std::unique_ptr<Playback> playback;
+  // Taken once a turn: heartbeats that wait to be handled are of that time at least, however fast a recording is
+  // played.
+  std::atomic<Clock::time_point> heard_until{playback ? playback->now() : Clock::time_point()};
+  std::atomic<std::uint64_t> recorded{0};
+  std::atomic<bool> failing{false};
+  Clock::time_point next_position;
+  std::unique_ptr<Store> store;
+  Node node;
+  Recorder recorder;
+  Live live;
+  Api api;
+  msg::ServiceStatus status;
+  msg::TraversalInfo traversal;
+  msg::RunInfo run;
+  msg::TrainingStat stat;
+
+ private:
+  Live::Options live_options() {
+    Live::Options options;
+    if (playback) options.clock = [this] { return heard_until.load(); };
+    return options;
+  }
+};
+
+/// The Watch that there is now, for the threads that answer requests.
+class CurrentWatch {
+ public:
+  /// Calls `work(watch)`, during which the watch stays.
+  template <class Work>
+  auto with(Work work) {
+    const std::shared_lock lock(mutex_);
+    return work(*watch_);
+  }
+  /// Destroys the watch, then makes another one: only one may write a store, and answer to a name.
+  template <class... Arguments>
+  Watch& renew(Arguments&&... arguments) {
+    const std::unique_lock lock(mutex_);
+    watch_.reset();
+    return watch_.emplace(std::forward<Arguments>(arguments)...);
+  }
+
+  Answer answer(const Query& query) {
+    return with([&](Watch& watch) {
+      Answer answer = watch.api.answer(query);
+      if (answer.more)
+        answer.more = [this, more = std::move(answer.more), begins = watch.generation](std::string& text) {
+          return with([&](Watch& now) {
+            if (now.generation != begins) throw Error("an earlier position of the recording was asked for");
+            return more(text);
+          });
+        };
+      return answer;
+    });
+  }
+
+ private:
+  std::shared_mutex mutex_;
+  std::optional<Watch> watch_;
+};
+
+int serve(CommandLine& line) {
+  line.server.allow_hosts.insert(line.allow_hosts.begin(), line.allow_hosts.end());
+  if (line.node.session == kAllRuns) line.node.session.clear();  // as the node spells it
+  allow_many_files();
+  ReplayOptions replay;
+  std::optional<Timeline> timeline;
+  if (!line.open.empty()) {
+    line.node.middleware.name = "inprocess";
+    replay = {line.open, replay_speed(line.speed), {}, ""};
+    timeline.emplace(line.open);
+  }
+  ClientHub hub;
+  CurrentWatch current;
+  // Before the server: the node's sockets then have low numbers, whatever clients do.
+  Watch* watch = &current.renew(line, hub, timeline, replay, 0);
+  Server server(
+      line.server, hub,
+      {[&](const Query& query) { return current.answer(query); },
+       [&] {
+         return current.with([](Watch& now) { return metrics(now.recorded, now.failing) + now.node.metrics().text(); });
+       },
+       [&](bool alarms) { return current.with([&](Watch& now) { return now.node.metrics().problem(alarms); }); }});
+  const RunsFeed runs(hub, [&] { return current.with([](Watch& now) { return now.api.runs(); }); });
+  std::cout << "dashboard: " << server.link() << std::endl;
+  watch->node.report(msg::RUNNING, "serving " + server.url());
+  while (!stop_requested()) {
+    watch->turn(hub);
+    if (const auto again = watch->playback ? watch->playback->restart() : std::nullopt) {
+      const std::uint64_t begins = watch->generation + 1;
+      watch = &current.renew(line, hub, timeline, *again, begins);
+      hub.forget();
+      watch->node.report(msg::RUNNING, "serving " + server.url());
+    }
+    watch->node.wait(
+        std::min({watch->recorder.due(), watch->live.due(), Clock::now() + std::chrono::milliseconds(50)}));
+  }
+  watch->recorder.finish(line.leave);
   return 0;
 }
 

@@ -6,13 +6,19 @@
 #include <string>
 #include <vector>
 
+#include "core/recording/replay_clock.h"
+
 namespace citylearn {
 
 struct ReplayOptions {
   std::vector<std::string> files;   ///< one after the other
-  double speed = 1;                 ///< relative to the recording; 0: as fast as readers can follow
+  double speed = 1;                 ///< as in ReplayState
   std::vector<std::string> topics;  ///< "scene" or "citylearn/scene"; empty: those that a dashboard reads
   std::string session;              ///< played in this session; empty: in the one recorded
+  double start = 0;                 ///< seconds: up to there everything is played as fast as readers can follow
+  bool paused = false;              ///< from `start` on
+
+  ReplayState begin() const { return {start, speed, paused}; }
 };
 
 /// Topics of ReplayOptions when none are named: what services say of themselves. Nothing that a service obeys is among

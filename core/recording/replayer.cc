@@ -12,7 +12,6 @@ namespace citylearn {
 namespace {
 
 using std::chrono::milliseconds;
-using std::chrono::nanoseconds;
 
 constexpr int kAtOnce = 256;  // messages of a turn
 
@@ -41,8 +40,6 @@ constexpr milliseconds kLongestEnd{30000};
 constexpr milliseconds kGlance{5};
 constexpr std::size_t kMostVoices = 4096;
 constexpr std::size_t kMostInboxes = 4096;
-constexpr double kLongestWait = 1e18;                  // nanoseconds: what the clock bears
-constexpr std::uint64_t kLongestGap = 10'000'000'000;  // nanoseconds: in a recording something comes every second
 
 bool is(const Topic& topic, const Topic& other) { return topic.name == other.name; }
 
@@ -64,7 +61,7 @@ double replay_speed(const std::string& text) {
 }
 
 Replayer::Replayer(Middleware& middleware, const ReplayOptions& options)
-    : middleware_(middleware), options_(options), all_(all_topics()) {
+    : middleware_(middleware), options_(options), clock_(options.begin()), all_(all_topics()) {
   if (options_.files.empty()) throw Error("there is nothing to be replayed", "", "name a recording");
   for (const std::string& given : options_.topics.empty() ? watched_topics() : options_.topics) {
     const std::string name = given.starts_with("citylearn/") ? given : "citylearn/" + given;
@@ -181,37 +178,14 @@ void Replayer::send_again(Clock::time_point now) {
 /// Opens the next file. Returns false when there is none.
 bool Replayer::open() {
   if (reader_ && !reader_->missing().empty()) figures_.remarks.push_back(reader_->path() + ": " + reader_->missing());
-  if (leaps_ > 0)
-    figures_.remarks.push_back(reader_->path() + ": its clock leaps " + std::to_string(leaps_) +
+  if (recorded_.leaps() > 0)
+    figures_.remarks.push_back(reader_->path() + ": its clock leaps " + std::to_string(recorded_.leaps()) +
                                " times; a leap ahead is played as 10 s, one back as none");
-  leaps_ = 0;
+  recorded_.begin_file();
   reader_.reset();
   if (files_opened_ == options_.files.size()) return false;
   reader_ = std::make_unique<McapReader>(options_.files[files_opened_++]);
-  fresh_ = true;
   return true;
-}
-
-/// Takes the time at which a message came. Call it with every message, in the order of the recording: those that are
-/// not played show whether time passed or a clock was set.
-void Replayer::follow_clock(std::uint64_t time) {
-  const std::uint64_t last = last_time_.value_or(time);
-  const std::uint64_t ahead = time > last ? time - last : 0, back = last > time ? last - time : 0;
-  last_time_ = time;
-  const bool another = std::exchange(fresh_, false) && (back > 0 || ahead > kLongestGap);
-  if (another) return;  // not the next part of this recording: it follows at once
-  if (ahead > kLongestGap || back > kLongestGap) ++leaps_;
-  elapsed_ += static_cast<std::int64_t>(std::min(ahead, kLongestGap));
-  if (back <= kLongestGap) elapsed_ -= static_cast<std::int64_t>(back);
-  figures_.seconds = std::max(figures_.seconds, 1e-9 * static_cast<double>(elapsed_));
-}
-
-/// Returns when the message that came last is to be played.
-Clock::time_point Replayer::due_time() {
-  const double after = options_.speed > 0 ? static_cast<double>(elapsed_) / options_.speed : 0;
-  const nanoseconds wait(static_cast<std::int64_t>(std::min(after, kLongestWait)));
-  if (!begin_) begin_ = Clock::now() - wait;
-  return *begin_ + wait;
 }
 
 /// Reads the next message to be played into next_ and bytes_. Returns false when there is none.
@@ -220,7 +194,8 @@ bool Replayer::fetch() {
     if (!reader_ && !open()) return false;
     std::optional<McapMessage> message;
     while ((message = reader_->next())) {
-      follow_clock(message->log_time);
+      recorded_.follow(message->log_time);
+      figures_.seconds = 1e-9 * static_cast<double>(recorded_.length());
       const McapChannel& channel = *message->channel;
       const auto topic = topics_.find(channel.topic);
       if (topic == topics_.end()) {
@@ -245,7 +220,7 @@ bool Replayer::fetch() {
       if (options_.session.empty() || !with_session(message->data, options_.session, bytes_))
         bytes_.assign(message->data.begin(), message->data.end());
       const std::string session = options_.session.empty() ? header->session : options_.session;
-      next_ = Next{topic->second, {header->sender, header->incarnation}, session, due_time(), {}};
+      next_ = Next{topic->second, {header->sender, header->incarnation}, session, recorded_.position(), {}};
       // What cannot be decoded is played to all as it is: what it was then, it is now.
       try {
         next_->to = topics_of(*next_->topic, bytes_);
@@ -372,9 +347,13 @@ bool Replayer::poll() {
   send_again(now);
   due_ = now;  // there may be more
   for (int played = 0; played < kAtOnce; ++played) {
-    if (!next_ && !fetch()) return !settled(now);
-    if (next_->due > now && options_.speed > 0) {
-      due_ = std::min(next_->due, now + kAgain);
+    if (!next_ && !fetch()) {
+      clock_.end(recorded_.length());
+      return !settled(now);
+    }
+    if (const Clock::time_point due = clock_.due(next_->position); due > now) {
+      due_ = std::min(due, now + kAgain);
+      held_since_.reset();  // paused meanwhile: that is no waiting for readers
       return true;
     }
     if (!begun_) begun_ = now;
@@ -391,8 +370,7 @@ bool Replayer::poll() {
       return true;
     }
     if (held_since_) {
-      // All that follows is so much later.
-      *begin_ += now - *held_since_;
+      clock_.delay(now - *held_since_);
       held_since_.reset();
     }
     play(to);

@@ -14,6 +14,8 @@
 
 #include "core/recording/chunk_store.h"
 #include "core/recording/mcap.h"
+#include "core/recording/recording_clock.h"
+#include "core/recording/replay_clock.h"
 #include "core/recording/replay_options.h"
 #include "core/wire/messages.h"
 
@@ -23,7 +25,7 @@ namespace citylearn {
 /// order and at the distance in time in which they came. Does what a recorder of episodes and statistics expects of
 /// their senders, so that it gets all of them at any speed: waits for its acknowledgements of episodes, sends them
 /// again, sends TrainingStats again when asked, and maps and pictures to the service that asks now
-/// (idl/episode.idl, idl/training.idl, idl/scene.idl, idl/image.idl). Used by one thread.
+/// (idl/episode.idl, idl/training.idl, idl/scene.idl, idl/image.idl). Used by one thread, but for clock().
 class Replayer {
  public:
   /// `middleware` must outlive it. Throws Error when a file is none, or a topic is unknown.
@@ -34,6 +36,9 @@ class Replayer {
   bool poll();
   Clock::time_point due() const { return due_; }
   const ReplayFigures& figures() const { return figures_; }
+  /// Pauses, hurries and sends ahead what is played; any thread may use it as ReplayClock says.
+  ReplayClock& clock() { return clock_; }
+  const ReplayClock& clock() const { return clock_; }
 
  private:
   using Key = std::pair<std::string, std::uint64_t>;  // sender and incarnation
@@ -58,7 +63,7 @@ class Replayer {
     const Topic* topic = nullptr;  // that of all
     Key sender;
     std::string session;
-    Clock::time_point due;
+    std::int64_t position = 0;  // nanoseconds
     std::vector<Topic> to;      // on which it goes out
     std::size_t published = 0;  // topics of `to`
   };
@@ -67,8 +72,6 @@ class Replayer {
     std::unique_ptr<Subscription> acknowledgements, stat_requests, map_requests, image_requests;
   };
 
-  void follow_clock(std::uint64_t time);
-  Clock::time_point due_time();
   bool fetch();
   bool open();
   Voice& voice(const Topic& all, const Topic& topic, const Key& sender);
@@ -89,18 +92,15 @@ class Replayer {
 
   Middleware& middleware_;
   const ReplayOptions options_;
+  ReplayClock clock_;
   std::map<std::string, const Topic*> topics_;  // to be played
   std::vector<Topic> all_;
   std::map<std::string, Inbox> inboxes_;  // by session and id
   std::size_t files_opened_ = 0;
   std::unique_ptr<McapReader> reader_;
   std::optional<Next> next_;
-  Bytes bytes_;                             // of next_
-  bool fresh_ = false;                      // nothing of the file was taken yet
-  std::optional<std::uint64_t> last_time_;  // recorded, nanoseconds
-  std::int64_t elapsed_ = 0;                // nanoseconds played up to last_time_, without leaps of the clock
-  std::size_t leaps_ = 0;                   // of the file
-  std::optional<Clock::time_point> begin_;  // when elapsed_ was 0, or would have been
+  Bytes bytes_;  // of next_
+  RecordingClock recorded_;
   std::optional<Clock::time_point> held_since_, begun_;  // begun_: the first message was to be played
   std::map<std::tuple<std::string, std::string, std::uint64_t>, Voice> voices_;  // by topic and sender
   std::set<std::string> heard_;                                                  // topics with a reader

@@ -60,10 +60,12 @@ Answer Api::answer(const Query& query) {
   try {
     const std::string first = query.path.empty() ? "" : query.path[0];
     const std::size_t depth = query.path.size();
-    const bool removes = query.method == "DELETE" && first == "runs" && depth == 2;
-    if (query.method != "GET" && !removes) {
+    const std::string methods = first == "runs" && depth == 2       ? "GET, DELETE, PATCH"
+                                : first == "playback" && depth == 1 ? "GET, PATCH"
+                                                                    : "GET";
+    if ((", " + methods + ",").find(", " + query.method + ",") == methods.npos) {
       Answer answer = error_answer(405, "method " + query.method + " is not possible here");
-      answer.headers.emplace_back("Allow", first == "runs" && depth == 2 ? "GET, DELETE" : "GET");
+      answer.headers.emplace_back("Allow", methods);
       return answer;
     }
     if (first == "runs" && depth == 1) {
@@ -78,6 +80,7 @@ Answer Api::answer(const Query& query) {
     if (first == "map" && depth == 2) return map(query);
     if (first == "frames" && depth == 3) return frame(query);
     if (first == "recognition" && (depth == 1 || depth == 3)) return recognition(query);
+    if (first == "playback" && depth == 1) return playback(query);
     if (first == "about" && depth == 1) return about();
     not_found("there is nothing of this name (docs/reference/dashboard-api.md lists what there is)");
   } catch (RequestError& error) {

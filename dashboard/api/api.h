@@ -13,6 +13,7 @@
 #include "dashboard/api/recognition_results.h"
 #include "dashboard/http/answer.h"
 #include "dashboard/live/live_view.h"
+#include "dashboard/live/playback_control.h"
 #include "dashboard/store/store.h"
 #include "dashboard/store/store_reader.h"
 
@@ -29,6 +30,9 @@ class Api {
     std::string recognition;          ///< folder of vpr's results; empty: none
     std::function<bool()> recording;  ///< whether episodes reach the store now; unset: they do
     double silence = kRunSilence;     ///< seconds without news after which a run counts as lost
+    /// What is shown is a recording. Whether a run goes on is then said by its policy_service's heartbeats alone, as
+    /// a recording may stand still.
+    PlaybackControl* playback = nullptr;
   };
   /// `store` and `live` must outlive it. `live` may be null: then no service is shown as alive.
   Api(const Options& options, Store& store, LiveView* live);
@@ -62,6 +66,8 @@ class Api {
   Answer answer_run(const Query& query);
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
+  Answer annotate(const std::string& name, const Query& query);
+  Answer playback(const Query& query);
   Answer training(const RunRow& row, const Query& query);
   Answer all_training(const RunRow& row, bool csv);
   Answer episodes(const RunRow& row, const Query& query);
@@ -85,5 +91,8 @@ class Api {
   std::map<std::pair<std::int64_t, EvaluationKey>, Figures>
       evaluations_;  // by row of `runs`; valid until episodes are added
 };
+
+/// Returns what GET /api/playback answers, but for its marks, for the live topic `playback`.
+nlohmann::json playback_json(const PlaybackControl& playback);
 
 }  // namespace citylearn

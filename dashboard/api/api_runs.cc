@@ -47,7 +47,8 @@ Json positions_of(const StoreReader::Replay& replay) {
 Json Api::run_json(const RunRow& row) {
   const Store::Liveness liveness = store_.liveness(row.id);
   const double last = std::max(row.last, liveness.last);
-  const bool heard = seconds_since_epoch() - last < options_.silence;
+  bool heard = seconds_since_epoch() - last < options_.silence;
+  if (options_.playback && live_ && row.policy) heard = live_->alive(row.session, *row.policy).value_or(heard);
   const char* state = row.ended ? "ended" : heard ? "running" : row.policy ? "lost" : "ended";
   Json json = {{"id", row.name},
                {"session", row.session},
@@ -59,7 +60,9 @@ Json Api::run_json(const RunRow& row) {
                {"started", row.started},
                {"last", last},
                {"updates", std::max(row.updates, liveness.updates)},
-               {"recorded_episodes", row.recorded}};
+               {"recorded_episodes", row.recorded},
+               {"tags", row.tags},
+               {"note", row.note}};
   const char* const names[] = {"steps", "episodes", "reward", "spl", "wall", "steps_per_second"};
   for (const char* name : names) json[name] = nullptr;
   if (row.newest) {
@@ -89,6 +92,7 @@ Answer Api::answer_run(const Query& query) {
     allow_only(query, {});
     return remove(name);
   }
+  if (query.method == "PATCH") return annotate(name, query);
   std::optional<RunRow> row;
   {
     BorrowedReader reader(*this);

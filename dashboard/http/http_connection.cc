@@ -227,6 +227,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
   asio::awaitable<Reply> api(const Request& request, const Target& target) {
     Query query;
     if (request.method() == http::verb::delete_) query.method = "DELETE";
+    if (request.method() == http::verb::patch) query.method = "PATCH", query.body = request.body();
     query.path.assign(target.segments.begin() + 1, target.segments.end());
     query.parameters = target.parameters;
     const Call call = [this, query] { return context_.handlers.api(query); };

@@ -50,7 +50,7 @@ void Live::on_message(const msg::ServiceStatus& status) {
   std::vector<Event> news;
   {
     const std::lock_guard lock(mutex_);
-    services_.on_message(status, Clock::now(), news);
+    services_.on_message(status, options_.clock(), news);
   }
   services_changed_ = true;
   report(news);
@@ -60,7 +60,7 @@ void Live::on_message(const msg::TraversalInfo& info) {
   const Environment environment(info.header().session().c_str(), info.header().sender().c_str());
   const std::lock_guard lock(mutex_);
   HostedTraversal& hosted = hosted_[environment];
-  if (hosted.process.hear(info.header().incarnation(), Clock::now()) == Incumbent::Heard::kOther) return;
+  if (hosted.process.hear(info.header().incarnation(), options_.clock()) == Incumbent::Heard::kOther) return;
   hosted = {hosted.process,
             {environment.second, info.dataset().c_str(), info.traversal().c_str(), info.condition().c_str(),
              info.hash(), info.frames(), info.agents(), info.images()}};
@@ -116,7 +116,7 @@ void Live::poll() {
   due_ = now + kUpdate;
   {
     const std::lock_guard lock(mutex_);
-    services_changed_ = services_.poll(now, news) || services_changed_;
+    services_changed_ = services_.poll(options_.clock(), news) || services_changed_;
     start_requested_fetches();
     maps_.poll(now);
     due_ = std::min(due_, maps_.due());
@@ -253,7 +253,7 @@ void Live::publish_training() {
 
 nlohmann::json Live::services() {
   const std::lock_guard lock(mutex_);
-  return services_.json(Clock::now());
+  return services_.json(options_.clock());
 }
 
 nlohmann::json Live::events(std::size_t limit) {
@@ -273,6 +273,11 @@ std::optional<Live::Environment> Live::host_of(std::uint64_t hash, bool images, 
         services_.is_alive(environment.first, environment.second))
       return environment;
   return std::nullopt;
+}
+
+std::optional<bool> Live::alive(const std::string& session, const std::string& id) {
+  const std::lock_guard lock(mutex_);
+  return services_.knows(session, id) ? std::optional(services_.is_alive(session, id)) : std::nullopt;
 }
 
 nlohmann::json Live::traversals(const std::string& session) {

@@ -30,6 +30,8 @@ class Live : public LiveView {
   struct Options {
     Pictures::Options pictures;
     std::size_t most_events = 1000;  ///< kept of those that on_event did not take
+    /// Tells whether a service is silent; of a recording, its own clock. Called by any thread.
+    std::function<Clock::time_point()> clock = Clock::now;
   };
   /// `node` and `hub` must outlive it.
   Live(Node& node, Hub& hub, const Options& options);
@@ -53,6 +55,7 @@ class Live : public LiveView {
 
   nlohmann::json services() override;
   nlohmann::json events(std::size_t limit) override;
+  std::optional<bool> alive(const std::string& session, const std::string& id) override;
   nlohmann::json traversals(const std::string& session) override;
   Map map(std::uint64_t hash) override;
   Picture frame(std::uint64_t hash, std::uint32_t index) override;

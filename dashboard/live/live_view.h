@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 
 namespace citylearn {
@@ -29,6 +30,8 @@ class LiveView {
   virtual nlohmann::json services() = 0;
   /// Returns events that are not in the store, newest first, as in GET /api/events.
   virtual nlohmann::json events(std::size_t limit) = 0;
+  /// Returns whether heartbeats of a service arrive; nothing when none of it ever came.
+  virtual std::optional<bool> alive(const std::string& session, const std::string& id) = 0;
   /// Returns what the live env_services of `session` host, each as in "traversals" of GET /api/runs/ID.
   virtual nlohmann::json traversals(const std::string& session) = 0;
   virtual Map map(std::uint64_t hash) = 0;

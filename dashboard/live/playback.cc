@@ -25,8 +25,54 @@ constexpr std::chrono::milliseconds kStopCheck{50};  // how often it checks whet
 
 }  // namespace
 
-Playback::Playback(std::uint32_t domain, const ReplayOptions& options)
-    : middleware_(inprocess(domain)), replayer_(*middleware_, options) {}
+void Timeline::read(const std::stop_token& stop) {
+  RecordingOutline outline = outline_of(files_, stop);
+  const std::lock_guard lock(mutex_);
+  outline_ = outline;
+}
+
+std::optional<RecordingOutline> Timeline::outline() const {
+  const std::lock_guard lock(mutex_);
+  return outline_;
+}
+
+Playback::Playback(std::uint32_t domain, const ReplayOptions& options, std::uint64_t generation,
+                   const Timeline& timeline)
+    : options_(options),
+      generation_(generation),
+      timeline_(timeline),
+      middleware_(inprocess(domain)),
+      replayer_(*middleware_, options) {}
+
+ReplayState Playback::state() const {
+  const std::lock_guard lock(mutex_);
+  ReplayState state = restart_ ? restart_->begin() : replayer_.clock().state();
+  state.seeking = state.seeking || restart_;
+  return state;
+}
+
+void Playback::change(const PlaybackChange& change) {
+  const std::lock_guard lock(mutex_);
+  ReplayClock& clock = replayer_.clock();
+  const ReplayState now = clock.state();
+  if (change.position && (restart_ || *change.position < now.position)) {
+    if (!restart_) restart_ = options_;
+    restart_->speed = now.speed;
+    restart_->paused = now.paused;
+    restart_->start = *change.position;
+  } else if (change.position) {
+    clock.seek(*change.position);
+  }
+  if (change.paused) clock.pause(*change.paused);
+  if (change.speed) clock.set_speed(*change.speed);
+  if (restart_ && change.paused) restart_->paused = *change.paused;
+  if (restart_ && change.speed) restart_->speed = *change.speed;
+}
+
+std::optional<ReplayOptions> Playback::restart() const {
+  const std::lock_guard lock(mutex_);
+  return restart_;
+}
 
 void Playback::play(const std::stop_token& stop) {
   try {

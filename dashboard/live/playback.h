@@ -3,21 +3,49 @@
 
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "core/recording/replayer.h"
+#include "dashboard/live/playback_control.h"
 
 namespace citylearn {
 
-/// Plays recordings to the nodes of this process (middleware `inprocess`), in a thread of its own, while it lives.
-class Playback {
+/// The length of recordings and what is where in them: read in a thread of its own, as a long one takes a while.
+class Timeline {
  public:
-  /// Throws Error when a file is not a recording.
-  Playback(std::uint32_t domain, const ReplayOptions& options);
+  explicit Timeline(std::vector<std::string> files) : files_(std::move(files)) {}
+  /// Returns nothing before all files were read. May be used by any thread.
+  std::optional<RecordingOutline> outline() const;
 
+ private:
+  void read(const std::stop_token& stop);
+
+  const std::vector<std::string> files_;
+  mutable std::mutex mutex_;
+  std::optional<RecordingOutline> outline_;
+  std::jthread thread_{[this](const std::stop_token& stop) { read(stop); }};
+};
+
+/// Plays recordings to the nodes of this process (middleware `inprocess`), in a thread of its own, while it lives.
+class Playback : public PlaybackControl {
+ public:
+  /// `timeline` must outlive it. Throws Error when a file is not a recording.
+  Playback(std::uint32_t domain, const ReplayOptions& options, std::uint64_t generation, const Timeline& timeline);
+
+  ReplayState state() const override;
+  std::uint64_t generation() const override { return generation_; }
+  std::optional<RecordingOutline> outline() const override { return timeline_.outline(); }
+  /// A message cannot be taken back: an earlier position is reached by another playback, see restart().
+  void change(const PlaybackChange& change) override;
+
+  /// Returns what is to be played by another playback, in place of this one; nothing while this one goes on.
+  std::optional<ReplayOptions> restart() const;
+  /// As ReplayClock::now(). May be used by any thread.
+  Clock::time_point now() const { return replayer_.clock().now(); }
   /// Returns the messages for the user since the last call: the end, what is missing or damaged.
   std::vector<std::string> take_messages();
 
@@ -25,9 +53,13 @@ class Playback {
   void play(const std::stop_token& stop);
   void report(const std::string& line);
 
+  const ReplayOptions options_;
+  const std::uint64_t generation_;
+  const Timeline& timeline_;
   std::unique_ptr<Middleware> middleware_;
   Replayer replayer_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
+  std::optional<ReplayOptions> restart_;
   std::vector<std::string> messages_;
   std::jthread thread_{[this](const std::stop_token& stop) { play(stop); }};
 };

@@ -155,6 +155,11 @@ DROP TABLE runs;
 ALTER TABLE runs_by_name RENAME TO runs;
 )";
 
+const char* const kNotes = R"(
+ALTER TABLE runs ADD COLUMN tags TEXT NOT NULL DEFAULT '';  -- one a line
+ALTER TABLE runs ADD COLUMN note TEXT NOT NULL DEFAULT '';
+)";
+
 /// Returns whether there is something in the file. Throws Error when that is certainly not SQLite.
 bool holds_something(const std::string& path) {
   std::error_code none;
@@ -201,7 +206,7 @@ void keep_copy(SQLite::Database& database, const std::string& copy) {
 }  // namespace
 
 const std::vector<std::string>& schema_steps() {
-  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName};
+  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName, kNotes};
   return steps;
 }
 

@@ -181,6 +181,19 @@ Store::Liveness Store::liveness(std::int64_t row) {
   });
 }
 
+bool Store::annotate(const std::string& name, const std::optional<std::vector<std::string>>& tags,
+                     const std::optional<std::string>& note) {
+  std::optional<std::string> lines;
+  if (tags) {
+    lines = "";
+    for (const std::string& tag : *tags) *lines += tag + "\n";
+  }
+  return impl_->locked([&] {
+    return run(impl_->database, "UPDATE runs SET tags = COALESCE(?2, tags), note = COALESCE(?3, note) WHERE name = ?1",
+               name, lines, note) > 0;
+  });
+}
+
 void Store::flush(bool at_once) {
   impl_->locked([&] { impl_->flush(at_once); });
 }

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -84,6 +85,11 @@ class Store {
   enum class Removal { kDone, kUnknown, kRunning };
   /// Removes a run and its episodes, in steps that let other writers in between.
   Removal remove(const std::string& name);
+
+  /// Replaces what people wrote about a run, where given: its tags, each of one line, and its note. Returns false when
+  /// there is no such run.
+  bool annotate(const std::string& name, const std::optional<std::vector<std::string>>& tags,
+                const std::optional<std::string>& note);
 
   /// News of a run that is written only every few seconds.
   struct Liveness {

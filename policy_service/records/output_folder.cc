@@ -42,10 +42,7 @@ std::optional<std::string> results_in(const std::string& folder) {
 
 /// Removes what this run would write. An evaluation leaves the checkpoints alone, as it may act from one.
 void remove_earlier_run(const PolicyServiceOptions& options) {
-  std::vector<std::string> names = {"summary.json", "episodes.csv"};
-  if (options.mode == "train")
-    names.insert(names.end(), {"manifest.json", "metrics.csv", "checkpoints", "tensorboard"});
-  for (const std::string& name : names) {
+  for (const std::string& name : output_names(options)) {
     std::error_code error;
     fs::remove_all(options.output + "/" + name, error);
     if (error) throw Error("cannot be removed: " + error.message(), options.output + "/" + name);
@@ -53,6 +50,13 @@ void remove_earlier_run(const PolicyServiceOptions& options) {
 }
 
 }  // namespace
+
+std::vector<std::string> output_names(const PolicyServiceOptions& options) {
+  std::vector<std::string> names = {"summary.json", "episodes.csv"};
+  if (options.mode == "train")
+    names.insert(names.end(), {"manifest.json", "metrics.csv", "checkpoints", "tensorboard"});
+  return names;
+}
 
 void require_no_other_run(const PolicyServiceOptions& options) {
   const bool training = options.mode == "train";

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/files/file_lock.h"
 #include "policy_service/records/policy_service_options.h"
@@ -20,6 +21,9 @@ class OutputFolder {
  private:
   std::optional<FileLock> lock_;
 };
+
+/// Returns the names of what a run writes into its folder: files and folders.
+std::vector<std::string> output_names(const PolicyServiceOptions& options);
 
 /// Throws Error naming a file of an earlier run in options.output that the options neither continue nor replace.
 void require_no_other_run(const PolicyServiceOptions& options);

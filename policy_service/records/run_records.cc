@@ -2,13 +2,17 @@
 #include "policy_service/records/run_records.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "core/files/files.h"
+#include "core/util/machine.h"
 #include "policy_service/records/report.h"
 
 namespace citylearn {
 namespace {
+
+namespace fs = std::filesystem;
 
 constexpr std::chrono::milliseconds kAcknowledgements{100};  // between two, so that many rows go to the disk at once
 constexpr int kShareOfDisk = 20;                             // times as long as the disk took, at least
@@ -49,9 +53,18 @@ nlohmann::ordered_json RunRecords::manifest(const Parameters& parameters) const 
 }
 
 void RunRecords::announce(const std::string& learner, std::uint64_t updates, const Parameters& parameters) {
-  // Paths are of this host alone; without them equal runs announce the same, wherever they write.
+  // Of what is of this host alone, only where the run's files are is announced.
   nlohmann::ordered_json announced = manifest(parameters);
   for (const char* name : {"command", "demo"}) announced.erase(name);
+  // The folders of a simulated machine have other names in each run, which must be the same to the last byte.
+  if (!options_.output.empty() && !Machine::simulated()) {
+    std::vector<std::string> names = output_names(options_);
+    if (best_) names.push_back(fs::path(best_->path()).lexically_relative(options_.output).string());
+    std::error_code none;
+    announced["artefacts"] = {{"host", host_name()},
+                              {"folder", fs::absolute(options_.output, none).lexically_normal().string()},
+                              {"names", names}};
+  }
   announcer_ = std::make_unique<RunAnnouncer>(
       node_, RunAnnouncer::Run{options_.agent, learner, options_.seed, run_id_, updates, text_of(announced)});
 }

@@ -147,7 +147,7 @@ export class RunData {
     const started = this.now - ago;
     const figures = { steps: this.last('steps'), episodes: this.last('episodes'), reward: this.last('reward'), spl: this.last('spl'), wall: this.last('wall'), steps_per_second: this.last('steps_per_second') };
     const last = state === 'running' ? Date.now() / 1000 : started + (figures.wall ?? 0);
-    return { id: this.id, session, policy, seed, agent, learner, state, started, last, updates: this.length, recorded_episodes: this.episodes().length + (figures.episodes ?? 0), ...figures };
+    return { id: this.id, session, policy, seed, agent, learner, state, started, last, tags: ['mock', policy], note: 'a run of the mock', updates: this.length, recorded_episodes: this.episodes().length + (figures.episodes ?? 0), ...figures };
   }
 
   manifest(): Manifest {
@@ -166,6 +166,7 @@ export class RunData {
       frames: PLACES,
       max_steps: MAX_STEPS,
       tasks: 100,
+      artefacts: { host: 'mock', folder: `/runs/${session}`, names: ['summary.json', 'checkpoints'] },
       parameters: { learner: { clip: 0.2, gamma: features ? 0.93 : 0.99, 'learning-rate': features ? 0.0015 : 0.003 }, trainer: { agents: features ? 32 : 8, sequence: 64 } },
     };
   }

@@ -3,7 +3,7 @@ import type { JSX } from 'preact';
 import { useEffect, useRef } from 'preact/hooks';
 import { unauthorised } from './api/client';
 import { live } from './api/live';
-import { integer, clock } from './maths/format';
+import { clock, plural } from './maths/format';
 import { Compare } from './pages/compare';
 import { Deployment } from './pages/deployment';
 import { Login } from './pages/login';
@@ -13,9 +13,11 @@ import { RoutePage } from './pages/route';
 import { TrainingPage } from './pages/training';
 import { valueOf } from './state/resource';
 import { hrefOf, PAGES, place, type PageName } from './state/router';
-import { about, lostServices, now } from './state/shared';
+import { playback } from './state/playback';
+import { about, beginnings, lostServices, now } from './state/shared';
 import { theme, type Theme } from './state/theme';
 import { classes, Guard, Icon, IconButton, toneOf, type IconName } from './ui/basics';
+import { PlaybackBar } from './ui/playback_bar';
 
 const TITLES: Record<PageName, string> = {
   overview: 'Overview',
@@ -45,14 +47,15 @@ export function App(): JSX.Element {
         Skip to the content
       </a>
       <Side page={page} />
-      <div>
+      <div class="content">
         <Disconnected />
         <main id="main" class="stack" tabIndex={-1}>
           <PageTitle title={TITLES[page]} />
-          <Guard key={page}>
+          <Guard key={`${page} ${beginnings.value}`}>
             <Body />
           </Guard>
         </main>
+        <PlaybackBar />
       </div>
     </div>
   );
@@ -127,13 +130,13 @@ function Side({ page }: { page: PageName }): JSX.Element {
 function Link(): JSX.Element {
   const { kind } = live.state.value;
   const lost = live.dropped.value;
-  const text = kind === 'open' ? 'Live' : kind === 'connecting' ? 'Connecting' : 'Disconnected';
+  const text = kind === 'open' ? (playback.value ? 'Recording' : 'Live') : kind === 'connecting' ? 'Connecting' : 'Disconnected';
   return (
     <p class={classes('hint state', toneOf(kind === 'open' ? 'running' : kind === 'connecting' ? 'starting' : 'lost'))} data-link={kind} role="status">
       {text}
       {lost > 0 && (
         <span class="hint" title="This browser was too slow to show every message. What it shows is up to date.">
-          {integer(lost)} messages skipped
+          {plural(lost, 'message')} skipped
         </span>
       )}
     </p>

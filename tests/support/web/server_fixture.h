@@ -141,10 +141,9 @@ class ServerTest : public ::testing::Test {
     }
     if (query.path == std::vector<std::string>{"cached"})
       return {200, "image/jpeg", "jpeg", {{"Cache-Control", "max-age=9"}, {"X-Name", "a\r\nSet-Cookie: b"}}};
-    return {200,
-            "application/json",
-            Json{{"method", query.method}, {"path", query.path}, {"of", query.parameters}}.dump(),
-            {}};
+    Json heard = {{"method", query.method}, {"path", query.path}, {"of", query.parameters}};
+    if (!query.body.empty()) heard["body"] = query.body;
+    return {200, "application/json", heard.dump(), {}};
   }
   void release() {
     const std::lock_guard guard(lock_);

@@ -77,12 +77,14 @@ TEST_F(ServerTest, TheApiGetsWhatWasAsked) {
                          {"path", {"runs", "demo/policy/1", "training"}},
                          {"of", {{"columns", "reward,spl"}, {"x", "wall time"}}}}));
   EXPECT_EQ(Json::parse(one->request("DELETE", "/api/runs/a").body)["method"], "DELETE");
+  EXPECT_EQ(Json::parse(one->request("PATCH", "/api/runs/a", {}, "{\"note\": 1}").body)["body"], "{\"note\": 1}");
+  EXPECT_EQ(one->request("PATCH", "/").status, 405);
   EXPECT_EQ(one->request("HEAD", "/api/runs").body, "");
   EXPECT_EQ(one->get("/api/runs/%zz").status, 400);
   EXPECT_EQ(one->get("/api/runs?a=1&a=2").status, 400);
   const auto post = one->request("POST", "/api/runs");
   EXPECT_EQ(post.status, 405);
-  EXPECT_EQ(post.headers.at("allow"), "GET, HEAD, DELETE");
+  EXPECT_EQ(post.headers.at("allow"), "GET, HEAD, DELETE, PATCH");
   EXPECT_EQ(one->request("DELETE", "/").status, 405);
   EXPECT_EQ(one->request("TRACE", "/api/runs").status, 405);
   const auto broken = one->get("/api/broken");

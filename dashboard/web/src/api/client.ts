@@ -50,6 +50,12 @@ export async function getJson<T>(path: string, abort?: AbortSignal): Promise<T> 
   return (await response.json()) as T;
 }
 
+/** Changes what `path` names; members that are not given stay. */
+export async function patchJson<T>(path: string, change: object): Promise<T> {
+  const response = await request(path, { method: 'PATCH', body: JSON.stringify(change) });
+  return (await response.json()) as T;
+}
+
 export async function remove(path: string): Promise<void> {
   await request(path, { method: 'DELETE' });
 }

@@ -19,6 +19,9 @@ export interface Run {
   spl: number | null;
   wall: number | null;
   steps_per_second: number | null;
+  /** As people gave them. */
+  tags: string[];
+  note: string;
 }
 
 export type Json = null | boolean | number | string | Json[] | { [key: string]: Json };
@@ -214,6 +217,26 @@ export interface About {
   store: { file: string; bytes: number; episodes: number };
   recording: boolean;
 }
+
+/** How an open recording is played. */
+export interface Playback {
+  /** Seconds since its beginning. */
+  position: number;
+  /** Seconds; null while the recording is being read for it. */
+  length: number | null;
+  speed: number | 'max';
+  paused: boolean;
+  /** On its way to a position, as fast as it can. */
+  seeking: boolean;
+  ended: boolean;
+  /** How often an earlier position was asked for. What was fetched before is not of this time. */
+  generation: number;
+}
+export interface PlaybackAnswer extends Playback {
+  /** How many there are in each hundredth of the recording. */
+  marks: { updates: number[]; episodes: number[] } | null;
+}
+export type PlaybackChange = Partial<Pick<Playback, 'position' | 'speed' | 'paused'>>;
 
 /** Header of a `scene:` frame. */
 export interface SceneHeader {

@@ -12,7 +12,7 @@ export interface Group {
 }
 
 // Options that may differ between seeds of one setting: names of a run and of where it ran.
-const NAMES = ['seed', 'job', 'run', 'id', 'folder'];
+const NAMES = ['seed', 'job', 'run', 'id', 'folder', 'artefacts'];
 
 /**
  * Returns a text that is equal for runs of the same options but for the seed. Of the traversals only those of the training

@@ -15,6 +15,21 @@ function text(value: Json): string {
   return typeof value === 'string' ? value : JSON.stringify(value);
 }
 
+/** Where a run's files are: the host, and their paths there. */
+export interface Artefacts {
+  host: string;
+  paths: string[];
+}
+
+/** Returns what a manifest says of the run's files; null if it says nothing. */
+export function artefactsOf(manifest: Manifest | null): Artefacts | null {
+  const said = manifest?.artefacts;
+  if (said === null || typeof said !== 'object' || Array.isArray(said)) return null;
+  const { host, folder, names } = said;
+  if (typeof host !== 'string' || typeof folder !== 'string' || !Array.isArray(names)) return null;
+  return { host, paths: names.flatMap((name) => (typeof name === 'string' ? [`${folder}/${name}`] : [])) };
+}
+
 export interface ManifestRow {
   key: string;
   /** One a manifest; null where it has no such key. */
@@ -22,9 +37,12 @@ export interface ManifestRow {
   differs: boolean;
 }
 
-/** All keys of several manifests, in the order in which they first stand. A manifest that is not known differs in nothing. */
+/**
+ * All keys of several manifests, in the order in which they first stand, but for those of files: see artefactsOf(). A manifest
+ * that is not known differs in nothing.
+ */
 export function compareManifests(manifests: readonly (Manifest | null)[]): ManifestRow[] {
-  const leaves = manifests.map((manifest) => (manifest ? flatten(manifest) : null));
+  const leaves = manifests.map((manifest) => (manifest ? flatten({ ...manifest, artefacts: {} }) : null));
   const keys = [...new Set(leaves.flatMap((all) => (all ? [...all.keys()] : [])))];
   return keys.map((key) => {
     const values = leaves.map((all) => all?.get(key) ?? null);

@@ -7,7 +7,7 @@ import { curveOf, type Line } from '../maths/curves';
 import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant, threeDecimals } from '../maths/format';
 import { groupRuns, type Group } from '../maths/groups';
-import { compareManifests } from '../maths/manifest';
+import { artefactsOf, compareManifests } from '../maths/manifest';
 import { meanRate, runName } from '../maths/runs';
 import { deviation, mean, median } from '../maths/seeds';
 import { useGroups } from '../state/groups';
@@ -18,6 +18,7 @@ import { useTraining } from '../state/training';
 import { Card, Empty, Failed, IconButton, Select, State, Swatch, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
+import { RunNotes } from '../ui/run_notes';
 import { figure, TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
 
@@ -117,6 +118,8 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
     setDoomed(null);
     remove(runPath(id)).catch((cause: unknown) => setError(failure(cause).error));
   };
+  const tags = [...new Set(all.flatMap((run) => run.tags))].sort();
+  const wanted = tags.find((tag) => tag === param('tag', '')) ?? '';
   const columns: Column<Run>[] = [
     {
       key: 'run',
@@ -139,6 +142,14 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
     figure('wall', 'Time', duration),
     figure('reward', 'Reward', threeDecimals),
     figure('spl', 'SPL', threeDecimals),
+    {
+      key: 'tags',
+      label: 'Tags and note',
+      wide: true,
+      show: (run) => <RunNotes run={run} name={runName(run)} />,
+      cell: (run) => run.tags.join(', '),
+    },
+    { ...text('note', 'Note'), hidden: true },
     {
       key: 'remove',
       label: 'Remove',
@@ -165,9 +176,19 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
       name="runs"
       caption="Runs"
       columns={columns}
-      rows={all}
+      rows={wanted ? all.filter((run) => run.tags.includes(wanted)) : all}
       rowKey={(run) => run.id}
     >
+      {tags.length > 0 && (
+        <div class="wrap">
+          <Select
+            label="Tag"
+            value={wanted}
+            options={[{ value: '', label: 'All runs' }, ...tags.map((tag) => ({ value: tag, label: tag }))]}
+            onChange={(tag) => setParams({ tag: tag || null })}
+          />
+        </div>
+      )}
       {error && <Failed error={error} />}
     </TableCard>
   );
@@ -225,11 +246,45 @@ interface Row {
   differs?: boolean;
 }
 
+interface RunFile {
+  run: string;
+  host: string;
+  path: string;
+}
+
+const FILES: Column<RunFile>[] = [
+  text('run', 'Run'),
+  text('host', 'Host'),
+  { ...text('path', 'Path'), show: (file) => <Path path={file.path} /> },
+];
+
+/** A path to be copied. Browsers let a page copy only if it came from this machine or over HTTPS. */
+function Path({ path }: { path: string }): JSX.Element {
+  const [copied, setCopied] = useState(false);
+  const copy = (): void => void navigator.clipboard.writeText(path).then(() => setCopied(true));
+  return (
+    <span class="row">
+      <code class="path">{path}</code>
+      {window.isSecureContext && <IconButton icon="copy" label={`Copy ${path}`} onClick={copy} />}
+      {copied && (
+        <span class="hint" role="status">
+          copied
+        </span>
+      )}
+    </span>
+  );
+}
+
 function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
   const details = useJsons<RunDetail>(selected.map((run) => runPath(run.id)));
   const evaluations = useJsons<{ evaluations: Evaluation[] }>(selected.map((run) => runPath(run.id, '/evaluations')));
   const rows = compareManifests([...details.values()].map((detail) => valueOf(detail)?.manifest ?? null));
   const differing = rows.filter((row) => row.differs);
+  const files = selected.flatMap((run): RunFile[] => {
+    const detail = details.get(runPath(run.id));
+    const artefacts = artefactsOf((detail && valueOf(detail)?.manifest) ?? null);
+    return (artefacts?.paths ?? []).map((path) => ({ run: runName(run), host: artefacts?.host ?? '', path }));
+  });
   const last = [...evaluations.values()].map((answer) => newest(valueOf(answer)?.evaluations ?? []));
   const traversals = [...new Set(last.flatMap((one) => [...one.keys()]))];
   const of = (key: string, value: (run: Run, index: number) => string): Row => ({ key, values: selected.map(value) });
@@ -294,6 +349,16 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
           <Choice of={OPTIONS} />
         </div>
       </TableCard>
+      <TableCard
+        title="Files"
+        hint="Where the chosen runs write, on their own hosts"
+        name="files"
+        caption="Files of the chosen runs"
+        columns={FILES}
+        rows={files}
+        rowKey={(file, i) => `${i} ${file.path}`}
+        empty={<Empty title="No files known">Runs without --output write none, and those of older versions do not name them.</Empty>}
+      />
     </>
   );
 }

@@ -3,13 +3,15 @@ import type { JSX } from 'preact';
 import type { Run, Service } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
-import { meanRate } from '../maths/runs';
+import { meanRate, runName } from '../maths/runs';
 import { latest, type Rows } from '../maths/rows';
 import { valueOf } from '../state/resource';
+import { playback } from '../state/playback';
 import { hrefOf } from '../state/router';
 import { about, events, lostServices, now, runs, services, type SeenServices } from '../state/shared';
 import { useTraining } from '../state/training';
 import { Card, Empty, Show, State, toneOf } from '../ui/basics';
+import { RunNotes } from '../ui/run_notes';
 import { Spark } from '../ui/spark';
 import { figure, SaveTable, TableCard, text, type Column } from '../ui/table';
 
@@ -135,6 +137,7 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
       <p class="hint">
         {[run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`].filter(Boolean).join(' · ')}
       </p>
+      <RunNotes run={run} name={runName(run)} />
       {rows && rows.length > 1 && (
         <Spark curve={curveOf(rows, { metric: 'spl', x: 'steps', smoothing: 0.9 })} low={0} high={1} />
       )}
@@ -158,7 +161,8 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
 /** Returns the seconds since the last heartbeat: the age that the server sent plus the time since then. */
 function ageOf(service: Service, all: SeenServices): number | null {
   if (service.age === null) return null;
-  return service.age + Math.max(0, now.value - all.seen) / 1000;
+  const still = playback.value && (playback.value.paused || playback.value.seeking);
+  return service.age + (still ? 0 : Math.max(0, now.value - all.seen) / 1000);
 }
 
 function heartbeat(seconds: number | null): string {

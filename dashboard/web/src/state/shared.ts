@@ -4,7 +4,9 @@ import { getJson, unauthorised } from '../api/client';
 import { jsonPayload } from '../api/frame';
 import { live } from '../api/live';
 import type { About, Run, ServiceEvent, Services } from '../api/types';
+import { startPlayback } from './playback';
 import { failure, type Resource } from './resource';
+import { forgetTraining } from './training';
 
 // What every page needs: services, runs and events, live from the start.
 
@@ -17,6 +19,8 @@ export const about = signal<Resource<About>>({ state: 'loading' });
 export const services = signal<Resource<SeenServices>>({ state: 'loading' });
 export const runs = signal<Resource<Run[]>>({ state: 'loading' });
 export const events = signal<Resource<ServiceEvent[]>>({ state: 'loading' });
+/** Grows when an earlier position of a recording is shown. Whatever was made of messages before is then made anew. */
+export const beginnings = signal(0);
 /** The time, milliseconds since 1970, updated once a second. */
 export const now = signal(Date.now());
 
@@ -47,7 +51,21 @@ export function reload(): void {
   void load('api/events?limit=200', events, (answer: { events: ServiceEvent[] }) => answer.events);
 }
 
+/** Shows a run as the server has just answered it. */
+export function replaceRun(run: Run): void {
+  if (runs.value.state !== 'ready') return;
+  runs.value = { state: 'ready', value: runs.value.value.map((one) => (one.id === run.id ? { ...one, ...run } : one)) };
+}
+
+function beginAgain(): void {
+  services.value = runs.value = events.value = { state: 'loading' };
+  forgetTraining();
+  reload();
+  beginnings.value += 1;
+}
+
 export function start(): void {
+  startPlayback(beginAgain);
   live.watch('services', (frame) => {
     services.value = { state: 'ready', value: seen(jsonPayload<Services>(frame)) };
   });

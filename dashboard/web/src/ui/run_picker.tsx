@@ -23,7 +23,7 @@ interface RunPickerProps {
 export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPickerProps): JSX.Element {
   const [filter, setFilter] = useState('');
   const matching = groups.filter((group) =>
-    `${group.label} ${group.runs.map((run) => run.id).join(' ')}`.toLowerCase().includes(filter.toLowerCase()),
+    `${group.label} ${group.runs.map((run) => `${run.id} ${run.tags.join(' ')}`).join(' ')}`.toLowerCase().includes(filter.toLowerCase()),
   );
   const toggleGroup = (key: string): void => {
     const next = new Set(shown);

@@ -31,12 +31,12 @@ const RUN = 'demo-2211/policy/1/1763740800000000';
 
 /** Each page, and where a text from elsewhere stands on it: in an element or in one of its attributes. */
 const VIEWS: [page: string, hash: (mark: string) => string, places: string[]][] = [
-  ['overview', () => 'overview', ['.run-card h3', '.run-card .hint', '.run-card nav', 'tbody th', 'td:nth-child(2)', 'td:nth-child(4)', '.alarm', 'td:nth-child(8)', 'td:nth-child(10)', 'td:last-child', '.event b + span', '.version']],
+  ['overview', () => 'overview', ['.run-card h3', '.run-card .hint', '.run-card .tag', '.run-note', '.run-card nav', 'tbody th', 'td:nth-child(2)', 'td:nth-child(4)', '.alarm', 'td:nth-child(8)', 'td:nth-child(10)', 'td:last-child', '.event b + span', '.version']],
   ['training', (mark) => `training?runs=${encodeURIComponent(`${mark}features-1830/policy/1/1763740800000005`)}`, ['.picker-list b', '[role=img]', '.tooltip span', '.legend li']],
   ['route', () => 'route', ['h2', '.card-head .hint', 'option', '.map', '.picture figcaption', '.picture img']],
   ['deployment', (mark) => `deployment?run=${encodeURIComponent(mark + RUN)}&episode=1000002`, ['h2', 'option', '.player .map', '.card-head .hint', 'thead + tbody th', '#episodes td', '.legend li', '[role=img]']],
   ['recognition', () => 'recognition', ['.card-head .hint', 'tbody th', 'td', 'option', '.matrix']],
-  ['compare', () => 'compare', ['tbody th', 'tbody td', 'thead th', '.legend li', '[role=img]']],
+  ['compare', () => 'compare', ['.tag', '.run-note', 'option', '.path', 'tbody th', 'tbody td', 'thead th', '.legend li', '[role=img]']],
 ];
 
 /** Returns the places where no text has the mark. */
@@ -92,7 +92,7 @@ describe('what else the page is given', () => {
   const mark = `<img src=x onerror=${HACK}>`;
 
   it.each([mark, `javascript:${HACK}`, '-1', '1e999'])('in its address is looked up, never shown: %s', async (value) => {
-    const names = ['runs', 'groups', 'hide', 'x', 'by', 'show', 'smooth', 'run', 'env', 'agent', 'sibling', 'view', 'episode', 'evaluation', 'kind', 'order', 'goal', 'limit', 'result', 'row', 'matrix', 'metric', 'keys', 'from', 'to', 'step', 'speed'];
+    const names = ['runs', 'groups', 'hide', 'x', 'by', 'show', 'smooth', 'run', 'env', 'agent', 'sibling', 'view', 'episode', 'evaluation', 'kind', 'order', 'goal', 'limit', 'result', 'row', 'matrix', 'metric', 'keys', 'tag', 'from', 'to', 'step', 'speed'];
     const query = names.map((one) => `${one}=${encodeURIComponent(value)}`).join('&');
     const { page, complaints, outside } = await stage.page(`${encodeURIComponent(value)}?${query}`);
     for (const [name] of VIEWS) {

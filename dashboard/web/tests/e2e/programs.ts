@@ -75,8 +75,9 @@ export interface Dashboard {
   url: string;
 }
 
-export async function startDashboard(options: Options, folder: string, name = 'dashboard'): Promise<Dashboard> {
-  const program = Program.start('dashboard/dashboard', { port: 0, page: PAGE, store: join(folder, `${name}.sqlite`), ...options }, { folder, name });
+export async function startDashboard(options: Options, folder: string, { name = 'dashboard', store = true } = {}): Promise<Dashboard> {
+  const records: Options = store ? { store: join(folder, `${name}.sqlite`) } : {};
+  const program = Program.start('dashboard/dashboard', { port: 0, page: PAGE, ...records, ...options }, { folder, name });
   const link = await program.says(/http:\S+(?=\s)/);
   return { program, link, url: new URL('/', link).href };
 }

@@ -50,11 +50,11 @@ export class Stage {
     return new Stage(() => ({ url: inject('city').url }));
   }
 
-  /** A dashboard of its own: the program, which can be killed. `folder` is where its files are. */
-  static ofProgram(options: Options | ((folder: string) => Options)): Stage & { dashboard: Dashboard; folder: string } {
+  /** A dashboard of its own: the program, which can be killed. `folder` is where its files are, also its store if it has one. */
+  static ofProgram(options: Options | ((folder: string) => Options | Promise<Options>), { store = true } = {}): Stage & { dashboard: Dashboard; folder: string } {
     const folder = mkdtempSync(join(tmpdir(), 'citylearn-own-'));
     const stage = new Stage(async (): Promise<Behind> => {
-      own.dashboard = await startDashboard(typeof options === 'function' ? options(folder) : options, folder);
+      own.dashboard = await startDashboard(typeof options === 'function' ? await options(folder) : options, folder, { store });
       return {
         url: own.dashboard.url,
         stop: async () => {

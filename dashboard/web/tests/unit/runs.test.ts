@@ -3,8 +3,8 @@ import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
 import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
 import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
-import { meanRate, runName } from '../../src/maths/runs';
-import { compareManifests, flatten } from '../../src/maths/manifest';
+import { meanRate, runName, tagsOf } from '../../src/maths/runs';
+import { artefactsOf, compareManifests, flatten } from '../../src/maths/manifest';
 import { awaitedPicture, routePart, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
 import { toneOf } from '../../src/ui/basics';
@@ -157,5 +157,29 @@ describe('backOff', () => {
   it('doubles from half a second to ten, less a little by chance', () => {
     expect([1, 2, 3, 4, 5, 6, 20].map((n) => backOff(n, 0))).toEqual([500, 1000, 2000, 4000, 8000, 10_000, 10_000]);
     expect(backOff(1, 1)).toBe(375);
+  });
+});
+
+describe('files of a run', () => {
+  const artefacts = { host: 'lab', folder: '/runs/a', names: ['summary.json', 'checkpoints'] };
+  it('have whole paths', () => {
+    expect(artefactsOf({ artefacts })).toEqual({ host: 'lab', paths: ['/runs/a/summary.json', '/runs/a/checkpoints'] });
+  });
+  it('are unknown where a manifest says something else', () => {
+    for (const said of [null, 5, 'a', [], {}, { ...artefacts, names: 'a' }, { ...artefacts, folder: null }])
+      expect(artefactsOf({ artefacts: said } as Manifest)).toBeNull();
+    expect(artefactsOf(null)).toBeNull();
+    expect(artefactsOf({ artefacts: { ...artefacts, names: [5, 'b'] } })?.paths).toEqual(['/runs/a/b']);
+  });
+  it('are no options', () => {
+    expect(compareManifests([{ seed: 1, artefacts }, { seed: 1 }])).toEqual([{ key: 'seed', values: ['1', '1'], differs: false }]);
+    expect(settingsOf({ agent: 'a', artefacts })).toBe(settingsOf({ agent: 'a' }));
+  });
+});
+
+describe('tags', () => {
+  it('stand between commas, each once', () => {
+    expect(tagsOf(' a, b c ,,a,')).toEqual(['a', 'b c']);
+    expect(tagsOf('')).toEqual([]);
   });
 });

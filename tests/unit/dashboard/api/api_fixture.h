@@ -26,6 +26,10 @@ class FakeLive : public LiveView {
     return {
         {{"time", 2.0}, {"session", "demo"}, {"service", "env-summer"}, {"kind", "lost"}, {"text", "no heartbeat"}}};
   }
+  std::optional<bool> alive(const std::string&, const std::string& id) override {
+    return id == "policy" ? policy : std::nullopt;
+  }
+  std::optional<bool> policy;  ///< whether heartbeats of the policy_service arrive
   Json traversals(const std::string& run) override {
     if (run != "demo") return Json::array();
     return Json::parse(R"([{"environment":"env-fall","dataset":"synthetic","traversal":"fall","condition":"fall",

@@ -333,7 +333,7 @@ TEST_F(StoreTest, RefusesANewerSchemaAndLeavesItAlone) {
   { Store store(options()); }
   open_database(path_, SQLite::OPEN_READWRITE).exec("PRAGMA user_version = 99");
   const std::string before = contents(path_);
-  EXPECT_TRUE(contains(refusal(), "has schema 99, this dashboard knows 3"));
+  EXPECT_TRUE(contains(refusal(), "has schema 99, this dashboard knows 4"));
   EXPECT_EQ(contents(path_), before);
 }
 
@@ -374,6 +374,23 @@ TEST_F(StoreTest, BringsAnOlderSchemaUpToDateAndKeepsACopy) {
   EXPECT_EQ(number("SELECT COUNT(*) FROM sqlite_schema WHERE name = 'b'"), 0);
 }
 
+TEST_F(StoreTest, KeepsWhatPeopleWroteAboutARun) {
+  const std::string name = run_id(run_info());
+  const std::vector<std::string> tags = {"night", "caf\xC3\xA9 \"3\""};
+  {
+    Store store(options());
+    EXPECT_FALSE(store.annotate(name, tags, "a note")) << "there is no such run yet";
+    store.record(run_info());
+    EXPECT_TRUE(store.annotate(name, tags, {}));
+    EXPECT_TRUE(store.annotate(name, {}, "a note"));
+  }
+  Store store(options());
+  store.record(run_info(3, 501, 2));  // resumed
+  const RunRow run = StoreReader(path_).run(name).value();
+  EXPECT_EQ(run.tags, tags);
+  EXPECT_EQ(run.note, "a note");
+}
+
 TEST_F(StoreTest, KeepsTheRecordsOfTheFirstSchema) {
   prepare_file(path_, {schema_steps().front()});
   open_database(path_, SQLite::OPEN_READWRITE)
@@ -386,6 +403,7 @@ TEST_F(StoreTest, KeepsTheRecordsOfTheFirstSchema) {
   StoreReader reader(path_);
   const RunRow run = reader.runs().at(0);
   EXPECT_EQ(run.session, "demo");
+  EXPECT_TRUE(run.tags.empty() && run.note.empty());
   EXPECT_EQ(number("SELECT COUNT(*) FROM pragma_foreign_key_check"), 0) << "nothing refers to what is gone";
   EXPECT_EQ(number("SELECT COUNT(*) FROM pragma_foreign_key_list('episodes') WHERE \"table\" = 'runs'"), 1);
   std::vector<double> row;

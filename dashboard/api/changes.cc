@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a client may change: what people write about a run, and how a recording is played.
+#include <algorithm>
+#include <cmath>
+#include <set>
+
+#include "core/files/json.h"
+#include "core/util/text.h"
+#include "dashboard/api/api.h"
+#include "dashboard/api/parameters.h"
+
+namespace citylearn {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr std::size_t kMostTags = 32, kLongestTag = 64, kLongestNote = 2000;  // bytes
+constexpr double kSlowest = 0.01, kFastest = 1000;
+
+/// Returns the object in the request's body, which may have the members `known` alone.
+Json object_of(const Query& query, std::initializer_list<const char*> known) {
+  allow_only(query, {});
+  Json json;
+  try {
+    json = parse_json(query.body, "the body");
+  } catch (const Error& error) {
+    throw RequestError(400, error.what());
+  }
+  if (!json.is_object()) throw RequestError(400, "the body must be a JSON object of " + joined(known));
+  for (const auto& [name, value] : json.items())
+    if (std::find(known.begin(), known.end(), name) == known.end())
+      throw RequestError(400, "'" + name + "' is not known here (" + joined(known) + ")");
+  return json;
+}
+
+bool has_control(const std::string& text, const std::string& allowed) {
+  return std::any_of(text.begin(), text.end(),
+                     [&](char c) { return ((c >= 0 && c < ' ') || c == '\x7F') && allowed.find(c) == allowed.npos; });
+}
+
+std::vector<std::string> tags_of(const Json& json) {
+  const RequestError wrong(400, "'tags' must be at most " + std::to_string(kMostTags) + " different texts of 1 to " +
+                                    std::to_string(kLongestTag) +
+                                    " bytes on one line, without commas, or spaces at their ends");
+  if (!json.is_array() || json.size() > kMostTags) throw wrong;
+  std::vector<std::string> tags;
+  for (const Json& one : json) {
+    if (!one.is_string()) throw wrong;
+    const auto& tag = one.get_ref<const std::string&>();
+    if (tag.empty() || tag.size() > kLongestTag || tag.front() == ' ' || tag.back() == ' ' || has_control(tag, "") ||
+        tag.find(',') != tag.npos || std::find(tags.begin(), tags.end(), tag) != tags.end())
+      throw wrong;
+    tags.push_back(tag);
+  }
+  return tags;
+}
+
+std::string note_of(const Json& json) {
+  if (!json.is_string() || json.get_ref<const std::string&>().size() > kLongestNote ||
+      has_control(json.get_ref<const std::string&>(), "\n\t"))
+    throw RequestError(
+        400, "'note' must be a text of at most " + std::to_string(kLongestNote) + " bytes without control characters");
+  return json.get<std::string>();
+}
+
+Json speed_json(double speed) { return speed == 0 ? Json("max") : Json(speed); }
+
+double speed_of(const Json& json) {
+  if (json == "max") return 0;
+  const double speed = json.is_number() ? json.get<double>() : 0;
+  if (!(speed >= kSlowest && speed <= kFastest))
+    throw RequestError(400, "'speed' must be \"max\" or a number from 0.01 to 1000, is " + text_of(json));
+  return speed;
+}
+
+}  // namespace
+
+Json playback_json(const PlaybackControl& playback) {
+  const ReplayState state = playback.state();
+  const auto outline = playback.outline();
+  return {{"position", state.position},
+          {"length", outline ? Json(std::max(outline->seconds, state.position)) : Json(nullptr)},
+          {"speed", speed_json(state.speed)},
+          {"paused", state.paused},
+          {"seeking", state.seeking},
+          {"ended", state.ended},
+          {"generation", playback.generation()}};
+}
+
+Answer Api::playback(const Query& query) {
+  if (!options_.playback) not_found("no recording is open: start the dashboard with --open FILE");
+  if (query.method == "PATCH") {
+    const Json wanted = object_of(query, {"paused", "speed", "position"});
+    PlaybackChange change;
+    if (wanted.contains("paused")) {
+      if (!wanted["paused"].is_boolean()) throw RequestError(400, "'paused' must be true or false");
+      change.paused = wanted["paused"].get<bool>();
+    }
+    if (wanted.contains("speed")) change.speed = speed_of(wanted["speed"]);
+    if (wanted.contains("position")) {
+      const Json& position = wanted["position"];
+      if (!position.is_number() || !(position.get<double>() >= 0 && position.get<double>() <= 1e9))
+        throw RequestError(400, "'position' must be seconds from the beginning on, is " + text_of(position));
+      change.position = position.get<double>();
+    }
+    options_.playback->change(change);
+  } else {
+    allow_only(query, {});
+  }
+  Json json = playback_json(*options_.playback);
+  const auto outline = options_.playback->outline();
+  json["marks"] = outline ? Json({{"updates", outline->updates}, {"episodes", outline->episodes}}) : Json(nullptr);
+  return json_answer(json);
+}
+
+Answer Api::annotate(const std::string& name, const Query& query) {
+  const Json wanted = object_of(query, {"tags", "note"});
+  std::optional<std::vector<std::string>> tags;
+  std::optional<std::string> note;
+  if (wanted.contains("tags")) tags = tags_of(wanted["tags"]);
+  if (wanted.contains("note")) note = note_of(wanted["note"]);
+  if (!store_.annotate(name, tags, note)) not_found("run '" + name + "' not found (GET /api/runs lists them)");
+  std::optional<RunRow> row;
+  {
+    BorrowedReader reader(*this);
+    row = reader->run(name);
+  }
+  if (!row) not_found("run '" + name + "' not found (GET /api/runs lists them)");
+  return json_answer(run_json(*row));
+}
+
+}  // namespace citylearn
