@@ -235,7 +235,7 @@ void define_evaluation(py::module_& module) {
 
 PYBIND11_MODULE(_native, module) {
   spdlog::set_default_logger(spdlog::stderr_color_mt("citylearn"));
-  spdlog::set_formatter(text_log_format(isatty(STDERR_FILENO) == 1));
+  use_text_log(isatty(STDERR_FILENO) == 1);
   spdlog::set_level(spdlog::level::warn);  // log_level= changes it
   py::register_exception_translator(&translate);
   define_environments(module);
