@@ -209,7 +209,7 @@ void define_evaluation(py::module_& module) {
       .def_readonly("mean_steps", &Score::mean_steps)
       .def_readonly("shortest_mean", &Score::shortest_mean)
       .def_readonly("reward", &Score::reward);
-  py::class_<Policy>(module, "Policy");
+  py::class_<Policy>(module, "Policy");  // NOLINT(bugprone-unused-raii): this registers it
   module.def("agent_policy", &agent_policy);
   module.def("exported_policy", &exported_policy);
   module.def("control_policy", &control_policy);

@@ -89,7 +89,7 @@ TEST(EnvironmentMask, ForbidsLeavingTheRouteAtBothEnds) {
 TEST(EnvironmentMask, RefusesMaskedAndUnknownActionsAndChangesNothing) {
   const Traversal traversal = small_traversal(8);
   Walk walk(traversal, beginning(traversal, settings(msg::TRAIN, 8, 20), 0, 5));
-  for (const int bad : {int{kPrevious}, 3, int{kNoAction}}) {
+  for (const int bad : {int{kPrevious}, 3, kNoAction - 1}) {
     const msg::Observation before = walk.seen;
     EXPECT_THROW(walk.step(static_cast<std::uint8_t>(bad)), Error) << bad;
     walk.environment.observe(walk.seen);
