@@ -11,14 +11,14 @@ namespace {
 
 class FakePlayback : public PlaybackControl {
  public:
-  ReplayState state() const override { return state_; }
+  ReplayState state() const override { return played; }
   std::uint64_t generation() const override { return 3; }
-  std::optional<RecordingOutline> outline() const override { return outline_; }
-  void change(const PlaybackChange& change) override { changed_ = change; }
+  std::optional<RecordingOutline> outline() const override { return measured; }
+  void change(const PlaybackChange& change) override { changed = change; }
 
-  ReplayState state_{1.5, 0, true};
-  std::optional<RecordingOutline> outline_;
-  PlaybackChange changed_;
+  ReplayState played{1.5, 0, true};
+  std::optional<RecordingOutline> measured;
+  PlaybackChange changed;
 };
 
 class ApiChanges : public ApiTest {
@@ -90,18 +90,18 @@ TEST_F(ApiChanges, ARecordingIsSteered) {
   Json state = answered({"GET", {"playback"}, {}});
   EXPECT_EQ(state, Json::parse(R"({"position": 1.5, "length": null, "speed": "max", "paused": true, "seeking": false,
                                    "ended": false, "generation": 3, "marks": null})"));
-  playback.outline_.emplace().seconds = 60;
-  playback.outline_->episodes[99] = 7;
+  playback.measured.emplace().seconds = 60;
+  playback.measured->episodes[99] = 7;
   state = answered({"PATCH", {"playback"}, {}, R"({"paused": false, "speed": 0.25, "position": 30})"});
-  EXPECT_EQ(playback.changed_.paused, false);
-  EXPECT_EQ(playback.changed_.speed, 0.25);
-  EXPECT_EQ(playback.changed_.position, 30);
+  EXPECT_EQ(playback.changed.paused, false);
+  EXPECT_EQ(playback.changed.speed, 0.25);
+  EXPECT_EQ(playback.changed.position, 30);
   EXPECT_EQ(state["length"], 60);
   EXPECT_EQ(state["marks"]["episodes"].size(), 100u);
   EXPECT_EQ(state["marks"]["episodes"][99], 7);
   answered({"PATCH", {"playback"}, {}, R"({"speed": "max"})"});
-  EXPECT_EQ(playback.changed_.speed, 0) << "as fast as it can";
-  EXPECT_FALSE(playback.changed_.position || playback.changed_.paused);
+  EXPECT_EQ(playback.changed.speed, 0) << "as fast as it can";
+  EXPECT_FALSE(playback.changed.position || playback.changed.paused);
   for (const char* wrong : {R"({"paused": 1})", R"({"speed": 0})", R"({"speed": "fast"})", R"({"speed": 1e9})",
                             R"({"position": -1})", R"({"position": "1"})", R"({"seek": 1})", "1"}) {
     const Answer answer = api.answer({"PATCH", {"playback"}, {}, wrong});
