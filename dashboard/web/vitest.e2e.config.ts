@@ -9,7 +9,7 @@ export default defineConfig({
     globalSetup: 'tests/e2e/city.ts',
     maxWorkers: 2,
     minWorkers: 1,
-    testTimeout: 30_000,
-    hookTimeout: 60_000,
+    testTimeout: 120_000, // deadlines are for a busy machine with two processors
+    hookTimeout: 120_000,
   },
 });

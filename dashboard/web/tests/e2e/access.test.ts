@@ -33,7 +33,7 @@ describe('a dashboard with a token', () => {
   async function known(): Promise<{ context: BrowserContext; page: Page }> {
     const context = await stage.browser.newContext();
     const page = await context.newPage();
-    page.setDefaultTimeout(10_000);
+    page.setDefaultTimeout(30_000);
     await page.goto(stage.url);
     await page.getByLabel('Token').fill(token());
     await page.getByRole('button', { name: 'Open' }).click();

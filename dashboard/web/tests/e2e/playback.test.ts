@@ -73,7 +73,7 @@ describe('an open recording', () => {
       return Date.now() - began;
     }, (time) => time > 6000);
     expect((await state()).position).toBeCloseTo(4, 1);
-  }, 30_000);
+  });
 
   it('shows nothing of later when an earlier position is asked for', async () => {
     const page = await still('overview', 6);

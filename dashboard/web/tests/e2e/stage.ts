@@ -81,7 +81,7 @@ export class Stage {
   async page(hash: string, options?: BrowserContextOptions): Promise<Opened> {
     const open = (): Promise<BrowserContext> => this.browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
     const page = await (await (options ? open() : (this.shared ??= open()))).newPage();
-    page.setDefaultTimeout(10_000);
+    page.setDefaultTimeout(30_000);
     const complaints: string[] = [];
     const outside: string[] = [];
     page.on('console', (message) => {
@@ -102,8 +102,8 @@ export class Stage {
 /** Returns how far a page is wider than its window. */
 export const wider = (page: Page): Promise<number> => page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
 
-/** Repeats a call until its result satisfies the condition, for at most 10 s. */
-export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 10_000): Promise<T> {
+/** Repeats a call until its result satisfies the condition, for at most 30 s. */
+export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 30_000): Promise<T> {
   const end = Date.now() + limit;
   for (;;) {
     const value = await what();
