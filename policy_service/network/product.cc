@@ -12,9 +12,12 @@
 #include <vector>
 
 #include "core/util/error.h"
+#include "core/util/text.h"
 
 namespace citylearn {
 namespace {
+
+// oneDNN takes matrices row after row, so what lies here is the transpose of each for it: out' = b' a'.
 
 std::atomic<Math> chosen_math{Math::kOneDnn};
 
@@ -26,11 +29,9 @@ class Bfloat16Products {
   void multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {
     round(a, a_);
     round(b, b_);
-    const std::ptrdiff_t rows = a.transposed ? a.cols : a.rows, inner = a.transposed ? a.rows : a.cols;
-    const std::ptrdiff_t cols = b.transposed ? b.rows : b.cols;
+    const std::ptrdiff_t rows = a.height(), inner = a.width(), cols = b.width();
     using dnnl::memory;
     using Type = memory::data_type;
-    // It takes matrices row after row, so what lies here is the transpose of each: out' = b' a'.
     const auto lies = [](std::ptrdiff_t height, std::ptrdiff_t width, bool transposed) {
       return memory::desc({width, height}, Type::bf16, transposed ? memory::dims{1, width} : memory::dims{height, 1});
     };
@@ -76,7 +77,7 @@ class Bfloat16Products {
 void set_math(std::string_view name) {
   const auto found = std::ranges::find(kMathNames, name);
   if (found == kMathNames.end())
-    throw Error("'" + std::string(name) + "' is unknown", "--math", "choose eigen, onednn or onednn_bfloat16");
+    throw Error("'" + std::string(name) + "' is unknown", "--math", "choose one of " + joined(kMathNames));
   const Math math = static_cast<Math>(found - kMathNames.begin());
   constexpr int kBfloat16 = static_cast<int>(dnnl::cpu_isa::avx512_core_bf16);
   if (math == Math::kOneDnnBfloat16 && (static_cast<int>(dnnl::get_effective_cpu_isa()) & kBfloat16) != kBfloat16)
@@ -96,15 +97,13 @@ void products::multiply(const Factor& a, const Factor& b, float keep, float* out
   // oneDNN starts threads by OpenMP, which counts for each of our threads. Ours divide the work already.
   thread_local const bool alone = (omp_set_num_threads(1), true);
   static_cast<void>(alone);
-  const std::ptrdiff_t rows = a.transposed ? a.cols : a.rows, inner = a.transposed ? a.rows : a.cols;
-  const std::ptrdiff_t cols = b.transposed ? b.rows : b.cols;
+  const std::ptrdiff_t rows = a.height(), inner = a.width(), cols = b.width();
   constexpr std::ptrdiff_t kWide = 64;  // rounding the factors of a narrower product costs more than it saves
   if (used_math() == Math::kOneDnnBfloat16 && std::min({rows, inner, cols}) >= kWide) {
     thread_local Bfloat16Products rounded;
     rounded.multiply(a, b, keep, out, stride);
     return;
   }
-  // It takes matrices row after row: see above.
   dnnl::sgemm(b.transposed ? 'T' : 'N', a.transposed ? 'T' : 'N', cols, rows, inner, 1, b.data, b.stride, a.data,
               a.stride, keep, out, stride);
 }

@@ -28,6 +28,9 @@ struct Factor {
   const float* data;
   std::ptrdiff_t rows, cols, stride;  // as it lies there
   bool transposed;                    // whether its transpose is meant
+
+  std::ptrdiff_t height() const { return transposed ? cols : rows; }  // of what is meant
+  std::ptrdiff_t width() const { return transposed ? rows : cols; }
 };
 
 template <class D>
