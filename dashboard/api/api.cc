@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <exception>
 
+#include "core/util/text.h"
 #include "core/util/version.h"
 #include "dashboard/api/parameters.h"
 #include "dashboard/live/json.h"
@@ -60,12 +61,12 @@ Answer Api::answer(const Query& query) {
   try {
     const std::string first = query.path.empty() ? "" : query.path[0];
     const std::size_t depth = query.path.size();
-    const std::string methods = first == "runs" && depth == 2       ? "GET, DELETE, PATCH"
-                                : first == "playback" && depth == 1 ? "GET, PATCH"
-                                                                    : "GET";
-    if ((", " + methods + ",").find(", " + query.method + ",") == methods.npos) {
+    std::vector<std::string> methods = {"GET"};
+    if (first == "runs" && depth == 2) methods = {"GET", "DELETE", "PATCH"};
+    if (first == "playback" && depth == 1) methods = {"GET", "PATCH"};
+    if (std::find(methods.begin(), methods.end(), query.method) == methods.end()) {
       Answer answer = error_answer(405, "method " + query.method + " is not possible here");
-      answer.headers.emplace_back("Allow", methods);
+      answer.headers.emplace_back("Allow", joined(methods));
       return answer;
     }
     if (first == "runs" && depth == 1) {

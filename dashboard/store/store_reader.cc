@@ -12,8 +12,7 @@ namespace citylearn {
 namespace {
 
 constexpr const char* kRunColumns =
-    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded, tags, "
-    "note "
+    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded, tags, note "
     "FROM runs ";
 
 /// Returns "SELECT COLUMNS`more` FROM episodes ... WHERE ", the columns being those of an EpisodeRow.
