@@ -31,10 +31,10 @@ struct ReductionChoice {
 /// Adds --reference, --dimension, --whitening and --centring under `group`.
 void add_reduction_options(CLI::App& app, ReductionChoice& choice, const std::string& group);
 /// Returns the chosen reduction, with what the encoder recommends in place of defaults. Warns in the log of what was
-/// given otherwise. Throws Error when there is no such encoder.
+/// given otherwise. Throws Error when the encoder is unknown.
 ReductionOptions reduction_for(const std::string& encoder, const ReductionChoice& choice);
 /// Takes the reduction that the encoder recommends, but for what was given. Returns a warning of what was given
-/// otherwise; empty where nothing was. Throws Error when there is no such encoder.
+/// otherwise; empty where nothing was. Throws Error when the encoder is unknown.
 std::string take_recommended(const std::string& encoder, ReductionOptions& reduction, bool dimension_given,
                              bool centring_given);
 

@@ -5,7 +5,7 @@
 
 namespace citylearn::python {
 
-/// Python's TypeError: there is no keyword argument of this name.
+/// Python's TypeError: a keyword argument is unknown.
 struct UnknownOption : Error {
   using Error::Error;
 };

@@ -30,7 +30,7 @@ class RemoteGroup : public EnvGroup {
         if (envs_[i] == &env) seen_[i] = seen;
       return false;  // send() answers
     };
-    // So that env_services do not keep episodes for want of anybody who acknowledges them.
+    // Without it env_services keep a million episodes, and then report that the oldest are lost.
     client_.finished = [this](EnvHandle& env, const msg::EpisodeStat& episode) {
       if (episode.episode() > env.acknowledged) client_.acknowledge(env, episode.episode());
     };

@@ -16,8 +16,8 @@ struct RecordingOutline {
   std::array<std::uint64_t, kParts> updates{}, episodes{};
 };
 
-/// Reads the files once, without decoding messages. A damaged file counts up to where it is damaged: whoever plays it
-/// reports that. Returns early, with what was read so far, when `stop` is requested.
+/// Reads the files once, without decoding messages. A damaged file counts up to where it is damaged; playing it
+/// reports the damage. Returns early, with what was read so far, when `stop` is requested.
 RecordingOutline outline_of(const std::vector<std::string>& files, const std::stop_token& stop);
 
 }  // namespace citylearn

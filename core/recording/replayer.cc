@@ -353,7 +353,7 @@ bool Replayer::poll() {
     }
     if (const Clock::time_point due = clock_.due(next_->position); due > now) {
       due_ = std::min(due, now + kAgain);
-      held_since_.reset();  // paused meanwhile: that is no waiting for readers
+      held_since_.reset();  // a pause is not a wait for readers
       return true;
     }
     if (!begun_) begun_ = now;
