@@ -2,6 +2,8 @@
 #include "policy_service/network/product.h"
 
 #include <omp.h>
+#include <signal.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <atomic>
@@ -72,6 +74,28 @@ class Bfloat16Products {
   std::vector<std::uint16_t> a_, b_;
 };
 
+/// Gives signal handlers of this thread a stack of their own, if they ask for one (SA_ONSTACK). Some kernels of oneDNN
+/// use the stack pointer for memory of the heap, which a signal would overwrite (its issue 4845, mended in 3.12).
+class SignalStack {
+ public:
+  SignalStack() {
+    stack_t present{};
+    if (sigaltstack(nullptr, &present) != 0 || (present.ss_flags & SS_DISABLE) == 0) return;  // it has one
+    memory_.resize(static_cast<std::size_t>(std::max(64L << 10, 4 * sysconf(_SC_MINSIGSTKSZ))));
+    const stack_t ours{.ss_sp = memory_.data(), .ss_flags = 0, .ss_size = memory_.size()};
+    sigaltstack(&ours, nullptr);
+  }
+  ~SignalStack() {
+    const stack_t none{.ss_sp = nullptr, .ss_flags = SS_DISABLE, .ss_size = 0};
+    if (!memory_.empty()) sigaltstack(&none, nullptr);
+  }
+  SignalStack(const SignalStack&) = delete;
+  SignalStack& operator=(const SignalStack&) = delete;
+
+ private:
+  std::vector<std::byte> memory_;
+};
+
 }  // namespace
 
 void set_math(std::string_view name) {
@@ -96,7 +120,9 @@ bool products::by_onednn(std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff
 void products::multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {
   // oneDNN starts threads by OpenMP, which counts for each of our threads. Ours divide the work already.
   thread_local const bool alone = (omp_set_num_threads(1), true);
+  thread_local const SignalStack signal_stack;
   static_cast<void>(alone);
+  static_cast<void>(signal_stack);
   const std::ptrdiff_t rows = a.height(), inner = a.width(), cols = b.width();
   constexpr std::ptrdiff_t kWide = 64;  // rounding the factors of a narrower product costs more than it saves
   if (used_math() == Math::kOneDnnBfloat16 && std::min({rows, inner, cols}) >= kWide) {

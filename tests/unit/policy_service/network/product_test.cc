@@ -2,7 +2,11 @@
 #include "policy_service/network/product.h"
 
 #include <gtest/gtest.h>
+#include <pthread.h>
+#include <signal.h>
 
+#include <atomic>
+#include <memory>
 #include <optional>
 #include <thread>
 
@@ -70,6 +74,37 @@ TEST(Product, RepeatsItsBitsOnAnyThread) {
   set_product(first, a, b);
   std::thread([&] { set_product(second, a, b); }).join();
   EXPECT_EQ(first, second);
+}
+
+std::atomic<int> signals_taken{0};
+
+TEST(Product, ASignalLeavesItsMemoryAlone) {
+  struct sigaction action {}, before{};
+  action.sa_handler = [](int) { ++signals_taken; };
+  action.sa_flags = SA_ONSTACK | SA_RESTART;
+  ASSERT_EQ(sigaction(SIGALRM, &action, &before), 0);
+  const With with(Math::kOneDnn);
+  const Floats a = Floats::Random(1024, 320), b = Floats::Random(320, 64);
+  Floats right, out;
+  set_product(right, a, b);
+  // To this thread alone, as those of other programs would be to the one that multiplies.
+  std::atomic<bool> over{false};
+  const pthread_t here = pthread_self();
+  std::thread sender([&] {
+    while (!over) {
+      pthread_kill(here, SIGALRM);
+      std::this_thread::yield();
+    }
+  });
+  for (int i = 0; i < 20'000 && signals_taken < 2'000; ++i) {
+    set_product(out, a, b);
+    ASSERT_EQ(out, right);
+    std::make_unique<Floats>(b);  // looks at the heap
+  }
+  over = true;
+  sender.join();
+  EXPECT_GE(signals_taken, 100);
+  sigaction(SIGALRM, &before, nullptr);
 }
 
 TEST(Product, RoundsLargeFactorsToBfloat16Alone) {
