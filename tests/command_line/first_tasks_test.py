@@ -4,20 +4,10 @@
 their own: tests/tutorial, and tests/system/network/security_test.cc."""
 
 import json
-import random
 import re
-import signal
-import subprocess
-import sys
-import time
 import unittest
 
-from support import SOURCE, CommandLine
-
-sys.path.append(str(SOURCE / "tests/support"))
-from pages import commands
-
-PATIENCE = 200  # seconds
+from support import PATIENCE, SOURCE, CommandLine, Scenery, commands
 
 
 def tasks():
@@ -31,77 +21,15 @@ def tasks():
     return found
 
 
-class Scenery:
-    """A street that is seen from a train: rows of pixels, of which each frame shows the next part."""
-
-    WIDTH, HEIGHT, STEP = 64, 48, 12
-
-    def __init__(self, frames):
-        drawn = random.Random(1)
-        length = self.STEP * frames + self.WIDTH
-        heights = [drawn.choices(range(256), k=length // 6 + 1) for _ in range(self.HEIGHT // 6)]
-        self.rows = [bytes(heights[y // 6][x // 6] for x in range(length)) for y in range(self.HEIGHT)]
-        self.frames = frames
-
-    def grey(self, frame, light):
-        """Returns the pixels of a frame, row by row, each times `light`."""
-        begin = self.STEP * frame
-        table = bytes(min(255, int(light * value)) for value in range(256))
-        return [row[begin:begin + self.WIDTH].translate(table) for row in self.rows]
-
-    def write_pictures(self, folder, light):
-        folder.mkdir(parents=True)
-        for frame in range(self.frames):
-            pixels = b"".join(bytes((value, value, value)) for row in self.grey(frame, light) for value in row)
-            (folder / f"{frame:04}.ppm").write_bytes(b"P6 %d %d 255\n" % (self.WIDTH, self.HEIGHT) + pixels)
-
-    def write_video(self, file):
-        """Writes it as YUV4MPEG2, which readers of videos recognise by its first bytes."""
-        neutral = bytes([128]) * (self.WIDTH * self.HEIGHT // 2)
-        with open(file, "wb") as out:
-            out.write(b"YUV4MPEG2 W%d H%d F25:1 Ip A1:1 C420jpeg\n" % (self.WIDTH, self.HEIGHT))
-            for frame in range(self.frames):
-                out.write(b"FRAME\n" + b"".join(self.grey(frame, 1)) + neutral)
-
-
 class FirstTasks(CommandLine):
     @classmethod
     def setUpClass(cls):
         super().setUpClass()
         cls.tasks = tasks()
 
-    def words(self, command, names=None):
-        """Returns the words of a command of the page, with other names for some."""
-        names = {"./run": "citylearn"} | (names or {})
-        return [str(names.get(word, word)) for word in command if word != "&"]
-
     def run_task(self, number, names=None):
         """Runs the commands of a task, one after the other. Returns what they say."""
-        return [self.run_command(*self.words(command, names), seconds=PATIENCE) for command in self.tasks[number]]
-
-    def start(self, *words, environment=None):
-        """Starts a command that goes on. Returns its process and the file of what it says."""
-        log = self.folder / f"{len(list(self.folder.iterdir()))}.log"
-        with open(log, "wb") as output:
-            process = subprocess.Popen(words, cwd=self.folder, env=environment or self.environment,
-                                       stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True)
-        self.addCleanup(self.end, process)
-        return process, log
-
-    def end(self, process, sent=signal.SIGINT):
-        """Ends a command. Returns its status."""
-        if process.poll() is None:
-            process.send_signal(sent)
-        try:
-            return process.wait(30)
-        finally:
-            self.kill_session(process.pid, time.monotonic() + 5)
-
-    def wait_for(self, text, log):
-        deadline = time.monotonic() + PATIENCE
-        while not re.search(text, log.read_text()):
-            self.assertLess(time.monotonic(), deadline, log.read_text())
-            time.sleep(0.05)
+        return [self.run_command(*self.words(command, names)) for command in self.tasks[number]]
 
     def spl(self, output, traversal):
         return json.loads((output / "summary.json").read_text())["evaluate"][traversal]["spl"]
@@ -136,7 +64,7 @@ class FirstTasks(CommandLine):
     def test_a_demo_another_learner_and_export(self):
         self.assertIn("place_filter finds its way in", self.run_task(1)[0])
         first = self.newest_run()
-        listed, demo = (self.run_command(*self.words(command), seconds=PATIENCE) for command in self.tasks[5][:2])
+        listed, demo = (self.run_command(*self.words(command)) for command in self.tasks[5][:2])
         self.assertRegex(listed, r"vtrace")
         self.assertIn("place_filter", demo)
         second = self.newest_run()
@@ -153,7 +81,7 @@ class FirstTasks(CommandLine):
         env, encoder, policy = (self.words(command, names) for command in self.tasks[4])
         self.start(*env)
         self.start(*encoder)
-        self.run_command(*policy, seconds=PATIENCE)
+        self.run_command(*policy)
         self.assertGreater(self.spl(self.folder / "out", "summer"), 0.9)
 
     def test_a_run_is_recorded_and_replayed(self):

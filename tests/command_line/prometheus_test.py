@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,19 +14,11 @@ import urllib.error
 import urllib.parse
 import urllib.request
 
-from support import BUILD, SOURCE, CommandLine
+from support import BUILD, SOURCE, CommandLine, free_ports
 
 FILES = SOURCE / "compose/prometheus"
 PATH = f"{os.environ['PATH']}:{BUILD}/prometheus/usr/bin"  # where `./run test` unpacks the package
 PROMETHEUS, PROMTOOL = (shutil.which(program, path=PATH) for program in ("prometheus", "promtool"))
-
-
-def free_ports(count):
-    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [each.getsockname()[1] for each in sockets]
-    for each in sockets:
-        each.close()
-    return ports
 
 
 def get(port, path):

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands of docs/how-to, as the pages have them. What differs: `./run` is the installed `citylearn`, hosts and folders are
+those of this test, and trainings are short."""
+
+import ast
+import json
+import re
+import time
+import unittest
+from pathlib import Path
+
+from support import PATIENCE, SOURCE, CommandLine, Scenery, commands, free_ports, own_domain
+
+PAGES = SOURCE / "docs/how-to"
+OURS = {"./run", "env_service", "encoder_service", "policy_service", "dashboard", "compose/keystore"}
+SHORT = ["--frames", "0:64", "--steps", "8000", "--tasks", "50"]
+
+# Commands that this test does not run, by their beginnings, and what runs them or why nothing does.
+ELSEWHERE = {
+    "env_service --middleware fastdds --interface eth0 --discovery-server": "tests/system/network",
+    "policy_service --plugin build/release/plugins/mine.so": "tests/tutorial",
+    "./run build": "every test",
+    "./run setup": "every test",
+    "./run vpr $D": "takes recordings that not everybody has",
+    "./run paper": "tests/system/paper_report_test.cc",
+    "./run data info DIR --kitti-camera": "tests/unit/env_service",
+    "./run demo --dataset": "takes recordings that not everybody has",
+    "encoder_service --id encoder-a --encoder netvlad": "tests/system/encoder_test.cc",
+    "encoder_service --id encoder-b --encoder netvlad": "tests/system/encoder_test.cc",
+    "compose/keystore ": "tests/system/network/security_test.cc, with the services that follow",
+    "env_service --id env-summer": "tests/system/network/security_test.cc",
+    "encoder_service --id encoder --interface eth0 --peers hostB --security": "tests/system/network/security_test.cc",
+    "policy_service --id policy --train summer --interface eth0": "tests/system/network/security_test.cc",
+    "policy_service --initial": "tests/unit/policy_service/run/policy_test.cc",
+    "policy_service --train summer --frames 0:128 --output out/rank": "tests/slurm",
+    "policy_service --train summer,fall --evaluate winter ...": "the demo before it",
+    "env_service --dataset synthetic --metrics": "prometheus_test.py",
+}
+
+
+def ours(page):
+    """Returns the commands of a page that start a program of ours, each as its words."""
+    return [words for _, words in commands(PAGES / f"{page}.md") if words[:1] and words[0] in OURS]
+
+
+class Recipes(CommandLine):
+    def setUp(self):
+        super().setUp()
+        self.hosts = {"eth0": "lo", "hostA,hostB": "127.0.0.1"}
+
+    def take(self, page, *beginnings):
+        """Returns those commands of a page that begin so, in its order, with the names of this test."""
+        found = []
+        for command in ours(page):
+            text = " ".join(command)
+            if any(text.startswith(beginning) for beginning in beginnings):
+                found.append(self.words(command, self.hosts))
+        self.assertEqual(len(found), len(beginnings), f"{page}.md has other commands: {found}")
+        return found
+
+    def learn(self, command, *more):
+        """Runs a policy_service or a demo, shortened. Returns what it says."""
+        return self.run_command(*command, *SHORT, *more)
+
+    def results(self, output):
+        return json.loads((self.folder / output / "summary.json").read_text())["evaluate"]
+
+    def write_recordings(self):
+        data = self.folder / "DATA"
+        Scenery(80).write_pictures(data / "summer", 1)
+        Scenery(80).write_pictures(data / "winter", 0.6)
+        self.hosts["DIR"] = data
+
+    def test_each_command_is_run_or_named(self):
+        read = ast.walk(ast.parse(Path(__file__).read_text()))
+        written = {each.value for each in read if isinstance(each, ast.Constant) and isinstance(each.value, str) and each.value}
+        for page in sorted(PAGES.glob("*.md")):
+            for text in (" ".join(words) for words in ours(page.stem)):
+                with self.subTest(page=page.name, command=text):
+                    self.assertTrue(text in written or any(text.startswith(known) for known in written - OURS))
+
+    def test_hosts_are_connected(self):
+        env, encoder, policy, doctor = self.take(
+            "connect-hosts", "env_service --interface eth0 --peers", "encoder_service --interface eth0 --peers hostA,hostB",
+            "policy_service --interface eth0", "./run doctor --interface")
+        self.write_recordings()
+        self.start(*[str(self.hosts["DIR"]) if word == "/recordings" else word for word in env])
+        self.start(*encoder)
+        self.learn(policy)
+        self.assertGreater(self.results("out")["summer"]["spl"], 0.5)
+        self.assertIn("127.0.0.1", self.run_command(*doctor))
+
+    def test_two_machines_by_hand_and_more_env_services(self):
+        self.environment |= {"CITYLEARN_INTERFACE": "lo", "CITYLEARN_PEERS": "127.0.0.1"}
+        train, evaluate, encoder, dashboard, policy = self.take(
+            "run-on-a-cluster", "env_service --traversal summer --frames 0:128 --agents 8 --recorders", "env_service --traversal fall",
+            "encoder_service --reference", "dashboard", "policy_service --train summer --evaluate summer,fall --output out --resume")
+        services = [self.start(*words) for words in (train, evaluate, encoder)]
+        services.append(self.start(*dashboard, "--port", "0"))
+        self.run_command(*policy, "--steps", "8000", "--tasks", "50")
+        self.assertEqual(sorted(self.results("out")), ["fall", "summer"])
+        # The same training once more: it is over, and only evaluated again.
+        self.assertIn("resum", self.run_command(*policy, "--steps", "8000", "--tasks", "50"))
+        for process, _ in services:
+            self.assertEqual(self.end(process), 0)
+
+    def test_a_learner_has_actors_and_evaluation_is_divided(self):
+        learner, *actors = self.take("run-on-a-cluster", "policy_service --role learner", "policy_service --role actor",
+                                     "policy_service --role actor")
+        for words in self.take("run-on-a-cluster", "env_service --traversal winter --id winter-a",
+                               "env_service --traversal winter --id winter-b"):
+            self.start(*words)
+        for traversal in ("summer", "fall"):
+            self.start("env_service", "--traversal", traversal)
+        self.start("encoder_service")
+        started = [self.start(*words, "--id", f"actor-{number}") for number, words in enumerate(actors)]
+        self.learn(learner, "--evaluate", "summer,fall,winter")
+        self.assertEqual(sorted(self.results("out")), ["fall", "summer", "winter"])
+        for process, log in started:
+            self.assertEqual(process.wait(PATIENCE), 0, log.read_text())
+
+    def test_ranks_learn_one_agent(self):
+        domains = {"1": str(own_domain()), "2": str(own_domain())}
+        self.hosts["hostA:7500"] = f"127.0.0.1:{free_ports(1)[0]}"
+        first, second = self.take("run-on-a-cluster", "policy_service --domain 1", "policy_service --domain 2")
+        for number, words in enumerate((first, second)):
+            where = words.index("--domain") + 1
+            words[where] = domains[words[where]]
+            words[words.index("--output") + 1] = f"out-{number}"
+            self.start("env_service", "--domain", words[where], "--synthetic-images", "0")
+        other, log = self.start(*second, *SHORT)
+        self.learn(first)
+        self.assertEqual(other.wait(PATIENCE), 0, log.read_text())
+        self.assertIn("rank", log.read_text())
+
+    def test_an_imperfect_world(self):
+        encoder, *envs, policy = self.take("try-an-imperfect-world", "encoder_service &", "env_service --traversal summer",
+                                           "env_service --traversal winter &", "env_service --traversal winter --slip",
+                                           "policy_service --train summer --evaluate winter,winter-slip")
+        for words in (encoder, *envs):
+            self.start(*words)
+        self.learn(policy, "--output", "out")
+        self.assertEqual(sorted(self.results("out")), ["winter", "winter-slip0.1-drop0.1-kidnap1"])
+
+    def test_recordings_of_ones_own(self):
+        self.write_recordings()
+        demo, listed, check = self.take("train-on-your-recordings", "./run demo --data DIR --frames 0:128 --train", "./run data list",
+                                        "./run data check DIR")
+        self.assertIn("nordland", self.run_command(*listed))
+        self.assertIn("0 bad", self.run_command(*check))
+        demo[demo.index("0:128")] = "0:80"  # as many as there are
+        self.assertIn("in summer, winter", self.run_command(*demo))
+        places, = self.take("measure-place-recognition", "./run vpr --data DIR")
+        self.assertRegex(self.run_command(*places), r"patchnorm.*winter|winter.*patchnorm")
+
+    def test_a_training_ends_in_time_and_seeds_are_compared(self):
+        stopped, limited, experiences, seeds, other, table = self.take(
+            "train-on-your-recordings", "./run demo --stop-when", "./run demo --time-limit", "./run demo --train summer,fall",
+            "./run demo --agent place_filter --seeds", "./run demo --agent place_filter --learner", "./run policy --mode table")
+        drawn = ["--no-dashboard", "--frames", "0:64", "--tasks", "50"]
+        steps = re.search(r"trained \d+ episodes, (\d+) steps", self.run_command(*stopped, *drawn, "--evaluate", "summer"))
+        self.assertLess(int(steps[1]), 40000)
+        limited[limited.index("60")] = "1"
+        begun = time.monotonic()
+        self.run_command(*limited, *drawn, "--evaluate", "summer", "--steps", "100000000")
+        self.assertLess(time.monotonic() - begun, PATIENCE / 2)
+        self.assertIn("in winter", self.run_command(*experiences, *drawn))
+        for words in (seeds, other):
+            words[words.index("1..5")] = "1..2"
+            self.learn(words, "--no-dashboard", "--evaluate", "summer")
+        self.assertRegex(self.run_command(*table), r"relabel")
+
+    def test_a_run_is_recorded_and_replayed(self):
+        self.hosts["NAME"] = "first"
+        record, shown, replay, trajectories = self.take("record-and-replay", "./run record", "./run dashboard --open",
+                                                        "./run replay a.mcap --speed", "./run replay a.mcap --learner")
+        record = record[:record.index("a.mcap") + 1]  # the page says on the same line what it does
+        recording, said = self.start(*record)
+        self.wait_for("records to", said)
+        for words in (["env_service", "--synthetic-images", "0", "--session", "first"],
+                      ["policy_service", "--role", "actor", "--session", "first"]):
+            self.start(*words)
+        self.learn(["policy_service", "--role", "learner", "--train", "summer", "--session", "first", "--output", "out"])
+        self.assertEqual(self.end(recording), 0, said.read_text())
+        process, page = self.start(*shown[:shown.index("a.mcap") + 1], "--port", "0")
+        self.wait_for("http://", page)
+        self.end(process)
+        self.run_command(*replay[:replay.index("max") + 1])
+        learner, log = self.start("policy_service", "--role", "learner", "--train", "summer", "--session", "first", "--output",
+                                  "again", *SHORT)
+        self.run_command(*trajectories[:trajectories.index("first") + 1])
+        self.end(learner)
+        self.assertIn("joins", log.read_text())
+
+
+if __name__ == "__main__":
+    unittest.main()
