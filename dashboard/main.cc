@@ -10,6 +10,7 @@
 #include <optional>
 #include <shared_mutex>
 
+#include "core/metrics/exposition.h"
 #include "core/wire/service.h"
 #include "dashboard/api/api.h"
 #include "dashboard/http/server.h"
@@ -99,12 +100,11 @@ std::unique_ptr<Store> open_store(const std::string& path) {
 
 /// Returns the lines of /metrics that the server does not have.
 std::string metrics(const std::atomic<std::uint64_t>& recorded, const std::atomic<bool>& failing) {
-  return "# HELP citylearn_dashboard_episodes_total Episodes recorded by this process.\n"
-         "# TYPE citylearn_dashboard_episodes_total counter\ncitylearn_dashboard_episodes_total " +
-         std::to_string(recorded) +
-         "\n# HELP citylearn_dashboard_recording Whether the store can be written.\n"
-         "# TYPE citylearn_dashboard_recording gauge\ncitylearn_dashboard_recording " +
-         (failing ? "0\n" : "1\n");
+  Exposition lines;
+  lines.single("citylearn_dashboard_episodes_total", "Episodes recorded by this process.",
+               static_cast<double>(recorded));
+  lines.single("citylearn_dashboard_recording", "Whether the store can be written.", failing ? 0 : 1);
+  return lines.text();
 }
 
 /// Passes the messages that the node takes to all listeners.

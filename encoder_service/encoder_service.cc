@@ -9,10 +9,10 @@
 #include <tuple>
 #include <utility>
 
+#include "core/presence/incumbent.h"
 #include "core/util/random.h"
-#include "core/wire/incumbent.h"
-#include "encoder_service/encoding_pipeline.h"
-#include "encoder_service/learned_files.h"
+#include "encoder_service/pipeline/encoding_pipeline.h"
+#include "encoder_service/pipeline/learned_files.h"
 
 namespace citylearn {
 namespace {

@@ -7,7 +7,7 @@
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
 #include "encoder_service/encoder_service.h"
-#include "encoder_service/learned_files.h"
+#include "encoder_service/pipeline/learned_files.h"
 
 namespace {
 

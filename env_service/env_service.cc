@@ -10,10 +10,10 @@
 #include <string>
 #include <utility>
 
+#include "core/presence/incumbent.h"
+#include "core/presence/message_order.h"
 #include "core/util/name.h"
 #include "core/util/text.h"
-#include "core/wire/incumbent.h"
-#include "core/wire/message_order.h"
 #include "core/wire/rejections.h"
 #include "core/wire/transfer.h"
 #include "env_service/environment.h"

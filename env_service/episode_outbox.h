@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "core/wire/incumbent.h"
-#include "core/wire/message_order.h"
+#include "core/presence/incumbent.h"
+#include "core/presence/message_order.h"
 #include "core/wire/messages.h"
 #include "env_service/environment.h"
 

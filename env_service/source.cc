@@ -2,8 +2,8 @@
 // Command-line options of selection.h.
 #include <CLI/CLI.hpp>
 
+#include "core/command_line/range_option.h"
 #include "core/util/text.h"
-#include "core/wire/range_option.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/selection.h"
 

@@ -4,7 +4,7 @@
 
 fastddsgen makes structs with CDR functions, but knows no bounds, no topics and no relations between fields. This program
 reads the same files and writes FOLDER/idl/forward.h (declares each type, for light headers) and
-FOLDER/core/wire/message_fields.h (each type's fields, bounds and checks, and the list of topics).
+FOLDER/idl/message_fields.h (each type's fields, bounds and checks, and the list of topics).
 
 It reads one declaration a line, and annotations that begin a comment, so that IDL compilers skip them:
   //@topic(PROFILE)    above a struct: it is a message, sent on topics of its own with this QoS profile. Behind it may stand
@@ -175,7 +175,7 @@ def main(folder, *paths):
         if struct.profile:
             functions += [f"inline std::string receiver_of([[maybe_unused]] const {struct.name}& m) {{",
                           f"  return {struct.receiver()};", "}"]
-    write(f"{folder}/core/wire/message_fields.h", "#include <concepts>", "#include <string>", "#include <type_traits>",
+    write(f"{folder}/idl/message_fields.h", "#include <concepts>", "#include <string>", "#include <type_traits>",
           *(f'#include "idl/{os.path.basename(path)[:-4]}.h"' for path in idl.files),
           "namespace citylearn::msg {", *functions, "}", "#define CITYLEARN_MESSAGES(X) \\",
           *(f'  X({s.name}, "{s.topic}", k{s.profile.title()}, {s.enumerator()}) \\' for s in structs if s.profile), "")

@@ -3,10 +3,10 @@
 #include <iostream>
 #include <limits>
 
+#include "core/command_line/range_option.h"
 #include "core/plugin/plugins.h"
 #include "core/util/machine.h"
 #include "core/util/name.h"
-#include "core/wire/range_option.h"
 #include "core/wire/service.h"
 #include "policy_service/interchange/export.h"
 #include "policy_service/interchange/onnx_graph.h"
@@ -15,9 +15,9 @@
 #include "policy_service/learning/trainer_parameters.h"
 #include "policy_service/network/agent_network.h"
 #include "policy_service/network/product.h"
-#include "policy_service/records/comparison.h"
 #include "policy_service/records/configuration.h"
 #include "policy_service/records/demo_command.h"
+#include "policy_service/results/comparison.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/policy_service.h"
 #include "policy_service/run/sweep.h"

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "policy_service/network/trained_agent.h"
-#include "policy_service/records/score.h"
+#include "policy_service/results/score.h"
 #include "policy_service/rollout/policy.h"
 #include "python/env_group.h"
 #include "python/options.h"

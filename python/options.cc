@@ -11,7 +11,7 @@
 #include "core/util/name.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
-#include "encoder_service/learned_files.h"
+#include "encoder_service/pipeline/learned_files.h"
 #include "env_service/dataset_io/selection.h"
 #include "python/errors.h"
 #include "tools/vpr/descriptors.h"

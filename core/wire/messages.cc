@@ -13,8 +13,8 @@
 #include "core/util/name.h"
 #include "core/util/sha256.h"
 #include "core/wire/blob.h"
-#include "core/wire/message_fields.h"
 #include "core/wire/transfer.h"
+#include "idl/message_fields.h"
 
 // fastddsgen's structs and CDR functions know no bounds: they would write a sequence over its bound, and reading one
 // they allocate whatever length the bytes claim. So idl/generate.py makes visit(), which names a message's fields in

@@ -6,9 +6,9 @@
 #include <algorithm>
 
 #include "core/dds/security.h"
+#include "core/presence/presence.h"
 #include "core/util/log_format.h"
 #include "core/util/machine.h"
-#include "core/wire/presence.h"
 
 namespace citylearn {
 namespace {

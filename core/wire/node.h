@@ -5,9 +5,9 @@
 #include <string>
 #include <vector>
 
+#include "core/metrics/metrics.h"
 #include "core/util/machine.h"
 #include "core/wire/messenger.h"
-#include "core/wire/metrics.h"
 
 namespace citylearn {
 

@@ -16,11 +16,11 @@
 #include <iostream>
 #include <set>
 
+#include "core/command_line/help_text.h"
 #include "core/util/log_format.h"
 #include "core/util/machine.h"
 #include "core/util/name.h"
 #include "core/util/version.h"
-#include "core/wire/help_text.h"
 
 namespace citylearn {
 namespace {

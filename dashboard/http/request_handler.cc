@@ -4,8 +4,8 @@
 #include <spdlog/spdlog.h>
 
 #include <bit>
-#include <cstdio>
 
+#include "core/metrics/exposition.h"
 #include "core/util/machine.h"
 #include "dashboard/http/server_context.h"
 
@@ -20,13 +20,6 @@ Reply html_page(int status, const std::string& title, const std::string& text) {
   answer.body = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>" + title +
                 "</title></head>\n<body><h1>" + title + "</h1>\n<p>" + text + "</p></body></html>\n";
   return {answer, {}};
-}
-
-/// Returns the number and the end of its line.
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.15g\n", value);
-  return text;
 }
 
 }  // namespace
@@ -130,36 +123,28 @@ Reply RequestHandler::login(const RequestHead& head, const Target& target) const
 }
 
 std::string RequestHandler::metrics() const {
-  std::string text;
-  const auto add = [&](const std::string& name, const char* type, const char* help, std::uint64_t value) {
-    const std::string full = "citylearn_dashboard_" + name;
-    text += "# HELP " + full + " " + help + "\n# TYPE " + full + " " + type + "\n" + full + " " +
-            number(static_cast<double>(value));
+  Exposition lines;
+  const auto add = [&](const std::string& name, const char* help, std::uint64_t value) {
+    lines.single("citylearn_dashboard_" + name, help, static_cast<double>(value));
   };
   const auto counts = context_.hub.counts();
-  add("connections", "gauge", "Open connections.", context_.connections.size());
-  add("connections_total", "counter", "Connections accepted.", context_.accepted);
-  add("connections_refused_total", "counter", "Connections refused, as too many were busy.", context_.refused);
-  add("connections_made_room_total", "counter", "Idle connections closed for newcomers.",
-      context_.connections.made_room());
-  add("guesses_total", "counter", "Requests with a wrong token or login link.", context_.guesses);
-  add("live_clients", "gauge", "WebSocket clients.", counts.clients);
-  add("live_messages_total", "counter", "Messages published on watched topics.", counts.published);
-  add("live_frames_total", "counter", "Frames taken by WebSocket clients.", counts.taken);
-  add("live_dropped_total", "counter", "Messages (of training: rows) that WebSocket clients lost.", counts.dropped);
-  add("live_bytes_total", "counter", "Bytes of the frames sent.", context_.frame_bytes);
-  add("live_let_go_total", "counter", "WebSocket clients closed as they neither took nor sent anything.",
-      context_.timed_out);
-  add("live_broken_total", "counter", "WebSocket clients closed for malformed frames or messages.", context_.malformed);
-  const std::string requests = "citylearn_dashboard_requests_total";
-  text += "# HELP " + requests + " Requests answered, by status.\n# TYPE " + requests + " counter\n";
+  add("connections", "Open connections.", context_.connections.size());
+  add("connections_total", "Connections accepted.", context_.accepted);
+  add("connections_refused_total", "Connections refused, as too many were busy.", context_.refused);
+  add("connections_made_room_total", "Idle connections closed for newcomers.", context_.connections.made_room());
+  add("guesses_total", "Requests with a wrong token or login link.", context_.guesses);
+  add("live_clients", "WebSocket clients.", counts.clients);
+  add("live_messages_total", "Messages published on watched topics.", counts.published);
+  add("live_frames_total", "Frames taken by WebSocket clients.", counts.taken);
+  add("live_dropped_total", "Messages (of training: rows) that WebSocket clients lost.", counts.dropped);
+  add("live_bytes_total", "Bytes of the frames sent.", context_.frame_bytes);
+  add("live_let_go_total", "WebSocket clients closed as they neither took nor sent anything.", context_.timed_out);
+  add("live_broken_total", "WebSocket clients closed for malformed frames or messages.", context_.malformed);
+  lines.family("citylearn_dashboard_requests_total", "Requests answered, by status.");
   for (const auto& [status, count] : context_.answers)
-    text += requests + "{status=\"" + std::to_string(status) + "\"} " + std::to_string(count) + "\n";
-  text +=
-      "# HELP process_cpu_seconds_total User and system time.\n# TYPE process_cpu_seconds_total counter\n"
-      "process_cpu_seconds_total " +
-      number(process_use().processor_seconds);
-  return text;
+    lines.sample(static_cast<double>(count), "{" + metric_label("status", std::to_string(status)) + "}");
+  lines.single("process_cpu_seconds_total", "User and system time.", process_use().processor_seconds);
+  return lines.text();
 }
 
 }  // namespace citylearn

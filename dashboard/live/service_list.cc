@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "core/wire/service_state.h"
+#include "core/presence/service_state.h"
 
 namespace citylearn {
 namespace {

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "core/presence/presence.h"
 #include "core/wire/node.h"
-#include "core/wire/presence.h"
 #include "core/wire/rejections.h"
 #include "dashboard/store/store.h"
 

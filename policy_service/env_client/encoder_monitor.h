@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "core/presence/presence.h"
 #include "core/wire/node.h"
-#include "core/wire/presence.h"
 
 namespace citylearn {
 

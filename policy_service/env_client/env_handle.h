@@ -5,8 +5,8 @@
 #include <memory>
 #include <string>
 
-#include "core/wire/incumbent.h"
-#include "core/wire/message_order.h"
+#include "core/presence/incumbent.h"
+#include "core/presence/message_order.h"
 #include "core/wire/node.h"
 #include "policy_service/env_client/feature_cache.h"
 

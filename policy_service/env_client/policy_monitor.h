@@ -5,8 +5,8 @@
 #include <map>
 #include <string>
 
+#include "core/presence/presence.h"
 #include "core/wire/messages.h"
-#include "core/wire/presence.h"
 
 namespace citylearn {
 

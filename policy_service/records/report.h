@@ -9,7 +9,7 @@
 
 #include "policy_service/records/best_checkpoint.h"
 #include "policy_service/records/policy_service_options.h"
-#include "policy_service/records/score.h"
+#include "policy_service/results/score.h"
 
 namespace citylearn {
 

@@ -5,8 +5,8 @@
 #include <optional>
 
 #include "core/task/route_map.h"
+#include "policy_service/network/agents/place_filter.h"
 #include "policy_service/network/motion.h"
-#include "policy_service/network/place_filter.h"
 #include "policy_service/network/place_keys.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/rollout/evaluated_tasks.h"

@@ -9,7 +9,7 @@
 
 #include "core/util/random.h"
 #include "policy_service/env_client/env_client.h"
-#include "policy_service/records/score.h"
+#include "policy_service/results/score.h"
 #include "policy_service/rollout/policy.h"
 #include "policy_service/rollout/task_waves.h"
 

@@ -15,7 +15,7 @@
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/ranks/launcher.h"
 #include "policy_service/records/configuration.h"
-#include "policy_service/records/verdict.h"
+#include "policy_service/results/verdict.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/training_run.h"
 

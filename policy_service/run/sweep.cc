@@ -16,9 +16,9 @@
 #include "core/util/error.h"
 #include "policy_service/distributed/final_status_guard.h"
 #include "policy_service/env_client/env_client.h"
-#include "policy_service/records/comparison.h"
 #include "policy_service/records/output_folder.h"
 #include "policy_service/records/report.h"
+#include "policy_service/results/comparison.h"
 
 namespace citylearn {
 namespace {

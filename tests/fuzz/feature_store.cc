@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "encoder_service/feature_store.h"
+#include "encoder_service/pipeline/feature_store.h"
 
 #include <zlib.h>
 

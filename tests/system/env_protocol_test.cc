@@ -8,7 +8,7 @@
 
 #include <algorithm>
 
-#include "core/wire/incumbent.h"
+#include "core/presence/incumbent.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {

@@ -21,7 +21,8 @@ TEST_F(NetworkTutorial, KeepsItsPromises) {
 }
 
 TEST_F(NetworkTutorial, TheFolderForThisRepositoryIsRight) {
-  expect_home("gru.cc", "policy_service/network/", "features.cc", "policy_service/CMakeLists.txt", "network/*.cc");
+  expect_home("gru.cc", "policy_service/network/agents/", "features.cc", "policy_service/CMakeLists.txt",
+              "network/agents/*.cc");
 }
 
 }  // namespace

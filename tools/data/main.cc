@@ -3,8 +3,8 @@
 #include <iostream>
 #include <optional>
 
+#include "core/command_line/progress.h"
 #include "core/plugin/plugins.h"
-#include "core/util/progress.h"
 #include "core/util/text.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/selection.h"

@@ -10,11 +10,11 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "core/presence/service_state.h"
 #include "core/util/ipv4.h"
 #include "core/util/text.h"
 #include "core/util/wall_clock.h"
 #include "core/wire/service.h"
-#include "core/wire/service_state.h"
 
 namespace citylearn::doctor {
 namespace {

@@ -4,7 +4,7 @@
 #include "core/util/name.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
-#include "encoder_service/learned_files.h"
+#include "encoder_service/pipeline/learned_files.h"
 #include "tools/export/picture_export.h"
 
 namespace {

@@ -11,7 +11,7 @@
 #include "core/files/files.h"
 #include "core/files/json.h"
 #include "core/util/error.h"
-#include "encoder_service/learned_files.h"
+#include "encoder_service/pipeline/learned_files.h"
 #include "policy_service/interchange/agent_graph.h"
 #include "tools/export/encoder_graph.h"
 

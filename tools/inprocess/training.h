@@ -8,7 +8,7 @@
 
 #include "env_service/environment.h"
 #include "policy_service/learning/trainer.h"
-#include "policy_service/records/score.h"
+#include "policy_service/results/score.h"
 #include "policy_service/rollout/policy.h"
 
 namespace citylearn {

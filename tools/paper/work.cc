@@ -8,11 +8,11 @@
 #include <filesystem>
 #include <fstream>
 
+#include "core/command_line/progress.h"
 #include "core/dds/middleware.h"
 #include "core/files/files.h"
 #include "core/files/json.h"
 #include "core/util/error.h"
-#include "core/util/progress.h"
 #include "core/util/sha256.h"
 #include "core/wire/service.h"
 

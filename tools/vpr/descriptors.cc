@@ -6,9 +6,9 @@
 #include <optional>
 #include <vector>
 
-#include "core/util/progress.h"
+#include "core/command_line/progress.h"
 #include "core/wire/service.h"
-#include "encoder_service/feature_store.h"
+#include "encoder_service/pipeline/feature_store.h"
 
 namespace citylearn::vpr {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "policy_service/network/place_filter.h"
+#include "policy_service/network/agents/place_filter.h"
 
 #include <cmath>
 #include <limits>

@@ -14,7 +14,7 @@
 #include "core/files/files.h"
 #include "core/util/random.h"
 #include "encoder_service/encoding/reduction.h"
-#include "encoder_service/learned_files.h"
+#include "encoder_service/pipeline/learned_files.h"
 #include "env_service/dataset_io/dataset.h"
 #include "policy_service/network/checkpoint.h"
 #include "policy_service/rollout/network_policy.h"

@@ -5,9 +5,9 @@
 #include <string_view>
 
 #include "core/task/action.h"
-#include "core/wire/message_fields.h"
 #include "core/wire/messages.h"
 #include "core/wire/transfer.h"
+#include "idl/message_fields.h"
 
 namespace citylearn::testing {
 

@@ -23,15 +23,17 @@ const std::vector<std::string> kProduct = {"core",      "env_service", "encoder_
 
 /// The sub-folders of each part, from the lowest floor to the highest. A file includes its own folder and lower ones.
 const std::vector<std::vector<std::string>> kOrders = {
-    {"core/util", "core/files", "core/task", "core/dds", "core/plugin", "core/wire", "core/recording"},
+    {"core/util", "core/files", "core/task", "core/dds", "core/plugin", "core/command_line", "core/presence",
+     "core/metrics", "core/wire", "core/recording"},
     {"env_service/files", "env_service/images", "env_service/geometry", "env_service/dataset_io",
      "env_service/drawn_city", "env_service/datasets", "env_service"},
     {"encoder_service/encoding", "encoder_service/onnx", "encoder_service/encoders", "encoder_service/recognition",
-     "encoder_service"},
-    {"policy_service/network", "policy_service/network/autodiff", "policy_service/rollout", "policy_service/learning",
-     "policy_service/learning/optimization", "policy_service/learning/learners", "policy_service/interchange",
-     "policy_service/interchange/exporters", "policy_service/env_client", "policy_service/distributed",
-     "policy_service/records", "policy_service/ranks", "policy_service/run", "policy_service"},
+     "encoder_service/pipeline", "encoder_service"},
+    {"policy_service/network", "policy_service/network/autodiff", "policy_service/network/agents",
+     "policy_service/rollout", "policy_service/learning", "policy_service/learning/optimization",
+     "policy_service/learning/learners", "policy_service/interchange", "policy_service/interchange/exporters",
+     "policy_service/env_client", "policy_service/distributed", "policy_service/results", "policy_service/records",
+     "policy_service/ranks", "policy_service/run", "policy_service"},
     {"dashboard/store", "dashboard/http", "dashboard/live", "dashboard/api", "dashboard"},
 };
 

@@ -43,7 +43,7 @@ class Generate(unittest.TestCase):
 
     def test_it_writes_fields_bounds_checks_and_topics(self):
         self.assertEqual(self.run_on(GOOD).returncode, 0)
-        fields = (pathlib.Path(self.folder.name) / "core/wire/message_fields.h").read_text()
+        fields = (pathlib.Path(self.folder.name) / "idl/message_fields.h").read_text()
         for line in ('visitor.protocol("protocol", m.protocol());', 'visitor.nested("header", m.header());',
                      'visitor.enumerator("task_mode", m.task_mode(), TRAIN);', 'visitor("name", m.name());',
                      'visitor("number", m.number(), MOST);', 'check.finite("number", m.number());',

@@ -107,7 +107,7 @@ TEST(Tape, NamesSizesThatDoNotFit) {
   EXPECT_TRUE(contains(error_of([&] { tape.backward({{a, &b.value()}}); }), "a derivative is not 4 x 3"));
 }
 
-/// The network "features" (policy_service/network/features.cc) once more, as a forward pass alone.
+/// The network "features" (policy_service/network/agents/features.cc) once more, as a forward pass alone.
 template <class S>
 class Lstm : public AutodiffNetwork<S> {
  public:

@@ -16,7 +16,7 @@
 #include "policy_service/records/episode_log.h"
 #include "policy_service/records/metrics_log.h"
 #include "policy_service/records/run_announcer.h"
-#include "policy_service/records/score.h"
+#include "policy_service/results/score.h"
 #include "policy_service/rollout/control.h"
 #include "policy_service/run/policy_service.h"
 #include "tests/support/networks/some_agent.h"

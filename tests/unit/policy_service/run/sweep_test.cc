@@ -11,7 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/util/error.h"
-#include "policy_service/records/comparison.h"
+#include "policy_service/results/comparison.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 

@@ -12,7 +12,7 @@
 #include <set>
 
 #include "core/files/files.h"
-#include "encoder_service/learned_files.h"
+#include "encoder_service/pipeline/learned_files.h"
 #include "tests/paths.h"
 #include "tests/support/data/sample_pictures.h"
 #include "tests/support/networks/picture_agent.h"

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+
+#include "core/presence/presence.h"
+
+namespace citylearn {
+
+/// Says which of several processes speaks for one id: the one that was heard first, until it leaves or is silent. It
+/// compares no clocks of other hosts, so a wrong clock and a forged start time replace nobody. Used by one thread.
+class Incumbent {
+ public:
+  /// The incumbent is replaced after so long without a word, if the other process is heard all that time. Longer than
+  /// the time between two heartbeats.
+  static constexpr std::chrono::seconds kHandover{2};
+
+  enum class Heard {
+    kIncumbent,  ///< the process that speaks for the id
+    kSuccessor,  ///< it does from now on, and did not before
+    kOther,      ///< it does not
+  };
+  /// Notes a message of a process, by its incarnation (Header). That of no process is 0.
+  Heard hear(std::uint64_t incarnation, Clock::time_point now) {
+    if (incarnation == 0) return Heard::kOther;  // forged
+    if (incarnation == incarnation_) {
+      presence_.heard(now);
+      rival_ = 0;
+      return Heard::kIncumbent;
+    }
+    if (presence_.here(now) && !leaves_) {
+      if (rival_ != incarnation) rival_since_ = now;
+      rival_ = incarnation;
+      if (now - rival_since_ < kHandover) return Heard::kOther;
+    }
+    previous_ = incarnation_;
+    incarnation_ = incarnation;
+    rival_ = 0;
+    leaves_ = false;
+    presence_.heard(now);
+    return Heard::kSuccessor;
+  }
+  /// Notes that the incumbent said that it ends, or gave up its place: the next process that is heard takes over.
+  void leave() { leaves_ = true; }
+
+  /// Returns the incumbent, also when it is gone; 0: none was heard.
+  std::uint64_t incarnation() const { return incarnation_; }
+  /// Returns whether this process spoke for the id before the incumbent did.
+  bool preceded(std::uint64_t incarnation) const { return incarnation == previous_ && previous_ != 0; }
+  bool here(Clock::time_point now) const { return presence_.here(now); }
+  /// Returns whether a process is heard that will soon be believed.
+  bool has_rival(Clock::time_point now) const { return rival_ != 0 && now - rival_since_ < kHandover + kSilence; }
+  Clock::time_point last_heard() const { return presence_.last_heard(); }
+
+ private:
+  std::uint64_t incarnation_ = 0, previous_ = 0, rival_ = 0;
+  Clock::time_point rival_since_{};
+  bool leaves_ = false;
+  Presence presence_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/presence/presence.h"
+#include "core/wire/blob.h"
+#include "core/wire/node.h"
+#include "encoder_service/pipeline/block_claims.h"
+#include "encoder_service/pipeline/traversal_work.h"
+
+namespace citylearn {
+
+/// Divides the work on traversals with the other encoder_services of the session, fetches the descriptors that they
+/// have, and sends them those of this one (idl/descriptor.idl). Used by the node's thread.
+class DescriptorExchange {
+ public:
+  /// So long after its start an encoder_service has heard the others, and may claim blocks.
+  static constexpr std::chrono::seconds kDiscovery{1};
+
+  /// `node` must outlive it.
+  explicit DescriptorExchange(Node& node);
+
+  /// Returns the claims to the blocks of a traversal, before share().
+  BlockClaims& claims(std::uint64_t hash, std::uint32_t frames);
+  /// Exchanges the descriptors of a traversal from now on. `work` must outlive this.
+  void share(TraversalWork& work);
+  /// Returns whether others take part.
+  bool shared() const { return !peers_.empty(); }
+  bool may_claim(Clock::time_point now) const { return now >= started_ + kDiscovery; }
+
+  /// Takes the heartbeat of another encoder_service.
+  void on_heartbeat(const msg::ServiceStatus& status, Clock::time_point now);
+  void on_status(const msg::DescriptorStatus& status, Clock::time_point now);
+  void on_request(const msg::DescriptorRequest& request);
+  void on_chunk(const msg::DescriptorChunk& chunk, Clock::time_point now);
+  /// Asks for what is due, and says what changed.
+  void advance(Clock::time_point now);
+
+ private:
+  struct Traversal {
+    BlockClaims claims;
+    TraversalWork* work = nullptr;  // null: its frames are not known here, or not what makes descriptors
+  };
+  struct Peer {
+    std::string id;
+    Presence presence;
+  };
+  /// Descriptors on their way from one peer.
+  struct Fetch {
+    std::uint64_t hash;
+    int block;
+    std::uint64_t frames;
+    std::uint64_t bytes;
+    Blob blob{bytes};
+    std::uint32_t checksum = 0;  // of the first chunk that came
+    int damaged = 0;             // times in a row
+    RequestTimer timer{std::chrono::milliseconds(300), RequestTimer::kUsualTries};
+  };
+
+  BlockClaims& add(std::uint64_t hash, std::uint32_t frames);
+  bool hear(std::uint64_t incarnation, const std::string& id, Clock::time_point now);
+  void drop(std::uint64_t incarnation);
+  void begin_fetches();
+  void begin_fetch(std::uint64_t incarnation, std::uint64_t hash, Traversal& traversal);
+  void ask(std::uint64_t incarnation, Fetch& fetch, Clock::time_point now);
+  bool finish(Fetch& fetch, TraversalWork& work);
+
+  Node& node_;
+  const Clock::time_point started_;
+  std::map<std::uint64_t, Traversal> traversals_;  // by hash
+  std::map<std::uint64_t, Peer> peers_;            // alive, by incarnation
+  std::map<std::uint64_t, Fetch> fetches_;         // at most one of each peer
+
+  // The block that was sent last, as the chunks of a large one are asked for one after the other.
+  struct Served {
+    std::uint64_t hash = 0, frames = 0;
+    std::uint32_t block = 0;
+    std::vector<std::uint8_t> bytes;
+  } served_;
+
+  msg::DescriptorStatus status_;
+  msg::DescriptorRequest request_;
+  msg::DescriptorChunk chunk_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,400 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "encoder_service/pipeline/encoding_pipeline.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <opencv2/core.hpp>
+
+#include "core/files/files.h"
+#include "core/util/random.h"
+#include "encoder_service/pipeline/learned_files.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::seconds kProgressInterval{2};
+constexpr std::size_t kLargestBacklog = std::size_t{64} << 20;  // bytes of a traversal's images that wait for encoding
+
+std::string_view as_text(const Bytes& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
+
+std::string duration(double seconds) {
+  if (seconds < 90) return fmt::format("{:.0f} s", seconds);
+  return seconds < 5400 ? fmt::format("{:.0f} min", seconds / 60) : fmt::format("{:.1f} h", seconds / 3600);
+}
+
+}  // namespace
+
+std::string EncodedTraversal::time_left(Clock::time_point now) const {
+  const int left = frames - work->done(), new_here = work->made() + work->fetched();
+  if (new_here == 0 || left == 0) return "";
+  return duration(std::chrono::duration<double>(now - since).count() / new_here * left);
+}
+
+/// Images that came over the wire, for the encoding thread.
+struct EncodingPipeline::Batch {
+  std::vector<FetchedImage> images;
+  std::vector<int> frames;  // of those encoded: a column each of
+  Eigen::MatrixXf descriptors;
+  std::vector<std::pair<int, std::string>> faults;  // frame, reason
+};
+
+EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& options, FindHost find_host)
+    : node_(node), options_(options), find_host_(std::move(find_host)), exchange_(node) {
+  const auto& entry = EncoderRegistry::instance().find("encoder", options_.encoder);
+  const Parameters parameters("encoder " + entry.name, entry.parameters, options_.parameters);
+  encoder_ = entry.create(parameters, options_.files);
+  encoder_recipe_ = entry.name;
+  for (const auto& [name, value] : parameters.values()) encoder_recipe_ += fmt::format(" {}={:g}", name, value);
+  const EncoderFiles& files = options_.files;
+  for (const std::string& file : {files.model, files.layer, files.preset, files.head}) encoder_recipe_ += " " + file;
+  if (encoder_->training_sample_count() == 0) {
+    encoder_ready_ = true;
+    spec_ = encoder_->spec();
+    spdlog::info("encoder {}: {} numbers a picture", spec_.name, spec_.dimension);
+  }
+  if (options_.store.empty()) return;
+  create_folder(options_.store, "choose another --store");
+}
+
+void EncodingPipeline::add(const msg::TraversalInfo& info) {
+  if (traversals_.contains(info.hash())) return;
+  spdlog::info("traversal {} of {}: {} frames, from '{}'", info.traversal().c_str(), info.dataset().c_str(),
+               info.frames(), info.header().sender().c_str());
+  traversals_[info.hash()] = std::make_unique<EncodedTraversal>(node_, info);
+}
+
+const EncodedTraversal* EncodingPipeline::find(std::uint64_t hash) const {
+  const auto found = traversals_.find(hash);
+  return found == traversals_.end() ? nullptr : found->second.get();
+}
+
+void EncodingPipeline::on_positions(const msg::TraversalChunk& chunk) {
+  const auto found = traversals_.find(chunk.hash());
+  if (found == traversals_.end() || chunk.feature_dimension() != 0) return;
+  if (found->second->positions.take(chunk) == Transfer::Taken::kDamaged) ++node_.traffic.rejected;
+}
+
+void EncodingPipeline::on_image(const msg::ImageChunk& chunk) {
+  const auto found = traversals_.find(chunk.hash());
+  if (found == traversals_.end()) return;
+  EncodedTraversal& traversal = *found->second;
+  std::vector<FetchedImage> images;
+  traversal.images.on_chunk(chunk, images);
+  for (const FetchedImage& image : images) traversal.bytes += image.file.size();
+  std::move(images.begin(), images.end(), std::back_inserter(encoder_ready_ ? traversal.waiting : training_sample_));
+}
+
+void EncodingPipeline::advance(Clock::time_point now) {
+  now_ = now;
+  encoding_.run_completions();
+  reducing_.run_completions();
+  if (!encoder_ready_) {
+    learn_encoder();
+    finish_training_sample();
+  }
+  if (encoder_ready_) {
+    if (!reduction_ && !options_.reduction_file.empty()) {
+      const std::string bytes = read_file(options_.reduction_file);
+      reduction_ = std::make_shared<Reduction>(
+          Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, options_.reduction_file));
+    }
+    encode_traversals();
+    reduce_traversals();
+  }
+  exchange_.advance(now);
+  send_requests();
+}
+
+EncodedTraversal* EncodingPipeline::reference() const {
+  for (const auto& [hash, traversal] : traversals_)
+    if (traversal->name == options_.reference && (has_host(*traversal) || traversal->ready)) return traversal.get();
+  return nullptr;
+}
+
+/// Where the store has what the encoder learned on the traversal with this hash.
+std::string EncodingPipeline::encoder_path(std::uint64_t traversal) const {
+  return learned_path(options_.store, fmt::format("{} {:016x}", encoder_recipe_, traversal), "encoder");
+}
+
+std::string EncodingPipeline::feature_recipe() const {
+  return FeatureRecipe{spec_.name, options_.reduction_file.empty()
+                                       ? recipe_of(options_.reduction)
+                                       : std::filesystem::path(options_.reduction_file).filename().string()}
+      .text();
+}
+
+// ---------------------------------------------------------------- The encoder learns from the reference traversal.
+
+void EncodingPipeline::learn_encoder() {
+  EncodedTraversal* traversal = reference();
+  if (sampling_ || !traversal) return;
+  if (restore_encoder(encoder_path(traversal->hash))) return;
+  sampling_ = true;
+  const std::vector<int> frames = training_frames(encoder_->training_sample_count(), traversal->frames);
+  spdlog::info("encoder {} learns from {} of {} frames of {}", options_.encoder, frames.size(), traversal->frames,
+               traversal->name);
+  traversal->images.want(frames);
+}
+
+/// Restores what the encoder learned before. Returns false when that is not there or damaged.
+bool EncodingPipeline::restore_encoder(const std::string& path) {
+  if (options_.store.empty() || !std::filesystem::exists(path)) return false;
+  const std::string state = read_file(path);
+  try {
+    encoder_->restore(std::as_bytes(std::span(state)));
+  } catch (const Error& error) {
+    spdlog::warn("{}: {}; learning anew", path, error.what());
+    return false;
+  }
+  encoder_ready_ = true;
+  spec_ = encoder_->spec();
+  spdlog::info("encoder {}: {} numbers a picture, learned before ({})", spec_.name, spec_.dimension, path);
+  return true;
+}
+
+void EncodingPipeline::finish_training_sample() {
+  EncodedTraversal* traversal = reference();
+  if (!sampling_ || encoder_ready_ || !traversal || traversal->images.missing() > 0 || training_sample_.empty()) return;
+  // Two encoder_services learn the same only if they see the same in the same order; pictures arrive in any.
+  std::sort(training_sample_.begin(), training_sample_.end(),
+            [](const FetchedImage& a, const FetchedImage& b) { return a.frame < b.frame; });
+  auto images = std::make_shared<std::vector<FetchedImage>>(std::move(training_sample_));
+  training_sample_.clear();
+  traversal->bytes = 0;
+  const std::uint64_t hash = traversal->hash;
+  encoding_.post(
+      [this, images] {
+        std::vector<cv::Mat> pictures;
+        for (const FetchedImage& image : *images) {
+          try {
+            if (!image.file.empty()) pictures.push_back(decode_picture(image.file, image.name));
+          } catch (const Error& error) {
+            spdlog::warn("{}", error.what());
+          }
+        }
+        if (pictures.empty()) throw Error("no picture can be read", "reference '" + options_.reference + "'");
+        encoder_->learn(pictures);
+      },
+      [this, hash] {
+        encoder_ready_ = true;
+        spec_ = encoder_->spec();
+        spdlog::info("encoder {}: {} numbers a picture", spec_.name, spec_.dimension);
+        if (options_.store.empty()) return;
+        write_file(encoder_path(hash), as_text(encoder_->state()));
+      });
+}
+
+// ---------------------------------------------------------------- Images are fetched and encoded.
+
+void EncodingPipeline::encode_traversals() {
+  std::vector<EncodedTraversal*> order;
+  for (const auto& [hash, traversal] : traversals_)
+    if (!traversal->ready && !traversal->reducing && traversal->fault.empty() && has_host(*traversal))
+      order.push_back(traversal.get());
+    else if (traversal->work)  // others may go on
+      forget(*traversal, traversal->work->give_back());
+  // The others wait for the reference.
+  std::stable_partition(order.begin(), order.end(),
+                        [this](EncodedTraversal* traversal) { return traversal->name == options_.reference; });
+  int ahead = 0;
+  for (EncodedTraversal* traversal : order)
+    ahead += traversal->images.missing() + traversal->in_background + static_cast<int>(traversal->waiting.size());
+  for (EncodedTraversal* traversal : order) {
+    if (!traversal->work) {
+      FeatureStore::Key key{spec_.name, spec_.dimension, traversal->hash, traversal->frames};
+      BlockClaims& claims = exchange_.claims(traversal->hash, static_cast<std::uint32_t>(traversal->frames));
+      traversal->work = std::make_unique<TraversalWork>(options_.store, key, claims);
+      exchange_.share(*traversal->work);
+      traversal->since = now_;
+      traversal->next_progress = now_ + kProgressInterval;
+      if (traversal->work->done() > 0)
+        spdlog::info("{}: {} of {} frames were encoded before", traversal->name, traversal->work->done(),
+                     traversal->frames);
+    }
+    divide_work(*traversal, ahead);
+    encode(*traversal, traversal->images.missing() == 0);
+    if (now_ < traversal->next_progress || traversal->work->complete()) continue;
+    traversal->next_progress = now_ + kProgressInterval;
+    if (!traversal->time_left(now_).empty())
+      spdlog::info("{}: {} of {} frames encoded, {} left", traversal->name, traversal->work->done(), traversal->frames,
+                   traversal->time_left(now_));
+  }
+}
+
+/// Claims blocks, and asks for the images of those whose claims hold. `ahead`: frames on their way.
+void EncodingPipeline::divide_work(EncodedTraversal& traversal, int& ahead) {
+  TraversalWork& work = *traversal.work;
+  forget(traversal, work.take_lost());
+  ahead += work.pending();
+  // Several services begin at different places.
+  const auto begin =
+      exchange_.shared()
+          ? static_cast<int>(mix_seeds({node_.incarnation()}) % static_cast<std::uint64_t>(work.frames()))
+          : 0;
+  // Enough images are on their way that neither the wire nor the processor waits for the other.
+  while (!work.complete() && exchange_.may_claim(now_) && ahead < BlockClaims::kFrames + 2 * spec_.batch) {
+    const int frames = work.claim(begin);
+    if (frames == 0) break;
+    ahead += frames;
+  }
+  traversal.images.want(work.take_granted(now_));
+}
+
+/// Drops images of frames that this service need not encode any more, unless they are being encoded.
+void EncodingPipeline::forget(EncodedTraversal& traversal, const std::vector<int>& frames) {
+  if (frames.empty()) return;
+  traversal.images.drop(frames);
+  std::erase_if(traversal.waiting, [&](const FetchedImage& image) {
+    const bool dropped = std::find(frames.begin(), frames.end(), image.frame) != frames.end();
+    if (dropped) traversal.bytes -= image.file.size();
+    return dropped;
+  });
+}
+
+void EncodingPipeline::encode(EncodedTraversal& traversal, bool incomplete_batches) {
+  std::vector<FetchedImage>& waiting = traversal.waiting;
+  while (!waiting.empty() && (incomplete_batches || static_cast<int>(waiting.size()) >= spec_.batch)) {
+    auto batch = std::make_shared<Batch>();
+    const auto count = std::min<std::ptrdiff_t>(spec_.batch, static_cast<std::ptrdiff_t>(waiting.size()));
+    std::move(waiting.begin(), waiting.begin() + count, std::back_inserter(batch->images));
+    waiting.erase(waiting.begin(), waiting.begin() + count);
+    traversal.in_background += static_cast<int>(count);
+    encoding_.post(
+        [this, batch] {
+          std::vector<cv::Mat> pictures;
+          for (const FetchedImage& image : batch->images) {
+            try {
+              if (image.file.empty()) throw Error(image.name);
+              pictures.push_back(decode_picture(image.file, image.name));
+              batch->frames.push_back(image.frame);
+            } catch (const Error& error) {
+              batch->faults.emplace_back(image.frame, error.what());
+            }
+          }
+          if (!pictures.empty()) batch->descriptors = encoder_->encode(pictures);
+        },
+        [this, batch, &traversal] { store_batch(*batch, traversal); });
+  }
+}
+
+void EncodingPipeline::store_batch(const Batch& batch, EncodedTraversal& traversal) {
+  traversal.in_background -= static_cast<int>(batch.images.size());
+  for (const FetchedImage& image : batch.images) traversal.bytes -= image.file.size();
+  for (std::size_t i = 0; i < batch.frames.size(); ++i)
+    traversal.work->put(batch.frames[i], batch.descriptors.col(static_cast<Eigen::Index>(i)));
+  encoded_ += batch.frames.size();
+  for (const auto& [frame, reason] : batch.faults) {
+    spdlog::error("{}, frame {}: {}", traversal.name, frame, reason);
+    traversal.work->put_bad(frame);
+    if (!options_.skip_bad_frames && traversal.fault.empty())
+      traversal.fault = fmt::format("{} is refused: frame {}: {} (--on-bad-frame skip puts its neighbour in its place)",
+                                    traversal.name, frame, reason);
+  }
+  if (!traversal.fault.empty()) spdlog::error("{}", traversal.fault);
+}
+
+// ---------------------------------------------------------------- Descriptors are reduced to features.
+
+void EncodingPipeline::reduce_traversals() {
+  for (const auto& [hash, traversal] : traversals_)
+    if (traversal->work && !traversal->reducing && !traversal->ready && traversal->fault.empty() &&
+        traversal->work->complete())
+      reduce(*traversal);
+}
+
+void EncodingPipeline::reduce(EncodedTraversal& traversal) {
+  if (needs_reference() && !reduction_ && traversal.name != options_.reference) return;  // the reference goes first
+  if (!traversal.positions.complete()) return;
+  traversal.reducing = true;
+  spdlog::info("{}: all {} frames encoded ({} of them now, {} by others, in {:.1f} s)", traversal.name,
+               traversal.frames, traversal.work->made(), traversal.work->fetched(),
+               std::chrono::duration<double>(now_ - traversal.since).count());
+  auto features = std::make_shared<Eigen::MatrixXf>();
+  auto learned = std::make_shared<std::shared_ptr<const Reduction>>(reduction_);
+  auto lost = std::make_shared<std::vector<int>>();
+  ReductionOptions reduction = options_.reduction;
+  const int most = Reduction::largest_dimension(spec_.dimension, traversal.frames);
+  if (options_.cap_dimension && !reduction_ && reduction.dimension > most) {
+    spdlog::info("reference '{}' has {} frames of {} numbers: --dimension is {} instead of {}", traversal.name,
+                 traversal.frames, spec_.dimension, most, reduction.dimension);
+    reduction.dimension = most;
+  }
+  const std::string path = options_.store.empty() || !needs_reference()
+                               ? ""
+                               : reduction_path(options_.store, spec_.name, traversal.hash, reduction);
+  const TraversalWork* work = traversal.work.get();
+  reducing_.post(
+      [this, work, features, learned, lost, path, reduction] {
+        const std::shared_ptr<const Eigen::MatrixXf> descriptors = work->descriptors(*lost);
+        if (!descriptors) return;
+        if (!*learned && !path.empty() && std::filesystem::exists(path)) {
+          const std::string bytes = read_file(path);
+          try {
+            *learned = std::make_shared<Reduction>(Reduction::load(std::as_bytes(std::span(bytes)), spec_.name, path));
+          } catch (const Error& error) {
+            spdlog::warn("{}; learning it anew", error.what());
+          }
+        }
+        if (!*learned) {
+          *learned = std::make_shared<Reduction>(Reduction::learn(*descriptors, reduction));
+          if (!path.empty()) {
+            write_file(path, as_text((*learned)->save(spec_.name)));
+            spdlog::info("stored the reduction in {}", path);
+          }
+        }
+        *features = (*learned)->apply(*descriptors);
+      },
+      [this, &traversal, features, learned, lost] {
+        traversal.reducing = false;
+        if (!lost->empty()) {
+          spdlog::warn("{}: the store has lost {} frames; they are encoded again", traversal.name, lost->size());
+          traversal.work->lose(*lost);
+          return;
+        }
+        if (needs_reference()) reduction_ = *learned;
+        traversal.features = std::move(*features);
+        traversal.ready = true;
+        spdlog::info("{}: ready, {} features a frame", traversal.name, traversal.features.rows());
+      });
+}
+
+void EncodingPipeline::send_requests() {
+  for (const auto& [hash, traversal] : traversals_) {
+    const std::string host = find_host_(hash);
+    if (host.empty() || traversal->ready) continue;
+    if (!encoder_ready_ || traversal->bytes < kLargestBacklog) traversal->images.ask(host);
+    if (!traversal->positions.ask(now_, request_)) continue;
+    request_.environment() = host.c_str();
+    node_.publish(request_);
+  }
+}
+
+bool EncodingPipeline::busy() const {
+  return std::any_of(traversals_.begin(), traversals_.end(),
+                     [](const auto& entry) { return !entry.second->ready && entry.second->fault.empty(); });
+}
+
+std::optional<std::pair<msg::State, std::string>> EncodingPipeline::status(Clock::time_point now) const {
+  std::optional<std::pair<msg::State, std::string>> first;
+  for (const auto& [hash, traversal] : traversals_) {
+    if (!traversal->fault.empty()) return std::pair{msg::FAILED, traversal->fault};
+    if (first || traversal->ready || !has_host(*traversal)) continue;
+    const bool encoded = traversal->work && traversal->work->complete();
+    if (traversal->work && !(encoded && needs_reference() && !reduction_ && !reference())) {
+      const std::string left = traversal->time_left(now);
+      first.emplace(msg::RUNNING, fmt::format("{}: {} of {} frames encoded{}", traversal->name, traversal->work->done(),
+                                              traversal->frames, left.empty() ? "" : ", " + left + " left"));
+    } else if (!traversal->work && sampling_) {
+      first.emplace(msg::RUNNING, "learning from " + options_.reference);
+    } else {
+      first.emplace(msg::WAITING, fmt::format("{} waits for an env_service on the reference '{}'", traversal->name,
+                                              options_.reference));
+    }
+  }
+  return first;
+}
+
+}  // namespace citylearn

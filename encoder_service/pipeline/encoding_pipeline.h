@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "encoder_service/pipeline/background_queue.h"
+#include "encoder_service/pipeline/descriptor_exchange.h"
+#include "encoder_service/pipeline/encoded_traversal.h"
+#include "encoder_service/pipeline/encoder_service_options.h"
+
+namespace citylearn {
+
+/// Turns the images of traversals into features: fetches the images, encodes each once, or fetches what other
+/// encoder_services made of it, learns the reduction on the reference traversal and applies it. Encoding and reducing
+/// run on threads of their own. Used by the node's thread.
+class EncodingPipeline {
+ public:
+  /// Returns the id of a live env_service that has the images of the traversal with this hash; empty: there is none.
+  using FindHost = std::function<std::string(std::uint64_t hash)>;
+
+  /// `node` must outlive it. Throws Error: an unknown encoder, wrong parameters or files, a store that cannot be made.
+  EncodingPipeline(Node& node, const EncoderServiceOptions& options, FindHost find_host);
+
+  /// Adds a traversal unless it is known.
+  void add(const msg::TraversalInfo& info);
+  /// Returns a traversal by its hash; null when it is unknown.
+  const EncodedTraversal* find(std::uint64_t hash) const;
+
+  void on_positions(const msg::TraversalChunk& chunk);
+  void on_image(const msg::ImageChunk& chunk);
+
+  /// Does what can be done now. Throws what an encoder throws.
+  void advance(Clock::time_point now);
+  /// What passes between this encoder_service and the others of the session.
+  DescriptorExchange& exchange() { return exchange_; }
+  /// Finishes what the encoding thread has done.
+  void finish() { encoding_.run_completions(); }
+
+  /// Whether the encoder has learned what it learns from the reference, or never does; features are named from then on.
+  bool encoder_ready() const { return encoder_ready_; }
+  /// Names how features are made: equal texts, equal features.
+  std::string feature_recipe() const;
+  bool busy() const;
+  std::uint64_t encoded() const { return encoded_; }  ///< frames
+  /// What the pipeline does, for ServiceStatus: FAILED with a fault, else what it does for the first traversal that is
+  /// not ready; nothing when all are.
+  std::optional<std::pair<msg::State, std::string>> status(Clock::time_point now) const;
+
+ private:
+  struct Batch;
+
+  void learn_encoder();
+  bool restore_encoder(const std::string& path);
+  void finish_training_sample();
+  void encode_traversals();
+  void divide_work(EncodedTraversal& traversal, int& ahead);
+  void forget(EncodedTraversal& traversal, const std::vector<int>& frames);
+  void encode(EncodedTraversal& traversal, bool incomplete_batches);
+  void store_batch(const Batch& batch, EncodedTraversal& traversal);
+  void reduce_traversals();
+  void reduce(EncodedTraversal& traversal);
+  void send_requests();
+
+  bool needs_reference() const {
+    return options_.reduction.dimension > 0 || options_.reduction.centring == Centring::kReference ||
+           options_.reduction.centring == Centring::kRunning;
+  }
+  EncodedTraversal* reference() const;
+  bool has_host(const EncodedTraversal& traversal) const { return !find_host_(traversal.hash).empty(); }
+  std::string encoder_path(std::uint64_t traversal) const;
+
+  Node& node_;
+  const EncoderServiceOptions options_;
+  const FindHost find_host_;
+  DescriptorExchange exchange_;
+  std::unique_ptr<Encoder> encoder_;  // used by the encoding thread, apart from its spec
+  std::string encoder_recipe_;        // the encoder's name and parameters, before it has learned anything
+  bool sampling_ = false, encoder_ready_ = false;
+  Encoder::Spec spec_;  // once encoder_ready_
+  std::vector<FetchedImage> training_sample_;
+  std::shared_ptr<const Reduction> reduction_;
+  std::map<std::uint64_t, std::unique_ptr<EncodedTraversal>> traversals_;  // by hash
+  Clock::time_point now_;
+  std::uint64_t encoded_ = 0;
+  msg::TraversalRequest request_;
+
+  // Last: their threads end before what they use. Reductions are learned while other traversals are encoded.
+  BackgroundQueue encoding_, reducing_;
+};
+
+}  // namespace citylearn

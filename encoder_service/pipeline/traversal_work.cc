@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "encoder_service/pipeline/traversal_work.h"
+
+#include <algorithm>
+#include <bit>
+
+#include "core/util/error.h"
+
+namespace citylearn {
+namespace {
+
+constexpr auto kLookAgain = std::chrono::milliseconds(100);
+constexpr int kBlock = BlockClaims::kFrames;
+
+std::size_t block_of(int frame) { return static_cast<std::size_t>(frame / kBlock); }
+std::uint64_t bit_of(int frame) { return std::uint64_t{1} << (frame % kBlock); }
+
+}  // namespace
+
+TraversalWork::TraversalWork(const std::string& folder, const FeatureStore::Key& key, BlockClaims& claims)
+    : key_(key), claims_(claims) {
+  present_.assign(block_of(key.frames - 1) + 1, 0);
+  lacking_ = present_;
+  for (int frame = 0; frame < key.frames; ++frame) lacking_[block_of(frame)] |= bit_of(frame);
+  if (folder.empty())
+    memory_ = std::make_shared<Eigen::MatrixXf>(Eigen::MatrixXf::Zero(key.dimension, key.frames));
+  else
+    store_ = std::make_unique<FeatureStore>(folder, key);
+  look_into_store();
+  claims_.set_encoder(key.encoder, static_cast<std::uint32_t>(key.dimension));
+}
+
+bool TraversalWork::is_lacking(int frame) const { return (lacking_[block_of(frame)] & bit_of(frame)) != 0; }
+
+void TraversalWork::note_done(int frame, bool present) {
+  lacking_[block_of(frame)] &= ~bit_of(frame);
+  if (present) present_[block_of(frame)] |= bit_of(frame);
+  ++done_;
+}
+
+void TraversalWork::look_into_store() {
+  looked_ = Clock::now();
+  if (!store_) return;
+  const std::vector<bool> there = store_->present();
+  std::vector<float> numbers(static_cast<std::size_t>(key_.dimension));
+  for (int frame = 0; frame < key_.frames; ++frame)
+    // Reads it too: after a loss of power the index may name a frame whose numbers are gone.
+    if (there[static_cast<std::size_t>(frame)] && is_lacking(frame) && store_->read(frame, numbers))
+      note_done(frame, true);
+  release_finished_blocks();
+}
+
+void TraversalWork::look_for(int block) {
+  if (!store_) return;
+  std::vector<float> numbers(static_cast<std::size_t>(key_.dimension));
+  for (const int frame : lacking_frames({block}))
+    if (store_->read(frame, numbers)) note_done(frame, true);
+  release_finished_blocks();
+}
+
+std::vector<int> TraversalWork::lacking_frames(const std::vector<int>& blocks) const {
+  std::vector<int> all;
+  for (const int block : blocks) {
+    const std::vector<int> frames = BlockClaims::frames_of(block, lacking_[static_cast<std::size_t>(block)]);
+    all.insert(all.end(), frames.begin(), frames.end());
+  }
+  return all;
+}
+
+void TraversalWork::release_finished_blocks() {
+  for (const int block : claims_.blocks())
+    if (lacking_[static_cast<std::size_t>(block)] == 0) {
+      claims_.release(block);
+      locks_.erase(block);
+    }
+}
+
+int TraversalWork::claim(int begin) {
+  // The store is looked into when there is nothing else to do, but not at every call.
+  if (store_ && Clock::now() >= looked_ + kLookAgain) look_into_store();
+  if (claims_.blocks().size() >= msg::MAX_BLOCKS_CLAIMED) return 0;
+  const int blocks = static_cast<int>(lacking_.size());
+  for (int i = 0; i < blocks; ++i) {
+    const int block = (begin / kBlock + i) % blocks;
+    const std::uint64_t& lacking = lacking_[static_cast<std::size_t>(block)];
+    if (lacking == 0 || claims_.has(block) || !claims_.is_free(block, lacking)) continue;
+    if (store_) {
+      std::unique_ptr<FeatureStore::Claim> lock =
+          store_->claim(block * kBlock, std::min(kBlock, key_.frames - block * kBlock));
+      if (!lock) continue;
+      look_for(block);  // the process that had it before may have finished it
+      if (lacking == 0) continue;
+      locks_[block] = std::move(lock);
+    }
+    claims_.claim(block);
+    return std::popcount(lacking);
+  }
+  return 0;
+}
+
+std::vector<int> TraversalWork::take_granted(Clock::time_point now) {
+  return lacking_frames(claims_.take_granted(now));
+}
+
+std::vector<int> TraversalWork::take_lost() {
+  const std::vector<int> blocks = claims_.take_lost(lacking_);
+  for (const int block : blocks) locks_.erase(block);
+  return lacking_frames(blocks);
+}
+
+std::vector<int> TraversalWork::give_back() {
+  const std::vector<int> blocks = claims_.blocks();
+  for (const int block : blocks) {
+    claims_.release(block);
+    locks_.erase(block);
+  }
+  return lacking_frames(blocks);
+}
+
+int TraversalWork::pending() const {
+  int frames = 0;
+  for (const int block : claims_.pending()) frames += std::popcount(lacking_[static_cast<std::size_t>(block)]);
+  return frames;
+}
+
+int TraversalWork::take(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor) {
+  if (!is_lacking(frame)) return 0;
+  if (store_)
+    store_->write(frame, {descriptor.data(), static_cast<std::size_t>(descriptor.size())});
+  else
+    memory_->col(frame) = descriptor;
+  note_done(frame, true);
+  release_finished_blocks();
+  return 1;
+}
+
+void TraversalWork::put(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor) {
+  made_ += take(frame, descriptor);
+}
+
+void TraversalWork::put_fetched(int frame, const Eigen::Ref<const Eigen::VectorXf>& descriptor) {
+  fetched_ += take(frame, descriptor);
+}
+
+void TraversalWork::put_bad(int frame) {
+  if (!is_lacking(frame)) return;
+  note_done(frame, false);
+  bad_.push_back(frame);
+  release_finished_blocks();
+}
+
+bool TraversalWork::read(int frame, std::span<float> descriptor) const {
+  if (store_) return store_->read(frame, descriptor);
+  std::copy_n(memory_->col(frame).data(), descriptor.size(), descriptor.begin());
+  return true;
+}
+
+void TraversalWork::lose(const std::vector<int>& frames) {
+  for (const int frame : frames) {
+    lacking_[block_of(frame)] |= bit_of(frame);
+    present_[block_of(frame)] &= ~bit_of(frame);
+    --done_;
+  }
+}
+
+std::shared_ptr<const Eigen::MatrixXf> TraversalWork::descriptors(std::vector<int>& lost) const {
+  if (static_cast<int>(bad_.size()) == key_.frames) throw Error("no frame could be encoded");
+  const auto all = store_ ? std::make_shared<Eigen::MatrixXf>(key_.dimension, key_.frames) : memory_;
+  const auto is_bad = [this](int frame) { return std::find(bad_.begin(), bad_.end(), frame) != bad_.end(); };
+  for (int frame = 0; store_ && frame < key_.frames; ++frame)
+    if (!is_bad(frame) && !store_->read(frame, {all->col(frame).data(), static_cast<std::size_t>(key_.dimension)}))
+      lost.push_back(frame);
+  if (!lost.empty()) return nullptr;
+  for (const int frame : bad_) {
+    int nearest = -1;
+    for (int distance = 1; nearest < 0; ++distance) {
+      if (frame - distance >= 0 && !is_bad(frame - distance))
+        nearest = frame - distance;
+      else if (frame + distance < key_.frames && !is_bad(frame + distance))
+        nearest = frame + distance;
+    }
+    all->col(frame) = all->col(nearest);
+  }
+  return all;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,396 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/network/agents/place_filter.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <span>
+
+#include "core/task/route_map.h"
+#include "policy_service/network/layers.h"
+#include "policy_service/network/motion.h"
+#include "policy_service/network/place_keys.h"
+#include "policy_service/network/product.h"
+
+namespace citylearn {
+namespace {
+
+using namespace place_filter;
+
+/// A differentiable Bayes filter over the route's places with a decision head, both trained by the learner's loss
+/// (after the histogram filters of Jonschkowski & Brock, 2016, and Karkus, Hsu & Lee, 2018). It is given as knowledge:
+/// the reference frames' features K, the motion of each action, and which actions are masked where.
+///
+/// The belief p over the N places is uniform at an episode's start, and kept as scores l, p = softmax(l). Each step, t
+/// steps into the episode:
+///   l moves by the previous action (what falls off is dropped, what enters is excluded; see Motion where the world is
+///   told to be imperfect),
+///   l_i += s / (1 + h t) (x . K_i), with the K_i most like x where the place was experienced several times, and l_i -=
+///   kExclusion for the goal (standing there would have ended the episode) and wherever the actions allowed would be
+///   others.
+/// What is excluded stays so for the episode, however much else speaks for it. Evidence counts for less the longer the
+/// episode is, because neighbouring frames err alike: h says how much.
+///
+/// Head: what the belief says seen from the goal. With places weighed by 1 / distance^g (a wrong turn costs most in
+/// proportion when the goal is near), and the side that asks for turning about by u (doubt alone is no reason to turn),
+/// [2 S(place < goal), 2 S(place > goal)], S being shares of the weighed belief; the belief's mass at distances
+/// 1, 2..3, 4..7 ... before the goal and after it (kScales each, the last one open), times 2; its sharpness sum p_i^2;
+/// 1 - mask (3), half the previous action one-hot (3)] -> tanh -> tanh -> 3 outputs. A route may as well be walked from
+/// its other end: the head looks at these inputs and at their mirror image (before and after, `next` and `previous`
+/// exchanged). The first output is the logit of `next`, that of the image the logit of `previous`; the other outputs
+/// are logit of `stay` and value, means of both. So nothing it learns can favour one direction. (Without it, four
+/// agents of twenty learned to walk one way whatever they saw on 3,559 places, where few goals are reached in
+/// training.) The first two inputs also reach the logits of `next` and `previous` directly, times d: an agent that has
+/// learned nothing walks to the side where it believes the goal, as QMDP planning would (Littman et al., 1995; within a
+/// network: Karkus, Hsu & Lee, 2017), on a route of any length. s, h, g, u and d are learned too. The state is l,
+/// then t.
+///
+/// On a map (task.turns) the action `stay` moves the belief along the turns, and the head's first two inputs are what
+/// they are on a line in other words: 2 P(next leads nearer to the goal), 2 P(previous does); 2 P(turning does) comes
+/// last, and the masses by distance are zero. All places are in use then.
+template <class S>
+class PlaceFilter : public AgentNetwork<S> {
+ public:
+  PlaceFilter(const Parameters& parameters, const NetworkTask& task)
+      : places_(task.frames),
+        units_(parameters.integer("units")),
+        inputs_(kInputs + (task.turns.empty() ? 0 : 1)),
+        mirror_(mirrored_inputs(inputs_)),
+        keys_(task.reference, task.features, task.frames),
+        turns_(task.turns),
+        motion_(parameters, task.turns) {
+    check_turns(turns_, places_);
+    if (!turns_.empty()) find_ways();
+    log_distances_ = Vector<S>::LinSpaced(places_, S(1), static_cast<S>(places_)).array().log();
+    scalars_ = layout_.add("filter.scalars", kScalars, 1);
+    weights1_ = layout_.add("head.1.weight", units_, inputs_);
+    bias1_ = layout_.add("head.1.bias", units_, 1);
+    weights2_ = layout_.add("head.2.weight", units_, units_);
+    bias2_ = layout_.add("head.2.bias", units_, 1);
+    weights3_ = layout_.add("head.out.weight", kOutputs, units_);
+    bias3_ = layout_.add("head.out.bias", kOutputs, 1);
+  }
+
+  static std::vector<ParameterSpec> parameters() {
+    std::vector<ParameterSpec> specs = Motion<S>::parameters();
+    specs.push_back({"units", "units of each of the head's two layers", 64, 1, 4096, true});
+    return specs;
+  }
+
+  const std::vector<Tensor>& tensors() const override { return layout_.tensors(); }
+  int state_size() const override { return places_ + 1; }
+  bool normalises() const override { return true; }
+  std::unique_ptr<Workspace<S>> make_workspace() const override { return std::make_unique<Work>(motion_); }
+
+  void initialise(Random& random, Vector<S>& parameters) const override {
+    parameters.setZero(layout_.size());
+    auto scalars = layout_.view(parameters, scalars_);
+    const auto begin_with = [&](int scalar, double value) {
+      scalars(scalar) = static_cast<S>(std::log(value) / kStretch);
+    };
+    begin_with(kEvidence, 16);
+    begin_with(kTempering, 0.15);
+    begin_with(kNearness, 0.6);
+    begin_with(kTurning, 0.3);
+    begin_with(kDirectness, 2);
+    orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights1_));
+    orthogonal<S>(random, std::sqrt(2.0), layout_.view(parameters, weights2_));
+    orthogonal<S>(random, 1, layout_.view(parameters, weights3_));
+    layout_.view(parameters, weights3_).topRows(kStateValue) *= S(0.01);
+  }
+
+  void forward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, const Matrix<S>& state,
+               Workspace<S>& workspace) const override {
+    Work& work = static_cast<Work&>(workspace);
+    const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
+    for (Matrix<S>* part : {&work.score, &work.belief}) part->resize(places_, columns);
+    if (!motion_.exact()) work.moved.setOnes(places_, columns);
+    work.head_input.setZero(inputs_, 2 * columns);
+    work.step.resize(columns);
+    const Scalars s = scalars(parameters);
+    work.weights = (-s.nearness * log_distances_).array().exp();
+
+    keys_.compare(inputs.features.leftCols(inputs.distinct), places_, work.similarities, work.similarity);
+    for (std::ptrdiff_t column = 0; column < columns; ++column) {
+      const std::size_t index = static_cast<std::size_t>(column);
+      const std::uint8_t previous = inputs.previous_action[index], allowed = inputs.allowed[index];
+      auto score = work.score.col(column);
+      if (inputs.first[index]) {
+        score.setConstant(kNever);
+        score.head(inputs.frames).setZero();
+        work.step(column) = 0;
+      } else if (column < agents) {
+        work.motion.move_scores(previous, state.col(column).head(places_), score, kNever);
+        work.step(column) = state(places_, column) + 1;
+      } else {
+        work.motion.move_scores(previous, work.score.col(column - agents), score, kNever);
+        work.step(column) = work.step(column - agents) + 1;
+      }
+      if (!motion_.exact() && !inputs.first[index]) work.moved.col(column) = work.motion.moved();
+      score += s.evidence / (1 + s.tempering * work.step(column)) * work.similarity.col(inputs.seen[index]);
+      exclude(inputs.goal[index], inputs.frames, allowed, S(kExclusion), score);
+      auto belief = work.belief.col(column);
+      belief = (score.array() - score.maxCoeff()).exp();
+      belief /= belief.sum();
+
+      const std::ptrdiff_t goal = inputs.goal[index];
+      work.head_input(kSharpness, column) = belief.squaredNorm();
+      if (turns_.empty()) {
+        const Sides sides(belief, work.weights, goal, turning(s, previous));
+        work.head_input(0, column) = S(2) * sides.before / sides.all();
+        work.head_input(1, column) = S(2) * sides.after / sides.all();
+        for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+          work.head_input(input, column) = S(2) * belief.segment(first, count).sum();
+        });
+      } else {
+        for (const auto& [input, way, action] : kWays)
+          for (std::ptrdiff_t place = 0; place < places_; ++place)
+            if (ways(goal)[place] & way) work.head_input(input, column) += S(2) * belief(place);
+      }
+      for (int action = 0; action < kActions; ++action)
+        work.head_input(kMask + action, column) = static_cast<S>(!(allowed >> action & 1));
+      if (previous < kActions) work.head_input(kMask + kActions + previous, column) = S(0.5);
+    }
+    work.state.resize(places_ + 1, agents);
+    work.state.topRows(places_) = work.score.rightCols(agents);
+    work.state.bottomRows(1) = work.step.tail(agents).transpose();
+
+    for (int input = 0; input < inputs_; ++input)
+      work.head_input.row(input).tail(columns) =
+          work.head_input.row(mirror_[static_cast<std::size_t>(input)]).head(columns);
+    set_product(work.layer1, layout_.view(parameters, weights1_), work.head_input);
+    work.layer1.colwise() += layout_.view(parameters, bias1_).col(0);
+    work.layer1 = work.layer1.array().tanh();
+    set_product(work.layer2, layout_.view(parameters, weights2_), work.layer1);
+    work.layer2.colwise() += layout_.view(parameters, bias2_).col(0);
+    work.layer2 = work.layer2.array().tanh();
+    set_product(work.both, layout_.view(parameters, weights3_), work.layer2);
+    work.both.colwise() += layout_.view(parameters, bias3_).col(0);
+    const auto seen = work.both.leftCols(columns), image = work.both.rightCols(columns);
+    work.heads.logits.resize(kActions, columns);
+    work.heads.logits.row(kStay) = S(0.5) * (seen.row(kStaying) + image.row(kStaying));
+    work.heads.logits.row(kNext) = seen.row(kWayOn);
+    work.heads.logits.row(kPrevious) = image.row(kWayOn);
+    for (const Way& way : ways_to_goal())
+      work.heads.logits.row(way.action) += s.directness * work.head_input.row(way.input).head(columns);
+    work.heads.values = S(0.5) * (seen.row(kStateValue) + image.row(kStateValue));
+    mask_logits(inputs.allowed, work.heads.logits);
+  }
+
+  void backward(const Vector<S>& parameters, const NetworkInputs<S>& inputs, Workspace<S>& workspace,
+                const Heads<S>& derivative, Vector<S>& gradient) const override {
+    Work& work = static_cast<Work&>(workspace);
+    const std::ptrdiff_t agents = inputs.agents, columns = agents * inputs.steps;
+    work.both.resize(kOutputs, 2 * columns);
+    auto seen = work.both.leftCols(columns), image = work.both.rightCols(columns);
+    seen.row(kStaying) = image.row(kStaying) = S(0.5) * derivative.logits.row(kStay);
+    seen.row(kWayOn) = derivative.logits.row(kNext);
+    image.row(kWayOn) = derivative.logits.row(kPrevious);
+    seen.row(kStateValue) = image.row(kStateValue) = S(0.5) * derivative.values;
+    add_product(layout_.view(gradient, weights3_), work.both, work.layer2.transpose());
+    layout_.view(gradient, bias3_) += work.both.rowwise().sum();
+    set_product(work.layer_gradient, layout_.view(parameters, weights3_).transpose(), work.both);
+    work.layer_gradient.array() *= S(1) - work.layer2.array().square();
+    add_product(layout_.view(gradient, weights2_), work.layer_gradient, work.layer1.transpose());
+    layout_.view(gradient, bias2_) += work.layer_gradient.rowwise().sum();
+    set_product(work.layer2, layout_.view(parameters, weights2_).transpose(), work.layer_gradient);
+    work.layer_gradient = work.layer2.array() * (S(1) - work.layer1.array().square());
+    add_product(layout_.view(gradient, weights1_), work.layer_gradient, work.head_input.transpose());
+    layout_.view(gradient, bias1_) += work.layer_gradient.rowwise().sum();
+    set_product(work.input_gradient, layout_.view(parameters, weights1_).transpose(), work.layer_gradient);
+    for (int input = 0; input < inputs_; ++input)
+      work.input_gradient.row(input).head(columns) +=
+          work.input_gradient.row(mirror_[static_cast<std::size_t>(input)]).tail(columns);
+
+    const Scalars s = scalars(parameters);
+    Scalars ds{};
+    for (const Way& way : ways_to_goal()) {
+      const auto by_logit = derivative.logits.row(way.action);
+      ds.directness += by_logit.dot(work.head_input.row(way.input).head(columns));
+      work.input_gradient.row(way.input).head(columns) += s.directness * by_logit;
+    }
+    work.by_score.setZero(places_, columns);
+    Vector<S>& by_belief = work.column;
+    for (std::ptrdiff_t column = columns - 1; column >= 0; --column) {
+      const std::size_t index = static_cast<std::size_t>(column);
+      const std::ptrdiff_t goal = inputs.goal[index];
+      const std::uint8_t previous = inputs.previous_action[index];
+      const auto belief = work.belief.col(column);
+      by_belief = S(2) * work.input_gradient(kSharpness, column) * belief;
+      if (turns_.empty()) {
+        const Turning weight = turning(s, previous);
+        const Sides sides(belief, work.weights, goal, weight);
+        const S before = S(2) * work.input_gradient(0, column), after = S(2) * work.input_gradient(1, column);
+        const S mean = (before * sides.before + after * sides.after) / sides.all();
+        const S by_before = (before - mean) / sides.all(), by_after = (after - mean) / sides.all();
+        const auto by_side = [&](auto part, const auto& of, const auto& weights, const auto& log_distances, S by) {
+          part += by * weights;
+          ds.nearness -= by * of.dot(weights.cwiseProduct(log_distances));
+        };
+        by_side(by_belief.head(goal), belief.head(goal), work.weights.head(goal).reverse(),
+                log_distances_.head(goal).reverse(), by_before * weight.before);
+        const std::ptrdiff_t rest = places_ - goal - 1;
+        by_side(by_belief.tail(rest), belief.tail(rest), work.weights.head(rest), log_distances_.head(rest),
+                by_after * weight.after);
+        if (previous == kPrevious) ds.turning += by_before * sides.before / s.turning;
+        if (previous == kNext) ds.turning += by_after * sides.after / s.turning;
+        for_each_scale(goal, [&](int input, std::ptrdiff_t first, std::ptrdiff_t count) {
+          by_belief.segment(first, count).array() += S(2) * work.input_gradient(input, column);
+        });
+      } else {
+        for (const Way& way : kWays)
+          for (std::ptrdiff_t place = 0; place < places_; ++place)
+            if (ways(goal)[place] & way.way) by_belief(place) += S(2) * work.input_gradient(way.input, column);
+      }
+      auto by_score = work.by_score.col(column);
+      by_score.array() += belief.array() * (by_belief.array() - by_belief.dot(belief));
+
+      const S tempered = 1 / (1 + s.tempering * work.step(column));
+      const S by_evidence = tempered * by_score.dot(work.similarity.col(inputs.seen[index]));
+      ds.evidence += by_evidence;
+      ds.tempering -= s.evidence * by_evidence * tempered * work.step(column);
+      if (column < agents || inputs.first[index]) continue;
+      auto by_before = work.by_score.col(column - agents);
+      if (motion_.exact()) {
+        motion_.unshift(previous, by_score, by_before);
+        continue;
+      }
+      const auto moved = work.moved.col(column).array();
+      work.column = (moved > 0).select(by_score.array() / moved, S(0));
+      const auto from = work.belief.col(column - agents);
+      work.motion.unmove(previous, work.column, work.by_moved);
+      by_before.array() += from.array() * (work.by_moved.array() - work.by_moved.dot(from));
+    }
+    auto out = layout_.view(gradient, scalars_);
+    const auto learn = [&](int scalar, S value, S by) { out(scalar) += static_cast<S>(kStretch) * value * by; };
+    learn(kEvidence, s.evidence, ds.evidence);
+    learn(kTempering, s.tempering, ds.tempering);
+    learn(kNearness, s.nearness, ds.nearness);
+    learn(kTurning, s.turning, ds.turning);
+    learn(kDirectness, s.directness, ds.directness);
+  }
+
+ private:
+  enum : std::uint8_t { kByNext = 1, kByPrevious = 2, kByTurning = 4 };
+  struct Way {
+    int input;  ///< of the head: how likely it is that `action` leads nearer to the goal
+    std::uint8_t way, action;
+  };
+  static constexpr Way kWays[] = {{0, kByNext, kNext}, {1, kByPrevious, kPrevious}, {kInputs, kByTurning, kStay}};
+  struct Scalars {
+    S evidence, tempering, nearness, turning, directness;
+  };
+  struct Turning {
+    S before, after;  ///< weights of the sides
+  };
+  /// The weighed belief before and after the goal.
+  struct Sides {
+    template <class Belief>
+    Sides(const Belief& belief, const Vector<S>& weights, std::ptrdiff_t goal, const Turning& turning)
+        : before(turning.before * belief.head(goal).dot(weights.head(goal).reverse())),
+          after(turning.after * belief.tail(belief.size() - goal - 1).dot(weights.head(belief.size() - goal - 1))) {}
+    S all() const { return before + after + std::numeric_limits<S>::min(); }
+    S before, after;
+  };
+  struct Work : Workspace<S> {
+    explicit Work(const Motion<S>& how) : motion(how) {}
+    Motion<S> motion;                      // with room for its sums
+    Matrix<S> similarities, similarity;    // EN x U; N x U
+    Matrix<S> score, belief;               // N x TB
+    Matrix<S> by_score;                    // N x TB
+    Matrix<S> moved;                       // N x TB, the belief before anything is seen; empty where motion is exact
+    Vector<S> by_moved;                    // N
+    Vector<S> step;                        // TB, of the episode
+    Vector<S> weights;                     // N, of places at distances from 1 on to the goal
+    Matrix<S> head_input, input_gradient;  // inputs x 2 TB: as they are, then mirrored
+    Matrix<S> layer1, layer2, layer_gradient;  // units x 2 TB
+    Matrix<S> both;                            // outputs x 2 TB
+    Vector<S> column;                          // N
+  };
+
+  Scalars scalars(const Vector<S>& parameters) const {
+    const auto stored = layout_.view(parameters, scalars_);
+    const auto value = [&](int scalar) { return std::exp(static_cast<S>(kStretch) * stored(scalar)); };
+    return {value(kEvidence), value(kTempering), value(kNearness), value(kTurning), value(kDirectness)};
+  }
+  static Turning turning(const Scalars& s, std::uint8_t previous) {
+    return {previous == kPrevious ? s.turning : S(1), previous == kNext ? s.turning : S(1)};
+  }
+
+  /// Those that the route has: no turning on a line.
+  std::span<const Way> ways_to_goal() const { return std::span(kWays).first(turns_.empty() ? 2 : 3); }
+
+  /// Calls use(input, first, count) with the places of each input that is a mass by distance.
+  template <class Use>
+  void for_each_scale(std::ptrdiff_t goal, Use&& use) const {
+    for (int scale = 0; scale < kScales; ++scale) {
+      const std::ptrdiff_t near = std::ptrdiff_t{1} << scale;
+      const std::ptrdiff_t far = scale + 1 < kScales ? 2 * near - 1 : places_;
+      const std::ptrdiff_t first = std::max<std::ptrdiff_t>(0, goal - far);
+      if (goal >= near) use(2 + scale, first, goal - near - first + 1);
+      const std::ptrdiff_t last = std::min<std::ptrdiff_t>(places_ - 1, goal + far);
+      if (goal + near < places_) use(2 + kScales + scale, goal + near, last - goal - near + 1);
+    }
+  }
+
+  /// Which steps lead nearer to each goal from each place.
+  void find_ways() {
+    const auto places = static_cast<std::size_t>(places_);
+    ways_.assign(places * places, 0);
+    std::vector<int> distances;
+    for (int goal = 0; goal < places_; ++goal) {
+      distances_to(goal, places_, turns_, distances);
+      const auto nearer = [&](int from, int to) {
+        return to >= 0 && to < places_ &&
+               distances[static_cast<std::size_t>(to)] < distances[static_cast<std::size_t>(from)];
+      };
+      std::uint8_t* way = ways_.data() + static_cast<std::size_t>(goal) * places;
+      for (int place = 0; place < places_; ++place, ++way) {
+        if (nearer(place, place_after(place, kNext, turns_))) *way |= kByNext;
+        if (nearer(place, place_after(place, kPrevious, turns_))) *way |= kByPrevious;
+        if (nearer(place, place_after(place, kStay, turns_))) *way |= kByTurning;
+      }
+    }
+  }
+  const std::uint8_t* ways(std::ptrdiff_t goal) const {
+    return ways_.data() + static_cast<std::size_t>(goal) * static_cast<std::size_t>(places_);
+  }
+
+  int places_, units_, inputs_;
+  std::vector<int> mirror_;
+  PlaceKeys<S> keys_;
+  Vector<S> log_distances_;  ///< N, of places at distances from 1 on to the goal
+  std::vector<int> turns_;   ///< N; empty on a line
+  Motion<S> motion_;
+  std::vector<std::uint8_t> ways_;  ///< N x N on a map, goal-major: which steps lead nearer
+  TensorLayout layout_;
+  std::size_t scalars_, weights1_, bias1_, weights2_, bias2_, weights3_, bias3_;
+};
+
+const NetworkRegistration<PlaceFilter> place_filter_registration{
+    "place_filter",
+    "a differentiable Bayes filter over the training route's places with a decision head",
+    PlaceFilter<NetworkScalar>::parameters(),
+    {{"agents", 8},
+     {"segment", 64},
+     {"sequence", 64},
+     {"steps", 160000},
+     {"noise-frame", 0},
+     {"noise-place", 1},
+     {"noise-episode", 1},
+     {"minibatch", 4},
+     {"epochs", 3},
+     {"relabel.epochs", 8},
+     {"step-cost", 0.05},
+     {"relabel.steps", 40000},
+     {"relabel.adam-epsilon", 1e-2},  // once all is learned gradients are tiny, and Adam enlarges the first that is not
+     {"vtrace.learning-rate", 3e-3},
+     {"learning-rate", 6e-3},
+     {"gamma", 0.9},
+     {"lambda", 0.8},
+     {"value-clip", 0.2},
+     {"entropy", 0.02},
+     {"entropy-until", 1}}};
+
+}  // namespace
+}  // namespace citylearn

@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/results/comparison.h"
+
+#include <spdlog/fmt/fmt.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <set>
+
+#include "core/files/files.h"
+#include "core/files/json.h"
+#include "core/util/error.h"
+
+namespace citylearn {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+// What summary.json calls the figures, in the order of sweep.json.
+const std::vector<std::string> kTrainingFigures = {
+    "episodes", "steps", "wall_s", "steps_per_s", "reward", "spl", "episodes_to_spl95", "wall_s_to_spl95"};
+const std::vector<std::string> kScoreFigures = {"completed", "spl", "excess", "mean_steps", "shortest_mean", "reward"};
+
+double number_or_nan(const Json& value) {
+  return value.is_null() ? std::numeric_limits<double>::quiet_NaN() : value.get<double>();
+}
+
+Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+Json parse_file(const std::string& path) {
+  return parse_json<Json>(read_file(path), path, "a run that ended writes it anew");
+}
+
+void append(Figures& to, const Figures& from) {
+  for (const auto& [figure, values] : from) to[figure].insert(to[figure].end(), values.begin(), values.end());
+}
+
+Json figures_json(const Figures& figures, const std::vector<std::string>& order) {
+  Json json = Json::object();
+  for (const std::string& figure : order) {
+    const std::vector<double>& values = figures.at(figure);
+    const Spread s = spread_of(values);
+    Json& one = json[figure] = {{"count", s.count}};
+    for (const auto& [name, value] : {std::pair{"mean", s.mean},
+                                      std::pair{"median", s.median},
+                                      {"min", s.minimum},
+                                      {"max", s.maximum},
+                                      {"deviation", s.deviation}})
+      one[name] = s.count > 0 ? Json(value) : Json(nullptr);
+    for (const double value : values) one["values"].push_back(or_null(value));
+  }
+  return json;
+}
+
+Figures figures_from(const Json& json) {
+  Figures figures;
+  for (const auto& [figure, one] : json.items())
+    for (const Json& value : one.at("values")) figures[figure].push_back(number_or_nan(value));
+  return figures;
+}
+
+RunGroup read_sweep(const std::string& path) {
+  const Json sweep = parse_file(path);
+  try {
+    RunGroup group;
+    group.agent = sweep.at("agent");
+    group.learner = sweep.at("learner");
+    group.middleware = sweep.at("middleware");
+    group.traversal = sweep.at("traversal");
+    group.seeds = sweep.at("seeds").get<std::vector<std::uint64_t>>();
+    group.training = figures_from(sweep.at("train"));
+    for (const auto& [traversal, figures] : sweep.at("evaluate").items())
+      group.rows.push_back({group.agent, traversal, figures_from(figures)});
+    for (const auto& [control, traversals] : sweep.at("controls").items())
+      for (const auto& [traversal, figures] : traversals.items())
+        group.rows.push_back({control, traversal, figures_from(figures)});
+    return group;
+  } catch (const nlohmann::json::exception& error) {
+    throw Error("is not a sweep", path, "name a folder with summary.json or sweep.json");
+  }
+}
+
+/// "0.991 (0.985..0.994)", the median first; one number where all are alike; how many, where some runs lack it; "-"
+/// where all do.
+std::string cell(const Figures& figures, const std::string& figure, int digits, double scale = 1) {
+  const std::vector<double>& values = figures.at(figure);
+  const Spread s = spread_of(values);
+  if (s.count == 0) return "-";
+  const auto text = [&](double value) { return fmt::format("{:.{}f}", scale * value, digits); };
+  std::string more;
+  if (text(s.minimum) != text(s.maximum)) more = text(s.minimum) + ".." + text(s.maximum);
+  if (s.count < static_cast<int>(values.size()))
+    more += fmt::format("{}{} of {}", more.empty() ? "" : "; ", s.count, values.size());
+  return text(s.median) + (more.empty() ? "" : " (" + more + ")");
+}
+
+using Cells = std::vector<std::string>;
+
+/// Markdown, its columns padded so that it reads well as it is.
+std::string markdown(const std::vector<Cells>& rows) {
+  std::vector<std::size_t> widths(rows.at(0).size(), 3);
+  for (const Cells& row : rows)
+    for (std::size_t i = 0; i < row.size(); ++i) widths[i] = std::max(widths[i], row[i].size());
+  std::string text;
+  for (std::size_t r = 0; r < rows.size(); ++r) {
+    for (std::size_t i = 0; i < widths.size(); ++i) text += fmt::format("| {:<{}} ", rows[r][i], widths[i]);
+    text += "|\n";
+    if (r > 0) continue;
+    for (const std::size_t width : widths) text += "|" + std::string(width + 2, '-');
+    text += "|\n";
+  }
+  return text;
+}
+
+}  // namespace
+
+RunGroup read_summary(const std::string& path) {
+  const Json summary = parse_file(path);
+  try {
+    RunGroup group;
+    group.agent = summary.at("agent");
+    group.middleware = summary.at("middleware");
+    group.seeds = {summary.at("seed").get<std::uint64_t>()};
+    if (summary.contains("train")) {
+      const Json& training = summary["train"];
+      group.traversal = training.at("traversal");
+      for (const std::string& figure : kTrainingFigures) group.training[figure] = {number_or_nan(training.at(figure))};
+      const Json manifest = parse_file((fs::path(path).parent_path() / "manifest.json").string());
+      group.learner = manifest.at("learner");
+    }
+    const auto add = [&group](const std::string& policy, const Json& traversals) {
+      for (const auto& [traversal, score] : traversals.items()) {
+        RunGroup::Row& row = group.rows.emplace_back(RunGroup::Row{policy, traversal, {}});
+        for (const std::string& figure : kScoreFigures) row.figures[figure] = {score.at(figure).get<double>()};
+      }
+    };
+    add(group.agent, summary.at("evaluate"));
+    for (const auto& [control, traversals] : summary.at("controls").items()) add(control, traversals);
+    return group;
+  } catch (const nlohmann::json::exception& error) {
+    throw Error("is not the summary of a run", path, "name a folder with summary.json or sweep.json");
+  }
+}
+
+RunGroup join(const std::vector<RunGroup>& runs) {
+  RunGroup joined = runs.at(0);
+  for (auto run = runs.begin() + 1; run != runs.end(); ++run) {
+    joined.seeds.insert(joined.seeds.end(), run->seeds.begin(), run->seeds.end());
+    append(joined.training, run->training);
+    for (const RunGroup::Row& row : run->rows) {
+      const auto like = std::find_if(joined.rows.begin(), joined.rows.end(), [&row](const RunGroup::Row& other) {
+        return other.policy == row.policy && other.traversal == row.traversal;
+      });
+      if (like == joined.rows.end())
+        joined.rows.push_back(row);
+      else
+        append(like->figures, row.figures);
+    }
+  }
+  return joined;
+}
+
+std::string sweep_json(const RunGroup& group, const std::map<std::uint64_t, std::string>& failed) {
+  Json sweep = {{"agent", group.agent},
+                {"learner", group.learner},
+                {"middleware", group.middleware},
+                {"traversal", group.traversal},
+                {"seeds", group.seeds},
+                {"failed", Json::array()},
+                {"train", figures_json(group.training, kTrainingFigures)},
+                {"evaluate", Json::object()},
+                {"controls", Json::object()}};
+  for (const auto& [seed, why] : failed) sweep["failed"].push_back({{"seed", seed}, {"error", why}});
+  for (const RunGroup::Row& row : group.rows) {
+    Json& place = row.policy == group.agent ? sweep["evaluate"] : sweep["controls"][row.policy];
+    place[row.traversal] = figures_json(row.figures, kScoreFigures);
+  }
+  return sweep.dump(2) + "\n";
+}
+
+namespace {
+
+RunGroup read_run(const std::string& run) {
+  const fs::path path = fs::path(run).lexically_normal();
+  const fs::path folder = fs::is_directory(path) ? path : path.parent_path();
+  RunGroup group;
+  if (fs::exists(folder / "sweep.json") && path.filename() != "summary.json")
+    group = read_sweep((folder / "sweep.json").string());
+  else if (fs::exists(folder / "summary.json") && path.filename() != "sweep.json")
+    group = read_summary((folder / "summary.json").string());
+  else
+    throw Error("holds neither sweep.json nor summary.json", run, "has the run ended?");
+  // "runs/today/" has no last name, its parent has.
+  group.name = folder.has_filename() ? folder.filename().string() : folder.parent_path().filename().string();
+  return group;
+}
+
+}  // namespace
+
+Spread spread_of(std::vector<double> values) {
+  std::erase_if(values, [](double value) { return !std::isfinite(value); });
+  Spread s;
+  s.count = static_cast<int>(values.size());
+  if (values.empty()) return s;
+  std::sort(values.begin(), values.end());
+  const std::size_t count = values.size();
+  const double n = static_cast<double>(count);
+  s.minimum = values.front();
+  s.maximum = values.back();
+  s.median = (values[(count - 1) / 2] + values[count / 2]) / 2;
+  s.mean = std::accumulate(values.begin(), values.end(), 0.0) / n;
+  double squares = 0;
+  for (const double value : values) squares += (value - s.mean) * (value - s.mean);
+  if (count > 1) s.deviation = std::sqrt(squares / (n - 1));
+  return s;
+}
+
+std::string tables(const std::vector<RunGroup>& groups) {
+  std::vector<Cells> scores = {
+      {"run", "policy", "learner", "traversal", "runs", "completed %", "SPL", "mean steps", "reward"}};
+  std::vector<Cells> training = {{"run", "agent", "learner", "seeds", "steps", "episodes", "episodes to SPL .95",
+                                  "s to SPL .95", "training s", "steps/s"}};
+  std::set<Cells> known;  // the controls walk the same tasks in each run of the same seeds: once is enough
+  for (const RunGroup& group : groups) {
+    for (const RunGroup::Row& row : group.rows) {
+      const bool agent = row.policy == group.agent;
+      Cells cells = {row.policy == "shuffled" ? group.agent + ", shuffled" : row.policy,
+                     agent && !group.learner.empty() ? group.learner : "-",
+                     row.traversal,
+                     std::to_string(row.figures.at("spl").size()),
+                     cell(row.figures, "completed", 1, 100),
+                     cell(row.figures, "spl", 3),
+                     cell(row.figures, "mean_steps", 1),
+                     cell(row.figures, "reward", 3)};
+      if (!agent && !known.insert(cells).second) continue;
+      cells.insert(cells.begin(), group.name);
+      scores.push_back(std::move(cells));
+    }
+    if (group.training.empty()) continue;
+    std::string seeds;
+    for (const std::uint64_t seed : group.seeds) seeds += (seeds.empty() ? "" : ",") + std::to_string(seed);
+    training.push_back({group.name, group.agent, group.learner, seeds, cell(group.training, "steps", 0),
+                        cell(group.training, "episodes", 0), cell(group.training, "episodes_to_spl95", 0),
+                        cell(group.training, "wall_s_to_spl95", 1), cell(group.training, "wall_s", 1),
+                        cell(group.training, "steps_per_s", 0)});
+  }
+  if (groups.size() == 1)
+    for (std::vector<Cells>* rows : {&scores, &training})
+      for (Cells& cells : *rows) cells.erase(cells.begin());
+  return markdown(scores) + (training.size() > 1 ? "\n" + markdown(training) : "");
+}
+
+std::string tables_of(const std::vector<std::string>& runs) {
+  std::vector<RunGroup> groups;
+  for (const std::string& run : runs) groups.push_back(read_run(run));
+  if (groups.empty()) throw Error("needs folders with summary.json or sweep.json", "--mode table");
+  return tables(groups);
+}
+
+}  // namespace citylearn

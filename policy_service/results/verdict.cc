@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/results/verdict.h"
+
+#include <spdlog/fmt/fmt.h>
+#include <spdlog/fmt/ranges.h>
+
+#include <algorithm>
+#include <map>
+#include <optional>
+
+#include "core/command_line/wrap.h"
+
+namespace citylearn {
+namespace {
+
+// Differences of SPL that 2,000 tasks can show.
+constexpr double kSame = 0.02;
+// From here on we say that an agent finds its way, and that a control shows a task to be possible.
+constexpr double kGood = 0.9;
+
+/// SPL by policy and traversal.
+using Table = std::map<std::string, std::map<std::string, double>>;
+
+Table table_of(const std::vector<ScoreRow>& rows) {
+  Table result;
+  for (const ScoreRow& row : rows) result[row.policy][row.traversal] = row.score.spl;
+  return result;
+}
+
+std::optional<double> find(const Table& table, const std::string& policy, const std::string& traversal) {
+  const auto row = table.find(policy);
+  if (row == table.end()) return std::nullopt;
+  const auto cell = row->second.find(traversal);
+  return cell == row->second.end() ? std::nullopt : std::optional<double>(cell->second);
+}
+
+/// Returns the names in the order of the rows, each once, `first` before all others.
+std::vector<std::string> names(const std::vector<ScoreRow>& rows, std::string ScoreRow::*name,
+                               const std::string& first = "") {
+  std::vector<std::string> result;
+  for (const ScoreRow& row : rows)
+    if (std::find(result.begin(), result.end(), row.*name) == result.end()) {
+      if (row.*name == first)
+        result.insert(result.begin(), first);
+      else
+        result.push_back(row.*name);
+    }
+  return result;
+}
+
+enum class Fault { kNone, kBlind, kFilter, kPart };
+enum class Cause { kUnknown, kAlike, kChanged, kAgent };
+
+/// Traversals on which the same can be said of an agent, with the SPL of each.
+struct Group {
+  std::vector<std::string> traversals;
+  std::vector<double> own, blind, filter, oracle;
+};
+
+Fault fault_of(double own, std::optional<double> blind, std::optional<double> filter) {
+  if (blind && own < *blind + kSame) return Fault::kBlind;
+  if (filter && own < *filter - kSame) return Fault::kFilter;
+  return own < kGood ? Fault::kPart : Fault::kNone;
+}
+
+Cause cause_of(std::optional<double> filter, std::optional<double> oracle) {
+  if (oracle && *oracle < kGood) return Cause::kAlike;
+  if (filter && *filter >= kGood) return Cause::kAgent;
+  return oracle && filter ? Cause::kChanged : Cause::kUnknown;
+}
+
+/// Returns "0.970", or "0.969 to 1.000".
+std::string range(const std::vector<double>& values) {
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  const std::string from = fmt::format("{:.3f}", *low), to = fmt::format("{:.3f}", *high);
+  return from == to ? from : from + " to " + to;
+}
+
+std::string sentence(const std::string& agent, Fault fault, const Group& group) {
+  const std::string where = fmt::format("{}", fmt::join(group.traversals, ", ")), own = range(group.own);
+  switch (fault) {
+    case Fault::kNone:
+      return fmt::format("{} finds its way in {} (SPL {}).", agent, where, own);
+    case Fault::kBlind:
+      return fmt::format("{} is no better than blind, which never looks, in {} (SPL {}, blind {}).", agent, where, own,
+                         range(group.blind));
+    case Fault::kFilter:
+      return fmt::format("{} is worse than sequence_filter, which has learned nothing, in {} (SPL {}, filter {}).",
+                         agent, where, own, range(group.filter));
+    case Fault::kPart:
+      return fmt::format("{} finds its way only in part in {} (SPL {}).", agent, where, own);
+  }
+  return "";
+}
+
+/// Returns why an agent fails and what to try, as far as the controls tell; empty if they do not.
+std::string advice(Cause cause, const Group& group) {
+  switch (cause) {
+    case Cause::kUnknown:
+      return "";
+    case Cause::kAlike:
+      return fmt::format(
+          "Places look alike there: oracle_filter, which was given the very frames, reaches {}. Try an encoder with "
+          "more detail (--encoder, --dimension), or another part of the route (--frames).",
+          range(group.oracle));
+    case Cause::kChanged:
+      return fmt::format(
+          "The frames differ too much from the training's: sequence_filter reaches {}, and {} if given the very "
+          "frames. Try another encoder (citylearn vpr compares them) or more recordings to train on (--train A,B).",
+          range(group.filter), range(group.oracle));
+    case Cause::kAgent:
+      return fmt::format("The frames suffice: sequence_filter reaches {}. Train longer (--steps) or try another agent.",
+                         range(group.filter));
+  }
+  return "";
+}
+
+}  // namespace
+
+std::string spl_matrix(const std::string& agent, const std::vector<ScoreRow>& rows) {
+  const std::vector<std::string> policies = names(rows, &ScoreRow::policy, agent);
+  const Table table = table_of(rows);
+  std::size_t first = 9;
+  for (const ScoreRow& row : rows) first = std::max(first, row.traversal.size());
+  // A policy's name takes two lines, so that its column is narrow.
+  std::string upper = fmt::format("{:<{}}", "SPL", first), lower = fmt::format("{:<{}}", "traversal", first);
+  std::vector<std::size_t> widths;
+  for (const std::string& policy : policies) {
+    const std::size_t cut = policy.find('_');
+    const std::string above = cut == std::string::npos ? "" : policy.substr(0, cut);
+    const std::string below = cut == std::string::npos ? policy : policy.substr(cut + 1);
+    widths.push_back(std::max<std::size_t>({5, above.size(), below.size()}));
+    upper += fmt::format("  {:>{}}", above, widths.back());
+    lower += fmt::format("  {:>{}}", below, widths.back());
+  }
+  std::string text = upper + "\n" + lower + "\n";
+  for (const std::string& traversal : names(rows, &ScoreRow::traversal)) {
+    text += fmt::format("{:<{}}", traversal, first);
+    for (std::size_t i = 0; i < policies.size(); ++i) {
+      const auto spl = find(table, policies[i], traversal);
+      text += fmt::format("  {:>{}}", spl ? fmt::format("{:.3f}", *spl) : "-", widths[i]);
+    }
+    text += "\n";
+  }
+  return text;
+}
+
+std::string verdict(const std::string& agent, const std::vector<ScoreRow>& rows) {
+  const Table table = table_of(rows);
+  if (table.size() < 2) return "";
+  std::map<std::pair<Fault, Cause>, Group> groups;
+  bool looks = true;
+  for (const std::string& traversal : names(rows, &ScoreRow::traversal)) {
+    const auto own = find(table, agent, traversal), shuffled = find(table, "shuffled", traversal);
+    if (!own) continue;
+    const auto blind = agent == "blind" ? std::nullopt : find(table, "blind", traversal);
+    const auto filter = find(table, "sequence_filter", traversal), oracle = find(table, "oracle_filter", traversal);
+    if (shuffled && *shuffled >= *own - kSame) looks = false;
+    const Fault fault = fault_of(*own, blind, filter);
+    Group& group = groups[{fault, fault == Fault::kNone ? Cause::kUnknown : cause_of(filter, oracle)}];
+    group.traversals.push_back(traversal);
+    group.own.push_back(*own);
+    if (blind) group.blind.push_back(*blind);
+    if (filter) group.filter.push_back(*filter);
+    if (oracle) group.oracle.push_back(*oracle);
+  }
+  std::string text;
+  for (const auto& [kind, group] : groups) {
+    text += wrapped(sentence(agent, kind.first, group)) + "\n";
+    if (const std::string what = advice(kind.second, group); !what.empty()) text += "  " + wrapped(what, 2) + "\n";
+  }
+  if (!looks) text += wrapped(agent + " does as well on shuffled frames, so it does not use what it sees.") + "\n";
+  return text;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,279 @@
+// SPDX-License-Identifier: Apache-2.0
+// Any number of encoder_services divide a traversal, over a wire that delays, loses, repeats and reorders, in virtual
+// time.
+#include "encoder_service/pipeline/block_claims.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <bit>
+#include <deque>
+#include <fstream>
+#include <memory>
+#include <utility>
+
+#include "core/util/random.h"
+#include "encoder_service/pipeline/traversal_work.h"
+#include "tests/support/files.h"
+
+namespace citylearn::testing {
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr int kDimension = 3;
+constexpr std::uint64_t kHash = 7;
+const FeatureStore::Key kKey{"hog-1 bins=12", kDimension, kHash, 1000};
+
+Eigen::VectorXf descriptor(int frame) { return Eigen::VectorXf::Constant(kDimension, static_cast<float>(frame)); }
+
+/// An encoder_service without a wire.
+struct Encoding {
+  Encoding(std::uint64_t own, const FeatureStore::Key& key)
+      : incarnation(own), claims(own, key.traversal, static_cast<std::uint32_t>(key.frames)), work("", key, claims) {}
+
+  std::uint64_t incarnation;
+  BlockClaims claims;
+  TraversalWork work;
+  std::deque<int> queue;  // frames to encode
+  bool alive = true;
+};
+
+/// Encoder_services that hear each other late, twice or never.
+class World {
+ public:
+  World(std::uint64_t seed, double loss) : random_(seed), loss_(loss) {}
+
+  Encoding& add(std::uint64_t incarnation, const FeatureStore::Key& key = kKey) {
+    services.push_back(std::make_unique<Encoding>(incarnation, key));
+    for (const auto& one : services)
+      for (const auto& other : services)
+        if (one != other && one->alive && other->alive) one->claims.add_peer(other->incarnation, "peer");
+    return *services.back();
+  }
+  /// The others note it `silence` later.
+  void kill(Encoding& service, milliseconds silence) {
+    service.alive = false;
+    gone_.emplace_back(now_ + silence, service.incarnation);
+  }
+  void step() {
+    now_ += milliseconds(1);
+    for (const auto& [at, incarnation] : gone_)
+      if (at == now_)
+        for (const auto& service : services) service->claims.remove_peer(incarnation);
+    std::erase_if(wire_, [&](const Sent& sent) {
+      if (sent.at > now_) return false;
+      if (sent.to->alive) sent.to->claims.take(sent.status, now_);
+      return true;
+    });
+    for (const auto& service : services)
+      if (service->alive) work(*service);
+  }
+  /// Returns whether all that live have all frames within so many milliseconds.
+  bool finishes(int most) {
+    const auto complete = [](const auto& service) { return !service->alive || service->work.complete(); };
+    for (int i = 0; i < most; ++i) {
+      if (std::all_of(services.begin(), services.end(), complete)) return true;
+      step();
+    }
+    return false;
+  }
+  int encoded() const {
+    int sum = 0;
+    for (const auto& service : services) sum += service->work.made();
+    return sum;
+  }
+
+  std::vector<std::unique_ptr<Encoding>> services;
+
+ private:
+  struct Sent {
+    Clock::time_point at;
+    Encoding* to;
+    msg::DescriptorStatus status;
+  };
+
+  void work(Encoding& service) {
+    for (const int frame : service.work.take_lost()) std::erase(service.queue, frame);
+    int ahead = static_cast<int>(service.queue.size()) + service.work.pending();
+    const int begin = static_cast<int>(mix_seeds({service.incarnation}) % 1000);
+    while (ahead < 96) {
+      const int frames = service.work.claim(begin);
+      if (frames == 0) break;
+      ahead += frames;
+    }
+    for (const int frame : service.work.take_granted(now_)) service.queue.push_back(frame);
+    if (!service.queue.empty() && random_.uniform() < 0.5) {
+      service.work.put(service.queue.front(), descriptor(service.queue.front()));
+      service.queue.pop_front();
+    }
+    fetch(service);
+    msg::DescriptorStatus status;
+    if (!service.claims.fill(now_, service.work.present(), status)) return;
+    status.header().incarnation(service.incarnation);
+    for (const auto& other : services)
+      for (int copy = 0; other->alive && other.get() != &service && copy < 2; ++copy)
+        if (random_.uniform() < (copy == 0 ? 1 - loss_ : loss_))
+          wire_.push_back({now_ + milliseconds(1 + random_.below(20)), other.get(), status});
+  }
+  void fetch(Encoding& service) {
+    for (const auto& other : services) {
+      const auto peer = service.claims.peers().find(other->incarnation);
+      if (!other->alive || peer == service.claims.peers().end()) continue;
+      for (int frame = 0; frame < service.work.frames(); ++frame) {
+        const int block = frame / BlockClaims::kFrames;
+        if (!service.claims.has(block) && (service.claims.offered(peer->second, block) >> frame % 64 & 1) != 0)
+          service.work.put_fetched(frame, descriptor(frame));
+      }
+    }
+  }
+
+  Random random_;
+  double loss_;
+  Clock::time_point now_{std::chrono::hours(1)};
+  std::vector<Sent> wire_;
+  std::vector<std::pair<Clock::time_point, std::uint64_t>> gone_;
+};
+
+void expect_all_descriptors(const World& world) {
+  for (const auto& service : world.services) {
+    if (!service->alive) continue;
+    std::vector<int> lost;
+    const auto all = service->work.descriptors(lost);
+    ASSERT_TRUE(all);
+    for (int frame = 0; frame < kKey.frames; ++frame) ASSERT_EQ(all->col(frame), descriptor(frame)) << frame;
+  }
+}
+
+TEST(TraversalWork, MakesAgainWhatTheStoreLost) {
+  const Folder folder;
+  BlockClaims claims(1, kHash, 100);
+  const FeatureStore::Key key{"hog-1 bins=12", kDimension, kHash, 100};
+  TraversalWork work(folder.path(), key, claims);
+  for (int frame = 0; frame < 100; ++frame) work.put(frame, descriptor(frame));
+  ASSERT_TRUE(work.complete());
+  std::vector<int> lost;
+  ASSERT_TRUE(work.descriptors(lost));
+  for (const std::string& path : paths_in(folder.path())) {  // the last page of the file was not on the disk yet
+    std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+    file.seekp(-4, std::ios::end).write("\0\0\0\0", 4);
+  }
+  EXPECT_FALSE(work.descriptors(lost));
+  EXPECT_EQ(lost, std::vector<int>{99});
+  work.lose(lost);
+  EXPECT_FALSE(work.complete());
+  EXPECT_EQ(work.claim(0), 1);
+  EXPECT_EQ(work.take_granted(Clock::time_point(std::chrono::hours(1))), std::vector<int>{99});
+  work.put(99, descriptor(99));
+  lost.clear();
+  const auto all = work.descriptors(lost);
+  ASSERT_TRUE(all);
+  EXPECT_EQ(all->col(99), descriptor(99));
+}
+
+TEST(BlockClaims, NoFrameIsEncodedTwiceHoweverMessagesTravel) {
+  for (const double loss : {0.0, 0.3})
+    for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+      World world(seed, loss);
+      const int count = 1 + static_cast<int>(seed % 4);
+      for (int i = 0; i < count; ++i) world.add(100 + static_cast<std::uint64_t>(i));
+      ASSERT_TRUE(world.finishes(60000)) << count << " services, seed " << seed;
+      EXPECT_EQ(world.encoded(), kKey.frames) << count << " services, seed " << seed;
+      for (const auto& service : world.services)
+        EXPECT_GT(service->work.made(), kKey.frames / count / 3) << "it has its share, seed " << seed;
+      expect_all_descriptors(world);
+    }
+}
+
+TEST(BlockClaims, OneThatComesLateEncodesWhatNobodyHas) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    World world(seed, 0.2);
+    Encoding& first = world.add(500);
+    while (first.work.made() < 400) world.step();
+    Encoding& second = world.add(seed % 2 ? 400 : 600);
+    ASSERT_TRUE(world.finishes(60000)) << seed;
+    EXPECT_EQ(world.encoded(), kKey.frames) << seed;
+    EXPECT_GT(second.work.made(), 100) << seed;
+    EXPECT_GE(second.work.fetched(), 400) << seed;
+  }
+}
+
+TEST(BlockClaims, OneThatDiesGivesItsBlocksBack) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    World world(seed, 0.1);
+    Encoding& dying = world.add(1);
+    world.add(2), world.add(3);
+    while (dying.work.made() < 150) world.step();
+    world.kill(dying, milliseconds(3000));
+    ASSERT_TRUE(world.finishes(60000)) << seed;
+    EXPECT_GE(world.encoded(), kKey.frames) << seed;
+    // What it had not told of yet, and what it had of blocks that it had not finished.
+    EXPECT_LE(world.encoded(), kKey.frames + 3 * BlockClaims::kFrames) << seed;
+    expect_all_descriptors(world);
+  }
+}
+
+TEST(BlockClaims, OneThatStoodStillLeavesToOthersWhatTheyTook) {
+  World world(5, 0);
+  Encoding& stalled = world.add(9);
+  world.add(2);
+  while (stalled.work.made() < 100) world.step();
+  world.kill(stalled, milliseconds(3000));
+  for (int i = 0; i < 4000; ++i) world.step();
+  stalled.alive = true;
+  world.services[1]->claims.add_peer(9, "peer");
+  ASSERT_TRUE(world.finishes(60000));
+  EXPECT_LE(world.encoded(), kKey.frames + 3 * BlockClaims::kFrames);
+  expect_all_descriptors(world);
+}
+
+TEST(BlockClaims, OneThatHearsNothingStopsNobodyForLong) {
+  World world(1, 0);
+  world.add(2);
+  world.services[0]->claims.add_peer(1, "deaf");
+  EXPECT_FALSE(world.finishes(4000)) << "it is waited for";
+  EXPECT_EQ(world.encoded(), 0);
+  EXPECT_TRUE(world.finishes(20000));
+}
+
+TEST(BlockClaims, OthersEncodersShareNothing) {
+  World world(1, 0);
+  world.add(1);
+  world.add(2, {"hog-1 bins=18", kDimension, kHash, kKey.frames});
+  ASSERT_TRUE(world.finishes(60000));
+  EXPECT_EQ(world.encoded(), 2 * kKey.frames);
+}
+
+TEST(BlockClaims, BlocksThatAPeerHasAreFetchedUnlessItDoesNotSendThem) {
+  BlockClaims claims(1, kHash, 1000);
+  claims.set_encoder("hog", 3);
+  claims.add_peer(2, "two");
+  msg::DescriptorStatus status;
+  status.header().incarnation(2);
+  status.encoder() = "hog";
+  status.dimension(3);
+  status.frames(1000);
+  status.revision(4);
+  status.present().assign(16, 0);
+  status.present()[3] = 0b110;
+  const Clock::time_point now{std::chrono::hours(1)};
+  claims.take(status, now);
+  EXPECT_EQ(claims.offered(claims.peers().at(2), 3), 0b110u);
+  EXPECT_FALSE(claims.is_free(3, 0b100));
+  EXPECT_TRUE(claims.is_free(3, 0b1001)) << "it has none of these";
+  claims.withhold(2, 3);
+  EXPECT_TRUE(claims.is_free(3, 0b100));
+  // An older status changes nothing.
+  status.revision(3);
+  status.encoding().push_back(5);
+  claims.take(status, now);
+  EXPECT_TRUE(claims.is_free(5, 1));
+  status.revision(5);
+  claims.take(status, now);
+  EXPECT_FALSE(claims.is_free(5, 1));
+  claims.remove_peer(2);
+  EXPECT_TRUE(claims.is_free(5, 1));
+}
+
+}  // namespace
+}  // namespace citylearn::testing

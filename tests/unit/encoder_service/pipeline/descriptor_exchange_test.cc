@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: Apache-2.0
+// Encoder_services send each other descriptors, and something damages or withholds them.
+#include "encoder_service/pipeline/descriptor_exchange.h"
+
+#include <gtest/gtest.h>
+#include <zlib.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "tests/support/files.h"
+#include "tests/support/options.h"
+#include "tests/support/wait.h"
+
+namespace citylearn::testing {
+namespace {
+
+constexpr int kFrames = 150;       // three blocks
+constexpr int kDimension = 20000;  // a block is 105 chunks, more than one request may ask for
+constexpr std::uint64_t kHash = 0xC17;
+
+Eigen::VectorXf descriptor(int frame, int dimension = kDimension) {
+  return Eigen::VectorXf::LinSpaced(dimension, static_cast<float>(frame), static_cast<float>(frame) + 0.5f);
+}
+
+/// One of the encoder_services of a session.
+struct Service {
+  explicit Service(const std::string& id, const std::string& encoder = "hog", const std::string& folder = "")
+      : node({middleware_options("inprocess"), "encoder_service", id, "exchange"}),
+        exchange(node),
+        work(folder, {encoder, kDimension, kHash, kFrames}, exchange.claims(kHash, kFrames)) {
+    node.create_reader<msg::ServiceStatus>();
+    exchange.share(work);
+  }
+  void put(int first, int end) {
+    for (int frame = first; frame < end; ++frame) work.put(frame, descriptor(frame));
+  }
+  void spin() {
+    node.wait(Clock::now() + milliseconds(1));
+    const Clock::time_point now = Clock::now();
+    while (node.take(heartbeat))
+      if (heartbeat.service() == "encoder_service") exchange.on_heartbeat(heartbeat, now);
+    while (node.take(status)) exchange.on_status(status, now);
+    while (node.take(request)) exchange.on_request(request);
+    while (node.take(chunk)) exchange.on_chunk(chunk, now);
+    exchange.advance(now);
+  }
+  bool has(int first, int end) const {
+    std::vector<float> numbers(kDimension);
+    for (int frame = first; frame < end; ++frame)
+      if (!work.read(frame, numbers) || !std::equal(numbers.begin(), numbers.end(), descriptor(frame).data()))
+        return false;
+    return true;
+  }
+
+  Node node;
+  DescriptorExchange exchange;
+  TraversalWork work;
+  msg::ServiceStatus heartbeat;
+  msg::DescriptorStatus status;
+  msg::DescriptorRequest request;
+  msg::DescriptorChunk chunk;
+};
+
+TEST(DescriptorExchange, EachFetchesWhatAnotherHas) {
+  const Folder folder;
+  Service one("one"), two("two", "hog", folder / "two");
+  one.put(0, 100);
+  two.put(120, kFrames);
+  ASSERT_TRUE(
+      eventually([&] { one.spin(), two.spin(); }, [&] { return one.work.done() == 130 && two.work.done() == 130; }));
+  EXPECT_EQ(one.work.fetched(), 30);
+  EXPECT_EQ(two.work.fetched(), 100);
+  EXPECT_TRUE(one.has(120, kFrames));
+  EXPECT_TRUE(two.has(0, 100));
+  const FeatureStore store(folder / "two", two.work.key());
+  std::vector<float> numbers(kDimension);
+  ASSERT_TRUE(store.read(77, numbers)) << "what was fetched is stored";
+  EXPECT_TRUE(std::equal(numbers.begin(), numbers.end(), descriptor(77).data()));
+}
+
+TEST(DescriptorExchange, ThoseWithACommonStoreSendNothing) {
+  const Folder folder;
+  Service one("one", "hog", folder / "store"), two("two", "hog", folder / "store");
+  one.put(0, kFrames);
+  ASSERT_TRUE(eventually([&] { one.spin(), two.spin(); }, [&] { return two.work.complete(); }));
+  EXPECT_EQ(two.work.fetched(), 0);
+  EXPECT_TRUE(two.has(0, kFrames));
+}
+
+TEST(DescriptorExchange, OtherEncodersDescriptorsAreNotAskedFor) {
+  Service one("one"), two("two", "patchnorm");
+  one.put(0, kFrames);
+  const auto heard = [&] {
+    const auto& peers = two.exchange.claims(kHash, kFrames).peers();
+    return peers.contains(one.node.incarnation()) && peers.at(one.node.incarnation()).present.size() == 3;
+  };
+  ASSERT_TRUE(eventually([&] { one.spin(), two.spin(); }, heard));
+  for (int i = 0; i < 20; ++i) one.spin(), two.spin();
+  EXPECT_EQ(two.work.done(), 0);
+}
+
+/// Says that it has frames, and sends something else.
+class Liar {
+ public:
+  Liar() : node_({middleware_options("inprocess"), "encoder_service", "liar", "exchange"}) {
+    node_.create_reader<msg::DescriptorRequest>();
+    node_.create_reader<msg::DescriptorStatus>();
+    status_.hash(kHash);
+    status_.frames(kFrames);
+    status_.encoder() = "hog";
+    status_.dimension(kDimension);
+    status_.revision(1);
+    status_.present() = {0xFFFF, 0, 0};
+    node_.publish(status_);
+  }
+  /// Answers with descriptors after `change`.
+  void spin(const std::function<void(msg::DescriptorChunk& chunk)>& change) {
+    msg::DescriptorStatus other;
+    while (node_.take(other)) {
+      status_.heard() = {other.header().incarnation()};
+      status_.acknowledged() = {other.revision()};
+      node_.publish(status_);
+    }
+    msg::DescriptorRequest request;
+    while (node_.take(request)) {
+      ++requests;
+      std::vector<std::uint8_t> bytes;
+      for (int frame = 0; frame < 16; ++frame) {
+        const Eigen::VectorXf numbers = descriptor(frame);
+        const auto* from = reinterpret_cast<const std::uint8_t*>(numbers.data());
+        bytes.insert(bytes.end(), from, from + numbers.size() * static_cast<Eigen::Index>(sizeof(float)));
+      }
+      for (const std::uint32_t index : request.chunks()) {
+        msg::DescriptorChunk chunk;
+        chunk.receiver() = request.header().sender();
+        chunk.hash(kHash);
+        chunk.encoder() = "hog";
+        chunk.dimension(kDimension);
+        chunk.block(request.block());
+        chunk.frames(request.frames());
+        chunk.checksum(static_cast<std::uint32_t>(::crc32_z(0, bytes.data(), bytes.size())));
+        chunk.chunk(index);
+        const auto data = chunk_of(std::span<const std::uint8_t>(bytes), index);
+        chunk.data().assign(data.begin(), data.end());
+        change(chunk);
+        node_.publish(chunk);
+      }
+    }
+  }
+  int requests = 0;
+
+ private:
+  Node node_;
+  msg::DescriptorStatus status_;
+};
+
+TEST(DescriptorExchange, DamagedDescriptorsAreRefusedAndEncodedHere) {
+  const float infinite = std::numeric_limits<float>::infinity();
+  const std::map<std::string, std::function<void(msg::DescriptorChunk&)>> damages = {
+      {"a bit", [](msg::DescriptorChunk& chunk) { chunk.data()[chunk.data().size() / 2] ^= 4; }},
+      {"the checksum", [](msg::DescriptorChunk& chunk) { chunk.checksum() ^= 1; }},
+      {"not finite", [&](msg::DescriptorChunk& chunk) { std::memcpy(chunk.data().data(), &infinite, sizeof(float)); }}};
+  for (const auto& [name, damage] : damages) {
+    Service one("one");
+    Liar liar;
+    const auto free = [&] { return one.exchange.claims(kHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0; };
+    ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(damage); }, free)) << name;
+    EXPECT_EQ(one.work.done(), 0) << name;
+    EXPECT_EQ(one.node.traffic.rejected, 3u) << name;
+  }
+}
+
+TEST(DescriptorExchange, WhatIsNotSentIsEncodedHere) {
+  Service one("one");
+  Liar liar;
+  const auto mute = [](msg::DescriptorChunk& chunk) { chunk.encoder() = "other"; };
+  const auto free = [&] { return one.exchange.claims(kHash, kFrames).is_free(0, 0xFFFF) && liar.requests > 0; };
+  ASSERT_TRUE(eventually([&] { one.spin(), liar.spin(mute); }, free));
+  EXPECT_EQ(one.work.done(), 0);
+  EXPECT_EQ(liar.requests, RequestTimer::kUsualTries);
+}
+
+TEST(DescriptorExchange, WhatItIsNotAskedForOrLacksIsNotSent) {
+  Service one("one");
+  one.put(0, 10);
+  Node asker({middleware_options("inprocess"), "test", "asker", "exchange"});
+  asker.create_reader<msg::DescriptorChunk>();
+  msg::DescriptorRequest request;
+  const auto answers = [&](std::uint64_t frames, std::uint32_t block, const char* encoder) {
+    request.encoder_service() = "one";
+    request.hash(kHash);
+    request.encoder() = encoder;
+    request.block(block);
+    request.frames(frames);
+    request.chunks() = {0, 1, 1000};
+    asker.publish(request);
+    one.spin();
+    int count = 0;
+    for (msg::DescriptorChunk chunk; asker.take(chunk);) ++count;
+    return count;
+  };
+  EXPECT_EQ(answers(0b11, 0, "hog"), 2) << "chunk 1000 is beyond the end";
+  EXPECT_EQ(one.node.traffic.rejected, 1u);
+  EXPECT_EQ(answers(0b11, 0, "vlad"), 0);
+  EXPECT_EQ(answers(1 << 10, 0, "hog"), 0) << "it lacks frame 10";
+  EXPECT_EQ(answers(1, 1, "hog"), 0);
+  EXPECT_EQ(answers(1, 3, "hog"), 0) << "there is no such block";
+  EXPECT_EQ(answers(0, 0, "hog"), 0);
+}
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "policy_service/results/verdict.h"
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <regex>
+
+#include "tests/support/text.h"
+
+namespace citylearn::testing {
+namespace {
+
+/// SPL by policy and traversal.
+using Figures = std::vector<std::pair<std::string, std::map<std::string, double>>>;
+
+std::vector<ScoreRow> rows_of(const Figures& figures) {
+  std::vector<ScoreRow> rows;
+  for (const auto& [policy, by_traversal] : figures)
+    for (const auto& [traversal, spl] : by_traversal) {
+      rows.push_back({policy, traversal, {}});
+      rows.back().score.spl = spl;
+    }
+  return rows;
+}
+
+TEST(SplMatrix, FitsATerminalAndPutsTheAgentFirst) {
+  const std::string text = spl_matrix("place_filter", rows_of({{"blind", {{"a-traversal-of-20-le", 0.85}}},
+                                                               {"shuffled", {{"a-traversal-of-20-le", 0.76}}},
+                                                               {"oracle_filter", {{"a-traversal-of-20-le", 1}}},
+                                                               {"sequence_filter", {{"a-traversal-of-20-le", 0.97}}},
+                                                               {"shortest_path", {{"a-traversal-of-20-le", 1}}},
+                                                               {"place_filter", {{"a-traversal-of-20-le", 0.981}}}}));
+  const auto lines = lines_of(text);
+  ASSERT_EQ(lines.size(), 3u);
+  for (const std::string& line : lines) EXPECT_LE(line.size(), 80u) << line;
+  EXPECT_EQ(lines[0], "SPL                    place                   oracle  sequence  shortest");
+  EXPECT_EQ(lines[1], "traversal             filter  blind  shuffled  filter    filter      path");
+  EXPECT_EQ(lines[2], "a-traversal-of-20-le   0.981  0.850     0.760   1.000     0.970     1.000");
+}
+
+TEST(SplMatrix, LeavesOutWhatWasNotEvaluated) {
+  const auto lines =
+      lines_of(spl_matrix("features", rows_of({{"features", {{"fall", 1}}}, {"blind", {{"rain", 0.5}}}})));
+  ASSERT_EQ(lines.size(), 4u);
+  EXPECT_EQ(lines[2], "fall          1.000      -");
+  EXPECT_EQ(lines[3], "rain              -  0.500");
+}
+
+TEST(Verdict, NamesWhereTheAgentFindsItsWay) {
+  const std::string text = verdict("place_filter", rows_of({{"place_filter", {{"fall", 1}, {"rain", 0.97}}},
+                                                            {"blind", {{"fall", 0.85}, {"rain", 0.85}}},
+                                                            {"sequence_filter", {{"fall", 1}, {"rain", 0.975}}}}));
+  EXPECT_EQ(text, "place_filter finds its way in fall, rain (SPL 0.970 to 1.000).\n");
+}
+
+TEST(Verdict, SaysWhatAFailureHasToDoWithTheFrames) {
+  const auto of = [](double own, double blind, double filter, double oracle) {
+    const std::string text = verdict("features", rows_of({{"features", {{"night", own}}},
+                                                          {"blind", {{"night", blind}}},
+                                                          {"sequence_filter", {{"night", filter}}},
+                                                          {"oracle_filter", {{"night", oracle}}}}));
+    for (const std::string& line : lines_of(text)) EXPECT_LE(line.size(), 80u) << line;
+    return std::regex_replace(text, std::regex("\n +|\n"), " ");  // whole sentences
+  };
+  std::string text = of(0.6, 0.85, 0.7, 0.99);
+  EXPECT_TRUE(
+      contains(text, "features is no better than blind, which never looks, in night (SPL 0.600, blind 0.850)."));
+  EXPECT_TRUE(contains(text, "differ too much from the training's: sequence_filter reaches 0.700, and 0.990")) << text;
+  text = of(0.6, 0.4, 0.55, 0.7);
+  EXPECT_TRUE(contains(text, "finds its way only in part in night (SPL 0.600).")) << text;
+  EXPECT_TRUE(contains(text, "look alike there: oracle_filter, which was given the very frames, reaches 0.700"))
+      << text;
+  text = of(0.9, 0.4, 0.97, 1);
+  EXPECT_TRUE(
+      contains(text, "worse than sequence_filter, which has learned nothing, in night (SPL 0.900, filter 0.970)"))
+      << text;
+  EXPECT_TRUE(contains(text, "The frames suffice")) << text;
+}
+
+TEST(Verdict, SaysOnceWhatHoldsForSeveralTraversals) {
+  const std::string text =
+      verdict("features", rows_of({{"features", {{"fall", 1}, {"night", 0.5}, {"rain", 0.6}}},
+                                   {"sequence_filter", {{"fall", 1}, {"night", 0.95}, {"rain", 1}}}}));
+  EXPECT_EQ(text,
+            "features finds its way in fall (SPL 1.000).\n"
+            "features is worse than sequence_filter, which has learned nothing, in night,\n"
+            "rain (SPL 0.500 to 0.600, filter 0.950 to 1.000).\n"
+            "  The frames suffice: sequence_filter reaches 0.950 to 1.000. Train longer\n"
+            "  (--steps) or try another agent.\n");
+}
+
+TEST(Verdict, TellsAnAgentThatDoesNotLook) {
+  const std::string text =
+      verdict("features", rows_of({{"features", {{"fall", 0.92}}}, {"shuffled", {{"fall", 0.91}}}}));
+  EXPECT_TRUE(contains(text, "does as well on shuffled frames")) << text;
+}
+
+TEST(Verdict, IsEmptyWithoutAnythingToCompare) {
+  EXPECT_EQ(verdict("features", rows_of({{"features", {{"fall", 1}}}})), "");
+  EXPECT_EQ(verdict("features", {}), "");
+}
+
+}  // namespace
+}  // namespace citylearn::testing
