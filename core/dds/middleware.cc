@@ -48,6 +48,8 @@ Depth depth_of(Profile profile) {
       return {64, 4096};
     case Profile::kDurable:
       return {256, 4096};
+    case Profile::kRos2:
+      return {10, 10};
   }
   throw Error("unknown profile");
 }

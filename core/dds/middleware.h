@@ -14,12 +14,14 @@
 
 namespace citylearn {
 
-/// Named quality of service. All are RELIABLE, TRANSIENT_LOCAL and KEEP_LAST: what ran without loss in every pairing of
-/// the vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer keeps for late or slow readers.
+/// Named quality of service. All are RELIABLE and KEEP_LAST, and all but kRos2 are TRANSIENT_LOCAL: what ran without
+/// loss in every pairing of the vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer keeps
+/// for late or slow readers.
 enum class Profile {
   kState,    ///< the newest alone counts: 1
   kCommand,  ///< requests and settings: 64
   kDurable,  ///< chunks and records: 256
+  kRos2,     ///< for ROS 2 alone, as its rmw_qos_profile_default says: VOLATILE, 10
 };
 
 /// Everything a vendor needs to know about a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the

@@ -164,10 +164,10 @@ class DiscoveryListener : public dds::DomainParticipantListener {
 
 /// Returns what writers and readers have in common: nothing is lost of the last `depth` samples.
 template <class Qos>
-Qos reliable_qos(int depth) {
+Qos reliable_qos(Profile profile, int depth) {
   Qos qos;
   qos.reliability().kind = dds::RELIABLE_RELIABILITY_QOS;
-  qos.durability().kind = dds::TRANSIENT_LOCAL_DURABILITY_QOS;
+  qos.durability().kind = is_kept(profile) ? dds::TRANSIENT_LOCAL_DURABILITY_QOS : dds::VOLATILE_DURABILITY_QOS;
   qos.history().kind = dds::KEEP_LAST_HISTORY_QOS;
   qos.history().depth = depth;
   qos.resource_limits().max_instances = 1;
@@ -187,7 +187,7 @@ class FastPublisher : public Publisher {
   FastPublisher(dds::Publisher* publisher, TopicOwner dds_topic, const Topic& topic, std::uint32_t heartbeat)
       : publisher_(publisher), topic_(topic), dds_topic_(std::move(dds_topic)) {
     const int depth = depth_of(topic.profile).writer;
-    auto qos = reliable_qos<dds::DataWriterQos>(depth);
+    auto qos = reliable_qos<dds::DataWriterQos>(topic.profile, depth);
     qos.reliability().max_blocking_time = Duration_t(0, std::chrono::nanoseconds(kBlocking).count());
     qos.durability_service().history_kind = dds::KEEP_LAST_HISTORY_QOS;
     qos.durability_service().history_depth = depth;
@@ -241,7 +241,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
  public:
   FastSubscription(dds::Subscriber* subscriber, TopicOwner dds_topic, const Topic& topic, Wakeup& wakeup)
       : subscriber_(subscriber), flag_(wakeup), dds_topic_(std::move(dds_topic)) {
-    auto qos = reliable_qos<dds::DataReaderQos>(depth_of(topic.profile).reader);
+    auto qos = reliable_qos<dds::DataReaderQos>(topic.profile, depth_of(topic.profile).reader);
     qos.reliable_reader_qos().times.initialAcknackDelay = Duration_t(0, 0u);
     qos.reliable_reader_qos().times.heartbeatResponseDelay = Duration_t(0, 0u);
     reader_ = subscriber_->create_datareader(dds_topic_.get(), qos, this, dds::StatusMask::data_available());

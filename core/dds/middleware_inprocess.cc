@@ -95,7 +95,7 @@ class InprocessSubscription : public Subscription {
     std::lock_guard lock(bus_->mutex);
     bus_->add(bus_->readers, queue_);
     for (const Endpoint* writer : bus_->writers)
-      if (match(writer->topic, topic))
+      if (is_kept(topic.profile) && match(writer->topic, topic))
         for (const Sample& sample : writer->samples) push(queue_.samples, sample, depth_of(topic.profile).reader);
     if (!queue_.samples.empty()) flag_.raise();
   }

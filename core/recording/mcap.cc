@@ -123,7 +123,7 @@ McapWriter::McapWriter(const std::string& path, const Options& options) : path_(
   if (file_ < 0) throw Error(std::string("cannot be made: ") + std::strerror(errno), path);
   try {
     put(kMagic);
-    put(Out().text("citylearn").text(options_.library).record(kHeader));
+    put(Out().text(options_.profile).text(options_.library).record(kHeader));
     put(Out().text("recording").map(options_.about).record(kMetadata));
   } catch (const Error&) {
     ::close(file_);

@@ -26,6 +26,8 @@ int most_in_period(Profile profile) {
       return 32;
     case Profile::kDurable:
       return 128;
+    case Profile::kRos2:
+      break;  // not recorded
   }
   return 1;
 }

@@ -251,6 +251,23 @@ TEST_P(FaithfulMiddleware, ALateJoinerGetsTheLastSamples) {
   }
 }
 
+TEST_P(FaithfulMiddleware, ALateJoinerOfRos2GetsWhatComesNext) {
+  const Topic ros2 = topic(Profile::kRos2);
+  const auto publisher = a->create_publisher(ros2);
+  for (std::uint32_t number = 0; number < 5; ++number) publisher->publish(payload(1, number));
+  const auto late = b->create_subscription(ros2);
+  ASSERT_TRUE(eventually(*b, [&] { return publisher->matched() == 1 && late->matched() == 1; }));
+  // The first samples after both sides report a match may still be missed.
+  Bytes sample;
+  std::uint32_t next = 5;
+  const auto publish = [&] {
+    publisher->publish(payload(1, next++));
+    b->wait(Clock::now() + milliseconds(5));
+  };
+  ASSERT_TRUE(eventually(publish, [&] { return late->take(sample); }));
+  EXPECT_GE(number_of(sample), 5u) << "those before it was there are gone";
+}
+
 TEST_P(FaithfulMiddleware, DomainsAreApart) {
   const auto elsewhere = make("elsewhere", kOtherDomain);
   const auto publisher = elsewhere->create_publisher(topic());

@@ -7,6 +7,7 @@
 
 #include "core/recording/idl_text.h"
 #include "core/util/error.h"
+#include "core/util/wall_clock.h"
 #include "core/wire/messages.h"
 
 namespace citylearn {
@@ -16,11 +17,6 @@ constexpr std::uint64_t kFlushAfter = 1'000'000'000;  // nanoseconds
 constexpr int kAtOnce = 256;                          // of a topic, before the others
 constexpr std::chrono::milliseconds kLook{20};        // between looks for new topics
 
-std::uint64_t now_nanoseconds() {
-  const auto now = std::chrono::system_clock::now().time_since_epoch();
-  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count());
-}
-
 std::string name_of(Profile profile) {
   switch (profile) {
     case Profile::kState:
@@ -29,6 +25,8 @@ std::string name_of(Profile profile) {
       return "command";
     case Profile::kDurable:
       return "durable";
+    case Profile::kRos2:
+      break;  // not recorded
   }
   return "";
 }
@@ -108,7 +106,7 @@ void Recording::write(const std::string& name, const Source& source) {
          idl_of(topic.type),
          "cdr",
          {{"profile", name_of(topic.profile)}, {"type", topic.type}, {"protocol", std::to_string(msg::PROTOCOL)}}});
-  writer_->write(channel, now_nanoseconds(), taken_);
+  writer_->write(channel, nanoseconds_since_epoch(), taken_);
   Count& count = counts_[topic.name];
   ++count.messages;
   count.bytes += taken_.size();
@@ -131,7 +129,8 @@ void Recording::poll() {
       more = more || taken == kAtOnce;
     }
   }
-  if (const std::uint64_t since = writer_->waiting_since(); since != 0 && now_nanoseconds() - since >= kFlushAfter)
+  if (const std::uint64_t since = writer_->waiting_since();
+      since != 0 && nanoseconds_since_epoch() - since >= kFlushAfter)
     writer_->flush();
 }
 
