@@ -186,13 +186,17 @@ UpdateFigures Trainer::update() {
   return learn(rollouts, finished);
 }
 
+void Trainer::prepare(Rollout& rollout) const {
+  rollout.max_steps = impl_->lesson().max_steps;
+  rollout.step_cost = static_cast<float>(impl_->parameters.trainer["step-cost"]);
+  for (float& reward : rollout.reward) reward = rollout.learned(reward);
+}
+
 UpdateFigures Trainer::learn(std::span<Rollout* const> rollouts, std::span<const FinishedEpisode> finished) {
   Impl& p = *impl_;
   std::uint64_t steps = 0;
   for (Rollout* rollout : rollouts) {
-    rollout->max_steps = p.lesson().max_steps;
-    rollout->step_cost = static_cast<float>(p.parameters.trainer["step-cost"]);
-    for (float& reward : rollout->reward) reward = rollout->learned(reward);
+    prepare(*rollout);
     steps += rollout->action.size();
   }
   UpdateFigures figures;

@@ -67,6 +67,8 @@ class Trainer {
   /// Learns from rollouts that actors collected, at whatever lag. `finished` are the episodes that ended meanwhile, in
   /// the order of their ends. A new generation means a new lesson.
   UpdateFigures learn(std::span<Rollout* const> rollouts, std::span<const FinishedEpisode> finished);
+  /// Gives a rollout the step limit and the rewards that are learned from, as learn() does; once or more often.
+  void prepare(Rollout& rollout) const;
   /// Returns how many sequences such an update should have: those of `agents` agents in a segment.
   int batch() const;
   /// As Learner::set_progress(); call it before update() or learn().

@@ -20,30 +20,6 @@
 #include "policy_service/run/training_run.h"
 
 namespace citylearn {
-namespace {
-
-/// Leaves the env_services idle for the next policy_service, and lets them forget the episodes of this one.
-void leave(RunContext& context) {
-  context.records.end();
-  msg::TaskSettings idle;
-  idle.task_mode() = msg::IDLE;
-  for (const auto& [id, env] : context.client.envs())
-    if (env->alive() && env->settings.settings().version() != 0) context.client.command(*env, idle);
-  const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(500);
-  const auto pending = [&context] {
-    return std::any_of(context.client.envs().begin(), context.client.envs().end(), [](const auto& entry) {
-      const EnvHandle& env = *entry.second;
-      return env.alive() && env.settings.settings().version() != 0 && !env.in_force;
-    });
-  };
-  while (pending() && Clock::now() < deadline && !stop_requested()) {
-    context.client.spin(deadline);
-    context.records.acknowledge();
-  }
-  context.client.end_recording();
-}
-
-}  // namespace
 
 int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClient& client) {
   RunContext context(options, node, client);
@@ -80,7 +56,7 @@ int run_policy_service(const PolicyServiceOptions& options, Node& node, EnvClien
   std::cout << (compares ? spl_matrix(context.options.agent, rows) : table(rows))
             << verdict(context.options.agent, rows) << std::flush;
   if (!options.output.empty()) spdlog::info("wrote {}/summary.json", options.output);
-  leave(context);
+  context.leave();
   return 0;
 }
 

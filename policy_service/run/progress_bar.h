@@ -14,6 +14,8 @@ class ProgressBar {
   /// Shows how far `what` is: `fraction` 0..1, `rate` in steps per second, `left` in seconds (negative = unknown), and
   /// `note`, the present figures.
   void show(const std::string& what, double fraction, double rate, double left, const std::string& note);
+  /// Shows nothing from now on.
+  void hide() { hidden_ = true; }
   /// Ends the line of the bar.
   void finish();
   ~ProgressBar() { finish(); }
@@ -21,7 +23,7 @@ class ProgressBar {
  private:
   std::chrono::milliseconds interval() const;
 
-  bool terminal_;
+  bool terminal_, hidden_ = false;
   bool open_ = false;
   Clock::time_point next_;
 };

@@ -16,15 +16,15 @@ RunContext::RunContext(const PolicyServiceOptions& given, Node& at, EnvClient& e
   client.fetching = [this] { handle(); };
 }
 
-void RunContext::spin() {
-  client.spin(Clock::now() + std::chrono::milliseconds(50));
+void RunContext::spin(std::chrono::milliseconds moment) {
+  client.spin(Clock::now() + moment);
   handle();
 }
 
 void RunContext::handle() {
   if (on_spin) on_spin();
   records.handle();
-  if (stop_requested()) throw StopRequested();
+  if (stop_requested() || (stopped && stopped())) throw StopRequested();
 }
 
 void RunContext::require(std::optional<int> feature_dimension, const std::vector<TraversalContents>& learned) {
@@ -115,9 +115,10 @@ void RunContext::wait_for_envs(const std::set<std::string>& traversals, int trai
     // Encoding may take longer than --wait, and reports its progress.
     if (encoding) since = Clock::now();
     if (options.wait > 0 && seconds_since(since) > options.wait)
-      throw Error(fmt::format("no env_service on {} within {:.0f} s ({})", missing, options.wait, found), "",
-                  fmt::format("same --session '{}', --domain {} and --interface there?", options.node.session,
-                              options.node.middleware.domain));
+      throw EnvServicesMissing(fmt::format("no env_service on {} within {:.0f} s ({})", missing, options.wait, found),
+                               "",
+                               fmt::format("same --session '{}', --domain {} and --interface there?",
+                                           options.node.session, options.node.middleware.domain));
     if (Clock::now() > next_log) {
       if (!encoding) spdlog::info("waiting for env_services on {} ({})", missing, found);
       for (const auto& encoder : encoders)
@@ -179,6 +180,26 @@ Matrix<float> RunContext::reference() {
         Eigen::Map<const Matrix<float>>(features.data(), dimension, options.frames);
   }
   return all;
+}
+
+void RunContext::leave() {
+  records.end();
+  msg::TaskSettings idle;
+  idle.task_mode() = msg::IDLE;
+  for (const auto& [id, env] : client.envs())
+    if (env->alive() && env->settings.settings().version() != 0) client.command(*env, idle);
+  const Clock::time_point deadline = Clock::now() + std::chrono::milliseconds(500);
+  const auto pending = [this] {
+    return std::any_of(client.envs().begin(), client.envs().end(), [](const auto& entry) {
+      const EnvHandle& env = *entry.second;
+      return env.alive() && env.settings.settings().version() != 0 && !env.in_force;
+    });
+  };
+  while (pending() && Clock::now() < deadline && !stop_requested()) {
+    client.spin(deadline);
+    records.acknowledge();
+  }
+  client.end_recording();
 }
 
 }  // namespace citylearn

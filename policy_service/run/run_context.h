@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <map>
 #include <optional>
@@ -16,8 +17,13 @@
 
 namespace citylearn {
 
-/// Thrown to leave a run when a signal asks the service to stop.
+/// Thrown to leave a run when a signal, or RunContext::stopped, asks it to stop.
 struct StopRequested {};
+
+/// Thrown when env_services have not come within --wait.
+struct EnvServicesMissing : Error {
+  using Error::Error;
+};
 
 /// What the parts of a run share: its options, its env_services and its records. Used by one thread.
 class RunContext {
@@ -32,20 +38,21 @@ class RunContext {
   RunRecords records;
   ProgressBar progress;
   std::function<void()> on_spin;  ///< called for each spin(), after the messages of env_services
+  std::function<bool()> stopped;  ///< called likewise: whether the run is to stop, as at a signal; unset: never
 
-  /// Handles messages for a moment, and everything that is due. All waiting of a run happens here. Throws
+  /// Handles messages for `moment` at most, and everything that is due. All waiting of a run happens here. Throws
   /// StopRequested.
-  void spin();
+  void spin(std::chrono::milliseconds moment = std::chrono::milliseconds(50));
   /// Refuses env_services that do not fit the route of the options, the agent's features and what is learned from, as
   /// far as these are known.
   void require(std::optional<int> feature_dimension = {}, const std::vector<TraversalContents>& learned = {});
   /// Lowers a default number of frames to what all of these env_services have, and the step limit that follows from it,
   /// and refuses env_services that have fewer. Does so once.
   void cap_frames(const std::vector<EnvHandle*>& envs);
-  /// Waits until every traversal has an env_service, and each training traversal `training_envs` of them. Throws Error
-  /// after --wait.
+  /// Waits until every traversal has an env_service, and each training traversal `training_envs` of them. Throws
+  /// EnvServicesMissing after --wait.
   void wait_for_envs(const std::set<std::string>& traversals, int training_envs);
-  /// Waits until each training traversal has `count` env_services. Throws Error after --wait.
+  /// Waits until each training traversal has `count` env_services. Throws EnvServicesMissing after --wait.
   void wait_for_training_envs(int count);
   /// Returns the env_services of a traversal that are usable and do not work for another policy_service.
   std::vector<EnvHandle*> envs_on(const std::string& traversal) const;
@@ -63,6 +70,8 @@ class RunContext {
   /// Returns the features of the training traversals' route side by side, as NetworkTask has them; empty when one has
   /// none or no env_service. Throws Error when theirs are of different kinds.
   Matrix<float> reference();
+  /// Leaves the env_services idle for the next policy_service, and lets them forget the episodes of this one.
+  void leave();
 
  private:
   void handle();

@@ -357,9 +357,13 @@ void LearnerRun::train() {
   context_.on_spin = [this] { server_->handle(); };
   context_.client.subscribe(/*observations=*/false, /*episodes=*/true);
   Clock::time_point next_log = Clock::now() + std::chrono::seconds(5);
+  bool computing = false;  // by somebody who waits for messages no longer than compute() does
   while (!ended()) {
-    context_.spin();
-    if (server_->ready()) {
+    context_.spin(std::chrono::milliseconds(computing ? 0 : 50));
+    const bool ready = server_->ready();
+    computing = ready && compute && !compute(server_->batch());
+    if (computing) continue;
+    if (ready) {
       if (!update([this] { return server_->learn(); })) break;
       warn_of_lag();
       continue;
@@ -371,7 +375,7 @@ void LearnerRun::train() {
     if (server_->actors() > 0 || Clock::now() > next_log) next_log = Clock::now() + std::chrono::seconds(10);
   }
   report_.wall = wall();
-  await_release();
+  dismiss_actors();
   report_.dropped = server_->dropped();
   report_.waited = server_->waited();
   spdlog::info("mean policy lag {:.2f} updates, {} trajectories were too old, actors waited {:.1f} s for room",
@@ -391,8 +395,8 @@ void LearnerRun::warn_of_lag() {
       report_.policy_lag, trainer_->batch());
 }
 
-/// Takes the env_services over from the actors.
-void LearnerRun::await_release() {
+void LearnerRun::dismiss_actors() {
+  if (!server_) return;
   server_->end();
   const Clock::time_point deadline = Clock::now() + std::chrono::seconds(5);
   while (!server_->released() && Clock::now() < deadline) context_.spin();

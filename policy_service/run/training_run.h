@@ -32,16 +32,14 @@ class TrainingRun {
   /// Returns the update of the newest checkpoint; none before the first one.
   std::optional<std::uint64_t> saved() const { return saved_; }
   const TrainingReport& report() const { return report_; }
+  const Trainer* trainer() const { return trainer_.get(); }  ///< null until env_services have come
 
  protected:
-  /// Calls update() until it returns false.
-  virtual void train() = 0;
+  virtual void train() = 0;  ///< calls update() until it returns false
   /// Evaluates between two updates. Returns as EvaluationRun::evaluate_others().
   virtual std::optional<double> evaluate_others() { return evaluation_.evaluate_others(); }
-  /// Returns the mean age of the policies that acted for the last update, in updates.
-  virtual double policy_lag() const { return 0; }
-  /// Returns what the progress bar says of the actors.
-  virtual std::string actors_note() const { return ""; }
+  virtual double policy_lag() const { return 0; }         ///< mean age of what acted for the last update, in updates
+  virtual std::string actors_note() const { return ""; }  ///< what the progress bar says of the actors
 
   /// Makes one update by `learn`, records it, and saves and evaluates when due. Returns false when training is over.
   bool update(const std::function<UpdateFigures()>& learn);
@@ -100,13 +98,19 @@ class LearnerRun : public TrainingRun {
  public:
   using TrainingRun::TrainingRun;
   ~LearnerRun() override { context_.on_spin = nullptr; }
+  /// Where set, called with what the next update learns from until it returns true: the learner can then make the
+  /// update at once. It may wait for a moment.
+  std::function<bool(const Rollout&)> compute;
+  /// Tells the actors that training is over and takes the env_services over. execute() does so at its end, but not when
+  /// it was stopped: actors then wait for a learner that resumes.
+  void dismiss_actors();
+  int actors() const { return server_ ? server_->actors() : 0; }  ///< as LearnerServer::actors()
 
  private:
   void train() override;
   std::optional<double> evaluate_others() override;
   double policy_lag() const override { return server_->policy_lag(); }
   std::string actors_note() const override;
-  void await_release();
   void warn_of_lag();
 
   std::unique_ptr<LearnerServer> server_;
