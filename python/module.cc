@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The module citylearn._native: what the package's Python files need of the C++ libraries.
+#include "python/module.h"
+
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
@@ -13,6 +15,7 @@
 
 #include "core/util/log_format.h"
 #include "policy_service/rollout/control.h"
+#include "policy_service/run/run_context.h"
 #include "python/columns.h"
 #include "python/errors.h"
 #include "python/evaluation.h"
@@ -20,15 +23,15 @@
 namespace py = pybind11;
 
 namespace citylearn::python {
-namespace {
 
-using Actions = py::array_t<std::uint8_t, py::array::c_style>;
-
-/// Throws KeyboardInterrupt and the like. Called without the GIL.
 void check_signals() {
   const py::gil_scoped_acquire gil;
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
+
+namespace {
+
+using Actions = py::array_t<std::uint8_t, py::array::c_style>;
 
 /// An EnvGroup for one Python thread; another thread steps it between send() and receive().
 class Envs {
@@ -142,6 +145,8 @@ void translate(std::exception_ptr thrown) {  // NOLINT(performance-unnecessary-v
     PyErr_SetString(PyExc_TypeError, in_python(error.what()).c_str());
   } catch (const ServiceMissing& error) {
     PyErr_SetString(PyExc_TimeoutError, in_python(error.what()).c_str());
+  } catch (const EnvServicesMissing& error) {
+    PyErr_SetString(PyExc_TimeoutError, in_python(error.what()).c_str());
   } catch (const ServiceLost& error) {
     PyErr_SetString(PyExc_ConnectionError, in_python(error.what()).c_str());
   } catch (const Error& error) {
@@ -240,6 +245,7 @@ PYBIND11_MODULE(_native, module) {
   py::register_exception_translator(&translate);
   define_environments(module);
   define_evaluation(module);
+  define_trajectories(module);
 }
 
 }  // namespace citylearn::python

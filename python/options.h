@@ -8,6 +8,7 @@
 #include "core/wire/node_options.h"
 #include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
+#include "policy_service/records/policy_service_options.h"
 
 namespace citylearn::python {
 
@@ -27,7 +28,11 @@ Recording load_recording(const Keywords& keywords);
 /// Reads the options that every service has (add_node_options). Throws UnknownOption or Error.
 NodeOptions read_node_options(const Keywords& keywords);
 
-/// Return the names that these two know.
+/// Reads the options of a policy_service --role learner that learns in Python. `steps` are without end unless given.
+/// Throws UnknownOption; Error naming the option.
+PolicyServiceOptions read_learner_options(const Keywords& keywords);
+
+/// Return the names that the first two know.
 std::vector<std::string> recording_options();
 std::vector<std::string> node_option_names();
 

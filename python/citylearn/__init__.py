@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CityLearn's navigation task for Python: vector environments in process or over DDS, trained policies, evaluation."""
+"""CityLearn's navigation task for Python: vector environments in process or over DDS, learners for actors in C++,
+trained policies, evaluation."""
 
 from .evaluation import Scores, evaluate, load_policy
+from .trajectories import Batch, Trajectories
 from .vector_env import AutoresetMode, Env, VectorEnv
 
-__all__ = ["AutoresetMode", "Env", "Scores", "VectorEnv", "evaluate", "load_policy"]
+__all__ = ["AutoresetMode", "Batch", "Env", "Scores", "Trajectories", "VectorEnv", "evaluate", "load_policy"]
