@@ -78,6 +78,8 @@ class Trajectories:
 
     Leaving the `with` block normally ends training: the last checkpoint is written and the actors are dismissed. After
     an exception they wait, and a learner with resume=True goes on.
+
+    Attributes: agent, the network's name; values, its parameters by name; features (D), frames (N) and state_size (S).
     """
 
     def __init__(self, *, agent: str = "features", traversal: str = "summer", frames: int | str | None = None,
@@ -91,10 +93,10 @@ class Trajectories:
         output: folder for checkpoints/ (load_policy reads them), metrics.csv, manifest.json and tensorboard/.
         initial: checkpoint (.clk) whose agent's parameters come first, in place of drawn ones.
         wait: seconds without an env_service, or without a batch, until TimeoutError.
-        options: those of policy_service --role learner, with _ for -: steps, stop_when, checkpoint_every, evaluate,
-          evaluate_every, resume, max_steps, max_lag; the network's and the trainer's parameters, such as
-          baseline_cells and trainer_noise_frame; those of every service (session, middleware, domain, interface,
-          peers ...). L is trainer_sequence, B is trainer_agents x trainer_segment / trainer_sequence.
+        options: those of policy_service --role learner, with _ for -: steps (without end unless given), stop_when,
+          checkpoint_every, evaluate, evaluate_every, resume, max_steps, max_lag; the network's and the trainer's
+          parameters, such as baseline_cells and trainer_noise_frame; those of every service (session, middleware,
+          domain, interface, peers ...). L is trainer_sequence, and B is trainer_agents x trainer_segment / L.
         Raises TypeError for an unknown option, ValueError for a wrong one, FileNotFoundError and TimeoutError.
         """
         self._learner: _native.Learner | None = None
