@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a node of ROS 2 hears of an agent, over either vendor (node.c).
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "tests/support/data/pictures.h"
+#include "tests/support/env/scripted_policy.h"
+#include "tests/support/processes/trial.h"
+
+namespace citylearn::testing {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr int kFrames = 24;
+
+double latitude(int frame) { return 67 + 1e-4 * frame; }
+
+/// Pictures and where they were taken; returns the files.
+std::vector<std::string> write_route(const std::string& folder) {
+  std::vector<std::string> pictures;
+  std::filesystem::create_directories(folder + "/summer");
+  std::ofstream poses(folder + "/summer.poses.csv");
+  poses.precision(17);
+  poses << "lat,lon\n";
+  for (int frame = 0; frame < kFrames; ++frame) {
+    const std::string file = folder + "/summer/" + std::to_string(frame) + ".jpg";
+    write_grey(file, 10 * frame);
+    pictures.push_back(contents(file));
+    poses << latitude(frame) << ",10.5\n";
+  }
+  return pictures;
+}
+
+std::string bytes_of_hex(const std::string& text) {
+  std::string bytes;
+  for (std::size_t i = 0; i + 1 < text.size(); i += 2)
+    bytes += static_cast<char>(std::stoi(text.substr(i, 2), nullptr, 16));
+  return bytes;
+}
+
+class Ros2Bridges : public VendorTest {};
+CITYLEARN_EACH_VENDOR(Ros2Bridges);
+
+TEST_P(Ros2Bridges, ANodeHearsWhatAnAgentSeesAndDoes) {
+  Trial trial(GetParam());
+  const std::vector<std::string> pictures = write_route(trial.folder() / "data");
+  const std::string domain = std::to_string(own_domain());
+  const auto node = std::make_unique<Service>(Arguments{ROS2_NODE, domain, "60", "/citylearn/env_summer/agent_0"},
+                                              trial.folder() / "node.log");
+  ASSERT_TRUE(node->says("subscribed", seconds(20))) << node->output();
+  const auto bridge = trial.program(CITYLEARN_ROS2, "ros2", {"--ros-domain", domain, "--speed", ".5"});
+  const auto env = trial.env("summer", {"--dataset", "plain", "--data", trial.folder() / "data"});
+
+  ScriptedPolicy policy(trial.middleware(), "default", "env-summer");
+  ShortestPath walker;
+  policy.walker = &walker;
+  msg::TaskSettings settings;
+  settings.task_mode(msg::TRAIN);
+  settings.frames(kFrames);
+  settings.max_steps(4 * kFrames);
+  ASSERT_TRUE(policy.until([&] { return policy.infos > 0; })) << env->output();
+  policy.command(settings);
+  std::optional<int> status;
+  policy.until([&] { return (status = node->wait(milliseconds(0))).has_value(); }, seconds(90));
+  ASSERT_EQ(status, 0) << node->output() << bridge->output() << env->output();
+
+  std::map<std::string, std::vector<Json>> heard;  // by topic, and once more for sensor data
+  std::map<std::string, Json> writers;
+  std::istringstream lines(node->output());
+  for (std::string line; std::getline(lines, line);) {
+    ASSERT_TRUE(line.starts_with("{")) << line;
+    const Json said = Json::parse(line);
+    if (said.contains("writer")) writers[said["writer"]] = said;
+    if (said.contains("topic"))
+      heard[said["topic"].get<std::string>() + (said["sensor_data"].get<bool>() ? " sensor_data" : "")].push_back(said);
+  }
+
+  const std::map<std::string, std::string> types = {{"image/compressed", "sensor_msgs::msg::dds_::CompressedImage_"},
+                                                    {"pose", "geometry_msgs::msg::dds_::PoseStamped_"},
+                                                    {"goal_pose", "geometry_msgs::msg::dds_::PoseStamped_"},
+                                                    {"fix", "sensor_msgs::msg::dds_::NavSatFix_"},
+                                                    {"cmd_vel", "geometry_msgs::msg::dds_::Twist_"},
+                                                    {"action", "std_msgs::msg::dds_::UInt8_"},
+                                                    {"reward", "std_msgs::msg::dds_::Float32_"}};
+  EXPECT_EQ(writers.size(), types.size());
+  for (const auto& [name, type] : types) {
+    const Json& writer = writers["rt/citylearn/env_summer/agent_0/" + name];
+    ASSERT_TRUE(writer.is_object()) << name;
+    EXPECT_EQ(writer["type"], type);
+    EXPECT_EQ(writer["reliable"], true) << name;
+    EXPECT_EQ(writer["volatile"], true) << name;
+  }
+  EXPECT_EQ(heard.size(), 8u);
+  for (const auto& [name, messages] : heard) EXPECT_GE(messages.size(), 10u) << name;
+
+  // Pictures are those of the places where the agent stood when they were taken.
+  std::map<std::pair<int, unsigned>, int> frames;  // by stamp
+  for (const char* name : {"image/compressed", "image/compressed sensor_data"})
+    for (const Json& image : heard[name]) {
+      EXPECT_EQ(image["format"], "jpeg");
+      EXPECT_EQ(image["frame_id"], "citylearn/env_summer/agent_0/camera");
+      const auto found = std::find(pictures.begin(), pictures.end(), bytes_of_hex(image["data"]));
+      ASSERT_NE(found, pictures.end());
+      frames[{image["sec"], image["nanosec"]}] = static_cast<int>(found - pictures.begin());
+    }
+  int compared = 0;
+  for (const Json& fix : heard["fix sensor_data"])
+    if (const auto frame = frames.find({fix["sec"], fix["nanosec"]}); frame != frames.end()) {
+      EXPECT_EQ(fix["latitude"], latitude(frame->second));
+      EXPECT_EQ(fix["longitude"], 10.5);
+      ++compared;
+    }
+  for (const Json& pose : heard["pose"])
+    if (const auto frame = frames.find({pose["sec"], pose["nanosec"]}); frame != frames.end()) {
+      EXPECT_NEAR(pose["x"], 11.13 * frame->second, .05 * frame->second) << "metres along the route";
+      EXPECT_EQ(pose["w"], 1);
+      ++compared;
+    }
+  EXPECT_GE(compared, 10);
+  for (const Json& pose : heard["goal_pose"]) EXPECT_LE(pose["x"], 11.2 * kFrames);
+  for (const Json& action : heard["action"]) EXPECT_TRUE(action["data"] == kNext || action["data"] == kPrevious);
+  for (const Json& twist : heard["cmd_vel"]) EXPECT_EQ(std::abs(twist["x"].get<double>()), .5);
+  for (const Json& reward : heard["reward"]) EXPECT_TRUE(std::isfinite(reward["data"].get<double>()));
+  EXPECT_EQ(bridge->end(SIGTERM, seconds(10)), 0) << bridge->output();
+}
+
+}  // namespace
+}  // namespace citylearn::testing

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/ros2/bridge.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+
+#include "core/util/wall_clock.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::milliseconds kPictures{10};  // between two requests; the cache answers most
+constexpr std::chrono::milliseconds kGlance{50};
+
+Pictures::Options picture_options(int widest) {
+  Pictures::Options options;
+  options.widest = widest;
+  options.between = kPictures;
+  return options;
+}
+
+}  // namespace
+
+Ros2Bridge::Ros2Bridge(Node& node, Ros2Sink& sink, const Options& options)
+    : node_(node),
+      maps_(node),
+      pictures_(node, picture_options(options.widest)),
+      translation_(sink, options.translation,
+                   {[this](const std::string& environment, std::uint64_t hash) {
+                      auto map = maps_.find(hash);
+                      if (!map) maps_.fetch(hash, node_.options().session, environment);
+                      return map;
+                    },
+                    [this](const std::string& environment, const PictureKey& key, bool& coming) {
+                      return picture(environment, key, coming);
+                    }}) {
+  node_.create_reader<msg::ServiceStatus>();
+  node_.create_reader<msg::TraversalInfo>();
+  node_.create_reader<msg::EpisodeStat>();
+  node_.create_reader<msg::TrainingStat>();
+}
+
+std::shared_ptr<const PictureFile> Ros2Bridge::picture(const std::string& environment, const PictureKey& key,
+                                                       bool& coming) {
+  if (auto found = pictures_.find(key)) return found;
+  if (!images_[environment]) return nullptr;
+  pictures_.fetch(key, {node_.options().session, environment});
+  coming = pictures_.fetching(key);
+  return nullptr;
+}
+
+void Ros2Bridge::on_message(const msg::ServiceStatus& status, Clock::time_point now) {
+  if (std::string(status.service().c_str()) != "env_service") return;
+  const std::string id = status.header().sender().c_str();
+  const auto [host, met] = hosts_.try_emplace(id);
+  host->second.heard(now);
+  if (!met) return;
+  spdlog::info("'{}' is here", id);
+  node_.create_reader_at<msg::Observation>(id);
+  node_.create_reader_at<msg::Action>(id);
+}
+
+void Ros2Bridge::leave_silent(Clock::time_point now) {
+  std::erase_if(hosts_, [&](const auto& host) {
+    if (host.second.here(now)) return false;
+    spdlog::warn("'{}' is silent", host.first);
+    node_.let_go(host.first);
+    return true;
+  });
+}
+
+template <class Message>
+void Ros2Bridge::translate(Message& message) {
+  while (node_.take(message)) translation_.on_message(message, nanoseconds_since_epoch());
+}
+
+void Ros2Bridge::poll() {
+  const Clock::time_point now = Clock::now();
+  while (node_.take(status_)) on_message(status_, now);
+  while (node_.take(info_)) images_[info_.header().sender().c_str()] = info_.images();
+  leave_silent(now);
+  translate(observation_);
+  translate(action_);
+  translate(episode_);
+  translate(update_);
+  maps_.poll(now);
+  pictures_.poll(now);
+  translation_.poll();
+}
+
+Clock::time_point Ros2Bridge::due() const { return std::min({maps_.due(), pictures_.due(), Clock::now() + kGlance}); }
+
+}  // namespace citylearn

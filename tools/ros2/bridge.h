@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <string>
+
+#include "core/wire/node.h"
+#include "core/wire/presence.h"
+#include "dashboard/live/maps.h"
+#include "dashboard/live/pictures.h"
+#include "tools/ros2/translation.h"
+
+namespace citylearn {
+
+/// Translates what goes on in the node's session: reads the observations and actions of each env_service, and fetches
+/// maps and pictures. It sends no settings, no actions and no acknowledgements. Used by the thread of the node.
+class Ros2Bridge {
+ public:
+  struct Options {
+    Ros2Translation::Options translation;
+    int widest = 640;  ///< of pictures, pixels
+  };
+  /// `node` and `sink` must outlive it.
+  Ros2Bridge(Node& node, Ros2Sink& sink, const Options& options);
+
+  /// Takes what has come and does what is due. Call it when a message may have arrived, and at due().
+  void poll();
+  Clock::time_point due() const;
+  /// Returns how many env_services are heard.
+  std::size_t environments() const { return hosts_.size(); }
+
+ private:
+  void on_message(const msg::ServiceStatus& status, Clock::time_point now);
+  void leave_silent(Clock::time_point now);
+  template <class Message>
+  void translate(Message& message);
+  std::shared_ptr<const PictureFile> picture(const std::string& environment, const PictureKey& key, bool& coming);
+
+  Node& node_;
+  Maps maps_;
+  Pictures pictures_;
+  Ros2Translation translation_;
+  std::map<std::string, Presence> hosts_;  // env_services, by id
+  std::map<std::string, bool> images_;     // whether what each hosts has pictures
+  msg::ServiceStatus status_;
+  msg::TraversalInfo info_;
+  msg::Observation observation_;
+  msg::Action action_;
+  msg::EpisodeStat episode_;
+  msg::TrainingStat update_;
+};
+
+}  // namespace citylearn

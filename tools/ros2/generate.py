@@ -1,0 +1,65 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Writes what the ROS 2 bridge needs of msg/PACKAGE/TYPE.msg: generate.py FOLDER FILE.msg ...
+
+FOLDER/ros2.idl has all types under the names that ROS 2 gives them on DDS: sensor_msgs/msg/Image is
+sensor_msgs::msg::dds_::Image_ (https://design.ros2.org/articles/mapping_dds_types.html). FOLDER/ros2_types.inc has a line
+CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) a type, where SCHEMA is its definition with all that it includes, as MCAP wants it
+(https://mcap.dev/spec/registry, ros2msg).
+"""
+import re
+import sys
+from pathlib import Path
+
+NUMBERS = {"bool": "boolean", "int8": "octet", "uint8": "octet", "int16": "short", "uint16": "unsigned short",
+           "int32": "long", "uint32": "unsigned long", "int64": "long long", "uint64": "unsigned long long",
+           "float32": "float", "float64": "double", "string": "string"}
+FIELD = re.compile(r"([a-zA-Z][\w/]*)(\[\d*\])?\s+([a-z]\w*)(\s|$)")
+
+
+class Type:
+    def __init__(self, path):
+        self.package, self.name, self.text = path.parent.name, path.stem, path.read_text(encoding="utf-8")
+        self.fields = []  # type, array, name
+        for line in self.text.splitlines():
+            if not line or re.match(r"\w+ [A-Z_]+=", line):  # a constant is not on the wire
+                continue
+            field = FIELD.match(line)
+            if not field:
+                sys.exit(f"{path}: cannot read '{line}'")
+            kind, array, name = field.group(1, 2, 3)
+            if kind not in NUMBERS and "/" not in kind:
+                kind = f"{self.package}/{kind}"
+            self.fields.append((kind, array or "", name))
+
+    def includes(self, types):
+        """Returns the names of all types in this one, each before those that include it."""
+        names = []
+        for kind, _, _ in self.fields:
+            if kind not in NUMBERS:
+                names += [name for name in types[kind].includes(types) + [kind] if name not in names]
+        return names
+
+    def schema(self, types):
+        parts = [f"{'=' * 80}\nMSG: {name}\n{types[name].text}" for name in self.includes(types)]
+        return "".join([self.text] + parts)
+
+    def idl(self):
+        def member(kind, array, name):
+            spelled = NUMBERS.get(kind) or "{}::msg::dds_::{}_".format(*kind.split("/"))
+            if array == "[]":
+                return f"sequence<{spelled}> {name};"
+            return f"{spelled} {name}{array};"
+        body = " ".join(member(*field) for field in self.fields)
+        return f"module {self.package} {{ module msg {{ module dds_ {{ struct {self.name}_ {{ {body} }}; }}; }}; }};\n"
+
+
+folder, files = Path(sys.argv[1]), sys.argv[2:]
+types = {f"{one.package}/{one.name}": one for one in (Type(Path(file)) for file in files)}
+order = []
+for name, one in sorted(types.items()):
+    order += [each for each in one.includes(types) + [name] if each not in order]
+(folder / "ros2.idl").write_text("".join(types[name].idl() for name in order), encoding="utf-8")
+(folder / "ros2_types.inc").write_text("".join(
+    f'CITYLEARN_ROS2_TYPE({types[name].package}, {types[name].name}, R"MSG({types[name].schema(types)})MSG")\n'
+    for name in order), encoding="utf-8")

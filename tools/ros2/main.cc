@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: Apache-2.0
+// citylearn ros2: a session or a recording in the messages of ROS 2.
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+
+#include "core/util/version.h"
+#include "core/wire/service.h"
+#include "tools/ros2/bridge.h"
+#include "tools/ros2/conversion.h"
+#include "tools/ros2/sinks.h"
+
+namespace {
+
+using namespace citylearn;
+
+struct CommandLine {
+  std::vector<std::string> open;
+  std::string output;
+  std::uint32_t domain = 0;  // of ROS 2
+  Ros2Bridge::Options bridge;
+  Node::Options node;
+  CLI::Option* session = nullptr;
+};
+
+void add_options(CLI::App& app, CommandLine& line) {
+  Ros2Translation::Options& translation = line.bridge.translation;
+  app.option_defaults()->group("ROS 2");
+  app.add_option("--open", line.open, "Convert recordings (citylearn record) instead of a running session")
+      ->type_name("FILE.mcap ...");
+  app.add_option("--output", line.output, "Write an MCAP file with profile ros2 instead of publishing")
+      ->type_name("FILE.mcap");
+  app.add_option("--ros-domain", line.domain, "Domain of the nodes of ROS 2")
+      ->envname("ROS_DOMAIN_ID")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 232));
+  app.add_option("--prefix", translation.prefix, "Begins all topics: /PREFIX/ENVIRONMENT/agent_0/...")
+      ->capture_default_str()
+      ->check([](const std::string& name) {
+        const bool valid =
+            !name.empty() && std::isalpha(static_cast<unsigned char>(name[0])) &&
+            std::ranges::all_of(name, [](unsigned char letter) { return std::isalnum(letter) || letter == '_'; });
+        return valid ? "" : "'" + name + "' is not a name of ROS 2: a letter, then letters, digits and '_'";
+      });
+  app.add_option("--agents", translation.agents, "Agents of each env_service that are shown")
+      ->capture_default_str()
+      ->check(CLI::Range(1u, msg::MAX_AGENTS));
+  app.add_option("--rate", translation.rate, "Observations of an env_service a second, at most; 0 is all")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1e4));
+  app.add_option("--speed", translation.speed, "Of a step in cmd_vel, m/s")->capture_default_str();
+  app.add_option("--picture-width", line.bridge.widest, "Pixels; wider pictures are made smaller")
+      ->capture_default_str()
+      ->check(CLI::Range(16, 8192));
+  line.node.service = line.node.id = "ros2_bridge";
+  add_node_options(app, line.node);
+  add_metrics_option(app, line.node);
+  line.session = app.get_option("--session");
+}
+
+void print(const Ros2File& file, const std::string& path) {
+  for (const auto& [topic, count] : file.counts())
+    std::printf("%-56s %10llu messages\n", topic.c_str(), static_cast<unsigned long long>(count));
+  std::printf("%s: %.3f MB\n", path.c_str(), 1e-6 * static_cast<double>(file.bytes()));
+}
+
+int convert(const CommandLine& line) {
+  if (line.output.empty()) throw Error("needs a file to write", "--open", "add --output FILE.mcap");
+  Ros2File file(line.output, "citylearn " + version());
+  const Ros2ConversionResult result = citylearn::convert(
+      {line.open, line.session->count() > 0 ? line.node.session : "", line.bridge.widest, line.bridge.translation},
+      file);
+  file.close();
+  print(file, line.output);
+  if (result.unreadable > 0) spdlog::warn("{} messages cannot be decoded and are left out", result.unreadable);
+  if (result.missing_pictures > 0)
+    spdlog::warn(
+        "{} of {} pictures are not in the recording: it has those that somebody asked for. Without --open, --output "
+        "records them all",
+        result.missing_pictures, result.missing_pictures + result.pictures);
+  if (file.counts().empty()) throw Error("has nothing to convert", line.open.front(), "record observations too");
+  return 0;
+}
+
+/// Translates the session until the end is requested. `poll` does what is due on the other side.
+template <class Poll>
+void run(const CommandLine& line, Ros2Sink& sink, const std::string& activity, Poll poll) {
+  Node node(line.node);
+  Ros2Bridge bridge(node, sink, line.bridge);
+  node.report(msg::RUNNING, activity);
+  spdlog::info("{}", activity);
+  while (!stop_requested()) {
+    node.wait(bridge.due());
+    bridge.poll();
+    poll();
+  }
+}
+
+int bridge(const CommandLine& line) {
+  if (!line.output.empty()) {
+    Ros2File file(line.output, "citylearn " + version());
+    run(line, file, "records to " + line.output, [&] { file.poll(); });
+    file.close();
+    print(file, line.output);
+    return 0;
+  }
+  MiddlewareOptions ros = line.node.middleware;
+  ros.domain = line.domain;
+  ros.participant = line.node.id;
+  if (!ros.security.empty()) spdlog::warn("--security holds for CityLearn's side: ROS 2's is not encrypted");
+  ros.security.clear();  // nodes of ROS 2 have keys of their own
+  Ros2Publishers publishers(ros);
+  run(line, publishers, "publishes to ROS 2 in domain " + std::to_string(line.domain), [&] {
+    for (const std::string& fault : publishers.faults()) spdlog::error("{}", fault);
+  });
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CommandLine line;
+  return service_main(
+      argc, argv, "Says what agents see and do in the messages of ROS 2: on DDS, or in an MCAP file.",
+      [&](CLI::App& app) { add_options(app, line); }, [&] { return line.open.empty() ? bridge(line) : convert(line); });
+}

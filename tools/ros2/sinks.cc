@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/ros2/sinks.h"
+
+#include "core/files/image_header.h"
+#include "core/util/wall_clock.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::size_t kLargest = kMaxImageBytes + 4096;  // a picture, and what stands before it
+constexpr std::uint64_t kFlushAfter = 1'000'000'000;     // nanoseconds
+
+}  // namespace
+
+void Ros2Publishers::publish(const Ros2Message& message) {
+  std::unique_ptr<Publisher>& publisher = publishers_[message.topic];
+  if (!publisher) {
+    Topic topic{"rt" + message.topic, message.type->dds, Profile::kRos2, kLargest};
+    publisher = middleware_->create_publisher(topic);
+  }
+  publisher->publish(message.data);
+}
+
+Ros2File::Ros2File(const std::string& path, const std::string& library)
+    : writer_(path, [&] {
+        McapWriter::Options options;
+        options.library = library;
+        options.profile = "ros2";
+        return options;
+      }()) {}
+
+void Ros2File::publish(const Ros2Message& message) {
+  std::uint16_t& channel = channels_[message.topic];
+  // rosbag2 asks for the qualities; none given are its default.
+  if (channel == 0)
+    channel = writer_.add(
+        {message.topic, message.type->name, "ros2msg", message.type->schema, "cdr", {{"offered_qos_profiles", ""}}});
+  writer_.write(channel, message.time, message.data);
+  ++counts_[message.topic];
+}
+
+void Ros2File::poll() {
+  if (const std::uint64_t since = writer_.waiting_since();
+      since != 0 && nanoseconds_since_epoch() - since >= kFlushAfter)
+    writer_.flush();
+}
+
+}  // namespace citylearn

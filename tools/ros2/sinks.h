@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+
+#include "core/dds/middleware.h"
+#include "core/recording/mcap_writer.h"
+#include "tools/ros2/messages.h"
+
+namespace citylearn {
+
+/// Publishes to nodes of ROS 2: "/a/b" goes to the DDS topic "rt/a/b", with the qualities of ROS 2's default, which
+/// subscriptions of that and of sensor data both accept.
+class Ros2Publishers : public Ros2Sink {
+ public:
+  /// Throws Error when the middleware cannot start.
+  explicit Ros2Publishers(const MiddlewareOptions& options) : middleware_(create_middleware(options)) {}
+  void publish(const Ros2Message& message) override;
+  /// Middleware faults since the last call, a line each.
+  std::vector<std::string> faults() { return middleware_->discovery().faults(); }
+
+ private:
+  std::unique_ptr<Middleware> middleware_;
+  std::map<std::string, std::unique_ptr<Publisher>> publishers_;  // by topic
+};
+
+/// Writes an MCAP file of profile ros2, which rosbag2, Foxglove, Lichtblick and Rerun open.
+class Ros2File : public Ros2Sink {
+ public:
+  /// Throws Error naming the file when it is there already or cannot be made.
+  Ros2File(const std::string& path, const std::string& library);
+  void publish(const Ros2Message& message) override;
+  /// Writes what has waited for a second.
+  void poll();
+  /// Writes all that is left, and the summary.
+  void close() { writer_.close(); }
+
+  std::uint64_t bytes() const { return writer_.bytes(); }
+  const std::map<std::string, std::uint64_t>& counts() const { return counts_; }  ///< messages by topic
+
+ private:
+  McapWriter writer_;
+  std::map<std::string, std::uint16_t> channels_;  // by topic
+  std::map<std::string, std::uint64_t> counts_;
+};
+
+}  // namespace citylearn

@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/ros2/translation.h"
+
+#include <cctype>
+#include <cmath>
+#include <limits>
+
+#include "core/task/action.h"
+#include "core/task/spl.h"
+#include "core/task/training_figures.h"
+#include "ros2/ros2.h"
+
+namespace citylearn {
+namespace {
+
+namespace geometry = geometry_msgs::msg::dds_;
+namespace sensor = sensor_msgs::msg::dds_;
+namespace standard = std_msgs::msg::dds_;
+
+constexpr std::uint64_t kSecond = 1'000'000'000;
+
+standard::Header_ header(const std::string& frame_id, std::uint64_t time) {
+  standard::Header_ made;
+  made.stamp().sec(static_cast<std::int32_t>(time / kSecond));
+  made.stamp().nanosec(static_cast<std::uint32_t>(time % kSecond));
+  made.frame_id(frame_id);
+  return made;
+}
+
+template <class Message, class Value>
+Message holding(Value value) {
+  Message message;
+  message.data(value);
+  return message;
+}
+
+}  // namespace
+
+Ros2Translation::Ros2Translation(Ros2Sink& sink, const Options& options, const Sources& sources)
+    : sink_(sink), options_(options), sources_(sources) {}
+
+/// Returns the id with '_' for what a name of ROS 2 may not have, and another one for each id. A leading '_' would hide
+/// the topic, a leading digit is not allowed.
+std::string Ros2Translation::ros_name(const std::string& id) {
+  const auto found = names_.find(id);
+  if (found != names_.end()) return found->second;
+  std::string name = id;
+  for (char& letter : name)
+    if (!std::isalnum(static_cast<unsigned char>(letter))) letter = '_';
+  if (!std::isalpha(static_cast<unsigned char>(name.front()))) name = "id_" + name;
+  std::string unique = name;
+  for (int number = 2; !taken_.insert(unique).second; ++number) unique = name + "_" + std::to_string(number);
+  return names_[id] = unique;
+}
+
+Ros2Translation::Environment& Ros2Translation::environment(const std::string& id, std::uint64_t incarnation) {
+  Environment& environment = environments_[id];
+  if (environment.incarnation == incarnation) return environment;
+  environment = {};
+  environment.name = ros_name(id);
+  environment.incarnation = incarnation;
+  return environment;
+}
+
+/// A clock that was set back does not stop what is sent.
+bool Ros2Translation::is_due(const Environment& environment, std::uint64_t time) const {
+  return options_.rate <= 0 || time < environment.sampled ||
+         static_cast<double>(time - environment.sampled) * options_.rate >= static_cast<double>(kSecond);
+}
+
+std::string Ros2Translation::topic(const Environment& environment, std::size_t agent, const std::string& name) const {
+  return "/" + options_.prefix + "/" + environment.name + "/agent_" + std::to_string(agent) + "/" + name;
+}
+
+template <class Message>
+void Ros2Translation::publish(const std::string& topic, const Message& message, std::uint64_t time) {
+  encode_ros2(message, bytes_);
+  sink_.publish({topic, &ros2_type_of<Message>(), time, bytes_});
+}
+
+void Ros2Translation::on_message(const msg::Observation& observation, std::uint64_t time) {
+  const std::string id = observation.header().sender().c_str();
+  Environment& from = environment(id, observation.header().incarnation());
+  const std::pair settings(observation.settings().incarnation(), observation.settings().version());
+  // One that is sent again, or once more with features, is not news.
+  if ((settings == from.settings && observation.step() <= from.step && from.sampled != 0) || !is_due(from, time))
+    return;
+  from.settings = settings;
+  from.step = observation.step();
+  from.sampled = time;
+  from.answered = false;
+  from.agents.resize(std::min(options_.agents, observation.frame().size()));
+  const auto map = sources_.map(id, observation.traversal_hash());
+  for (std::size_t agent = 0; agent < from.agents.size(); ++agent) {
+    if (observation.flags()[agent] & msg::FLAG_IDLE) continue;
+    publish(topic(from, agent, "reward"), holding<standard::Float32_>(observation.reward()[agent]), time);
+    if (map) {
+      publish_place(from, agent, *map, observation.position()[agent], "", time);
+      publish_place(from, agent, *map, observation.goal()[agent], "goal_", time);
+    }
+    from.agents[agent].next = View{{observation.traversal_hash(), observation.frame()[agent]}, time};
+    publish_picture(id, from, agent, from.agents[agent]);
+  }
+}
+
+void Ros2Translation::publish_place(const Environment& environment, std::size_t agent, const RouteMap& map,
+                                    std::uint32_t frame, const std::string& prefix, std::uint64_t time) {
+  if (frame < map.position.size() && std::isfinite(map.position[frame])) {
+    geometry::PoseStamped_ pose;
+    pose.header(header(options_.prefix + "/" + environment.name + "/route", time));
+    pose.pose().position().x(map.position[frame]);
+    pose.pose().orientation().w(1);
+    publish(topic(environment, agent, prefix + "pose"), pose, time);
+  }
+  if (frame < map.latitude.size() && std::isfinite(map.latitude[frame]) && std::isfinite(map.longitude[frame])) {
+    sensor::NavSatFix_ fix;
+    fix.header(header(options_.prefix + "/" + environment.name + "/agent_" + std::to_string(agent), time));
+    fix.status().status(0);   // STATUS_FIX
+    fix.status().service(1);  // SERVICE_GPS
+    fix.latitude(map.latitude[frame]);
+    fix.longitude(map.longitude[frame]);
+    fix.altitude(std::numeric_limits<double>::quiet_NaN());
+    publish(topic(environment, agent, prefix + "fix"), fix, time);
+  }
+}
+
+/// Shows the newest view whose picture is here. While one is coming, that one is waited for, or an agent that moves
+/// faster than pictures come would never be shown.
+void Ros2Translation::publish_picture(const std::string& id, const Environment& environment, std::size_t index,
+                                      Agent& agent) {
+  while (agent.coming || agent.next) {
+    if (!agent.coming) agent.coming = std::exchange(agent.next, std::nullopt);
+    bool coming = false;
+    const auto picture = sources_.picture(id, agent.coming->key, coming);
+    if (coming) return;
+    const View view = *std::exchange(agent.coming, std::nullopt);
+    if (!picture || picture->bytes.empty()) {
+      ++missing_pictures_;
+      continue;
+    }
+    sensor::CompressedImage_ image;
+    const std::string name = "/agent_" + std::to_string(index);
+    image.header(header(options_.prefix + "/" + environment.name + name + "/camera", view.time));
+    image.format(picture->type.substr(picture->type.find('/') + 1));  // of "image/jpeg"
+    image.data().assign(picture->bytes.begin(), picture->bytes.end());
+    publish(topic(environment, index, "image/compressed"), image, view.time);
+    ++pictures_;
+  }
+}
+
+void Ros2Translation::poll() {
+  for (auto& [id, environment] : environments_)
+    for (std::size_t agent = 0; agent < environment.agents.size(); ++agent)
+      publish_picture(id, environment, agent, environment.agents[agent]);
+}
+
+/// Only what answers an observation that was sent: then the rates are the same.
+void Ros2Translation::on_message(const msg::Action& action, std::uint64_t time) {
+  const auto found = environments_.find(action.environment().c_str());
+  if (found == environments_.end()) return;
+  Environment& to = found->second;
+  if (action.environment_incarnation() != to.incarnation || action.step() != to.step ||
+      std::pair(action.settings().incarnation(), action.settings().version()) != to.settings ||
+      std::exchange(to.answered, true))  // sent again
+    return;
+  for (std::size_t agent = 0; agent < std::min(to.agents.size(), action.choice().size()); ++agent) {
+    const std::uint8_t choice = action.choice()[agent];
+    if (choice == kNoAction) continue;
+    publish(topic(to, agent, "action"), holding<standard::UInt8_>(choice), time);
+    geometry::Twist_ twist;
+    twist.linear().x(choice == kNext ? options_.speed : choice == kPrevious ? -options_.speed : 0);
+    publish(topic(to, agent, "cmd_vel"), twist, time);
+  }
+}
+
+void Ros2Translation::on_message(const msg::EpisodeStat& stat, std::uint64_t time) {
+  Environment& from = environment(stat.header().sender().c_str(), stat.header().incarnation());
+  if (stat.episode() <= from.episode) return;  // sent again
+  from.episode = stat.episode();
+  if (stat.agent() >= options_.agents) return;
+  publish(topic(from, stat.agent(), "episode/reward"), holding<standard::Float32_>(stat.reward()), time);
+  const double spl = spl_of(stat.completed(), stat.shortest(), stat.steps());
+  publish(topic(from, stat.agent(), "episode/spl"), holding<standard::Float32_>(static_cast<float>(spl)), time);
+}
+
+void Ros2Translation::on_message(const msg::TrainingStat& stat, std::uint64_t time) {
+  const std::string id = stat.header().sender().c_str();
+  const std::pair update(stat.run_id(), stat.update());
+  auto& newest = updates_[id];
+  if (update <= newest) return;  // sent again
+  newest = update;
+  for (const TrainingFigure& figure : training_figures())
+    if (const double value = figure.value(stat); std::isfinite(value))
+      publish("/" + options_.prefix + "/" + ros_name(id) + "/training/" + figure.name,
+              holding<standard::Float64_>(value), time);
+}
+
+}  // namespace citylearn
