@@ -5,7 +5,7 @@ include(GNUInstallDirs)
 set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME services)
 install(TARGETS dashboard RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT dashboard)
 set(programs env_service encoder_service policy_service
-  citylearn_data citylearn_doctor citylearn_export citylearn_paper citylearn_record citylearn_replay citylearn_vpr)
+  citylearn_data citylearn_doctor citylearn_export citylearn_paper citylearn_record citylearn_replay citylearn_ros2 citylearn_vpr)
 foreach(program ${programs} citylearn_discovery_server)
   if(TARGET ${program})
     install(TARGETS ${program} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})

@@ -202,6 +202,15 @@ Network resolve(const MiddlewareOptions& options) {
   if (!options.security.empty() && options.domain > internal::kMostSecureDomain)
     throw Error("must be 0.." + std::to_string(internal::kMostSecureDomain) + " with --security", "domain");
   if (!options.security.empty()) network.security = internal::check_security(options.security, options.participant);
+  network.multicast = options.multicast;
+  if (options.multicast) {
+    network.interfaces = "all interfaces";
+    for (const internal::Interface& each : internal::interfaces())
+      if (each.up) network.addresses.push_back(each.address);
+    for (const std::string& peer : options.peers)
+      for (const Network::Peer& each : resolve_peer(peer, "peers", 0)) network.peers.push_back(each);
+    return network;
+  }
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
   std::vector<internal::Interface> interfaces;
   for (const std::string& interface : options.interfaces) interfaces.push_back(resolve_interface(interface));

@@ -76,6 +76,8 @@ struct MiddlewareOptions {
   std::string name = "cyclonedds";  ///< strictly this one: unknown or failing is an Error, never another one
   std::uint32_t domain = 0;         ///< 0..232
   std::vector<std::string> interfaces = {"lo"};  ///< the only ones used, by name or IPv4 address; "lo": this machine
+  bool multicast = false;          ///< instead of `interfaces`: those that the vendor chooses, and others are found by
+                                   ///< multicast, as nodes of ROS 2 do it by default
   std::vector<std::string> peers;  ///< hosts (or host:port) asked for participants beside this machine's own
   std::vector<std::string> discovery_servers;  ///< host[:port], instead of asking peers; fastdds only
   std::string security;     ///< folder with this service's keys (docs/how-to/secure-a-run.md); empty: none

@@ -63,15 +63,19 @@ std::string config_of(const Network& network) {
     interfaces += "<NetworkInterface address=\"" + address + "\" multicast=\"false\"/>";
   for (const Network::Peer& peer : network.peers)
     peers += "<Peer address=\"" + peer.address + (peer.port ? ":" + std::to_string(peer.port) : "") + "\"/>";
+  const std::string index = "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>" +
+                            std::to_string(kParticipants - 1) + "</MaxAutoParticipantIndex>";
+  // Where there is no network but loopback, hosts may not multicast.
+  if (network.multicast)
+    return "<Discovery>" + index + "<Peers><Peer address=\"localhost\"/>" + peers + "</Peers></Discovery>";
   const int fragment = network.loopback_only ? 64000 : network.datagram - kAroundFragment;
   // A smaller send buffer than asked for is not a failure, so only the upper bound of the socket buffers is set. The
   // watermarks are above what the deepest history holds: a writer never waits for a reader.
   return "<General><Interfaces>" + interfaces + "</Interfaces><AllowMulticast>false</AllowMulticast><MaxMessageSize>" +
          std::to_string(network.datagram) + "B</MaxMessageSize><FragmentSize>" + std::to_string(fragment) +
          "B</FragmentSize></General>"
-         "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>" +
-         std::to_string(kParticipants - 1) + "</MaxAutoParticipantIndex><Peers>" + peers + "</Peers>" +
-         (network.loopback_only ? "" : kFoundAgain) +
+         "<Discovery>" +
+         index + "<Peers>" + peers + "</Peers>" + (network.loopback_only ? "" : kFoundAgain) +
          "</Discovery><Internal><SocketReceiveBufferSize max=\"4MB\"/><SocketSendBufferSize max=\"4MB\"/>" +
          (network.loopback_only ? "" : kRepairs) +
          "<Watermarks><WhcHigh>64MB</WhcHigh><WhcHighInit>64MB</WhcHighInit></Watermarks></Internal>";

@@ -299,6 +299,15 @@ void join(const std::vector<Network::Peer>& servers, rtps::DiscoverySettings& di
   }
 }
 
+/// Takes the first free ports of this host's addresses.
+void listen_at(const Network& network, dds::WireProtocolConfigQos& wire) {
+  const int port = discovery_port(network.domain, free_index(network));
+  for (const std::string& address : network.addresses) {
+    wire.builtin.metatrafficUnicastLocatorList.push_back(locator(address, port));  // and so no multicast
+    wire.default_unicast_locator_list.push_back(locator(address, port + 1));
+  }
+}
+
 class FastMiddleware : public Middleware {
  public:
   explicit FastMiddleware(const Network& network) : heartbeat_(network.loopback_only ? kHeartbeatAtHome : kHeartbeat) {
@@ -306,7 +315,7 @@ class FastMiddleware : public Middleware {
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-    udp->interfaceWhiteList = network.addresses;
+    if (!network.multicast) udp->interfaceWhiteList = network.addresses;
     udp->maxInitialPeersRange = kParticipants;
     // Fast does not cut what two sides say to prove who they are: certificate and permissions must fit one message.
     udp->maxMessageSize = static_cast<std::uint32_t>(network.security.empty() ? network.datagram
@@ -318,16 +327,14 @@ class FastMiddleware : public Middleware {
     qos.transport().send_socket_buffer_size = kSocketBuffer;
     qos.transport().listen_socket_buffer_size = kSocketBuffer;
 
-    const int port = discovery_port(network.domain, free_index(network));
     auto& wire = qos.wire_protocol();
     // Fast would give a new participant the number, and so the GUID, of one that left; others then take its first
     // announcements for old ones.
     static std::atomic<int> started{0};
     wire.participant_id = started++;
-    for (const std::string& address : network.addresses) {
-      wire.builtin.metatrafficUnicastLocatorList.push_back(locator(address, port));  // and so no multicast
-      wire.default_unicast_locator_list.push_back(locator(address, port + 1));
-    }
+    if (!network.multicast) listen_at(network, wire);
+    // Peers would replace Fast's own, which is everybody at the address of RTPS 2.2, 9.6.1.4.1.
+    if (network.multicast && !network.peers.empty()) wire.builtin.initialPeersList.push_back(locator("239.255.0.1", 0));
     if (network.discovery_servers.empty())
       for (const Network::Peer& peer : network.peers)
         wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));

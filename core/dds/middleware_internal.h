@@ -61,6 +61,7 @@ struct Network {
   std::vector<Peer> peers;              ///< this host's own addresses come first
   std::vector<Peer> discovery_servers;  ///< each with a port
   std::string security;                 ///< folder with keys; empty: none
+  bool multicast = false;               ///< the vendor's own settings hold, but for peers; `addresses` are this host's
 };
 
 /// Returns the first index whose two UDP ports are free on all addresses. Throws Error when there is none.

@@ -44,35 +44,55 @@ std::string bytes_of_hex(const std::string& text) {
   return bytes;
 }
 
-class Ros2Bridges : public VendorTest {};
+/// A bridge between an agent that walks and a node that hears it.
+class Ros2Bridges : public VendorTest {
+ protected:
+  /// Starts `program` as a node and waits until it ends, which is right where it has heard enough.
+  void walk_until_heard(const char* program, const Arguments& of_node, const Arguments& of_bridge) {
+    const std::string domain = std::to_string(own_domain());
+    pictures_ = write_route(trial_.folder() / "data");
+    Arguments node = {program, domain, "60", "/citylearn/env_summer/agent_0"};
+    node.insert(node.end(), of_node.begin(), of_node.end());
+    node_ = std::make_unique<Service>(node, trial_.folder() / "node.log");
+    ASSERT_TRUE(node_->says("subscribed", seconds(20))) << node_->output();
+    Arguments options = {"--ros-middleware", GetParam(), "--ros-domain", domain, "--speed", ".5"};
+    options.insert(options.end(), of_bridge.begin(), of_bridge.end());
+    bridge_ = trial_.program(CITYLEARN_ROS2, "ros2", options);
+    const auto env = trial_.env("summer", {"--dataset", "plain", "--data", trial_.folder() / "data"});
+    ScriptedPolicy policy(trial_.middleware(), "default", "env-summer");
+    ShortestPath walker;
+    policy.walker = &walker;
+    msg::TaskSettings settings;
+    settings.task_mode(msg::TRAIN);
+    settings.frames(kFrames);
+    settings.max_steps(4 * kFrames);
+    ASSERT_TRUE(policy.until([&] { return policy.infos > 0; })) << env->output();
+    policy.command(settings);
+    std::optional<int> status;
+    policy.until([&] { return (status = node_->wait(milliseconds(0))).has_value(); }, seconds(90));
+    ASSERT_EQ(status, 0) << node_->output() << bridge_->output() << env->output();
+    EXPECT_EQ(bridge_->end(SIGTERM, seconds(10)), 0) << bridge_->output();
+  }
+
+  Trial trial_{GetParam()};
+  std::vector<std::string> pictures_;
+  std::unique_ptr<Service> node_, bridge_;
+};
 CITYLEARN_EACH_VENDOR(Ros2Bridges);
 
+TEST_P(Ros2Bridges, NodesWithDefaultSettingsHearThem) {
+  for (const auto& [program, more] :
+       {std::pair<const char*, Arguments>{ROS2_FASTDDS_NODE, {}}, {ROS2_NODE, {"default"}}}) {
+    walk_until_heard(program, more, {});
+    EXPECT_FALSE(contains(node_->output(), "messages of")) << node_->output();
+  }
+}
+
 TEST_P(Ros2Bridges, ANodeHearsWhatAnAgentSeesAndDoes) {
-  Trial trial(GetParam());
-  const std::vector<std::string> pictures = write_route(trial.folder() / "data");
-  const std::string domain = std::to_string(own_domain());
-  const auto node = std::make_unique<Service>(Arguments{ROS2_NODE, domain, "60", "/citylearn/env_summer/agent_0"},
-                                              trial.folder() / "node.log");
-  ASSERT_TRUE(node->says("subscribed", seconds(20))) << node->output();
-  const auto bridge = trial.program(CITYLEARN_ROS2, "ros2", {"--ros-domain", domain, "--speed", ".5"});
-  const auto env = trial.env("summer", {"--dataset", "plain", "--data", trial.folder() / "data"});
-
-  ScriptedPolicy policy(trial.middleware(), "default", "env-summer");
-  ShortestPath walker;
-  policy.walker = &walker;
-  msg::TaskSettings settings;
-  settings.task_mode(msg::TRAIN);
-  settings.frames(kFrames);
-  settings.max_steps(4 * kFrames);
-  ASSERT_TRUE(policy.until([&] { return policy.infos > 0; })) << env->output();
-  policy.command(settings);
-  std::optional<int> status;
-  policy.until([&] { return (status = node->wait(milliseconds(0))).has_value(); }, seconds(90));
-  ASSERT_EQ(status, 0) << node->output() << bridge->output() << env->output();
-
+  ASSERT_NO_FATAL_FAILURE(walk_until_heard(ROS2_NODE, {}, {"--ros-interface", "lo"}));
   std::map<std::string, std::vector<Json>> heard;  // by topic, and once more for sensor data
   std::map<std::string, Json> writers;
-  std::istringstream lines(node->output());
+  std::istringstream lines(node_->output());
   for (std::string line; std::getline(lines, line);) {
     ASSERT_TRUE(line.starts_with("{")) << line;
     const Json said = Json::parse(line);
@@ -105,9 +125,9 @@ TEST_P(Ros2Bridges, ANodeHearsWhatAnAgentSeesAndDoes) {
     for (const Json& image : heard[name]) {
       EXPECT_EQ(image["format"], "jpeg");
       EXPECT_EQ(image["frame_id"], "citylearn/env_summer/agent_0/camera");
-      const auto found = std::find(pictures.begin(), pictures.end(), bytes_of_hex(image["data"]));
-      ASSERT_NE(found, pictures.end());
-      frames[{image["sec"], image["nanosec"]}] = static_cast<int>(found - pictures.begin());
+      const auto found = std::find(pictures_.begin(), pictures_.end(), bytes_of_hex(image["data"]));
+      ASSERT_NE(found, pictures_.end());
+      frames[{image["sec"], image["nanosec"]}] = static_cast<int>(found - pictures_.begin());
     }
   int compared = 0;
   for (const Json& fix : heard["fix sensor_data"])
@@ -127,7 +147,6 @@ TEST_P(Ros2Bridges, ANodeHearsWhatAnAgentSeesAndDoes) {
   for (const Json& action : heard["action"]) EXPECT_TRUE(action["data"] == kNext || action["data"] == kPrevious);
   for (const Json& twist : heard["cmd_vel"]) EXPECT_EQ(std::abs(twist["x"].get<double>()), .5);
   for (const Json& reward : heard["reward"]) EXPECT_TRUE(std::isfinite(reward["data"].get<double>()));
-  EXPECT_EQ(bridge->end(SIGTERM, seconds(10)), 0) << bridge->output();
 }
 
 }  // namespace

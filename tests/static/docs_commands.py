@@ -17,6 +17,7 @@ PROGRAMS = {
     "doctor": "tools/doctor/citylearn_doctor",
     "record": "tools/record/citylearn_record",
     "replay": "tools/record/citylearn_replay",
+    "ros2": "tools/ros2/citylearn_ros2",
     "vpr": "tools/vpr/citylearn_vpr",
     "export": "tools/export/citylearn_export",
     "paper": "tools/paper/citylearn_paper",

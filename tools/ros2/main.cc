@@ -16,10 +16,12 @@ namespace {
 
 using namespace citylearn;
 
+const std::string kAll = "all";
+
 struct CommandLine {
   std::vector<std::string> open;
   std::string output;
-  std::uint32_t domain = 0;  // of ROS 2
+  MiddlewareOptions ros;  // of ROS 2's side
   Ros2Bridge::Options bridge;
   Node::Options node;
   CLI::Option* session = nullptr;
@@ -27,15 +29,28 @@ struct CommandLine {
 
 void add_options(CLI::App& app, CommandLine& line) {
   Ros2Translation::Options& translation = line.bridge.translation;
+  // What nodes use by default. With Cyclone DDS, the domains of both sides must differ.
+  line.ros.name = "fastdds";
+  line.ros.interfaces = {kAll};
   app.option_defaults()->group("ROS 2");
   app.add_option("--open", line.open, "Convert recordings (citylearn record) instead of a running session")
       ->type_name("FILE.mcap ...");
   app.add_option("--output", line.output, "Write an MCAP file with profile ros2 instead of publishing")
       ->type_name("FILE.mcap");
-  app.add_option("--ros-domain", line.domain, "Domain of the nodes of ROS 2")
+  app.add_option("--ros-domain", line.ros.domain, "Domain of the nodes of ROS 2")
       ->envname("ROS_DOMAIN_ID")
       ->capture_default_str()
       ->check(CLI::Range(0, 232));
+  app.add_option("--ros-middleware", line.ros.name, "fastdds or cyclonedds; nodes may use either")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"fastdds", "cyclonedds"}));
+  app.add_option("--ros-interface", line.ros.interfaces,
+                 "Network interfaces on which nodes are: A,B,...; lo: those that stay on this machine "
+                 "(ROS_LOCALHOST_ONLY); all: those with their default settings, found by multicast")
+      ->delimiter(',')
+      ->capture_default_str();
+  app.add_option("--ros-peers", line.ros.peers, "Hosts with nodes that multicast does not reach: HOST[:PORT],...")
+      ->delimiter(',');
   app.add_option("--prefix", translation.prefix, "Begins all topics: /PREFIX/ENVIRONMENT/agent_0/...")
       ->capture_default_str()
       ->check([](const std::string& name) {
@@ -106,13 +121,16 @@ int bridge(const CommandLine& line) {
     print(file, line.output);
     return 0;
   }
-  MiddlewareOptions ros = line.node.middleware;
-  ros.domain = line.domain;
+  if (!line.node.middleware.security.empty())
+    spdlog::warn("--security holds for CityLearn's side: ROS 2's is not encrypted");
+  MiddlewareOptions ros = line.ros;
+  ros.multicast = ros.interfaces == std::vector{kAll};
   ros.participant = line.node.id;
-  if (!ros.security.empty()) spdlog::warn("--security holds for CityLearn's side: ROS 2's is not encrypted");
-  ros.security.clear();  // nodes of ROS 2 have keys of their own
+  if (ros.name == line.node.middleware.name && ros.name == "cyclonedds" && ros.domain == line.node.middleware.domain)
+    throw Error("Cyclone DDS cannot serve both sides in domain " + std::to_string(ros.domain), "--ros-middleware",
+                "use fastdds there, or another domain on one side");
   Ros2Publishers publishers(ros);
-  run(line, publishers, "publishes to ROS 2 in domain " + std::to_string(line.domain), [&] {
+  run(line, publishers, "publishes to ROS 2 in domain " + std::to_string(ros.domain), [&] {
     for (const std::string& fault : publishers.faults()) spdlog::error("{}", fault);
   });
   return 0;
