@@ -4,8 +4,8 @@
 #include <map>
 #include <string>
 
+#include "core/presence/presence.h"
 #include "core/wire/node.h"
-#include "core/wire/presence.h"
 #include "dashboard/live/maps.h"
 #include "dashboard/live/pictures.h"
 #include "tools/ros2/translation.h"
