@@ -11,9 +11,12 @@ DOMAIN = own_domain()
 WHERE = {"middleware": "cyclonedds", "domain": DOMAIN, "interface": "lo", "log_level": "error"}
 
 
-def service(name, *options):
-    return subprocess.Popen([BUILD / name / name, *(f"--{key.replace('_', '-')}={value}" for key, value in WHERE.items()),
-                             *options])
+def as_options(keywords):
+    return [f"--{name.replace('_', '-')}={value}" for name, value in keywords.items()]
+
+
+def service(name, *options, middleware=WHERE["middleware"]):
+    return subprocess.Popen([BUILD / name / name, *as_options({**WHERE, "middleware": middleware}), *options])
 
 
 @contextlib.contextmanager
@@ -27,10 +30,10 @@ def running(*services):
             process.wait()
 
 
-def env_services(count=2):
-    options = [f"--{name.replace('_', '-')}={value}" for name, value in DRAWN.items() if name != "frames"]
-    return [service("env_service", "--agents=8", "--linger=0", f"--id=env-{i}", *options) for i in range(count)]
+def env_services(count=2, **where):
+    data = as_options({name: value for name, value in DRAWN.items() if name != "frames"})
+    return [service("env_service", "--agents=8", "--linger=0", f"--id=env-{i}", *data, **where) for i in range(count)]
 
 
-def actor(number):
-    return service("policy_service", "--role=actor", f"--id=actor-{number}", "--threads=1")
+def actor(number, **where):
+    return service("policy_service", "--role=actor", f"--id=actor-{number}", "--threads=1", **where)

@@ -47,8 +47,9 @@ class WithActors(unittest.TestCase):
                     agent=agent, frames=DRAWN["frames"], wait=60, **WHERE) as source:
                 batch = next(source)
                 parameters = {name: torch.from_numpy(values) for name, values in source.parameters.items()}
-                logits, values, _ = torch_actors.forward(source, parameters, {
-                    name: torch.from_numpy(array) for name, array in vars(batch).items() if isinstance(array, np.ndarray)})
+                arrays = {name: value for name, value in vars(batch).items() if isinstance(value, np.ndarray)}
+                logits, values, _ = torch_actors.forward(
+                    source, parameters, {name: torch.from_numpy(array) for name, array in arrays.items()})
                 chosen = torch.distributions.Categorical(logits=logits).log_prob(torch.from_numpy(batch.action).long())
                 np.testing.assert_allclose(chosen, batch.log_probability, atol=1e-4)
                 np.testing.assert_allclose(values, batch.value, atol=1e-4)
