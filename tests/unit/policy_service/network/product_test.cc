@@ -79,7 +79,8 @@ TEST(Product, RepeatsItsBitsOnAnyThread) {
 std::atomic<int> signals_taken{0};
 
 TEST(Product, ASignalLeavesItsMemoryAlone) {
-  struct sigaction action {}, before{};
+  struct sigaction action {
+  }, before{};
   action.sa_handler = [](int) { ++signals_taken; };
   action.sa_flags = SA_ONSTACK | SA_RESTART;
   ASSERT_EQ(sigaction(SIGALRM, &action, &before), 0);
