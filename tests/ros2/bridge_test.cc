@@ -11,6 +11,7 @@
 #include "tests/support/data/pictures.h"
 #include "tests/support/env/scripted_policy.h"
 #include "tests/support/processes/trial.h"
+#include "tests/support/records/recordings.h"
 
 namespace citylearn::testing {
 namespace {
@@ -47,17 +48,9 @@ std::string bytes_of_hex(const std::string& text) {
 /// A bridge between an agent that walks and a node that hears it.
 class Ros2Bridges : public VendorTest {
  protected:
-  /// Starts `program` as a node and waits until it ends, which is right where it has heard enough.
-  void walk_until_heard(const char* program, const Arguments& of_node, const Arguments& of_bridge) {
-    const std::string domain = std::to_string(own_domain());
-    pictures_ = write_route(trial_.folder() / "data");
-    Arguments node = {program, domain, "60", "/citylearn/env_summer/agent_0"};
-    node.insert(node.end(), of_node.begin(), of_node.end());
-    node_ = std::make_unique<Service>(node, trial_.folder() / "node.log");
-    ASSERT_TRUE(node_->says("subscribed", seconds(20))) << node_->output();
-    Arguments options = {"--ros-middleware", GetParam(), "--ros-domain", domain, "--speed", ".5"};
-    options.insert(options.end(), of_bridge.begin(), of_bridge.end());
-    bridge_ = trial_.program(CITYLEARN_ROS2, "ros2", options);
+  void start_bridge(const Arguments& options) { bridge_ = trial_.program(CITYLEARN_ROS2, "ros2", options); }
+  /// Lets the agents walk until `condition` holds, and ends the bridge.
+  void walk_until(const std::function<bool()>& condition) {
     const auto env = trial_.env("summer", {"--dataset", "plain", "--data", trial_.folder() / "data"});
     ScriptedPolicy policy(trial_.middleware(), "default", "env-summer");
     ShortestPath walker;
@@ -68,14 +61,26 @@ class Ros2Bridges : public VendorTest {
     settings.max_steps(4 * kFrames);
     ASSERT_TRUE(policy.until([&] { return policy.infos > 0; })) << env->output();
     policy.command(settings);
-    std::optional<int> status;
-    policy.until([&] { return (status = node_->wait(milliseconds(0))).has_value(); }, seconds(90));
-    ASSERT_EQ(status, 0) << node_->output() << bridge_->output() << env->output();
+    EXPECT_TRUE(policy.until(condition, seconds(60) * kSlowness)) << bridge_->output() << env->output();
     EXPECT_EQ(bridge_->end(SIGTERM, seconds(10)), 0) << bridge_->output();
+  }
+  /// Starts `program` as a node and walks until it ends, which is right where it has heard enough.
+  void walk_until_heard(const char* program, const Arguments& of_node, const Arguments& of_bridge) {
+    const std::string domain = std::to_string(own_domain());
+    Arguments node = {program, domain, "60", "/citylearn/env_summer/agent_0"};
+    node.insert(node.end(), of_node.begin(), of_node.end());
+    node_ = std::make_unique<Service>(node, trial_.folder() / "node.log");
+    ASSERT_TRUE(node_->says("subscribed", seconds(20))) << node_->output();
+    Arguments options = {"--actions", "--ros-middleware", GetParam(), "--ros-domain", domain, "--speed", ".5"};
+    options.insert(options.end(), of_bridge.begin(), of_bridge.end());
+    start_bridge(options);
+    std::optional<int> status;
+    walk_until([&] { return (status = node_->wait(milliseconds(0))).has_value(); });
+    ASSERT_EQ(status, 0) << node_->output() << bridge_->output();
   }
 
   Trial trial_{GetParam()};
-  std::vector<std::string> pictures_;
+  const std::vector<std::string> pictures_ = write_route(trial_.folder() / "data");
   std::unique_ptr<Service> node_, bridge_;
 };
 CITYLEARN_EACH_VENDOR(Ros2Bridges);
@@ -86,6 +91,30 @@ TEST_P(Ros2Bridges, NodesWithDefaultSettingsHearThem) {
     walk_until_heard(program, more, {});
     EXPECT_FALSE(contains(node_->output(), "messages of")) << node_->output();
   }
+}
+
+TEST_P(Ros2Bridges, RecordsWhatAnAgentSees) {
+  const std::string file = trial_.folder() / "ros2.mcap";
+  start_bridge({"--output", file});
+  ASSERT_TRUE(bridge_->says("records to", seconds(20))) << bridge_->output();
+  std::map<std::string, int> counts;
+  const auto enough = [&] {
+    counts.clear();
+    for (const Heard& heard : all_of(file)) ++counts[heard.topic.substr(heard.topic.find("agent_"))];
+    return counts["agent_0/image/compressed"] >= 10 && counts["agent_0/episode/spl"] > 0;
+  };
+  walk_until(enough);
+  EXPECT_GE(counts["agent_0/pose"], 10);
+  EXPECT_GE(counts["agent_0/goal_fix"], 10);
+  EXPECT_EQ(counts.size(), 7u) << "neither rewards nor actions, and one agent alone";
+  std::string missing;
+  all_of(file, &missing);
+  EXPECT_EQ(missing, "");
+  EXPECT_TRUE(contains(bridge_->output(), "/citylearn/env_summer/agent_0/goal_fix")) << bridge_->output();
+  Trial other(GetParam());
+  const auto again = other.program(CITYLEARN_ROS2, "ros2", {"--output", file});
+  EXPECT_EQ(again->wait(seconds(20)), 1);
+  EXPECT_TRUE(contains(again->output(), "is there already")) << again->output();
 }
 
 TEST_P(Ros2Bridges, ANodeHearsWhatAnAgentSeesAndDoes) {

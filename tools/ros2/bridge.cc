@@ -24,6 +24,7 @@ Pictures::Options picture_options(int widest) {
 
 Ros2Bridge::Ros2Bridge(Node& node, Ros2Sink& sink, const Options& options)
     : node_(node),
+      options_(options),
       maps_(node),
       pictures_(node, picture_options(options.widest)),
       translation_(sink, options.translation,
@@ -38,6 +39,7 @@ Ros2Bridge::Ros2Bridge(Node& node, Ros2Sink& sink, const Options& options)
   node_.create_reader<msg::ServiceStatus>();
   node_.create_reader<msg::TraversalInfo>();
   node_.create_reader<msg::EpisodeStat>();
+  if (!options_.actions) node_.create_reader<msg::Scene>();
   node_.create_reader<msg::TrainingStat>();
 }
 
@@ -57,6 +59,7 @@ void Ros2Bridge::on_message(const msg::ServiceStatus& status, Clock::time_point 
   host->second.heard(now);
   if (!met) return;
   spdlog::info("'{}' is here", id);
+  if (!options_.actions) return;
   node_.create_reader_at<msg::Observation>(id);
   node_.create_reader_at<msg::Action>(id);
 }
@@ -80,8 +83,8 @@ void Ros2Bridge::poll() {
   while (node_.take(status_)) on_message(status_, now);
   while (node_.take(info_)) images_[info_.header().sender().c_str()] = info_.images();
   leave_silent(now);
-  translate(observation_);
-  translate(action_);
+  options_.actions ? translate(observation_) : translate(scene_);
+  if (options_.actions) translate(action_);
   translate(episode_);
   translate(update_);
   maps_.poll(now);

@@ -12,13 +12,15 @@
 
 namespace citylearn {
 
-/// Translates what goes on in the node's session: reads the observations and actions of each env_service, and fetches
-/// maps and pictures. It sends no settings, no actions and no acknowledgements. Used by the thread of the node.
+/// Translates what goes on in the node's session: reads the scenes of each env_service, or its observations and
+/// actions, and fetches maps and pictures. It sends no settings, no actions and no acknowledgements. Used by the thread
+/// of the node.
 class Ros2Bridge {
  public:
   struct Options {
     Ros2Translation::Options translation;
-    int widest = 640;  ///< of pictures, pixels
+    int widest = 640;      ///< of pictures, pixels
+    bool actions = false;  ///< reads all observations and actions, for what scenes do not say
   };
   /// `node` and `sink` must outlive it.
   Ros2Bridge(Node& node, Ros2Sink& sink, const Options& options);
@@ -37,6 +39,7 @@ class Ros2Bridge {
   std::shared_ptr<const PictureFile> picture(const std::string& environment, const PictureKey& key, bool& coming);
 
   Node& node_;
+  const Options options_;
   Maps maps_;
   Pictures pictures_;
   Ros2Translation translation_;
@@ -44,6 +47,7 @@ class Ros2Bridge {
   std::map<std::string, bool> images_;     // whether what each hosts has pictures
   msg::ServiceStatus status_;
   msg::TraversalInfo info_;
+  msg::Scene scene_;
   msg::Observation observation_;
   msg::Action action_;
   msg::EpisodeStat episode_;

@@ -103,7 +103,7 @@ Ros2ConversionResult convert(const Ros2Conversion& conversion, Ros2Sink& sink) {
   Ros2Translation translation(sink, conversion.translation,
                               {[&](const std::string&, std::uint64_t hash) { return store.map(hash); },
                                [&](const std::string&, const PictureKey& key, bool&) { return store.picture(key); }});
-  read<msg::Observation, msg::Action, msg::EpisodeStat, msg::TrainingStat>(
+  read<msg::Observation, msg::Scene, msg::Action, msg::EpisodeStat, msg::TrainingStat>(
       conversion, result.unreadable,
       [&](const auto& message, std::uint64_t time) { translation.on_message(message, time); });
   result.pictures = translation.pictures();

@@ -62,7 +62,10 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option("--agents", translation.agents, "Agents of each env_service that are shown")
       ->capture_default_str()
       ->check(CLI::Range(1u, msg::MAX_AGENTS));
-  app.add_option("--rate", translation.rate, "Observations of an env_service a second, at most; 0 is all")
+  app.add_flag("--actions", line.bridge.actions,
+               "Publish actions, cmd_vel and rewards too: reads each observation, which slows a training down");
+  app.add_option("--rate", translation.rate,
+                 "How often what agents see is shown, times a second; 0: each step. More than 10 need --actions")
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1e4));
   app.add_option("--speed", translation.speed, "Of a step in cmd_vel, m/s")->capture_default_str();
@@ -93,7 +96,7 @@ int convert(const CommandLine& line) {
   if (result.missing_pictures > 0)
     spdlog::warn(
         "{} of {} pictures are not in the recording: it has those that somebody asked for. Without --open, --output "
-        "records them all",
+        "records all",
         result.missing_pictures, result.missing_pictures + result.pictures);
   if (file.counts().empty()) throw Error("has nothing to convert", line.open.front(), "record observations too");
   return 0;

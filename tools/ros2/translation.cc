@@ -78,29 +78,44 @@ void Ros2Translation::publish(const std::string& topic, const Message& message, 
   sink_.publish({topic, &ros2_type_of<Message>(), time, bytes_});
 }
 
-void Ros2Translation::on_message(const msg::Observation& observation, std::uint64_t time) {
-  const std::string id = observation.header().sender().c_str();
-  Environment& from = environment(id, observation.header().incarnation());
-  const std::pair settings(observation.settings().incarnation(), observation.settings().version());
-  // One that is sent again, or once more with features, is not news.
-  if ((settings == from.settings && observation.step() <= from.step && from.sampled != 0) || !is_due(from, time))
-    return;
+/// Publishes what agents see, unless it is said again or too soon: then returns null.
+template <class Seen>
+Ros2Translation::Environment* Ros2Translation::see(const Seen& seen, std::uint64_t time) {
+  const std::string id = seen.header().sender().c_str();
+  Environment& from = environment(id, seen.header().incarnation());
+  const std::pair settings(seen.settings().incarnation(), seen.settings().version());
+  // An observation comes again until it is answered, and once more with features.
+  if (settings == from.settings && seen.step() <= from.step && from.sampled != 0) return nullptr;
+  if (!is_due(from, time)) return nullptr;
   from.settings = settings;
-  from.step = observation.step();
+  from.step = seen.step();
   from.sampled = time;
   from.answered = false;
-  from.agents.resize(std::min(options_.agents, observation.frame().size()));
-  const auto map = sources_.map(id, observation.traversal_hash());
+  from.agents.resize(std::min(options_.agents, seen.frame().size()));
+  const auto map = sources_.map(id, seen.traversal_hash());
   for (std::size_t agent = 0; agent < from.agents.size(); ++agent) {
-    if (observation.flags()[agent] & msg::FLAG_IDLE) continue;
-    publish(topic(from, agent, "reward"), holding<standard::Float32_>(observation.reward()[agent]), time);
+    if (seen.flags()[agent] & msg::FLAG_IDLE) continue;
     if (map) {
-      publish_place(from, agent, *map, observation.position()[agent], "", time);
-      publish_place(from, agent, *map, observation.goal()[agent], "goal_", time);
+      publish_place(from, agent, *map, seen.position()[agent], "", time);
+      publish_place(from, agent, *map, seen.goal()[agent], "goal_", time);
     }
-    from.agents[agent].next = View{{observation.traversal_hash(), observation.frame()[agent]}, time};
+    from.agents[agent].next = View{{seen.traversal_hash(), seen.frame()[agent]}, time};
     publish_picture(id, from, agent, from.agents[agent]);
   }
+  return &from;
+}
+
+void Ros2Translation::on_message(const msg::Scene& scene, std::uint64_t time) {
+  if (!environment(scene.header().sender().c_str(), scene.header().incarnation()).observed) see(scene, time);
+}
+
+void Ros2Translation::on_message(const msg::Observation& observation, std::uint64_t time) {
+  environment(observation.header().sender().c_str(), observation.header().incarnation()).observed = true;
+  const Environment* from = see(observation, time);
+  if (!from) return;
+  for (std::size_t agent = 0; agent < from->agents.size(); ++agent)
+    if (!(observation.flags()[agent] & msg::FLAG_IDLE))
+      publish(topic(*from, agent, "reward"), holding<standard::Float32_>(observation.reward()[agent]), time);
 }
 
 void Ros2Translation::publish_place(const Environment& environment, std::size_t agent, const RouteMap& map,

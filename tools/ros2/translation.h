@@ -25,7 +25,7 @@ class Ros2Translation {
   struct Options {
     std::string prefix = "citylearn";  ///< of all topics; a name of ROS 2
     std::size_t agents = 1;            ///< of each env_service, the first ones
-    double rate = 10;                  ///< observations of an env_service a second, at most; 0: all
+    double rate = 10;                  ///< observations or scenes of an env_service a second, at most; 0: all
     double speed = 1;                  ///< of a step in Twist messages, m/s
   };
   /// Where what is not in an Observation comes from.
@@ -41,6 +41,8 @@ class Ros2Translation {
 
   // `time`: nanoseconds since 1970 when it came.
   void on_message(const msg::Observation& observation, std::uint64_t time);
+  /// Says the same as an Observation, but for the reward. Ignored where observations come too.
+  void on_message(const msg::Scene& scene, std::uint64_t time);
   void on_message(const msg::Action& action, std::uint64_t time);
   void on_message(const msg::EpisodeStat& stat, std::uint64_t time);
   void on_message(const msg::TrainingStat& stat, std::uint64_t time);
@@ -63,6 +65,7 @@ class Ros2Translation {
     std::string name;  // as ROS 2 allows it
     std::uint64_t incarnation = 0, step = 0, sampled = 0, episode = 0;
     std::pair<std::uint64_t, std::uint32_t> settings;  // and `step`: of the observation that was sampled last
+    bool observed = false;                             // an Observation came
     bool answered = false;                             // by an Action
     std::vector<Agent> agents;
   };
@@ -70,6 +73,8 @@ class Ros2Translation {
   Environment& environment(const std::string& id, std::uint64_t incarnation);
   std::string ros_name(const std::string& id);
   bool is_due(const Environment& environment, std::uint64_t time) const;
+  template <class Seen>
+  Environment* see(const Seen& seen, std::uint64_t time);
   std::string topic(const Environment& environment, std::size_t agent, const std::string& name) const;
   template <class Message>
   void publish(const std::string& topic, const Message& message, std::uint64_t time);

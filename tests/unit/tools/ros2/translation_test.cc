@@ -126,6 +126,27 @@ TEST_F(Ros2TranslationTest, IdleAgentsSeeNothing) {
   EXPECT_EQ(sent_.size(), 2u) << "a reward and a picture; no map is known";
 }
 
+TEST_F(Ros2TranslationTest, ScenesDoWhereNoObservationsCome) {
+  Ros2Translation translation = make({.rate = 10});
+  const auto scene = [](std::uint64_t step, const char* id) {
+    msg::Scene made;
+    made.header() = observation(step, id).header();
+    made.settings() = observation(step, id).settings();
+    made.step(step);
+    made.frame({static_cast<std::uint32_t>(step)});
+    made.position() = made.goal() = made.frame();
+    made.flags({0});
+    return made;
+  };
+  translation.on_message(observation(1, "observed"), kBegin);
+  sent_.clear();
+  for (std::uint64_t step = 2; step < 12; ++step)
+    for (const char* id : {"observed", "watched"})
+      translation.on_message(scene(step, id), kBegin + step * 50 * kMillisecond);
+  ASSERT_EQ(sent_.size(), 5u);
+  for (const Sent& sent : sent_) EXPECT_EQ(sent.topic, "/citylearn/watched/agent_0/image/compressed");
+}
+
 TEST_F(Ros2TranslationTest, APictureIsSentWhenItComes) {
   Ros2Translation translation = make({.rate = 0});
   coming_ = true;
