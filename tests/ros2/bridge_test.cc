@@ -10,6 +10,7 @@
 
 #include "tests/support/data/pictures.h"
 #include "tests/support/env/scripted_policy.h"
+#include "tests/support/processes/keystore.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/recordings.h"
 
@@ -51,8 +52,14 @@ class Ros2Bridges : public VendorTest {
   void start_bridge(const Arguments& options) { bridge_ = trial_.program(CITYLEARN_ROS2, "ros2", options); }
   /// Lets the agents walk until `condition` holds, and ends the bridge.
   void walk_until(const std::function<bool()>& condition) {
-    const auto env = trial_.env("summer", {"--dataset", "plain", "--data", trial_.folder() / "data"});
-    ScriptedPolicy policy(trial_.middleware(), "default", "env-summer");
+    Arguments options = {"--dataset", "plain", "--data", trial_.folder() / "data"};
+    MiddlewareOptions middleware = trial_.middleware();
+    if (keys_) {
+      options.insert(options.end(), {"--security", keys_->add("env_service", "env-summer")});
+      middleware.security = keys_->add("policy_service", "policy");
+    }
+    const auto env = trial_.env("summer", options);
+    ScriptedPolicy policy(middleware, "default", "env-summer");
     ShortestPath walker;
     policy.walker = &walker;
     msg::TaskSettings settings;
@@ -80,6 +87,7 @@ class Ros2Bridges : public VendorTest {
   }
 
   Trial trial_{GetParam()};
+  std::optional<Keystore> keys_;  // of a secured session
   const std::vector<std::string> pictures_ = write_route(trial_.folder() / "data");
   std::unique_ptr<Service> node_, bridge_;
 };
@@ -93,6 +101,13 @@ TEST_P(Ros2Bridges, NodesWithDefaultSettingsHearThem) {
   }
 }
 
+TEST_P(Ros2Bridges, ASecuredSessionIsHeardToo) {
+  keys_.emplace();
+  walk_until_heard(ROS2_NODE, {}, {"--ros-interface", "lo", "--security", keys_->add("ros2_bridge", "ros2_bridge")});
+  EXPECT_FALSE(contains(node_->output(), "messages of")) << node_->output();
+  EXPECT_TRUE(contains(bridge_->output(), "ROS 2's is not encrypted")) << bridge_->output();
+}
+
 TEST_P(Ros2Bridges, RecordsWhatAnAgentSees) {
   const std::string file = trial_.folder() / "ros2.mcap";
   start_bridge({"--output", file});
@@ -101,11 +116,11 @@ TEST_P(Ros2Bridges, RecordsWhatAnAgentSees) {
   const auto enough = [&] {
     counts.clear();
     for (const Heard& heard : all_of(file)) ++counts[heard.topic.substr(heard.topic.find("agent_"))];
-    return counts["agent_0/image/compressed"] >= 10 && counts["agent_0/episode/spl"] > 0;
+    // Places come a little later than pictures, once the map is here.
+    return counts["agent_0/image/compressed"] >= 10 && counts["agent_0/pose"] >= 10 &&
+           counts["agent_0/goal_fix"] >= 10 && counts["agent_0/episode/spl"] > 0;
   };
   walk_until(enough);
-  EXPECT_GE(counts["agent_0/pose"], 10);
-  EXPECT_GE(counts["agent_0/goal_fix"], 10);
   EXPECT_EQ(counts.size(), 7u) << "neither rewards nor actions, and one agent alone";
   std::string missing;
   all_of(file, &missing);
