@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes C types of ROS 2's definitions with Debian's rosidl and Cyclone's idlc: rosidl_types.py MSG_FOLDER FOLDER IDLC.
 
-rosidl_adapter turns PACKAGE/TYPE.msg into IDL. The structs then get the names that they have on DDS, as rosidl_generator_dds_idl
-does it: sensor_msgs::msg::Image becomes sensor_msgs::msg::dds_::Image_.
+rosidl_adapter turns PACKAGE/TYPE.msg into IDL. The structs then get the names that they have on DDS, as
+rosidl_generator_dds_idl does it: sensor_msgs::msg::Image becomes sensor_msgs::msg::dds_::Image_.
 """
 import re
 import subprocess
@@ -20,9 +20,9 @@ for definition in sorted(definitions.glob("*/*.msg")):
     convert_msg_to_idl(definition.parent, definition.parent.name, Path(definition.name), folder)
     text = file.read_text()
     text = re.sub(r"\b(\w+)::msg::(\w+)", r"\1::msg::dds_::\2_", text)
-    text = re.sub(r"( +)struct (\w+) \{(.*?)\n\1\};", r"\1module dds_ {\n\1struct \2_ {\3\n\1};\n\1};", text, flags=re.S)
+    text = re.sub(r"( +)struct (\w+) \{(.*?)\n\1\};", r"\1module dds_ {\n\1struct \2_ {\3\n\1};\n\1};", text,
+                  flags=re.S)
     file.write_text(text)
     files.append(file)
 for file in files:
-    subprocess.run([idlc, "-Wno-implicit-extensibility", "-I", output, "-o", file.parent, file],
-                   check=True)
+    subprocess.run([idlc, "-Wno-implicit-extensibility", "-I", output, "-o", file.parent, file], check=True)

@@ -3,9 +3,12 @@
 """Writes what the ROS 2 bridge needs of msg/PACKAGE/TYPE.msg: generate.py FOLDER FILE.msg ...
 
 FOLDER/ros2.idl has all types under the names that ROS 2 gives them on DDS: sensor_msgs/msg/Image is
-sensor_msgs::msg::dds_::Image_ (https://design.ros2.org/articles/mapping_dds_types.html). FOLDER/ros2_types.inc has a line
-CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) a type, where SCHEMA is its definition with all that it includes, as MCAP wants it
-(https://mcap.dev/spec/registry, ros2msg).
+sensor_msgs::msg::dds_::Image_ (create_type_name() of ROS 2's rmw_fastrtps and rmw_cyclonedds). FOLDER/ros2_types.inc
+has CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) for each type, where SCHEMA is its definition with all that it includes,
+as MCAP wants it (https://mcap.dev/spec/registry, ros2msg).
+
+msg/ has the fields and constants of ROS 2 Humble's common_interfaces and rcl_interfaces, as far as the bridge needs
+them. int8 becomes octet: fastddsgen knows no signed one, and on the wire both are one byte.
 """
 import re
 import sys

@@ -5,6 +5,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 
 #include "core/util/version.h"
 #include "core/wire/service.h"
@@ -87,19 +88,26 @@ void print(const Ros2File& file, const std::string& path) {
 int convert(const CommandLine& line) {
   if (line.output.empty()) throw Error("needs a file to write", "--open", "add --output FILE.mcap");
   Ros2File file(line.output, "citylearn " + version());
-  const Ros2ConversionResult result = citylearn::convert(
-      {line.open, line.session->count() > 0 ? line.node.session : "", line.bridge.widest, line.bridge.translation},
-      file);
+  const std::string session = line.session->count() > 0 ? line.node.session : "";
+  Ros2ConversionResult result;
+  try {
+    result = citylearn::convert({line.open, session, line.bridge.widest, line.bridge.translation}, file);
+  } catch (const Error&) {
+    file.close();  // what stands before the damage can be read
+    throw;
+  }
   file.close();
-  print(file, line.output);
+  if (!file.counts().empty()) print(file, line.output);
   if (result.unreadable > 0) spdlog::warn("{} messages cannot be decoded and are left out", result.unreadable);
   if (result.missing_pictures > 0)
     spdlog::warn(
         "{} of {} pictures are not in the recording: it has those that somebody asked for. Without --open, --output "
         "records all",
         result.missing_pictures, result.missing_pictures + result.pictures);
-  if (file.counts().empty()) throw Error("has nothing to convert", line.open.front(), "record observations too");
-  return 0;
+  if (!file.counts().empty()) return 0;
+  std::filesystem::remove(line.output);
+  throw Error("has nothing of this session to convert", line.open.front(),
+              "record observations or scenes, and leave --session out to convert all sessions");
 }
 
 /// Translates the session until the end is requested. `poll` does what is due on the other side.
