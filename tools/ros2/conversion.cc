@@ -67,9 +67,10 @@ class Store {
   std::map<PictureKey, std::shared_ptr<const PictureFile>> pictures_;
 };
 
-/// Calls `use(message, time)` for all messages of these types.
+/// Calls `use(message, time)` for all messages of these types. Returns what the files lack, a line each.
 template <class... Messages, class Use>
-void read(const Ros2Conversion& conversion, std::uint64_t& unreadable, Use use) {
+std::vector<std::string> read(const Ros2Conversion& conversion, std::uint64_t& unreadable, Use use) {
+  std::vector<std::string> missing;
   for (const std::string& file : conversion.files) {
     McapReader reader(file);
     while (const auto read = reader.next()) {
@@ -89,8 +90,9 @@ void read(const Ros2Conversion& conversion, std::uint64_t& unreadable, Use use) 
       };
       (decode_if(Messages()), ...);
     }
-    if (!reader.missing().empty()) spdlog::warn("{}: {}", file, reader.missing());
+    if (!reader.missing().empty()) missing.push_back(file + ": " + reader.missing());
   }
+  return missing;
 }
 
 }  // namespace
@@ -98,8 +100,9 @@ void read(const Ros2Conversion& conversion, std::uint64_t& unreadable, Use use) 
 Ros2ConversionResult convert(const Ros2Conversion& conversion, Ros2Sink& sink) {
   Ros2ConversionResult result;
   Store store(conversion.widest);
-  read<msg::MapChunk, msg::ImageChunk>(conversion, result.unreadable,
-                                       [&](const auto& chunk, std::uint64_t) { store.add(chunk); });
+  const auto missing = read<msg::MapChunk, msg::ImageChunk>(
+      conversion, result.unreadable, [&](const auto& chunk, std::uint64_t) { store.add(chunk); });
+  for (const std::string& line : missing) spdlog::warn("{}", line);
   Ros2Translation translation(sink, conversion.translation,
                               {[&](const std::string&, std::uint64_t hash) { return store.map(hash); },
                                [&](const std::string&, const PictureKey& key, bool&) { return store.picture(key); }});
