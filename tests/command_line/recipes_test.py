@@ -20,6 +20,7 @@ ELSEWHERE = {
     "env_service --middleware fastdds --interface eth0 --discovery-server": "tests/system/network",
     "policy_service --plugin build/release/plugins/mine.so": "tests/tutorial",
     "./run build": "every test",
+    "./run ros2": "tests/ros2",
     "./run setup": "every test",
     "./run vpr $D": "takes recordings that not everybody has",
     "./run paper": "tests/system/paper_report_test.cc",
