@@ -19,9 +19,9 @@ class McapWriter {
   struct Options {
     std::string library;                              ///< names the program that writes
     McapMetadata about;                               ///< kept as the metadata "recording"
-    std::string profile = "citylearn";                ///< what readers may expect (https://mcap.dev/spec/registry)
     std::size_t chunk_bytes = 1 << 20;                ///< a chunk is written when it has so many
     std::uint64_t chunk_nanoseconds = 1'000'000'000;  ///< or spans so much time
+    std::string profile = "citylearn";                ///< what readers may expect (https://mcap.dev/spec/registry)
   };
   /// Throws Error naming the file when it is there already or cannot be made; so do all others when it cannot be
   /// written (disk full).
