@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/wire/messages.h"
 
-#include <fastcdr/Cdr.h>
 #include <fastcdr/exceptions/Exception.h>
 
 #include <algorithm>
@@ -13,6 +12,7 @@
 #include "core/util/name.h"
 #include "core/util/sha256.h"
 #include "core/wire/blob.h"
+#include "core/wire/cdr.h"
 #include "core/wire/transfer.h"
 #include "idl/message_fields.h"
 
@@ -27,7 +27,6 @@ namespace {
 
 using namespace msg;  // NOLINT: every message type and limit below is from idl/
 
-constexpr std::size_t kEncapsulation = 4;
 constexpr std::string_view kPrefix = "citylearn/";  // of every topic
 
 template <std::size_t N>
@@ -370,12 +369,7 @@ template <class Message>
 void encode(const Message& message, Bytes& bytes) {
   Checker checker(topic_of<Message>().type);
   visit(message, checker);
-  bytes.resize(kEncapsulation + Message::getCdrSerializedSize(message));
-  eprosima::fastcdr::FastBuffer buffer(reinterpret_cast<char*>(bytes.data()), bytes.size());
-  eprosima::fastcdr::Cdr cdr(buffer, eprosima::fastcdr::Cdr::LITTLE_ENDIANNESS, eprosima::fastcdr::Cdr::DDS_CDR);
-  cdr.serialize_encapsulation();
-  message.serialize(cdr);
-  bytes.resize(cdr.getSerializedDataLength());
+  write_cdr(message, bytes);
 }
 
 template <class Message>

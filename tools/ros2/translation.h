@@ -19,7 +19,7 @@
 namespace citylearn {
 
 /// Says in ROS 2's messages what agents of one session see and do (docs/how-to/use-with-ros2.md lists the topics).
-/// Messages go in as they come, again or late ones too. Used by one thread.
+/// Takes messages in any order, also late and repeated ones. Used by one thread.
 class Ros2Translation {
  public:
   struct Options {

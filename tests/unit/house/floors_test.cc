@@ -126,8 +126,7 @@ TEST(Floors, VendorHeadersStayInTheirOwnMiddlewareFiles) {
         EXPECT_TRUE(include.file.starts_with("core/dds/middleware_cyclonedds")) << include.file << ": " << include.line;
       }
       if (include.target.starts_with("fastcdr/")) {
-        EXPECT_TRUE(include.file.starts_with("core/wire/") || include.file == "tools/ros2/messages.cc")
-            << include.file << ": " << include.line;
+        EXPECT_TRUE(include.file.starts_with("core/wire/")) << include.file << ": " << include.line;
       }
     }
 }
