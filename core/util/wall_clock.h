@@ -8,17 +8,14 @@
 
 namespace citylearn {
 
-/// Returns the time. Incarnations, run ids and leases are such times: later ones are larger.
-inline std::uint64_t microseconds_since_epoch() {
-  const auto now = std::chrono::system_clock::now().time_since_epoch();
-  return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::microseconds>(now).count());
-}
-
 /// Returns the time. Recordings say so when messages came.
 inline std::uint64_t nanoseconds_since_epoch() {
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   return static_cast<std::uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(now).count());
 }
+
+/// Returns the time. Incarnations, run ids and leases are such times: later ones are larger.
+inline std::uint64_t microseconds_since_epoch() { return nanoseconds_since_epoch() / 1000; }
 
 inline double seconds_since_epoch() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
