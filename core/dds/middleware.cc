@@ -197,20 +197,8 @@ std::vector<Network::Peer> resolve_peer(const std::string& peer, const std::stri
   return peers;
 }
 
-Network resolve(const MiddlewareOptions& options) {
-  Network network{options.domain, options.participant, "", {}, false, kLargestDatagram, {}, {}, ""};
-  if (!options.security.empty() && options.domain > internal::kMostSecureDomain)
-    throw Error("must be 0.." + std::to_string(internal::kMostSecureDomain) + " with --security", "domain");
-  if (!options.security.empty()) network.security = internal::check_security(options.security, options.participant);
-  network.multicast = options.multicast;
-  if (options.multicast) {
-    network.interfaces = "all interfaces";
-    for (const internal::Interface& each : internal::interfaces())
-      if (each.up) network.addresses.push_back(each.address);
-    for (const std::string& peer : options.peers)
-      for (const Network::Peer& each : resolve_peer(peer, "peers", 0)) network.peers.push_back(each);
-    return network;
-  }
+/// Fills in the interfaces that the options name, and that this host's own addresses are peers.
+void use_named_interfaces(const MiddlewareOptions& options, Network& network) {
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
   std::vector<internal::Interface> interfaces;
   for (const std::string& interface : options.interfaces) interfaces.push_back(resolve_interface(interface));
@@ -228,6 +216,22 @@ Network resolve(const MiddlewareOptions& options) {
     network.addresses.push_back(address);
     network.peers.push_back({interface, address, 0});
   }
+}
+
+/// Fills in all interfaces of this host.
+void use_all_interfaces(Network& network) {
+  network.interfaces = "all interfaces";
+  for (const internal::Interface& each : internal::interfaces())
+    if (each.up) network.addresses.push_back(each.address);
+}
+
+Network resolve(const MiddlewareOptions& options) {
+  Network network{options.domain, options.participant, "", {}, false, kLargestDatagram, {}, {}, ""};
+  if (!options.security.empty() && options.domain > internal::kMostSecureDomain)
+    throw Error("must be 0.." + std::to_string(internal::kMostSecureDomain) + " with --security", "domain");
+  if (!options.security.empty()) network.security = internal::check_security(options.security, options.participant);
+  network.multicast = options.multicast;
+  options.multicast ? use_all_interfaces(network) : use_named_interfaces(options, network);
   const auto check_reachable = [&](const Network::Peer& peer, const std::string& option) {
     if (network.loopback_only && !is_loopback(peer.address))
       throw Error("'" + peer.name + "' cannot be reached through interface '" + network.interfaces + "'", option,

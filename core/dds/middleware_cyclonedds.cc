@@ -65,7 +65,7 @@ std::string config_of(const Network& network) {
     peers += "<Peer address=\"" + peer.address + (peer.port ? ":" + std::to_string(peer.port) : "") + "\"/>";
   const std::string index = "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>" +
                             std::to_string(kParticipants - 1) + "</MaxAutoParticipantIndex>";
-  // Where there is no network but loopback, hosts may not multicast.
+  // Cyclone DDS does not multicast on loopback, so where there is nothing else it asks this host.
   if (network.multicast)
     return "<Discovery>" + index + "<Peers><Peer address=\"localhost\"/>" + peers + "</Peers></Discovery>";
   const int fragment = network.loopback_only ? 64000 : network.datagram - kAroundFragment;
