@@ -54,27 +54,27 @@ class Run(CommandLine):
         names = ("env-train", "env-evaluate", "encoder", "policy", "dashboard", "page", "prometheus")
         self.ports = dict(zip(names, free_ports(len(names))))
         self.processes = {}
-        self.addCleanup(lambda: [self.end(name) for name in list(self.processes)])
+        self.addCleanup(lambda: [self.end_named(name) for name in list(self.processes)])
 
-    def start(self, name, *words):
-        self.end(name)
+    def start_named(self, name, *words):
+        self.end_named(name)
         with open(self.folder / f"{name}.log", "ab") as log:
             self.processes[name] = subprocess.Popen([str(word) for word in words], cwd=self.folder, env=self.environment,
                                                     stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 
     def serve(self, name, program, *words):
-        self.start(name, program, "--id", name, "--metrics", self.ports[name], "--log-format", "json", *words)
+        self.start_named(name, program, "--id", name, "--metrics", self.ports[name], "--log-format", "json", *words)
 
     def serve_env(self, name, traversal):
         self.serve(name, "env_service", "--dataset", "synthetic", "--traversal", traversal, "--frames", "0:64", "--agents", 8)
 
-    def end(self, name, how=signal.SIGKILL):
+    def end_named(self, name, how=signal.SIGKILL):
         process = self.processes.pop(name, None)
         if process:
             process.send_signal(how)
             process.wait(30)
 
-    def wait_for(self, what, condition, seconds=90):
+    def wait_until(self, what, condition, seconds=90):
         until = time.monotonic() + seconds
         while not condition():
             self.assertLess(time.monotonic(), until, f"not in time: {what}\n" + self.logs())
@@ -106,7 +106,7 @@ class Run(CommandLine):
         self.assertGreater(delays, 3)
         (self.folder / "prometheus.yml").write_text(settings)
         (self.folder / "alerts.yml").write_text(alerts)
-        self.start("prometheus", PROMETHEUS, "--config.file=prometheus.yml", "--storage.tsdb.path=data",
+        self.start_named("prometheus", PROMETHEUS, "--config.file=prometheus.yml", "--storage.tsdb.path=data",
                    f"--web.listen-address=127.0.0.1:{self.ports['prometheus']}")
 
     def test_prometheus_watches_a_training(self):
@@ -118,10 +118,10 @@ class Run(CommandLine):
                    "--steps", 1_000_000_000, "--output", "results")
         self.start_prometheus()
         services = {name: f"127.0.0.1:{port}" for name, port in self.ports.items() if name not in ("page", "prometheus")}
-        self.wait_for("all are scraped", lambda: self.query("up") == dict.fromkeys(services.values(), 1.0))
-        self.wait_for("training figures", lambda: self.query("citylearn_training_update > 3").keys() == {services["policy"]})
-        self.wait_for("steps", lambda: services["env-train"] in self.query("citylearn_steps_per_second > 0"))
-        self.wait_for("nothing is wrong", lambda: not self.firing())
+        self.wait_until("all are scraped", lambda: self.query("up") == dict.fromkeys(services.values(), 1.0))
+        self.wait_until("training figures", lambda: self.query("citylearn_training_update > 3").keys() == {services["policy"]})
+        self.wait_until("steps", lambda: services["env-train"] in self.query("citylearn_steps_per_second > 0"))
+        self.wait_until("nothing is wrong", lambda: not self.firing())
 
         scraped = set(json.loads(get(self.ports["prometheus"], "/api/v1/label/__name__/values")[1])["data"])
         for file in ("grafana.json", "alerts.yml"):
@@ -137,18 +137,18 @@ class Run(CommandLine):
                 self.assertEqual((lint.returncode, lint.stdout + lint.stderr), (0, ""), name)
 
         gone = ("CitylearnServiceGone", services["env-evaluate"])
-        self.end("env-evaluate")
-        self.wait_for("an alert of the env_service that was killed", lambda: gone in self.firing())
+        self.end_named("env-evaluate")
+        self.wait_until("an alert of the env_service that was killed", lambda: gone in self.firing())
         self.serve_env("env-evaluate", "fall")
-        self.wait_for("its end", lambda: not self.firing())
+        self.wait_until("its end", lambda: not self.firing())
 
         self.processes["env-train"].send_signal(signal.SIGSTOP)
-        self.wait_for("an alert that nobody moves", lambda: ("CitylearnServiceGone", services["env-train"]) in self.firing())
+        self.wait_until("an alert that nobody moves", lambda: ("CitylearnServiceGone", services["env-train"]) in self.firing())
         self.processes["env-train"].send_signal(signal.SIGCONT)
-        self.wait_for("its end", lambda: not self.firing())
+        self.wait_until("its end", lambda: not self.firing())
 
         for name in ("policy", "env-train", "env-evaluate", "encoder", "dashboard"):
-            self.end(name, signal.SIGTERM)
+            self.end_named(name, signal.SIGTERM)
             for line in (self.folder / f"{name}.log").read_text().splitlines():
                 if not line.startswith("dashboard: http"):  # what it prints is not of its log
                     self.assertEqual(json.loads(line)["service"], re.sub("-.*", "", name) + ("" if name == "dashboard" else "_service"), line)

@@ -3,6 +3,7 @@
 
 import os
 import sys
+import unittest
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,16 @@ sys.path[:0] = [str(BUILD / "python"), str(SOURCE / "tests/support")]
 
 # A route with features that is made at once.
 DRAWN = {"synthetic_images": 0, "synthetic_frames": 40, "synthetic_dimension": 16, "frames": 32}
+
+
+class ClearErrors(unittest.TestCase):
+    """A test of what the package says of wrong use."""
+
+    def expect(self, kind, pattern, call, *arguments, **options):
+        """The call must raise this kind of exception, with one line that has the pattern."""
+        with self.assertRaisesRegex(kind, pattern) as caught:
+            call(*arguments, **options)
+        self.assertNotIn("\n", str(caught.exception))
 
 
 def need_peers(*names):

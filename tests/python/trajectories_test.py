@@ -11,7 +11,7 @@ import time
 import unittest
 from pathlib import Path
 
-from support import BUILD, DRAWN
+from support import BUILD, DRAWN, ClearErrors
 from actors import WHERE, actor, as_options, env_services, running
 
 import numpy as np
@@ -195,12 +195,7 @@ class Endings(unittest.TestCase):
                     next(source)
 
 
-class Errors(unittest.TestCase):
-    def expect(self, kind, pattern, call, *arguments, **options):
-        with self.assertRaisesRegex(kind, pattern) as caught:
-            call(*arguments, **options)
-        self.assertNotIn("\n", str(caught.exception))
-
+class Errors(ClearErrors):
     def test_options(self):
         self.expect(TypeError, "unknown option 'cells' .known: .*baseline_cells.*trainer_agents", learner, cells=3)
         self.expect(ValueError, "unknown agent 'none' .known: baseline", learner, agent="none")

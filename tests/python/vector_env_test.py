@@ -6,7 +6,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
-from support import DRAWN, SOURCE, towards_goal, walk
+from support import DRAWN, SOURCE, ClearErrors, towards_goal, walk
 
 import numpy as np
 
@@ -219,12 +219,7 @@ class Steps(unittest.TestCase):
         other.close()  # waits for the step
 
 
-class Errors(unittest.TestCase):
-    def expect(self, kind, pattern, call, *arguments, **options):
-        with self.assertRaisesRegex(kind, pattern) as caught:
-            call(*arguments, **options)
-        self.assertNotIn("\n", str(caught.exception))
-
+class Errors(ClearErrors):
     def test_options(self):
         self.expect(TypeError, r"unknown option 'colour' \(known: .*traversal", VectorEnv, colour="red", **DRAWN)
         self.expect(ValueError, "known: .*synthetic", VectorEnv, dataset="none")
