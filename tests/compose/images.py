@@ -2,6 +2,7 @@
 """Builds the images of the tests (`build`), or removes them (`remove`): the targets of compose/Containerfile from the finished
 build and this machine's libraries. Nothing is compiled or fetched."""
 
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -29,6 +30,8 @@ def build():
 
 
 def remove():
+    if not shutil.which("podman"):
+        return
     for image in (support.SERVICES, support.DASHBOARD):
         support.podman("image", "rm", "--force", image, check=False)
 

@@ -102,8 +102,8 @@ export class Stage {
 /** Returns how far a page is wider than its window. */
 export const wider = (page: Page): Promise<number> => page.evaluate(() => document.documentElement.scrollWidth - window.innerWidth);
 
-/** Repeats a call until its result satisfies the condition, for at most 30 s. */
-export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 30_000): Promise<T> {
+/** Repeats a call until its result satisfies the condition, for at most a minute. */
+export async function eventually<T>(what: () => Promise<T>, satisfies: (value: T) => boolean, limit = 60_000): Promise<T> {
   const end = Date.now() + limit;
   for (;;) {
     const value = await what();
