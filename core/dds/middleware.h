@@ -21,7 +21,7 @@ enum class Profile {
   kState,    ///< the newest alone counts: 1
   kCommand,  ///< requests and settings: 64
   kDurable,  ///< chunks and records: 256
-  kRos2,     ///< for ROS 2 alone, as its rmw_qos_profile_default says: VOLATILE, 10
+  kRos2,     ///< for ROS 2: VOLATILE, 10; subscriptions are BEST_EFFORT, which all of its publishers suit
 };
 
 /// Everything a vendor needs to know about a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the

@@ -123,7 +123,9 @@ QosOwner endpoint_qos(Profile profile, bool writer) {
   const Depth depth = depth_of(profile);
   const dds_data_representation_id_t representation = DDS_DATA_REPRESENTATION_XCDR1;
   dds_qset_data_representation(qos.get(), 1, &representation);
-  dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, std::chrono::nanoseconds(kBlocking).count());
+  const bool repeats = writer || is_kept(profile);
+  dds_qset_reliability(qos.get(), repeats ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
+                       std::chrono::nanoseconds(kBlocking).count());
   dds_qset_durability(qos.get(), is_kept(profile) ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);
   dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, writer ? depth.writer : depth.reader);
   if (writer) {

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "core/ros2/participant.h"
 #include "core/util/version.h"
 #include "core/wire/service.h"
 #include "tools/ros2/bridge.h"
@@ -17,12 +18,10 @@ namespace {
 
 using namespace citylearn;
 
-const std::string kAll = "all";
-
 struct CommandLine {
   std::vector<std::string> open;
   std::string output;
-  MiddlewareOptions ros;  // of ROS 2's side
+  MiddlewareOptions ros = ros2_defaults();
   Ros2Bridge::Options bridge;
   Node::Options node;
   CLI::Option* session = nullptr;
@@ -30,28 +29,12 @@ struct CommandLine {
 
 void add_options(CLI::App& app, CommandLine& line) {
   Ros2Translation::Options& translation = line.bridge.translation;
-  // What nodes use by default. With Cyclone DDS, the domains of both sides must differ.
-  line.ros.name = "fastdds";
-  line.ros.interfaces = {kAll};
   app.option_defaults()->group("ROS 2");
   app.add_option("--open", line.open, "Convert recordings (citylearn record) instead of a running session")
       ->type_name("FILE.mcap ...");
   app.add_option("--output", line.output, "Write an MCAP file with profile ros2 instead of publishing")
       ->type_name("FILE.mcap");
-  app.add_option("--ros-domain", line.ros.domain, "Domain of the nodes of ROS 2")
-      ->envname("ROS_DOMAIN_ID")
-      ->capture_default_str()
-      ->check(CLI::Range(0, 232));
-  app.add_option("--ros-middleware", line.ros.name, "fastdds or cyclonedds; nodes may use either")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"fastdds", "cyclonedds"}));
-  app.add_option("--ros-interface", line.ros.interfaces,
-                 "Network interfaces on which nodes are: A,B,...; lo: those that stay on this machine "
-                 "(ROS_LOCALHOST_ONLY); all: those with their default settings, found by multicast")
-      ->delimiter(',')
-      ->capture_default_str();
-  app.add_option("--ros-peers", line.ros.peers, "Hosts with nodes that multicast does not reach: HOST[:PORT],...")
-      ->delimiter(',');
+  add_ros2_options(app, line.ros);
   app.add_option("--prefix", translation.prefix, "Begins all topics: /PREFIX/ENVIRONMENT/agent_0/...")
       ->capture_default_str()
       ->check([](const std::string& name) {
@@ -134,15 +117,9 @@ int bridge(const CommandLine& line) {
   }
   if (!line.node.middleware.security.empty())
     spdlog::warn("--security holds for CityLearn's side: ROS 2's is not encrypted");
-  MiddlewareOptions ros = line.ros;
-  ros.multicast = ros.interfaces == std::vector{kAll};
-  ros.participant = line.node.id;
-  if (ros.name == line.node.middleware.name && ros.name == "cyclonedds" && ros.domain == line.node.middleware.domain)
-    throw Error("Cyclone DDS cannot serve both sides in domain " + std::to_string(ros.domain), "--ros-middleware",
-                "use fastdds there, or another domain on one side");
-  Ros2Publishers publishers(ros);
-  run(line, publishers, "publishes to ROS 2 in domain " + std::to_string(ros.domain), [&] {
-    for (const std::string& fault : publishers.faults()) spdlog::error("{}", fault);
+  Ros2Participant participant(line.ros, line.node.id, &line.node.middleware);
+  run(line, participant, "publishes to ROS 2 in domain " + std::to_string(line.ros.domain), [&] {
+    for (const std::string& fault : participant.faults()) spdlog::error("{}", fault);
   });
   return 0;
 }

@@ -1,25 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/ros2/sinks.h"
 
-#include "core/files/image_header.h"
 #include "core/util/wall_clock.h"
 
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kLargest = kMaxImageBytes + 4096;  // a picture, and what stands before it
-constexpr std::uint64_t kFlushAfter = 1'000'000'000;     // nanoseconds
+constexpr std::uint64_t kFlushAfter = 1'000'000'000;  // nanoseconds
 
 }  // namespace
-
-void Ros2Publishers::publish(const Ros2Message& message) {
-  std::unique_ptr<Publisher>& publisher = publishers_[message.topic];
-  if (!publisher) {
-    Topic topic{"rt" + message.topic, message.type->dds, Profile::kRos2, kLargest};
-    publisher = middleware_->create_publisher(topic);
-  }
-  publisher->publish(message.data);
-}
 
 Ros2File::Ros2File(const std::string& path, const std::string& library)
     : writer_(path, [&] {

@@ -2,29 +2,12 @@
 #pragma once
 
 #include <map>
-#include <memory>
 #include <string>
 
-#include "core/dds/middleware.h"
 #include "core/recording/mcap_writer.h"
-#include "tools/ros2/messages.h"
+#include "core/ros2/messages.h"
 
 namespace citylearn {
-
-/// Publishes to nodes of ROS 2: "/a/b" goes to the DDS topic "rt/a/b", with the qualities of ROS 2's default, which
-/// subscriptions of that and of sensor data both accept.
-class Ros2Publishers : public Ros2Sink {
- public:
-  /// Throws Error when the middleware cannot start.
-  explicit Ros2Publishers(const MiddlewareOptions& options) : middleware_(create_middleware(options)) {}
-  void publish(const Ros2Message& message) override;
-  /// Middleware faults since the last call, a line each.
-  std::vector<std::string> faults() { return middleware_->discovery().faults(); }
-
- private:
-  std::unique_ptr<Middleware> middleware_;
-  std::map<std::string, std::unique_ptr<Publisher>> publishers_;  // by topic
-};
 
 /// Writes an MCAP file of profile ros2, which rosbag2, Foxglove, Lichtblick and Rerun open.
 class Ros2File : public Ros2Sink {

@@ -11,10 +11,10 @@
 #include <utility>
 #include <vector>
 
+#include "core/ros2/messages.h"
 #include "core/wire/messages.h"
 #include "dashboard/live/maps.h"
 #include "dashboard/live/picture_cache.h"
-#include "tools/ros2/messages.h"
 
 namespace citylearn {
 

@@ -40,4 +40,9 @@ const Ros2Type& ros2_type_of();
 template <class Message>
 void encode_ros2(const Message& message, Bytes& bytes);
 
+/// Reads a message from its CDR bytes, 4 bytes of encapsulation first, in either byte order. Returns false when they
+/// are something else; it then holds anything. Allocates no more than the bytes are.
+template <class Message>
+bool decode_ros2(std::span<const std::byte> bytes, Message& message);
+
 }  // namespace citylearn

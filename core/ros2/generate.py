@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Writes what the ROS 2 bridge needs of msg/PACKAGE/TYPE.msg: generate.py FOLDER FILE.msg ...
+"""Writes what this folder needs of msg/PACKAGE/TYPE.msg: generate.py FOLDER FILE.msg ...
 
 FOLDER/ros2.idl has all types under the names that ROS 2 gives them on DDS: sensor_msgs/msg/Image is
 sensor_msgs::msg::dds_::Image_ (create_type_name() of ROS 2's rmw_fastrtps and rmw_cyclonedds). FOLDER/ros2_types.inc
 has CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) for each type, where SCHEMA is its definition with all that it includes,
-as MCAP wants it (https://mcap.dev/spec/registry, ros2msg).
+as MCAP wants it (https://mcap.dev/spec/registry, ros2msg). FOLDER/ros2_fields.h has visit(), which names a message's
+fields in the order of the wire.
 
-msg/ has the fields and constants of ROS 2 Humble's common_interfaces and rcl_interfaces, as far as the bridge needs
-them. int8 becomes octet: fastddsgen knows no signed one, and on the wire both are one byte.
+msg/ has the fields and constants of ROS 2 Humble's common_interfaces and rcl_interfaces, as far as they are needed. int8 becomes octet: fastddsgen knows no signed one, and on the wire both are one byte.
 """
 import re
 import sys
@@ -56,6 +56,11 @@ class Type:
         body = " ".join(member(*field) for field in self.fields)
         return f"module {self.package} {{ module msg {{ module dds_ {{ struct {self.name}_ {{ {body} }}; }}; }}; }};\n"
 
+    def visit(self):
+        fields = "".join(f" visitor(message.{name}());" for _, _, name in self.fields)
+        return (f"template <class Visitor>\nvoid visit({self.package}::msg::dds_::{self.name}_& message, "
+                f"Visitor& visitor) {{{fields} }}\n")
+
 
 folder, files = Path(sys.argv[1]), sys.argv[2:]
 types = {f"{one.package}/{one.name}": one for one in (Type(Path(file)) for file in files)}
@@ -66,3 +71,5 @@ for name, one in sorted(types.items()):
 (folder / "ros2_types.inc").write_text("".join(
     f'CITYLEARN_ROS2_TYPE({types[name].package}, {types[name].name}, R"MSG({types[name].schema(types)})MSG")\n'
     for name in order), encoding="utf-8")
+(folder / "ros2_fields.h").write_text("#pragma once\n#include \"ros2/ros2.h\"\nnamespace citylearn {\n" + "".join(
+    types[name].visit() for name in order) + "}  // namespace citylearn\n", encoding="utf-8")

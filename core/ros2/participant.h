@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "core/dds/middleware.h"
+#include "core/ros2/messages.h"
+
+namespace CLI {
+class App;
+}
+
+namespace citylearn {
+
+/// Returns the options by which nodes with their default settings are met: Fast DDS, domain 0, multicast.
+MiddlewareOptions ros2_defaults();
+
+/// Adds --ros-domain (ROS_DOMAIN_ID), --ros-middleware, --ros-interface and --ros-peers.
+void add_ros2_options(CLI::App& app, MiddlewareOptions& ros);
+
+/// Returns the topic's name as ROS 2 writes it: "/camera/image", also for "camera/image" and for "rt/camera/image" of
+/// DDS. Throws Error naming `where` unless it is one: names of letters, digits and '_', with '/' between.
+std::string ros2_topic(const std::string& name, const std::string& where);
+
+template <class Message>
+class Ros2Subscription;
+
+/// Speaks and listens to nodes of ROS 2: "/a/b" is the DDS topic "rt/a/b". It publishes with the qualities of ROS 2's
+/// default, which subscriptions of that and of sensor data both accept; it subscribes as to sensor data, which every
+/// publisher suits, so messages may be lost. Used by one thread.
+class Ros2Participant : public Ros2Sink {
+ public:
+  /// `ros`: as add_ros2_options(). `own`: how this process meets CityLearn's services; null: it does not. Throws Error
+  /// when both cannot be served by one process, or the middleware cannot start.
+  Ros2Participant(const MiddlewareOptions& ros, const std::string& name, const MiddlewareOptions* own);
+
+  void publish(const Ros2Message& message) override;
+  template <class Message>
+  void publish(const std::string& topic, const Message& message) {
+    encode_ros2(message, bytes_);
+    publish(Ros2Message{topic, &ros2_type_of<Message>(), 0, bytes_});
+  }
+  /// Makes the publisher of a topic before its first message, so that others find it.
+  template <class Message>
+  void advertise(const std::string& topic) {
+    publisher(topic, ros2_type_of<Message>());
+  }
+  template <class Message>
+  Ros2Subscription<Message> subscribe(const std::string& topic) {
+    return Ros2Subscription<Message>(middleware_->create_subscription(dds_topic(topic, ros2_type_of<Message>())));
+  }
+
+  /// Waits until there may be something to take (true) or the deadline has passed.
+  bool wait(Clock::time_point deadline) { return middleware_->wait(deadline); }
+  /// Returns how many subscriptions a topic has that was advertised or published.
+  int subscribers(const std::string& topic) const { return publishers_.at(topic)->matched(); }
+  /// Middleware faults since the last call, a line each: others use a topic with another type.
+  std::vector<std::string> faults() { return middleware_->discovery().faults(); }
+
+ private:
+  static Topic dds_topic(const std::string& topic, const Ros2Type& type);
+  Publisher& publisher(const std::string& topic, const Ros2Type& type);
+
+  std::unique_ptr<Middleware> middleware_;
+  std::map<std::string, std::unique_ptr<Publisher>> publishers_;  // by topic
+  Bytes bytes_;
+};
+
+/// Hears one topic. Used by the participant's thread, and not after it.
+template <class Message>
+class Ros2Subscription {
+ public:
+  explicit Ros2Subscription(std::unique_ptr<Subscription> subscription) : subscription_(std::move(subscription)) {}
+
+  /// Takes the next message that can be read; false when there is none.
+  bool take(Message& message) {
+    while (subscription_->take(bytes_)) {
+      if (decode_ros2(bytes_, message)) return true;
+      ++unreadable_;
+    }
+    return false;
+  }
+  int publishers() const { return subscription_->matched(); }
+  std::uint64_t unreadable() const { return unreadable_; }  ///< messages that were not of this type
+
+ private:
+  std::unique_ptr<Subscription> subscription_;
+  Bytes bytes_;
+  std::uint64_t unreadable_ = 0;
+};
+
+}  // namespace citylearn
