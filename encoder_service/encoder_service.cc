@@ -34,6 +34,7 @@ struct Environment {
   std::string fault;                                      // why it cannot be served
   bool too_large_logged = false;                          // that its observations cannot hold the features
   bool read_observations = false, read_requests = false;  // there are readers
+  std::optional<msg::Observation> unfinished;             // the newest one, whose features are being made
 };
 
 /// Completes the TraversalInfo and Observations of env_services with features, and answers requests for features in
@@ -48,6 +49,8 @@ class EncoderService {
   void on_info(const msg::TraversalInfo& info);
   void on_completed_info(const msg::TraversalInfo& info);
   void on_observation(msg::Observation& observation);
+  bool complete(Environment& environment, msg::Observation& observation, const EncodedTraversal& traversal);
+  void complete_unfinished();
   void on_request(const msg::TraversalRequest& request);
   void on_status(const msg::ServiceStatus& status);
 
@@ -114,6 +117,7 @@ void EncoderService::run(const std::function<bool()>& stop) {
     take_messages();
     now_ = Clock::now();
     pipeline_.advance(now_);
+    complete_unfinished();
     assign_environments();
     listen_when_needed();
     if (now_ >= next_report_) report();
@@ -193,37 +197,58 @@ void EncoderService::on_observation(msg::Observation& observation) {
   if (observation.by_reference() || observation.feature_dimension() != 0 || !serving(environment)) return;
   const EncodedTraversal* traversal = pipeline_.find(observation.traversal_hash());
   if (!traversal || !traversal->ready) return;
-  const Eigen::MatrixXf& features = traversal->features;
-  const auto dimension = static_cast<std::size_t>(features.rows());
+  if (complete(environment, observation, *traversal)) {
+    environment.unfinished.reset();
+  } else if (traversal->is_live) {
+    pipeline_.want(traversal->hash, observation.frame());
+    environment.unfinished = observation;
+  } else {
+    ++node_.traffic.rejected;  // of frames that are not on the traversal
+  }
+}
+
+/// Fills in the features and sends it. Returns false when there are none of a frame.
+bool EncoderService::complete(Environment& environment, msg::Observation& observation,
+                              const EncodedTraversal& traversal) {
+  const auto dimension = static_cast<std::size_t>(traversal.dimension());
   if (observation.frame().size() * dimension > msg::MAX_FEATURES) {
     ++node_.traffic.rejected;
     if (!std::exchange(environment.too_large_logged, true))
       spdlog::error(
           "{} features of {} agents do not fit one observation of '{}' (at most {}): the policy_service must ask for "
           "observations by reference",
-          dimension, observation.frame().size(), found->first, msg::MAX_FEATURES);
-    return;
+          dimension, observation.frame().size(), observation.header().sender().c_str(), msg::MAX_FEATURES);
+    return true;
   }
-  observation.encoder_incarnation() = node_.incarnation();
-  observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
   observation.features().resize(observation.frame().size() * dimension);
   float* to = observation.features().data();
   for (const std::uint32_t frame : observation.frame()) {
-    if (frame >= static_cast<std::uint32_t>(features.cols())) {
-      ++node_.traffic.rejected;
-      return;
-    }
-    to = std::copy_n(features.col(frame).data(), dimension, to);
+    const float* from = traversal.find(frame);
+    if (!from) return false;
+    to = std::copy_n(from, dimension, to);
   }
+  observation.encoder_incarnation() = node_.incarnation();
+  observation.feature_dimension() = static_cast<std::uint32_t>(dimension);
   node_.forward(observation);
+  return true;
+}
+
+/// Sends the observations of robots whose pictures have been encoded meanwhile.
+void EncoderService::complete_unfinished() {
+  for (auto& [id, environment] : environments_) {
+    if (!environment.unfinished) continue;
+    const EncodedTraversal* traversal = pipeline_.find(environment.unfinished->traversal_hash());
+    if (!serving(environment) || !traversal || complete(environment, *environment.unfinished, *traversal))
+      environment.unfinished.reset();
+  }
 }
 
 void EncoderService::on_request(const msg::TraversalRequest& request) {
   const auto found = environments_.find(request.environment().c_str());
   if (found == environments_.end() || !serving(found->second) || request.feature_dimension() == 0) return;
   const EncodedTraversal* traversal = pipeline_.find(request.hash());
-  if (!traversal || !traversal->ready) return;
-  const auto dimension = static_cast<std::size_t>(traversal->features.rows());
+  if (!traversal || !traversal->ready || traversal->is_live) return;
+  const auto dimension = static_cast<std::size_t>(traversal->dimension());
   if (request.feature_dimension() != dimension) return;
   const ChunkLayout layout(static_cast<std::uint32_t>(traversal->frames), static_cast<std::uint32_t>(dimension));
   send_info(found->second);
@@ -287,7 +312,7 @@ void EncoderService::assign_environments() {
 
 void EncoderService::begin_to_serve(const std::string& id, Environment& environment,
                                     const EncodedTraversal& traversal) {
-  const auto dimension = static_cast<std::uint64_t>(traversal.features.rows());
+  const auto dimension = static_cast<std::uint64_t>(traversal.dimension());
   if (dimension > msg::MAX_DIMENSION) {
     environment.fault =
         fmt::format("{} features a frame are too many for '{}' (at most {}): give a smaller --dimension", dimension, id,
@@ -322,7 +347,7 @@ void EncoderService::listen(const std::string& id, bool& reads, bool needed) {
 void EncoderService::send_info(const Environment& environment) {
   msg::TraversalInfo info = environment.info;
   const EncodedTraversal& traversal = *pipeline_.find(info.hash());
-  info.feature_dimension() = static_cast<std::uint32_t>(traversal.features.rows());
+  info.feature_dimension() = static_cast<std::uint32_t>(traversal.dimension());
   info.chunks() = ChunkLayout(info.frames(), info.feature_dimension()).chunks();
   info.encoder() = pipeline_.feature_recipe().c_str();
   info.encoder_service() = node_.options().id.c_str();

@@ -161,22 +161,39 @@ MatrixXf Reduction::apply(const Eigen::Ref<const MatrixXf>& descriptors) const {
   MatrixXf centred;
   if (options_.centring == Centring::kRunning) {
     centred.resize(descriptors.rows(), descriptors.cols());
-    VectorXd sum = kPrior * mean_.cast<double>();
-    for (Index i = 0; i < descriptors.cols(); ++i) {
-      sum += descriptors.col(i).cast<double>();
-      centred.col(i) = descriptors.col(i) - (sum / (kPrior + static_cast<double>(i + 1))).cast<float>();
-    }
+    RunningMean mean(mean_);
+    for (Index i = 0; i < descriptors.cols(); ++i) centred.col(i) = mean.centre(descriptors.col(i));
   } else if (options_.centring == Centring::kOwn && descriptors.cols() > 0) {
     centred = descriptors.colwise() - mean_of(descriptors);
   } else {
     centred = descriptors.colwise() - mean_;
   }
+  return project(std::move(centred));
+}
+
+MatrixXf Reduction::project(MatrixXf centred) const {
   MatrixXf features = options_.dimension > 0 ? (projection_ * centred).eval() : std::move(centred);
   for (auto column : features.colwise()) {
     const float length = column.stableNorm();
     if (length > 0) column /= length;
   }
   return features;
+}
+
+VectorXf RunningMean::centre(const Eigen::Ref<const VectorXf>& descriptor) {
+  sum_ += descriptor.cast<double>();
+  ++count_;
+  return descriptor - (sum_ / (kPrior + static_cast<double>(count_))).cast<float>();
+}
+
+OnlineReduction::OnlineReduction(std::shared_ptr<const Reduction> reduction)
+    : reduction_(std::move(reduction)), mean_(reduction_->mean()) {}
+
+VectorXf OnlineReduction::apply(const Eigen::Ref<const VectorXf>& descriptor) {
+  const ReductionOptions& options = reduction_->options();
+  if (options.keeps_all()) return descriptor;
+  if (options.centring == Centring::kRunning) return reduction_->project(mean_.centre(descriptor));
+  return reduction_->project(descriptor - reduction_->mean());
 }
 
 Bytes Reduction::save(const std::string& encoder) const {

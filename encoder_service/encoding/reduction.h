@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <memory>
 #include <span>
 #include <string>
 
@@ -30,13 +31,23 @@ struct ReductionOptions {
   bool keeps_all() const { return centring == Centring::kNone && dimension == 0; }
 };
 
+/// The mean of the descriptors so far, with the reference's mean as a prior.
+class RunningMean {
+ public:
+  static constexpr double kPrior = 20;  ///< so many frames' weight the reference's mean has
+  explicit RunningMean(const Eigen::VectorXf& reference) : sum_(kPrior * reference.cast<double>()) {}
+  /// Takes the next descriptor and returns it without the mean of all so far, its own included.
+  Eigen::VectorXf centre(const Eigen::Ref<const Eigen::VectorXf>& descriptor);
+
+ private:
+  Eigen::VectorXd sum_;
+  int count_ = 0;
+};
+
 /// Centring, PCA with (partial) whitening learned on a reference traversal, and length 1: from an encoder's descriptors
 /// to features (Jegou & Chum, ECCV 2012). Immutable once made.
 class Reduction {
  public:
-  /// So many frames' weight the reference's mean has in a running mean.
-  static constexpr double kPrior = 20;
-
   Reduction() = default;
   /// Learns from the D x F descriptors of the reference traversal, in the order of its frames. Throws Error when the
   /// dimension is not 0..min(D, F - 1); logs a warning when it is more than half of F - 1 and the whitening is full
@@ -50,6 +61,8 @@ class Reduction {
   /// Turns D x n descriptors of a traversal's first frames, in order, into d x n features of length 1 (a descriptor
   /// equal to the mean becomes zeros), unless options().keeps_all(). With kOwn it needs the whole traversal.
   Eigen::MatrixXf apply(const Eigen::Ref<const Eigen::MatrixXf>& descriptors) const;
+  /// Turns descriptors whose means have been subtracted into features.
+  Eigen::MatrixXf project(Eigen::MatrixXf centred) const;
 
   int input_dimension() const { return static_cast<int>(mean_.size()); }
   int dimension() const;
@@ -66,6 +79,19 @@ class Reduction {
   ReductionOptions options_;
   Eigen::VectorXf mean_;
   Eigen::MatrixXf projection_;
+};
+
+/// Reduces the descriptors of a traversal one by one, in order, as Reduction::apply() does all of them. Not for
+/// Centring::kOwn, which needs the whole traversal.
+class OnlineReduction {
+ public:
+  explicit OnlineReduction(std::shared_ptr<const Reduction> reduction);
+  /// Turns the next descriptor, D numbers, into d features.
+  Eigen::VectorXf apply(const Eigen::Ref<const Eigen::VectorXf>& descriptor);
+
+ private:
+  const std::shared_ptr<const Reduction> reduction_;
+  RunningMean mean_;
 };
 
 }  // namespace citylearn

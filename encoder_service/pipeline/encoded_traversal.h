@@ -2,12 +2,16 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <limits>
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
+#include "core/task/live.h"
 #include "core/wire/transfer.h"
 #include "encoder_service/pipeline/image_fetch.h"
+#include "encoder_service/pipeline/live_features.h"
 #include "encoder_service/pipeline/traversal_work.h"
 
 namespace citylearn {
@@ -18,15 +22,24 @@ struct EncodedTraversal {
       : name(info.traversal().c_str()),
         hash(info.hash()),
         frames(static_cast<int>(info.frames())),
-        images(node, hash, frames),
+        is_live(std::string(info.dataset().c_str()) == kLive),
+        images(node, hash, is_live ? std::numeric_limits<int>::max() : frames),
         positions({hash, info.frames(), 0}) {}
 
   /// "12 s", expected until its last frame is encoded; empty while no frame was.
   std::string time_left(Clock::time_point now) const;
+  /// d; once ready.
+  int dimension() const { return live ? live->dimension() : static_cast<int>(features.rows()); }
+  /// Returns the d features of a frame; null when there are none.
+  const float* find(std::uint32_t frame) const {
+    if (live) return live->find(static_cast<int>(frame));
+    return frame < static_cast<std::uint32_t>(features.cols()) ? features.col(frame).data() : nullptr;
+  }
 
   std::string name;
   std::uint64_t hash;
   int frames;
+  bool is_live;  // a robot's: pictures are encoded when observations name them
   ImageFetch images;
   Transfer positions;
 
@@ -36,8 +49,10 @@ struct EncodedTraversal {
   std::size_t bytes = 0;              // of images that have come and are not encoded yet
   std::vector<FetchedImage> waiting;  // for a full batch
   bool reducing = false;
-  std::string fault;         // why it is refused
-  Eigen::MatrixXf features;  // d x F once ready
+  std::string fault;                   // why it is refused
+  Eigen::MatrixXf features;            // d x F once ready, unless it is live
+  std::unique_ptr<LiveFeatures> live;  // once ready, if it is
+  std::set<int> asked;                 // live frames whose features are being made
   bool ready = false;
 };
 

@@ -110,7 +110,8 @@ void EncodingPipeline::advance(Clock::time_point now) {
 
 EncodedTraversal* EncodingPipeline::reference() const {
   for (const auto& [hash, traversal] : traversals_)
-    if (traversal->name == options_.reference && (has_host(*traversal) || traversal->ready)) return traversal.get();
+    if (!traversal->is_live && traversal->name == options_.reference && (has_host(*traversal) || traversal->ready))
+      return traversal.get();
   return nullptr;
 }
 
@@ -192,7 +193,9 @@ void EncodingPipeline::finish_training_sample() {
 void EncodingPipeline::encode_traversals() {
   std::vector<EncodedTraversal*> order;
   for (const auto& [hash, traversal] : traversals_)
-    if (!traversal->ready && !traversal->reducing && traversal->fault.empty() && has_host(*traversal))
+    if (traversal->is_live)
+      traversal->ready ? encode(*traversal, true) : begin_live(*traversal);
+    else if (!traversal->ready && !traversal->reducing && traversal->fault.empty() && has_host(*traversal))
       order.push_back(traversal.get());
     else if (traversal->work)  // others may go on
       forget(*traversal, traversal->work->give_back());
@@ -283,6 +286,17 @@ void EncodingPipeline::encode(EncodedTraversal& traversal, bool incomplete_batch
 void EncodingPipeline::store_batch(const Batch& batch, EncodedTraversal& traversal) {
   traversal.in_background -= static_cast<int>(batch.images.size());
   for (const FetchedImage& image : batch.images) traversal.bytes -= image.file.size();
+  if (traversal.is_live) {
+    for (std::size_t i = 0; i < batch.frames.size(); ++i)
+      traversal.live->put(batch.frames[i], batch.descriptors.col(static_cast<Eigen::Index>(i)));
+    for (const auto& [frame, reason] : batch.faults) {
+      spdlog::warn("{}, frame {}: {}; the one before it takes its place", traversal.name, frame, reason);
+      traversal.live->put_bad(frame);
+    }
+    for (const FetchedImage& image : batch.images) traversal.asked.erase(image.frame);
+    encoded_ += batch.frames.size();
+    return;
+  }
   for (std::size_t i = 0; i < batch.frames.size(); ++i)
     traversal.work->put(batch.frames[i], batch.descriptors.col(static_cast<Eigen::Index>(i)));
   encoded_ += batch.frames.size();
@@ -294,6 +308,31 @@ void EncodingPipeline::store_batch(const Batch& batch, EncodedTraversal& travers
                                     traversal.name, frame, reason);
   }
   if (!traversal.fault.empty()) spdlog::error("{}", traversal.fault);
+}
+
+// ---------------------------------------------------------------- A robot's pictures are encoded as they come.
+
+/// Gets ready for the pictures of a robot, once what the reference teaches is known.
+void EncodingPipeline::begin_live(EncodedTraversal& traversal) {
+  if (!traversal.fault.empty() || (needs_reference() && !reduction_)) return;
+  try {
+    traversal.live = std::make_unique<LiveFeatures>(options_.reduction, reduction_, spec_.dimension);
+  } catch (const Error& error) {
+    traversal.fault = fmt::format("{} is refused: {}", traversal.name, error.what());
+    spdlog::error("{}", traversal.fault);
+    return;
+  }
+  traversal.ready = true;
+  spdlog::info("{}: ready, {} features for each picture of the robot", traversal.name, traversal.dimension());
+}
+
+void EncodingPipeline::want(std::uint64_t hash, std::span<const std::uint32_t> frames) {
+  EncodedTraversal& traversal = *traversals_.at(hash);
+  std::vector<int> lacking;
+  for (const std::uint32_t frame : frames)
+    if (!traversal.find(frame) && traversal.asked.insert(static_cast<int>(frame)).second)
+      lacking.push_back(static_cast<int>(frame));
+  traversal.images.want(lacking);
 }
 
 // ---------------------------------------------------------------- Descriptors are reduced to features.
@@ -364,17 +403,19 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
 void EncodingPipeline::send_requests() {
   for (const auto& [hash, traversal] : traversals_) {
     const std::string host = find_host_(hash);
-    if (host.empty() || traversal->ready) continue;
+    if (host.empty() || (traversal->ready && !traversal->is_live)) continue;
     if (!encoder_ready_ || traversal->bytes < kLargestBacklog) traversal->images.ask(host);
-    if (!traversal->positions.ask(now_, request_)) continue;
+    if (traversal->is_live || !traversal->positions.ask(now_, request_)) continue;
     request_.environment() = host.c_str();
     node_.publish(request_);
   }
 }
 
 bool EncodingPipeline::busy() const {
-  return std::any_of(traversals_.begin(), traversals_.end(),
-                     [](const auto& entry) { return !entry.second->ready && entry.second->fault.empty(); });
+  return std::any_of(traversals_.begin(), traversals_.end(), [](const auto& entry) {
+    const EncodedTraversal& traversal = *entry.second;
+    return traversal.fault.empty() && (!traversal.ready || !traversal.asked.empty());
+  });
 }
 
 std::optional<std::pair<msg::State, std::string>> EncodingPipeline::status(Clock::time_point now) const {

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -31,6 +32,8 @@ class EncodingPipeline {
   void add(const msg::TraversalInfo& info);
   /// Returns a traversal by its hash; null when it is unknown.
   const EncodedTraversal* find(std::uint64_t hash) const;
+  /// Makes the features of frames of a live traversal that are not here, as soon as it can.
+  void want(std::uint64_t hash, std::span<const std::uint32_t> frames);
 
   void on_positions(const msg::TraversalChunk& chunk);
   void on_image(const msg::ImageChunk& chunk);
@@ -62,6 +65,7 @@ class EncodingPipeline {
   void divide_work(EncodedTraversal& traversal, int& ahead);
   void forget(EncodedTraversal& traversal, const std::vector<int>& frames);
   void encode(EncodedTraversal& traversal, bool incomplete_batches);
+  void begin_live(EncodedTraversal& traversal);
   void store_batch(const Batch& batch, EncodedTraversal& traversal);
   void reduce_traversals();
   void reduce(EncodedTraversal& traversal);

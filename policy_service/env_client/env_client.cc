@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "core/task/live.h"
+
 namespace citylearn {
 namespace {
 
@@ -27,6 +29,9 @@ bool same_traversal(const msg::TraversalInfo& a, const msg::TraversalInfo& b) {
          a.traversal() == b.traversal() && a.images() == b.images();
 }
 
+/// Returns whether its agent is a robot, whose pictures nobody has seen before.
+bool is_live(const msg::TraversalInfo& info) { return std::string(info.dataset().c_str()) == kLive; }
+
 /// Returns what is wrong with an observation under these settings; empty when nothing is.
 std::string validation_error(const EnvHandle& env, const msg::Observation& observation) {
   const msg::TaskSettings& settings = env.settings;
@@ -40,7 +45,7 @@ std::string validation_error(const EnvHandle& env, const msg::Observation& obser
     return "of another number of features";
   if (off_route(observation.position())) return "with a position beside the route";
   if (off_route(observation.goal())) return "with a goal beside the route";
-  if (off_route(observation.frame())) return "with a frame beside the route";
+  if (!is_live(env.info) && off_route(observation.frame())) return "with a frame beside the route";
   for (const std::uint8_t allowed : observation.allowed())
     if ((allowed & ((1u << kActions) - 1)) == 0) return "that allows no action";
   return "";
@@ -71,6 +76,7 @@ bool by_reference(Observing observing, const msg::TraversalInfo& info) {
                     std::to_string(info.feature_dimension()) + " do not fit one observation (at most " +
                     std::to_string(msg::MAX_FEATURES) + ")",
                 "", "ask for observations by reference");
+  if (is_live(info)) return false;
   if (observing == Observing::kByReference) return numbers > 0;
   return observing == Observing::kAsFits && (info.images() || numbers * sizeof(float) > kLargestWhole);
 }
