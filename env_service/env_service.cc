@@ -18,6 +18,8 @@
 #include "core/wire/transfer.h"
 #include "env_service/environment.h"
 #include "env_service/episode_outbox.h"
+#include "env_service/live_steps.h"
+#include "env_service/scene_sender.h"
 #include "env_service/traversal_server.h"
 
 namespace citylearn {
@@ -29,8 +31,6 @@ using std::chrono::seconds;
 constexpr milliseconds kObservationInterval{50}, kLongestObservationInterval{1000};  // between repetitions
 constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
 constexpr seconds kInfoInterval{1};
-constexpr milliseconds kSceneInterval{100};
-constexpr seconds kSceneAgain{1};            // while nothing moves: one may be lost
 constexpr milliseconds kUnheardLinger{500};  // at the end, for acknowledgements of recorders that were never heard
 constexpr milliseconds kStopCheck{50};
 constexpr std::size_t kMostPolicies = 256;  // whose newest settings are remembered
@@ -79,9 +79,9 @@ class EnvService {
 
   void send_info();
   void send_observation();
+  void finish_step();
   void record_episodes();
   void send_episodes();
-  void send_scene();
   void do_due_work();
   Clock::time_point next_due() const;
   void report();
@@ -96,6 +96,7 @@ class EnvService {
   }
 
   bool running() const { return awaiting_action_; }
+  bool robot_moves() const { return live_ && live_->busy(); }
   /// Returns whether a policy_service has given it work and not released it since.
   bool in_charge() const { return info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE; }
 
@@ -104,6 +105,9 @@ class EnvService {
   Rejections rejections_;
   Environment environment_;
   TraversalServer server_;
+  SceneSender scenes_;
+  std::unique_ptr<Robot> robot_;  // and its steps; null: agents are simulated
+  std::unique_ptr<LiveSteps> live_;
 
   msg::TraversalInfo info_;     // its `settings` are those in force
   msg::SettingsId newest_;      // of settings_
@@ -122,7 +126,7 @@ class EnvService {
   const std::chrono::duration<double> linger_;
 
   Clock::time_point now_;
-  Clock::time_point next_info_, next_observation_, next_scene_, scene_again_, next_report_, last_report_;
+  Clock::time_point next_info_, next_observation_, next_report_, last_report_;
   Presence policy_;  // heard by its Actions
   Duration observation_interval_{};
   std::uint64_t steps_ = 0;  // of agents since last_report_
@@ -135,8 +139,6 @@ class EnvService {
   msg::ImageRequest image_request_;
   msg::EpisodeAcknowledgement acknowledgement_;
   msg::EpisodeStat episode_;
-  msg::Scene scene_;  // the last one sent
-  int watchers_ = 0;
   msg::MapRequest map_request_;
   msg::ServiceStatus status_;
 };
@@ -147,11 +149,17 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
       rejections_(node_),
       environment_(traversal_, options.agents, options.imperfections),
       server_(node_, environment_),
+      scenes_(node_, environment_),
       outbox_(options.recorders),
       linger_(options.linger) {
   if (!traversal_.turns.empty())
     throw Error("crosses itself, which the messages cannot express yet", "traversal '" + traversal_.name + "'",
                 "leave its turns empty");
+  if (options.live) {
+    robot_ = std::make_unique<Robot>(options.live->robot, node_.options().id, node_.options().middleware, traversal_,
+                                     *options.live->images);
+    live_ = std::make_unique<LiveSteps>(environment_, *robot_);
+  }
   info_.dataset() = traversal_.dataset.c_str();
   info_.traversal() = traversal_.name.c_str();
   info_.condition() = traversal_.condition.c_str();
@@ -243,9 +251,10 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     outbox_.set_context(settings, traversal_.name);
   }
   send_info();
+  if (live_ && (idle || !refusal_.empty())) live_->stop();
   if (!idle && refusal_.empty()) {
     policy_.heard(now_);
-    send_observation();
+    live_ ? live_->reset(settings_) : send_observation();
   }
   report();
 }
@@ -289,7 +298,7 @@ void EnvService::on_action(const msg::Action& action) {
     return;
   }
   try {
-    environment_.step(action.choice());
+    live_ ? live_->step(action.choice()) : environment_.step(action.choice());
   } catch (const Error& error) {
     ++node_.traffic.rejected;
     if (!std::exchange(masked_action_logged_, true))
@@ -300,6 +309,12 @@ void EnvService::on_action(const msg::Action& action) {
   policy_.heard(now_);
   holder_.hear(action.header().incarnation(), now_);
   steps_ += action.choice().size();
+  awaiting_action_ = false;
+  if (!live_) finish_step();
+}
+
+/// Publishes what the agents see after their step.
+void EnvService::finish_step() {
   send_observation();  // first: the policy_service waits for it
   record_episodes();
   if (std::exchange(policy_silent_, false)) {
@@ -376,29 +391,11 @@ void EnvService::send_episodes() {
   }
 }
 
-/// Publishes where the agents are now, for dashboards that watch.
-void EnvService::send_scene() {
-  next_scene_ = now_ + kSceneInterval;
-  const int watchers = node_.readers<msg::Scene>();
-  const bool more = watchers > std::exchange(watchers_, watchers);
-  if (watchers == 0) return;
-  const bool moves = info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE;
-  const std::uint64_t step = moves ? observation_.step() : 0;
-  if (!more && scene_.settings() == info_.settings() && scene_.step() == step && now_ < scene_again_) return;
-  scene_again_ = now_ + kSceneAgain;
-  scene_ = msg::Scene();
-  if (moves) environment_.observe(scene_);
-  scene_.settings() = info_.settings();
-  scene_.task_mode() = moves ? settings_.task_mode() : msg::IDLE;
-  if (moves) scene_.policy() = settings_.policy();
-  scene_.traversal() = info_.traversal();
-  scene_.traversal_hash() = info_.hash();
-  scene_.first_frame() = moves ? settings_.first_frame() : 0;
-  scene_.frames() = moves ? settings_.frames() : 0;
-  node_.publish(scene_);
-}
-
 void EnvService::do_due_work() {
+  if (live_ && live_->advance(now_)) {
+    policy_.heard(now_);  // it had nothing to answer meanwhile
+    finish_step();
+  }
   if (running() && now_ >= next_observation_) {
     node_.publish(observation_);
     ++node_.traffic.resent;
@@ -413,7 +410,8 @@ void EnvService::do_due_work() {
   // A policy_service at work knows the info; while none is, another one may come.
   if ((!running() || policy_silent_) && now_ >= next_info_) send_info();
   send_episodes();
-  if (now_ >= next_scene_) send_scene();
+  const bool acts = info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE;
+  scenes_.send(now_, info_, acts ? &settings_ : nullptr);
   if (now_ >= next_report_) report();
 }
 
@@ -422,6 +420,7 @@ Clock::time_point EnvService::next_due() const {
   if (running()) due = std::min(due, next_observation_);
   if (running() && !policy_silent_) due = std::min(due, policy_.gone_at());
   if (!running() || policy_silent_) due = std::min(due, next_info_);
+  if (live_) due = std::min(due, live_->due());
   return std::min(due, outbox_.due());
 }
 
@@ -441,11 +440,16 @@ void EnvService::report() {
   } else if (info_.settings().version() != 0 && settings_.task_mode() == msg::IDLE) {
     activity = "idle, as the policy_service asked";
   } else if (info_.settings().version() != 0) {
-    if (running()) state = msg::RUNNING;
+    if (running() || robot_moves()) state = msg::RUNNING;
     activity = settings_.task_mode() == msg::TRAIN
                    ? "training on " + traversal_.name + ", " + route(settings_)
                    : "evaluation on " + traversal_.name + ": " + std::to_string(tasks_done_) + " of " +
                          std::to_string(settings_.tasks()) + " tasks";
+  }
+  if (live_) {
+    const std::string trouble = live_->trouble(now_);
+    node_.alarm("robot", trouble);
+    if (!trouble.empty()) activity = "waits for the robot: " + trouble;
   }
   if (!outbox_problem_.empty()) activity = outbox_problem_ + "; " + activity;
   node_.metrics().set_queue("episodes", outbox_.kept(), EpisodeOutbox::kCapacity);
@@ -456,6 +460,7 @@ void EnvService::leave() {
   const Clock::time_point begin = Clock::now();
   node_.report(msg::STOPPING, "stopping");
   awaiting_action_ = false;
+  if (live_) live_->stop();
   const auto worth_waiting = [&] {
     if (outbox_.kept() == 0 || node_.readers<msg::EpisodeStat>() == 0) return false;
     return now_ < begin + (outbox_.recorder_expected(now_) ? std::chrono::ceil<milliseconds>(linger_) : kUnheardLinger);

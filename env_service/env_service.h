@@ -2,20 +2,31 @@
 #pragma once
 
 #include <functional>
+#include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "core/wire/node_options.h"
 #include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
+#include "env_service/live/live_images.h"
+#include "env_service/live/robot_options.h"
 
 namespace citylearn {
+
+/// A robot that is the one agent of an env_service.
+struct LiveOptions {
+  RobotOptions robot;
+  std::shared_ptr<LiveImages> images;  ///< those of the traversal
+};
 
 struct EnvServiceOptions {
   NodeOptions node;                    ///< an empty id becomes "env-" + name of the traversal
   int agents = 16;                     ///< M, 1..msg::MAX_AGENTS
   Imperfections imperfections;         ///< what befalls agents; imperfect() makes a traversal that fits
   std::vector<std::string> recorders;  ///< ids of recorders that episodes are kept for before they are heard of
+  std::optional<LiveOptions> live;     ///< the traversal is what this robot was taught; it is the only agent
   double linger = 5;                   ///< seconds, at the end, for live recorders to acknowledge
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/environment.h"
 
+#include <algorithm>
 #include <cstdlib>
 #include <numeric>
 #include <utility>
@@ -66,9 +67,21 @@ void Environment::reset(const msg::TaskSettings& settings) {
     } else {
       agent.mishaps = Mishaps(imperfections_, settings.seed(), static_cast<std::uint64_t>(index));
       agent.frame = static_cast<int>(agent.random.below(frames));
+      if (robot_) agent.frame = place_of_robot();
       begin_training_episode(agent);
     }
   }
+}
+
+/// Returns where the robot is, on the route.
+int Environment::place_of_robot() const {
+  const int place = robot_->place - static_cast<int>(settings_.first_frame());
+  return std::clamp(place, 0, static_cast<int>(settings_.frames()) - 1);
+}
+
+std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
+  const int here = agents_[static_cast<std::size_t>(agent)].frame, first = static_cast<int>(settings_.first_frame());
+  return {first + here, first + (action < kActions ? place_after(here, action, turns_) : here)};
 }
 
 void Environment::begin_training_episode(Agent& agent) {
@@ -105,6 +118,7 @@ void Environment::begin_task(Agent& agent, int task) {
   agent.random = Random{settings_.seed(), static_cast<std::uint64_t>(task)};
   agent.mishaps = Mishaps(imperfections_, settings_.seed(), static_cast<std::uint64_t>(task));
   agent.frame = static_cast<int>(agent.random.below(settings_.frames()));
+  if (robot_) agent.frame = place_of_robot();  // nobody carries it to a start
   begin_training_episode(agent);
 }
 
@@ -119,7 +133,7 @@ int Environment::distance(const Agent& agent, int frame) {
   return agent.distances.empty() ? std::abs(agent.goal - frame) : agent.distances[static_cast<std::size_t>(frame)];
 }
 
-void Environment::step(std::span<const std::uint8_t> actions) {
+void Environment::check(std::span<const std::uint8_t> actions) const {
   if (actions.size() != agents_.size())
     throw Error(std::to_string(actions.size()) + " actions for " + std::to_string(agents_.size()) + " agents",
                 "Action.choice");
@@ -131,6 +145,10 @@ void Environment::step(std::span<const std::uint8_t> actions) {
                       std::to_string(settings_.first_frame() + agent.frame),
                   "Action.choice[" + std::to_string(index) + "]", "the observation's `allowed` says which are");
   }
+}
+
+void Environment::step(std::span<const std::uint8_t> actions) {
+  check(actions);
   ++step_;
   finished_.clear();
   const int first = static_cast<int>(settings_.first_frame());
@@ -228,6 +246,7 @@ void Environment::move(Agent& agent, std::uint8_t action) {
   const int intended = place_after(agent.frame, action, turns_);
   agent.frame =
       place_after(agent.frame, action, turns_, agent.mishaps.times_done(), static_cast<int>(settings_.frames()));
+  if (robot_) agent.frame = place_of_robot();
   agent.strayed = agent.strayed || agent.frame != intended;
 }
 
@@ -244,6 +263,7 @@ void Environment::kidnap(Agent& agent) {
 /// Shows the agent the frame of the place where it stands.
 void Environment::look(Agent& agent) const {
   agent.shown = settings_.shuffle() ? agent.order[agent.frame] : agent.frame;
+  if (robot_) agent.shown = robot_->frame - static_cast<int>(settings_.first_frame());
 }
 
 bool Environment::done() const {

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "core/task/reward.h"
@@ -25,7 +27,7 @@ namespace citylearn {
 /// Imperfections make agents slip, see old frames and stand elsewhere all of a sudden. An agent that slips over its
 /// goal has not reached it, and none is kidnapped to its goal. The shortest path stays that from the start.
 ///
-/// No threads, no wire, no clock: the same settings and actions give the same observations.
+/// No threads, wire or clock: the same settings and actions give the same observations.
 class Environment {
  public:
   struct Episode {  ///< a finished one
@@ -54,16 +56,28 @@ class Environment {
   /// One action per agent. An agent at the start of its episode may be given kNoAction: it waits, and nothing of it
   /// changes. Throws Error, changing nothing, when their number is wrong or one is masked or unknown.
   void step(std::span<const std::uint8_t> actions);
+  /// Throws Error as step() does.
+  void check(std::span<const std::uint8_t> actions) const;
+
+  /// Where a robot is and what it sees; both are indices on the traversal, the frame may lie beyond the frames taught.
+  struct Sighting {
+    int place = 0, frame = 0;
+  };
+  /// From now on agent 0 is a robot: it is where this says, and so its steps lead there and its episodes begin there.
+  /// A place beyond the route is the route's nearest end.
+  void sight(const Sighting& sighting) { robot_ = sighting; }
+  /// Returns the frame at which an agent stands and the one to which the action is to lead it.
+  std::pair<int, int> way(int agent, std::uint8_t action) const;
 
   /// Fills everything but the header.
   void observe(msg::Observation& observation) const;
-  /// Fills the step and what there is of each agent.
-  void observe(msg::Scene& scene) const;
+  void observe(msg::Scene& scene) const;  ///< Fills the step and what there is of each agent.
 
   /// Episodes that the last step ended, by agent.
   const std::vector<Episode>& finished() const { return finished_; }
   /// EVALUATE: every task has been done.
   bool done() const;
+  std::uint64_t ticks() const { return step_; }  ///< steps under the present settings
   int agents() const { return static_cast<int>(agents_.size()); }
   const Traversal& traversal() const { return traversal_; }
   std::uint64_t traversal_hash() const { return traversal_hash_; }
@@ -83,6 +97,7 @@ class Environment {
     bool strayed = false;            ///< in this episode it was led elsewhere than its actions say
   };
   void begin_training_episode(Agent& agent);
+  int place_of_robot() const;
   void begin_task(Agent& agent, int task);
   std::uint8_t allowed(int frame) const;
   static bool waits(const Agent& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }
@@ -99,6 +114,7 @@ class Environment {
   std::vector<Agent> agents_;
   std::vector<Episode> finished_;
   std::uint64_t step_ = 0;
+  std::optional<Sighting> robot_;
 };
 
 }  // namespace citylearn

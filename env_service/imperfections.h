@@ -24,6 +24,8 @@ struct Imperfections {
   double blurred_frames = 0;         ///< --blurred-frames P: share of pictures that are blurred
   int uneven_speed = 0;              ///< --uneven-speed FRAMES: how far places and frames are apart at most
   std::uint64_t recording_seed = 0;  ///< --recording-seed: which frames are blurred, where the speed changes
+
+  bool operator==(const Imperfections&) const = default;
 };
 
 /// Adds the options above; `group` heads them in --help.

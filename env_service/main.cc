@@ -3,8 +3,10 @@
 #include <iostream>
 
 #include "core/plugin/plugins.h"
+#include "core/task/live.h"
 #include "core/util/name.h"
 #include "core/util/text.h"
+#include "core/util/wall_clock.h"
 #include "core/wire/messages.h"
 #include "core/wire/service.h"
 #include "env_service/dataset_io/dataset.h"
@@ -18,6 +20,9 @@ using namespace citylearn;
 struct CommandLine {
   EnvServiceOptions service;
   Source source;
+  RobotOptions robot;  // of dataset live
+  std::string robot_traversal = kLive;
+  CLI::Option* agents = nullptr;
   bool list = false;
   bool list_traversals = false;
   bool show = false;
@@ -27,9 +32,9 @@ void add_options(CLI::App& app, CommandLine& line) {
   const std::string group = "Environment";
   const OptionGroup environment(app, group);
   add_source_options(app, line.source, group);
-  app.add_option("--agents", line.service.agents, "Number of agents on the traversal")
-      ->capture_default_str()
-      ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)));
+  line.agents = app.add_option("--agents", line.service.agents, "Number of agents on the traversal")
+                    ->capture_default_str()
+                    ->check(CLI::Range(1, static_cast<int>(msg::MAX_AGENTS)));
   app.add_option("--recorders", line.service.recorders,
                  "Ids of services that record episodes, A,B,...: their episodes are kept from the start, not only "
                  "once they are heard of")
@@ -42,6 +47,12 @@ void add_options(CLI::App& app, CommandLine& line) {
       ->check(CLI::Range(0.0, 3600.0));
   add_selection_options(app, line.source.selection, "Part of the traversal");
   add_imperfection_options(app, line.service.imperfections, "Imperfect world");
+  const std::string live = "A robot (--dataset live)";
+  add_robot_options(app, line.robot, live);
+  const OptionGroup robot(app, live);
+  app.add_option("--as", line.robot_traversal, "Name of what the robot sees, as that of a traversal")
+      ->capture_default_str()
+      ->check(name_problem);
   app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
       ->configurable(false);
@@ -58,6 +69,18 @@ void list() {
     std::cout << describe(entry->name, entry->help, entry->parameters, entry->name);
   std::cout << "middlewares (--middleware):\n";
   for (const auto& [name, help] : list_middlewares()) std::cout << describe(name, help, {}, "");
+}
+
+/// Makes a taught traversal one that a robot sees again.
+void make_live(Traversal& taught, CommandLine& line) {
+  if (!taught.images) throw Error("has features, not pictures", "traversal '" + taught.name + "'", "teach one");
+  if (line.service.imperfections != Imperfections())
+    throw Error("a robot is imperfect by itself", "--slip and the like", "leave them out");
+  if (line.agents->empty()) line.service.agents = 1;
+  taught.name = taught.condition = line.robot_traversal;
+  const auto images = std::make_shared<LiveImages>(taught.images, taught.name, microseconds_since_epoch());
+  taught.images = images;
+  line.service.live = LiveOptions{line.robot, images};
 }
 
 int serve(CommandLine& line) {
@@ -78,6 +101,7 @@ int serve(CommandLine& line) {
     return 0;
   }
   traversal.name = name_from(traversal.name);  // folders and files may be called anything
+  if (traversal.dataset == kLive) make_live(traversal, line);
   run_env_service(line.service, traversal, stop_requested);
   return 0;
 }

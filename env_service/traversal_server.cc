@@ -75,7 +75,7 @@ void TraversalServer::note(const msg::ImageRequest& request) {
   for (const std::uint32_t frame : request.frames()) {
     if (order.pictures.size() == msg::MAX_FRAMES_ASKED) break;
     WantedPicture wanted{frame, std::exchange(first_chunk, 0)};
-    if (frame >= frames_) {
+    if (frame >= static_cast<std::uint32_t>(traversal_.images->frames())) {
       ++node_.traffic.rejected;
       continue;
     }

@@ -77,12 +77,17 @@ void read_poses(const std::string& path, Traversal& traversal) {
     traversal.longitude = column("lon");
     traversal.positions = metres_along(traversal.latitude, traversal.longitude);
   }
+  const bool in_plane = table.has("x") || table.has("y");
+  if (in_plane) {
+    traversal.x = column("x");
+    traversal.y = column("y");
+  }
   if (table.has("metres")) {
     const std::vector<double> metres = column("metres");
     for (std::size_t i = 0; i < metres.size(); ++i) traversal.positions[i] = static_cast<float>(metres[i]);
-  } else if (table.has("x") || table.has("y")) {
-    const std::vector<double> x = column("x"), y = column("y");
-    traversal.positions = metres_along_plane(x, y, table.has("z") ? column("z") : std::vector<double>());
+  } else if (in_plane) {
+    traversal.positions =
+        metres_along_plane(traversal.x, traversal.y, table.has("z") ? column("z") : std::vector<double>());
   } else if (traversal.latitude.empty()) {
     throw Error("no column gives places", path, "its header needs lat,lon or x,y or metres");
   }

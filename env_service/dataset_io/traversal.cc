@@ -28,6 +28,8 @@ void Traversal::keep(const std::vector<int>& kept) {
   pick(positions, kept);
   pick(latitude, kept);
   pick(longitude, kept);
+  pick(x, kept);
+  pick(y, kept);
   pick(times, kept);
   frames = static_cast<int>(kept.size());
 }

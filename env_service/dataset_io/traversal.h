@@ -26,6 +26,7 @@ struct Traversal {
   std::shared_ptr<Images> images;  ///< F pictures; null when it has features
   std::vector<double> latitude;    ///< F, degrees north (WGS 84), NaN where unknown; or empty
   std::vector<double> longitude;   ///< F, degrees east, NaN where unknown; or empty
+  std::vector<double> x, y;        ///< F, metres of any plane, as odometry has them, NaN where unknown; or empty
   std::vector<double> times;       ///< F, seconds since any one moment, NaN where unknown; or empty
   std::vector<int> turns;          ///< F, where `stay` leads at each frame (core/task/route_map.h); empty: a line
 

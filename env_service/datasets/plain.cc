@@ -6,6 +6,7 @@
 #include <limits>
 #include <map>
 
+#include "core/task/live.h"
 #include "env_service/dataset_io/features.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/dataset_io/poses.h"
@@ -27,7 +28,7 @@ const std::string kPoses = ".poses.csv";
 /// traversals are the same place (poses.h).
 class Plain : public FolderDataset {
  public:
-  Plain(const std::string& folder, const Parameters&) : FolderDataset("plain", folder, "NAME.csv files") {}
+  Plain(const std::string& folder, const Parameters&) : Plain("plain", folder) {}
 
   std::vector<std::string> names() override {
     std::vector<std::string> names;
@@ -44,6 +45,9 @@ class Plain : public FolderDataset {
     if (!is_file(path)) return Dataset::matches(a, b);
     return read_matches(path, a, b);
   }
+
+ protected:
+  Plain(const std::string& dataset, const std::string& folder) : FolderDataset(dataset, folder, "NAME.csv files") {}
 
  private:
   Traversal read(const std::string& name) override {
@@ -64,10 +68,10 @@ class Plain : public FolderDataset {
     return paths;
   }
 
-  static Traversal featured(const std::string& name, const std::string& path) {
+  Traversal featured(const std::string& name, const std::string& path) const {
     if (name.size() > 64) throw Error("the name of a traversal may have 64 characters", path);
     Traversal traversal;
-    traversal.dataset = "plain";
+    traversal.dataset = dataset_;
     traversal.name = name;
     read_features(path, traversal);
     traversal.positions.assign(static_cast<std::size_t>(traversal.frames), std::numeric_limits<float>::quiet_NaN());
@@ -110,6 +114,22 @@ class Plain : public FolderDataset {
     return found;
   }
 };
+
+/// A robot on a route that it was taught, which is a traversal of Plain.
+class Live : public Plain {
+ public:
+  Live(const std::string& folder, const Parameters&) : Plain(kLive, folder) {}
+};
+
+const DatasetRegistry::Registration live_registration({
+    kLive,
+    "a robot that drives a route which it was taught: --data has the route as dataset plain, --camera and --position "
+    "are topics of ROS 2",
+    {},
+    open_folder<Live>,
+    {},
+    {{"paper", "none"}, {"address", "your own robot"}, {"licence", "yours"}, {"size", "any"}},
+});
 
 const DatasetRegistry::Registration plain_registration({
     "plain",

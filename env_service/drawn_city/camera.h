@@ -17,6 +17,7 @@ class Camera {
   Camera(const DrawnOptions& options, const Look& look, std::uint64_t look_index);
   /// Valid until the next call.
   const cv::Mat& draw(float s);
+  float heading(float s) const { return world_.heading(s); }  ///< of the route, radians
 
  private:
   static constexpr float kAhead = 216;                                            // metres of the route that are drawn

@@ -5,8 +5,10 @@
 #include <cmath>
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
+#include <utility>
 
 #include "core/util/error.h"
+#include "core/util/text.h"
 #include "env_service/drawn_city/camera.h"
 
 namespace citylearn {
@@ -21,44 +23,74 @@ std::uint64_t recipe(const DrawnOptions& options, std::uint64_t look) {
                     std::bit_cast<std::uint64_t>(options.viewpoint)});
 }
 
+/// Returns the look with this name, and its index. Throws Error when there is none.
+std::pair<drawn::Look, std::uint64_t> find_look(const DrawnOptions& options, const std::string& name) {
+  for (std::size_t index = 0; index < drawn::looks().size(); ++index) {
+    drawn::Look look = drawn::looks()[index];
+    if (look.name != name) continue;
+    if (name == "shifted") look.lateral -= static_cast<float>(options.viewpoint);
+    return {look, index};
+  }
+  throw Error("draws no '" + name + "'", "synthetic images", "there are: " + joined(drawn_names()));
+}
+
 class DrawnImages : public Images {
  public:
-  DrawnImages(const DrawnOptions& options, drawn::Look look, std::uint64_t index, std::vector<float> positions)
-      : options_(options), look_(std::move(look)), index_(index), positions_(std::move(positions)) {}
+  DrawnImages(const DrawnOptions& options, const std::string& name, std::uint64_t recipe, std::vector<float> positions)
+      : options_(options), name_(name), recipe_(recipe), positions_(std::move(positions)) {}
 
   int frames() const override { return static_cast<int>(positions_.size()); }
 
   void read(int frame, Bytes& bytes) override {
     // The camera paints its textures first, which need not happen where no picture is read.
-    if (!camera_) camera_ = std::make_unique<drawn::Camera>(options_, look_, index_);
-    const cv::Mat& picture = camera_->draw(positions_.at(static_cast<std::size_t>(frame)));
-    try {
-      cv::imencode(".png", picture, file_,
-                   {cv::IMWRITE_PNG_COMPRESSION, 1, cv::IMWRITE_PNG_STRATEGY, cv::IMWRITE_PNG_STRATEGY_RLE});
-    } catch (const cv::Exception& error) {
-      throw Error(error.err, name(frame));
-    }
-    bytes.resize(file_.size());
-    std::memcpy(bytes.data(), file_.data(), file_.size());
+    if (!drive_) drive_ = std::make_unique<DrawnDrive>(options_, name_);
+    drive_->draw(positions_.at(static_cast<std::size_t>(frame)), bytes);
   }
 
-  std::string name(int frame) const override { return look_.name + ", frame " + std::to_string(frame); }
+  std::string name(int frame) const override { return name_ + ", frame " + std::to_string(frame); }
   std::uint64_t fingerprint(int frame) const override {
     const auto position = std::bit_cast<std::uint32_t>(positions_.at(static_cast<std::size_t>(frame)));
-    return mix_seeds({recipe(options_, index_), position});
+    return mix_seeds({recipe_, position});
   }
   std::string fault(int) const override { return {}; }
 
  private:
   const DrawnOptions options_;
-  const drawn::Look look_;
-  const std::uint64_t index_;
+  const std::string name_;
+  const std::uint64_t recipe_;
   const std::vector<float> positions_;
-  std::unique_ptr<drawn::Camera> camera_;
-  std::vector<unsigned char> file_;
+  std::unique_ptr<DrawnDrive> drive_;
 };
 
 }  // namespace
+
+struct DrawnDrive::Parts {
+  Parts(const DrawnOptions& options, const std::pair<drawn::Look, std::uint64_t>& found)
+      : look(found.first), camera(options, look, found.second) {}
+
+  const drawn::Look look;
+  drawn::Camera camera;
+  std::vector<unsigned char> file;
+};
+
+DrawnDrive::DrawnDrive(const DrawnOptions& options, const std::string& name)
+    : parts_(std::make_unique<Parts>(options, find_look(options, name))) {}
+
+DrawnDrive::~DrawnDrive() = default;
+
+void DrawnDrive::draw(float metres, Bytes& file) {
+  std::vector<unsigned char>& bytes = parts_->file;
+  try {
+    cv::imencode(".png", parts_->camera.draw(metres), bytes,
+                 {cv::IMWRITE_PNG_COMPRESSION, 1, cv::IMWRITE_PNG_STRATEGY, cv::IMWRITE_PNG_STRATEGY_RLE});
+  } catch (const cv::Exception& error) {
+    throw Error(error.err, parts_->look.name + ", at " + std::to_string(metres) + " m");
+  }
+  file.resize(bytes.size());
+  std::memcpy(file.data(), bytes.data(), bytes.size());
+}
+
+float DrawnDrive::heading(float metres) const { return parts_->camera.heading(metres); }
 
 const std::vector<std::string>& drawn_names() {
   static const std::vector<std::string> names = [] {
@@ -71,13 +103,8 @@ const std::vector<std::string>& drawn_names() {
 
 std::shared_ptr<Images> drawn_images(const DrawnOptions& options, const std::string& name,
                                      std::vector<float> positions) {
-  for (std::size_t index = 0; index < drawn::looks().size(); ++index) {
-    drawn::Look look = drawn::looks()[index];
-    if (look.name != name) continue;
-    if (name == "shifted") look.lateral -= static_cast<float>(options.viewpoint);
-    return std::make_shared<DrawnImages>(options, std::move(look), index, std::move(positions));
-  }
-  throw Error("draws no '" + name + "'", "synthetic images");
+  const auto [look, index] = find_look(options, name);
+  return std::make_shared<DrawnImages>(options, name, recipe(options, index), std::move(positions));
 }
 
 }  // namespace citylearn

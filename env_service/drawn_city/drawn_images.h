@@ -23,6 +23,23 @@ struct DrawnOptions {
 /// Names of the recordings: "summer", "fall", "winter", "night", "overcast", "rain", "shifted".
 const std::vector<std::string>& drawn_names();
 
+/// Draws what the camera of a car sees that drives through the city. Used by one thread.
+class DrawnDrive {
+ public:
+  /// Throws Error when the name is unknown.
+  DrawnDrive(const DrawnOptions& options, const std::string& name);
+  ~DrawnDrive();
+
+  /// Draws the picture at a place, metres along the route, as a PNG file.
+  void draw(float metres, Bytes& file);
+  /// Returns the direction of the route, radians.
+  float heading(float metres) const;
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
+
 /// Draws a picture for each position (metres along the route) as PNG, when it is read. Equal options, name and
 /// positions give equal pictures on one machine; fingerprints follow from these alone. Throws Error when the name is
 /// unknown.

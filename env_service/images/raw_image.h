@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+
+#include "core/util/types.h"
+
+namespace citylearn {
+
+/// Pixels as a camera sends them, row by row.
+struct RawImage {
+  std::uint32_t width = 0, height = 0;
+  std::uint32_t step = 0;  ///< bytes from one row to the next
+  std::string encoding;    ///< as in ROS 2's sensor_msgs/image_encodings.hpp: rgb8, bgr8, rgba8, bgra8 or mono8
+  std::span<const std::uint8_t> data;
+};
+
+/// Writes a picture as a PNG file. Returns what is wrong with it; empty when nothing is.
+std::string encode_raw(const RawImage& image, Bytes& file);
+
+}  // namespace citylearn

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/live/robot.h"
+
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/task/action.h"
+#include "env_service/geometry/geometry.h"
+
+namespace citylearn {
+namespace {
+
+using std::chrono::milliseconds;
+
+using Twist = geometry_msgs::msg::dds_::Twist_;
+using Command = std_msgs::msg::dds_::UInt8_;
+
+constexpr milliseconds kCommandAgain{50};  // robots stop by themselves when commands cease
+constexpr milliseconds kGlance{5};         // between looks at what has come, while something is awaited
+constexpr milliseconds kRest{100};         // likewise, while nothing is
+constexpr std::chrono::seconds kTrouble{1};
+constexpr double kFar = 10;  // times the distance between places
+
+RobotOptions named(RobotOptions options) {
+  if (options.topics.position.empty())
+    throw Error("the topic that says where the robot is is missing", "--position",
+                "as /odom: it is how an episode knows that the goal is reached");
+  options.cmd_vel = ros2_topic(options.cmd_vel, "--cmd-vel");
+  options.command = ros2_topic(options.command, "--command");
+  return options;
+}
+
+/// Returns the coordinates of places, or throws Error when they have none of this kind.
+const std::vector<double>& known(const std::vector<double>& values, const Traversal& taught, const char* columns) {
+  if (std::any_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); })) return values;
+  throw Error(std::string("its places have no ") + columns, "traversal '" + taught.name + "'",
+              "teach it with --position, or give it a poses.csv with these columns");
+}
+
+}  // namespace
+
+Robot::Robot(const RobotOptions& options, const std::string& name, const MiddlewareOptions& own,
+             const Traversal& taught, LiveImages& images)
+    : options_(named(options)),
+      taught_(taught),
+      images_(images),
+      ros_(options_.ros, name, &own),
+      senses_(ros_, options_.topics),
+      x_(options_.topics.source == PositionSource::kFix ? known(taught.latitude, taught, "lat and lon")
+                                                        : known(taught.x, taught, "x and y")),
+      y_(options_.topics.source == PositionSource::kFix ? taught.longitude : taught.y) {
+  std::vector<double> gaps;
+  for (std::size_t i = 1; i < taught.positions.size(); ++i)
+    if (const double gap = taught.positions[i] - taught.positions[i - 1]; gap > 0) gaps.push_back(gap);
+  if (gaps.empty()) throw Error("all of its places are the same", "traversal '" + taught.name + "'");
+  std::nth_element(gaps.begin(), gaps.begin() + static_cast<std::ptrdiff_t>(gaps.size() / 2), gaps.end());
+  spacing_ = gaps[gaps.size() / 2];
+  ros_.advertise<Twist>(options_.cmd_vel);
+  ros_.advertise<Command>(options_.command);
+}
+
+Robot::~Robot() {
+  try {
+    stop();
+  } catch (const Error& error) {
+    spdlog::error("the robot could not be told to stop: {}", error.what());
+  }
+}
+
+void Robot::command(double speed) {
+  speed_ = speed;
+  Twist twist;
+  twist.linear().x(speed);
+  ros_.publish(options_.cmd_vel, twist);
+}
+
+double Robot::metres_between_places(int from, int to) const {
+  const double metres =
+      std::abs(taught_.positions[static_cast<std::size_t>(to)] - taught_.positions[static_cast<std::size_t>(from)]);
+  return metres > 0 ? metres : spacing_ * std::abs(to - from);  // unknown ones too
+}
+
+void Robot::drive(std::uint8_t action, int from, int to) {
+  const Clock::time_point now = Clock::now();
+  Command step;
+  step.data(action);
+  ros_.publish(options_.command, step);
+  if (from == to) return begin_to_look(now, 0);
+  const double metres = metres_between_places(from, to);
+  doing_ = Doing::kDriving;
+  until_ = now + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(metres / options_.speed));
+  next_command_ = now + kCommandAgain;
+  command(to > from ? options_.speed : -options_.speed);
+  due_ = std::min(until_, next_command_);
+}
+
+void Robot::look() {
+  const bool drove = speed_ != 0;
+  command(0);
+  begin_to_look(Clock::now(), drove ? static_cast<std::uint64_t>(1e9 * options_.settle) : 0);
+}
+
+void Robot::stop() {
+  doing_ = Doing::kNothing;
+  command(0);
+}
+
+/// From now on it stands. What was taken `settle` nanoseconds after the last message of each kind shows that place.
+void Robot::begin_to_look(Clock::time_point now, std::uint64_t settle) {
+  senses_.poll();
+  doing_ = Doing::kLooking;
+  looking_ = due_ = now;
+  picture_after_ = senses_.picture() ? senses_.picture()->stamp + settle : 0;
+  position_after_ = senses_.position() ? senses_.position()->stamp + settle : 0;
+}
+
+std::optional<Robot::Sighting> Robot::poll(Clock::time_point now) {
+  senses_.poll();
+  for (const std::string& fault : ros_.faults()) spdlog::error("{}", fault);
+  if (doing_ == Doing::kDriving && now >= until_) look();
+  if (doing_ == Doing::kDriving && now >= next_command_) command(speed_);
+  if (doing_ == Doing::kLooking && has_picture() && has_position()) {
+    doing_ = Doing::kNothing;
+    return Sighting{nearest_place(*senses_.position()), images_.add(senses_.picture()->file)};
+  }
+  if (now >= next_command_) {
+    if (doing_ == Doing::kLooking) command(0);  // the first one may be lost
+    next_command_ = now + kCommandAgain;
+  }
+  due_ = now + (doing_ == Doing::kNothing ? kRest : kGlance);
+  if (doing_ == Doing::kDriving) due_ = std::min({due_, until_, next_command_});
+  return std::nullopt;
+}
+
+int Robot::nearest_place(const RobotSenses::Position& position) {
+  int nearest = 0;
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t place = 0; place < x_.size(); ++place) {
+    const double distance = options_.topics.source == PositionSource::kFix
+                                ? metres_between(position.x, position.y, x_[place], y_[place])
+                                : std::hypot(position.x - x_[place], position.y - y_[place]);
+    if (!(distance < least)) continue;
+    least = distance;
+    nearest = static_cast<int>(place);
+  }
+  const bool far = least > kFar * spacing_;
+  if (far && !far_) spdlog::warn("the robot is {:.0f} m from the nearest place that it was taught", least);
+  far_ = far;
+  return nearest;
+}
+
+std::string Robot::trouble(Clock::time_point now) const {
+  if (doing_ != Doing::kLooking || now < looking_ + kTrouble) return "";
+  if (!has_picture()) return senses_.why_no_picture();
+  return has_position() ? "" : senses_.why_no_position();
+}
+
+}  // namespace citylearn

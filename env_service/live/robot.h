@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "core/util/types.h"
+#include "env_service/dataset_io/traversal.h"
+#include "env_service/live/live_images.h"
+#include "env_service/live/robot_options.h"
+#include "env_service/live/robot_senses.h"
+
+namespace citylearn {
+
+/// A robot on a route that it was taught. It drives a step, stops, and then says where it is and what it sees. It
+/// stands whenever nothing is asked of it. A picture or a position that does not come is waited for. Used by one
+/// thread.
+class Robot {
+ public:
+  /// Where it stands, as the nearest of the places taught, and the frame of LiveImages that it sees; both are indices
+  /// on the traversal.
+  struct Sighting {
+    int place = 0, frame = 0;
+  };
+
+  /// `taught` and `images` (of it) must outlive it. `own`: how this process meets CityLearn's services. Throws Error
+  /// when no topic is given, places do not say where they are in what positions are in, or the middleware cannot start.
+  Robot(const RobotOptions& options, const std::string& name, const MiddlewareOptions& own, const Traversal& taught,
+        LiveImages& images);
+  ~Robot();
+
+  /// Drives from one place to another, then looks. Equal places: it stands. `action` is for robots that do their steps
+  /// themselves.
+  void drive(std::uint8_t action, int from, int to);
+  /// Stops where it is, then looks.
+  void look();
+  /// Stops where it is.
+  void stop();
+
+  /// Does what is due. Returns what it saw, once for each look.
+  std::optional<Sighting> poll(Clock::time_point now);
+  /// When poll() is to be called again.
+  Clock::time_point due() const { return due_; }
+  /// Says what it has been waiting for, for longer than a second: "nobody publishes /camera/image_raw"; else empty.
+  std::string trouble(Clock::time_point now) const;
+  const RobotSenses::Counts& counts() const { return senses_.counts(); }
+
+ private:
+  enum class Doing { kNothing, kDriving, kLooking };
+
+  void command(double speed);
+  void begin_to_look(Clock::time_point now, std::uint64_t settle);
+  bool has_picture() const { return senses_.picture() && senses_.picture()->stamp > picture_after_; }
+  bool has_position() const { return senses_.position() && senses_.position()->stamp > position_after_; }
+  double metres_between_places(int from, int to) const;
+  int nearest_place(const RobotSenses::Position& position);
+
+  const RobotOptions options_;
+  const Traversal& taught_;
+  LiveImages& images_;
+  Ros2Participant ros_;
+  RobotSenses senses_;
+  const std::vector<double>&x_, &y_;  // of the places, as positions come
+  double spacing_ = 0;                // metres between places, median
+  bool far_ = false;                  // from all places, when it was seen last
+
+  Doing doing_ = Doing::kNothing;
+  double speed_ = 0;                                        // now, m/s
+  Clock::time_point until_, next_command_, looking_, due_;  // until_: of driving
+  std::uint64_t picture_after_ = 0, position_after_ = 0;    // stamps: what comes with later ones counts
+};
+
+}  // namespace citylearn

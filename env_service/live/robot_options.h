@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "core/ros2/participant.h"
+
+namespace CLI {
+class App;
+}
+
+namespace citylearn {
+
+/// What says where a robot is.
+enum class PositionSource {
+  kOdometry,  ///< nav_msgs/Odometry: x and y, metres
+  kPose,      ///< geometry_msgs/PoseStamped: likewise
+  kFix,       ///< sensor_msgs/NavSatFix: degrees (WGS 84)
+};
+
+/// What a robot tells of itself, as topics of ROS 2.
+struct RobotTopics {
+  std::string camera;    ///< --camera: sensor_msgs/CompressedImage where the name ends in /compressed, else Image
+  std::string position;  ///< --position; empty: nothing says where it is
+  PositionSource source = PositionSource::kOdometry;  ///< --position-type
+};
+
+/// How a robot is driven along a route that it was taught.
+struct RobotOptions {
+  MiddlewareOptions ros = ros2_defaults();
+  RobotTopics topics;
+  std::string cmd_vel = "/cmd_vel";            ///< --cmd-vel: geometry_msgs/Twist goes there
+  std::string command = "/citylearn/command";  ///< --command: std_msgs/UInt8, once a step: 0 stay, 1 next, 2 previous
+  double speed = 0.5;                          ///< --speed, m/s: a step drives for as long as its distance takes
+  double settle = 0.1;  ///< --settle, seconds: what the camera took this long after the robot stopped is sharp
+};
+
+/// Adds the options of RobotTopics and those of ROS 2's side.
+void add_robot_topics(CLI::App& app, RobotTopics& topics, MiddlewareOptions& ros);
+/// Adds all of RobotOptions; `group` heads them in --help.
+void add_robot_options(CLI::App& app, RobotOptions& robot, const std::string& group);
+
+}  // namespace citylearn

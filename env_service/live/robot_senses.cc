@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/live/robot_senses.h"
+
+#include <spdlog/spdlog.h>
+
+#include <cmath>
+#include <cstring>
+
+#include "core/files/image_header.h"
+#include "core/util/wall_clock.h"
+#include "env_service/images/raw_image.h"
+
+namespace citylearn {
+namespace {
+
+constexpr std::uint64_t kSecond = 1'000'000'000;  // nanoseconds
+constexpr std::uint64_t kLatest = 5 * kSecond;    // what is older than that has another clock
+
+std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header) {
+  const std::int64_t stamp =
+      std::int64_t{header.stamp().sec()} * static_cast<std::int64_t>(kSecond) + std::int64_t{header.stamp().nanosec()};
+  return stamp > 0 ? static_cast<std::uint64_t>(stamp) : nanoseconds_since_epoch();
+}
+
+RobotTopics named(const RobotTopics& topics) {
+  RobotTopics result = topics;
+  if (topics.camera.empty())
+    throw Error("the camera's topic is missing", "--camera", "as /camera/image_raw/compressed");
+  result.camera = ros2_topic(topics.camera, "--camera");
+  if (!topics.position.empty()) result.position = ros2_topic(topics.position, "--position");
+  return result;
+}
+
+}  // namespace
+
+RobotSenses::RobotSenses(Ros2Participant& ros, const RobotTopics& topics) : topics_(named(topics)) {
+  if (topics_.camera.ends_with("/compressed"))
+    compressed_ = ros.subscribe<Compressed>(topics_.camera);
+  else
+    raw_ = ros.subscribe<Raw>(topics_.camera);
+  if (topics_.position.empty()) return;
+  switch (topics_.source) {
+    case PositionSource::kOdometry:
+      odometry_ = ros.subscribe<Odometry>(topics_.position);
+      break;
+    case PositionSource::kPose:
+      pose_ = ros.subscribe<Pose>(topics_.position);
+      break;
+    case PositionSource::kFix:
+      fix_ = ros.subscribe<Fix>(topics_.position);
+      break;
+  }
+}
+
+void RobotSenses::poll() {
+  while (compressed_ && compressed_->take(compressed_message_)) take(compressed_message_);
+  while (raw_ && raw_->take(raw_message_)) take(raw_message_);
+  const auto place = [this](const auto& header, double x, double y) {
+    if (std::isfinite(x) && std::isfinite(y)) position_ = Position{stamp_of(header), x, y};
+  };
+  for (Odometry message; odometry_ && odometry_->take(message);)
+    place(message.header(), message.pose().pose().position().x(), message.pose().pose().position().y());
+  for (Pose message; pose_ && pose_->take(message);)
+    place(message.header(), message.pose().position().x(), message.pose().position().y());
+  for (Fix message; fix_ && fix_->take(message);)
+    if (static_cast<std::int8_t>(message.status().status()) >= 0)  // STATUS_NO_FIX is -1
+      place(message.header(), message.latitude(), message.longitude());
+}
+
+/// Returns whether a picture comes after the newest one, and counts those that do not.
+bool RobotSenses::is_next(std::uint64_t stamp) {
+  if (!picture_ || stamp > picture_->stamp) return true;
+  if (picture_->stamp - stamp > kLatest) {
+    spdlog::warn("the camera's clock was set back by {} s", (picture_->stamp - stamp) / kSecond);
+    return true;
+  }
+  ++(stamp == picture_->stamp ? counts_.repeated : counts_.late);
+  return false;
+}
+
+void RobotSenses::take(const Compressed& image) {
+  const std::uint64_t stamp = stamp_of(image.header());
+  if (!is_next(stamp)) return;
+  const std::span<const std::byte> file = std::as_bytes(std::span(image.data()));
+  if (file.size() > kMaxImageBytes) return note_broken("has " + std::to_string(file.size()) + " bytes");
+  if (const auto fault = image_fault(file)) return note_broken(*fault);
+  picture_ = Picture{stamp, Bytes(file.begin(), file.end())};
+  ++counts_.pictures;
+}
+
+void RobotSenses::take(const Raw& image) {
+  const std::uint64_t stamp = stamp_of(image.header());
+  if (!is_next(stamp)) return;
+  Picture picture{stamp, {}};
+  const std::string fault =
+      encode_raw({image.width(), image.height(), image.step(), image.encoding(), image.data()}, picture.file);
+  if (!fault.empty()) return note_broken(fault);
+  picture_ = std::move(picture);
+  ++counts_.pictures;
+}
+
+void RobotSenses::note_broken(const std::string& why) {
+  if (++counts_.broken == 1) spdlog::warn("a picture on {}: {} (more are counted, not logged)", topics_.camera, why);
+  fault_ = why;
+}
+
+template <class Message>
+std::string RobotSenses::why_nothing(const std::optional<Ros2Subscription<Message>>& topic,
+                                     const std::string& name) const {
+  if (!topic) return "";
+  if (topic->publishers() == 0) return "nobody publishes " + name;
+  if (topic->unreadable() > 0) return "what comes on " + name + " is of another type";
+  return "nothing comes on " + name;
+}
+
+std::string RobotSenses::why_no_picture() const {
+  if (!picture_ && !fault_.empty()) return "pictures on " + topics_.camera + " are broken: " + fault_;
+  return why_nothing(compressed_, topics_.camera) + why_nothing(raw_, topics_.camera);
+}
+
+std::string RobotSenses::why_no_position() const {
+  return why_nothing(odometry_, topics_.position) + why_nothing(pose_, topics_.position) +
+         why_nothing(fix_, topics_.position);
+}
+
+}  // namespace citylearn

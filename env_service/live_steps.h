@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "env_service/environment.h"
+#include "env_service/live/robot.h"
+
+namespace citylearn {
+
+/// Lets the one agent of an environment be a robot, whose steps take time. Used by one thread.
+class LiveSteps {
+ public:
+  /// Both must outlive it. Throws Error when the environment has several agents.
+  LiveSteps(Environment& environment, Robot& robot);
+
+  /// Begins anew under settings that the environment has accepted, once the robot has been seen.
+  void reset(const msg::TaskSettings& settings);
+  /// Begins a step. Throws Error, changing nothing, as Environment::step() does.
+  void step(std::span<const std::uint8_t> actions);
+  /// Ends what has begun: the robot stands.
+  void stop();
+
+  /// Returns true when what has begun is done: the environment then shows what the robot sees.
+  bool advance(Clock::time_point now);
+  bool busy() const { return doing_ != Doing::kNothing; }
+  Clock::time_point due() const { return robot_.due(); }
+  /// What the robot waits for, as Robot::trouble().
+  std::string trouble(Clock::time_point now) const { return robot_.trouble(now); }
+
+ private:
+  enum class Doing { kNothing, kReset, kStep };
+
+  Environment& environment_;
+  Robot& robot_;
+  Doing doing_ = Doing::kNothing;
+  msg::TaskSettings settings_;         // of the reset
+  std::vector<std::uint8_t> actions_;  // of the step
+};
+
+}  // namespace citylearn

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/scene_sender.h"
+
+#include <utility>
+
+namespace citylearn {
+namespace {
+
+constexpr std::chrono::milliseconds kInterval{100};
+constexpr std::chrono::seconds kAgain{1};  // while nothing moves: one may be lost
+
+}  // namespace
+
+void SceneSender::send(Clock::time_point now, const msg::TraversalInfo& info, const msg::TaskSettings* settings) {
+  if (now < next_) return;
+  next_ = now + kInterval;
+  const int watchers = node_.readers<msg::Scene>();
+  const bool more = watchers > std::exchange(watchers_, watchers);
+  if (watchers == 0) return;
+  const std::uint64_t step = settings ? environment_.ticks() : 0;
+  if (!more && scene_.settings() == info.settings() && scene_.step() == step && now < again_) return;
+  again_ = now + kAgain;
+  scene_ = msg::Scene();
+  if (settings) {
+    environment_.observe(scene_);
+    scene_.task_mode() = settings->task_mode();
+    scene_.policy() = settings->policy();
+    scene_.first_frame() = settings->first_frame();
+    scene_.frames() = settings->frames();
+  } else {
+    scene_.task_mode() = msg::IDLE;
+  }
+  scene_.settings() = info.settings();
+  scene_.traversal() = info.traversal();
+  scene_.traversal_hash() = info.hash();
+  node_.publish(scene_);
+}
+
+}  // namespace citylearn
