@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// citylearn teach: records what a robot sees along a route.
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <limits>
+
+#include "core/wire/service.h"
+#include "tools/robot/teacher.h"
+
+namespace {
+
+using namespace citylearn;
+
+struct CommandLine {
+  TeachOptions teach;
+  MiddlewareOptions ros = ros2_defaults();
+  int frames = std::numeric_limits<int>::max();
+};
+
+void add_options(CLI::App& app, CommandLine& line) {
+  TeachOptions& teach = line.teach;
+  {
+    const OptionGroup group(app, "Recording");
+    app.add_option("--output", teach.folder,
+                   "Folder of recordings, DIR: the frames go to DIR/NAME/, their places to "
+                   "DIR/NAME.poses.csv")
+        ->type_name("DIR")
+        ->required();
+    app.add_option("--traversal", teach.traversal, "Its name, NAME: \"summer\"")->type_name("NAME")->required();
+    app.add_option("--spacing", teach.spacing, "Metres from one frame to the next, with --position")
+        ->capture_default_str()
+        ->check(CLI::Range(0.05, 1000.0));
+    app.add_option("--interval", teach.interval, "Seconds from one frame to the next, without --position")
+        ->capture_default_str()
+        ->check(CLI::Range(0.01, 3600.0));
+    app.add_option("--frames", line.frames, "End after so many frames; without, Ctrl-C ends it")
+        ->check(CLI::Range(2, std::numeric_limits<int>::max()));
+  }
+  const OptionGroup group(app, "Robot");
+  add_robot_topics(app, teach.topics, line.ros);
+}
+
+int teach(const CommandLine& line) {
+  using std::chrono::seconds;
+  Ros2Participant ros(line.ros, "citylearn_teach", nullptr);
+  Teacher teacher(line.teach, ros);
+  spdlog::info("listens to {} in domain {} of ROS 2 over {}", line.teach.topics.camera, line.ros.domain, line.ros.name);
+  Clock::time_point next_report = Clock::now() + seconds(2);
+  int reported = -1;
+  while (!stop_requested() && teacher.frames() < line.frames) {
+    ros.wait(Clock::now() + std::chrono::milliseconds(20));
+    teacher.poll();
+    for (const std::string& fault : ros.faults()) spdlog::error("{}", fault);
+    if (Clock::now() < next_report) continue;
+    next_report = Clock::now() + seconds(2);
+    if (teacher.frames() > 0 && teacher.frames() != reported) spdlog::info("{} frames", reported = teacher.frames());
+    if (!teacher.senses().picture())
+      spdlog::warn("{}", teacher.senses().why_no_picture());
+    else if (!line.teach.topics.position.empty() && !teacher.senses().position())
+      spdlog::warn("{}", teacher.senses().why_no_position());
+  }
+  const RobotSenses::Counts& counts = teacher.senses().counts();
+  spdlog::info("{} frames in {}/{}; of {} pictures, {} came twice, {} late, {} were broken", teacher.frames(),
+               line.teach.folder, line.teach.traversal, counts.pictures, counts.repeated, counts.late, counts.broken);
+  if (teacher.frames() >= 2) return 0;
+  throw Error("has " + std::to_string(teacher.frames()) + " frames; a route needs 2",
+              line.teach.folder + "/" + line.teach.traversal, "let the robot drive while this records");
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CommandLine line;
+  return service_main(
+      argc, argv, "Records what a robot's camera sees along a route, as a traversal of dataset plain.",
+      [&](CLI::App& app) { add_options(app, line); }, [&] { return teach(line); });
+}
