@@ -92,8 +92,9 @@ void Node::check_twin(const msg::ServiceStatus& status) {
   const double uptime = seconds_since(started_), older = status.uptime() - uptime;
   const bool is_new = uptime < kNew && status_.service_state() != msg::RUNNING;
   if (is_new && (older > kSameMoment || (older > -kSameMoment && header.incarnation() < incarnation_)))
-    throw Error("already runs in session '" + options_.session + "' on " + where, "id '" + options_.id + "'",
-                "choose another --id or --session");
+    throw Error("already runs in session '" + options_.session + "' of domain " +
+                    std::to_string(options_.middleware.domain) + " on " + where,
+                "id '" + options_.id + "'", "choose another --id or --session");
   twin_heard_ = Clock::now();
   if (!alarms_.contains("id")) alarm("id", "another process has the same id, on " + where + ": end one of them");
 }
