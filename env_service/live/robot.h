@@ -53,8 +53,12 @@ class Robot {
 
   void command(double speed);
   void begin_to_look(Clock::time_point now, std::uint64_t settle);
-  bool has_picture() const { return senses_.picture() && senses_.picture()->stamp > picture_after_; }
-  bool has_position() const { return senses_.position() && senses_.position()->stamp > position_after_; }
+  bool has_picture() const {
+    return senses_.picture() && RobotSenses::follows(senses_.picture()->stamp, picture_after_);
+  }
+  bool has_position() const {
+    return senses_.position() && RobotSenses::follows(senses_.position()->stamp, position_after_);
+  }
   double metres_between_places(int from, int to) const;
   int nearest_place(const RobotSenses::Position& position);
 

@@ -67,11 +67,16 @@ void RobotSenses::poll() {
       place(message.header(), message.latitude(), message.longitude());
 }
 
+bool RobotSenses::follows(std::uint64_t stamp, std::uint64_t before) {
+  return stamp > before || before - stamp > kLatest;
+}
+
 /// Returns whether a picture comes after the newest one, and counts those that do not.
 bool RobotSenses::is_next(std::uint64_t stamp) {
-  if (!picture_ || stamp > picture_->stamp) return true;
-  if (picture_->stamp - stamp > kLatest) {
-    spdlog::warn("the camera's clock was set back by {} s", (picture_->stamp - stamp) / kSecond);
+  if (!picture_) return true;
+  if (follows(stamp, picture_->stamp)) {
+    if (stamp < picture_->stamp)
+      spdlog::warn("the camera's clock was set back by {} s", (picture_->stamp - stamp) / kSecond);
     return true;
   }
   ++(stamp == picture_->stamp ? counts_.repeated : counts_.late);

@@ -33,6 +33,9 @@ class RobotSenses {
 
   /// Takes what has come.
   void poll();
+  /// Returns whether what has this stamp was taken after what has the other one. One that is several seconds older is
+  /// of a robot whose clock was set back.
+  static bool follows(std::uint64_t stamp, std::uint64_t before);
   /// The newest of each; empty: none came yet.
   const std::optional<Picture>& picture() const { return picture_; }
   const std::optional<Position>& position() const { return position_; }

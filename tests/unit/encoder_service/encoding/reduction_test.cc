@@ -50,6 +50,20 @@ TEST(Reduction, RunningMeanWorksOnline) {
     EXPECT_TRUE(reduction.apply(query.leftCols(n)).isApprox(whole.leftCols(n), 1e-4f)) << n;
 }
 
+TEST(Reduction, OneByOneGivesWhatAllTogetherGive) {
+  const MatrixXf query = sample(30, 25, 4, 9);
+  for (const ReductionOptions& options : {ReductionOptions{.dimension = 5},
+                                          {.centring = Centring::kReference, .dimension = 5},
+                                          {.centring = Centring::kRunning, .dimension = 0},
+                                          {.centring = Centring::kNone, .dimension = 0}}) {
+    const auto reduction = std::make_shared<Reduction>(Reduction::learn(sample(30, 20), options));
+    const MatrixXf whole = reduction->apply(query);
+    OnlineReduction online(reduction);
+    for (Eigen::Index i = 0; i < query.cols(); ++i)
+      EXPECT_TRUE(online.apply(query.col(i)).isApprox(whole.col(i), 1e-4f)) << name_of(options.centring) << " " << i;
+  }
+}
+
 TEST(Reduction, FeaturesHaveLengthOneAndTheMeanBecomesZeros) {
   const MatrixXf reference = sample(8, 50);
   const Reduction reduction = Reduction::learn(reference, {.centring = Centring::kReference, .dimension = 3});
