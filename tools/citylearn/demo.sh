@@ -252,7 +252,7 @@ demo() {
 
   # A domain and a run of its own: several demos on one machine don't meet.
   local run; run=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
-  local domain=${CITYLEARN_DOMAIN:-$((1 + $$ % 200))} traversal
+  local domain=${CITYLEARN_DOMAIN:-$((1 + $$ % 100))} traversal
   local wire=(--session "$run" --domain "$domain" --middleware "$middleware")
   mkdir -p "$RUNS"
   printf '%s %s %s\n' "$domain" "$middleware" "$run" >"$RUNS/.demo-$$"
