@@ -21,6 +21,12 @@ ELSEWHERE = {
     "policy_service --plugin build/release/plugins/mine.so": "tests/tutorial",
     "./run build": "every test",
     "./run ros2": "tests/ros2",
+    "./run teach": "tests/ros2",
+    "./run simulated-robot": "tests/ros2",
+    "./run demo --data route": "tests/ros2",
+    "./run env": "tests/ros2",
+    "./run encoder --reference": "tests/ros2",
+    "./run policy --mode evaluate --checkpoint runs/taught": "tests/ros2",
     "./run setup": "every test",
     "./run vpr $D": "takes recordings that not everybody has",
     "./run paper": "tests/system/paper_report_test.cc",
@@ -71,6 +77,15 @@ class Recipes(CommandLine):
         Scenery(80).write_pictures(data / "summer", 1)
         Scenery(80).write_pictures(data / "winter", 0.6)
         self.hosts["DIR"] = data
+
+    def test_a_robot_repeats_what_it_was_taught(self):
+        [robot] = self.take("drive-a-robot", "./run robot")
+        self.environment["ROS_DOMAIN_ID"] = str(own_domain())
+        self.run_command(*robot, "--places", "16", "--tasks", "3", "--slip", "0", "--output", "robots", "--no-wait")
+        results = self.results("robots/repeat")
+        self.assertEqual(set(results), {"robot-fall", "robot-rain"})
+        for look, result in results.items():
+            self.assertGreaterEqual(result["completed"], 0.66, look)
 
     def test_each_command_is_run_or_named(self):
         read = ast.walk(ast.parse(Path(__file__).read_text()))

@@ -12,8 +12,9 @@ declare -A PROGRAMS=(
   [env]=env_service/env_service [encoder]=encoder_service/encoder_service [policy]=policy_service/policy_service
   [dashboard]=dashboard/dashboard [data]=tools/data/citylearn_data [doctor]=tools/doctor/citylearn_doctor
   [vpr]=tools/vpr/citylearn_vpr [export]=tools/export/citylearn_export [paper]=tools/paper/citylearn_paper
-  [record]=tools/record/citylearn_record [replay]=tools/record/citylearn_replay [ros2]=tools/ros2/citylearn_ros2)
-COMMANDS=(demo again dashboard env encoder policy data vpr export paper record replay ros2 doctor help)
+  [record]=tools/record/citylearn_record [replay]=tools/record/citylearn_replay [ros2]=tools/ros2/citylearn_ros2
+  [teach]=tools/robot/citylearn_teach [simulated-robot]=tools/robot/citylearn_robot)
+COMMANDS=(demo again dashboard env encoder policy data vpr export paper record replay robot teach simulated-robot ros2 doctor help)
 
 say() { printf '%s\n' "$*" >&2; }
 fail() { say "$NAME: $*"; exit 1; }
@@ -38,7 +39,6 @@ Data and results
   export      writes encoder and agent as one ONNX file
   paper       repeats the paper's experiments on your data
   record      records a run's messages; "replay" plays them again
-  ros2        publishes a run to ROS 2, or writes files that its tools open
   doctor      shows reachable services and diagnoses network problems
 TEXT
 }
@@ -79,6 +79,13 @@ main() {
       # shellcheck source=demo.sh
       . "$PARTS/demo.sh"
       "$command" "$@"
+      return ;;
+    robot)
+      # shellcheck source=demo.sh
+      . "$PARTS/demo.sh"
+      # shellcheck source=robot.sh
+      . "$PARTS/robot.sh"
+      robot "$@"
       return ;;
     complete)
       # shellcheck source=completion/complete.sh

@@ -35,6 +35,9 @@ completions() {
       text=$(demo_usage | grep -o -e '--[a-z-]*' | sed 's/^/  /'
              for name in env encoder; do "$(program "$name")" --list 2>/dev/null || true; done | sed -n 's/^      --/  --/p'
              help_of policy '') ;;
+    robot)
+      . "$PARTS/robot.sh"
+      text=$(robot_usage | grep -o -e '--[a-z-]*' | sed 's/^/  /') ;;
     *)
       [ -n "${PROGRAMS[$command]:-}" ] || return 0
       text=$(help_of "$command" '')

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+// Teach and repeat: a robot of another vendor, in other seasons, with wheels that slip and messages that are lost.
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/data/pictures.h"
+#include "tests/support/processes/trial.h"
+
+namespace citylearn::testing {
+namespace {
+
+constexpr int kGoals = 12;  // of each robot
+
+class TeachAndRepeat : public VendorTest {
+ protected:
+  /// Options of ROS 2's side. Pictures and commands of one look have topics of their own.
+  Arguments nodes(const std::string& loses = "") const {
+    const std::string other = std::string(GetParam()) == "fastdds" ? "cyclonedds" : "fastdds";
+    return {"--ros-domain", std::to_string(ros_domain_), "--ros-interface", "lo", "--ros-middleware", loses + other};
+  }
+  std::unique_ptr<Service> start(const std::string& program, const std::string& name, Arguments options) {
+    options.insert(options.begin(), program);
+    return std::make_unique<Service>(options, trial_.folder() / (name + ".log"));
+  }
+  std::unique_ptr<Service> robot(const std::string& look, const Arguments& more) {
+    Arguments options = {"--look",    look,
+                         "--metres",  "88",
+                         "--rate",    "20",
+                         "--camera",  "/" + look + "/camera/compressed",
+                         "--pose",    "/" + look + "/pose",
+                         "--cmd-vel", "/" + look + "/cmd_vel"};
+    options.insert(options.end(), more.begin(), more.end());
+    return start(CITYLEARN_ROBOT, "robot-" + look, options);
+  }
+  std::unique_ptr<Service> live(const std::string& look) {
+    Arguments options = {"--dataset",
+                         "live",
+                         "--data",
+                         trial_.folder() / "route",
+                         "--agents",
+                         "1",
+                         "--as",
+                         "live-" + look,
+                         "--camera",
+                         "/" + look + "/camera/compressed",
+                         "--position",
+                         "/" + look + "/pose",
+                         "--position-type",
+                         "pose",
+                         "--cmd-vel",
+                         "/" + look + "/cmd_vel",
+                         "--command",
+                         "/" + look + "/command",
+                         "--speed",
+                         "15",
+                         "--settle",
+                         "0.05"};
+    const Arguments ros = nodes("lossy,drop=0.05:");
+    options.insert(options.end(), ros.begin(), ros.end());
+    return trial_.env("summer", options);
+  }
+  void teach() {
+    Arguments options = {"--output",        trial_.folder() / "route",
+                         "--traversal",     "summer",
+                         "--camera",        "/summer/camera/compressed",
+                         "--position",      "/summer/pose",
+                         "--spacing",       "3.5",
+                         "--position-type", "pose"};
+    const Arguments ros = nodes();
+    options.insert(options.end(), ros.begin(), ros.end());
+    const auto teacher = start(CITYLEARN_TEACH, "teach", options);
+    ASSERT_TRUE(teacher->says("listens to", seconds(20))) << teacher->output();
+    Arguments more = ros;
+    more.insert(more.end(), {"--drive", "10"});
+    const auto driven = robot("summer", more);
+    EXPECT_EQ(driven->wait(seconds(60)), 0) << driven->output();
+    EXPECT_EQ(teacher->end(SIGTERM, seconds(5)), 0) << teacher->output();
+  }
+
+  Trial trial_{GetParam()};
+  const std::uint32_t ros_domain_ = own_domain();
+};
+CITYLEARN_EACH_VENDOR(TeachAndRepeat);
+
+TEST_P(TeachAndRepeat, TaughtInSummerItArrivesInFallAndRain) {
+  ASSERT_NO_FATAL_FAILURE(teach());
+  const auto summer = trial_.env("summer", {"--dataset", "plain", "--data", trial_.folder() / "route"});
+  auto encoder = trial_.encoder({"--reference", "summer"});
+  const auto training = trial_.train(40, "out", {"--place_filter-slip", "0.2"});
+  ASSERT_EQ(training->wait(kLong), 0) << training->output() << encoder->output();
+
+  std::vector<std::unique_ptr<Service>> robots, lives;
+  Arguments more = nodes();
+  more.insert(more.end(), {"--slip", "0.2", "--lost", "0.05", "--repeated", "0.05", "--late", "0.05"});
+  for (const char* look : {"fall", "rain"}) {
+    robots.push_back(robot(look, more));
+    lives.push_back(live(look));
+  }
+  const auto policy = trial_.policy({"--mode", "evaluate", "--checkpoint", trial_.folder() / "out/checkpoints/best.clk",
+                                     "--evaluate", "live-fall,live-rain", "--tasks", std::to_string(kGoals),
+                                     "--max-steps", "60", "--output", trial_.folder() / "repeat"});
+  ASSERT_TRUE(lives[0]->says("evaluation tasks 2..3", kLong)) << lives[0]->output() << policy->output();
+  encoder->send(SIGKILL);  // on the way
+  encoder = trial_.encoder({"--reference", "summer"});
+  ASSERT_EQ(policy->wait(3 * kLong), 0) << policy->output() << lives[0]->output() << robots[0]->output();
+  const auto summary = nlohmann::json::parse(contents(trial_.folder() / "repeat/summary.json"));
+  ASSERT_EQ(summary["evaluate"].size(), 2u) << summary;
+  double arrived = 0;
+  for (const auto& [traversal, result] : summary["evaluate"].items()) {
+    EXPECT_EQ(result["tasks"], kGoals) << traversal;
+    arrived += kGoals * result["completed"].get<double>();
+  }
+  EXPECT_GE(arrived, 0.95 * 2 * kGoals) << summary << lives[0]->output() << lives[1]->output();
+}
+
+TEST_P(TeachAndRepeat, WrongOptionsAreOneClearLine) {
+  std::filesystem::create_directories(trial_.folder() / "route/summer");
+  for (const char* name : {"0.png", "1.png"}) write_grey(trial_.folder() / ("route/summer/" + std::string(name)), 90);
+  std::ofstream(trial_.folder() / "route/summer.poses.csv") << "x,y\n0,0\n2,0\n";
+  const std::vector<std::pair<Arguments, std::string>> cases = {
+      {{"--camera", ""}, "--camera: the camera's topic is missing"},
+      {{"--position", ""}, "--position: the topic that says where the robot is is missing"},
+      {{"--position-type", "fix"}, "its places have no lat and lon"},
+      {{"--agents", "2"}, "--agents: a robot is one agent"},
+      {{"--slip", "0.1"}, "a robot is imperfect by itself"},
+      {{"--camera", "camera//x"}, "'camera//x' is not a topic of ROS 2"}};
+  for (const auto& [wrong, text] : cases) {
+    Arguments options = {"--dataset",       "live", "--data",     trial_.folder() / "route",
+                         "--agents",        "1",    "--position", "/pose",
+                         "--position-type", "pose", "--camera",   "/compressed"};
+    options.insert(options.end(), wrong.begin(), wrong.end());
+    const Arguments ros = nodes();
+    options.insert(options.end(), ros.begin(), ros.end());
+    const auto refused = trial_.env("summer", options);
+    EXPECT_EQ(refused->wait(seconds(10)), 1) << refused->output();
+    EXPECT_TRUE(contains(refused->output(), text)) << refused->output();
+    EXPECT_EQ(occurrences("\n" + refused->output(), "\nenv_service: "), 1) << refused->output();
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing
