@@ -5,17 +5,16 @@
 
 #include <algorithm>
 #include <bit>
-#include <boost/crc.hpp>
 #include <charconv>
 #include <chrono>
 #include <cmath>
-#include <cstring>
 #include <filesystem>
 #include <optional>
 #include <string_view>
 #include <vector>
 
 #include "core/files/files.h"
+#include "core/files/tf_records.h"
 #include "core/task/training_figures.h"
 #include "core/util/error.h"
 #include "core/util/machine.h"
@@ -23,8 +22,6 @@
 
 namespace citylearn {
 namespace {
-
-static_assert(std::endian::native == std::endian::little, "numbers are written as they lie in memory");
 
 constexpr std::string_view kPrefix = "events.out.tfevents.";
 
@@ -63,12 +60,6 @@ class Message {
   google::protobuf::UnknownFieldSet fields_;
 };
 
-/// As TFRecords have it, so that a record of records does not look like a checksum.
-std::uint32_t masked_crc(const void* bytes, std::size_t count) {
-  const std::uint32_t crc = crc32c(bytes, count);
-  return (crc >> 15 | crc << 17) + 0xA282EAD8u;
-}
-
 /// Returns the step of an event; nothing where it is not such a message. Events without one are of step 0.
 std::optional<std::uint64_t> step_of(std::string_view event) {
   google::protobuf::UnknownFieldSet fields;
@@ -83,22 +74,10 @@ std::optional<std::uint64_t> step_of(std::string_view event) {
 
 /// Bytes up to the first record that is past `steps`, damaged or cut short.
 std::size_t kept_bytes(std::string_view bytes, std::uint64_t steps) {
-  constexpr std::size_t kAround = 16;  // length and two checksums
-  std::size_t at = 0;
-  while (bytes.size() - at >= kAround) {
-    const char* record = bytes.data() + at;
-    std::uint64_t length;
-    std::uint32_t of_length, of_payload;
-    std::memcpy(&length, record, 8);
-    std::memcpy(&of_length, record + 8, 4);
-    if (of_length != masked_crc(record, 8) || length > bytes.size() - at - kAround) break;
-    std::memcpy(&of_payload, record + 12 + length, 4);
-    if (of_payload != masked_crc(record + 12, length)) break;
-    const auto step = step_of({record + 12, length});
-    if (!step || *step > steps) break;
-    at += kAround + length;
-  }
-  return at;
+  return read_tf_records(bytes, [steps](std::string_view event) {
+    const auto step = step_of(event);
+    return step && *step <= steps;
+  });
 }
 
 /// Seconds in an event file's name; none when it is not one.
@@ -111,12 +90,6 @@ std::optional<std::uint64_t> seconds_of(const std::string& name) {
 }
 
 }  // namespace
-
-std::uint32_t crc32c(const void* bytes, std::size_t count) {
-  boost::crc_optimal<32, 0x1EDC6F41, 0xFFFFFFFF, 0xFFFFFFFF, true, true> crc;
-  crc.process_bytes(bytes, count);
-  return crc.checksum();
-}
 
 EventLog::EventLog(const std::string& folder, std::uint64_t after_steps) {
   create_folder(folder, "choose another --output");
@@ -173,15 +146,6 @@ void EventLog::write(const msg::TrainingStat& s) {
   file_->flush();
 }
 
-void EventLog::record(const std::string& event) {
-  const std::uint64_t length = event.size();
-  const std::uint32_t of_length = masked_crc(&length, sizeof length), of_event = masked_crc(event.data(), event.size());
-  std::string bytes;
-  bytes.append(reinterpret_cast<const char*>(&length), sizeof length);
-  bytes.append(reinterpret_cast<const char*>(&of_length), sizeof of_length);
-  bytes += event;
-  bytes.append(reinterpret_cast<const char*>(&of_event), sizeof of_event);
-  file_->add(bytes);
-}
+void EventLog::record(const std::string& event) { file_->add(tf_record(event)); }
 
 }  // namespace citylearn

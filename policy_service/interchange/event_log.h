@@ -10,15 +10,11 @@
 
 namespace citylearn {
 
-/// CRC-32C (Castagnoli, as in RFC 3720).
-std::uint32_t crc32c(const void* bytes, std::size_t count);
-
 /// Writes one point an update and figure into a TensorBoard event file, under the tags of
 /// core/task/training_figures.inc, which ML-Agents uses too. A point's step counts environment steps. Undefined figures
 /// (NaN) are omitted.
 ///
-/// The file is TFRecords (length, masked CRC-32C of the length, payload, masked CRC-32C of the payload), the payload an
-/// Event of tensorflow/core/util/event.proto.
+/// The file is TFRecords (core/files/tf_records.h), the payload an Event of tensorflow/core/util/event.proto.
 class EventLog {
  public:
   /// Begins a new file in `folder` (making it). With `after_steps` > 0 a run continues: older event files lose the

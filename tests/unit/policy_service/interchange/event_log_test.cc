@@ -16,6 +16,7 @@
 #include <limits>
 
 #include "core/files/files.h"
+#include "core/files/tf_records.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
 
