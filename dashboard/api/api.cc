@@ -54,7 +54,7 @@ Api::BorrowedReader::~BorrowedReader() {
 }
 
 Api::Api(const Options& options, Store& store, LiveView* live)
-    : options_(options), store_(store), live_(live), recognition_(options.recognition) {}
+    : options_(options), store_(store), logged_(store), live_(live), recognition_(options.recognition) {}
 Api::~Api() = default;
 
 Answer Api::answer(const Query& query) {
@@ -62,7 +62,8 @@ Answer Api::answer(const Query& query) {
     const std::string first = query.path.empty() ? "" : query.path[0];
     const std::size_t depth = query.path.size();
     std::vector<std::string> methods = {"GET"};
-    if (first == "runs" && depth == 2) methods = {"GET", "DELETE", "PATCH"};
+    if (first == "runs" && depth == 2) methods = {"GET", "POST", "DELETE", "PATCH"};
+    if (first == "sql" && depth == 1) methods = {"GET", "POST"};
     if (first == "playback" && depth == 1) methods = {"GET", "PATCH"};
     if (std::find(methods.begin(), methods.end(), query.method) == methods.end()) {
       Answer answer = error_answer(405, "method " + query.method + " is not possible here");
@@ -74,6 +75,8 @@ Answer Api::answer(const Query& query) {
       return json_answer(runs());
     }
     if (first == "runs" && (depth == 2 || depth == 3)) return answer_run(query);
+    if (first == "compare" && depth == 1) return compare(query);
+    if (first == "sql" && depth == 1) return sql(query);
     if (first == "episodes" && depth == 2) return episode(query);
     if (first == "controls" && depth == 1) return controls(query);
     if (first == "services" && depth == 1) return services();

@@ -14,6 +14,7 @@
 #include "dashboard/http/answer.h"
 #include "dashboard/live/live_view.h"
 #include "dashboard/live/playback_control.h"
+#include "dashboard/logged/logged_runs.h"
 #include "dashboard/store/store.h"
 #include "dashboard/store/store_reader.h"
 
@@ -67,6 +68,11 @@ class Api {
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
   Answer annotate(const std::string& name, const Query& query);
+  Answer log(const std::string& name, const Query& query);
+  Answer metrics(const RunRow& row);
+  Answer curve(const RunRow& row, const Query& query);
+  Answer compare(const Query& query);
+  Answer sql(const Query& query);
   Answer playback(const Query& query);
   Answer training(const RunRow& row, const Query& query);
   Answer all_training(const RunRow& row, bool csv);
@@ -78,9 +84,11 @@ class Api {
 
   const Options options_;
   Store& store_;
+  LoggedRuns logged_;
   LiveView* const live_;
   const RecognitionResults recognition_;
 
+  std::mutex sql_mutex_;  // held while SQL runs
   std::mutex mutex_;
   std::vector<std::unique_ptr<StoreReader>> readers_;  // those not in use
   struct Figures {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a client may change: what people write about a run, and how a recording is played.
+// What a client may change: the runs that it logs, what people write about a run, and how a recording is played.
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -15,6 +15,8 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr std::size_t kMostTags = 32, kLongestTag = 64, kLongestNote = 2000;  // bytes
+constexpr std::size_t kLongestTitle = 256;
+constexpr std::uint64_t kMostRecords = std::uint64_t{1} << 39;
 constexpr double kSlowest = 0.01, kFastest = 1000;
 
 /// Returns the object in the request's body, which may have the members `known` alone.
@@ -61,6 +63,61 @@ std::string note_of(const Json& json) {
     throw RequestError(
         400, "'note' must be a text of at most " + std::to_string(kLongestNote) + " bytes without control characters");
   return json.get<std::string>();
+}
+
+double number_of(const Json& json) { return json.is_number() ? json.get<double>() : std::nan(""); }
+
+/// Returns the text of a member, which may be missing.
+std::string text_member(const Json& object, const char* name, std::size_t longest) {
+  if (!object.contains(name)) return "";
+  const Json& json = object[name];
+  if (!json.is_string() || json.get_ref<const std::string&>().size() > longest || has_control(json, ""))
+    throw RequestError(400,
+                       "'" + std::string(name) + "' must be one line of at most " + std::to_string(longest) + " bytes");
+  return json.get<std::string>();
+}
+
+LogBeginning beginning_of(const Json& json) {
+  LogBeginning beginning;
+  const double now = seconds_since_epoch();
+  beginning.started = json.contains("started") ? number_of(json["started"]) : now;
+  if (!(beginning.started > 0 && beginning.started < 1e11))
+    throw RequestError(400, "'started' must be seconds since 1970");
+  beginning.title = text_member(json, "title", kLongestTitle);
+  if (json.contains("tags")) beginning.tags = tags_of(json["tags"]);
+  if (json.contains("note")) beginning.note = note_of(json["note"]);
+  return beginning;
+}
+
+/// Adds a record of a log. Throws RequestError, naming the record, when it is none.
+void add_record(LogBatch& batch, const Json& record) {
+  const std::string where = "record " + std::to_string(batch.end_record()) + ": ";
+  const auto member = [&](const char* name) { return record.is_object() && record.contains(name); };
+  if (member("values") && record["values"].is_object()) {
+    const double step = member("step") ? number_of(record["step"]) : std::nan("");
+    const double time = member("time") ? number_of(record["time"]) : std::nan("");
+    if (!std::isfinite(step) || !std::isfinite(time))
+      throw RequestError(400, where + "'values' need the numbers 'step' and 'time'");
+    for (const auto& [metric, value] : record["values"].items()) {
+      if (metric.empty() || metric.size() > kLongestMetric || has_control(metric, ""))
+        throw RequestError(
+            400, where + "a metric has a name of one line of 1 to " + std::to_string(kLongestMetric) + " bytes");
+      if (!value.is_number() && !value.is_null())
+        throw RequestError(400, where + "the value of '" + metric + "' must be a number or null");
+      batch.add(metric, step, time, number_of(value));
+    }
+    batch.points_done();
+  } else if (member("config") && record["config"].is_object()) {
+    batch.configure(text_of(record["config"]));
+  } else if (member("summary") && record["summary"].is_object()) {
+    batch.summarise(text_of(record["summary"]));
+  } else if (member("begin") && record["begin"].is_object()) {
+    batch.begin(beginning_of(record["begin"]));
+  } else if (member("end")) {
+    batch.end();
+  } else {
+    throw RequestError(400, where + "must have 'values', 'config', 'summary', 'begin' or 'end'");
+  }
 }
 
 Json speed_json(double speed) { return speed == 0 ? Json("max") : Json(speed); }
@@ -111,6 +168,31 @@ Answer Api::playback(const Query& query) {
   const auto outline = options_.playback->outline();
   json["marks"] = outline ? Json({{"updates", outline->updates}, {"episodes", outline->episodes}}) : Json(nullptr);
   return json_answer(json);
+}
+
+Answer Api::log(const std::string& name, const Query& query) {
+  if (options_.playback) throw RequestError(409, "a recording is shown here: log to another dashboard");
+  if (const auto fault = fault_of_logged_id(name)) throw RequestError(400, *fault);
+  const Json body = object_of(query, {"source", "log", "first", "records", "ended"});
+  if (!body.contains("first") || !body["first"].is_number_unsigned() || body["first"] < 1 ||
+      body["first"] > kMostRecords)
+    throw RequestError(400, "'first' must be the number of the first record, from 1 on");
+  if (!body.contains("records") || !body["records"].is_array())
+    throw RequestError(400, "'records' must be a list of records");
+  LogBatch batch(body["first"].get<std::uint64_t>());
+  batch.source = text_member(body, "source", kLongestTag);
+  batch.log = text_member(body, "log", kLongestTag);
+  if (batch.source.empty() || batch.log.empty())
+    throw RequestError(400, "'source' and 'log' must say what logs, and identify the log");
+  for (const Json& record : body["records"]) add_record(batch, record);
+  if (body.contains("ended")) {
+    if (!body["ended"].is_boolean()) throw RequestError(400, "'ended' must be true or false");
+    batch.ended = body["ended"].get<bool>();
+  }
+  const LoggedRuns::Outcome outcome = logged_.append(name, batch);
+  if (outcome.other_log)
+    throw RequestError(409, "run '" + name + "' has been logged by another program: choose another name, or resume it");
+  return json_answer({{"id", name}, {"received", outcome.received}});
 }
 
 Answer Api::annotate(const std::string& name, const Query& query) {

@@ -11,13 +11,6 @@
 namespace citylearn {
 namespace {
 
-/// Appends a name. Spreadsheets take what begins like a formula as one, and run it; an apostrophe makes it text.
-void append_csv(std::string& text, std::string value) {
-  if (!value.empty() && std::string_view("=+-@\t\r").find(value.front()) != std::string_view::npos)
-    value.insert(0, "'");
-  text += csv_field(value);
-}
-
 /// Appends a float; nothing (CSV) or null (JSON) where there is none.
 void append_float(std::string& text, double value, bool csv) {
   if (std::isfinite(value)) {
@@ -51,6 +44,13 @@ struct Fields {
 };
 
 }  // namespace
+
+// Spreadsheets take what begins like a formula as one, and run it; an apostrophe makes it text.
+void append_csv(std::string& text, std::string value) {
+  if (!value.empty() && std::string_view("=+-@\t\r").find(value.front()) != std::string_view::npos)
+    value.insert(0, "'");
+  text += csv_field(value);
+}
 
 void append_json(std::string& text, const std::string& value) { text += text_of(value); }
 

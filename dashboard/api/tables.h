@@ -12,6 +12,9 @@ namespace citylearn {
 /// Appends a JSON string. What is not UTF-8 in it is replaced.
 void append_json(std::string& text, const std::string& value);
 
+/// Appends a text as a field of CSV. What a spreadsheet would take for a formula begins with an apostrophe.
+void append_csv(std::string& text, std::string value);
+
 /// Appends a training figure. One that is undefined is null in JSON and empty in CSV.
 void append_figure(std::string& text, const TrainingFigure& figure, double value, bool csv);
 

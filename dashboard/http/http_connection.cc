@@ -173,9 +173,13 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     wait_for_client();
     http::request_parser<http::string_body> parser;
     parser.header_limit(context_.options.header_bytes);
-    parser.body_limit(context_.options.body_bytes);
+    parser.body_limit(std::max(context_.options.post_bytes, context_.options.body_bytes));
     error_code error;
     co_await http::async_read_header(stream_, buffer_, parser, with(error));
+    if (!error && parser.get().method() != http::verb::post) {
+      parser.body_limit(context_.options.body_bytes);
+      if (parser.content_length().value_or(0) > context_.options.body_bytes) error = http::error::body_limit;
+    }
     const auto target = error ? std::nullopt : parse_target(view(parser.get().target()));
     if (!error && parser.get().count(http::field::host) > 1) {
       const Reply reply = error_reply(400, "the header has more than one Host");
@@ -187,7 +191,9 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
       if (!parser.is_done()) co_await http::async_read(stream_, buffer_, parser, with(error));
     }
     if (error) {
-      const std::optional<Reply> answer = error_of(error);
+      const bool post = parser.get().method() == http::verb::post;
+      const ServerOptions& options = context_.options;
+      const std::optional<Reply> answer = error_of(error, post ? options.post_bytes : options.body_bytes);
       if (answer) co_await send(*answer, parser.get(), false);
       co_return false;
     }
@@ -213,12 +219,12 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
   }
 
   /// Returns nothing for a connection that just ended.
-  std::optional<Reply> error_of(const error_code& error) const {
+  std::optional<Reply> error_of(const error_code& error, std::size_t most_bytes) const {
     const ServerOptions& options = context_.options;
     if (error == http::error::header_limit || error == http::error::buffer_overflow)
       return error_reply(431, "the header is larger than " + std::to_string(options.header_bytes) + " bytes");
     if (error == http::error::body_limit)
-      return error_reply(413, "the body is larger than " + std::to_string(options.body_bytes) + " bytes");
+      return error_reply(413, "the body is larger than " + std::to_string(most_bytes) + " bytes");
     if (error == http::error::end_of_stream || error == http::error::partial_message) return std::nullopt;
     if (error.category() != http::make_error_code(http::error::bad_method).category()) return std::nullopt;
     return error_reply(400, "this is not HTTP: " + error.message());
@@ -227,7 +233,9 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
   asio::awaitable<Reply> api(const Request& request, const Target& target) {
     Query query;
     if (request.method() == http::verb::delete_) query.method = "DELETE";
-    if (request.method() == http::verb::patch) query.method = "PATCH", query.body = request.body();
+    if (request.method() == http::verb::patch) query.method = "PATCH";
+    if (request.method() == http::verb::post) query.method = "POST";
+    if (query.method == "PATCH" || query.method == "POST") query.body = request.body();
     query.path.assign(target.segments.begin() + 1, target.segments.end());
     query.parameters = target.parameters;
     const Call call = [this, query] { return context_.handlers.api(query); };

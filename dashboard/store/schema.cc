@@ -160,6 +160,37 @@ ALTER TABLE runs ADD COLUMN tags TEXT NOT NULL DEFAULT '';  -- one a line
 ALTER TABLE runs ADD COLUMN note TEXT NOT NULL DEFAULT '';
 )";
 
+// Runs that programs log (dashboard/logged): their figures have free names. A run's log is a list of records, which are
+// numbered from 1 on.
+const char* const kLogged = R"(
+ALTER TABLE runs ADD COLUMN source TEXT NOT NULL DEFAULT '';       -- what logs it: "python", "tensorboard", ...; '': none
+ALTER TABLE runs ADD COLUMN title TEXT NOT NULL DEFAULT '';        -- as its program named it
+ALTER TABLE runs ADD COLUMN log TEXT NOT NULL DEFAULT '';          -- identifies the log
+ALTER TABLE runs ADD COLUMN received INTEGER NOT NULL DEFAULT 0;   -- records of the log that are here, from the first on
+ALTER TABLE runs ADD COLUMN summary TEXT NOT NULL DEFAULT '';      -- final figures that the program set: JSON
+CREATE TABLE metrics (
+  id INTEGER PRIMARY KEY,
+  run INTEGER NOT NULL REFERENCES runs ON DELETE CASCADE,
+  name TEXT NOT NULL,
+  points INTEGER NOT NULL DEFAULT 0,
+  step REAL,                           -- of the newest point
+  value REAL,                          -- likewise
+  least REAL,
+  greatest REAL,
+  UNIQUE (run, name)
+);
+-- One row a point. The key keeps a metric's points together, in their order: metric * 2^40 + number of the record.
+CREATE TABLE points (
+  key INTEGER PRIMARY KEY,
+  step REAL,
+  time REAL,                           -- seconds since 1970
+  value REAL                           -- NULL: no number
+);
+CREATE VIEW curves AS SELECT runs.name AS run, metrics.name AS metric, points.step, points.time, points.value
+  FROM runs JOIN metrics ON metrics.run = runs.id
+  JOIN points ON points.key BETWEEN metrics.id << 40 AND ((metrics.id + 1) << 40) - 1;
+)";
+
 /// Returns whether there is something in the file. Throws Error when that is certainly not SQLite.
 bool holds_something(const std::string& path) {
   std::error_code none;
@@ -206,7 +237,7 @@ void keep_copy(SQLite::Database& database, const std::string& copy) {
 }  // namespace
 
 const std::vector<std::string>& schema_steps() {
-  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName, kNotes};
+  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName, kNotes, kLogged};
   return steps;
 }
 

@@ -99,7 +99,7 @@ Store::Impl::Statements::Statements(const SQLite::Database& d)
               "INSERT INTO runs (name, session, run_id, policy, seed, started, last) "
               "VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?6)"),
       add_unclaimed(d, "INSERT INTO runs (name, session, started, last) VALUES (?1, ?2, ?3, ?3)"),
-      find_unclaimed(d, "SELECT id FROM runs WHERE session = ? AND run_id IS NULL"),
+      find_unclaimed(d, "SELECT id FROM runs WHERE session = ? AND run_id IS NULL AND source = ''"),
       update_run(d,
                  "UPDATE runs SET incarnation = ?2, agent = ?3, learner = ?4, updates = ?5, manifest = ?6, last = ?7, "
                  "ended = ?8 WHERE id = ?1"),
@@ -181,6 +181,17 @@ Store::Liveness Store::liveness(std::int64_t row) {
   });
 }
 
+void Store::set_liveness(std::int64_t row, const Liveness& liveness) {
+  impl_->locked([&] {
+    impl_->liveness[row] = liveness;
+    impl_->unwritten.try_emplace(row, liveness.last);
+  });
+}
+
+void Store::with_database(const std::function<void(SQLite::Database&)>& work) {
+  impl_->locked([&] { work(impl_->database); });
+}
+
 bool Store::annotate(const std::string& name, const std::optional<std::vector<std::string>>& tags,
                      const std::optional<std::string>& note) {
   std::optional<std::string> lines;
@@ -228,11 +239,18 @@ Store::Removal Store::remove(const std::string& name) {
   in_slices(
       "DELETE FROM training WHERE key IN "
       "(SELECT key FROM training WHERE key BETWEEN (?1 << 40) AND ((?1 + 1) << 40) - 1 LIMIT ?2)");
+  in_slices(
+      "DELETE FROM points WHERE key IN (SELECT p.key FROM metrics m JOIN points p "
+      "ON p.key BETWEEN m.id << 40 AND ((m.id + 1) << 40) - 1 WHERE m.run = ?1 LIMIT ?2)");
   return impl_->locked([&] {
     if (running()) return Removal::kRunning;  // it went on after all: then what is left of it stays
     SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
     run(database, "DELETE FROM episodes WHERE run = ?", row);  // those that came meanwhile
     run(database, "DELETE FROM training WHERE key BETWEEN (?1 << 40) AND ((?1 + 1) << 40) - 1", row);
+    run(database,
+        "DELETE FROM points WHERE key IN (SELECT p.key FROM metrics m JOIN points p "
+        "ON p.key BETWEEN m.id << 40 AND ((m.id + 1) << 40) - 1 WHERE m.run = ?1)",
+        row);
     run(database, "DELETE FROM runs WHERE id = ?", row);
     all.commit();
     impl_->liveness.erase(row);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -12,6 +13,10 @@
 #include "core/util/number_set.h"
 #include "core/util/wall_clock.h"
 #include "core/wire/messages.h"
+
+namespace SQLite {
+class Database;
+}
 
 namespace citylearn {
 
@@ -97,8 +102,12 @@ class Store {
     std::uint64_t updates = 0;
   };
   Liveness liveness(std::int64_t row);
+  void set_liveness(std::int64_t row, const Liveness& liveness);
   /// Writes liveness that has waited for a few seconds, or all of it at once.
   void flush(bool at_once = false);
+
+  /// Calls `work` with the file's one writing connection, while no other method of the store runs.
+  void with_database(const std::function<void(SQLite::Database&)>& work);
 
   const std::string& path() const;
 

@@ -12,7 +12,8 @@ namespace citylearn {
 namespace {
 
 constexpr const char* kRunColumns =
-    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded, tags, note "
+    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded, tags, note, "
+    "source, title "
     "FROM runs ";
 
 /// Returns "SELECT COLUMNS`more` FROM episodes ... WHERE ", the columns being those of an EpisodeRow.
@@ -115,7 +116,7 @@ RunRow StoreReader::Impl::run_row(const SQLite::Statement& row) {
   RunRow r;
   std::string tags;
   read_row(row, r.id, r.name, r.session, r.policy, r.seed, r.agent, r.learner, r.started, r.last, r.ended, r.updates,
-           r.recorded, tags, r.note);
+           r.recorded, tags, r.note, r.source, r.title);
   for (std::size_t begin = 0, end; (end = tags.find('\n', begin)) != tags.npos; begin = end + 1)
     r.tags.push_back(tags.substr(begin, end - begin));
   if (bind_run(newest, r.id).executeStep()) {
