@@ -6,6 +6,7 @@ import type { AddressInfo, Socket } from 'node:net';
 import { extname, join, normalize } from 'node:path';
 import { WebSocketServer, WebSocket } from 'ws';
 import type { Run, Services } from '../src/api/types';
+import { compared } from './compare';
 import { view, matrix } from './pictures';
 import { CONTROLS, FIRST, PLACES, recognition, World, type RunData } from './world';
 
@@ -37,6 +38,7 @@ const PARAMETERS: Record<string, string[]> = {
   episodes: ['limit', 'before', 'evaluation', 'traversal', 'policy', 'update', 'shuffled', 'completed', 'order'],
   events: ['limit'],
   controls: ['frames', 'max_steps'],
+  compare: ['runs', 'all'],
   matrix: ['file'],
 };
 
@@ -330,6 +332,10 @@ export class Mock {
       }
       case 'episodes':
         return json(found(world.runs.flatMap((run) => run.episodes()), (one) => one.rowid === Number(id), `episode ${id} not found`));
+      case 'compare': {
+        const ids = (query.get('runs') ?? '').split('\n');
+        return json(compared(ids.map((one) => found(world.runs, (run) => run.id === one, `run '${one}' not found`).manifest())));
+      }
       case 'runs':
         break;
       default:

@@ -19,6 +19,10 @@ export interface Run {
   spl: number | null;
   wall: number | null;
   steps_per_second: number | null;
+  /** What logs it ("python", "tensorboard", ...); null for trainings. */
+  source: string | null;
+  /** Of a logged run, as its program named it; may be empty. */
+  title: string;
   /** As people gave them. */
   tags: string[];
   note: string;
@@ -50,6 +54,32 @@ export interface TrainingAnswer {
   total: number;
   columns: { [name: string]: (number | null)[] };
   decimated: boolean;
+}
+
+/** The metrics of a logged run. */
+export interface MetricsAnswer {
+  metrics: { name: string; points: number; step: number | null; value: number | null }[];
+}
+
+/** A metric of a logged run over an axis, in the order of its log. */
+export interface CurveAnswer {
+  id: string;
+  metric: string;
+  total: number;
+  decimated: boolean;
+  columns: { x: (number | null)[]; value: (number | null)[] };
+}
+
+/** A fact of several runs: an option, or a final figure. */
+export interface ComparedRow {
+  key: string;
+  /** One a run; null where it has none. */
+  values: (string | null)[];
+  differs: boolean;
+}
+export interface Comparison {
+  config: ComparedRow[];
+  figures: ComparedRow[];
 }
 
 export interface ControlFigures {

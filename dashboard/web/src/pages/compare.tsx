@@ -2,16 +2,18 @@
 import type { JSX } from 'preact';
 import { useMemo, useState } from 'preact/hooks';
 import { remove, runPath } from '../api/client';
-import type { Evaluation, Run, RunDetail } from '../api/types';
+import type { Comparison, Evaluation, Run, RunDetail } from '../api/types';
 import { curveOf, type Line } from '../maths/curves';
 import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant, threeDecimals } from '../maths/format';
 import { groupRuns, type Group } from '../maths/groups';
-import { artefactsOf, compareManifests } from '../maths/manifest';
+import { artefactsOf } from '../maths/manifest';
+import { isLogged } from '../maths/logged';
 import { meanRate, runName } from '../maths/runs';
 import { deviation, mean, median } from '../maths/seeds';
 import { useGroups } from '../state/groups';
-import { failure, useJsons, valueOf } from '../state/resource';
+import { useLoggedLines, useMetrics } from '../state/logged';
+import { failure, useJson, useJsons, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
 import { useTraining } from '../state/training';
@@ -31,6 +33,7 @@ export function Compare(): JSX.Element {
 }
 
 const OPTIONS: ChoiceOf<'differing' | 'all'> = { name: 'keys', label: 'Options', values: { differing: 'Differing', all: 'All' } };
+const FIGURES: ChoiceOf<'differing' | 'all'> = { name: 'figures', label: 'Figures', values: { differing: 'Differing', all: 'All' } };
 const MAX_RUNS = 8;
 
 function chosenRuns(all: readonly Run[]): Run[] {
@@ -204,9 +207,19 @@ const METRICS = [
 ];
 
 function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
-  const metric = METRICS.find((one) => one.value === param('metric', 'spl')) ?? SPL;
+  const logging = selected.filter(isLogged);
+  const names = useMetrics(logging) ?? [];
+  const options = [...METRICS, ...names.filter((name) => !METRICS.some(({ value }) => value === name)).map((name) => ({ value: name, label: name }))];
+  // Where no training is among the runs, their first metric.
+  const [first = SPL] = logging.length < selected.length ? [SPL] : options.filter(({ value }) => names.includes(value));
+  const metric = options.find((one) => one.value === param('metric', first.value)) ?? first;
   const x = chosen(AXIS);
-  const training = useTraining(selected.map((run) => run.id));
+  const logged = useLoggedLines(
+    selected.flatMap((run, i) => (isLogged(run) ? [{ run, label: runName(run), colour: seriesColour(i) }] : [])),
+    names.includes(metric.value) ? [metric.value] : [],
+    { x, smoothing: 0.9 },
+  );
+  const training = useTraining(selected.filter((run) => !isLogged(run)).map((run) => run.id));
   const versions = selected.map((run) => training.get(run.id)?.version ?? 0).join();
   const lines: Line[] = useMemo(
     () =>
@@ -221,7 +234,7 @@ function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
   return (
     <div class="stack">
       <div class="wrap card">
-        <Select label="Figure" value={metric.value} options={METRICS} onChange={(value) => setParams({ metric: value })} />
+        <Select label="Figure" value={metric.value} options={options} onChange={(value) => setParams({ metric: value })} />
         <Choice of={AXIS} />
       </div>
       <Chart
@@ -231,13 +244,16 @@ function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
         {...axisProps(x)}
         yLabel={metric.label}
         format={metric.value === 'steps_per_second' ? short : (value) => significant(value)}
-        lines={lines}
+        lines={[...lines, ...(logged.get(metric.value) ?? [])]}
         height={300}
         legend
       />
     </div>
   );
 }
+
+/** Figures of trainings, which the table has in its own words. */
+const SHOWN = ['reward', 'spl', 'steps', 'episodes', 'wall'];
 
 interface Row {
   key: string;
@@ -278,7 +294,11 @@ function Path({ path }: { path: string }): JSX.Element {
 function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
   const details = useJsons<RunDetail>(selected.map((run) => runPath(run.id)));
   const evaluations = useJsons<{ evaluations: Evaluation[] }>(selected.map((run) => runPath(run.id, '/evaluations')));
-  const rows = compareManifests([...details.values()].map((detail) => valueOf(detail)?.manifest ?? null));
+  const comparison = useJson<Comparison>(
+    `api/compare?${new URLSearchParams({ all: '1', runs: selected.map((run) => run.id).join('\n') }).toString()}`,
+    selected.map((run) => run.state).join(),
+  );
+  const { config: rows, figures: finals } = valueOf(comparison) ?? { config: [], figures: [] };
   const differing = rows.filter((row) => row.differs);
   const files = selected.flatMap((run): RunFile[] => {
     const detail = details.get(runPath(run.id));
@@ -287,7 +307,11 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
   });
   const last = [...evaluations.values()].map((answer) => newest(valueOf(answer)?.evaluations ?? []));
   const traversals = [...new Set(last.flatMap((one) => [...one.keys()]))];
-  const of = (key: string, value: (run: Run, index: number) => string): Row => ({ key, values: selected.map(value) });
+  const of = (key: string, value: (run: Run, index: number) => string): Row => {
+    const values = selected.map(value);
+    return { key, values, differs: new Set(values).size > 1 };
+  };
+  const final = (value: string | null): string | null => (value !== null && Number.isFinite(Number(value)) ? significant(Number(value)) : value);
   const figures: Row[] = [
     of('State', (run) => run.state),
     of('Seed', (run) => String(run.seed ?? '–')),
@@ -302,7 +326,9 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
       of(`${name}: SPL of the last checkpoint`, (_, i) => fixed(last[i]?.get(name)?.spl, 3)),
       of(`${name}: completed`, (_, i) => percent(last[i]?.get(name)?.completed)),
     ]),
-  ];
+    ...finals.filter(({ key }) => !SHOWN.includes(key) || selected.some(isLogged)).map(({ key, values, differs }) => ({ key, values: values.map(final), differs })),
+  ].filter(({ values }) => values.some((value) => value !== null && value !== '–'));
+  const differingFigures = figures.filter((row) => row.differs);
   const columns = (label: string, number: boolean): Column<Row>[] => [
     { ...text('key', label), key: label.toLowerCase() },
     ...selected.map((run, i): Column<Row> => {
@@ -323,9 +349,13 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
         name="figures"
         caption="Figures of the chosen runs"
         columns={columns('Figure', true)}
-        rows={figures}
+        rows={chosen(FIGURES) === 'all' || selected.length < 2 ? figures : differingFigures}
         rowKey={(row) => row.key}
+        empty={<Empty title="All figures are equal" />}
       >
+        <div class="wrap">
+          <Choice of={FIGURES} />
+        </div>
         <ul class="legend">
           {selected.map((run, i) => (
             <li key={run.id} class="row">

@@ -3,6 +3,7 @@ import type { JSX } from 'preact';
 import type { Run, Service } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
+import { isLogged } from '../maths/logged';
 import { meanRate, runName } from '../maths/runs';
 import { latest, type Rows } from '../maths/rows';
 import { valueOf } from '../state/resource';
@@ -19,7 +20,7 @@ export function Overview(): JSX.Element {
   const all = valueOf(runs.value) ?? [];
   const running = all.filter((run) => run.state === 'running');
   // The rates of actors and learners are in their training. More than a dozen runs at once are not followed.
-  const training = useTraining(running.slice(0, 12).map((run) => run.id));
+  const training = useTraining(running.filter((run) => !isLogged(run)).slice(0, 12).map((run) => run.id));
   const rows = running.map((run) => training.get(run.id)?.rows);
   return (
     <>
@@ -54,7 +55,7 @@ function NothingRuns({ known }: { known: readonly Run[] }): JSX.Element {
   if (newest)
     return (
       <Empty title="No training in progress">
-        See the newest run, {newest.agent} of {dateTime(newest.started)}, under{' '}
+        See the newest run, {isLogged(newest) ? runName(newest) : newest.agent} of {dateTime(newest.started)}, under{' '}
         <a href={hrefOf('training')}>Training</a>.
       </Empty>
     );
@@ -116,7 +117,13 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
 }
 
 function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Element {
-  const pairs = [
+  const pairs = isLogged(run)
+    ? ([
+        ['Logged with', run.source ?? ''],
+        ['Points', short(run.updates)],
+        ['Time', duration(run.last !== null && run.started !== null ? run.last - run.started : null)],
+      ] as const)
+    : ([
     ['SPL', fixed(run.spl, 3)],
     ['Reward', fixed(run.reward, 3)],
     ['Steps', short(run.steps)],
@@ -125,17 +132,17 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
     ['Lesson', integer(rows && latest(rows, 'lesson'))],
     ['Policy lag', fixed(rows && latest(rows, 'policy_lag'), 1)],
     ['Time', duration(run.wall)],
-  ] as const;
+  ] as const);
   return (
     <article class="run-card">
       <header class="row between">
         <h3>
-          <a href={hrefOf('training', { runs: run.id })}>{run.agent || 'unknown agent'}</a>
+          <a href={hrefOf('training', { runs: run.id })}>{isLogged(run) ? run.title || run.id : run.agent || 'unknown agent'}</a>
         </h3>
         <State state={run.state} />
       </header>
       <p class="hint">
-        {[run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`].filter(Boolean).join(' · ')}
+        {(isLogged(run) ? [run.id] : [run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`]).filter(Boolean).join(' · ')}
       </p>
       <RunNotes run={run} name={runName(run)} />
       {rows && rows.length > 1 && (
@@ -149,10 +156,10 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
           </div>
         ))}
       </dl>
-      <nav class="row" aria-label={`${run.agent} ${run.id}`}>
+      <nav class="row" aria-label={`${run.agent ?? ''} ${run.id}`}>
         <a href={hrefOf('training', { runs: run.id })}>Training</a>
-        <a href={hrefOf('route', { run: run.id })}>Route</a>
-        <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>
+        {!isLogged(run) && <a href={hrefOf('route', { run: run.id })}>Route</a>}
+        {!isLogged(run) && <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>}
       </nav>
     </article>
   );

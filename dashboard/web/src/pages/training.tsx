@@ -7,6 +7,7 @@ import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
 import { linesOf, type Display, type GroupRows } from '../maths/curves';
 import { fixed, percent, short, significant, threeDecimals } from '../maths/format';
 import type { Group } from '../maths/groups';
+import { isLogged } from '../maths/logged';
 import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
@@ -18,6 +19,7 @@ import { useDetail, useTraining } from '../state/training';
 import { Card, Failed, Loading, Slider } from '../ui/basics';
 import { Chart, type Reference } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
+import { LoggedCharts } from '../ui/logged_charts';
 import { RunPicker } from '../ui/run_picker';
 import { WithRuns } from '../ui/with_runs';
 
@@ -50,7 +52,7 @@ export function TrainingPage(): JSX.Element {
       title="Runs"
       empty={
         <>
-          Curves appear with the first update of a policy_service. <code>citylearn demo</code> starts one.
+          Curves appear with the first update of a policy_service, or with what a program logs. <code>citylearn demo</code> starts one.
         </>
       }
     >
@@ -95,13 +97,17 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   usePinned('runs', newest?.id ?? null, place.value.params.has('groups'));
   let room = MAX_RUNS;
   const fitting = shown.filter((group) => (room -= group.runs.length) >= 0 || group === shown[0]);
-  const ids = fitting.flatMap((group) => group.runs.map((run) => run.id));
+  const ids = fitting.flatMap((group) => group.runs.filter((run) => !isLogged(run)).map((run) => run.id));
   const training = useTraining(ids);
   const versions = ids.map((id) => training.get(id)?.version ?? 0).join();
   // A zoomed part of a decimated run is fetched with all of its points. It begins further left, where the smoothing starts.
   const decimated = zoom ? ids.filter((id) => training.get(id)?.rows.decimated) : [];
   const detail = useDetail(decimated, zoom && { x, from: Math.max(0, 2 * zoom.from - zoom.to), to: zoom.to });
-  const coloured = useMemo(() => coloursOf(fitting, true), [ids.join('\n'), by]);
+  const chosenIds = fitting.flatMap((group) => group.runs.map((run) => run.id)).join('\n');
+  const coloured = useMemo(() => coloursOf(fitting, true), [chosenIds, by]);
+  const logged = fitting.flatMap((group, g) =>
+    group.runs.filter((run) => isLogged(run) && !hidden.has(run.id)).map((run) => ({ run, label: group.label, colour: seriesColour(g) })),
+  );
 
   const groupRows: GroupRows[] = useMemo(
     () =>
@@ -116,12 +122,12 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
             : [];
         }),
       })),
-    [versions, ids.join('\n'), by, coloured, detail],
+    [versions, chosenIds, by, coloured, detail],
   );
 
   const states = ids.map((id) => training.get(id)?.state);
   const failed = ids.map((id) => training.get(id)).find((one) => one?.state === 'failed');
-  const references = useReferences(fitting[0]?.runs[0]);
+  const references = useReferences(fitting.flatMap((group) => group.runs).find((run) => !isLogged(run)));
   const charts = (list: readonly Metric[]): JSX.Element[] =>
     list.map((metric) => (
       <MetricChart
@@ -168,12 +174,15 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
             <Loading lines={6} />
           </Card>
         ) : (
-          <>
-            <div class="tiles charts charts-main">{charts(PERFORMANCE)}</div>
-            <h2>Optimisation</h2>
-            <div class="tiles charts">{charts(OPTIMISATION)}</div>
-          </>
+          (ids.length > 0 || logged.length === 0) && (
+            <>
+              <div class="tiles charts charts-main">{charts(PERFORMANCE)}</div>
+              <h2>Optimisation</h2>
+              <div class="tiles charts">{charts(OPTIMISATION)}</div>
+            </>
+          )
         )}
+        {logged.length > 0 && <LoggedCharts drawn={logged} x={x} smoothing={smoothing} zoom={zoom} onZoom={setZoom} />}
       </div>
     </div>
   );

@@ -3,6 +3,7 @@ import type { JSX } from 'preact';
 import { useState } from 'preact/hooks';
 import { dateTime, fixed, plural } from '../maths/format';
 import type { Group } from '../maths/groups';
+import { isLogged } from '../maths/logged';
 import { setParams } from '../state/router';
 import { Card, State, Swatch, Tick } from './basics';
 import { Choice, GROUPS } from './choice';
@@ -54,7 +55,7 @@ export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPicker
                 <span class="stack">
                   <b>{group.label}</b>
                   <span class="hint">
-                    {plural(group.runs.length, 'seed')} · {dateTime(group.runs[0]?.started)}
+                    {group.runs[0]?.source ?? plural(group.runs.length, 'seed')} · {dateTime(group.runs[0]?.started)}
                   </span>
                 </span>
               </Tick>
@@ -64,9 +65,9 @@ export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPicker
                     <li key={run.id}>
                       <Tick checked={!hidden.has(run.id)} onChange={() => toggleRun(run.id)}>
                         <Swatch colour={colours.get(run.id) ?? 'text-soft'} />
-                        <span>seed {run.seed ?? '?'}</span>
+                        <span>{isLogged(run) ? 'line' : `seed ${run.seed ?? '?'}`}</span>
                         {run.state !== 'ended' && <State state={run.state} />}
-                        <span class="number">{fixed(run.spl, 3)}</span>
+                        {!isLogged(run) && <span class="number">{fixed(run.spl, 3)}</span>}
                       </Tick>
                     </li>
                   ))}

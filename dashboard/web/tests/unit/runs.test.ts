@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
-import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
+import type { CurveAnswer, Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
 import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
+import { loggedCurve } from '../../src/maths/logged';
 import { meanRate, runName, tagsOf } from '../../src/maths/runs';
-import { artefactsOf, compareManifests, flatten } from '../../src/maths/manifest';
+import { artefactsOf } from '../../src/maths/manifest';
 import { awaitedPicture, routePart, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
 import { toneOf } from '../../src/ui/basics';
@@ -85,25 +86,6 @@ describe('tones', () => {
   });
 });
 
-describe('manifests', () => {
-  it('flattens', () => {
-    expect([...flatten({ a: { b: 0.2, c: [1, 'x'] }, d: null })]).toEqual([
-      ['a.b', '0.2'],
-      ['a.c', '1, x'],
-      ['d', 'null'],
-    ]);
-  });
-  it('tells what differs; an unknown manifest differs in nothing', () => {
-    const rows = compareManifests([{ seed: 1, clip: 0.2 }, null, { seed: 2, clip: 0.2, extra: 'e' }]);
-    expect(rows.map((row) => [row.key, row.differs])).toEqual([
-      ['seed', true],
-      ['clip', false],
-      ['extra', true],
-    ]);
-    expect(rows[0]?.values).toEqual(['1', null, '2']);
-  });
-});
-
 describe('scenes', () => {
   const traversal = { frames: 1000 } as RunTraversal;
   const scene = { first_frame: 17, frames: 128, step: 12, mode: 'train', policy: 'features' } as Scene;
@@ -172,7 +154,6 @@ describe('files of a run', () => {
     expect(artefactsOf({ artefacts: { ...artefacts, names: [5, 'b'] } })?.paths).toEqual(['/runs/a/b']);
   });
   it('are no options', () => {
-    expect(compareManifests([{ seed: 1, artefacts }, { seed: 1 }])).toEqual([{ key: 'seed', values: ['1', '1'], differs: false }]);
     expect(settingsOf({ agent: 'a', artefacts })).toBe(settingsOf({ agent: 'a' }));
   });
 });
@@ -181,5 +162,20 @@ describe('tags', () => {
   it('stand between commas, each once', () => {
     expect(tagsOf(' a, b c ,,a,')).toEqual(['a', 'b c']);
     expect(tagsOf('')).toEqual([]);
+  });
+});
+
+describe('logged runs', () => {
+  it('are named by their titles, and each is a group of its own', () => {
+    const logged = (id: string, title: string): Run => ({ ...run('p', 0, ''), id, source: 'python', title, seed: null, policy: null });
+    const runs = [logged('p/a', 'first try'), logged('p/b', '')];
+    expect(runs.map(runName)).toEqual(['first try · p/a', 'p/b']);
+    expect(groupRuns(runs, 'sweep').map((group) => group.runs.length)).toEqual([1, 1]);
+    expect(namesakes(runs, 'agent')).toEqual([]);
+  });
+  it('have curves in the order of x, with the last of equal points and gaps', () => {
+    const answer = { total: 5, columns: { x: [0, 2, 1, 2, null], value: [1, 5, null, 7, 9] } } as CurveAnswer;
+    expect(loggedCurve(answer, 0)).toEqual({ x: [0, 1, 2], y: [1, null, 7] });
+    expect(loggedCurve(answer, 0.5).y[2]).toBeCloseTo(7 * 0.8 + 1 * 0.2); // two points later: a weight of 0.25 to 1
   });
 });
