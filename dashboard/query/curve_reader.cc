@@ -53,7 +53,7 @@ std::optional<Decimator> CurveReader::curve(const Query& query, std::size_t poin
     if (query.to) where += " AND (" + x + ") <= ?5";
     const auto bound = [&](SQLite::Statement& statement) -> SQLite::Statement& {
       bind_values(statement, training_key(metric, 0), training_key(metric, kMostUpdates));
-      if (query.x == Axis::kSeconds) bind_value(statement, 3, query.started);
+      if (query.x == Axis::kSeconds && statement.getBindParameterCount() >= 3) bind_value(statement, 3, query.started);
       if (query.from) bind_value(statement, 4, *query.from);
       if (query.to) bind_value(statement, 5, *query.to);
       return statement;

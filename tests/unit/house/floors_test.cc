@@ -143,7 +143,8 @@ TEST(Floors, SqliteStaysInTheStore) {
   for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder))
       if (include.target.starts_with("sqlite3") || include.target.starts_with("SQLiteCpp/")) {
-        EXPECT_TRUE(include.file.starts_with("dashboard/store/")) << include.file << ": " << include.line;
+        EXPECT_TRUE(include.file.starts_with("dashboard/store/") || include.file == "dashboard/query/sql_query.cc")
+            << include.file << ": " << include.line;
       }
 }
 
@@ -153,7 +154,7 @@ TEST(Floors, ProtobufStaysInReadersAndWritersOfItsFiles) {
       if (include.target.starts_with("google/") || include.target.starts_with("onnx/")) {
         EXPECT_TRUE(include.file == "policy_service/interchange/onnx_graph.cc" ||
                     include.file == "policy_service/interchange/event_log.cc" ||
-                    include.file == "encoder_service/onnx/onnx_file.cc")
+                    include.file == "encoder_service/onnx/onnx_file.cc" || include.file == "tools/import/wire_fields.h")
             << include.file << ": " << include.line;
       }
 }

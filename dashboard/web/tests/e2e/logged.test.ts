@@ -52,7 +52,7 @@ describe('logged runs', () => {
     await figures.getByText('test/spl').waitFor();
     const chart = page.getByRole('img', { name: /^loss/ });
     await chart.waitFor();
-    await page.getByLabel('Figure', { exact: true }).selectOption('test/spl');
+    await page.getByRole('combobox', { name: 'Figure' }).selectOption('test/spl');
     await page.getByRole('img', { name: /^test\/spl/ }).waitFor();
     // The address is the view.
     const { page: other } = await stage.page(new URL(page.url()).hash.slice(2));

@@ -74,7 +74,8 @@ TEST_F(ApiQueries, MetricsAndCurves) {
 
 TEST_F(ApiQueries, WrongLogsAreToldWhatIsWrong) {
   const Json point = {{"step", 0}, {"time", 1}, {"values", {{"loss", 1}}}};
-  for (const char* id : {"p", "p/a/b", "p/"}) expect_refused("PROJECT/NAME", id, body(1, Json::array()));
+  for (const char* id : {"p", "p/a/b"}) expect_refused("PROJECT/NAME", id, body(1, Json::array()));
+  expect_refused("names of 1 to 128 bytes", "p/", body(1, Json::array()));
   expect_refused("'first'", "p/a", body(0, Json::array()));
   expect_refused("'records'", "p/a", body(1, 5));
   expect_refused("record 2: ", "p/a", body(1, {point, {{"nothing", 1}}}));
@@ -89,8 +90,8 @@ TEST_F(ApiQueries, WrongLogsAreToldWhatIsWrong) {
   odd["odd"] = 1;
   expect_refused("'odd' is not known", "p/a", odd);
   EXPECT_EQ(json({"runs"})["runs"], Json::array()) << "nothing of it was kept";
-  ASSERT_EQ(post("p/a", body(1, {point})).status, 200);
-  Json other = body(2, {point});
+  ASSERT_EQ(post("p/a", body(1, Json::array({point}))).status, 200);
+  Json other = body(2, Json::array({point}));
   other["log"] = "another";
   expect_refused("another program", "p/a", other, 409);
 }

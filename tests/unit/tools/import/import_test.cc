@@ -37,11 +37,12 @@ class Message {
     fields_.AddLengthDelimited(field, value);
     return *this;
   }
-  operator std::string() const {
+  std::string bytes() const {
     std::string bytes;
     fields_.SerializeToString(&bytes);
     return bytes;
   }
+  operator std::string() const { return bytes(); }
 
  private:
   google::protobuf::UnknownFieldSet fields_;
@@ -73,13 +74,13 @@ struct Kept {
 using Points = std::vector<std::tuple<double, double, double>>;
 
 std::string event(double time, std::uint64_t step, const std::string& value) {
-  return tf_record(Message().real(1, time).number(2, step).text(5, Message().text(1, value)));
+  return tf_record(Message().real(1, time).number(2, step).text(5, Message().text(1, value)).bytes());
 }
 std::string scalar(const std::string& tag, float value) { return Message().text(1, tag).real32(2, value); }
 
 TEST(ImportEventFiles, ReadsScalarsOfBothKinds) {
   Folder folder;
-  const std::string version = tf_record(Message().real(1, 100).text(3, "brain.Event:2"));
+  const std::string version = tf_record(Message().real(1, 100).text(3, "brain.Event:2").bytes());
   const float four = 4;
   const std::string content(reinterpret_cast<const char*>(&four), sizeof four);
   const std::string as_floats = Message().text(1, "acc").text(8, Message().number(1, 1).text(2, "").text(5, content));
