@@ -35,6 +35,7 @@ export function Compare(): JSX.Element {
 const OPTIONS: ChoiceOf<'differing' | 'all'> = { name: 'keys', label: 'Options', values: { differing: 'Differing', all: 'All' } };
 const FIGURES: ChoiceOf<'differing' | 'all'> = { name: 'figures', label: 'Figures', values: { differing: 'Differing', all: 'All' } };
 const MAX_RUNS = 8;
+const MAX_ROWS = 100; // of the list of runs, until all are asked for: a thousand rows take a browser seconds
 
 function chosenRuns(all: readonly Run[]): Run[] {
   const wanted = place.value.params.get('runs');
@@ -48,7 +49,7 @@ function CompareRuns({ all }: { all: readonly Run[] }): JSX.Element {
   usePinned('runs', selected.map((run) => run.id).join('\n'));
   return (
     <>
-      <Groups all={all} />
+      {all.some((run) => !isLogged(run)) && <Groups all={all.filter((run) => !isLogged(run))} />}
       <Index all={all} selected={selected} />
       {selected.length > 0 ? (
         <>
@@ -113,6 +114,7 @@ function Groups({ all }: { all: readonly Run[] }): JSX.Element {
 function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[] }): JSX.Element {
   const [error, setError] = useState<string | null>(null);
   const [doomed, setDoomed] = useState<string | null>(null);
+  const [whole, setWhole] = useState(false);
   const toggle = (id: string): void => {
     const ids = selected.map((run) => run.id);
     setParams({ runs: (ids.includes(id) ? ids.filter((one) => one !== id) : [...ids, id]).join('\n') });
@@ -123,6 +125,9 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
   };
   const tags = [...new Set(all.flatMap((run) => run.tags))].sort();
   const wanted = tags.find((tag) => tag === param('tag', '')) ?? '';
+  const find = param('find', '').toLowerCase();
+  const rows = all.filter((run) => (!wanted || run.tags.includes(wanted)) && `${runName(run)} ${run.id}`.toLowerCase().includes(find));
+  const listed = whole ? rows : rows.filter((run, i) => i < MAX_ROWS || selected.includes(run));
   const columns: Column<Run>[] = [
     {
       key: 'run',
@@ -179,17 +184,33 @@ function Index({ all, selected }: { all: readonly Run[]; selected: readonly Run[
       name="runs"
       caption="Runs"
       columns={columns}
-      rows={wanted ? all.filter((run) => run.tags.includes(wanted)) : all}
+      rows={listed}
+      saved={rows}
       rowKey={(run) => run.id}
+      below={
+        listed.length < rows.length && (
+          <button type="button" onClick={() => setWhole(true)}>
+            Show all {integer(rows.length)} runs
+          </button>
+        )
+      }
     >
-      {tags.length > 0 && (
+      {(tags.length > 0 || all.length > MAX_ROWS) && (
         <div class="wrap">
-          <Select
-            label="Tag"
-            value={wanted}
-            options={[{ value: '', label: 'All runs' }, ...tags.map((tag) => ({ value: tag, label: tag }))]}
-            onChange={(tag) => setParams({ tag: tag || null })}
-          />
+          {tags.length > 0 && (
+            <Select
+              label="Tag"
+              value={wanted}
+              options={[{ value: '', label: 'All runs' }, ...tags.map((tag) => ({ value: tag, label: tag }))]}
+              onChange={(tag) => setParams({ tag: tag || null })}
+            />
+          )}
+          {all.length > MAX_ROWS && (
+            <label class="field hint">
+              <span>Find runs</span>
+              <input type="search" value={param('find', '')} onInput={(event) => setParams({ find: event.currentTarget.value || null })} />
+            </label>
+          )}
         </div>
       )}
       {error && <Failed error={error} />}
@@ -292,8 +313,9 @@ function Path({ path }: { path: string }): JSX.Element {
 }
 
 function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
-  const details = useJsons<RunDetail>(selected.map((run) => runPath(run.id)));
-  const evaluations = useJsons<{ evaluations: Evaluation[] }>(selected.map((run) => runPath(run.id, '/evaluations')));
+  const trained = selected.filter((run) => !isLogged(run)); // the others have neither files nor evaluations
+  const details = useJsons<RunDetail>(trained.map((run) => runPath(run.id)));
+  const evaluations = useJsons<{ evaluations: Evaluation[] }>(trained.map((run) => runPath(run.id, '/evaluations')));
   const comparison = useJson<Comparison>(
     `api/compare?${new URLSearchParams({ all: '1', runs: selected.map((run) => run.id).join('\n') }).toString()}`,
     selected.map((run) => run.state).join(),
@@ -305,7 +327,10 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
     const artefacts = artefactsOf((detail && valueOf(detail)?.manifest) ?? null);
     return (artefacts?.paths ?? []).map((path) => ({ run: runName(run), host: artefacts?.host ?? '', path }));
   });
-  const last = [...evaluations.values()].map((answer) => newest(valueOf(answer)?.evaluations ?? []));
+  const last = selected.map((run) => {
+    const answer = evaluations.get(runPath(run.id, '/evaluations'));
+    return newest((answer && valueOf(answer)?.evaluations) ?? []);
+  });
   const traversals = [...new Set(last.flatMap((one) => [...one.keys()]))];
   const of = (key: string, value: (run: Run, index: number) => string): Row => {
     const values = selected.map(value);

@@ -9,7 +9,7 @@ import type { Range } from '../maths/seeds';
 import { useJsons, valueOf } from './resource';
 import { now } from './shared';
 
-const POINTS = 2000;
+const POINTS = 1000; // more than a chart has pixels
 const PERIOD = 3000; // milliseconds between two fetches of what a program still logs
 
 /** Changes when there may be news of these runs. */

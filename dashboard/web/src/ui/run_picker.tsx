@@ -20,12 +20,15 @@ interface RunPickerProps {
   omitted: number;
 }
 
+const MAX_GROUPS = 100; // in the list: a thousand take a browser seconds
+
 /** Chooses which groups of seeds are drawn, and which seeds have a line of their own. */
 export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPickerProps): JSX.Element {
   const [filter, setFilter] = useState('');
   const matching = groups.filter((group) =>
     `${group.label} ${group.runs.map((run) => `${run.id} ${run.tags.join(' ')}`).join(' ')}`.toLowerCase().includes(filter.toLowerCase()),
   );
+  const listed = matching.filter((group, i) => i < MAX_GROUPS || shown.has(group.key));
   const toggleGroup = (key: string): void => {
     const next = new Set(shown);
     if (!next.delete(key)) next.add(key);
@@ -46,8 +49,9 @@ export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPicker
         </label>
       )}
       {omitted > 0 && <p class="hint">{plural(omitted, 'further group')} not drawn: too many curves at once.</p>}
+      {listed.length < matching.length && <p class="hint">{plural(matching.length - listed.length, 'further group')}: find them by their names.</p>}
       <ul class="picker-list scrolls" tabIndex={0} aria-label="Groups of runs">
-        {matching.map((group) => {
+        {listed.map((group) => {
           const on = shown.has(group.key);
           return (
             <li key={group.key}>

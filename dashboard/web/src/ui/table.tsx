@@ -96,6 +96,8 @@ interface TableCardProps<T> extends TableProps<T> {
   actions?: ComponentChildren;
   /** What the rows are made of, if they are fetched. */
   of?: Resource<unknown>;
+  /** The rows of the CSV, where they are more than those that are shown. */
+  saved?: readonly T[];
   /** Shown when there are no rows. */
   empty?: ComponentChildren;
   below?: ComponentChildren;
@@ -103,7 +105,7 @@ interface TableCardProps<T> extends TableProps<T> {
 }
 
 /** A card with a table, which can be saved as CSV, below its children. */
-export function TableCard<T>({ title, hint, id, name, actions, of, empty, below, children, ...table }: TableCardProps<T>): JSX.Element {
+export function TableCard<T>({ title, hint, id, name, actions, of, saved, empty, below, children, ...table }: TableCardProps<T>): JSX.Element {
   return (
     <Card
       title={title}
@@ -112,7 +114,7 @@ export function TableCard<T>({ title, hint, id, name, actions, of, empty, below,
       actions={
         <>
           {actions}
-          <SaveTable name={name} columns={table.columns} rows={table.rows} />
+          <SaveTable name={name} columns={table.columns} rows={saved ?? table.rows} />
         </>
       }
     >
