@@ -14,7 +14,7 @@
 #include "core/util/wall_clock.h"
 #include "core/wire/messages.h"
 
-namespace SQLite {
+namespace SQLite {  // NOLINT(readability-identifier-naming): the library calls it so
 class Database;
 }
 

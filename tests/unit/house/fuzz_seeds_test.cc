@@ -40,6 +40,7 @@ const std::set<std::string> kRefused = {
     "dataset_folder/plain-conflict",
     "mcap_file/cut-short",
     "mcap_file/compressed",
+    "logged_run/wandb-cut-short",
     "web_request/curve-of-none",
     "web_request/frame",  // of a traversal that is not there, as the next one
     "web_request/map",
