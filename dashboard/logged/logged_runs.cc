@@ -40,6 +40,16 @@ std::string unescaped(const std::string& text) {
   return name;
 }
 
+/// Returns whether it is UTF-8: other names could not be asked for.
+bool is_text(const std::string& name) {
+  try {
+    Json(name).dump();
+    return true;
+  } catch (const Json::exception&) {
+    return false;
+  }
+}
+
 /// Returns the members of a JSON object with those of `additions` over them.
 std::string merged_json(const std::string& object, const std::vector<std::string>& additions, const std::string& what) {
   Json all = parse_json_or_null(object);
@@ -168,9 +178,9 @@ std::optional<std::string> fault_of_logged_id(const std::string& id) {
   for (const std::string& name : {unescaped(id.substr(0, slash)), unescaped(id.substr(slash + 1))}) {
     const bool control =
         std::any_of(name.begin(), name.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7F'; });
-    if (name.empty() || name.size() > kLongestName || control)
+    if (name.empty() || name.size() > kLongestName || control || !is_text(name))
       return "a project and a run have names of 1 to " + std::to_string(kLongestName) +
-             " bytes without control characters";
+             " bytes of UTF-8 without control characters";
   }
   return std::nullopt;
 }

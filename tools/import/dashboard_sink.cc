@@ -17,6 +17,7 @@
 
 #include "core/files/json.h"
 #include "core/util/error.h"
+#include "dashboard/http/answer.h"
 
 namespace citylearn {
 namespace {
@@ -39,7 +40,7 @@ void append_real(std::string& text, double value) {
   text.append(digits, std::to_chars(digits, digits + sizeof digits, value).ptr);
 }
 
-std::string quoted(const std::string& text) { return Json(text).dump(-1, ' ', false, Json::error_handler_t::replace); }
+std::string quoted(const std::string& text) { return text_of(Json(text)); }
 
 std::string percent_encoded(const std::string& text) {
   std::string encoded;
@@ -58,7 +59,7 @@ std::string other_record(const LogBatch& batch) {
     const Json json = {
         {"begin",
          {{"started", begins.started}, {"title", begins.title}, {"tags", begins.tags}, {"note", begins.note}}}};
-    return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+    return text_of(json);
   }
   if (!batch.config().empty()) return "{\"config\":" + batch.config().front() + "}";
   if (!batch.summary().empty()) return "{\"summary\":" + batch.summary().front() + "}";

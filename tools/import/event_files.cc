@@ -10,6 +10,7 @@
 
 #include "core/files/tf_records.h"
 #include "core/util/sha256.h"
+#include "dashboard/http/answer.h"
 #include "tools/import/mapped_file.h"
 #include "tools/import/wire_fields.h"
 
@@ -155,7 +156,7 @@ class EventImport {
     });
     if (tag == kSessionStart) {
       const Json options = hyperparameters_of(metadata);
-      if (!options.empty()) options_ = options.dump(-1, ' ', false, Json::error_handler_t::replace);
+      if (!options.empty()) options_ = text_of(options);
       return false;
     }
     if (!number || tag.empty() || tag.size() > kLongestMetric) return false;

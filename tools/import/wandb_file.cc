@@ -11,6 +11,7 @@
 
 #include "core/files/json.h"
 #include "core/util/error.h"
+#include "dashboard/http/answer.h"
 #include "tools/import/mapped_file.h"
 #include "tools/import/wire_fields.h"
 
@@ -107,7 +108,7 @@ class WandbImport {
           add_history(field.bytes);
           break;
         case kConfig:
-          writer().configure(updates_of(field.bytes).dump());
+          writer().configure(text_of(updates_of(field.bytes)));
           break;
         case kSummary:
           // It grows with the history: what was last written counts.
@@ -121,7 +122,7 @@ class WandbImport {
 
   ImportedRun finish() {
     LogWriter& to = writer();
-    if (!summary_.empty()) to.summarise(summary_.dump(-1, ' ', false, Json::error_handler_t::replace));
+    if (!summary_.empty()) to.summarise(text_of(summary_));
     to.finish(true);
     return {id_, to.points(), ""};
   }
@@ -175,7 +176,7 @@ class WandbImport {
     started_ = beginning.started;
     open(project, id);
     writer_->begin(std::move(beginning));
-    if (!config.empty()) writer_->configure(updates_of(config).dump());
+    if (!config.empty()) writer_->configure(text_of(updates_of(config)));
   }
 
   void open(const std::string& project, const std::string& id) {

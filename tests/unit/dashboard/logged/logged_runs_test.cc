@@ -162,7 +162,7 @@ TEST_F(LoggedRunsTest, EpisodesOfASessionAreNotARunOfTheProjectOfThatName) {
 
 TEST(LoggedId, HasAProjectAndAName) {
   for (const char* right : {"p/a", "p%2Fq/a%25", "\xC3\xA9/x y"}) EXPECT_FALSE(fault_of_logged_id(right)) << right;
-  for (const char* wrong : {"", "p", "p/", "/a", "p/a/1", "session/policy/1/2", "p/a\n"})
+  for (const char* wrong : {"", "p", "p/", "/a", "p/a/1", "session/policy/1/2", "p/a\n", "p/\x80"})
     EXPECT_TRUE(fault_of_logged_id(wrong)) << wrong;
   EXPECT_TRUE(fault_of_logged_id("p/" + std::string(129, 'a')));
 }
