@@ -11,6 +11,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bench/bench.h"
+#include "bench/figures.h"
 #include "encoder_service/onnx/onnx_network.h"
 #include "tests/support/data/real_data.h"
 
@@ -105,6 +106,8 @@ void measure(const Options& options) {
   for (const Contender& contender : contenders) {
     const double each = median(contender.times) / kPictures;
     std::printf("%-40s %10.3f %10.1f %16.3f\n", contender.name.c_str(), 1e3 * each, 1 / each, median(contender.ratios));
+    bench::record_figure(
+        {.name = contender.name, .value = 1e3 * each, .unit = "ms/image", .better = bench::Better::kLower});
   }
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "bench/bench.h"
+#include "bench/figures.h"
 #include "bench/program.h"
 #include "core/util/random.h"
 
@@ -84,6 +85,8 @@ int main(int argc, char** argv) {
       }
       std::printf("%-14s %10s %16.0f %16.0f %8.2f\n", agent.c_str(), steps.c_str(), median(features), median(images),
                   median(images) / median(features));
+      citylearn::bench::record_figure({.name = agent + ", features", .value = median(features), .unit = "steps/s"});
+      citylearn::bench::record_figure({.name = agent + ", images", .value = median(images), .unit = "steps/s"});
       std::fflush(stdout);
     }
   });

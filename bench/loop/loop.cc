@@ -6,6 +6,7 @@
 #include <string>
 
 #include "bench/bench.h"
+#include "bench/figures.h"
 #include "bench/program.h"
 
 namespace {
@@ -55,6 +56,7 @@ int main(int argc, char** argv) {
     std::printf("%-12s %9s %10s %8s %8s %14s\n", "middleware", "steps/s", "inference", "update", "rest",
                 "of one process");
     std::printf("%-12s %9.0f %10s %8s %8s %14s\n", "(none)", reference, "", "", "", "1.00");
+    citylearn::bench::record_figure({.name = "in one process", .value = reference, .unit = "steps/s"});
     for (const std::string middleware : {"cyclonedds", "fastdds"}) {
       const Json train = train_over(middleware, steps, agents);
       const double wall = train["wall_s"], inference = train["inference_s"], update = train["update_s"],
@@ -62,6 +64,7 @@ int main(int argc, char** argv) {
       std::printf("%-12s %9.0f %8.0f %% %6.0f %% %6.0f %% %14.2f\n", middleware.c_str(), rate, 100 * inference / wall,
                   100 * update / wall, 100 * (1 - (inference + update) / wall), rate / reference);
       std::fflush(stdout);
+      citylearn::bench::record_figure({.name = middleware, .value = rate, .unit = "steps/s"});
     }
     Service products({CITYLEARN_BENCH_TRAINING, "--products"}, folder / "products");
     std::cout << "\n" << finish(products, "bench_training --products");

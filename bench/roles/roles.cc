@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // See README.md.
 #include <cstdio>
-#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 
 #include "bench/bench.h"
+#include "bench/figures.h"
 #include "bench/program.h"
 
 namespace {
@@ -22,22 +22,6 @@ struct Options {
 struct Figures {
   double rate = 0, update = 0, lag = 0, waited = 0;
 };
-
-/// Steps per second from the first row of metrics.csv to the last: without the time in which processes find each other.
-double rate_of(const std::string& path) {
-  std::ifstream in(path);
-  double steps[2] = {}, wall[2] = {};
-  std::string line;
-  for (int row = -1; std::getline(in, line); ++row) {
-    double update, episodes, lesson;
-    if (row < 0 ||
-        std::sscanf(line.c_str(), "%lf,%lf,%lf,%lf,%lf", &update, &steps[1], &episodes, &lesson, &wall[1]) != 5)
-      continue;
-    if (row == 0) steps[0] = steps[1], wall[0] = wall[1];
-  }
-  if (wall[1] <= wall[0]) throw citylearn::Error("has fewer than two updates", path, "choose more STEPS");
-  return (steps[1] - steps[0]) / (wall[1] - wall[0]);
-}
 
 /// `actors` 0: role both.
 Figures train(const Options& options, int actors) {
@@ -62,8 +46,9 @@ Figures train(const Options& options, int actors) {
         "learner");
   citylearn::bench::finish(*services.back(), "training");
   const auto summary = nlohmann::json::parse(contents(folder / "out/summary.json"))["train"];
-  return {rate_of(folder / "out/metrics.csv"), summary["update_s"].get<double>() / summary["wall_s"].get<double>(),
-          summary["policy_lag"], summary["actors_waited_s"]};
+  return {citylearn::bench::training_rate(folder / "out/metrics.csv"),
+          summary["update_s"].get<double>() / summary["wall_s"].get<double>(), summary["policy_lag"],
+          summary["actors_waited_s"]};
 }
 
 }  // namespace
@@ -81,11 +66,14 @@ int main(int argc, char** argv) {
                 "actors waited, s");
     const Figures both = train(options, 0);
     std::printf("%-10s %9.0f %10.2f %6.0f %% %14s %18s\n", "(both)", both.rate, 1.0, 100 * both.update, "0", "");
+    citylearn::bench::record_figure({.name = "role both", .value = both.rate, .unit = "steps/s"});
     for (const int actors : {1, 2, 4}) {
       std::fflush(stdout);
       const Figures f = train(options, actors);
       std::printf("%-10d %9.0f %10.2f %6.0f %% %14.2f %18.1f\n", actors, f.rate, f.rate / both.rate, 100 * f.update,
                   f.lag, f.waited);
+      citylearn::bench::record_figure(
+          {.name = "actors: " + std::to_string(actors), .value = f.rate, .unit = "steps/s"});
     }
   });
 }

@@ -12,6 +12,7 @@
 #include <optional>
 
 #include "bench/bench.h"
+#include "bench/figures.h"
 #include "bench/roundtrip/bare.h"
 #include "core/wire/node.h"
 #include "tests/support/processes/service.h"
@@ -299,9 +300,14 @@ void compare(const Settings& settings) {
         p99[path].push_back(quantile(times, 0.99));
       }
     const double reference = std::min(quantile(medians[kBare[0]], 0.5), quantile(medians[kBare[1]], 0.5));
-    for (const std::string& path : paths)
-      std::printf("%-12s %-18s %9.1f %9.1f %9.2f\n", vendor.c_str(), (is_bare(path) ? "bare, " + path : path).c_str(),
-                  quantile(medians[path], 0.5), quantile(p99[path], 0.5), quantile(medians[path], 0.5) / reference);
+    for (const std::string& path : paths) {
+      const double each = quantile(medians[path], 0.5);
+      const std::string what = is_bare(path) ? "bare, " + path : path;
+      std::printf("%-12s %-18s %9.1f %9.1f %9.2f\n", vendor.c_str(), what.c_str(), each, quantile(p99[path], 0.5),
+                  each / reference);
+      bench::record_figure(
+          {.name = vendor + ", " + what, .value = each, .unit = "us", .better = bench::Better::kLower});
+    }
   }
   std::printf("\nratio: median against the faster of the two bare ways. Each figure is the median over the rounds.\n");
 }

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "bench/bench.h"
+#include "bench/figures.h"
 #include "core/util/error.h"
 #include "dashboard/api/api.h"
 #include "dashboard/store/recorder.h"
@@ -64,6 +65,8 @@ void recording(const std::string& folder, std::uint64_t total) {
     const std::size_t bytes = std::filesystem::file_size(options.path) / count;
     const double plain = plain_rate(folder + "/plain", count, batch, bytes);
     std::printf("%8zu %14.0f %14.0f %14.2f\n", batch, rate, plain, rate / plain);
+    bench::record_figure(
+        {.name = "recorded by " + std::to_string(batch) + " at once", .value = rate, .unit = "episodes/s"});
     std::fflush(stdout);
   }
 }
@@ -161,6 +164,7 @@ void opening(const std::string& folder) {
               "of every row");
   const auto print = [&](const char* what, double time) {
     std::printf("%-46s %10.1f %12zu %16.2f\n", what, 1e3 * time, bytes, time / plain);
+    bench::record_figure({.name = what, .value = 1e3 * time, .unit = "ms", .better = bench::Better::kLower});
     std::fflush(stdout);
   };
   print("every row, one column (reference)", plain);
@@ -183,13 +187,16 @@ int main(int argc, char** argv) {
   std::string folder = temporary.path();
   std::uint64_t total = 100'000;
   CLI::App app("What the dashboard's store costs beside a plain file", "bench_store");
-  app.add_option("folder", folder, "where the files go; a temporary one by default");
   app.add_option("episodes", total, "episodes to record")->capture_default_str();
+  app.add_option("--folder", folder, "where the files go; a temporary one by default");
   return bench::run(app, argc, argv, [&] {
     recording(folder, total);
     std::printf("\n%-16s %14s\n", "over", "episodes/s");
-    for (const std::string middleware : {"inprocess", "cyclonedds", "fastdds"})
-      std::printf("%-16s %14.0f\n", middleware.c_str(), catching_up(folder, middleware, total));
+    for (const std::string middleware : {"inprocess", "cyclonedds", "fastdds"}) {
+      const double rate = catching_up(folder, middleware, total);
+      std::printf("%-16s %14.0f\n", middleware.c_str(), rate);
+      bench::record_figure({.name = "recorded over " + middleware, .value = rate, .unit = "episodes/s"});
+    }
     opening(folder);
   });
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "bench/bench.h"
+#include "bench/figures.h"
 #include "bench/made_up.h"
 #include "core/util/processors.h"
 #include "policy_service/learning/trainer.h"
@@ -66,10 +67,15 @@ void compare(const std::string& agent, const Options& options) {
       one.seconds.push_back(seconds);
       one.ratios.push_back(contenders.front().seconds.back() / seconds);
     }
-  for (const Contender& one : contenders)
+  for (const Contender& one : contenders) {
+    const double rate = segment * agents / bench::median(one.seconds);
     std::printf("%-12s  %2d shards  %2d thread%s  %9.0f steps/s learned from, ratio %.2f\n", agent.c_str(), one.shards,
-                one.threads, one.threads == 1 ? " " : "s", segment * agents / bench::median(one.seconds),
-                bench::median(one.ratios));
+                one.threads, one.threads == 1 ? " " : "s", rate, bench::median(one.ratios));
+    bench::record_figure(
+        {.name = agent + ", shards " + std::to_string(one.shards) + ", threads " + std::to_string(one.threads),
+         .value = rate,
+         .unit = "steps/s"});
+  }
   std::fflush(stdout);
 }
 
