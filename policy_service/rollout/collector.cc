@@ -25,10 +25,10 @@ enum Purpose : std::uint64_t {
 constexpr double kMostStretch = 5;  // of a place's noise, a power of two
 
 /// Returns the number of pieces that so many agents are divided into. It decides bits, so threads play no part in it. A
-/// piece reads all weights, which takes longer than a few agents do.
+/// piece reads all weights, which takes longer than a few agents do. One agent is one piece, which wakes no thread.
 std::size_t pieces_for(std::size_t agents) {
   constexpr std::size_t kLeast = 2, kAgents = 16;  // kAgents: of a piece at most
-  return std::max(kLeast, (agents + kAgents - 1) / kAgents);
+  return std::max(std::min(kLeast, agents), (agents + kAgents - 1) / kAgents);
 }
 
 /// Fills `out` with nearly normal numbers of mean 0 and deviation 1, sums of four uniform ones: one draw of 64 bits
