@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the tests of the package share. Each is called with the folders of the sources and the build."""
 
-import os
 import sys
 import unittest
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 
 SOURCE, BUILD = (Path(sys.argv.pop(1)).resolve() for _ in range(2))
 sys.path[:0] = [str(BUILD / "python"), str(SOURCE / "tests/support")]
+from other_projects import missing
 
 # A route with features that is made at once.
 DRAWN = {"synthetic_images": 0, "synthetic_frames": 40, "synthetic_dimension": 16, "frames": 32}
@@ -26,22 +26,18 @@ class ClearErrors(unittest.TestCase):
 
 
 def need_peers(*names):
-    """Makes other projects importable, from $CITYLEARN_PEERS_SOURCE or shared/peers beside the sources, or skips."""
-    folder = Path(os.environ.get("CITYLEARN_PEERS_SOURCE", SOURCE.parent / "shared/peers"))
-    for name in names:
-        if not (folder / name).is_dir():
-            print(f"skipped: {folder / name} is missing")
-            sys.exit(77)
-        sys.path.append(str(folder / name))
+    """Makes other projects importable, or skips."""
+    skip_if(missing(folders=names))
 
 
 def need_modules(*names):
-    for name in names:
-        try:
-            __import__(name)
-        except ImportError as error:
-            print(f"skipped: {error}")
-            sys.exit(77)
+    skip_if(missing(modules=names))
+
+
+def skip_if(reason):
+    if reason:
+        print(f"skipped: {reason}")
+        sys.exit(77)
 
 
 def towards_goal(observation, position):
