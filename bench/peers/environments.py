@@ -171,7 +171,7 @@ def over_dds(build, world, middleware):
     """Yields a VectorEnv of an env_service."""
     place = {"middleware": middleware, "domain": own_domain(), "interface": "lo"}
     options = [f"--{name.replace('_', '-')}={value}" for name, value in {**world, **place}.items() if name != "frames"]
-    service = subprocess.Popen([build / "env_service/env_service", "--agents=16", "--linger=0", "--log-level=warn",
+    service = subprocess.Popen([build / "env_service/env_service", "--agents=16", "--linger=0", "--log-level=error",
                                 *options])
     try:
         env = citylearn.VectorEnv(frames=world["frames"], **place)
