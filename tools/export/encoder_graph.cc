@@ -50,9 +50,9 @@ OnnxValue append_reduction(const OnnxValue& descriptor, const Reduction& reducti
                 descriptor);
     graph.output("next_seen", seen, width + 1, "to be given as seen with the traversal's next frame");
     const OnnxValue weight =
-        exp(-1 * log(graph.columns(seen, width, width + 1) + static_cast<float>(Reduction::kPrior)));
+        exp(-1 * log(graph.columns(seen, width, width + 1) + static_cast<float>(RunningMean::kPrior)));
     centre = graph.columns(seen, 0, width) * graph.stretched(weight, width) +
-             graph.linear(weight, "reduction.prior", static_cast<float>(Reduction::kPrior) * mean);
+             graph.linear(weight, "reduction.prior", static_cast<float>(RunningMean::kPrior) * mean);
   } else {
     centre = graph.linear(ones_beside(descriptor), "reduction.mean", mean);
   }
