@@ -22,12 +22,12 @@ struct LiveOptions {
 };
 
 struct EnvServiceOptions {
-  NodeOptions node;                    ///< an empty id becomes "env-" + name of the traversal
-  int agents = 16;                     ///< M, 1..msg::MAX_AGENTS
-  Imperfections imperfections;         ///< what befalls agents; imperfect() makes a traversal that fits
-  std::vector<std::string> recorders;  ///< ids of recorders that episodes are kept for before they are heard of
-  double linger = 5;                   ///< seconds, at the end, for live recorders to acknowledge
-  std::optional<LiveOptions> live;     ///< the traversal is what this robot was taught; it is the only agent
+  NodeOptions node;                      ///< an empty id becomes "env-" + name of the traversal
+  int agents = 16;                       ///< M, 1..msg::MAX_AGENTS
+  Imperfections imperfections;           ///< what befalls agents; imperfect() makes a traversal that fits
+  std::vector<std::string> recorders;    ///< ids of recorders that episodes are kept for before they are heard of
+  double linger = 5;                     ///< seconds, at the end, for live recorders to acknowledge
+  std::optional<LiveOptions> live = {};  ///< the traversal is what this robot was taught; it is the only agent
 };
 
 /// Hosts M agents on `traversal` for the policy_service of the session, until `stop` returns true (asked at least every

@@ -22,6 +22,10 @@ for definition in sorted(definitions.glob("*/*.msg")):
     text = re.sub(r"\b(\w+)::msg::(\w+)", r"\1::msg::dds_::\2_", text)
     text = re.sub(r"( +)struct (\w+) \{(.*?)\n\1\};", r"\1module dds_ {\n\1struct \2_ {\3\n\1};\n\1};", text,
                   flags=re.S)
+    # Each file names its array types in the package's module, where two files that are included together collide.
+    for kind, name, size in re.findall(r"typedef (\w+) (\w+)\[(\d+)\];", text):
+        text = re.sub(rf"typedef {kind} {name}\[{size}\];", "", text)
+        text = re.sub(rf"\b{name} (\w+);", rf"{kind} \1[{size}];", text)
     file.write_text(text)
     files.append(file)
 for file in files:
