@@ -22,8 +22,8 @@ OURS = {"n_steps": 64, "batch_size": 8 * 64, "n_epochs": 2, "learning_rate": 1.5
 def train_ours(args, seed, parameters):
     """Returns steps/s, and the seconds and steps to SPL .90 or None."""
     command = [args.build / "bench/training/bench_training", "--dataset", "synthetic", "--frames", "128", "--agent",
-               "features", "--learner", "ppo", "--seed", seed, "--threads", args.threads, "--evaluate", "summer", "--tasks", 1,
-               "--time-limit", args.time_limit, "--set", f"steps={args.steps}", *parameters]
+               "features", "--learner", "ppo", "--seed", seed, "--threads", args.threads, "--evaluate", "summer",
+               "--tasks", 1, "--time-limit", args.time_limit, "--set", f"steps={args.steps}", *parameters]
     done = subprocess.run([str(word) for word in command], capture_output=True, text=True, check=True).stdout
     rate = re.search(r"^trained .* ([0-9]+) steps/s", done, re.MULTILINE)
     reached = re.search(r"reached 0\.90 after [0-9]+ episodes, ([0-9]+) steps, ([0-9.]+) s", done)
@@ -114,7 +114,7 @@ def make_sb3(world):
               "enable_critic_lstm": False, "net_arch": []}
 
     def train(args, seed, parameters):
-        torch.set_num_threads(args.threads)
+        torch.set_num_threads(args.torch_threads)
         envs = Agents()
         model = RecurrentPPO("MlpLstmPolicy", envs, seed=seed, policy_kwargs=policy, device="cpu", **parameters)
         watch = Watch(envs, args.time_limit)
@@ -142,8 +142,9 @@ def compare(args, world, record_figure):
     for seed in args.seeds:
         for name, (train, parameters) in contenders.items():
             results[name].append(train(args, seed, parameters))
-    print(f"\n{AGENTS} agents, {args.threads} threads, seeds {', '.join(map(str, args.seeds))}, at most {args.steps:,} steps "
-          f"or {args.time_limit:g} s")
+    seeds = ", ".join(map(str, args.seeds))
+    print(f"\n{AGENTS} agents, {args.threads} threads, torch's {args.torch_threads}, seeds {seeds}, at most "
+          f"{args.steps:,} steps or {args.time_limit:g} s")
     print(f"{'learner':<34} {'steps/s':>9} {'ratio':>7} {'seconds to SPL .90':>20} {'steps':>9}")
     first = statistics.median(rate for rate, _ in results["ppo"])
     for name, runs in results.items():

@@ -22,7 +22,8 @@ def arguments():
     parser.add_argument("--seeds", type=int, nargs="+", default=[1], help="of the trainings")
     parser.add_argument("--steps", type=int, default=360_000, help="environment steps of a training, at most")
     parser.add_argument("--time-limit", type=float, default=300, help="seconds of a training, at most")
-    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)), help="of each training")
+    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)), help="of ppo")
+    parser.add_argument("--torch-threads", type=int, default=1, help="of RecurrentPPO")
     args = parser.parse_args()
     args.build = args.build.resolve()
     return args
@@ -37,7 +38,8 @@ def record_figure(name, value, unit, better="higher"):
 
 def main():
     args = arguments()
-    os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = str(args.threads)  # before they are loaded
+    for library in ("OMP", "OPENBLAS"):  # before they are loaded
+        os.environ[f"{library}_NUM_THREADS"] = str(args.torch_threads)
     sys.path.insert(0, str(args.build / "python"))
     if args.environments or not args.learning:
         import environments
