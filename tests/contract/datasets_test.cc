@@ -31,8 +31,8 @@ bool needs_data(const Entry& entry) {
   }
 }
 
-/// A folder of any other things is one of no features files: plain lists none.
-bool takes_any_folder(const Entry& entry) { return entry.name == "plain"; }
+/// A folder of any other things is one of no features files: plain lists none, and so does live, which reads the same.
+bool takes_any_folder(const Entry& entry) { return entry.name == "plain" || entry.name == "live"; }
 
 std::vector<const Entry*> all_of_files() {
   std::vector<const Entry*> entries = all();
