@@ -28,6 +28,7 @@ Start here
   demo        trains an agent on one recording and evaluates it on all of them
   again RUN   repeats a demo: "$COMMAND again runs/20260101-120000 --seed 2"
   dashboard   serves the page: all recorded runs, and what runs now
+  robot       teaches a simulated robot a route, and lets it repeat it
 
 Services, each a program of its own
   env         serves a recorded traversal as an environment
@@ -37,11 +38,12 @@ Services, each a program of its own
 Data and results
   data        lists the supported datasets; checks a folder
   vpr         measures how well encoders recognise places
-  import      puts runs of TensorBoard and W&B onto the page
-  sync        sends what programs logged to the dashboard
+  import      puts runs of TensorBoard and W&B onto the page; "sync" sends logs
   export      writes encoder and agent as one ONNX file
   paper       repeats the paper's experiments on your data
   record      records a run's messages; "replay" plays them again
+  teach       records a route from a robot's camera; "simulated-robot" is one
+  ros2        publishes a run to ROS 2, or writes files that its tools open
   doctor      shows reachable services and diagnoses network problems
 TEXT
 }
