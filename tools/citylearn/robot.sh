@@ -27,12 +27,24 @@ go to their wheels, which slip. All of it passes as messages of ROS 2.
 TEXT
 }
 
-# Waits until the program called $1 has ended. Says the last line of its log and ends where it failed.
+declare -gA running   # process ids by name, as demo.sh has them
+
+# Waits until the program called $1 has ended, well. Ends where another one ends before, and says the last line of its log.
 finish() {
-  local status=0
-  wait "${running[$1]}" || status=$?
-  unset "running[$1]"
-  [ $status -eq 0 ] || { tail -n 1 "$output/logs/$1.log" >&2; fail "$1 ended early (status $status); its log is $output/logs/$1.log"; }
+  local name status
+  while true; do
+    for name in "${!running[@]}"; do
+      ! kill -0 "${running[$name]}" 2>/dev/null || continue
+      status=0
+      wait "${running[$name]}" || status=$?
+      unset "running[$name]"
+      [ "$name" != "$1" ] || [ $status -ne 0 ] || return 0
+      stop
+      [ ! -e "$output/logs/$name.log" ] || tail -n 1 "$output/logs/$name.log" >&2
+      fail "$name ended early (status $status); logs are in $output/logs"
+    done
+    sleep 0.1
+  done
 }
 
 robot() {
@@ -97,7 +109,9 @@ robot() {
   start env-summer "$(program env)" "${wire[@]}" --data "$output/route" --traversal summer --agents 16
   start encoder "$(program encoder)" "${wire[@]}" --reference summer
   "$(program policy)" "${wire[@]}" --mode train --train summer --evaluate summer --tasks 200 --wait 60 --id trainer \
-    --place_filter-slip 0.2 --output "$output/train" || fail "the training failed; logs are in $output/logs"
+    --place_filter-slip 0.2 --output "$output/train" &
+  running[trainer]=$!
+  finish trainer
 
   say "$NAME: repeats: robots drive to $tasks goals each, in $looks"
   local evaluate=''
@@ -110,7 +124,9 @@ robot() {
       --cmd-vel "/$look/cmd_vel" --command "/$look/command" --speed "$speed" --settle 0.05 "${nodes[@]}"
   done < <(tr ',' '\n' <<<"$looks")
   "$(program policy)" "${wire[@]}" --mode evaluate --checkpoint "$output/train/checkpoints/best.clk" --evaluate "$evaluate" \
-    --tasks "$tasks" --max-steps $((2 * places)) --wait 60 --output "$output/repeat" || fail "the robots did not arrive; logs are in $output/logs"
+    --tasks "$tasks" --max-steps $((2 * places)) --wait 60 --output "$output/repeat" &
+  running[policy_service]=$!
+  finish policy_service
   [ $wait = no ] || [ ! -t 0 ] || [ -z "${running[dashboard]:-}" ] || {
     say "The page stays open at $(sed 's/^dashboard: //' "$output/logs/dashboard.address") Press any key to end."
     read -rsn 1 || true
