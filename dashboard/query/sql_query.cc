@@ -18,7 +18,7 @@ constexpr int kLongestText = 200'000;    // bytes of the SQL
 constexpr int kLongestValue = 16 << 20;  // bytes
 constexpr int kBusy = 2000;              // milliseconds
 
-int authorize(void*, int action, const char* first, const char* second, const char*, const char*) {
+int authorize(void*, int action, const char*, const char* second, const char*, const char*) {
   switch (action) {
     case SQLITE_SELECT:
     case SQLITE_READ:
@@ -27,7 +27,6 @@ int authorize(void*, int action, const char* first, const char* second, const ch
     case SQLITE_FUNCTION:
       return std::string_view(second ? second : "") == "load_extension" ? SQLITE_DENY : SQLITE_OK;
     default:
-      static_cast<void>(first);
       return SQLITE_DENY;
   }
 }
