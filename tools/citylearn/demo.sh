@@ -91,6 +91,29 @@ start_dashboard() {
   done
 }
 
+# Waits until the program called $1 has ended, and returns its status. Another one that ends before has said why in its log, and
+# ends all, but for the dashboard. (bash's `wait -n` misses a service that is killed before it is called.)
+finish() {
+  local name status
+  while true; do
+    for name in "${!running[@]}"; do
+      ! kill -0 "${running[$name]}" 2>/dev/null || continue
+      status=0
+      wait "${running[$name]}" || status=$?
+      unset "running[$name]"
+      case $name in
+        "$1") return $status ;;
+        dashboard) say "$NAME: the dashboard ended early, so this run is not recorded to its end; its log is $output/logs/$name.log" ;;
+        *)
+          stop
+          tail -n 1 "$output/logs/$name.log" >&2 || true
+          fail "$name ended early (status $status); its log is $output/logs/$name.log" ;;
+      esac
+    done
+    sleep 0.1
+  done
+}
+
 # Repeats the demo whose folder is $1 in a new folder; $2... are added to its options.
 again() {
   local folder=${1:-}
@@ -281,26 +304,8 @@ demo() {
     --output "$output" "${pass[@]}" --demo-command <(repeatable "${asked[@]}") &
   running[policy_service]=$!
 
-  # The run ends with its policy_service. A service that ends before it has said why in its log. (bash's `wait -n` misses a
-  # service that is killed before it is called.)
-  local name status
-  while true; do
-    for name in "${!running[@]}"; do
-      ! kill -0 "${running[$name]}" 2>/dev/null || continue
-      status=0
-      wait "${running[$name]}" || status=$?
-      unset "running[$name]"
-      case $name in
-        policy_service)
-          [ $status -ne 0 ] || after_demo "$wait"
-          return $status ;;
-        dashboard) say "$NAME: the dashboard ended early, so this run is not recorded to its end; its log is $output/logs/$name.log" ;;
-        *)
-          stop
-          tail -n 1 "$output/logs/$name.log" >&2 || true
-          fail "$name ended early (status $status); its log is $output/logs/$name.log" ;;
-      esac
-    done
-    sleep 0.2
-  done
+  local status=0
+  finish policy_service || status=$?
+  [ $status -ne 0 ] || after_demo "$wait"
+  return $status
 }

@@ -29,22 +29,14 @@ TEXT
 
 declare -gA running   # process ids by name, as demo.sh has them
 
-# Waits until the program called $1 has ended, well. Ends where another one ends before, and says the last line of its log.
-finish() {
-  local name status
-  while true; do
-    for name in "${!running[@]}"; do
-      ! kill -0 "${running[$name]}" 2>/dev/null || continue
-      status=0
-      wait "${running[$name]}" || status=$?
-      unset "running[$name]"
-      [ "$name" != "$1" ] || [ $status -ne 0 ] || return 0
-      stop
-      [ ! -e "$output/logs/$name.log" ] || tail -n 1 "$output/logs/$name.log" >&2
-      fail "$name ended early (status $status); logs are in $output/logs"
-    done
-    sleep 0.1
-  done
+# Waits until the program called $1 has ended, well.
+succeed() {
+  finish "$1" || {
+    local status=$?
+    stop
+    [ ! -e "$output/logs/$1.log" ] || tail -n 1 "$output/logs/$1.log" >&2
+    fail "$1 failed (status $status); logs are in $output/logs"
+  }
 }
 
 robot() {
@@ -97,12 +89,12 @@ robot() {
   start teach "$(program teach)" --output "$output/route" --traversal summer --spacing 4 \
     --camera /summer/camera/image_raw/compressed --position /summer/pose --position-type pose "${nodes[@]}"
   until grep -q 'listens to' "$output/logs/teach.log"; do
-    kill -0 "${running[teach]}" 2>/dev/null || finish teach
+    kill -0 "${running[teach]}" 2>/dev/null || succeed teach
     sleep 0.05
   done
   start robot-summer "$(program simulated-robot)" --look summer --metres $((places * 4)) --drive 10 "${nodes[@]}" \
     --camera /summer/camera/image_raw/compressed --pose /summer/pose --odometry /summer/odom --cmd-vel /summer/cmd_vel
-  finish robot-summer
+  succeed robot-summer
   end teach
 
   say "$NAME: trains on the recording"
@@ -111,7 +103,7 @@ robot() {
   "$(program policy)" "${wire[@]}" --mode train --train summer --evaluate summer --tasks 200 --wait 60 --id trainer \
     --place_filter-slip 0.2 --output "$output/train" &
   running[trainer]=$!
-  finish trainer
+  succeed trainer
 
   say "$NAME: repeats: robots drive to $tasks goals each, in $looks"
   local evaluate=''
@@ -126,7 +118,7 @@ robot() {
   "$(program policy)" "${wire[@]}" --mode evaluate --checkpoint "$output/train/checkpoints/best.clk" --evaluate "$evaluate" \
     --tasks "$tasks" --max-steps $((2 * places)) --wait 60 --output "$output/repeat" &
   running[policy_service]=$!
-  finish policy_service
+  succeed policy_service
   [ $wait = no ] || [ ! -t 0 ] || [ -z "${running[dashboard]:-}" ] || {
     say "The page stays open at $(sed 's/^dashboard: //' "$output/logs/dashboard.address") Press any key to end."
     read -rsn 1 || true
