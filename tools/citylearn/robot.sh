@@ -64,8 +64,10 @@ robot() {
   prepare "${services[@]}"
   local look
   while IFS= read -r look; do
-    "$(program simulated-robot)" --look "$look" --help >/dev/null || exit 1
+    "$(program simulated-robot)" --look "$look" --slip "$slip" --help >/dev/null || exit 1
   done < <(tr ',' '\n' <<<"$looks")
+
+  "$(program env)" --speed "$speed" --help >/dev/null || exit 1
 
   output=${output:-$RUNS/$(date +%Y%m%d-%H%M%S)}
   mkdir -p "$output/logs" || fail "--output: cannot create '$output'"
