@@ -101,7 +101,10 @@ int serve(CommandLine& line) {
     return 0;
   }
   traversal.name = name_from(traversal.name);  // folders and files may be called anything
-  if (traversal.dataset == kLive) make_live(traversal, line);
+  if (traversal.dataset == kLive)
+    make_live(traversal, line);
+  else if (!line.robot.topics.camera.empty() || !line.robot.topics.position.empty())
+    throw Error("are of a robot", "--camera and --position", "add --dataset live");
   run_env_service(line.service, traversal, stop_requested);
   return 0;
 }

@@ -21,7 +21,7 @@ using Command = std_msgs::msg::dds_::UInt8_;
 constexpr milliseconds kCommandAgain{50};  // robots stop by themselves when commands cease
 constexpr milliseconds kGlance{5};         // between looks at what has come, while something is awaited
 constexpr milliseconds kRest{100};         // likewise, while nothing is
-constexpr std::chrono::seconds kTrouble{1};
+constexpr std::chrono::seconds kTrouble{3};
 constexpr double kFar = 10;  // times the distance between places
 
 RobotOptions named(RobotOptions options) {

@@ -44,7 +44,8 @@ class Robot {
   std::optional<Sighting> poll(Clock::time_point now);
   /// When poll() is to be called again.
   Clock::time_point due() const { return due_; }
-  /// Says what it has been waiting for, for longer than a second: "nobody publishes /camera/image_raw"; else empty.
+  /// Says what it has been waiting for, for longer than three seconds: "nobody publishes /camera/image_raw"; else
+  /// empty.
   std::string trouble(Clock::time_point now) const;
   const RobotSenses::Counts& counts() const { return senses_.counts(); }
 

@@ -125,6 +125,7 @@ TEST_P(TeachAndRepeat, WrongOptionsAreOneClearLine) {
       {{"--position-type", "fix"}, "its places have no lat and lon"},
       {{"--agents", "2"}, "--agents: a robot is one agent"},
       {{"--slip", "0.1"}, "a robot is imperfect by itself"},
+      {{"--dataset", "plain"}, "--camera and --position: are of a robot"},
       {{"--camera", "camera//x"}, "'camera//x' is not a topic of ROS 2"}};
   for (const auto& [wrong, text] : cases) {
     Arguments options = {"--dataset",       "live", "--data",     trial_.folder() / "route",

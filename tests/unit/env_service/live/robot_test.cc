@@ -170,7 +170,7 @@ TEST_F(RobotTest, PicturesThatComeTwiceLateOrBrokenAreCounted) {
 TEST_F(RobotTest, SaysWhatItWaitsFor) {
   Robot robot = make(options());
   robot.look();
-  const auto later = [] { return Clock::now() + seconds(2); };
+  const auto later = [] { return Clock::now() + seconds(4); };
   EXPECT_EQ(robot.trouble(Clock::now()), "");
   EXPECT_EQ(robot.trouble(later()), "nobody publishes /camera/compressed");
   send_picture(10, "no picture");
