@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "core/files/image_header.h"
+#include "core/task/live.h"
 #include "core/util/text.h"
 #include "env_service/images/image_sources.h"
 
@@ -42,7 +43,7 @@ std::string fixed(double value, int digits) {
 std::vector<std::string> recognised(const std::string& folder) {
   std::vector<std::string> found;
   for (const auto* entry : DatasetRegistry::instance().entries())
-    if (!finds(*entry, "") && finds(*entry, folder)) found.push_back(entry->name);
+    if (entry->name != kLive && !finds(*entry, "") && finds(*entry, folder)) found.push_back(entry->name);
   std::stable_partition(found.begin(), found.end(), [](const std::string& name) { return name != "plain"; });
   return found;
 }

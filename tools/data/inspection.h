@@ -10,7 +10,7 @@
 namespace citylearn {
 
 /// Returns the datasets that `folder` may be, with "plain", which accepts nearly anything, last; without generated
-/// ones.
+/// ones and "live", which reads what "plain" does.
 std::vector<std::string> recognised(const std::string& folder);
 
 /// A frame or a whole traversal (frame -1) that cannot be read.
