@@ -81,6 +81,22 @@ stop() {
   end dashboard
 }
 
+# Opens a run of its own, by default below RUNS: makes its folder `output`, sets `domain` and `wire`, the options by which its
+# services meet over `middleware`, and ends them when this script ends. Several runs on one machine don't meet.
+open_run() {
+  output=${output:-$RUNS/$(date +%Y%m%d-%H%M%S)}
+  mkdir -p "$output/logs" || fail "--output: cannot create '$output'"
+  local session; session=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
+  domain=${CITYLEARN_DOMAIN:-$((1 + $$ % 100))}
+  wire=(--session "$session" --domain "$domain" --middleware "$middleware")
+  mkdir -p "$RUNS"
+  printf '%s %s %s\n' "$domain" "$middleware" "$session" >"$RUNS/.demo-$$"
+  say "$NAME: domain $domain, session $session; $COMMAND doctor and $COMMAND record find it"
+  trap stop EXIT
+  trap 'exit 130' INT
+  trap 'exit 143' TERM
+}
+
 # Starts the dashboard with options $2... on the store $1; false when it ends at once.
 start_dashboard() {
   local store=$1; shift
@@ -270,20 +286,8 @@ demo() {
   if [ "$images" = yes ]; then
     "$encoder" "${encoding[@]}" --list >/dev/null || exit 1
   fi
-  output=${output:-$RUNS/$(date +%Y%m%d-%H%M%S)}
-  mkdir -p "$output/logs" || fail "--output: cannot create '$output'"
-
-  # A domain and a run of its own: several demos on one machine don't meet.
-  local run; run=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
-  local domain=${CITYLEARN_DOMAIN:-$((1 + $$ % 100))} traversal
-  local wire=(--session "$run" --domain "$domain" --middleware "$middleware")
-  mkdir -p "$RUNS"
-  printf '%s %s %s\n' "$domain" "$middleware" "$run" >"$RUNS/.demo-$$"
-  say "$NAME: domain $domain, session $run; $COMMAND doctor and $COMMAND record find it"
-  trap stop EXIT
-  trap 'exit 130' INT
-  trap 'exit 143' TERM
-
+  local domain wire traversal
+  open_run
   local recorders=()
   if [ $dashboard = yes ]; then
     # All demos share a store, so that their runs can be compared; while another one has it, this one has its own.

@@ -69,18 +69,9 @@ robot() {
 
   "$(program env)" --speed "$speed" --help >/dev/null || exit 1
 
-  output=${output:-$RUNS/$(date +%Y%m%d-%H%M%S)}
-  mkdir -p "$output/logs" || fail "--output: cannot create '$output'"
-  # Domains of its own: several of them on one machine don't meet.
-  local domain=${CITYLEARN_DOMAIN:-$((1 + $$ % 100))} run
-  run=$(basename "$(realpath -m "$output")" | tr -c 'A-Za-z0-9._\n-' _ | cut -c 1-64)
-  local wire=(--session "$run" --domain "$domain" --middleware "$middleware")
+  local domain wire
+  open_run
   local nodes=(--ros-domain "${ROS_DOMAIN_ID:-$((1 + (domain + 100) % 200))}" --ros-interface lo --ros-middleware "$ros")
-  mkdir -p "$RUNS"
-  printf '%s %s %s\n' "$domain" "$middleware" "$run" >"$RUNS/.demo-$$"
-  trap stop EXIT
-  trap 'exit 130' INT
-  trap 'exit 143' TERM
   if [ $dashboard = yes ]; then
     start_dashboard "$output/dashboard.sqlite" "${wire[@]}" ||
       { tail -n 1 "$output/logs/dashboard.log" >&2; fail "the dashboard did not start; --no-dashboard goes without it"; }
