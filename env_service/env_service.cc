@@ -106,8 +106,7 @@ class EnvService {
   Environment environment_;
   TraversalServer server_;
   SceneSender scenes_;
-  std::unique_ptr<Robot> robot_;  // and its steps; null: agents are simulated
-  std::unique_ptr<LiveSteps> live_;
+  std::unique_ptr<LiveSteps> live_;  // of a robot; null: agents are simulated
 
   msg::TraversalInfo info_;     // its `settings` are those in force
   msg::SettingsId newest_;      // of settings_
@@ -155,11 +154,10 @@ EnvService::EnvService(const Traversal& traversal, const EnvServiceOptions& opti
   if (!traversal_.turns.empty())
     throw Error("crosses itself, which the messages cannot express yet", "traversal '" + traversal_.name + "'",
                 "leave its turns empty");
-  if (options.live) {
-    robot_ = std::make_unique<Robot>(options.live->robot, node_.options().id, node_.options().middleware, traversal_,
-                                     *options.live->images);
-    live_ = std::make_unique<LiveSteps>(environment_, *robot_);
-  }
+  if (options.live)
+    live_ = std::make_unique<LiveSteps>(
+        environment_, std::make_unique<Robot>(options.live->robot, node_.options().id, node_.options().middleware,
+                                              traversal_, *options.live->images));
   info_.dataset() = traversal_.dataset.c_str();
   info_.traversal() = traversal_.name.c_str();
   info_.condition() = traversal_.condition.c_str();
@@ -410,8 +408,7 @@ void EnvService::do_due_work() {
   // A policy_service at work knows the info; while none is, another one may come.
   if ((!running() || policy_silent_) && now_ >= next_info_) send_info();
   send_episodes();
-  const bool acts = info_.settings().version() != 0 && settings_.task_mode() != msg::IDLE;
-  scenes_.send(now_, info_, acts ? &settings_ : nullptr);
+  scenes_.send(now_, info_, in_charge() ? &settings_ : nullptr);
   if (now_ >= next_report_) report();
 }
 

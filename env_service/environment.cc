@@ -66,8 +66,7 @@ void Environment::reset(const msg::TaskSettings& settings) {
       begin_task(agent, static_cast<int>(settings.first_task()) + index);
     } else {
       agent.mishaps = Mishaps(imperfections_, settings.seed(), static_cast<std::uint64_t>(index));
-      agent.frame = static_cast<int>(agent.random.below(frames));
-      if (robot_) agent.frame = place_of_robot();
+      agent.frame = place_to_begin(agent);
       begin_training_episode(agent);
     }
   }
@@ -77,6 +76,12 @@ void Environment::reset(const msg::TaskSettings& settings) {
 int Environment::place_of_robot() const {
   const int place = robot_->place - static_cast<int>(settings_.first_frame());
   return std::clamp(place, 0, static_cast<int>(settings_.frames()) - 1);
+}
+
+/// Draws the place where an agent begins. A robot begins where it is: nobody carries it.
+int Environment::place_to_begin(Agent& agent) const {
+  const int drawn = static_cast<int>(agent.random.below(settings_.frames()));
+  return robot_ ? place_of_robot() : drawn;
 }
 
 std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
@@ -117,8 +122,7 @@ void Environment::begin_task(Agent& agent, int task) {
   // same mishaps at the same steps.
   agent.random = Random{settings_.seed(), static_cast<std::uint64_t>(task)};
   agent.mishaps = Mishaps(imperfections_, settings_.seed(), static_cast<std::uint64_t>(task));
-  agent.frame = static_cast<int>(agent.random.below(settings_.frames()));
-  if (robot_) agent.frame = place_of_robot();  // nobody carries it to a start
+  agent.frame = place_to_begin(agent);
   begin_training_episode(agent);
 }
 

@@ -12,6 +12,7 @@
 #include "core/wire/messages.h"
 #include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
+#include "env_service/live/sighting.h"
 
 namespace citylearn {
 
@@ -59,10 +60,6 @@ class Environment {
   /// Throws Error as step() does.
   void check(std::span<const std::uint8_t> actions) const;
 
-  /// Where a robot is and what it sees; both are indices on the traversal, the frame may lie beyond the frames taught.
-  struct Sighting {
-    int place = 0, frame = 0;
-  };
   /// From now on agent 0 is a robot: it is where this says, and so its steps lead there and its episodes begin there.
   /// A place beyond the route is the route's nearest end.
   void sight(const Sighting& sighting) { robot_ = sighting; }
@@ -98,6 +95,7 @@ class Environment {
   };
   void begin_training_episode(Agent& agent);
   int place_of_robot() const;
+  int place_to_begin(Agent& agent) const;
   void begin_task(Agent& agent, int task);
   std::uint8_t allowed(int frame) const;
   static bool waits(const Agent& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -13,8 +14,8 @@ namespace citylearn {
 /// Lets the one agent of an environment be a robot, whose steps take time. Used by one thread.
 class LiveSteps {
  public:
-  /// Both must outlive it. Throws Error when the environment has several agents.
-  LiveSteps(Environment& environment, Robot& robot);
+  /// `environment` must outlive it. Throws Error when it has several agents.
+  LiveSteps(Environment& environment, std::unique_ptr<Robot> robot);
 
   /// Begins anew under settings that the environment has accepted, once the robot has been seen.
   void reset(const msg::TaskSettings& settings);
@@ -26,15 +27,15 @@ class LiveSteps {
   /// Returns true when what has begun is done: the environment then shows what the robot sees.
   bool advance(Clock::time_point now);
   bool busy() const { return doing_ != Doing::kNothing; }
-  Clock::time_point due() const { return robot_.due(); }
+  Clock::time_point due() const { return robot_->due(); }
   /// What the robot waits for, as Robot::trouble().
-  std::string trouble(Clock::time_point now) const { return robot_.trouble(now); }
+  std::string trouble(Clock::time_point now) const { return robot_->trouble(now); }
 
  private:
   enum class Doing { kNothing, kReset, kStep };
 
   Environment& environment_;
-  Robot& robot_;
+  const std::unique_ptr<Robot> robot_;
   Doing doing_ = Doing::kNothing;
   msg::TaskSettings settings_;         // of the reset
   std::vector<std::uint8_t> actions_;  // of the step

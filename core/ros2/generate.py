@@ -8,7 +8,8 @@ has CITYLEARN_ROS2_TYPE(PACKAGE, TYPE, SCHEMA) for each type, where SCHEMA is it
 as MCAP wants it (https://mcap.dev/spec/registry, ros2msg). FOLDER/ros2_fields.h has visit(), which names a message's
 fields in the order of the wire.
 
-msg/ has the fields and constants of ROS 2 Humble's common_interfaces and rcl_interfaces, as far as they are needed. int8 becomes octet: fastddsgen knows no signed one, and on the wire both are one byte.
+msg/ has the fields and constants of ROS 2 Humble's common_interfaces and rcl_interfaces, as far as they are needed.
+int8 becomes octet: fastddsgen knows no signed one, and on the wire both are one byte.
 """
 import re
 import sys

@@ -22,7 +22,7 @@ struct EncodedTraversal {
       : name(info.traversal().c_str()),
         hash(info.hash()),
         frames(static_cast<int>(info.frames())),
-        is_live(std::string(info.dataset().c_str()) == kLive),
+        is_live(citylearn::is_live(info)),
         images(node, hash, is_live ? std::numeric_limits<int>::max() : frames),
         positions({hash, info.frames(), 0}) {}
 

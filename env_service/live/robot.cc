@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "core/task/action.h"
-#include "env_service/geometry/geometry.h"
+#include "core/util/error.h"
 
 namespace citylearn {
 namespace {
@@ -72,6 +72,7 @@ Robot::~Robot() {
 
 void Robot::command(double speed) {
   speed_ = speed;
+  next_command_ = Clock::now() + kCommandAgain;
   Twist twist;
   twist.linear().x(speed);
   ros_.publish(options_.cmd_vel, twist);
@@ -92,7 +93,6 @@ void Robot::drive(std::uint8_t action, int from, int to) {
   const double metres = metres_between_places(from, to);
   doing_ = Doing::kDriving;
   until_ = now + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(metres / options_.speed));
-  next_command_ = now + kCommandAgain;
   command(to > from ? options_.speed : -options_.speed);
   due_ = std::min(until_, next_command_);
 }
@@ -117,19 +117,15 @@ void Robot::begin_to_look(Clock::time_point now, std::uint64_t settle) {
   position_after_ = senses_.position() ? senses_.position()->stamp + settle : 0;
 }
 
-std::optional<Robot::Sighting> Robot::poll(Clock::time_point now) {
+std::optional<Sighting> Robot::poll(Clock::time_point now) {
   senses_.poll();
   for (const std::string& fault : ros_.faults()) spdlog::error("{}", fault);
   if (doing_ == Doing::kDriving && now >= until_) look();
-  if (doing_ == Doing::kDriving && now >= next_command_) command(speed_);
   if (doing_ == Doing::kLooking && has_picture() && has_position()) {
     doing_ = Doing::kNothing;
     return Sighting{nearest_place(*senses_.position()), images_.add(senses_.picture()->file)};
   }
-  if (now >= next_command_) {
-    if (doing_ == Doing::kLooking) command(0);  // the first one may be lost
-    next_command_ = now + kCommandAgain;
-  }
+  if (doing_ != Doing::kNothing && now >= next_command_) command(speed_);  // one may be lost
   due_ = now + (doing_ == Doing::kNothing ? kRest : kGlance);
   if (doing_ == Doing::kDriving) due_ = std::min({due_, until_, next_command_});
   return std::nullopt;
@@ -139,9 +135,7 @@ int Robot::nearest_place(const RobotSenses::Position& position) {
   int nearest = 0;
   double least = std::numeric_limits<double>::infinity();
   for (std::size_t place = 0; place < x_.size(); ++place) {
-    const double distance = options_.topics.source == PositionSource::kFix
-                                ? metres_between(position.x, position.y, x_[place], y_[place])
-                                : std::hypot(position.x - x_[place], position.y - y_[place]);
+    const double distance = RobotSenses::metres_between(options_.topics.source, position, {0, x_[place], y_[place]});
     if (!(distance < least)) continue;
     least = distance;
     nearest = static_cast<int>(place);

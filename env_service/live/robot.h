@@ -12,6 +12,7 @@
 #include "env_service/live/live_images.h"
 #include "env_service/live/robot_options.h"
 #include "env_service/live/robot_senses.h"
+#include "env_service/live/sighting.h"
 
 namespace citylearn {
 
@@ -20,12 +21,6 @@ namespace citylearn {
 /// thread.
 class Robot {
  public:
-  /// Where it stands, as the nearest of the places taught, and the frame of LiveImages that it sees; both are indices
-  /// on the traversal.
-  struct Sighting {
-    int place = 0, frame = 0;
-  };
-
   /// `taught` and `images` (of it) must outlive it. `own`: how this process meets CityLearn's services. Throws Error
   /// when no topic is given, places do not say where they are in what positions are in, or the middleware cannot start.
   Robot(const RobotOptions& options, const std::string& name, const MiddlewareOptions& own, const Traversal& taught,

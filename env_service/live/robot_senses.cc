@@ -7,19 +7,20 @@
 #include <cstring>
 
 #include "core/files/image_header.h"
+#include "core/ros2/header.h"
+#include "core/util/error.h"
 #include "core/util/wall_clock.h"
+#include "env_service/geometry/geometry.h"
 #include "env_service/images/raw_image.h"
 
 namespace citylearn {
 namespace {
 
-constexpr std::uint64_t kSecond = 1'000'000'000;  // nanoseconds
-constexpr std::uint64_t kLatest = 5 * kSecond;    // what is older than that has another clock
+constexpr std::uint64_t kLatest = 5 * kRos2Second;  // what is older than that has another clock
 
 std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header) {
-  const std::int64_t stamp =
-      std::int64_t{header.stamp().sec()} * static_cast<std::int64_t>(kSecond) + std::int64_t{header.stamp().nanosec()};
-  return stamp > 0 ? static_cast<std::uint64_t>(stamp) : nanoseconds_since_epoch();
+  const std::uint64_t stamp = ros2_time(header);
+  return stamp > 0 ? stamp : nanoseconds_since_epoch();
 }
 
 RobotTopics named(const RobotTopics& topics) {
@@ -67,6 +68,11 @@ void RobotSenses::poll() {
       place(message.header(), message.latitude(), message.longitude());
 }
 
+double RobotSenses::metres_between(PositionSource source, const Position& a, const Position& b) {
+  return source == PositionSource::kFix ? citylearn::metres_between(a.x, a.y, b.x, b.y)
+                                        : std::hypot(a.x - b.x, a.y - b.y);
+}
+
 bool RobotSenses::follows(std::uint64_t stamp, std::uint64_t before) {
   return stamp > before || before - stamp > kLatest;
 }
@@ -76,7 +82,7 @@ bool RobotSenses::is_next(std::uint64_t stamp) {
   if (!picture_) return true;
   if (follows(stamp, picture_->stamp)) {
     if (stamp < picture_->stamp)
-      spdlog::warn("the camera's clock was set back by {} s", (picture_->stamp - stamp) / kSecond);
+      spdlog::warn("the camera's clock was set back by {} s", (picture_->stamp - stamp) / kRos2Second);
     return true;
   }
   ++(stamp == picture_->stamp ? counts_.repeated : counts_.late);

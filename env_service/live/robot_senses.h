@@ -23,6 +23,8 @@ class RobotSenses {
     std::uint64_t stamp = 0;  ///< as in Picture
     double x = 0, y = 0;      ///< metres, or degrees: latitude and longitude
   };
+  /// Returns the distance between two positions of one source.
+  static double metres_between(PositionSource source, const Position& a, const Position& b);
   struct Counts {
     std::uint64_t pictures = 0;  ///< used
     std::uint64_t repeated = 0, late = 0, broken = 0;

@@ -29,9 +29,6 @@ bool same_traversal(const msg::TraversalInfo& a, const msg::TraversalInfo& b) {
          a.traversal() == b.traversal() && a.images() == b.images();
 }
 
-/// Returns whether its agent is a robot, whose pictures nobody has seen before.
-bool is_live(const msg::TraversalInfo& info) { return std::string(info.dataset().c_str()) == kLive; }
-
 /// Returns what is wrong with an observation under these settings; empty when nothing is.
 std::string validation_error(const EnvHandle& env, const msg::Observation& observation) {
   const msg::TaskSettings& settings = env.settings;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <utility>
 
+#include "core/ros2/header.h"
 #include "core/util/wall_clock.h"
 
 namespace citylearn {
@@ -16,16 +17,6 @@ using Picture = sensor_msgs::msg::dds_::CompressedImage_;
 
 constexpr double kRoadStep = 0.5;  // metres
 constexpr std::chrono::milliseconds kWatchdog{500}, kStep{5};
-
-std_msgs::msg::dds_::Header_ header(const std::string& frame) {
-  constexpr std::uint64_t kSecond = 1'000'000'000;
-  const std::uint64_t now = nanoseconds_since_epoch();
-  std_msgs::msg::dds_::Header_ header;
-  header.stamp().sec(static_cast<std::int32_t>(now / kSecond));
-  header.stamp().nanosec(static_cast<std::uint32_t>(now % kSecond));
-  header.frame_id(frame);
-  return header;
-}
 
 SimulatedRobotOptions named(SimulatedRobotOptions options) {
   options.camera = ros2_topic(options.camera, "--camera");
@@ -96,7 +87,7 @@ void SimulatedRobot::advance(Clock::time_point now) {
 void SimulatedRobot::publish_position() {
   const Point wheels = point_at(wheels_);
   Odometry odometry;
-  odometry.header(header("odom"));
+  odometry.header(ros2_header("odom", nanoseconds_since_epoch()));
   odometry.child_frame_id("base_link");
   odometry.pose().pose().position().x(wheels.x);
   odometry.pose().pose().position().y(wheels.y);
@@ -105,7 +96,7 @@ void SimulatedRobot::publish_position() {
   ros_.publish(options_.odometry, odometry);
   const Point here = point_at(metres_);
   Pose pose;
-  pose.header(header("map"));
+  pose.header(ros2_header("map", nanoseconds_since_epoch()));
   pose.pose().position().x(here.x + options_.position_noise * noise_.normal());
   pose.pose().position().y(here.y + options_.position_noise * noise_.normal());
   pose.pose().orientation().w(1);
@@ -113,7 +104,7 @@ void SimulatedRobot::publish_position() {
 }
 
 void SimulatedRobot::publish_picture() {
-  picture_.header(header("camera"));
+  picture_.header(ros2_header("camera", nanoseconds_since_epoch()));
   picture_.format("png");
   drive_.draw(static_cast<float>(metres_), file_);
   const auto* bytes = reinterpret_cast<const std::uint8_t*>(file_.data());

@@ -3,14 +3,12 @@
 
 #include <spdlog/fmt/fmt.h>
 
-#include <cmath>
 #include <filesystem>
 
 #include "core/files/files.h"
 #include "core/files/image_header.h"
 #include "core/util/error.h"
 #include "core/util/name.h"
-#include "env_service/geometry/geometry.h"
 
 namespace citylearn {
 namespace {
@@ -24,7 +22,7 @@ std::string fresh(const TeachOptions& options, const std::string& suffix) {
   if (const std::string problem = name_problem(options.traversal); !problem.empty())
     throw Error(problem, "--traversal");
   create_folder(options.folder, "choose another --output");
-  const std::string path = options.folder + "/" + options.traversal + suffix;
+  std::string path = options.folder + "/" + options.traversal + suffix;
   if (fs::exists(path)) throw Error("is there already", path, "choose another --traversal, or remove it");
   return path;
 }
@@ -57,10 +55,7 @@ bool Teacher::is_next() const {
            static_cast<double>(senses_.picture()->stamp) >= static_cast<double>(picture_) + kSecond * options_.interval;
   if (!senses_.position()) return false;
   if (!position_) return true;
-  const RobotSenses::Position &here = *senses_.position(), &last = *position_;
-  const double metres = options_.topics.source == PositionSource::kFix ? metres_between(last.x, last.y, here.x, here.y)
-                                                                       : std::hypot(here.x - last.x, here.y - last.y);
-  return metres >= options_.spacing;
+  return RobotSenses::metres_between(options_.topics.source, *position_, *senses_.position()) >= options_.spacing;
 }
 
 void Teacher::write_frame() {

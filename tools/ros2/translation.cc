@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/ros2/header.h"
 #include "core/task/action.h"
 #include "core/task/spl.h"
 #include "core/task/training_figures.h"
@@ -16,16 +17,6 @@ namespace {
 namespace geometry = geometry_msgs::msg::dds_;
 namespace sensor = sensor_msgs::msg::dds_;
 namespace standard = std_msgs::msg::dds_;
-
-constexpr std::uint64_t kSecond = 1'000'000'000;
-
-standard::Header_ header(const std::string& frame_id, std::uint64_t time) {
-  standard::Header_ made;
-  made.stamp().sec(static_cast<std::int32_t>(time / kSecond));
-  made.stamp().nanosec(static_cast<std::uint32_t>(time % kSecond));
-  made.frame_id(frame_id);
-  return made;
-}
 
 template <class Message, class Value>
 Message holding(Value value) {
@@ -65,7 +56,7 @@ Ros2Translation::Environment& Ros2Translation::environment(const std::string& id
 /// A clock that was set back does not stop what is sent.
 bool Ros2Translation::is_due(const Environment& environment, std::uint64_t time) const {
   return options_.rate <= 0 || time < environment.sampled ||
-         static_cast<double>(time - environment.sampled) * options_.rate >= static_cast<double>(kSecond);
+         static_cast<double>(time - environment.sampled) * options_.rate >= static_cast<double>(kRos2Second);
 }
 
 std::string Ros2Translation::topic(const Environment& environment, std::size_t agent, const std::string& name) const {
@@ -122,14 +113,14 @@ void Ros2Translation::publish_place(const Environment& environment, std::size_t 
                                     std::uint32_t frame, const std::string& prefix, std::uint64_t time) {
   if (frame < map.position.size() && std::isfinite(map.position[frame])) {
     geometry::PoseStamped_ pose;
-    pose.header(header(options_.prefix + "/" + environment.name + "/route", time));
+    pose.header(ros2_header(options_.prefix + "/" + environment.name + "/route", time));
     pose.pose().position().x(map.position[frame]);
     pose.pose().orientation().w(1);
     publish(topic(environment, agent, prefix + "pose"), pose, time);
   }
   if (frame < map.latitude.size() && std::isfinite(map.latitude[frame]) && std::isfinite(map.longitude[frame])) {
     sensor::NavSatFix_ fix;
-    fix.header(header(options_.prefix + "/" + environment.name + "/agent_" + std::to_string(agent), time));
+    fix.header(ros2_header(options_.prefix + "/" + environment.name + "/agent_" + std::to_string(agent), time));
     fix.status().status(0);   // STATUS_FIX
     fix.status().service(1);  // SERVICE_GPS
     fix.latitude(map.latitude[frame]);
@@ -155,7 +146,7 @@ void Ros2Translation::publish_picture(const std::string& id, const Environment& 
     }
     sensor::CompressedImage_ image;
     const std::string name = "/agent_" + std::to_string(index);
-    image.header(header(options_.prefix + "/" + environment.name + name + "/camera", view.time));
+    image.header(ros2_header(options_.prefix + "/" + environment.name + name + "/camera", view.time));
     image.format(picture->type.substr(picture->type.find('/') + 1));  // of "image/jpeg"
     image.data().assign(picture->bytes.begin(), picture->bytes.end());
     publish(topic(environment, index, "image/compressed"), image, view.time);

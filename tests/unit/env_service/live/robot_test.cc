@@ -80,8 +80,8 @@ class RobotTest : public ::testing::Test {
     world_.publish("/pose", pose);
   }
   /// Polls until the robot has seen something, or half a second is over.
-  static std::optional<Robot::Sighting> seen_by(Robot& robot, milliseconds patience = milliseconds(500)) {
-    std::optional<Robot::Sighting> seen;
+  static std::optional<Sighting> seen_by(Robot& robot, milliseconds patience = milliseconds(500)) {
+    std::optional<Sighting> seen;
     poll_until([&] { return (seen = robot.poll(Clock::now())).has_value(); }, patience);
     return seen;
   }

@@ -1,0 +1,12 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+namespace citylearn {
+
+/// Where a robot stands, as the nearest of the places taught, and the frame that it sees. Both are indices on the
+/// traversal; the frame may lie beyond the frames taught.
+struct Sighting {
+  int place = 0, frame = 0;
+};
+
+}  // namespace citylearn
