@@ -49,6 +49,7 @@ Depth depth_of(Profile profile) {
     case Profile::kDurable:
       return {256, 4096};
     case Profile::kRos2:
+    case Profile::kRos2Reliable:
       return {10, 10};
   }
   throw Error("unknown profile");

@@ -14,14 +14,15 @@
 
 namespace citylearn {
 
-/// Named quality of service. All are RELIABLE and KEEP_LAST, and all but kRos2 are TRANSIENT_LOCAL: what ran without
-/// loss in every pairing of the vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer keeps
-/// for late or slow readers.
+/// Named quality of service. All are RELIABLE and KEEP_LAST, and all but those for ROS 2 are TRANSIENT_LOCAL: what ran
+/// without loss in every pairing of the vendors (docs/decisions/0002-qos.md). They differ in how many samples a writer
+/// keeps for late or slow readers.
 enum class Profile {
-  kState,    ///< the newest alone counts: 1
-  kCommand,  ///< requests and settings: 64
-  kDurable,  ///< chunks and records: 256
-  kRos2,     ///< for ROS 2: VOLATILE, 10; subscriptions are BEST_EFFORT, which all of its publishers suit
+  kState,         ///< the newest alone counts: 1
+  kCommand,       ///< requests and settings: 64
+  kDurable,       ///< chunks and records: 256
+  kRos2,          ///< for ROS 2: VOLATILE, 10; subscriptions are BEST_EFFORT, which all of its publishers suit
+  kRos2Reliable,  ///< likewise, but subscriptions are RELIABLE, as the publishers they hear have to be
 };
 
 /// Everything a vendor needs to know about a topic. Payloads are CDR (XCDR1, 4 bytes of encapsulation first): the

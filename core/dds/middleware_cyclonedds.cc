@@ -123,7 +123,7 @@ QosOwner endpoint_qos(Profile profile, bool writer) {
   const Depth depth = depth_of(profile);
   const dds_data_representation_id_t representation = DDS_DATA_REPRESENTATION_XCDR1;
   dds_qset_data_representation(qos.get(), 1, &representation);
-  const bool repeats = writer || is_kept(profile);
+  const bool repeats = writer || profile != Profile::kRos2;
   dds_qset_reliability(qos.get(), repeats ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
                        std::chrono::nanoseconds(kBlocking).count());
   dds_qset_durability(qos.get(), is_kept(profile) ? DDS_DURABILITY_TRANSIENT_LOCAL : DDS_DURABILITY_VOLATILE);

@@ -242,7 +242,7 @@ class FastSubscription : public Subscription, private dds::DataReaderListener {
   FastSubscription(dds::Subscriber* subscriber, TopicOwner dds_topic, const Topic& topic, Wakeup& wakeup)
       : subscriber_(subscriber), flag_(wakeup), dds_topic_(std::move(dds_topic)) {
     auto qos = reliable_qos<dds::DataReaderQos>(topic.profile, depth_of(topic.profile).reader);
-    if (!is_kept(topic.profile)) qos.reliability().kind = dds::BEST_EFFORT_RELIABILITY_QOS;
+    if (topic.profile == Profile::kRos2) qos.reliability().kind = dds::BEST_EFFORT_RELIABILITY_QOS;
     qos.reliable_reader_qos().times.initialAcknackDelay = Duration_t(0, 0u);
     qos.reliable_reader_qos().times.heartbeatResponseDelay = Duration_t(0, 0u);
     reader_ = subscriber_->create_datareader(dds_topic_.get(), qos, this, dds::StatusMask::data_available());

@@ -25,7 +25,7 @@ struct Depth {
 };
 Depth depth_of(Profile profile);
 /// Returns whether late readers get a writer's samples (TRANSIENT_LOCAL).
-inline bool is_kept(Profile profile) { return profile != Profile::kRos2; }
+inline bool is_kept(Profile profile) { return profile != Profile::kRos2 && profile != Profile::kRos2Reliable; }
 
 /// Returns the first UDP port of the participant with this index (its discovery port; data arrives at the next one).
 /// RTPS 2.2, 9.6.1.

@@ -27,6 +27,7 @@ int most_in_period(Profile profile) {
     case Profile::kDurable:
       return 128;
     case Profile::kRos2:
+    case Profile::kRos2Reliable:
       break;  // not recorded
   }
   return 1;

@@ -67,13 +67,13 @@ Ros2Participant::Ros2Participant(const MiddlewareOptions& ros, const std::string
   middleware_ = create_middleware(options);
 }
 
-Topic Ros2Participant::dds_topic(const std::string& topic, const Ros2Type& type) {
-  return {"rt" + topic, type.dds, Profile::kRos2, kLargest};
+Topic Ros2Participant::dds_topic(const std::string& topic, const Ros2Type& type, Profile profile) {
+  return {"rt" + topic, type.dds, profile, kLargest};
 }
 
 Publisher& Ros2Participant::publisher(const std::string& topic, const Ros2Type& type) {
   std::unique_ptr<Publisher>& publisher = publishers_[topic];
-  if (!publisher) publisher = middleware_->create_publisher(dds_topic(topic, type));
+  if (!publisher) publisher = middleware_->create_publisher(dds_topic(topic, type, Profile::kRos2));
   return *publisher;
 }
 

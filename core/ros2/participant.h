@@ -29,8 +29,7 @@ template <class Message>
 class Ros2Subscription;
 
 /// Speaks and listens to nodes of ROS 2: "/a/b" is the DDS topic "rt/a/b". It publishes with the qualities of ROS 2's
-/// default, which subscriptions of that and of sensor data both accept; it subscribes as to sensor data, which every
-/// publisher suits, so messages may be lost. Used by one thread.
+/// default, which subscriptions of that and of sensor data both accept. Used by one thread.
 class Ros2Participant : public Ros2Sink {
  public:
   /// `ros`: as add_ros2_options(). `own`: how this process meets CityLearn's services; null: it does not. Throws Error
@@ -48,9 +47,12 @@ class Ros2Participant : public Ros2Sink {
   void advertise(const std::string& topic) {
     publisher(topic, ros2_type_of<Message>());
   }
+  /// Subscribes as to sensor data, which every publisher suits, so messages may be lost; or, as kRos2Reliable, so that
+  /// none is.
   template <class Message>
-  Ros2Subscription<Message> subscribe(const std::string& topic) {
-    return Ros2Subscription<Message>(middleware_->create_subscription(dds_topic(topic, ros2_type_of<Message>())));
+  Ros2Subscription<Message> subscribe(const std::string& topic, Profile profile = Profile::kRos2) {
+    return Ros2Subscription<Message>(
+        middleware_->create_subscription(dds_topic(topic, ros2_type_of<Message>(), profile)));
   }
 
   /// Waits until there may be something to take (true) or the deadline has passed.
@@ -61,7 +63,7 @@ class Ros2Participant : public Ros2Sink {
   std::vector<std::string> faults() { return middleware_->discovery().faults(); }
 
  private:
-  static Topic dds_topic(const std::string& topic, const Ros2Type& type);
+  static Topic dds_topic(const std::string& topic, const Ros2Type& type, Profile profile);
   Publisher& publisher(const std::string& topic, const Ros2Type& type);
 
   std::unique_ptr<Middleware> middleware_;
@@ -84,6 +86,11 @@ class Ros2Subscription {
     return false;
   }
   int publishers() const { return subscription_->matched(); }
+  /// Says why nothing comes: "nobody publishes /camera/image_raw".
+  std::string why_silent(const std::string& topic) const {
+    if (publishers() == 0) return "nobody publishes " + topic;
+    return (unreadable_ > 0 ? "what comes is of another type: " : "nothing comes on ") + topic;
+  }
   std::uint64_t unreadable() const { return unreadable_; }  ///< messages that were not of this type
 
  private:

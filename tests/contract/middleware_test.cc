@@ -252,20 +252,25 @@ TEST_P(FaithfulMiddleware, ALateJoinerGetsTheLastSamples) {
 }
 
 TEST_P(FaithfulMiddleware, ALateJoinerOfRos2GetsWhatComesNext) {
-  const Topic ros2 = topic(Profile::kRos2);
-  const auto publisher = a->create_publisher(ros2);
-  for (std::uint32_t number = 0; number < 5; ++number) publisher->publish(payload(1, number));
-  const auto late = b->create_subscription(ros2);
-  ASSERT_TRUE(eventually(*b, [&] { return publisher->matched() == 1 && late->matched() == 1; }));
-  // The first samples after both sides report a match may still be missed.
-  Bytes sample;
-  std::uint32_t next = 5;
-  const auto publish = [&] {
-    publisher->publish(payload(1, next++));
-    b->wait(Clock::now() + milliseconds(5));
-  };
-  ASSERT_TRUE(eventually(publish, [&] { return late->take(sample); }));
-  EXPECT_GE(number_of(sample), 5u) << "those before it was there are gone";
+  for (const Profile profile : {Profile::kRos2, Profile::kRos2Reliable}) {
+    Topic heard = topic(profile);
+    heard.name += profile == Profile::kRos2 ? "" : "_reliable";
+    Topic said = heard;
+    said.profile = Profile::kRos2;  // its publishers suit both
+    const auto publisher = a->create_publisher(said);
+    for (std::uint32_t number = 0; number < 5; ++number) publisher->publish(payload(1, number));
+    const auto late = b->create_subscription(heard);
+    ASSERT_TRUE(eventually(*b, [&] { return publisher->matched() == 1 && late->matched() == 1; })) << heard.name;
+    // The first samples after both sides report a match may still be missed.
+    Bytes sample;
+    std::uint32_t next = 5;
+    const auto publish = [&] {
+      publisher->publish(payload(1, next++));
+      b->wait(Clock::now() + milliseconds(5));
+    };
+    ASSERT_TRUE(eventually(publish, [&] { return late->take(sample); })) << heard.name;
+    EXPECT_GE(number_of(sample), 5u) << "those before it was there are gone";
+  }
 }
 
 TEST_P(FaithfulMiddleware, DomainsAreApart) {
