@@ -444,6 +444,7 @@ void EnvService::report() {
                          std::to_string(settings_.tasks()) + " tasks";
   }
   if (live_) {
+    if (live_->awaits_goal()) activity = "waits for a goal: " + activity;
     const std::string trouble = live_->trouble(now_);
     node_.alarm("robot", trouble);
     if (!trouble.empty()) activity = "waits for the robot: " + trouble;

@@ -55,8 +55,8 @@ void Environment::reset(const msg::TaskSettings& settings) {
   const int frames = static_cast<int>(settings.frames());
   turns_ = turns_within(traversal_.turns, static_cast<int>(settings.first_frame()), frames);
   for (int index = 0; index < agents(); ++index) {
-    Agent& agent = agents_[index];
-    agent = Agent{};
+    AgentState& agent = agents_[index];
+    agent = AgentState{};
     if (settings.shuffle()) {
       agent.order.resize(frames);
       std::iota(agent.order.begin(), agent.order.end(), 0);
@@ -67,21 +67,20 @@ void Environment::reset(const msg::TaskSettings& settings) {
     } else {
       agent.mishaps = Mishaps(imperfections_, settings.seed(), static_cast<std::uint64_t>(index));
       agent.frame = place_to_begin(agent);
-      begin_training_episode(agent);
+      begin_episode(agent);
     }
   }
 }
 
-/// Returns where the robot is, on the route.
-int Environment::place_of_robot() const {
-  const int place = robot_->place - static_cast<int>(settings_.first_frame());
-  return std::clamp(place, 0, static_cast<int>(settings_.frames()) - 1);
+/// Returns the place of the route that is nearest to a place of the traversal.
+int Environment::on_route(int place) const {
+  return std::clamp(place - static_cast<int>(settings_.first_frame()), 0, static_cast<int>(settings_.frames()) - 1);
 }
 
 /// Draws the place where an agent begins. A robot begins where it is: nobody carries it.
-int Environment::place_to_begin(Agent& agent) const {
+int Environment::place_to_begin(AgentState& agent) const {
   const int drawn = static_cast<int>(agent.random.below(settings_.frames()));
-  return robot_ ? place_of_robot() : drawn;
+  return robot_ ? on_route(robot_->place) : drawn;
 }
 
 std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
@@ -89,18 +88,28 @@ std::pair<int, int> Environment::way(int agent, std::uint8_t action) const {
   return {first + here, first + (action < kActions ? place_after(here, action, turns_) : here)};
 }
 
-void Environment::begin_training_episode(Agent& agent) {
+/// Returns the place to which the robot is sent, or draws one that is not where the agent stands.
+int Environment::goal_to_begin(AgentState& agent) {
+  if (sent_) return on_route(*std::exchange(next_goal_, std::nullopt));
+  const int drawn = static_cast<int>(agent.random.below(settings_.frames() - 1));
+  return drawn < agent.frame ? drawn : drawn + 1;
+}
+
+void Environment::begin_episode(AgentState& agent) {
+  agent.previous_action = kNoAction;
+  if (sent_ && !next_goal_) {
+    agent.flags |= msg::FLAG_IDLE;
+    return look(agent);
+  }
   const int frames = static_cast<int>(settings_.frames());
   agent.start = agent.frame;
-  agent.goal = static_cast<int>(agent.random.below(frames - 1));
-  if (agent.goal >= agent.frame) ++agent.goal;
+  agent.goal = goal_to_begin(agent);
   if (!turns_.empty()) distances_to(agent.goal, frames, turns_, agent.distances);
   agent.rule = {distance(agent, agent.start), static_cast<int>(settings_.max_steps())};
   agent.steps = 0;
   agent.episode_reward = 0;
   agent.path.clear();
   agent.strayed = false;
-  agent.previous_action = kNoAction;
   agent.flags |= msg::FLAG_FIRST;
   if (settings_.shuffle()) {
     // From the identity, so that under EVALUATE the order is the task's alone and not of those the agent did before.
@@ -111,7 +120,7 @@ void Environment::begin_training_episode(Agent& agent) {
   look(agent);
 }
 
-void Environment::begin_task(Agent& agent, int task) {
+void Environment::begin_task(AgentState& agent, int task) {
   agent.task = task;
   if (task >= static_cast<int>(settings_.first_task() + settings_.tasks())) {
     agent.flags |= msg::FLAG_IDLE;
@@ -123,7 +132,7 @@ void Environment::begin_task(Agent& agent, int task) {
   agent.random = Random{settings_.seed(), static_cast<std::uint64_t>(task)};
   agent.mishaps = Mishaps(imperfections_, settings_.seed(), static_cast<std::uint64_t>(task));
   agent.frame = place_to_begin(agent);
-  begin_training_episode(agent);
+  begin_episode(agent);
 }
 
 std::uint8_t Environment::allowed(int frame) const {
@@ -133,7 +142,7 @@ std::uint8_t Environment::allowed(int frame) const {
   return mask;
 }
 
-int Environment::distance(const Agent& agent, int frame) {
+int Environment::distance(const AgentState& agent, int frame) {
   return agent.distances.empty() ? std::abs(agent.goal - frame) : agent.distances[static_cast<std::size_t>(frame)];
 }
 
@@ -142,7 +151,7 @@ void Environment::check(std::span<const std::uint8_t> actions) const {
     throw Error(std::to_string(actions.size()) + " actions for " + std::to_string(agents_.size()) + " agents",
                 "Action.choice");
   for (int index = 0; index < agents(); ++index) {
-    const Agent& agent = agents_[index];
+    const AgentState& agent = agents_[index];
     if (agent.flags & msg::FLAG_IDLE || waits(agent, actions[index])) continue;
     if (actions[index] >= kActions || !(allowed(agent.frame) >> actions[index] & 1))
       throw Error("action " + std::to_string(actions[index]) + " is not allowed at frame " +
@@ -157,10 +166,15 @@ void Environment::step(std::span<const std::uint8_t> actions) {
   finished_.clear();
   const int first = static_cast<int>(settings_.first_frame());
   for (int index = 0; index < agents(); ++index) {
-    Agent& agent = agents_[index];
+    AgentState& agent = agents_[index];
     if (agent.flags & msg::FLAG_IDLE) {
-      agent.flags = msg::FLAG_IDLE;
       agent.reward = 0;
+      const bool begins = next_goal_ && awaits_goal();
+      agent.flags = begins ? 0 : msg::FLAG_IDLE;
+      if (begins) {
+        agent.frame = place_to_begin(agent);
+        begin_episode(agent);
+      }
       continue;
     }
     if (waits(agent, actions[index])) {
@@ -175,7 +189,7 @@ void Environment::step(std::span<const std::uint8_t> actions) {
     agent.previous_action = actions[index];
     agent.flags = 0;
     agent.reward = agent.rule.step(distance(agent, agent.frame));
-    const bool reached = agent.rule.reached(), goes_on = !reached && !agent.rule.out_of_steps();
+    const bool reached = agent.rule.reached(), goes_on = !reached && !agent.rule.out_of_steps() && !next_goal_;
     agent.episode_reward += agent.reward;
     if (goes_on) kidnap(agent);
     if (!agent.mishaps.frame_dropped()) look(agent);
@@ -187,7 +201,7 @@ void Environment::step(std::span<const std::uint8_t> actions) {
     if (settings_.task_mode() == msg::EVALUATE) {
       begin_task(agent, agent.task + agents());
     } else {
-      begin_training_episode(agent);
+      begin_episode(agent);
     }
   }
 }
@@ -211,7 +225,7 @@ void Environment::observe(msg::Observation& observation) const {
   observation.reward().resize(count);
   observation.features().resize(count * dimension);
   for (std::size_t index = 0; index < count; ++index) {
-    const Agent& agent = agents_[index];
+    const AgentState& agent = agents_[index];
     observation.frame()[index] = first + agent.shown;
     observation.position()[index] = first + agent.frame;
     observation.goal()[index] = first + agent.goal;
@@ -236,7 +250,7 @@ void Environment::observe(msg::Scene& scene) const {
   scene.steps().resize(count);
   scene.flags().resize(count);
   for (std::size_t index = 0; index < count; ++index) {
-    const Agent& agent = agents_[index];
+    const AgentState& agent = agents_[index];
     scene.frame()[index] = first + agent.shown;
     scene.position()[index] = first + agent.frame;
     scene.start()[index] = first + agent.start;
@@ -246,16 +260,16 @@ void Environment::observe(msg::Scene& scene) const {
   }
 }
 
-void Environment::move(Agent& agent, std::uint8_t action) {
+void Environment::move(AgentState& agent, std::uint8_t action) {
   const int intended = place_after(agent.frame, action, turns_);
   agent.frame =
       place_after(agent.frame, action, turns_, agent.mishaps.times_done(), static_cast<int>(settings_.frames()));
-  if (robot_) agent.frame = place_of_robot();
+  if (robot_) agent.frame = on_route(robot_->place);
   agent.strayed = agent.strayed || agent.frame != intended;
 }
 
 /// Carries the agent to another place, when it is time to.
-void Environment::kidnap(Agent& agent) {
+void Environment::kidnap(AgentState& agent) {
   const int place = agent.mishaps.place_kidnapped_to(agent.frame, agent.goal, static_cast<int>(settings_.frames()));
   if (place == agent.frame) return;
   agent.frame = place;
@@ -265,15 +279,22 @@ void Environment::kidnap(Agent& agent) {
 }
 
 /// Shows the agent the frame of the place where it stands.
-void Environment::look(Agent& agent) const {
+void Environment::look(AgentState& agent) const {
   agent.shown = settings_.shuffle() ? agent.order[agent.frame] : agent.frame;
   if (robot_) agent.shown = robot_->frame - static_cast<int>(settings_.first_frame());
 }
 
+bool Environment::awaits_goal() const {
+  const AgentState& robot = agents_.front();
+  if (!sent_ || !(robot.flags & msg::FLAG_IDLE)) return false;
+  return settings_.task_mode() != msg::EVALUATE ||
+         robot.task < static_cast<int>(settings_.first_task() + settings_.tasks());
+}
+
 bool Environment::done() const {
-  for (const Agent& agent : agents_)
+  for (const AgentState& agent : agents_)
     if (!(agent.flags & msg::FLAG_IDLE)) return false;
-  return settings_.task_mode() == msg::EVALUATE;
+  return settings_.task_mode() == msg::EVALUATE && !awaits_goal();
 }
 
 }  // namespace citylearn

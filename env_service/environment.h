@@ -7,9 +7,8 @@
 #include <utility>
 #include <vector>
 
-#include "core/task/reward.h"
-#include "core/util/random.h"
 #include "core/wire/messages.h"
+#include "env_service/agent_state.h"
 #include "env_service/dataset_io/traversal.h"
 #include "env_service/imperfections.h"
 #include "env_service/live/sighting.h"
@@ -63,6 +62,19 @@ class Environment {
   /// From now on agent 0 is a robot: it is where this says, and so its steps lead there and its episodes begin there.
   /// A place beyond the route is the route's nearest end.
   void sight(const Sighting& sighting) { robot_ = sighting; }
+  /// From now on an episode of agent 0, a robot, begins when somebody sends it to a goal. Until then it is idle.
+  void await_goals() { sent_ = true; }
+  /// Sends the robot to a place, as sight() has them, with the next step or reset, which cuts its episode (truncated).
+  void send_to(std::optional<int> place) { next_goal_ = place; }
+  bool is_sent() const { return next_goal_.has_value(); }  ///< No episode has begun for that.
+  /// Returns whether the robot has tasks left and waits to be sent.
+  bool awaits_goal() const;
+  /// Returns the place of the route that is nearest to a place, as sight() has them.
+  int nearest(int place) const { return static_cast<int>(settings_.first_frame()) + on_route(place); }
+  /// Returns the frame to which an agent goes.
+  int goal(int agent) const {
+    return static_cast<int>(settings_.first_frame()) + agents_[static_cast<std::size_t>(agent)].goal;
+  }
   /// Returns the frame at which an agent stands and the one to which the action is to lead it.
   std::pair<int, int> way(int agent, std::uint8_t action) const;
 
@@ -80,39 +92,29 @@ class Environment {
   std::uint64_t traversal_hash() const { return traversal_hash_; }
 
  private:
-  struct Agent {
-    Random random = Random(0);
-    Mishaps mishaps;
-    int task = 0, start = 0, frame = 0, goal = 0, steps = 0;
-    int shown = 0;  ///< frame of the route that it sees
-    EpisodeReward rule = {0, 1};
-    float episode_reward = 0, reward = 0;
-    std::uint8_t previous_action = kNoAction, flags = 0;
-    std::vector<int> distances;      ///< to the goal from each place of the route; empty on a line
-    std::vector<int> order;          ///< frame shown at each place of the route, when shuffled
-    std::vector<std::uint8_t> path;  ///< of the episode so far, 2 bits an action
-    bool strayed = false;            ///< in this episode it was led elsewhere than its actions say
-  };
-  void begin_training_episode(Agent& agent);
-  int place_of_robot() const;
-  int place_to_begin(Agent& agent) const;
-  void begin_task(Agent& agent, int task);
+  void begin_episode(AgentState& agent);
+  int goal_to_begin(AgentState& agent);
+  int on_route(int place) const;
+  int place_to_begin(AgentState& agent) const;
+  void begin_task(AgentState& agent, int task);
   std::uint8_t allowed(int frame) const;
-  static bool waits(const Agent& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }
-  static int distance(const Agent& agent, int frame);
-  void move(Agent& agent, std::uint8_t action);
-  void kidnap(Agent& agent);
-  void look(Agent& agent) const;
+  static bool waits(const AgentState& agent, std::uint8_t action) { return action == kNoAction && agent.steps == 0; }
+  static int distance(const AgentState& agent, int frame);
+  void move(AgentState& agent, std::uint8_t action);
+  void kidnap(AgentState& agent);
+  void look(AgentState& agent) const;
 
   const Traversal& traversal_;
   const std::uint64_t traversal_hash_;
   const Imperfections imperfections_;
   msg::TaskSettings settings_;
   std::vector<int> turns_;  ///< of the route
-  std::vector<Agent> agents_;
+  std::vector<AgentState> agents_;
   std::vector<Episode> finished_;
   std::uint64_t step_ = 0;
   std::optional<Sighting> robot_;
+  bool sent_ = false;  // its goals come from outside
+  std::optional<int> next_goal_;
 };
 
 }  // namespace citylearn

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/live/robot.h"
 
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -17,11 +18,13 @@ using std::chrono::milliseconds;
 
 using Twist = geometry_msgs::msg::dds_::Twist_;
 using Command = std_msgs::msg::dds_::UInt8_;
+using Status = std_msgs::msg::dds_::String_;
 
 constexpr milliseconds kCommandAgain{50};  // robots stop by themselves when commands cease
 constexpr milliseconds kGlance{5};         // between looks at what has come, while something is awaited
 constexpr milliseconds kRest{100};         // likewise, while nothing is
 constexpr std::chrono::seconds kTrouble{3};
+constexpr std::chrono::seconds kStatusAgain{1};
 constexpr double kFar = 10;  // times the distance between places
 
 RobotOptions named(RobotOptions options) {
@@ -30,6 +33,8 @@ RobotOptions named(RobotOptions options) {
                 "as /odom: it is how an episode knows that the goal is reached");
   options.cmd_vel = ros2_topic(options.cmd_vel, "--cmd-vel");
   options.command = ros2_topic(options.command, "--command");
+  if (!options.goal.empty()) options.goal = ros2_topic(options.goal, "--goal");
+  options.status = ros2_topic(options.status, "--status");
   return options;
 }
 
@@ -60,6 +65,10 @@ Robot::Robot(const RobotOptions& options, const std::string& name, const Middlew
   spacing_ = gaps[gaps.size() / 2];
   ros_.advertise<Twist>(options_.cmd_vel);
   ros_.advertise<Command>(options_.command);
+  if (options_.goal.empty()) return;
+  const bool fix = options_.topics.source == PositionSource::kFix;
+  goals_.emplace(ros_, options_.goal, fix ? PositionSource::kFix : PositionSource::kPose, Profile::kRos2Reliable);
+  ros_.advertise<Status>(options_.status);
 }
 
 Robot::~Robot() {
@@ -120,10 +129,11 @@ void Robot::begin_to_look(Clock::time_point now, std::uint64_t settle) {
 std::optional<Sighting> Robot::poll(Clock::time_point now) {
   senses_.poll();
   for (const std::string& fault : ros_.faults()) spdlog::error("{}", fault);
+  if (!status_.empty() && now >= next_status_) tell(status_);
   if (doing_ == Doing::kDriving && now >= until_) look();
   if (doing_ == Doing::kLooking && has_picture() && has_position()) {
     doing_ = Doing::kNothing;
-    return Sighting{nearest_place(*senses_.position()), images_.add(senses_.picture()->file)};
+    return Sighting{place(*senses_.position()), images_.add(senses_.picture()->file)};
   }
   if (doing_ != Doing::kNothing && now >= next_command_) command(speed_);  // one may be lost
   due_ = now + (doing_ == Doing::kNothing ? kRest : kGlance);
@@ -131,19 +141,47 @@ std::optional<Sighting> Robot::poll(Clock::time_point now) {
   return std::nullopt;
 }
 
-int Robot::nearest_place(const RobotSenses::Position& position) {
-  int nearest = 0;
-  double least = std::numeric_limits<double>::infinity();
+/// Returns the nearest place and how many metres away it is.
+std::pair<int, double> Robot::nearest_place(const PositionTopic::Position& position) const {
+  std::pair<int, double> nearest = {0, std::numeric_limits<double>::infinity()};
   for (std::size_t place = 0; place < x_.size(); ++place) {
-    const double distance = RobotSenses::metres_between(options_.topics.source, position, {0, x_[place], y_[place]});
-    if (!(distance < least)) continue;
-    least = distance;
-    nearest = static_cast<int>(place);
+    const double metres = PositionTopic::metres_between(options_.topics.source, position, {0, x_[place], y_[place]});
+    if (metres < nearest.second) nearest = {static_cast<int>(place), metres};
   }
-  const bool far = least > kFar * spacing_;
-  if (far && !far_) spdlog::warn("the robot is {:.0f} m from the nearest place that it was taught", least);
-  far_ = far;
   return nearest;
+}
+
+int Robot::place(const PositionTopic::Position& position) {
+  const auto [place, metres] = nearest_place(position);
+  const bool far = metres > kFar * spacing_;
+  if (far && !far_) spdlog::warn("the robot is {:.0f} m from the nearest place that it was taught", metres);
+  far_ = far;
+  return place;
+}
+
+std::optional<int> Robot::take_goal() {
+  const auto position = goals_ ? goals_->take() : std::nullopt;
+  if (!position) return std::nullopt;
+  const auto [place, metres] = nearest_place(*position);
+  if (metres <= kFar * spacing_) return place;
+  refuse_goal(fmt::format("it is {:.0f} m from the nearest place that was taught", metres));
+  return std::nullopt;
+}
+
+void Robot::refuse_goal(const std::string& why) {
+  spdlog::warn("a goal on {} is refused: {}", goals_->name(), why);
+  const std::string before = status_;
+  tell("refused");
+  status_ = before;
+}
+
+void Robot::tell(const std::string& status) {
+  if (status != status_) spdlog::info("robot: {}", status);
+  status_ = status;
+  next_status_ = Clock::now() + kStatusAgain;
+  Status message;
+  message.data(status);
+  ros_.publish(options_.status, message);
 }
 
 std::string Robot::trouble(Clock::time_point now) const {

@@ -5,11 +5,13 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/util/types.h"
 #include "env_service/dataset_io/traversal.h"
 #include "env_service/live/live_images.h"
+#include "env_service/live/position_topic.h"
 #include "env_service/live/robot_options.h"
 #include "env_service/live/robot_senses.h"
 #include "env_service/live/sighting.h"
@@ -39,6 +41,14 @@ class Robot {
   std::optional<Sighting> poll(Clock::time_point now);
   /// When poll() is to be called again.
   Clock::time_point due() const { return due_; }
+  /// Returns whether somebody sends it to goals.
+  bool is_sent() const { return goals_.has_value(); }
+  /// Returns the place to which it was sent last, once. A goal that is not on the route is refused.
+  std::optional<int> take_goal();
+  /// Tells those who sent it that this cannot be, and logs it.
+  void refuse_goal(const std::string& why);
+  /// Tells those who send it what becomes of their goal, now and once a second.
+  void tell(const std::string& status);
   /// Says what it has been waiting for, for longer than three seconds: "nobody publishes /camera/image_raw"; else
   /// empty.
   std::string trouble(Clock::time_point now) const;
@@ -56,17 +66,21 @@ class Robot {
     return senses_.position() && RobotSenses::follows(senses_.position()->stamp, position_after_);
   }
   double metres_between_places(int from, int to) const;
-  int nearest_place(const RobotSenses::Position& position);
+  std::pair<int, double> nearest_place(const PositionTopic::Position& position) const;
+  int place(const PositionTopic::Position& position);
 
   const RobotOptions options_;
   const Traversal& taught_;
   LiveImages& images_;
   Ros2Participant ros_;
   RobotSenses senses_;
+  std::optional<PositionTopic> goals_;
   const std::vector<double>&x_, &y_;  // of the places, as positions come
   double spacing_ = 0;                // metres between places, median
   bool far_ = false;                  // from all places, when it was seen last
 
+  std::string status_;
+  Clock::time_point next_status_;
   Doing doing_ = Doing::kNothing;
   double speed_ = 0;                                        // now, m/s
   Clock::time_point until_, next_command_, looking_, due_;  // until_: of driving

@@ -30,6 +30,15 @@ void add_robot_topics(CLI::App& app, RobotTopics& topics, MiddlewareOptions& ros
 void add_robot_options(CLI::App& app, RobotOptions& robot, const std::string& group) {
   const OptionGroup options(app, group);
   add_robot_topics(app, robot.topics, robot.ros);
+  app.add_option("--goal", robot.goal,
+                 "Topic of goals, geometry_msgs/PoseStamped (--position-type fix: sensor_msgs/NavSatFix): an episode "
+                 "begins when one comes; without it goals are drawn")
+      ->type_name("TOPIC");
+  app.add_option("--status", robot.status,
+                 "Topic that says, with --goal, what becomes of goals, std_msgs/String: stopped or waiting; driving, "
+                 "arrived, failed or replaced and the goal's place; refused")
+      ->type_name("TOPIC")
+      ->capture_default_str();
   app.add_option("--cmd-vel", robot.cmd_vel, "Topic to which speeds go, geometry_msgs/Twist")
       ->type_name("TOPIC")
       ->capture_default_str();

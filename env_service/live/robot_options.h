@@ -29,6 +29,8 @@ struct RobotTopics {
 struct RobotOptions {
   MiddlewareOptions ros = ros2_defaults();
   RobotTopics topics;
+  std::string goal;                            ///< --goal: where it is sent; empty: the task draws goals
+  std::string status = "/citylearn/status";    ///< --status: std_msgs/String goes there, when it is sent to goals
   std::string cmd_vel = "/cmd_vel";            ///< --cmd-vel: geometry_msgs/Twist goes there
   std::string command = "/citylearn/command";  ///< --command: std_msgs/UInt8, once a step: 0 stay, 1 next, 2 previous
   double speed = 0.5;                          ///< --speed, m/s: a step drives for as long as its distance takes

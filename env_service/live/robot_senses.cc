@@ -3,25 +3,15 @@
 
 #include <spdlog/spdlog.h>
 
-#include <cmath>
-#include <cstring>
-
 #include "core/files/image_header.h"
 #include "core/ros2/header.h"
 #include "core/util/error.h"
-#include "core/util/wall_clock.h"
-#include "env_service/geometry/geometry.h"
 #include "env_service/images/raw_image.h"
 
 namespace citylearn {
 namespace {
 
 constexpr std::uint64_t kLatest = 5 * kRos2Second;  // what is older than that has another clock
-
-std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header) {
-  const std::uint64_t stamp = ros2_time(header);
-  return stamp > 0 ? stamp : nanoseconds_since_epoch();
-}
 
 RobotTopics named(const RobotTopics& topics) {
   RobotTopics result = topics;
@@ -39,38 +29,14 @@ RobotSenses::RobotSenses(Ros2Participant& ros, const RobotTopics& topics) : topi
     compressed_ = ros.subscribe<Compressed>(topics_.camera);
   else
     raw_ = ros.subscribe<Raw>(topics_.camera);
-  if (topics_.position.empty()) return;
-  switch (topics_.source) {
-    case PositionSource::kOdometry:
-      odometry_ = ros.subscribe<Odometry>(topics_.position);
-      break;
-    case PositionSource::kPose:
-      pose_ = ros.subscribe<Pose>(topics_.position);
-      break;
-    case PositionSource::kFix:
-      fix_ = ros.subscribe<Fix>(topics_.position);
-      break;
-  }
+  if (!topics_.position.empty()) position_topic_.emplace(ros, topics_.position, topics_.source, Profile::kRos2);
 }
 
 void RobotSenses::poll() {
   while (compressed_ && compressed_->take(compressed_message_)) take(compressed_message_);
   while (raw_ && raw_->take(raw_message_)) take(raw_message_);
-  const auto place = [this](const auto& header, double x, double y) {
-    if (std::isfinite(x) && std::isfinite(y)) position_ = Position{stamp_of(header), x, y};
-  };
-  for (Odometry message; odometry_ && odometry_->take(message);)
-    place(message.header(), message.pose().pose().position().x(), message.pose().pose().position().y());
-  for (Pose message; pose_ && pose_->take(message);)
-    place(message.header(), message.pose().position().x(), message.pose().position().y());
-  for (Fix message; fix_ && fix_->take(message);)
-    if (static_cast<std::int8_t>(message.status().status()) >= 0)  // STATUS_NO_FIX is -1
-      place(message.header(), message.latitude(), message.longitude());
-}
-
-double RobotSenses::metres_between(PositionSource source, const Position& a, const Position& b) {
-  return source == PositionSource::kFix ? citylearn::metres_between(a.x, a.y, b.x, b.y)
-                                        : std::hypot(a.x - b.x, a.y - b.y);
+  if (!position_topic_) return;
+  if (const auto position = position_topic_->take()) position_ = position;
 }
 
 bool RobotSenses::follows(std::uint64_t stamp, std::uint64_t before) {
@@ -115,23 +81,11 @@ void RobotSenses::note_broken(const std::string& why) {
   fault_ = why;
 }
 
-template <class Message>
-std::string RobotSenses::why_nothing(const std::optional<Ros2Subscription<Message>>& topic,
-                                     const std::string& name) const {
-  if (!topic) return "";
-  if (topic->publishers() == 0) return "nobody publishes " + name;
-  if (topic->unreadable() > 0) return "what comes on " + name + " is of another type";
-  return "nothing comes on " + name;
-}
-
 std::string RobotSenses::why_no_picture() const {
   if (!picture_ && !fault_.empty()) return "pictures on " + topics_.camera + " are broken: " + fault_;
-  return why_nothing(compressed_, topics_.camera) + why_nothing(raw_, topics_.camera);
+  return compressed_ ? compressed_->why_silent(topics_.camera) : raw_->why_silent(topics_.camera);
 }
 
-std::string RobotSenses::why_no_position() const {
-  return why_nothing(odometry_, topics_.position) + why_nothing(pose_, topics_.position) +
-         why_nothing(fix_, topics_.position);
-}
+std::string RobotSenses::why_no_position() const { return position_topic_ ? position_topic_->why_silent() : ""; }
 
 }  // namespace citylearn

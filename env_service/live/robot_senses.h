@@ -6,6 +6,7 @@
 #include <string>
 
 #include "core/ros2/participant.h"
+#include "env_service/live/position_topic.h"
 #include "env_service/live/robot_options.h"
 #include "ros2/ros2.h"
 
@@ -16,15 +17,9 @@ namespace citylearn {
 class RobotSenses {
  public:
   struct Picture {
-    std::uint64_t stamp = 0;  ///< nanoseconds, by the robot's clock; where it gives none, when it came
+    std::uint64_t stamp = 0;  ///< as stamp_of()
     Bytes file;               ///< JPEG, PNG, PNM or BMP
   };
-  struct Position {
-    std::uint64_t stamp = 0;  ///< as in Picture
-    double x = 0, y = 0;      ///< metres, or degrees: latitude and longitude
-  };
-  /// Returns the distance between two positions of one source.
-  static double metres_between(PositionSource source, const Position& a, const Position& b);
   struct Counts {
     std::uint64_t pictures = 0;  ///< used
     std::uint64_t repeated = 0, late = 0, broken = 0;
@@ -40,7 +35,7 @@ class RobotSenses {
   static bool follows(std::uint64_t stamp, std::uint64_t before);
   /// The newest of each; empty: none came yet.
   const std::optional<Picture>& picture() const { return picture_; }
-  const std::optional<Position>& position() const { return position_; }
+  const std::optional<PositionTopic::Position>& position() const { return position_; }
   const Counts& counts() const { return counts_; }
   /// Says why nothing comes from the camera, or from the position: "nobody publishes /camera/image_raw".
   std::string why_no_picture() const;
@@ -49,25 +44,18 @@ class RobotSenses {
  private:
   using Compressed = sensor_msgs::msg::dds_::CompressedImage_;
   using Raw = sensor_msgs::msg::dds_::Image_;
-  using Odometry = nav_msgs::msg::dds_::Odometry_;
-  using Pose = geometry_msgs::msg::dds_::PoseStamped_;
-  using Fix = sensor_msgs::msg::dds_::NavSatFix_;
 
   bool is_next(std::uint64_t stamp);
   void take(const Compressed& image);
   void take(const Raw& image);
   void note_broken(const std::string& why);
-  template <class Message>
-  std::string why_nothing(const std::optional<Ros2Subscription<Message>>& topic, const std::string& name) const;
 
   const RobotTopics topics_;
   std::optional<Ros2Subscription<Compressed>> compressed_;
   std::optional<Ros2Subscription<Raw>> raw_;
-  std::optional<Ros2Subscription<Odometry>> odometry_;
-  std::optional<Ros2Subscription<Pose>> pose_;
-  std::optional<Ros2Subscription<Fix>> fix_;
+  std::optional<PositionTopic> position_topic_;
   std::optional<Picture> picture_;
-  std::optional<Position> position_;
+  std::optional<PositionTopic::Position> position_;
   Counts counts_;
   std::string fault_;  // of the last broken picture
   Compressed compressed_message_;

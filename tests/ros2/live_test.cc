@@ -5,6 +5,9 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "core/ros2/participant.h"
+#include "core/util/text.h"
+#include "ros2/ros2.h"
 #include "tests/support/data/pictures.h"
 #include "tests/support/processes/trial.h"
 
@@ -34,7 +37,8 @@ class TeachAndRepeat : public VendorTest {
     options.insert(options.end(), more.begin(), more.end());
     return start(CITYLEARN_ROBOT, "robot-" + look, options);
   }
-  std::unique_ptr<Service> live(const std::string& look) {
+  std::unique_ptr<Service> live(const std::string& look,
+                                const std::string& loses = "lossy,drop=0.05:", const Arguments& more = {}) {
     Arguments options = {"--dataset",
                          "live",
                          "--data",
@@ -57,8 +61,9 @@ class TeachAndRepeat : public VendorTest {
                          "15",
                          "--settle",
                          "0.05"};
-    const Arguments ros = nodes("lossy,drop=0.05:");
+    const Arguments ros = nodes(loses);
     options.insert(options.end(), ros.begin(), ros.end());
+    options.insert(options.end(), more.begin(), more.end());
     return trial_.env("summer", options);
   }
   void teach() {
@@ -115,6 +120,87 @@ TEST_P(TeachAndRepeat, TaughtInSummerItArrivesInFallAndRain) {
   EXPECT_GE(arrived, 0.95 * 2 * kGoals) << summary << lives[0]->output() << lives[1]->output();
 }
 
+/// A node that sends a robot to goals and hears what becomes of them.
+class Operator {
+ public:
+  Operator(const std::string& vendor, std::uint32_t domain, const std::filesystem::path& poses)
+      : ros_(middleware_options(vendor, domain), "operator", nullptr),
+        status_(ros_.subscribe<std_msgs::msg::dds_::String_>("/status", Profile::kRos2Reliable)) {
+    ros_.advertise<Pose>("/goal_pose");
+    std::ifstream file(poses);
+    std::string line, x, y;
+    std::getline(file, line);
+    EXPECT_EQ(line, "file,x,y,time");
+    while (std::getline(file, line, ',') && std::getline(file, x, ',') && std::getline(file, y, ',')) {
+      places_.emplace_back(std::stod(x), std::stod(y));
+      std::getline(file, line);
+    }
+  }
+  void send_to(double x, double y) {
+    Pose pose;
+    pose.header().frame_id("map");
+    pose.pose().position().x(x);
+    pose.pose().position().y(y);
+    ros_.publish("/goal_pose", pose);
+  }
+  void send_to(int place) {
+    const auto [x, y] = places_.at(static_cast<std::size_t>(place));
+    send_to(x, y);
+  }
+  /// Waits until this is said.
+  bool hears(const std::string& status) {
+    const auto end = Clock::now() + seconds(60);
+    for (std_msgs::msg::dds_::String_ message; Clock::now() < end; ros_.wait(Clock::now() + milliseconds(50)))
+      while (status_.take(message)) {
+        if (heard_.empty() || heard_.back() != message.data()) heard_.push_back(message.data());
+        if (message.data() == status) return true;
+      }
+    return false;
+  }
+  std::string heard() const { return joined(heard_); }
+
+ private:
+  using Pose = geometry_msgs::msg::dds_::PoseStamped_;
+
+  Ros2Participant ros_;
+  Ros2Subscription<std_msgs::msg::dds_::String_> status_;
+  std::vector<std::pair<double, double>> places_;
+  std::vector<std::string> heard_;
+};
+
+TEST_P(TeachAndRepeat, NodesSendItToGoals) {
+  ASSERT_NO_FATAL_FAILURE(teach());
+  const auto summer = trial_.env("summer", {"--dataset", "plain", "--data", trial_.folder() / "route"});
+  const auto encoder = trial_.encoder({"--reference", "summer"});
+  const auto driven = robot("summer", nodes());
+  const auto env = live("summer", "", {"--goal", "/goal_pose", "--status", "/status"});
+  Operator person(GetParam(), ros_domain_, trial_.folder() / "route/summer.poses.csv");
+  ASSERT_TRUE(person.hears("stopped")) << env->output();
+  person.send_to(5);
+  EXPECT_TRUE(person.hears("refused")) << "nobody drives";
+  const auto policy =
+      trial_.policy({"--mode", "evaluate", "--agent", "shortest_path", "--evaluate", "live-summer", "--frames", "0:20",
+                     "--tasks", "4", "--max-steps", "60", "--output", trial_.folder() / "repeat"});
+  ASSERT_TRUE(person.hears("waiting")) << env->output() << policy->output();
+  person.send_to(5);
+  EXPECT_TRUE(person.hears("driving 5")) << env->output();
+  EXPECT_TRUE(person.hears("arrived 5")) << env->output();
+  person.send_to(1e4, 0);
+  EXPECT_TRUE(person.hears("refused")) << "it is not on the route";
+  person.send_to(5);
+  EXPECT_TRUE(person.hears("arrived 5")) << "it stands there";
+  person.send_to(18);
+  EXPECT_TRUE(person.hears("driving 18")) << person.heard() << env->output();
+  person.send_to(2);
+  EXPECT_TRUE(person.hears("replaced 18")) << person.heard() << env->output();
+  EXPECT_TRUE(person.hears("arrived 2")) << person.heard() << env->output();
+  person.send_to(3);
+  EXPECT_TRUE(person.hears("arrived 3")) << person.heard() << env->output();
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << env->output();
+  const auto summary = nlohmann::json::parse(contents(trial_.folder() / "repeat/summary.json"));
+  EXPECT_EQ(summary["evaluate"]["live-summer"]["completed"], 0.75) << summary;
+}
+
 TEST_P(TeachAndRepeat, WrongOptionsAreOneClearLine) {
   std::filesystem::create_directories(trial_.folder() / "route/summer");
   for (const char* name : {"0.png", "1.png"}) write_grey(trial_.folder() / ("route/summer/" + std::string(name)), 90);
@@ -126,6 +212,7 @@ TEST_P(TeachAndRepeat, WrongOptionsAreOneClearLine) {
       {{"--agents", "2"}, "--agents: a robot is one agent"},
       {{"--slip", "0.1"}, "a robot is imperfect by itself"},
       {{"--dataset", "plain"}, "--camera and --position: are of a robot"},
+      {{"--goal", "/goal pose"}, "--goal: '/goal pose' is not a topic of ROS 2"},
       {{"--camera", "camera//x"}, "'camera//x' is not a topic of ROS 2"}};
   for (const auto& [wrong, text] : cases) {
     Arguments options = {"--dataset",       "live", "--data",     trial_.folder() / "route",

@@ -55,7 +55,7 @@ bool Teacher::is_next() const {
            static_cast<double>(senses_.picture()->stamp) >= static_cast<double>(picture_) + kSecond * options_.interval;
   if (!senses_.position()) return false;
   if (!position_) return true;
-  return RobotSenses::metres_between(options_.topics.source, *position_, *senses_.position()) >= options_.spacing;
+  return PositionTopic::metres_between(options_.topics.source, *position_, *senses_.position()) >= options_.spacing;
 }
 
 void Teacher::write_frame() {

@@ -65,6 +65,89 @@ TEST_F(LiveEnvironment, ARobotBesideTheRouteIsAtItsNearestEnd) {
   }
 }
 
+class SentRobot : public LiveEnvironment {
+ protected:
+  SentRobot() {
+    environment_.await_goals();
+    see(7, 20);
+    tasks_.tasks() = 3;
+    environment_.reset(tasks_);
+  }
+  void send_to(int place) { environment_.send_to(place); }
+
+  msg::TaskSettings tasks_ = settings(msg::EVALUATE, 20, 100);
+};
+
+TEST_F(SentRobot, IsIdleUntilItIsSent) {
+  EXPECT_EQ(observe().flags()[0], msg::FLAG_IDLE);
+  EXPECT_TRUE(environment_.awaits_goal());
+  EXPECT_FALSE(environment_.done()) << "tasks are left";
+  step(kStay);
+  EXPECT_EQ(observe().flags()[0], msg::FLAG_IDLE);
+  see(8, 21);  // somebody carries it
+  send_to(12);
+  step(kStay);
+  EXPECT_FALSE(environment_.is_sent()) << "it has begun";
+  EXPECT_EQ(observe().flags()[0], msg::FLAG_FIRST);
+  EXPECT_EQ(observe().position()[0], 8u);
+  EXPECT_EQ(observe().frame()[0], 21u);
+  EXPECT_EQ(observe().goal()[0], 12u);
+  EXPECT_EQ(observe().previous_action()[0], kNoAction);
+}
+
+TEST_F(SentRobot, WaitsForTheNextGoalWhereItArrived) {
+  send_to(8);
+  step(kStay);
+  see(8, 21);
+  step(kNext);
+  ASSERT_EQ(environment_.finished().size(), 1u);
+  EXPECT_TRUE(environment_.finished()[0].completed);
+  EXPECT_EQ(environment_.finished()[0].shortest, 1);
+  EXPECT_EQ(observe().flags()[0], msg::FLAG_TERMINATED | msg::FLAG_IDLE);
+  EXPECT_TRUE(environment_.awaits_goal());
+}
+
+TEST_F(SentRobot, ANewGoalCutsTheEpisode) {
+  send_to(12);
+  step(kStay);
+  see(8, 21);
+  send_to(3);
+  step(kNext);
+  ASSERT_EQ(environment_.finished().size(), 1u);
+  EXPECT_FALSE(environment_.finished()[0].completed);
+  EXPECT_EQ(environment_.finished()[0].goal, 12);
+  EXPECT_EQ(observe().flags()[0], msg::FLAG_TRUNCATED | msg::FLAG_FIRST);
+  EXPECT_EQ(observe().goal()[0], 3u);
+}
+
+TEST_F(SentRobot, IsDoneAfterItsLastTask) {
+  int place = 7;
+  for (int task = 0; task < 3; ++task) {
+    EXPECT_TRUE(environment_.awaits_goal());
+    send_to(place + 1);
+    step(kStay);
+    see(++place, 21 + task);
+    step(kNext);
+  }
+  EXPECT_TRUE(environment_.done());
+  EXPECT_FALSE(environment_.awaits_goal());
+  send_to(3);
+  step(kStay);
+  EXPECT_TRUE(environment_.is_sent()) << "kept for what comes next";
+  environment_.reset(tasks_);
+  EXPECT_EQ(observe().goal()[0], 3u);
+  EXPECT_EQ(observe().flags()[0], msg::FLAG_FIRST);
+}
+
+TEST_F(SentRobot, GoesToTheNearestPlaceOfItsRoute) {
+  msg::TaskSettings part = settings(msg::EVALUATE, 5, 100);
+  part.first_frame() = 10;
+  send_to(19);
+  environment_.reset(part);
+  EXPECT_EQ(environment_.goal(0), 14);
+  EXPECT_EQ(environment_.nearest(2), 10);
+}
+
 TEST_F(LiveEnvironment, AForbiddenActionIsRefusedBeforeTheRobotDrives) {
   see(0, 20);
   environment_.reset(settings(msg::TRAIN, 20, 100));

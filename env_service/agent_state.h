@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/task/action.h"
+#include "core/task/reward.h"
+#include "core/util/random.h"
+#include "env_service/imperfections.h"
+
+namespace citylearn {
+
+/// An agent of an Environment. Places are those of the route, from 0.
+struct AgentState {
+  Random random = Random(0);
+  Mishaps mishaps;
+  int task = 0, start = 0, frame = 0, goal = 0, steps = 0;
+  int shown = 0;  ///< frame of the route that it sees
+  EpisodeReward rule = {0, 1};
+  float episode_reward = 0, reward = 0;
+  std::uint8_t previous_action = kNoAction, flags = 0;
+  std::vector<int> distances;      ///< to the goal from each place of the route; empty on a line
+  std::vector<int> order;          ///< frame shown at each place of the route, when shuffled
+  std::vector<std::uint8_t> path;  ///< of the episode so far, 2 bits an action
+  bool strayed = false;            ///< in this episode it was led elsewhere than its actions say
+};
+
+}  // namespace citylearn

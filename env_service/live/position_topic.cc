@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "env_service/live/position_topic.h"
+
+#include <cmath>
+#include <utility>
+
+#include "core/ros2/header.h"
+#include "core/util/wall_clock.h"
+#include "env_service/geometry/geometry.h"
+
+namespace citylearn {
+
+std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header) {
+  const std::uint64_t stamp = ros2_time(header);
+  return stamp > 0 ? stamp : nanoseconds_since_epoch();
+}
+
+double PositionTopic::metres_between(PositionSource source, const Position& a, const Position& b) {
+  return source == PositionSource::kFix ? citylearn::metres_between(a.x, a.y, b.x, b.y)
+                                        : std::hypot(a.x - b.x, a.y - b.y);
+}
+
+PositionTopic::PositionTopic(Ros2Participant& ros, std::string topic, PositionSource source, Profile profile)
+    : topic_(std::move(topic)) {
+  switch (source) {
+    case PositionSource::kOdometry:
+      odometry_ = ros.subscribe<nav_msgs::msg::dds_::Odometry_>(topic_, profile);
+      break;
+    case PositionSource::kPose:
+      pose_ = ros.subscribe<geometry_msgs::msg::dds_::PoseStamped_>(topic_, profile);
+      break;
+    case PositionSource::kFix:
+      fix_ = ros.subscribe<sensor_msgs::msg::dds_::NavSatFix_>(topic_, profile);
+      break;
+  }
+}
+
+std::optional<PositionTopic::Position> PositionTopic::take() {
+  std::optional<Position> newest;
+  const auto note = [&](const auto& header, double x, double y) {
+    if (std::isfinite(x) && std::isfinite(y)) newest = Position{stamp_of(header), x, y};
+  };
+  for (nav_msgs::msg::dds_::Odometry_ message; odometry_ && odometry_->take(message);)
+    note(message.header(), message.pose().pose().position().x(), message.pose().pose().position().y());
+  for (geometry_msgs::msg::dds_::PoseStamped_ message; pose_ && pose_->take(message);)
+    note(message.header(), message.pose().position().x(), message.pose().position().y());
+  for (sensor_msgs::msg::dds_::NavSatFix_ message; fix_ && fix_->take(message);)
+    if (static_cast<std::int8_t>(message.status().status()) >= 0)  // STATUS_NO_FIX is -1
+      note(message.header(), message.latitude(), message.longitude());
+  return newest;
+}
+
+std::string PositionTopic::why_silent() const {
+  if (odometry_) return odometry_->why_silent(topic_);
+  return pose_ ? pose_->why_silent(topic_) : fix_->why_silent(topic_);
+}
+
+}  // namespace citylearn

@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "core/ros2/participant.h"
+#include "env_service/live/robot_options.h"
+#include "ros2/ros2.h"
+
+namespace citylearn {
+
+/// Returns when a message was made, nanoseconds by its sender's clock; where it does not say, now.
+std::uint64_t stamp_of(const std_msgs::msg::dds_::Header_& header);
+
+/// Hears positions on one topic: where a robot is, or where it is sent. Used by the participant's thread.
+class PositionTopic {
+ public:
+  struct Position {
+    std::uint64_t stamp = 0;  ///< as stamp_of()
+    double x = 0, y = 0;      ///< metres, or degrees: latitude and longitude
+  };
+  /// Returns the metres between two positions of one source.
+  static double metres_between(PositionSource source, const Position& a, const Position& b);
+
+  /// `ros` must outlive it. `profile`: kRos2, or kRos2Reliable where each message counts.
+  PositionTopic(Ros2Participant& ros, std::string topic, PositionSource source, Profile profile);
+
+  /// Takes what has come, and returns the newest of it. Positions that are not numbers, and fixes without satellites,
+  /// do not count.
+  std::optional<Position> take();
+  /// Says why nothing comes, as Ros2Subscription::why_silent().
+  std::string why_silent() const;
+  const std::string& name() const { return topic_; }
+
+ private:
+  const std::string topic_;
+  std::optional<Ros2Subscription<nav_msgs::msg::dds_::Odometry_>> odometry_;
+  std::optional<Ros2Subscription<geometry_msgs::msg::dds_::PoseStamped_>> pose_;
+  std::optional<Ros2Subscription<sensor_msgs::msg::dds_::NavSatFix_>> fix_;
+};
+
+}  // namespace citylearn
