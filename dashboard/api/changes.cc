@@ -7,6 +7,7 @@
 #include "core/files/json.h"
 #include "core/util/text.h"
 #include "dashboard/api/api.h"
+#include "dashboard/api/log_frame.h"
 #include "dashboard/api/parameters.h"
 
 namespace citylearn {
@@ -16,7 +17,6 @@ using Json = nlohmann::json;
 
 constexpr std::size_t kMostTags = 32, kLongestTag = 64, kLongestNote = 2000;  // bytes
 constexpr std::size_t kLongestTitle = 256;
-constexpr std::uint64_t kMostRecords = std::uint64_t{1} << 39;
 constexpr double kSlowest = 0.01, kFastest = 1000;
 
 /// Returns the object in the request's body, which may have the members `known` alone.
@@ -99,9 +99,7 @@ void add_record(LogBatch& batch, const Json& record) {
     if (!std::isfinite(step) || !std::isfinite(time))
       throw RequestError(400, where + "'values' need the numbers 'step' and 'time'");
     for (const auto& [metric, value] : record["values"].items()) {
-      if (metric.empty() || metric.size() > kLongestMetric || has_control(metric, ""))
-        throw RequestError(
-            400, where + "a metric has a name of one line of 1 to " + std::to_string(kLongestMetric) + " bytes");
+      if (const auto fault = fault_of_metric(metric)) throw RequestError(400, where + *fault);
       if (!value.is_number() && !value.is_null())
         throw RequestError(400, where + "the value of '" + metric + "' must be a number or null");
       batch.add(metric, step, time, number_of(value));
@@ -117,6 +115,37 @@ void add_record(LogBatch& batch, const Json& record) {
     batch.end();
   } else {
     throw RequestError(400, where + "must have 'values', 'config', 'summary', 'begin' or 'end'");
+  }
+}
+
+LogBatch batch_of_json(const Query& query) {
+  const Json body = object_of(query, {"source", "log", "first", "records", "ended"});
+  if (!body.contains("first") || !body["first"].is_number_unsigned() || body["first"] < 1 ||
+      body["first"] > kMostRecords)
+    throw RequestError(400, "'first' must be the number of the first record, from 1 on");
+  if (!body.contains("records") || !body["records"].is_array())
+    throw RequestError(400, "'records' must be a list of records");
+  LogBatch batch(body["first"].get<std::uint64_t>());
+  batch.source = text_member(body, "source", kLongestTag);
+  batch.log = text_member(body, "log", kLongestTag);
+  for (const Json& record : body["records"]) add_record(batch, record);
+  if (body.contains("ended")) {
+    if (!body["ended"].is_boolean()) throw RequestError(400, "'ended' must be true or false");
+    batch.ended = body["ended"].get<bool>();
+  }
+  return batch;
+}
+
+LogBatch batch_of_frame(const Query& query) {
+  allow_only(query, {});
+  try {
+    LogBatch batch = parse_log_frame(query.body);
+    for (const std::string& text : {batch.source, batch.log})
+      if (text.size() > kLongestTag || has_control(text, ""))
+        throw RequestError(400, "'source' and 'log' are lines of at most " + std::to_string(kLongestTag) + " bytes");
+    return batch;
+  } catch (const Error& error) {
+    throw RequestError(400, error.what());
   }
 }
 
@@ -173,22 +202,9 @@ Answer Api::playback(const Query& query) {
 Answer Api::log(const std::string& name, const Query& query) {
   if (options_.playback) throw RequestError(409, "a recording is shown here: log to another dashboard");
   if (const auto fault = fault_of_logged_id(name)) throw RequestError(400, *fault);
-  const Json body = object_of(query, {"source", "log", "first", "records", "ended"});
-  if (!body.contains("first") || !body["first"].is_number_unsigned() || body["first"] < 1 ||
-      body["first"] > kMostRecords)
-    throw RequestError(400, "'first' must be the number of the first record, from 1 on");
-  if (!body.contains("records") || !body["records"].is_array())
-    throw RequestError(400, "'records' must be a list of records");
-  LogBatch batch(body["first"].get<std::uint64_t>());
-  batch.source = text_member(body, "source", kLongestTag);
-  batch.log = text_member(body, "log", kLongestTag);
+  const LogBatch batch = query.type == kLogFrameType ? batch_of_frame(query) : batch_of_json(query);
   if (batch.source.empty() || batch.log.empty())
     throw RequestError(400, "'source' and 'log' must say what logs, and identify the log");
-  for (const Json& record : body["records"]) add_record(batch, record);
-  if (body.contains("ended")) {
-    if (!body["ended"].is_boolean()) throw RequestError(400, "'ended' must be true or false");
-    batch.ended = body["ended"].get<bool>();
-  }
   const LoggedRuns::Outcome outcome = logged_.append(name, batch);
   if (outcome.other_log)
     throw RequestError(409, "run '" + name + "' has been logged by another program: choose another name, or resume it");

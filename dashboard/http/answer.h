@@ -16,6 +16,7 @@ struct Query {
   std::vector<std::string> path;                  ///< segments behind /api/, percent-decoded: {"runs", ID, "training"}
   std::map<std::string, std::string> parameters;  ///< of the query string, percent-decoded
   std::string body = "";                          ///< of "PATCH" and "POST"
+  std::string type = "";                          ///< Content-Type of the body
 };
 
 /// An answer of the API.

@@ -6,6 +6,7 @@
 
 #include "core/util/error.h"
 #include "dashboard/http/answer.h"
+#include "dashboard/http/frame.h"
 
 namespace citylearn {
 
@@ -22,21 +23,6 @@ struct ClientHub::Message {
     return columns == other.columns && payload->size() / rows == other.payload->size() / other.rows;
   }
 };
-
-namespace {
-
-/// Returns 4 bytes of length, the header, and spaces, so that the payload begins at a multiple of 8.
-std::string framed(const std::string& json) {
-  const std::size_t length = (json.size() + 4 + 7) / 8 * 8 - 4;
-  std::string head;
-  head.reserve(length + 4);
-  for (int byte = 0; byte < 4; ++byte) head += static_cast<char>(length >> (8 * byte) & 0xFF);
-  head += json;
-  head.resize(length + 4, ' ');
-  return head;
-}
-
-}  // namespace
 
 std::shared_ptr<ClientHub::Client> ClientHub::join(std::function<void()> wake) {
   std::shared_ptr<Client> client(new Client(*this, std::move(wake)));
@@ -231,7 +217,7 @@ std::optional<ClientHub::Frame> ClientHub::Client::next() {
   std::string json =
       "{" + last.fields + ",\"sequence\":" + std::to_string(last.sequence) + ",\"dropped\":" + std::to_string(dropped);
   if (last.merge == Merge::kAppend) json += ",\"rows\":" + std::to_string(rows);
-  Frame frame{framed(json + "}"), last.payload};
+  Frame frame{frame_head(json + "}"), last.payload};
   if (messages.size() == 1 && skipped == 0) return frame;
   const std::size_t row = last.payload->size() / last.rows;
   std::vector<std::byte> joined;

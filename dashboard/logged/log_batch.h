@@ -46,7 +46,12 @@ class LogBatch {
     ++next_;
   }
   /// Adds a point of the current record. points_done() ends the record.
-  void add(std::string_view metric, double step, double time, double value);
+  void add(std::string_view metric, double step, double time, double value) {
+    add(index_of(metric), step, time, value);
+  }
+  void add(std::uint32_t metric, double step, double time, double value) {
+    points_.push_back({metric, next_, step, time, value});
+  }
   void points_done() { ++next_; }
   /// `members` is a JSON object: options to add to those of the run, or to replace.
   void configure(std::string members) {
@@ -62,6 +67,10 @@ class LogBatch {
     ended = true;
     ++next_;
   }
+
+  /// Returns the index of a metric in metrics(), where it is put if it is new.
+  std::uint32_t index_of(std::string_view metric);
+  void reserve(std::size_t points) { points_.reserve(points); }
 
   std::uint64_t first() const { return first_; }
   std::uint64_t end_record() const { return next_; }  ///< number behind the last record

@@ -165,10 +165,16 @@ void update_row(SQLite::Database& database, const LoggedRow& row, const LogBatch
 
 }  // namespace
 
-void LogBatch::add(std::string_view metric, double step, double time, double value) {
+std::uint32_t LogBatch::index_of(std::string_view metric) {
   const auto [place, fresh] = indices_.try_emplace(std::string(metric), static_cast<std::uint32_t>(metrics_.size()));
   if (fresh) metrics_.emplace_back(metric);
-  points_.push_back({place->second, next_, step, time, value});
+  return place->second;
+}
+
+std::optional<std::string> fault_of_metric(const std::string& name) {
+  const bool control = std::any_of(name.begin(), name.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7F'; });
+  if (!name.empty() && name.size() <= kLongestMetric && !control) return std::nullopt;
+  return "a metric has a name of one line of 1 to " + std::to_string(kLongestMetric) + " bytes";
 }
 
 std::optional<std::string> fault_of_logged_id(const std::string& id) {

@@ -12,11 +12,15 @@ namespace citylearn {
 
 /// Bounds of a logged run.
 inline constexpr std::size_t kMostMetrics = 10'000, kLongestMetric = 256;
+inline constexpr std::uint64_t kMostRecords = std::uint64_t{1} << 39;
 inline constexpr std::size_t kLongestConfig = 1 << 20;  ///< bytes of JSON, also of the summary
 
 /// Returns what is wrong with the ID of a logged run, which is PROJECT/NAME, both escaped as in run_id(); nothing when
 /// it is right.
 std::optional<std::string> fault_of_logged_id(const std::string& id);
+
+/// Returns what is wrong with the name of a metric, which is UTF-8; nothing when it is right.
+std::optional<std::string> fault_of_metric(const std::string& name);
 
 /// Records in the store what programs log of their runs. May be used by several threads.
 class LoggedRuns {

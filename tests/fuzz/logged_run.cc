@@ -8,6 +8,7 @@
 
 #include "core/files/json.h"
 #include "core/files/tf_records.h"
+#include "dashboard/api/log_frame.h"
 #include "tests/fuzz/targets.h"
 #include "tests/support/files.h"
 #include "tools/import/event_files.h"
@@ -29,10 +30,26 @@ std::string sealed_wandb(std::string record) {
   return file + type_and_record;
 }
 
+/// Reads points that are sent as numbers.
+bool log_frame_of(const std::string& frame) {
+  return accepted([&] {
+    const LogBatch batch = parse_log_frame(frame);
+    require(batch.end_record() > batch.first() && !batch.points().empty(), "a frame has points");
+    for (const LoggedPoint& point : batch.points()) {
+      require(point.record >= batch.first() && point.record < batch.end_record(), "a point is in its batch");
+      require(point.metric < batch.metrics().size(), "a point has a metric");
+    }
+    const LogBatch again = parse_log_frame(log_frame(batch, 0, batch.points().size(), true));
+    require(again.end_record() == batch.end_record() && again.ended == batch.ended, "what is read can be sent");
+  });
+}
+
 }  // namespace
 
 bool logged_run(Input input) {
   if (input.empty()) return false;
+  const bool frame = (static_cast<int>(input[0]) & 4) != 0;
+  if (frame) return log_frame_of({reinterpret_cast<const char*>(input.data()) + 1, input.size() - 1});
   static const testing::Folder folder;
   const int kind = static_cast<int>(input[0]) & 3;
   std::string text(reinterpret_cast<const char*>(input.data()) + 1, input.size() - 1);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/import/dashboard_sink.h"
 
+#include <algorithm>
 #include <boost/asio/connect.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ssl/context.hpp>
@@ -9,14 +10,13 @@
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
 #include <boost/beast/http.hpp>
-#include <charconv>
-#include <cmath>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <variant>
 
 #include "core/files/json.h"
 #include "core/util/error.h"
+#include "dashboard/api/log_frame.h"
 #include "dashboard/http/answer.h"
 
 namespace citylearn {
@@ -28,17 +28,7 @@ namespace http = beast::http;
 using asio::ip::tcp;
 using Json = nlohmann::json;
 
-constexpr std::size_t kMostBytes = 900'000;  // of a request; the dashboard takes 1 MiB
 constexpr std::chrono::seconds kPatience{60};
-
-void append_real(std::string& text, double value) {
-  if (!std::isfinite(value)) {
-    text += "null";
-    return;
-  }
-  char digits[32];
-  text.append(digits, std::to_chars(digits, digits + sizeof digits, value).ptr);
-}
 
 std::string quoted(const std::string& text) { return text_of(Json(text)); }
 
@@ -100,10 +90,10 @@ struct DashboardSink::Impl {
     return response;
   }
 
-  std::uint64_t post(const std::string& id, std::string body, bool& other_log) {
+  LoggedRuns::Outcome post(const std::string& id, std::string body, const char* type) {
     http::request<http::string_body> request(http::verb::post, "/api/runs/" + percent_encoded(id), 11, std::move(body));
     request.set(http::field::host, host + ":" + port);
-    request.set(http::field::content_type, "application/json");
+    request.set(http::field::content_type, type);
     if (!token.empty()) request.set(http::field::authorization, "Bearer " + token);
     request.prepare_payload();
     http::response<http::string_body> response;
@@ -115,13 +105,12 @@ struct DashboardSink::Impl {
       throw Error("does not answer: " + error.code().message(), url, "is it the dashboard's address?");
     }
     const Json answer = parse_json_or_null(response.body());
-    other_log = response.result() == http::status::conflict;
-    if (other_log) return 0;
+    if (response.result() == http::status::conflict) return {0, true};
     if (response.result() != http::status::ok || !answer.is_object() || !answer.contains("received")) {
       const std::string said = answer.is_object() ? answer.value("error", "") : "";
       throw Error("refuses: " + (said.empty() ? "status " + std::to_string(response.result_int()) : said), url);
     }
-    return answer["received"].get<std::uint64_t>();
+    return {answer["received"].get<std::uint64_t>(), false};
   }
 };
 
@@ -145,38 +134,20 @@ DashboardSink::DashboardSink(const std::string& url, std::string token) : impl_(
 DashboardSink::~DashboardSink() = default;
 
 LoggedRuns::Outcome DashboardSink::append(const std::string& id, const LogBatch& batch) {
-  const std::string head = "{\"source\":" + quoted(batch.source) + ",\"log\":" + quoted(batch.log) + ",\"first\":";
-  LoggedRuns::Outcome outcome;
-  const auto send = [&](std::uint64_t first, const std::string& records, bool last) {
-    std::string body = head + std::to_string(first) + ",\"records\":[" + records + "]";
-    if (last && batch.ended) body += std::string(",\"ended\":") + (*batch.ended ? "true" : "false");
-    outcome.received = impl_->post(id, body + "}", outcome.other_log);
-  };
-  std::vector<std::string> names;
-  for (const std::string& metric : batch.metrics()) names.push_back(quoted(metric));
-  std::string records = other_record(batch);
-  std::uint64_t first = batch.first();
   const std::vector<LoggedPoint>& points = batch.points();
-  for (std::size_t i = 0; i < points.size() && !outcome.other_log;) {
-    const std::uint64_t record = points[i].record;
-    if (records.size() > kMostBytes) {
-      send(first, records, false);
-      records.clear();
-      first = record;
-    }
-    records += records.empty() ? "{\"step\":" : ",{\"step\":";
-    append_real(records, points[i].step);
-    records += ",\"time\":";
-    append_real(records, points[i].time);
-    records += ",\"values\":";
-    for (char before = '{'; i < points.size() && points[i].record == record; ++i, before = ',') {
-      records += before;
-      records += names[points[i].metric] + ":";
-      append_real(records, points[i].value);
-    }
-    records += "}}";
+  if (points.empty()) {
+    std::string body = "{\"source\":" + quoted(batch.source) + ",\"log\":" + quoted(batch.log) +
+                       ",\"first\":" + std::to_string(batch.first()) + ",\"records\":[" + other_record(batch) + "]";
+    if (batch.ended) body += std::string(",\"ended\":") + (*batch.ended ? "true" : "false");
+    return impl_->post(id, body + "}", "application/json");
   }
-  if (!outcome.other_log) send(first, records, true);
+  LoggedRuns::Outcome outcome;
+  for (std::size_t from = 0; from < points.size() && !outcome.other_log;) {
+    std::size_t to = std::min(from + kPointsOfFrame, points.size());
+    while (to < points.size() && points[to].record == points[to - 1].record) ++to;
+    outcome = impl_->post(id, log_frame(batch, from, to, to == points.size()), kLogFrameType);
+    from = to;
+  }
   return outcome;
 }
 

@@ -20,12 +20,19 @@ LogBatch LogWriter::next_batch() const {
   return next;
 }
 
+void LogWriter::settle() {
+  if (!taken_.valid()) return;
+  if (taken_.get().other_log) throw Error("another log has this run's name", options_.id, "give another --project");
+  points_ += std::exchange(under_way_, 0);
+}
+
 void LogWriter::flush() {
   if (batch_.end_record() == batch_.first() && !batch_.ended) return;
-  if (sink_(options_.id, batch_).other_log)
-    throw Error("another log has this run's name", options_.id, "give another --project");
-  points_ += batch_.points().size();
-  batch_ = next_batch();
+  settle();
+  LogBatch next = next_batch();
+  under_way_ = batch_.points().size();
+  taken_ = std::async(std::launch::async,
+                      [this, batch = std::exchange(batch_, std::move(next))] { return sink_(options_.id, batch); });
 }
 
 void LogWriter::begin(LogBeginning beginning) {
@@ -55,6 +62,7 @@ void LogWriter::finish(bool ended) {
   flush();
   batch_.ended = ended;
   flush();
+  settle();
 }
 
 std::string logged_id(const std::string& project, const std::string& name) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <functional>
+#include <future>
 #include <string>
 #include <string_view>
 
@@ -17,7 +18,8 @@ using LogSink = std::function<LoggedRuns::Outcome(const std::string& id, const L
 inline constexpr std::size_t kPointsOfBatch = 500'000;
 
 /// Writes the log of a run that is imported, from its first record on, into a sink. What the sink has already is
-/// skipped there: an import may be repeated.
+/// skipped there: an import may be repeated. The sink takes a batch on another thread while the next one is filled, one
+/// after the other.
 class LogWriter {
  public:
   struct Options {
@@ -34,19 +36,21 @@ class LogWriter {
   void add(std::string_view metric, double step, double time, double value) { batch_.add(metric, step, time, value); }
   /// Ends a record of points.
   void points_done();
-  /// Writes what is left. Throws Error, as all methods do, when the sink does not take it.
+  /// Writes what is left. Throws Error, as all methods do, when the sink does not take it, or what came before.
   void finish(bool ended);
 
-  std::uint64_t points() const { return points_; }  ///< so far
+  std::uint64_t points() const { return points_; }  ///< that the sink has taken
 
  private:
   void flush();
+  void settle();
   LogBatch next_batch() const;
 
   const LogSink sink_;
   const Options options_;
   LogBatch batch_{1};
-  std::uint64_t points_ = 0;
+  std::uint64_t points_ = 0, under_way_ = 0;
+  std::future<LoggedRuns::Outcome> taken_;  // of the batch before; its destructor waits
 };
 
 /// Returns PROJECT/NAME, escaped as run_id() does.

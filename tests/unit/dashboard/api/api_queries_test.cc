@@ -2,6 +2,7 @@
 // What the dashboard's REST API takes and tells of logged runs, what differs between runs, and SQL.
 #include <gtest/gtest.h>
 
+#include "dashboard/api/log_frame.h"
 #include "tests/unit/dashboard/api/api_fixture.h"
 
 namespace citylearn::testing {
@@ -94,6 +95,33 @@ TEST_F(ApiQueries, WrongLogsAreToldWhatIsWrong) {
   Json other = body(2, Json::array({point}));
   other["log"] = "another";
   expect_refused("another program", "p/a", other, 409);
+}
+
+TEST_F(ApiQueries, PointsComeAsNumbersToo) {
+  const auto post_frame = [&](const std::string& frame) {
+    return api_.answer({"POST", {"runs", "p/a"}, {}, frame, kLogFrameType});
+  };
+  LogBatch batch(1);
+  batch.source = "tensorboard";
+  batch.log = "abc";
+  batch.ended = true;
+  batch.add("loss", 3, 5, 0.5);
+  batch.points_done();
+  batch.add("loss", 4, 6, 0.25);
+  batch.points_done();
+  for (int times = 0; times < 2; ++times) {
+    const Answer answer = post_frame(log_frame(batch, 0, 2, true));
+    EXPECT_EQ(answer.status, 200);
+    EXPECT_EQ(Json::parse(answer.body), (Json{{"id", "p/a"}, {"received", 2}}));
+  }
+  EXPECT_EQ(json({"runs", "p/a", "curve"}, {{"metric", "loss"}})["columns"],
+            (Json{{"x", {3, 4}}, {"value", {0.5, 0.25}}}));
+  EXPECT_EQ(json({"runs", "p/a"})["state"], "ended");
+  EXPECT_EQ(post_frame("{}").status, 400);
+  batch.log = "";
+  EXPECT_TRUE(contains(post_frame(log_frame(batch, 0, 2, true)).body, "'source' and 'log'"));
+  batch.log = "another";
+  EXPECT_EQ(post_frame(log_frame(batch, 0, 2, true)).status, 409);
 }
 
 TEST_F(ApiQueries, OnlyWhatDiffersIsCompared) {
