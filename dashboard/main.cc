@@ -126,8 +126,10 @@ struct Watch {
         node(line.node),
         recorder(node, *store),
         live(node, hub, live_options()),
+        alarms(playback ? nullptr : std::make_unique<Alarms>(*store)),
         api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
-             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence, playback.get()},
+             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence, playback.get(),
+             alarms.get()},
             *store, &live) {
     live.on_event = [this](const Event& event) { store->record(event); };
     recorder.on_event = [this](const Event& event) { live.publish(event); };
@@ -145,6 +147,19 @@ struct Watch {
     recorded = recorder.recorded();
     failing = recorder.failing();
     if (playback) show_playback(hub);
+    if (alarms) show_alarms(hub);
+  }
+
+  void show_alarms(Hub& hub) {
+    for (const Event& event : alarms->take_events()) live.publish(event);
+    const std::uint64_t version = alarms->version();
+    if (version == alarms_shown) return;
+    alarms_shown = version;
+    try {
+      hub.publish("alarms", {}, bytes_of(text_of(alarms_json(*alarms))), Hub::Merge::kReplace);
+    } catch (const Error& error) {
+      spdlog::error("{}", error.what());
+    }
   }
 
   void show_playback(Hub& hub) {
@@ -176,6 +191,8 @@ struct Watch {
   Node node;
   Recorder recorder;
   Live live;
+  std::unique_ptr<Alarms> alarms;  // null: what is shown is a recording
+  std::uint64_t alarms_shown = 0;  // version
   Api api;
   msg::ServiceStatus status;
   msg::TraversalInfo traversal;
@@ -245,7 +262,10 @@ int serve(CommandLine& line) {
       line.server, hub,
       {[&](const Query& query) { return current.answer(query); },
        [&] {
-         return current.with([](Watch& now) { return metrics(now.recorded, now.failing) + now.node.metrics().text(); });
+         return current.with([](Watch& now) {
+           return metrics(now.recorded, now.failing) + now.node.metrics().text() +
+                  (now.alarms ? now.alarms->metrics() : "");
+         });
        },
        [&](bool alarms) { return current.with([&](Watch& now) { return now.node.metrics().problem(alarms); }); }});
   const RunsFeed runs(hub, [&] { return current.with([](Watch& now) { return now.api.runs(); }); });

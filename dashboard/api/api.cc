@@ -65,6 +65,8 @@ Answer Api::answer(const Query& query) {
     if (first == "runs" && depth == 2) methods = {"GET", "POST", "DELETE", "PATCH"};
     if (first == "sql" && depth == 1) methods = {"GET", "POST"};
     if (first == "playback" && depth == 1) methods = {"GET", "PATCH"};
+    if (first == "alarms" && depth == 1) methods = {"GET", "POST"};
+    if (first == "alarms" && depth == 2) methods = {"DELETE", "PATCH"};
     if (std::find(methods.begin(), methods.end(), query.method) == methods.end()) {
       Answer answer = error_answer(405, "method " + query.method + " is not possible here");
       answer.headers.emplace_back("Allow", joined(methods));
@@ -85,6 +87,7 @@ Answer Api::answer(const Query& query) {
     if (first == "frames" && depth == 3) return frame(query);
     if (first == "recognition" && (depth == 1 || depth == 3)) return recognition(query);
     if (first == "playback" && depth == 1) return playback(query);
+    if (first == "alarms" && (depth == 1 || depth == 2)) return alarms(query);
     if (first == "about" && depth == 1) return about();
     not_found("there is nothing of this name (docs/reference/dashboard-api.md lists what there is)");
   } catch (RequestError& error) {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "dashboard/alarms/alarms.h"
 #include "dashboard/api/evaluations.h"
 #include "dashboard/api/recognition_results.h"
 #include "dashboard/http/answer.h"
@@ -34,6 +35,7 @@ class Api {
     /// What is shown is a recording. Whether a run goes on is then said by its policy_service's heartbeats alone, as
     /// a recording may stand still.
     PlaybackControl* playback = nullptr;
+    Alarms* alarms = nullptr;  ///< of runs; null: there are none
   };
   /// `store` and `live` must outlive it. `live` may be null: then no service is shown as alive.
   Api(const Options& options, Store& store, LiveView* live);
@@ -74,6 +76,7 @@ class Api {
   Answer compare(const Query& query);
   Answer sql(const Query& query);
   Answer playback(const Query& query);
+  Answer alarms(const Query& query);
   Answer training(const RunRow& row, const Query& query);
   Answer all_training(const RunRow& row, bool csv);
   Answer episodes(const RunRow& row, const Query& query);
@@ -102,5 +105,8 @@ class Api {
 
 /// Returns what GET /api/playback answers, but for its marks, for the live topic `playback`.
 nlohmann::json playback_json(const PlaybackControl& playback);
+
+/// Returns what GET /api/alarms answers, for the live topic `alarms`.
+nlohmann::json alarms_json(Alarms& alarms);
 
 }  // namespace citylearn

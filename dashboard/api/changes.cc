@@ -19,22 +19,6 @@ constexpr std::size_t kMostTags = 32, kLongestTag = 64, kLongestNote = 2000;  //
 constexpr std::size_t kLongestTitle = 256;
 constexpr double kSlowest = 0.01, kFastest = 1000;
 
-/// Returns the object in the request's body, which may have the members `known` alone.
-Json object_of(const Query& query, std::initializer_list<const char*> known) {
-  allow_only(query, {});
-  Json json;
-  try {
-    json = parse_json(query.body, "the body");
-  } catch (const Error& error) {
-    throw RequestError(400, error.what());
-  }
-  if (!json.is_object()) throw RequestError(400, "the body must be a JSON object of " + joined(known));
-  for (const auto& [name, value] : json.items())
-    if (std::find(known.begin(), known.end(), name) == known.end())
-      throw RequestError(400, "'" + name + "' is not known here (" + joined(known) + ")");
-  return json;
-}
-
 bool has_control(const std::string& text, const std::string& allowed) {
   return std::any_of(text.begin(), text.end(),
                      [&](char c) { return ((c >= 0 && c < ' ') || c == '\x7F') && allowed.find(c) == allowed.npos; });

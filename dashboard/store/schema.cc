@@ -192,6 +192,42 @@ CREATE VIEW curves AS SELECT runs.name AS run, metrics.name AS metric, points.st
   JOIN points ON points.key BETWEEN metrics.id << 40 AND ((metrics.id + 1) << 40) - 1;
 )";
 
+// Alarms about runs (dashboard/alarms).
+const char* const kAlarms = R"(
+CREATE TABLE alarm_rules (
+  id INTEGER PRIMARY KEY AUTOINCREMENT,  -- no later rule is taken for one that was removed
+  runs TEXT NOT NULL,
+  "when" TEXT NOT NULL,
+  figure TEXT NOT NULL,
+  value REAL,
+  points INTEGER NOT NULL,
+  steps REAL NOT NULL,
+  minutes REAL NOT NULL,
+  created REAL NOT NULL
+);
+CREATE TABLE alarms (
+  id INTEGER PRIMARY KEY AUTOINCREMENT,
+  rule INTEGER NOT NULL REFERENCES alarm_rules ON DELETE CASCADE,
+  run INTEGER NOT NULL REFERENCES runs ON DELETE CASCADE,
+  since REAL NOT NULL,
+  over REAL,                           -- NULL: it lasts
+  text TEXT NOT NULL
+);
+-- How far a rule has looked at a run.
+CREATE TABLE alarm_progress (
+  rule INTEGER NOT NULL REFERENCES alarm_rules ON DELETE CASCADE,
+  run INTEGER NOT NULL REFERENCES runs ON DELETE CASCADE,
+  newest INTEGER NOT NULL,             -- update or record
+  streak INTEGER NOT NULL,             -- points in succession that fit the rule; negative: that do not
+  begin REAL,                          -- step of the first of them
+  moved REAL NOT NULL,                 -- when a new point was seen last
+  updates INTEGER NOT NULL,            -- of the run, then
+  ended INTEGER NOT NULL,              -- likewise
+  alarm INTEGER NOT NULL,              -- that was raised and whose cause is there; 0: none
+  PRIMARY KEY (rule, run)
+) WITHOUT ROWID;
+)";
+
 /// Returns whether there is something in the file. Throws Error when that is certainly not SQLite.
 bool holds_something(const std::string& path) {
   std::error_code none;
@@ -253,7 +289,7 @@ void keep_copy(SQLite::Database& database, const std::string& copy) {
 }  // namespace
 
 const std::vector<std::string>& schema_steps() {
-  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName, kNotes, kLogged};
+  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName, kNotes, kLogged, kAlarms};
   return steps;
 }
 

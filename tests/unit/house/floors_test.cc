@@ -34,8 +34,8 @@ const std::vector<std::vector<std::string>> kOrders = {
      "policy_service/learning/learners", "policy_service/interchange", "policy_service/interchange/exporters",
      "policy_service/env_client", "policy_service/distributed", "policy_service/results", "policy_service/records",
      "policy_service/ranks", "policy_service/run", "policy_service"},
-    {"dashboard/store", "dashboard/logged", "dashboard/query", "dashboard/http", "dashboard/live", "dashboard/api",
-     "dashboard"},
+    {"dashboard/store", "dashboard/logged", "dashboard/alarms", "dashboard/query", "dashboard/http", "dashboard/live",
+     "dashboard/api", "dashboard"},
 };
 
 constexpr int kMostLines = 500, kMostHeaderLines = 120;
