@@ -371,18 +371,21 @@ std::optional<std::string> Alarms::refusal(const AlarmRule& rule) {
 }
 
 AlarmRule Alarms::add(AlarmRule rule) {
-  const std::lock_guard guard(impl_->mutex);
-  rule.created = impl_->now();
-  impl_->store.with_database([&](SQLite::Database& database) {
-    run(database,
-        "INSERT INTO alarm_rules (runs, \"when\", figure, value, points, steps, minutes, created) "
-        "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-        rule.runs, std::string(name_of(rule.when)), rule.figure, rule.value, rule.points, rule.steps, rule.minutes,
-        rule.created);
-    rule.id = database.getLastInsertRowid();
-  });
-  impl_->rules.push_back(rule);
-  ++impl_->version;
+  {
+    const std::lock_guard guard(impl_->mutex);
+    rule.created = impl_->now();
+    impl_->store.with_database([&](SQLite::Database& database) {
+      run(database,
+          "INSERT INTO alarm_rules (runs, \"when\", figure, value, points, steps, minutes, created) "
+          "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+          rule.runs, std::string(name_of(rule.when)), rule.figure, rule.value, rule.points, rule.steps, rule.minutes,
+          rule.created);
+      rule.id = database.getLastInsertRowid();
+    });
+    impl_->rules.push_back(rule);
+    ++impl_->version;
+  }
+  impl_->poll();  // what comes from now on counts
   return rule;
 }
 

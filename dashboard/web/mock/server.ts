@@ -315,6 +315,8 @@ export class Mock {
         return json(this.services());
       case 'events':
         return json({ events: world.events.slice(0, Number(query.get('limit') ?? 200)) });
+      case 'alarms':
+        return json({ rules: [], alarms: [] });
       case 'controls':
         return json(CONTROLS);
       case 'map':

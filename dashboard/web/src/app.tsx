@@ -17,6 +17,7 @@ import { playback } from './state/playback';
 import { about, beginnings, lostServices, now } from './state/shared';
 import { theme, type Theme } from './state/theme';
 import { classes, Guard, Icon, IconButton, toneOf, type IconName } from './ui/basics';
+import { AlarmBadge } from './ui/alarms';
 import { PlaybackBar } from './ui/playback_bar';
 
 const TITLES: Record<PageName, string> = {
@@ -111,6 +112,7 @@ function Side({ page }: { page: PageName }): JSX.Element {
                 <span class="visually-hidden"> lost or failed</span>
               </span>
             )}
+            {name === 'overview' && <AlarmBadge />}
           </a>
         ))}
       </nav>

@@ -12,6 +12,7 @@ import { hrefOf } from '../state/router';
 import { about, events, lostServices, now, runs, services, type SeenServices } from '../state/shared';
 import { useTraining } from '../state/training';
 import { Card, Empty, Show, State, toneOf } from '../ui/basics';
+import { Alarms, RunAlarms } from '../ui/alarms';
 import { RunNotes } from '../ui/run_notes';
 import { Spark } from '../ui/spark';
 import { figure, SaveTable, TableCard, text, type Column } from '../ui/table';
@@ -42,6 +43,7 @@ export function Overview(): JSX.Element {
               }
             </Show>
           </Card>
+          <Alarms />
           <Services />
         </div>
         <Events />
@@ -144,6 +146,7 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
       <p class="hint">
         {(isLogged(run) ? [run.id] : [run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`]).filter(Boolean).join(' · ')}
       </p>
+      <RunAlarms run={run.id} />
       <RunNotes run={run} name={runName(run)} />
       {rows && rows.length > 1 && (
         <Spark curve={curveOf(rows, { metric: 'spl', x: 'steps', smoothing: 0.9 })} low={0} high={1} />
