@@ -126,7 +126,7 @@ struct Watch {
         node(line.node),
         recorder(node, *store),
         live(node, hub, live_options()),
-        alarms(playback ? nullptr : std::make_unique<Alarms>(*store)),
+        alarms(playback ? nullptr : std::make_unique<Alarms>(*store, alarm_options(hub))),
         api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
              line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence, playback.get(),
              alarms.get()},
@@ -147,19 +147,6 @@ struct Watch {
     recorded = recorder.recorded();
     failing = recorder.failing();
     if (playback) show_playback(hub);
-    if (alarms) show_alarms(hub);
-  }
-
-  void show_alarms(Hub& hub) {
-    for (const Event& event : alarms->take_events()) live.publish(event);
-    const std::uint64_t version = alarms->version();
-    if (version == alarms_shown) return;
-    alarms_shown = version;
-    try {
-      hub.publish("alarms", {}, bytes_of(text_of(alarms_json(*alarms))), Hub::Merge::kReplace);
-    } catch (const Error& error) {
-      spdlog::error("{}", error.what());
-    }
   }
 
   void show_playback(Hub& hub) {
@@ -192,7 +179,6 @@ struct Watch {
   Recorder recorder;
   Live live;
   std::unique_ptr<Alarms> alarms;  // null: what is shown is a recording
-  std::uint64_t alarms_shown = 0;  // version
   Api api;
   msg::ServiceStatus status;
   msg::TraversalInfo traversal;
@@ -200,6 +186,14 @@ struct Watch {
   msg::TrainingStat stat;
 
  private:
+  Alarms::Options alarm_options(Hub& hub) {
+    Alarms::Options options;
+    options.on_event = [this](const Event& event) { live.publish(event); };
+    options.on_change = [&hub](Alarms& changed) {
+      hub.publish("alarms", {}, bytes_of(text_of(alarms_json(changed))), Hub::Merge::kReplace);
+    };
+    return options;
+  }
   Live::Options live_options() {
     Live::Options options;
     if (playback) options.clock = [this] { return heard_until.load(); };

@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <condition_variable>
 #include <map>
@@ -69,8 +68,8 @@ struct Alarms::Impl {
     std::string text;
   };
 
-  Impl(Store& records, Options given)
-      : store(records), options(std::move(given)), reader(open_database(records.path())), begun(now()) {
+  Impl(Alarms& alarms, Store& records, Options given)
+      : owner(alarms), store(records), options(std::move(given)), reader(open_database(records.path())), begun(now()) {
     with_file_errors(store.path(), [&] {
       SQLite::Statement all(
           reader,
@@ -97,32 +96,51 @@ struct Alarms::Impl {
     }
   }
 
-  void poll() {
-    const std::lock_guard guard(mutex);
-    if (rules.empty()) return;
+  /// Looks at what is new for one rule, or for all.
+  void poll(std::optional<std::int64_t> only = std::nullopt) {
+    std::vector<Event> events;
+    {
+      const std::lock_guard guard(mutex);
+      if (rules.empty()) return;
+      try {
+        events = with_file_errors(store.path(), [&] { return look(only); });
+        failing = false;
+      } catch (const Error& error) {
+        // What the store has is where the next look begins. The recorder reports a full disk as an alarm of its own.
+        progress.clear();
+        changes.clear();
+        if (!std::exchange(failing, true)) spdlog::warn("alarms of runs: {}", error.what());
+      }
+    }
+    for (const Event& event : events) {
+      spdlog::info("alarm: {}: {}", event.service, event.text);
+      if (options.on_event) options.on_event(event);
+    }
+    if (!events.empty()) tell_change();
+  }
+
+  void tell_change() {
     try {
-      with_file_errors(store.path(), [&] { look(); });
-      failing = false;
+      if (options.on_change) options.on_change(owner);
     } catch (const Error& error) {
-      // What the store has is where the next look begins. The recorder reports a full disk as an alarm of its own.
-      progress.clear();
-      changes.clear();
-      if (!std::exchange(failing, true)) spdlog::warn("alarms of runs: {}", error.what());
+      spdlog::warn("alarms of runs: {}", error.what());
     }
   }
 
-  void look() {
+  /// Returns the events that it has written.
+  std::vector<Event> look(std::optional<std::int64_t> only) {
     const double time = now();
     const std::vector<WatchedRun> runs = watched_runs();
-    std::erase_if(progress, [&](const auto& entry) {  // a removed run's row may become another's
-      return std::none_of(runs.begin(), runs.end(),
-                          [&](const WatchedRun& run) { return run.row == entry.first.second; });
-    });
-    for (const WatchedRun& run : runs)
-      for (const AlarmRule& rule : rules)
-        if (run.last >= rule.created - kEarlier && watches(rule, run.name, run.tags)) look(rule, run, time);
+    std::set<std::int64_t> rows;
+    for (const WatchedRun& run : runs) rows.insert(run.row);
+    std::erase_if(progress, [&](const auto& entry) { return !rows.contains(entry.first.second); });
+    for (const AlarmRule& rule : rules)
+      if (rule.id == only.value_or(rule.id))
+        for (const WatchedRun& run : runs)
+          if (run.last >= rule.created - kEarlier && watches(rule, run.name, run.tags)) look(rule, run, time);
     const bool dirty = std::any_of(progress.begin(), progress.end(), [](const auto& one) { return one.second.dirty; });
-    if (!changes.empty() || (dirty && time >= next_flush)) write(time);
+    if (changes.empty() && !(dirty && time >= next_flush)) return {};
+    return write(time);
   }
 
   std::vector<WatchedRun> watched_runs() {
@@ -167,7 +185,9 @@ struct Alarms::Impl {
 
   void look(const AlarmRule& rule, const WatchedRun& run, double time) {
     Progress& seen = progress_of(rule, run, time);
-    if (run.ended && seen.ended && seen.updates == run.updates && !seen.raised && !seen.fresh) return;
+    const bool same = !seen.fresh && seen.updates == run.updates && seen.ended == run.ended;
+    // A training's updates are counted before all of them have come.
+    if (same && (run.ended || run.logged) && (counts_points(rule) || (run.ended && !seen.raised))) return;
     seen.raised_now = false;
     const std::int64_t newest = seen.newest;
     const bool all_read = rule.figure.empty() || follow(rule, run, seen);
@@ -182,6 +202,9 @@ struct Alarms::Impl {
       seen.dirty |= moved || seen.ended != run.ended || seen.updates != run.updates;
       seen.ended = run.ended;
       seen.updates = run.updates;
+    } else {
+      seen.updates = 0;  // so that the next look goes on
+      seen.dirty = true;
     }
     seen.fresh = false;
   }
@@ -200,9 +223,10 @@ struct Alarms::Impl {
 
   bool follow(const AlarmRule& rule, const WatchedRun& run, Progress& seen);
   void count(const AlarmRule& rule, const WatchedRun& run, Progress& seen, double step, double value);
-  void write(double time);
+  std::vector<Event> write(double time);
   std::optional<std::string> unknown_figure(const AlarmRule& rule);
 
+  Alarms& owner;
   Store& store;
   const Options options;
   std::mutex mutex;
@@ -211,8 +235,6 @@ struct Alarms::Impl {
   std::vector<AlarmRule> rules;
   std::map<std::pair<std::int64_t, std::int64_t>, Progress> progress;  // by rule and row of `runs`
   std::vector<Change> changes;
-  std::vector<Event> events;  // for take_events()
-  std::atomic<std::uint64_t> version{0};
   double next_flush = 0;
   bool failing = false;
   std::mutex pause_mutex;
@@ -288,9 +310,9 @@ void Alarms::Impl::count(const AlarmRule& rule, const WatchedRun& run, Progress&
   if (seen.raised && -seen.streak >= enough) change(rule, run, seen, false, "");
 }
 
-/// Commits all changes, and how far the rules have looked.
-void Alarms::Impl::write(double time) {
-  std::vector<Event> fresh;
+/// Commits all changes, and how far the rules have looked. Returns the events of the changes.
+std::vector<Event> Alarms::Impl::write(double time) {
+  std::vector<Event> events;
   store.with_database([&](SQLite::Database& database) {
     SQLite::Transaction all(database, SQLite::TransactionBehavior::IMMEDIATE);
     SQLite::Statement raise(
@@ -306,8 +328,8 @@ void Alarms::Impl::write(double time) {
       else if (!one.raised)
         run(end, std::exchange(one.progress->alarm, 0), time);
       if (!one.raised && one.run->ended) continue;
-      fresh.push_back({time, one.run->session, one.run->name, "alarm", (one.raised ? "" : "resolved: ") + one.text});
-      run(event, time, fresh.back().session, fresh.back().service, fresh.back().text);
+      events.push_back({time, one.run->session, one.run->name, "alarm", (one.raised ? "" : "resolved: ") + one.text});
+      run(event, time, events.back().session, events.back().service, events.back().text);
     }
     SQLite::Statement save(
         database,
@@ -324,11 +346,8 @@ void Alarms::Impl::write(double time) {
   });
   for (auto& [key, seen] : progress) seen.dirty = false;
   next_flush = time + kFlushEvery;
-  if (changes.empty()) return;
   changes.clear();
-  for (const Event& one : fresh) spdlog::info("alarm: {}: {}", one.service, one.text);
-  std::move(fresh.begin(), fresh.end(), std::back_inserter(events));
-  ++version;
+  return events;
 }
 
 /// Returns a sentence when there are runs that the rule watches, and none of them has its figure.
@@ -359,7 +378,7 @@ std::optional<std::string> Alarms::Impl::unknown_figure(const AlarmRule& rule) {
                         : ": they have, for example, " + joined(std::vector<std::string>(known.begin(), known.end())));
 }
 
-Alarms::Alarms(Store& store, Options options) : impl_(std::make_unique<Impl>(store, std::move(options))) {}
+Alarms::Alarms(Store& store, Options options) : impl_(std::make_unique<Impl>(*this, store, std::move(options))) {}
 Alarms::~Alarms() = default;
 
 std::optional<std::string> Alarms::refusal(const AlarmRule& rule) {
@@ -383,32 +402,32 @@ AlarmRule Alarms::add(AlarmRule rule) {
       rule.id = database.getLastInsertRowid();
     });
     impl_->rules.push_back(rule);
-    ++impl_->version;
   }
-  impl_->poll();  // what comes from now on counts
+  impl_->poll(rule.id);  // what comes from now on counts
+  impl_->tell_change();
   return rule;
 }
 
 bool Alarms::remove(std::int64_t rule) {
-  const std::lock_guard guard(impl_->mutex);
-  const auto found =
-      std::find_if(impl_->rules.begin(), impl_->rules.end(), [&](const AlarmRule& one) { return one.id == rule; });
-  if (found == impl_->rules.end()) return false;
-  impl_->store.with_database(
-      [&](SQLite::Database& database) { run(database, "DELETE FROM alarm_rules WHERE id = ?", rule); });
-  impl_->rules.erase(found);
-  std::erase_if(impl_->progress, [&](const auto& one) { return one.first.first == rule; });
-  ++impl_->version;
+  {
+    const std::lock_guard guard(impl_->mutex);
+    const auto is = [&](const AlarmRule& one) { return one.id == rule; };
+    if (std::none_of(impl_->rules.begin(), impl_->rules.end(), is)) return false;
+    impl_->store.with_database(
+        [&](SQLite::Database& database) { run(database, "DELETE FROM alarm_rules WHERE id = ?", rule); });
+    std::erase_if(impl_->rules, is);
+    std::erase_if(impl_->progress, [&](const auto& one) { return one.first.first == rule; });
+  }
+  impl_->tell_change();
   return true;
 }
 
 bool Alarms::dismiss(std::int64_t alarm) {
-  const std::lock_guard guard(impl_->mutex);
   int dismissed = 0;
   impl_->store.with_database([&](SQLite::Database& database) {
     dismissed = run(database, "UPDATE alarms SET over = ?2 WHERE id = ?1 AND over IS NULL", alarm, impl_->now());
   });
-  if (dismissed > 0) ++impl_->version;
+  if (dismissed > 0) impl_->tell_change();
   return dismissed > 0;
 }
 
@@ -434,14 +453,7 @@ std::vector<RunAlarm> Alarms::alarms() {
   });
 }
 
-std::uint64_t Alarms::version() const { return impl_->version; }
-
 void Alarms::poll() { impl_->poll(); }
-
-std::vector<Event> Alarms::take_events() {
-  const std::lock_guard guard(impl_->mutex);
-  return std::exchange(impl_->events, {});
-}
 
 std::string Alarms::metrics() {
   std::map<std::int64_t, std::string> words;

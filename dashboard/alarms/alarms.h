@@ -34,6 +34,10 @@ class Alarms {
   struct Options {
     std::chrono::milliseconds period{1000};  ///< between two looks; 0: only poll() looks
     std::function<double()> now;             ///< seconds since 1970; unset: the clock
+    /// Called for each alarm that is raised or over, once that is in the store: the event that is there too. Called by
+    /// the thread that looks, or by that which makes a rule; may be unset.
+    std::function<void(const Event&)> on_event{};
+    std::function<void(Alarms&)> on_change{};  ///< likewise, after each change of rules and alarms
   };
   /// `store` must outlive it. Throws Error when the store cannot be read.
   Alarms(Store& store, Options options);
@@ -53,13 +57,9 @@ class Alarms {
 
   std::vector<AlarmRule> rules();  ///< in the order in which they were made
   std::vector<RunAlarm> alarms();  ///< those that last, then others, each newest first; at most 200
-  /// Grows with each change of rules and alarms.
-  std::uint64_t version() const;
 
   /// Looks at what is new.
   void poll();
-  /// Returns the events, which are in the store already, since the last call.
-  std::vector<Event> take_events();
 
   /// Returns lines for /metrics: the alarms that last.
   std::string metrics();

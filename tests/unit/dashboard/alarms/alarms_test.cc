@@ -32,7 +32,9 @@ class AlarmsTest : public ::testing::Test {
     store_.reset();
     store_ = std::make_unique<Store>(Store::Options{path_, 0});
     runs_ = std::make_unique<LoggedRuns>(*store_);
-    alarms_ = std::make_unique<Alarms>(*store_, Alarms::Options{std::chrono::milliseconds(0), [this] { return now_; }});
+    Alarms::Options options{std::chrono::milliseconds(0), [this] { return now_; }};
+    options.on_event = [this](const Event& event) { events_.push_back(event); };
+    alarms_ = std::make_unique<Alarms>(*store_, options);
   }
 
   static AlarmRule rule(When when, const std::string& figure, double value = 0, std::uint64_t points = 1) {
@@ -63,7 +65,7 @@ class AlarmsTest : public ::testing::Test {
   std::vector<std::string> look() {
     alarms_->poll();
     std::vector<std::string> texts;
-    for (const Event& event : alarms_->take_events()) {
+    for (const Event& event : std::exchange(events_, {})) {
       EXPECT_EQ(event.kind, "alarm");
       texts.push_back(event.service + ": " + event.text);
     }
@@ -82,6 +84,7 @@ class AlarmsTest : public ::testing::Test {
   const std::string path_ = folder_ / "dashboard.sqlite";
   double now_ = seconds_since_epoch();
   std::map<std::string, std::uint64_t> next_;  // records so far, by run
+  std::vector<Event> events_;
   std::unique_ptr<Store> store_;
   std::unique_ptr<LoggedRuns> runs_;
   std::unique_ptr<Alarms> alarms_;
@@ -145,6 +148,18 @@ TEST_F(AlarmsTest, AFigureThatCrossesTheBoundAllTheTimeRaisesFew) {
   for (int i = 0; i < 1000; ++i) values.insert(values.end(), {9, 1});
   log(values);
   EXPECT_LE(look().size(), 2u);
+}
+
+TEST_F(AlarmsTest, ManyPointsAtOnceAreLookedAtOneAfterTheOther) {
+  add(rule(When::kAbove, "loss", 5));
+  now_ += 120;
+  std::vector<double> values(250'000, 1);
+  values.back() = 9;
+  log(values, "p/a", true);
+  Texts all;
+  for (int looks = 0; looks < 3; ++looks)
+    for (const std::string& text : look()) all.push_back(text);
+  EXPECT_EQ(all, (Texts{"p/a: loss above 5: 9 at step 2500000"}));
 }
 
 TEST_F(AlarmsTest, FiguresOfTrainings) {
