@@ -323,10 +323,12 @@ std::vector<Event> Alarms::Impl::write(double time) {
     SQLite::Statement event(database,
                             "INSERT INTO events (time, session, service, kind, text) VALUES (?, ?, ?, 'alarm', ?)");
     for (const Change& one : changes) {
-      if (one.raised && run(raise, one.rule->id, one.run->row, time, one.text) > 0)
+      if (one.raised) {
+        if (run(raise, one.rule->id, one.run->row, time, one.text) == 0) continue;  // the run was removed meanwhile
         one.progress->alarm = database.getLastInsertRowid();
-      else if (!one.raised)
+      } else {
         run(end, std::exchange(one.progress->alarm, 0), time);
+      }
       if (!one.raised && one.run->ended) continue;
       events.push_back({time, one.run->session, one.run->name, "alarm", (one.raised ? "" : "resolved: ") + one.text});
       run(event, time, events.back().session, events.back().service, events.back().text);
@@ -382,7 +384,7 @@ Alarms::Alarms(Store& store, Options options) : impl_(std::make_unique<Impl>(*th
 Alarms::~Alarms() = default;
 
 std::optional<std::string> Alarms::refusal(const AlarmRule& rule) {
-  if (const auto fault = fault_of(rule)) return fault;
+  if (auto fault = fault_of(rule)) return fault;
   const std::lock_guard guard(impl_->mutex);
   if (impl_->rules.size() >= kMostAlarmRules)
     return "there are " + std::to_string(kMostAlarmRules) + " rules already: remove one first";

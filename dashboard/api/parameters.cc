@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/files/json.h"
+#include "core/util/error.h"
 #include "core/util/text.h"
 
 namespace citylearn {

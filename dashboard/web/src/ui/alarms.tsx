@@ -10,7 +10,7 @@ import { alarms, loadAlarms, raised } from '../state/alarms';
 import { failure, valueOf } from '../state/resource';
 import { hrefOf } from '../state/router';
 import { runs } from '../state/shared';
-import { Card, Empty, Failed, Icon, IconButton, Select, Show } from './basics';
+import { Card, Failed, Icon, IconButton, Select, Show } from './basics';
 
 const WHENS: { value: When; label: string }[] = [
   { value: 'below', label: 'A figure is below' },
@@ -71,7 +71,7 @@ export function Alarms(): JSX.Element {
                 </ul>
               )}
               {raised.value.length + past.length + rules.length === 0 && !making && (
-                <Empty title="No alarms">A rule raises one when a run needs somebody: a figure below a value, no new points, a run that is lost.</Empty>
+                <p class="hint">No alarms. A rule raises one when a run needs somebody: a figure is below a value, no new points come, or it is lost.</p>
               )}
             </>
           );
