@@ -17,6 +17,7 @@
 #include "dashboard/live/json.h"
 #include "dashboard/live/live.h"
 #include "dashboard/live/playback.h"
+#include "dashboard/live/route_archive.h"
 #include "dashboard/live/runs_feed.h"
 #include "dashboard/store/recorder.h"
 
@@ -127,6 +128,7 @@ struct Watch {
         recorder(node, *store),
         live(node, hub, live_options()),
         alarms(playback ? nullptr : std::make_unique<Alarms>(*store, alarm_options(hub))),
+        archive(RouteStore(*store), live),
         api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
              line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence, playback.get(),
              alarms.get()},
@@ -144,6 +146,7 @@ struct Watch {
     dispatch(node, stat, recorder, live);
     recorder.poll();
     live.poll();
+    if (!temporary) archive.poll();
     recorded = recorder.recorded();
     failing = recorder.failing();
     if (playback) show_playback(hub);
@@ -179,6 +182,7 @@ struct Watch {
   Recorder recorder;
   Live live;
   std::unique_ptr<Alarms> alarms;  // null: what is shown is a recording
+  RouteArchive archive;
   Api api;
   msg::ServiceStatus status;
   msg::TraversalInfo traversal;

@@ -129,24 +129,39 @@ Answer Api::map(const Query& query) {
   allow_only(query, {});
   const std::uint64_t hash = parsed_hash(query.path[1]);
   const LiveView::Map map = live_ ? live_->map(hash) : LiveView::Map();
+  if (map.readiness == LiveView::Readiness::kHere) return json_answer(map.json);
+  BorrowedReader reader(*this);
+  if (const auto stored = reader->map(hash)) return json_answer(map_json(hash, *stored));
   if (map.readiness == LiveView::Readiness::kComing) return coming();
-  if (map.readiness == LiveView::Readiness::kNone) not_found("no env_service that is there hosts " + query.path[1]);
-  return json_answer(map.json);
+  not_found("no env_service that is there hosts " + query.path[1] + ", and no map of it is stored");
 }
 
 Answer Api::frame(const Query& query) {
-  allow_only(query, {});
+  allow_only(query, {"nearest"});
+  const bool nearest = flag_parameter(query, "nearest").value_or(false);
   const std::uint64_t hash = parsed_hash(query.path[1]);
   const auto index = parsed<std::uint32_t>(query.path[2]);
   if (!index) throw RequestError(400, "a frame is named by its index, a number; '" + query.path[2] + "' is none");
   LiveView::Picture picture = live_ ? live_->frame(hash, *index) : LiveView::Picture();
   if (picture.readiness == LiveView::Readiness::kComing) return coming();
-  if (picture.readiness == LiveView::Readiness::kNone)
-    not_found("no env_service that is there has a picture of frame " + query.path[2] + " of " + query.path[1]);
+  std::uint32_t frame = *index;
+  if (picture.readiness == LiveView::Readiness::kNone) {
+    BorrowedReader reader(*this);
+    auto stored = reader->picture(hash, *index);
+    if (!stored || (stored->frame != *index && !nearest))
+      not_found("no env_service that is there has a picture of frame " + query.path[2] + " of " + query.path[1] +
+                ", and none is stored");
+    frame = stored->frame;
+    picture.type = std::move(stored->picture.type);
+    picture.bytes = std::move(stored->picture.bytes);
+  }
   Answer answer;
   answer.type = std::move(picture.type);
   answer.body = std::move(picture.bytes);
-  answer.headers.emplace_back("Cache-Control", "private, max-age=31536000, immutable");
+  // A stored picture is smaller than what an env_service has, which may come back.
+  const bool stored = picture.readiness == LiveView::Readiness::kNone;
+  answer.headers.emplace_back("Cache-Control", stored ? "no-store" : "private, max-age=31536000, immutable");
+  answer.headers.emplace_back("X-Frame", std::to_string(frame));
   return answer;
 }
 

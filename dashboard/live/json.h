@@ -26,5 +26,7 @@ Bytes bytes_of(const Values& values) {
 std::string hash_text(std::uint64_t hash);
 nlohmann::json event_json(const Event& event);
 nlohmann::json traversal_json(const TraversalRow& traversal);
+/// Returns what GET /api/map/HASH answers.
+nlohmann::json map_json(std::uint64_t hash, const RouteMap& map);
 
 }  // namespace citylearn

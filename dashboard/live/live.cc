@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <bit>
 #include <charconv>
-#include <cmath>
 #include <cstring>
 
 #include "core/task/training_figures.h"
@@ -30,13 +29,6 @@ std::string source_of(const msg::Header& header) {
 
 const char* name_of(msg::Mode mode) {
   return mode == msg::TRAIN ? "train" : mode == msg::EVALUATE ? "evaluate" : "idle";
-}
-
-template <class Number>
-Json numbers(const std::vector<Number>& values) {
-  Json all = Json::array();
-  for (const Number value : values) all.push_back(std::isfinite(value) ? Json(value) : Json());
-  return all;
 }
 
 }  // namespace
@@ -302,12 +294,36 @@ LiveView::Map Live::map(std::uint64_t hash) {
       return {Readiness::kComing, {}};
     }
   }
-  return {Readiness::kHere,
-          {{"hash", hash_text(hash)},
-           {"frames", map->frames},
-           {"position", numbers(map->position)},
-           {"latitude", map->latitude.empty() ? Json() : numbers(map->latitude)},
-           {"longitude", map->longitude.empty() ? Json() : numbers(map->longitude)}}};
+  return {Readiness::kHere, map_json(hash, *map)};
+}
+
+std::vector<TraversalRow> Live::hosted() {
+  std::map<std::uint64_t, TraversalRow> traversals;
+  const std::lock_guard lock(mutex_);
+  for (const auto& [environment, hosted] : hosted_)
+    if (services_.is_alive(environment.first, environment.second)) traversals.try_emplace(hosted.row.hash, hosted.row);
+  std::vector<TraversalRow> list;
+  for (auto& [hash, row] : traversals) list.push_back(std::move(row));
+  return list;
+}
+
+std::shared_ptr<const RouteMap> Live::route_map(std::uint64_t hash) {
+  const std::lock_guard lock(mutex_);
+  auto map = maps_.find(hash);
+  const auto host = map ? std::nullopt : host_of(hash, false, 0);
+  if (host) maps_.fetch(hash, host->first, host->second);
+  return map;
+}
+
+RouteSource::SparePicture Live::spare_picture(const PictureKey& key) {
+  if (auto picture = pictures_.find(key)) return {std::move(picture), false};
+  if (pictures_.fetching(key)) return {nullptr, true};
+  std::optional<Environment> host;
+  {
+    const std::lock_guard lock(mutex_);
+    host = host_of(key.hash, true, key.frame);
+  }
+  return {nullptr, host && pictures_.fetch_spare(key, {host->first, host->second})};
 }
 
 LiveView::Picture Live::frame(std::uint64_t hash, std::uint32_t index) {

@@ -16,6 +16,7 @@
 #include "dashboard/live/live_view.h"
 #include "dashboard/live/maps.h"
 #include "dashboard/live/pictures.h"
+#include "dashboard/live/route_source.h"
 #include "dashboard/live/service_list.h"
 #include "dashboard/store/rows.h"
 #include "dashboard/store/store.h"
@@ -25,7 +26,7 @@ namespace citylearn {
 /// Shows what goes on now: takes the messages of one session or of all, publishes to the hub's clients the topics that
 /// they watch (services, events, training, scenes, pictures), and answers the API. The methods of LiveView may be used
 /// by any thread; all others belong to the thread of the node.
-class Live : public LiveView {
+class Live : public LiveView, public RouteSource {
  public:
   struct Options {
     Pictures::Options pictures;
@@ -59,6 +60,10 @@ class Live : public LiveView {
   nlohmann::json traversals(const std::string& session) override;
   Map map(std::uint64_t hash) override;
   Picture frame(std::uint64_t hash, std::uint32_t index) override;
+
+  std::vector<TraversalRow> hosted() override;
+  std::shared_ptr<const RouteMap> route_map(std::uint64_t hash) override;
+  SparePicture spare_picture(const PictureKey& key) override;
 
  private:
   using Environment = std::pair<std::string, std::string>;  // session and id

@@ -8,15 +8,9 @@
 
 #include "core/wire/blob.h"
 #include "core/wire/node.h"
+#include "dashboard/store/rows.h"
 
 namespace citylearn {
-
-/// Where the frames of a traversal were recorded.
-struct RouteMap {
-  std::uint32_t frames = 0;
-  std::vector<float> position;              ///< F, metres along the route; NaN where unknown
-  std::vector<double> latitude, longitude;  ///< F, degrees; NaN where unknown; empty where no frame has one
-};
 
 /// Fetches maps of traversals from env_services on request, and caches them. Used by one thread at a time.
 class Maps {

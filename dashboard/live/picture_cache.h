@@ -9,6 +9,8 @@
 #include <mutex>
 #include <string>
 
+#include "dashboard/store/rows.h"
+
 namespace citylearn {
 
 /// Names one picture for good: the hash of its traversal and its frame.
@@ -16,12 +18,6 @@ struct PictureKey {
   std::uint64_t hash = 0;
   std::uint32_t frame = 0;
   auto operator<=>(const PictureKey&) const = default;
-};
-
-/// A picture as a browser shows it.
-struct PictureFile {
-  std::string type;   ///< "image/jpeg"
-  std::string bytes;  ///< empty: it cannot be read or decoded
 };
 
 /// Keeps the pictures used last, so that each is fetched and made smaller once. May be used by any thread.

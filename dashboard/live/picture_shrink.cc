@@ -11,14 +11,14 @@
 namespace citylearn {
 namespace {
 
-constexpr std::size_t kSmall = 256 << 10;
 constexpr int kQuality = 85;
 
 }  // namespace
 
-PictureFile shrink(const Bytes& file, int widest, const std::string& where) {
+PictureFile shrink(const Bytes& file, const PictureLimits& limits, const std::string& where) {
+  const int widest = limits.widest;
   const ImageHeader header = read_image_header(file, where);
-  if (header.width <= widest && file.size() <= kSmall && (header.format == "jpeg" || header.format == "png"))
+  if (header.width <= widest && file.size() <= limits.bytes && (header.format == "jpeg" || header.format == "png"))
     return {"image/" + header.format, std::string(reinterpret_cast<const char*>(file.data()), file.size())};
   try {
     // Large JPEGs are decoded at a fraction of their size, which is several times faster.

@@ -24,6 +24,16 @@ void Pictures::fetch(const PictureKey& key, const Source& source) {
   if (waiting_.size() > options_.most_waiting) waiting_.pop_front();
 }
 
+bool Pictures::fetch_spare(const PictureKey& key, const Source& source) {
+  const Clock::time_point now = Clock::now();
+  if (!waiting_.empty() || !fetches_.empty() || now < std::max(next_, next_spare_)) return false;
+  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, timer(), true}).first->second;
+  request(key, fetch, now);
+  return true;
+}
+
+RequestTimer Pictures::timer() const { return RequestTimer(options_.patience, RequestTimer::kUsualTries); }
+
 bool Pictures::fetching(const PictureKey& key) {
   if (fetches_.contains(key)) return true;
   if (std::any_of(waiting_.begin(), waiting_.end(), [&](const auto& one) { return one.first == key; })) return true;
@@ -37,8 +47,9 @@ void Pictures::poll(Clock::time_point now) {
     if (!fetch->second.timer.is_due(now)) {
       ++fetch;
     } else if (fetch->second.timer.gave_up(now)) {
-      spdlog::warn("frame {} of {:016x} does not arrive from '{}'", fetch->first.frame, fetch->first.hash,
-                   fetch->second.source.environment);
+      spdlog::log(fetch->second.spare ? spdlog::level::debug : spdlog::level::warn,
+                  "frame {} of {:016x} does not arrive from '{}'", fetch->first.frame, fetch->first.hash,
+                  fetch->second.source.environment);
       fetch = fetches_.erase(fetch);
     } else {
       request(fetch->first, fetch->second, now);
@@ -55,8 +66,7 @@ void Pictures::poll(Clock::time_point now) {
   const auto [key, source] = newest_next_ ? waiting_.back() : waiting_.front();
   newest_next_ ? waiting_.pop_back() : waiting_.pop_front();
   next_ = now + options_.between;
-  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, RequestTimer(options_.patience, RequestTimer::kUsualTries)})
-                     .first->second;
+  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, timer()}).first->second;
   request(key, fetch, now);
 }
 
@@ -82,7 +92,11 @@ void Pictures::on_message(const msg::ImageChunk& chunk, Clock::time_point now) {
   const auto found = fetches_.find({chunk.hash(), chunk.frame()});
   if (found == fetches_.end()) return;
   Fetch& fetch = found->second;
-  if (!fetch.file) fetch.file.emplace(chunk.total_bytes());
+  if (!fetch.file) {
+    fetch.file.emplace(chunk.total_bytes());
+    if (fetch.spare)
+      next_spare_ = now + std::chrono::milliseconds(1000 * std::uint64_t{chunk.total_bytes()} / options_.spare_rate);
+  }
   if (fetch.file->total_bytes() != chunk.total_bytes()) return;
   if (fetch.file->take(chunk.chunk(), chunk.data()) != Taken::kYes) return;
   fetch.timer.answered(now);
@@ -114,7 +128,7 @@ void Pictures::shrink_all(const std::stop_token& stop) {
     lock.unlock();
     PictureFile picture;
     try {
-      picture = shrink(one.file, options_.widest, one.name);
+      picture = shrink(one.file, {options_.widest}, one.name);
     } catch (const std::exception& error) {
       spdlog::warn("{}", error.what());
     }

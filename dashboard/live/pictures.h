@@ -27,6 +27,7 @@ class Pictures {
     std::chrono::milliseconds between{100};          ///< requests of pictures
     std::chrono::milliseconds patience{500};         ///< until a missing chunk is requested again
     std::size_t most_waiting = 64;                   ///< beyond, the oldest are dropped
+    std::size_t spare_rate = std::size_t{1} << 20;   ///< bytes a second of pictures that nobody waits for, on average
   };
   struct Source {
     std::string session, environment;
@@ -37,6 +38,9 @@ class Pictures {
 
   /// Starts to fetch a picture unless it is here or under way. Waiting ones are taken newest and oldest by turns.
   void fetch(const PictureKey& key, const Source& source);
+  /// Starts to fetch a picture that nobody waits for. Returns false, having done nothing, while any other one is
+  /// fetched or the spare rate is used up.
+  bool fetch_spare(const PictureKey& key, const Source& source);
   /// Takes chunks that arrived and requests what is due.
   void poll(Clock::time_point now);
   /// Returns the time of the next request, or time_point::max().
@@ -48,8 +52,10 @@ class Pictures {
   struct Fetch {
     Source source;
     RequestTimer timer;
+    bool spare = false;
     std::optional<Blob> file = {};  // once a chunk has arrived
   };
+  RequestTimer timer() const;
   void on_message(const msg::ImageChunk& chunk, Clock::time_point now);
   void request(const PictureKey& key, Fetch& fetch, Clock::time_point now);
   void shrink_later(const PictureKey& key, Bytes file, const std::string& name);
@@ -60,7 +66,7 @@ class Pictures {
   PictureCache cache_;
   std::deque<std::pair<PictureKey, Source>> waiting_;  // not requested yet; the newest last
   std::map<PictureKey, Fetch> fetches_;
-  Clock::time_point next_{};
+  Clock::time_point next_{}, next_spare_{};
   bool newest_next_ = false;
   msg::ImageChunk chunk_;
 

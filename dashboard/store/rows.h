@@ -36,6 +36,19 @@ struct TraversalRow {
   bool images = false;
 };
 
+/// Where the frames of a traversal were recorded.
+struct RouteMap {
+  std::uint32_t frames = 0;
+  std::vector<float> position;              ///< F, metres along the route; NaN where unknown
+  std::vector<double> latitude, longitude;  ///< F, degrees; NaN where unknown; empty where no frame has one
+};
+
+/// A picture as a browser shows it.
+struct PictureFile {
+  std::string type;   ///< "image/jpeg"
+  std::string bytes;  ///< empty: it cannot be read or decoded
+};
+
 struct EpisodeRow {
   std::int64_t rowid = 0;
   std::string environment;
@@ -83,6 +96,7 @@ struct EpisodeFilter {
   std::optional<std::string> traversal, policy;
   std::optional<std::uint64_t> update;
   std::optional<std::int64_t> before;  ///< rowid
+  std::optional<std::int64_t> until;   ///< likewise, but with that one
 };
 
 /// Whose tasks an evaluation is made of.

@@ -228,6 +228,35 @@ CREATE TABLE alarm_progress (
 ) WITHOUT ROWID;
 )";
 
+// What the Route page shows of a run that is over. A traversal's hash names its map, the hash of a picture its bytes:
+// each is here once, however many runs show it.
+const char* const kRoutes = R"(
+CREATE TABLE maps (
+  hash INTEGER PRIMARY KEY,            -- of the traversal, as in `sources`
+  frames INTEGER NOT NULL,
+  position BLOB NOT NULL,              -- metres along the route: float32, one a frame
+  latitude BLOB,                       -- degrees: float64, one a frame; NULL: no frame has one
+  longitude BLOB
+);
+CREATE TABLE pictures (
+  id INTEGER PRIMARY KEY,
+  content TEXT NOT NULL UNIQUE,        -- SHA-256 of `bytes`
+  type TEXT NOT NULL,                  -- "image/jpeg"
+  bytes BLOB NOT NULL
+);
+-- The picture of a frame of a traversal.
+CREATE TABLE places (
+  hash INTEGER NOT NULL,
+  frame INTEGER NOT NULL,
+  picture INTEGER NOT NULL REFERENCES pictures,
+  PRIMARY KEY (hash, frame)
+) WITHOUT ROWID;
+CREATE INDEX places_of_picture ON places (picture);
+CREATE INDEX sources_of_hash ON sources (hash);
+CREATE INDEX runs_of_source ON run_sources (source);
+CREATE INDEX episodes_of_training ON episodes (run) WHERE evaluation = 0;
+)";
+
 /// Returns whether there is something in the file. Throws Error when that is certainly not SQLite.
 bool holds_something(const std::string& path) {
   std::error_code none;
@@ -289,7 +318,7 @@ void keep_copy(SQLite::Database& database, const std::string& copy) {
 }  // namespace
 
 const std::vector<std::string>& schema_steps() {
-  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName, kNotes, kLogged, kAlarms};
+  static const std::vector<std::string> steps = {kFirst, kPlainNames, kRunsByName, kNotes, kLogged, kAlarms, kRoutes};
   return steps;
 }
 

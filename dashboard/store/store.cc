@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "core/task/training_figures.h"
+#include "dashboard/store/route_store.h"
 #include "dashboard/store/schema.h"
 #include "dashboard/store/store_impl.h"
 
@@ -252,6 +253,7 @@ Store::Removal Store::remove(const std::string& name) {
         "ON p.key BETWEEN m.id << 40 AND ((m.id + 1) << 40) - 1 WHERE m.run = ?1)",
         row);
     run(database, "DELETE FROM runs WHERE id = ?", row);
+    remove_unused_routes(database);
     all.commit();
     impl_->liveness.erase(row);
     impl_->unwritten.erase(row);

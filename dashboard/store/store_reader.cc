@@ -2,6 +2,7 @@
 #include "dashboard/store/store_reader.h"
 
 #include <algorithm>
+#include <cstring>
 
 #include "core/util/error.h"
 #include "core/util/text.h"
@@ -47,6 +48,7 @@ std::string conditions(const EpisodeFilter& filter) {
   if (filter.policy) sql += " AND e.policy = ?3";
   if (filter.update) sql += " AND e.\"update\" = ?4";
   if (filter.before) sql += " AND e.id < ?5";
+  if (filter.until) sql += " AND e.id <= ?6";
   return sql;
 }
 
@@ -56,6 +58,7 @@ void bind_filter(SQLite::Statement& statement, std::int64_t run, const EpisodeFi
   if (filter.policy) bind_value(statement, 3, *filter.policy);
   if (filter.update) bind_value(statement, 4, *filter.update);
   if (filter.before) bind_value(statement, 5, *filter.before);
+  if (filter.until) bind_value(statement, 6, *filter.until);
 }
 
 /// Returns the SQL of a training figure. The update is in the key.
@@ -260,6 +263,51 @@ std::optional<StoreReader::Replay> StoreReader::episode(std::int64_t rowid) {
   };
   impl_->each_row(impl_->episode, read, rowid);
   return found;
+}
+
+std::optional<std::int64_t> StoreReader::training_episode(std::int64_t run, std::uint64_t number) {
+  return with_file_errors(impl_->path, [&]() -> std::optional<std::int64_t> {
+    // Counted in an index that has nothing else.
+    SQLite::Statement row(
+        impl_->database,
+        "SELECT COALESCE((SELECT id FROM episodes WHERE run = ?1 AND evaluation = 0 ORDER BY id LIMIT 1 "
+        "OFFSET ?2), (SELECT MAX(id) FROM episodes WHERE run = ?1 AND evaluation = 0))");
+    bind_values(row, run, std::max<std::uint64_t>(number, 1) - 1);
+    return row.executeStep() ? value_at<std::optional<std::int64_t>>(row, 0) : std::nullopt;
+  });
+}
+
+std::optional<RouteMap> StoreReader::map(std::uint64_t hash) {
+  return with_file_errors(impl_->path, [&]() -> std::optional<RouteMap> {
+    SQLite::Statement row(impl_->database, "SELECT frames, position, latitude, longitude FROM maps WHERE hash = ?");
+    if (!bind_values(row, hash).executeStep()) return std::nullopt;
+    RouteMap map;
+    map.frames = value_at<std::uint32_t>(row, 0);
+    const auto read = [&](int column, auto& numbers) {
+      const SQLite::Column blob = row.getColumn(column);
+      numbers.resize(static_cast<std::size_t>(blob.getBytes()) / sizeof numbers[0]);
+      if (!numbers.empty()) std::memcpy(numbers.data(), blob.getBlob(), numbers.size() * sizeof numbers[0]);
+    };
+    read(1, map.position);
+    read(2, map.latitude);
+    read(3, map.longitude);
+    return map;
+  });
+}
+
+std::optional<StoreReader::PlacePicture> StoreReader::picture(std::uint64_t hash, std::uint32_t frame) {
+  return with_file_errors(impl_->path, [&]() -> std::optional<PlacePicture> {
+    SQLite::Statement row(
+        impl_->database,
+        "SELECT n.frame, p.type, p.bytes FROM (SELECT MAX(frame) AS frame FROM places WHERE hash = ?1 "
+        "AND frame <= ?2 UNION ALL SELECT MIN(frame) FROM places WHERE hash = ?1 AND frame > ?2) n "
+        "JOIN places f ON f.hash = ?1 AND f.frame = n.frame JOIN pictures p ON p.id = f.picture "
+        "ORDER BY ABS(n.frame - ?2) LIMIT 1");
+    if (!bind_values(row, hash, frame).executeStep()) return std::nullopt;
+    PlacePicture found;
+    read_row(row, found.frame, found.picture.type, found.picture.bytes);
+    return found;
+  });
 }
 
 std::vector<StoreReader::EvaluationGroup> StoreReader::evaluations(std::int64_t run) {

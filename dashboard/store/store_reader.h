@@ -60,6 +60,18 @@ class StoreReader {
   };
   std::optional<Replay> episode(std::int64_t rowid);
 
+  /// Returns the rowid of a run's training episode number `number`, from 1 on in the order in which they were recorded,
+  /// or of the last one if there are fewer; nothing if there is none.
+  std::optional<std::int64_t> training_episode(std::int64_t run, std::uint64_t number);
+
+  std::optional<RouteMap> map(std::uint64_t hash);
+  struct PlacePicture {
+    std::uint32_t frame = 0;
+    PictureFile picture;
+  };
+  /// Returns the picture of a frame, or where there is none that of the nearest frame that has one.
+  std::optional<PlacePicture> picture(std::uint64_t hash, std::uint32_t frame);
+
   struct EvaluationGroup {
     EvaluationKey key;
     std::uint64_t episodes = 0;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "dashboard/api/api.h"
+#include "dashboard/store/route_store.h"
 #include "tests/support/files.h"
 #include "tests/support/records/records.h"
 #include "tests/support/text.h"

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <cmath>
 #include <filesystem>
 #include <random>
 #include <thread>
@@ -33,6 +34,65 @@ TEST_F(ApiTest, WhatIsAlive) {
     expect_error(400, "hash", {"frames", hash, "7"});
   for (const std::string index : {"", "-1", "7x", "99999999999"})
     expect_error(400, "index", {"frames", "00000000000000ab", index});
+}
+
+TEST_F(ApiTest, AnswersFromTheStoreWhatNoEnvServiceHasAnyMore) {
+  store_.record(run_info());
+  store_.record(std::vector{episode(1)});
+  store_.describe(traversal_info());
+  RouteStore routes(store_);
+  RouteMap map;
+  map.frames = 3;
+  map.position = {0, std::nanf(""), 2.5f};
+  constexpr std::uint64_t kHash = 0xFEDCBA9876543210;
+  const std::string hash = "fedcba9876543210";
+  expect_error(404, "no map of it is stored", {"map", hash});
+  expect_error(404, "none is stored", {"frames", hash, "7"});
+  ASSERT_TRUE(routes.keep(kHash, map));
+  ASSERT_TRUE(routes.keep(kHash, {{1, 0, 159}, 7}, {"image/jpeg", "\xFF\xD8"}));
+  EXPECT_EQ(json({"map", hash}),
+            Json::parse(
+                R"({"hash":"fedcba9876543210","frames":3,"position":[0,null,2.5],"latitude":null,"longitude":null})"));
+  const auto header = [](const Answer& answer, const std::string& name) {
+    for (const auto& [key, value] : answer.headers)
+      if (key == name) return value;
+    return std::string();
+  };
+  const Answer exact = ask({"frames", hash, "7"});
+  EXPECT_EQ(exact.status, 200);
+  EXPECT_EQ(exact.body, "\xFF\xD8");
+  EXPECT_EQ(exact.type, "image/jpeg");
+  EXPECT_EQ(header(exact, "X-Frame"), "7");
+  EXPECT_EQ(header(exact, "Cache-Control"), "no-store") << "a living env_service may have a larger one";
+  expect_error(404, "none is stored", {"frames", hash, "9"});
+  const Answer nearest = ask({"frames", hash, "9"}, {{"nearest", "1"}});
+  EXPECT_EQ(nearest.status, 200);
+  EXPECT_EQ(header(nearest, "X-Frame"), "7");
+  expect_error(400, "'nearest'", {"frames", hash, "9"}, {{"nearest", "yes"}});
+  EXPECT_EQ(ask({"frames", "00000000000000ab", "7"}, {{"nearest", "1"}}).body, "\xFF\xD8")
+      << "what is live comes first";
+  EXPECT_EQ(ask({"frames", "00000000000000ab", "8"}, {{"nearest", "1"}}).status, 503);
+}
+
+TEST_F(ApiTest, CountsTrainingEpisodesUpToAMoment) {
+  store_.record(run_info());
+  store_.record(episodes(1, 50));
+  for (std::uint64_t number = 51; number <= 60; ++number) store_.record(std::vector{task(number, 1, true)});
+  store_.record(episodes(61, 100));
+  const auto until = [&](const std::string& count) {
+    return json({"runs", id_, "episodes"}, {{"evaluation", "0"}, {"until", count}, {"limit", "3"}});
+  };
+  for (const auto& [count, total, newest] :
+       {std::tuple("50", 50, 50), {"51", 51, 61}, {"7", 7, 7}, {"5000", 90, 100}}) {
+    const Json answer = until(count);
+    EXPECT_EQ(answer["total"], total) << count;
+    ASSERT_EQ(answer["episodes"].size(), 3u);
+    EXPECT_EQ(answer["episodes"][0]["episode"], newest) << count;
+  }
+  EXPECT_EQ(until("0")["total"], 1) << "before its first episode the first one is the nearest";
+  expect_error(400, "'until'", {"runs", id_, "episodes"}, {{"until", "5"}});
+  expect_error(400, "'until'", {"runs", id_, "episodes"}, {{"until", "5"}, {"evaluation", "1"}});
+  expect_error(400, "'until'", {"runs", id_, "episodes"}, {{"until", "-5"}, {"evaluation", "0"}});
 }
 
 TEST_F(ApiTest, NothingAliveIsNoError) {
@@ -126,7 +186,8 @@ TEST_F(ApiTest, WhateverIsAskedTheAnswerIsJsonAndTheStoreStaysWhole) {
       ',');
   words.insert(words.end(), {id_, "", "\xFF\xFE", std::string(5000, 'A'), std::string("a\0b", 3), "\"\\\n"});
   const std::vector<std::string> names = split(
-      "columns,points,x,from,to,limit,before,evaluation,traversal,policy,update,completed,order,frames,max_steps,file,"
+      "columns,points,x,from,to,limit,before,until,nearest,evaluation,traversal,policy,update,completed,order,frames,"
+      "max_steps,file,"
       "shuffled,'; --",
       ',');
   std::mt19937 random(11);

@@ -48,14 +48,14 @@ ImageHeader header_of(const PictureFile& picture) {
 TEST(PictureShrink, LeavesSmallOnesAsTheyAreAndMakesTheOthersSmallJpegs) {
   for (const std::string type : {"jpeg", "png"}) {
     const Bytes file = encoded(type == "jpeg" ? ".jpg" : ".png", 320, 200);
-    const PictureFile picture = shrink(file, 640, "x");
+    const PictureFile picture = shrink(file, {640}, "x");
     EXPECT_EQ(picture.type, "image/" + type);
     EXPECT_EQ(picture.bytes, text_of(file));
   }
   for (const std::string extension : {".jpg", ".png", ".ppm", ".bmp"})
     for (const int width : {320, 1000, 1300, 2600, 5300}) {
       if (width == 320 && (extension == ".jpg" || extension == ".png")) continue;
-      const PictureFile picture = shrink(encoded(extension, width, 120), 640, "x");
+      const PictureFile picture = shrink(encoded(extension, width, 120), {640}, "x");
       EXPECT_EQ(picture.type, "image/jpeg");
       EXPECT_EQ(header_of(picture).format, "jpeg");
       EXPECT_EQ(header_of(picture).width, std::min(width, 640)) << extension << " " << width;
@@ -63,11 +63,18 @@ TEST(PictureShrink, LeavesSmallOnesAsTheyAreAndMakesTheOthersSmallJpegs) {
     }
 }
 
+TEST(PictureShrink, ConvertsWhatHasTooManyBytes) {
+  const Bytes file = encoded(".png", 320, 200);
+  const PictureFile picture = shrink(file, {640, file.size() - 1}, "x");
+  EXPECT_EQ(picture.type, "image/jpeg");
+  EXPECT_EQ(header_of(picture).width, 320);
+}
+
 TEST(PictureShrink, RefusesWhatIsNoPicture) {
   Bytes cut = encoded(".png", 1000, 100);
   cut.resize(200);
   for (const Bytes& file : {Bytes(), Bytes(100), cut}) {
-    EXPECT_TRUE(contains(error_of([&] { shrink(file, 640, "frame 7"); }), "frame 7"));
+    EXPECT_TRUE(contains(error_of([&] { shrink(file, {640}, "frame 7"); }), "frame 7"));
   }
 }
 
