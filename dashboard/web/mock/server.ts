@@ -35,8 +35,9 @@ const TYPES: Record<string, string> = {
 /** The parameters of each resource. Others are an error, as they are for the server. */
 const PARAMETERS: Record<string, string[]> = {
   training: ['columns', 'points', 'x', 'from', 'to'],
-  episodes: ['limit', 'before', 'evaluation', 'traversal', 'policy', 'update', 'shuffled', 'completed', 'order'],
+  episodes: ['limit', 'before', 'until', 'evaluation', 'traversal', 'policy', 'update', 'shuffled', 'completed', 'order'],
   events: ['limit'],
+  frames: ['nearest'],
   controls: ['frames', 'max_steps'],
   compare: ['runs', 'all'],
   matrix: ['file'],
@@ -371,6 +372,8 @@ export class Mock {
         };
         for (const name of ['evaluation', 'completed', 'shuffled'] as const) is(name, (one, value) => one[name] === (value === '1'));
         for (const name of ['traversal', 'policy', 'update'] as const) is(name, (one, value) => String(one[name]) === value);
+        const trained = run.episodes().filter((one) => !one.evaluation);
+        is('until', (one, value) => one.rowid <= (trained[Math.min(Number(value), trained.length) - 1]?.rowid ?? 0));
         const total = list.length;
         is('before', (one, value) => one.rowid < Number(value));
         list.sort((a, b) => (query.get('order') === 'worst' ? a.spl - b.spl || b.steps - a.steps || a.rowid - b.rowid : b.rowid - a.rowid));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-import type { Run, RunDetail, RunTraversal, Scene } from '../api/types';
+import type { RunDetail, RunTraversal, Scene } from '../api/types';
 import { integer } from './format';
 import { manifestNumber } from './manifest';
 
@@ -29,9 +29,4 @@ export function sceneText(scene: Scene | null, traversal: RunTraversal): string 
   const does = [modeName(scene.mode), scene.policy].filter(Boolean).join(' ');
   if (scene.frames === 0) return `${does} · ${integer(traversal.frames)} frames`;
   return `${does} · frames ${integer(scene.first_frame)} to ${integer(scene.first_frame + scene.frames - 1)} · tick ${integer(scene.step)}`;
-}
-
-/** Says what is awaited where no picture has come yet. The agents of a run that is over see nothing any more. */
-export function awaitedPicture(state: Run['state']): string {
-  return state === 'running' ? 'Waiting for the picture' : 'The run is over: its agents see nothing any more.';
 }

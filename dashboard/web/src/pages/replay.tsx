@@ -10,34 +10,36 @@ import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { Card, Empty, IconButton, Select, Show } from '../ui/basics';
 import { Chart } from '../ui/chart';
-import { Pictures } from '../ui/picture';
+import { Pictures, SiblingSelect } from '../ui/picture';
 import { RouteMap } from '../ui/route_map';
 
-/** Plays one recorded episode step by step. */
-export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunDetail> }): JSX.Element {
+/** Plays one recorded episode step by step. One that somebody has chosen is `focused`. */
+export function Replay({ rowid, detail, focused }: { rowid: number; detail: Resource<RunDetail>; focused: boolean }): JSX.Element {
   const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
   const shown = valueOf(episode);
   const room = useRef<HTMLDivElement>(null);
-  useEffect(() => room.current?.scrollIntoView({ block: 'start' }), []);
+  useEffect(() => {
+    if (focused) room.current?.scrollIntoView({ block: 'start' });
+  }, []);
   return (
     <div ref={room} id="replay">
       <Card
         title={`Replay of episode ${rowid}`}
         hint={shown ? describe(shown) : undefined}
         actions={
-          <button type="button" onClick={() => setParams({ episode: null, step: null })}>
-            Close
-          </button>
+          focused && (
+            <button type="button" onClick={() => setParams({ episode: null, step: null })}>
+              Close
+            </button>
+          )
         }
       >
         <Show of={episode} lines={6}>
           {(one) =>
             one.positions && one.positions.length > 0 ? (
-              <Player episode={one} positions={one.positions} detail={detail} />
+              <Player episode={one} positions={one.positions} run={valueOf(detail)} focused={focused} />
             ) : (
-              <Empty title="The actions of this episode were not recorded">
-                It has more steps than fit into one message, or the agent slipped or was carried elsewhere, so only its figures were recorded.
-              </Empty>
+              <NotKept />
             )
           }
         </Show>
@@ -46,7 +48,16 @@ export function Replay({ rowid, detail }: { rowid: number; detail: Resource<RunD
   );
 }
 
-function describe(one: EpisodeDetail): string {
+/** Stands for an episode whose path is not known. */
+export function NotKept(): JSX.Element {
+  return (
+    <Empty title="The actions of this episode were not recorded">
+      It has more steps than fit into one message, or the agent slipped or was carried elsewhere, so only its figures were recorded.
+    </Empty>
+  );
+}
+
+export function describe(one: EpisodeDetail): string {
   const what = one.evaluation ? `task ${one.task}` : 'training';
   const end = one.completed ? `goal reached in ${one.steps} steps, shortest ${one.shortest}` : `goal missed in ${one.steps} steps`;
   return `${evaluationName(one)} on ${one.traversal}, ${what} · ${end} · SPL ${fixed(one.spl, 3)}`;
@@ -54,17 +65,23 @@ function describe(one: EpisodeDetail): string {
 
 const SPEEDS = ['2', '5', '10', '20', '50'] as const;
 
-function Player({ episode, positions, detail }: {
+/** Plays an episode on the map, with the pictures of the places. */
+export function Player({ episode, positions, run, whole = false, focused = false }: {
   episode: EpisodeDetail;
   positions: readonly number[];
-  detail: Resource<RunDetail>;
+  run: RunDetail | null;
+  whole?: boolean;
+  /** The keys steer it at once. */
+  focused?: boolean;
 }): JSX.Element {
   const last = positions.length - 1;
   const [step, setStep] = useState(() => Math.min(Math.max(Math.round(Number(param('step', '0')) || 0), 0), last));
   const [playing, setPlaying] = useState(false);
   const speed = SPEEDS.find((one) => one === param('speed', '')) ?? '10';
   const slider = useRef<HTMLInputElement>(null);
-  useEffect(() => slider.current?.focus({ preventScroll: true }), []);
+  useEffect(() => {
+    if (focused) slider.current?.focus({ preventScroll: true });
+  }, []);
   useEffect(() => {
     if (!playing) return undefined;
     const timer = setInterval(() => setStep((now) => Math.min(now + 1, last)), 1000 / Number(speed));
@@ -82,9 +99,13 @@ function Player({ episode, positions, detail }: {
     setPlaying(!playing);
   };
 
-  const run = valueOf(detail);
+  const go = (to: number | null): void => {
+    setPlaying(false);
+    setStep(to ?? 0);
+  };
   const own = run?.traversals.find((one) => one.hash === episode.hash);
-  const sibling = run?.traversals.find((one) => one.hash !== episode.hash && one.images);
+  const siblings = (run?.traversals ?? []).filter((one) => one.hash !== episode.hash && one.images);
+  const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
   const map = useJson<TraversalMap>(episode.hash === null ? null : `api/map/${episode.hash}`);
   const least = Math.min(...positions, episode.goal);
   const most = Math.max(...positions, episode.goal);
@@ -113,10 +134,7 @@ function Player({ episode, positions, detail }: {
           step={1}
           value={step}
           aria-valuetext={`step ${step} of ${last}, frame ${here}`}
-          onInput={(event) => {
-            setPlaying(false);
-            setStep(Number(event.currentTarget.value));
-          }}
+          onInput={(event) => go(Number(event.currentTarget.value))}
           onKeyDown={(event) => {
             if (event.key !== ' ') return;
             event.preventDefault();
@@ -138,29 +156,36 @@ function Player({ episode, positions, detail }: {
         <p class="note">Frames were shuffled for this evaluation: the agent saw other pictures than those of the places where it stood.</p>
       )}
       <div class="columns route-columns">
-        <RouteMap
-          map={valueOf(map)}
-          first={first}
-          count={count}
-          walkers={walkers}
-          selected={0}
-          path={path}
-          whole={false}
-          label={`Route of ${episode.traversal}, step ${step} at frame ${here}`}
-        />
-        <Pictures on={own} name={episode.traversal} alt={`Frame of ${episode.traversal}`} frame={here} sibling={sibling} />
+        <div class="stack">
+          <RouteMap
+            map={valueOf(map)}
+            first={first}
+            count={count}
+            walkers={walkers}
+            selected={0}
+            path={path}
+            whole={whole}
+            label={`Route of ${episode.traversal}, step ${step} at frame ${here}`}
+          />
+          <Chart
+            title="Path"
+            hint={`frame over steps, from ${integer(episode.start)} to the goal ${integer(episode.goal)}`}
+            name={`episode ${episode.rowid}`}
+            xLabel="steps"
+            yLabel="frame"
+            lines={lines}
+            references={[{ label: 'goal', value: episode.goal }]}
+            format={integer}
+            height={180}
+            mark={step}
+            onMark={go}
+          />
+        </div>
+        <div class="stack">
+          <Pictures on={own} name={episode.traversal} alt={`Frame of ${episode.traversal}`} frame={here} sibling={sibling} />
+          <SiblingSelect siblings={siblings} chosen={sibling} />
+        </div>
       </div>
-      <Chart
-        title="Path"
-        hint={`frame over steps, from ${integer(episode.start)} to the goal ${integer(episode.goal)}`}
-        name={`episode ${episode.rowid}`}
-        xLabel="steps"
-        yLabel="frame"
-        lines={lines}
-        references={[{ label: 'goal', value: episode.goal }]}
-        format={integer}
-        height={180}
-      />
     </div>
   );
 }

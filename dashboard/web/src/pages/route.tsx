@@ -7,20 +7,22 @@ import { live } from '../api/live';
 import type { Run, RunDetail, RunTraversal, Scene, TraversalMap } from '../api/types';
 import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
-import { awaitedPicture, routePart, sceneText } from '../maths/scene';
+import { routePart, sceneText } from '../maths/scene';
 import { idle, Trails, type Trail } from '../maths/trail';
+import { cursorAt } from '../state/cursor';
 import { useJson, valueOf } from '../state/resource';
-import { hrefOf, param, setParams } from '../state/router';
+import { param, setParams } from '../state/router';
 import { now } from '../state/shared';
 import { seriesColour } from '../state/theme';
 import { Card, Empty, Select, Show, Swatch, Tick } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Choice, chosen, type ChoiceOf } from '../ui/choice';
-import { Pictures } from '../ui/picture';
+import { Pictures, SiblingSelect } from '../ui/picture';
 import { RouteLegend, RouteMap, type Walker } from '../ui/route_map';
 import { chosenRun, RunSelect } from '../ui/run_select';
 import { TableCard, text, type Column } from '../ui/table';
 import { WithRuns } from '../ui/with_runs';
+import { Recorded } from './recorded_route';
 
 const VIEW: ChoiceOf<'route' | 'whole'> = { name: 'view', label: 'Show', values: { route: 'Route', whole: 'Whole traversal' } };
 
@@ -58,7 +60,10 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
   useEffect(() => {
     if (none) setAgain(run.updates ?? 0);
   }, [none, run.updates]);
-  const traversal = traversals.find((one) => one.environment === param('env', '')) ?? traversals[0];
+  // Of a run that is over, the traversal it was trained on comes first.
+  const trained = valueOf(detail)?.manifest?.train;
+  const first = run.state === 'running' ? undefined : traversals.find((one) => one.traversal === trained);
+  const traversal = traversals.find((one) => one.environment === param('env', '')) ?? first ?? traversals[0];
   return (
     <>
       <div class="wrap card">
@@ -68,15 +73,17 @@ function RouteOf({ run, all }: { run: Run; all: readonly Run[] }): JSX.Element {
             label="Traversal"
             value={traversal.environment}
             options={traversals.map((one) => ({ value: one.environment, label: `${one.traversal} (${one.environment})` }))}
-            onChange={(env) => setParams({ env, agent: null })}
+            onChange={(env) => setParams({ env, agent: null, episode: null, step: null })}
           />
         )}
         <Choice of={VIEW} />
       </div>
       <Show of={detail} lines={6}>
         {(value) =>
-          traversal ? (
+          traversal && run.state === 'running' && cursorAt() === null ? (
             <Scenery run={run} traversal={traversal} all={traversals} detail={value} whole={chosen(VIEW) === 'whole'} />
+          ) : traversal ? (
+            <Recorded run={run} traversal={traversal} detail={value} whole={chosen(VIEW) === 'whole'} />
           ) : (
             <Card title="Route">
               <Empty title="No traversals known">env_services announce their traversal when they start.</Empty>
@@ -95,7 +102,6 @@ function Scenery({ run, traversal, all, detail, whole }: {
   detail: RunDetail;
   whole: boolean;
 }): JSX.Element {
-  const running = run.state === 'running';
   const source = `${traversal.environment}@${run.session}`;
   const { scene, trails, came } = useScene(`scene:${source}`);
   const map = useJson<TraversalMap>(`api/map/${traversal.hash}`);
@@ -112,13 +118,7 @@ function Scenery({ run, traversal, all, detail, whole }: {
     <div class="columns route-columns">
       <div class="stack">
         <Card title={`Route: ${traversal.traversal}`} hint={sceneText(scene, traversal)}>
-          {!scene && !running && (
-            <p class="note">
-              This run has ended, so no agent moves. Its episodes can be replayed under{' '}
-              <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>.
-            </p>
-          )}
-          {running && silent >= 3 && (
+          {silent >= 3 && (
             <p class="note" role="status">
               {scene ? `No news for ${silent} s: ` : 'No agent has moved yet: '}
               {traversal.environment} is not in use now, or it has stopped.
@@ -140,8 +140,8 @@ function Scenery({ run, traversal, all, detail, whole }: {
         <WalkChart trail={trail} agent={agent} goal={here?.goal ?? null} name={`${traversal.traversal} agent ${agent}`} />
       </div>
       <div class="stack">
-        <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} state={run.state} frame={here?.frame ?? null} />
-        <Agents scene={scene} agent={agent} name={traversal.traversal} running={running} />
+        <Eyes key={source} source={source} traversal={traversal} all={all} agent={agent} frame={here?.frame ?? null} />
+        <Agents scene={scene} agent={agent} name={traversal.traversal} />
       </div>
     </div>
   );
@@ -173,12 +173,11 @@ function WalkChart({ trail, agent, goal, name }: { trail: Trail | undefined; age
 }
 
 /** Shows what the agent sees, and the same place on a sibling traversal. */
-function Eyes({ source, traversal, all, agent, state, frame }: {
+function Eyes({ source, traversal, all, agent, frame }: {
   source: string;
   traversal: RunTraversal;
   all: readonly RunTraversal[];
   agent: number;
-  state: Run['state'];
   frame: number | null;
 }): JSX.Element {
   const siblings = all.filter((one) => one.hash !== traversal.hash && one.images);
@@ -186,18 +185,7 @@ function Eyes({ source, traversal, all, agent, state, frame }: {
   return (
     <Card
       title={`What agent ${agent} sees`}
-      actions={
-        siblings.length > 1 &&
-        sibling && (
-          <Select
-            quiet
-            label="Sibling traversal"
-            value={sibling.traversal}
-            options={siblings.map((one) => ({ value: one.traversal, label: `compare with ${one.traversal}` }))}
-            onChange={(name) => setParams({ sibling: name })}
-          />
-        )
-      }
+      actions={<SiblingSelect siblings={siblings} chosen={sibling} />}
     >
       <Pictures
         on={traversal}
@@ -206,17 +194,15 @@ function Eyes({ source, traversal, all, agent, state, frame }: {
         frame={frame}
         topic={`picture:${source}:${agent}`}
         sibling={sibling}
-        waiting={awaitedPicture(state)}
       />
     </Card>
   );
 }
 
-function Agents({ scene, agent, name, running }: {
+function Agents({ scene, agent, name }: {
   scene: Scene | null;
   agent: number;
   name: string;
-  running: boolean;
 }): JSX.Element {
   const rows = (scene?.list ?? []).map((one, i) => ({ ...one, agent: i, left: Math.abs(one.goal - one.position) }));
   const columns: Column<(typeof rows)[number]>[] = [
@@ -244,7 +230,7 @@ function Agents({ scene, agent, name, running }: {
       rows={rows}
       rowKey={(row) => row.agent}
       rowClass={(row) => (row.agent === agent ? 'chosen' : undefined)}
-      empty={<Empty title={running ? 'No agents yet' : 'The run is over'} />}
+      empty={<Empty title="No agents yet" />}
     />
   );
 }

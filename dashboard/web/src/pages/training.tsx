@@ -9,8 +9,10 @@ import { fixed, percent, short, significant, threeDecimals } from '../maths/form
 import type { Group } from '../maths/groups';
 import { isLogged } from '../maths/logged';
 import { manifestNumber } from '../maths/manifest';
+import { momentAt } from '../maths/moment';
 import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
+import { curveAxis, cursorAt, moved, setCursor, type Seen } from '../state/cursor';
 import { useGroups } from '../state/groups';
 import { useJson, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
@@ -20,6 +22,7 @@ import { Card, Failed, Loading, Slider } from '../ui/basics';
 import { Chart, type Reference } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
 import { LoggedCharts } from '../ui/logged_charts';
+import { MomentBar } from '../ui/moment_bar';
 import { RunPicker } from '../ui/run_picker';
 import { WithRuns } from '../ui/with_runs';
 
@@ -85,7 +88,8 @@ function setZoom(zoom: Range | null): void {
 
 function Training({ all }: { all: readonly Run[] }): JSX.Element {
   const by = chosen(GROUPS);
-  const x: XAxis = param('x', '') === 'update' ? 'update' : chosen(AXIS);
+  const x = curveAxis();
+  const at = cursorAt();
   const display = chosen(SEEDS);
   const smoothing = Math.min(Math.max(Number(param('smooth', '0.9')) || 0, 0), 0.999);
   const hidden = useMemo(() => new Set(param('hide', '').split('\n').filter(Boolean)), [place.value]);
@@ -125,6 +129,15 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
     [versions, chosenIds, by, coloured, detail],
   );
 
+  // A mark on the curves of several runs leads to what the first of them did.
+  const marked = at === null ? undefined : fitting.flatMap((group) => group.runs).find((run) => ids.includes(run.id) && !hidden.has(run.id));
+  const rows = marked && training.get(marked.id)?.rows;
+  const seen: Seen = {
+    training: marked && training.get(marked.id),
+    moment: rows && at !== null ? momentAt(rows, x, at) : null,
+    pending: marked !== undefined && training.get(marked.id)?.state === 'loading',
+  };
+
   const states = ids.map((id) => training.get(id)?.state);
   const failed = ids.map((id) => training.get(id)).find((one) => one?.state === 'failed');
   const references = useReferences(fitting.flatMap((group) => group.runs).find((run) => !isLogged(run)));
@@ -138,6 +151,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
         references={references[metric.key] ?? []}
         zoom={zoom}
         onZoom={setZoom}
+        mark={at}
       />
     ));
   return (
@@ -151,7 +165,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
       />
       <div class="stack">
         <div class="wrap card">
-          <Choice of={{ ...AXIS, resets: ['from', 'to'] }} />
+          <Choice of={{ ...AXIS, resets: ['from', 'to'], also: (axis) => moved(seen, axis) }} />
           <Choice of={SEEDS} />
           <Slider
             label="Smoothing"
@@ -168,6 +182,11 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
             </button>
           )}
         </div>
+        {marked ? (
+          <MomentBar run={marked} seen={seen} clear="Remove the mark" />
+        ) : (
+          ids.length > 0 && <p class="hint">Click a curve, or press Enter where the arrow keys have moved the cursor, to mark a moment: Route and Replay show it, and so does the address.</p>
+        )}
         {failed && <Failed error={failed.error} />}
         {groupRows.every((group) => group.runs.length === 0) && states.includes('loading') ? (
           <Card title="Curves">
@@ -194,13 +213,14 @@ function coloursOf(groups: readonly Group[], each: boolean): Map<string, string>
   return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, seriesColour(each ? n++ : g)] as const)));
 }
 
-function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
+function MetricChart({ metric, groups, options, references, zoom, onZoom, mark }: {
   metric: Metric;
   groups: readonly GroupRows[];
   options: { x: XAxis; smoothing: number; display: Display; hidden: ReadonlySet<string> };
   references: readonly Reference[];
   zoom: Range | null;
   onZoom: (range: Range | null) => void;
+  mark: number | null;
 }): JSX.Element {
   const { x, smoothing, display, hidden } = options;
   const lines = useMemo(
@@ -220,6 +240,8 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom }: {
       zoom={zoom}
       onZoom={onZoom}
       sync="training"
+      mark={mark}
+      onMark={setCursor}
       height={PERFORMANCE.includes(metric) ? 260 : 200}
     />
   );

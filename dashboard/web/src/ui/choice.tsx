@@ -13,6 +13,8 @@ export interface ChoiceOf<T extends string> {
   values: Record<T, string>;
   /** Parameters that a change removes. */
   resets?: readonly string[];
+  /** Returns parameters that change with it. */
+  also?: (value: T) => Record<string, string | null>;
 }
 
 const valuesOf = <T extends string>(choice: ChoiceOf<T>): T[] => Object.keys(choice.values) as T[];
@@ -26,7 +28,7 @@ export function chosen<T extends string>(choice: ChoiceOf<T>): T {
 /** A choice among a few visible options. */
 export function Choice<T extends string>({ of }: { of: ChoiceOf<T> }): JSX.Element {
   const select = (value: T): void => {
-    setParams({ ...Object.fromEntries((of.resets ?? []).map((name) => [name, null])), [of.name]: value });
+    setParams({ ...Object.fromEntries((of.resets ?? []).map((name) => [name, null])), ...of.also?.(value), [of.name]: value });
   };
   return (
     <fieldset class="hint">
@@ -55,6 +57,9 @@ export const AXIS: ChoiceOf<Exclude<XAxis, 'update'>> = {
   label: 'Horizontal axis',
   values: { steps: 'Steps', episodes: 'Episodes', wall: 'Time' },
 };
+
+/** Which episodes of a run. */
+export const KIND: ChoiceOf<'evaluation' | 'training'> = { name: 'kind', label: 'Episodes of', values: { evaluation: 'Evaluation', training: 'Training' } };
 
 export const GROUPS: ChoiceOf<'sweep' | 'agent'> = {
   name: 'by',

@@ -3,6 +3,7 @@ import type { JSX } from 'preact';
 import { integer, significant } from '../maths/format';
 import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
+import { cursorAt, setCursor } from '../state/cursor';
 import { useLoggedLines, useMetrics, type Drawn } from '../state/logged';
 import { param, setParams } from '../state/router';
 import { Card, Empty, Loading } from './basics';
@@ -64,6 +65,8 @@ export function LoggedCharts({ drawn, x, smoothing, zoom, onZoom }: LoggedCharts
             zoom={zoom}
             onZoom={onZoom}
             sync="training"
+            mark={cursorAt()}
+            onMark={setCursor}
             height={200}
           />
         ))}

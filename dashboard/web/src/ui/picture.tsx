@@ -6,6 +6,8 @@ import { live } from '../api/live';
 import type { RunTraversal } from '../api/types';
 import { PicturePair, type Picture, type Shown, type Sight } from '../state/picture_pair';
 import { patiently } from '../state/resource';
+import { setParams } from '../state/router';
+import { Select } from './basics';
 import { useVisible } from './use';
 
 const WAITING: Picture = { state: 'waiting' };
@@ -13,12 +15,13 @@ const WAITING: Picture = { state: 'waiting' };
 /** Fetches the picture of a frame, or says why there is none. Returns null without a connection: the banner reports that. */
 async function fetchFrame(hash: string, frame: number, signal: AbortSignal): Promise<Picture | null> {
   try {
-    const response = await patiently(() => request(`api/frames/${hash}/${frame}`, { signal }), signal);
-    return { state: 'ready', blob: await response.blob(), frame };
+    const response = await patiently(() => request(`api/frames/${hash}/${frame}?nearest=1`, { signal }), signal);
+    // Of a long route the dashboard stores pictures of some places only.
+    return { state: 'ready', blob: await response.blob(), frame: Number(response.headers.get('X-Frame') ?? frame) };
   } catch (error) {
     if (!(error instanceof ApiError) || error.status === 0) return null;
     const gone = error.status === 404;
-    return { state: 'none', text: gone ? 'This place has no picture, or its env_service does not run.' : `The picture could not be loaded (${error.status}).` };
+    return { state: 'none', text: gone ? 'No picture of this place is stored, and no env_service has it now.' : `The picture could not be loaded (${error.status}).` };
   }
 }
 
@@ -129,5 +132,19 @@ export function Pictures({ on, name, alt, frame, topic, sibling, waiting = 'Wait
         />
       )}
     </div>
+  );
+}
+
+/** Chooses the traversal on which the same place is shown. Shows nothing unless there are several. */
+export function SiblingSelect({ siblings, chosen }: { siblings: readonly RunTraversal[]; chosen: RunTraversal | undefined }): JSX.Element | null {
+  if (siblings.length < 2 || !chosen) return null;
+  return (
+    <Select
+      quiet
+      label="Sibling traversal"
+      value={chosen.traversal}
+      options={siblings.map((one) => ({ value: one.traversal, label: `compare with ${one.traversal}` }))}
+      onChange={(name) => setParams({ sibling: name })}
+    />
   );
 }

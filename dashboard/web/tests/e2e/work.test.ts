@@ -155,14 +155,6 @@ describe('deployment', () => {
   });
 });
 
-describe('route', () => {
-  it('a run that is over awaits neither agents nor pictures', async () => {
-    const { page } = await stage.page(`route?run=${idOf('policy')}`);
-    await page.getByText('The run is over: its agents see nothing any more.').first().waitFor();
-    expect(await page.getByText(/Waiting|yet/).count()).toBe(0);
-  });
-});
-
 describe('compare', () => {
   it('shows what differs in the manifests; groups count every run', async () => {
     const { page } = await stage.page('compare');

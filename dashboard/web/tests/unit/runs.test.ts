@@ -6,7 +6,7 @@ import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
 import { loggedCurve } from '../../src/maths/logged';
 import { meanRate, runName, tagsOf } from '../../src/maths/runs';
 import { artefactsOf } from '../../src/maths/manifest';
-import { awaitedPicture, routePart, sceneText } from '../../src/maths/scene';
+import { routePart, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
 import { toneOf } from '../../src/ui/basics';
 
@@ -100,10 +100,6 @@ describe('scenes', () => {
     expect(routePart(idle, detail, traversal)).toEqual({ first: 5, count: 64 });
     expect(sceneText(null, traversal)).toBe('1,000 frames');
     expect(routePart(null, { manifest: null } as RunDetail, traversal)).toEqual({ first: 0, count: 1000 });
-  });
-  it('no picture is awaited of a run that is over', () => {
-    expect(awaitedPicture('running')).toContain('Waiting');
-    for (const state of ['ended', 'lost'] as const) expect(awaitedPicture(state)).not.toContain('Waiting');
   });
 });
 

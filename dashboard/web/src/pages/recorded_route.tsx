@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+import type { JSX } from 'preact';
+import { useMemo } from 'preact/hooks';
+import type { Episode, EpisodeDetail, Run, RunDetail, RunTraversal, TraversalMap } from '../api/types';
+import { linesOf } from '../maths/curves';
+import { evaluationName } from '../maths/evaluations';
+import { integer, threeDecimals } from '../maths/format';
+import { routePart } from '../maths/scene';
+import { curveAxis, cursorAt, moved, setCursor, useEpisodesUntil, useMoment, type Seen } from '../state/cursor';
+import { useJson, valueOf } from '../state/resource';
+import { param, setParams } from '../state/router';
+import { Card, Empty, Show, Tick, toneOf } from '../ui/basics';
+import { Chart } from '../ui/chart';
+import { AXIS, axisProps, Choice, chosen, KIND, type ChoiceOf } from '../ui/choice';
+import { MomentBar } from '../ui/moment_bar';
+import { Pictures } from '../ui/picture';
+import { RouteMap } from '../ui/route_map';
+import { figure, TableCard, text, type Column } from '../ui/table';
+import { describe, NotKept, Player } from './replay';
+
+interface RecordedProps {
+  run: Run;
+  traversal: RunTraversal;
+  detail: RunDetail;
+  whole: boolean;
+}
+
+/** Shows what is recorded of a run on a traversal: its curve, and the episodes at the cursor on the map, with pictures. */
+export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.Element {
+  const seen = useMoment(run, true);
+  const trained = traversal.traversal === detail.manifest?.train && (run.updates ?? 0) > 0;
+  const kinds: ChoiceOf<'evaluation' | 'training'> = trained
+    ? { ...KIND, values: { training: KIND.values.training, evaluation: KIND.values.evaluation }, resets: ['episode', 'step'] }
+    : { ...KIND, resets: ['episode', 'step'] };
+  const kind = chosen(kinds);
+  const episodes = useEpisodesUntil(run, { kind, traversal: traversal.traversal, seen });
+  const list = valueOf(episodes)?.episodes ?? [];
+  const asked = Number(param('episode', '0'));
+  const rowid = asked > 0 ? asked : (list[0]?.rowid ?? 0);
+  return (
+    <>
+      <div class="wrap card">
+        <Choice of={kinds} />
+        <Choice of={{ ...AXIS, also: (axis) => moved(seen, axis) }} />
+      </div>
+      <MomentBar run={run} seen={seen} clear={run.state === 'running' ? 'Back to live' : 'Back to the end'} />
+      <Curve run={run} seen={seen} />
+      {rowid > 0 ? (
+        <Walk key={rowid} rowid={rowid} detail={detail} whole={whole} />
+      ) : (
+        <Card title={`Route: ${traversal.traversal}`} hint={`${integer(traversal.frames)} frames`}>
+          <Show of={episodes} lines={6}>
+            {() => (
+              <>
+                <p class="note" role="status">
+                  No {kind} episode is recorded on {traversal.traversal}
+                  {cursorAt() !== null && ' up to this moment'}.
+                </p>
+                <Place traversal={traversal} detail={detail} whole={whole} />
+              </>
+            )}
+          </Show>
+        </Card>
+      )}
+      <Episodes list={list} chosen={rowid} name={traversal.traversal} />
+    </>
+  );
+}
+
+/** The run's SPL, on which the cursor is set. */
+function Curve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX.Element | null {
+  const x = curveAxis();
+  const version = training?.version;
+  const lines = useMemo(
+    () =>
+      training?.rows.length
+        ? linesOf(
+            [{ key: run.id, label: 'SPL', colour: 'series-1', runs: [{ id: run.id, label: 'SPL', colour: 'series-1', rows: training.rows }] }],
+            { metric: 'spl', x, smoothing: 0, display: 'runs', hidden: new Set(), range: null },
+          )
+        : [],
+    [run.id, version, x],
+  );
+  if (training?.state === 'ready' && training.rows.length === 0) return null;
+  return (
+    <div class="moment-curve">
+      <Chart
+        title="SPL in training"
+        hint="Click a moment, or press Enter where the arrow keys have moved the cursor: what is recorded of it follows."
+        name="spl"
+        {...axisProps(x)}
+        yLabel="SPL"
+        lines={lines}
+        format={threeDecimals}
+        height={150}
+        mark={cursorAt()}
+        onMark={setCursor}
+        empty={training?.state === 'failed' ? training.error : 'No values yet'}
+      />
+    </div>
+  );
+}
+
+/** One episode on the map. */
+function Walk({ rowid, detail, whole }: { rowid: number; detail: RunDetail; whole: boolean }): JSX.Element {
+  const episode = useJson<EpisodeDetail>(`api/episodes/${rowid}`);
+  const shown = valueOf(episode);
+  return (
+    <Card title={shown ? `Route: ${shown.traversal}` : 'Route'} hint={shown ? describe(shown) : undefined}>
+      <Show of={episode} lines={8}>
+        {(one) =>
+          one.positions?.length ? (
+            <Player episode={one} positions={one.positions} run={detail} whole={whole} />
+          ) : (
+            <NotKept />
+          )
+        }
+      </Show>
+    </Card>
+  );
+}
+
+/** The map without agents, with the pictures of its first place. */
+function Place({ traversal, detail, whole }: Omit<RecordedProps, 'run'>): JSX.Element {
+  const map = useJson<TraversalMap>(`api/map/${traversal.hash}`);
+  const { first, count } = routePart(null, detail, traversal);
+  return (
+    <div class="columns route-columns">
+      <RouteMap map={valueOf(map)} first={first} count={count} walkers={[]} selected={0} path={[]} whole={whole} label={`Route of ${traversal.traversal}`} />
+      <Pictures on={traversal} name={traversal.traversal} alt={`Frame of ${traversal.traversal}`} frame={first} sibling={undefined} />
+    </div>
+  );
+}
+
+function Episodes({ list, chosen: rowid, name }: { list: readonly Episode[]; chosen: number; name: string }): JSX.Element {
+  const columns: Column<Episode>[] = [
+    {
+      key: 'episode',
+      label: 'Episode',
+      cell: (e) => e.rowid,
+      show: (e) => (
+        <Tick type="radio" checked={e.rowid === rowid} onChange={() => setParams({ episode: String(e.rowid), step: null })}>
+          {e.evaluation ? `task ${e.task}` : integer(e.episode)}
+        </Tick>
+      ),
+    },
+    { key: 'policy', label: 'Policy', cell: evaluationName },
+    text('agent', 'Agent'),
+    { ...text('completed', 'Goal'), show: (e) => <b class={toneOf(e.completed ? 'reached' : 'missed')}>{e.completed ? 'reached' : 'missed'}</b> },
+    figure('spl', 'SPL', threeDecimals),
+    figure('steps', 'Steps', integer),
+    figure('shortest', 'Shortest', integer),
+    figure('start', 'Start', integer),
+    figure('goal', 'Goal frame', integer),
+  ];
+  return (
+    <TableCard
+      title="Episodes of this moment"
+      hint="The newest ones up to the moment that is marked, or of the whole run."
+      name={`episodes ${name}`}
+      caption="Episodes of this moment"
+      columns={columns}
+      rows={list}
+      rowKey={(e) => e.rowid}
+      rowClass={(e) => (e.rowid === rowid ? 'chosen' : undefined)}
+      empty={<Empty title="No episodes" />}
+    />
+  );
+}

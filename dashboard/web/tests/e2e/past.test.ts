@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: Apache-2.0
+import { join } from 'node:path';
+import type { Page } from 'playwright-core';
+import { beforeAll, describe, expect, inject, it } from 'vitest';
+import type { Evaluation, Run, RunDetail } from '../../src/api/types';
+import { Program, startDashboard, type Options } from './programs';
+import { api, eventually, Stage, violations, wider } from './stage';
+
+// A run whose services are gone, before a dashboard that was killed while it stored the route.
+
+const FRAMES = 24;
+const wire = (): Options => ({ ...inject('city').wire, session: 'past', id: 'past' });
+const stage = Stage.ofProgram(wire);
+let run: Run;
+let detail: RunDetail;
+
+const sql = async (query: string): Promise<number> => Number((await api<{ rows: number[][] }>(stage.url, `sql?q=${encodeURIComponent(query)}`)).rows[0]?.[0]);
+const places = (): Promise<number> => sql('SELECT COUNT(*) FROM places JOIN pictures ON id = picture');
+
+let restarts = 0;
+async function restart(): Promise<void> {
+  const { port } = new URL(stage.url);
+  await stage.dashboard.program.kill('SIGKILL');
+  // Under another name, as its log of before says where it was, too.
+  const store = join(stage.folder, 'dashboard.sqlite');
+  stage.dashboard = await startDashboard({ ...wire(), port, store }, stage.folder, { name: `dashboard-${++restarts}` });
+}
+
+beforeAll(async () => {
+  const { folder } = stage;
+  const node: Options = { ...inject('city').wire, session: 'past' };
+  const env = { ...node, dataset: 'synthetic', 'synthetic-frames': 200, frames: `0:${FRAMES}`, agents: 4, recorders: 'past' };
+  const start = (service: string, name: string, options: Options): Program => Program.start(`${service}/${service}`, options, { folder, name });
+  const services = [
+    start('env_service', 'env-summer', { ...env, id: 'env-summer', traversal: 'summer' }),
+    start('env_service', 'env-winter', { ...env, id: 'env-winter', traversal: 'winter', 'align-to': 'summer' }),
+    start('encoder_service', 'encoder', { ...node, id: 'encoder', reference: 'summer', encoder: 'patchnorm', store: join(folder, 'features') }),
+  ];
+  try {
+    const policy = { ...node, id: 'policy', train: 'summer', frames: `0:${FRAMES}`, wait: 60, evaluate: 'summer,winter', tasks: 30, steps: 6000, 'evaluate-every': 4 };
+    await start('policy_service', 'policy', policy).ended();
+    await eventually(places, (count) => count > 4);
+    await restart();
+    expect(await sql('SELECT COUNT(*) FROM places LEFT JOIN pictures ON id = picture WHERE id IS NULL')).toBe(0);
+    expect(await sql('SELECT COUNT(*) FROM pictures WHERE id NOT IN (SELECT picture FROM places)')).toBe(0);
+    await eventually(places, (count) => count === 2 * FRAMES);
+    expect(await sql('SELECT COUNT(*) FROM maps')).toBe(2);
+  } finally {
+    await Promise.all(services.map((service) => service.kill()));
+  }
+  await restart(); // so that nothing is left but what is stored
+  [run] = (await api<{ runs: Run[] }>(stage.url, 'runs')).runs as [Run];
+  detail = await api<RunDetail>(stage.url, `runs/${encodeURIComponent(run.id)}`);
+}, 180_000);
+
+const frames = (page: Page): Promise<string[]> => page.locator('.picture figcaption .number').allInnerTexts();
+const hash = (page: Page): string => new URL(page.url()).hash.slice(2);
+const link = (name: string, params = ''): string => `${name}?${name === 'training' ? 'runs' : 'run'}=${encodeURIComponent(run.id)}${params}`;
+
+/** Waits until each picture that is shown is of the step's frame. Returns the frame. */
+async function pictured(page: Page): Promise<number> {
+  const slider = page.getByRole('slider', { name: 'Step' });
+  const here = async (): Promise<string> => `frame ${/frame (\d+)/.exec((await slider.getAttribute('aria-valuetext')) ?? '')?.[1]}`;
+  const [frame = ''] = await eventually(
+    async () => [await here(), ...(await frames(page))],
+    ([at, ...shown]) => shown.length === 2 && shown.every((one) => one === at),
+  );
+  return Number(frame.slice(6));
+}
+
+describe('a past run', () => {
+  it('has its route whole: map, episodes, and pictures of both traversals', async () => {
+    const { page, complaints } = await stage.page(link('route'));
+    await page.locator('.map .scale', { hasText: /\d m$/ }).first().waitFor();
+    await pictured(page);
+    expect(await page.locator('.picture img').count()).toBe(2);
+    expect(await page.locator('section[aria-label="Episodes of this moment"] tbody tr').count()).toBeGreaterThan(3);
+    expect(await page.getByText(/Waiting|yet/).count()).toBe(0);
+    expect(await violations(page)).toEqual([]);
+    // The pictures follow the episode.
+    await page.getByRole('slider', { name: 'Step' }).press('End');
+    await pictured(page);
+    await page.locator('section[aria-label="Episodes of this moment"] tbody tr input').nth(2).check();
+    await pictured(page);
+    // On the other traversal it was only evaluated.
+    await page.getByRole('combobox', { name: 'Traversal', exact: true }).selectOption('env-winter');
+    await page.locator('section[aria-label="Route: winter"]').waitFor();
+    await pictured(page);
+    expect(complaints).toEqual([]);
+  });
+
+  it('fits a telephone in the dark', async () => {
+    const { page, complaints } = await stage.page(link('route', '&at=3000'), { viewport: { width: 400, height: 800 }, colorScheme: 'dark' });
+    await page.getByRole('slider', { name: 'Step' }).waitFor();
+    await eventually(() => wider(page), (pixels) => pixels <= 0);
+    expect(await violations(page)).toEqual([]);
+    expect(complaints).toEqual([]);
+  });
+});
+
+describe('the time cursor', () => {
+  it('marks a moment in all curves, and the route, the replay and a link show it', async () => {
+    const { page, complaints } = await stage.page(link('training'));
+    const curve = (name: RegExp): Promise<string> => page.getByRole('img', { name }).getAttribute('aria-label').then(String);
+    await page.getByRole('img', { name: /^SPL/ }).locator('.u-over').click({ position: { x: 150, y: 80 } });
+    await page.waitForFunction(() => /[?&]at=\d+/.test(location.hash));
+    const at = Number(new URLSearchParams(hash(page).split('?')[1]).get('at'));
+    expect(at).toBeGreaterThan(0);
+    expect(at).toBeLessThan(run.steps ?? 0);
+    for (const name of [/^Reward/, /^SPL/, /^Entropy/]) await eventually(() => curve(name), (label) => /; at [\d.]+k?: .*: −?\d/.test(label));
+    const moment = page.getByRole('group', { name: 'Moment', exact: true });
+    const said = await moment.locator('.hint').innerText();
+    const episodes = Number(/([\d,]+) episodes/.exec(said)?.[1]?.replace(',', ''));
+    expect(await violations(page)).toEqual([]);
+
+    await moment.getByRole('link', { name: 'Route' }).click();
+    await page.locator('.map').waitFor();
+    expect(await moment.locator('.hint').innerText()).toBe(said);
+    // The newest training episode that had ended by then.
+    const newest = page.locator('section[aria-label="Episodes of this moment"] tbody tr').first();
+    await newest.waitFor();
+    const { episodes: [last] } = await api<{ episodes: { rowid: number; steps: number }[] }>(stage.url, `runs/${encodeURIComponent(run.id)}/episodes?evaluation=0&limit=1&until=${episodes}`);
+    await eventually(() => page.locator('.transport output').innerText(), (text) => text.endsWith(`/ ${last?.steps}`));
+    const frame = await pictured(page);
+
+    // The address shows the same elsewhere.
+    await page.waitForFunction(() => location.hash.includes('step='));
+    const { page: other } = await stage.page(hash(page));
+    expect(await pictured(other)).toBe(frame);
+    expect(await other.getByRole('group', { name: 'Moment', exact: true }).locator('.hint').innerText()).toBe(said);
+
+    await page.getByRole('radio', { name: 'Time' }).check({ force: true });
+    await eventually(() => moment.locator('b').innerText(), (text) => /^At [\d.]+ m?s$/.test(text));
+    expect(await moment.locator('.hint').innerText()).toBe(said);
+    await moment.getByRole('link', { name: 'Replay' }).click();
+    await page.getByRole('radio', { name: 'Training' }).check({ force: true });
+    await page.locator(`section[aria-label="Replay of episode ${last?.rowid}"]`).waitFor();
+    await page.locator('.pictures').scrollIntoViewIfNeeded(); // pictures out of sight are not fetched
+    expect(await pictured(page)).toBe(frame);
+    await moment.getByRole('button', { name: 'Show all' }).click();
+    await page.locator('section[aria-label^="Replay"]').waitFor({ state: 'detached' });
+    expect(complaints).toEqual([]);
+  });
+
+  it('is moved by keys, and leads to the evaluation before it', async () => {
+    const { page } = await stage.page(link('route', '&kind=evaluation&env=env-winter'));
+    const plot = page.getByRole('img', { name: /^SPL in training/ });
+    await plot.locator('.u-over').waitFor();
+    await plot.focus();
+    for (let i = 0; i < 3; ++i) await page.keyboard.press('ArrowLeft');
+    await page.keyboard.press('Enter');
+    const moment = page.getByRole('group', { name: 'Moment', exact: true });
+    await moment.waitFor();
+    const update = Number(/update (\d+)/.exec(await moment.innerText())?.[1]);
+    const { evaluations } = await api<{ evaluations: Evaluation[] }>(stage.url, `runs/${encodeURIComponent(run.id)}/evaluations`);
+    const before = Math.max(...evaluations.filter((one) => one.traversal === 'winter' && one.policy === 'place_filter' && !one.shuffled && one.update <= update).map((one) => one.update));
+    expect(before).toBeGreaterThan(0);
+    await eventually(() => page.locator('section[aria-label="Route: winter"] .hint').first().innerText(), (text) => text.includes(`update ${before} on winter`));
+    await plot.focus();
+    await page.keyboard.press('Escape');
+    await moment.waitFor({ state: 'detached' });
+    await page.waitForFunction(() => !location.hash.includes('at='));
+  });
+});
+
+it('a run that is removed takes its map and pictures along', async () => {
+  const [traversal] = detail.traversals;
+  expect((await fetch(`${stage.url}api/map/${traversal?.hash}`)).status).toBe(200);
+  expect((await fetch(`${stage.url}api/runs/${encodeURIComponent(run.id)}`, { method: 'DELETE' })).status).toBe(204);
+  expect((await api<{ runs: Run[] }>(stage.url, 'runs')).runs).toEqual([]);
+  expect((await fetch(`${stage.url}api/map/${traversal?.hash}`)).status).toBe(404);
+  expect(await sql('SELECT COUNT(*) FROM pictures')).toBe(0);
+});
