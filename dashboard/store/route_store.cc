@@ -15,16 +15,17 @@ static_assert(std::endian::native == std::endian::little, "numbers are stored as
 
 constexpr int kMostParts = 4;  // of a traversal at a time: those of its newest runs
 
+/// Which runs use which traversals. A row whose episodes a run has claimed since is none.
+const std::string kUses =
+    " FROM sources s JOIN run_sources u ON u.source = s.id"
+    " JOIN runs r ON r.id = u.run AND (r.run_id IS NOT NULL OR r.recorded > 0) WHERE s.hash ";
+
 /// The part that the runs of a traversal are on, as their manifests tell; without one it is all of the traversal.
-constexpr const char* kParts =
+const std::string kParts =
     "SELECT MAX(run), first, frames FROM (SELECT r.id AS run,"
     " CASE WHEN json_valid(r.manifest) THEN json_extract(r.manifest, '$.first_frame') END AS first,"
-    " CASE WHEN json_valid(r.manifest) THEN json_extract(r.manifest, '$.frames') END AS frames"
-    " FROM sources s JOIN run_sources u ON u.source = s.id JOIN runs r ON r.id = u.run WHERE s.hash = ?1)"
-    " GROUP BY first, frames ORDER BY 1 DESC LIMIT ?2";
-
-constexpr const char* kShown =
-    "SELECT 1 FROM sources s JOIN run_sources u ON u.source = s.id WHERE s.hash = ?1 LIMIT 1";
+    " CASE WHEN json_valid(r.manifest) THEN json_extract(r.manifest, '$.frames') END AS frames" +
+    kUses + "= ?1) GROUP BY first, frames ORDER BY 1 DESC LIMIT ?2";
 
 struct Bytes {
   std::uint64_t all = 0, pictures = 0;
@@ -56,7 +57,7 @@ std::size_t room(SQLite::Database& database, const RouteStore::Options& options,
 }
 
 bool is_shown(SQLite::Database& database, std::uint64_t hash) {
-  SQLite::Statement row(database, kShown);
+  SQLite::Statement row(database, "SELECT 1" + kUses + "= ?1 LIMIT 1");
   return bind_values(row, hash).executeStep();
 }
 
@@ -154,8 +155,7 @@ bool RouteStore::keep(std::uint64_t hash, const Gaps::Place& place, const Pictur
 }
 
 void remove_unused_routes(SQLite::Database& database) {
-  const std::string unused =
-      "hash NOT IN (SELECT s.hash FROM run_sources u JOIN sources s ON s.id = u.source WHERE s.hash IS NOT NULL)";
+  const std::string unused = "hash NOT IN (SELECT s.hash" + kUses + "IS NOT NULL)";
   run(database, ("DELETE FROM maps WHERE " + unused).c_str());
   run(database, ("DELETE FROM places WHERE " + unused).c_str());
   run(database, "DELETE FROM pictures WHERE id NOT IN (SELECT picture FROM places)");

@@ -170,6 +170,15 @@ TEST_F(RouteStoreTest, StoresOnceWhatManyRunsShowAndRemovesItWithTheLast) {
     EXPECT_EQ(number("SELECT COUNT(*) FROM " + table), 0) << table;
 }
 
+TEST_F(RouteStoreTest, EpisodesThatCameBeforeTheirRunHoldNothing) {
+  play(1, kSummer);  // nobody claims it yet
+  EXPECT_TRUE(routes_.gaps(traversal()).map);
+  const std::string run = begin_run(1);
+  ASSERT_TRUE(routes_.keep(kSummer, map_of(160)));
+  ASSERT_EQ(store_.remove(run), Store::Removal::kDone);
+  EXPECT_EQ(number("SELECT COUNT(*) FROM maps"), 0);
+}
+
 TEST_F(RouteStoreTest, StaysWithinItsBudgets) {
   begin_run(1);
   RouteStore routes(store_, {.run_bytes = 100'000, .traversal_bytes = 40'000});
