@@ -32,7 +32,8 @@ void RouteArchive::take_next() {
   const std::vector<TraversalRow> hosted = source_.hosted();
   auto next = std::find_if(hosted.begin(), hosted.end(), [this](const TraversalRow& row) { return row.hash > last_; });
   if (next == hosted.end()) next = hosted.begin();
-  if (next == hosted.end() || complete_ >= hosted.size()) {
+  if (next == hosted.end()) return;
+  if (complete_ >= hosted.size()) {
     complete_ = 0;
     due_ = Clock::now() + options_.look_again;
     return;

@@ -62,7 +62,7 @@ export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.
           </Show>
         </Card>
       )}
-      <Episodes list={list} chosen={rowid} name={traversal.traversal} />
+      <Episodes list={list} chosen={rowid} kind={kind} name={traversal.traversal} />
     </>
   );
 }
@@ -132,7 +132,12 @@ function Place({ traversal, detail, whole }: Omit<RecordedProps, 'run'>): JSX.El
   );
 }
 
-function Episodes({ list, chosen: rowid, name }: { list: readonly Episode[]; chosen: number; name: string }): JSX.Element {
+function Episodes({ list, chosen: rowid, kind, name }: {
+  list: readonly Episode[];
+  chosen: number;
+  kind: 'evaluation' | 'training';
+  name: string;
+}): JSX.Element {
   const columns: Column<Episode>[] = [
     {
       key: 'episode',
@@ -144,7 +149,8 @@ function Episodes({ list, chosen: rowid, name }: { list: readonly Episode[]; cho
         </Tick>
       ),
     },
-    { key: 'policy', label: 'Policy', cell: evaluationName },
+    // In training it is that of the run, and what acts changes within an episode.
+    ...(kind === 'evaluation' ? [{ key: 'policy', label: 'Policy', cell: evaluationName }] : []),
     text('agent', 'Agent'),
     { ...text('completed', 'Goal'), show: (e) => <b class={toneOf(e.completed ? 'reached' : 'missed')}>{e.completed ? 'reached' : 'missed'}</b> },
     figure('spl', 'SPL', threeDecimals),

@@ -11,7 +11,7 @@ import { param, setParams } from '../state/router';
 import { Card, Empty, IconButton, Select, Show } from '../ui/basics';
 import { Chart } from '../ui/chart';
 import { Pictures, SiblingSelect } from '../ui/picture';
-import { RouteMap } from '../ui/route_map';
+import { RouteLegend, RouteMap } from '../ui/route_map';
 
 /** Plays one recorded episode step by step. One that somebody has chosen is `focused`. */
 export function Replay({ rowid, detail, focused }: { rowid: number; detail: Resource<RunDetail>; focused: boolean }): JSX.Element {
@@ -167,6 +167,7 @@ export function Player({ episode, positions, run, whole = false, focused = false
             whole={whole}
             label={`Route of ${episode.traversal}, step ${step} at frame ${here}`}
           />
+          <RouteLegend />
           <Chart
             title="Path"
             hint={`frame over steps, from ${integer(episode.start)} to the goal ${integer(episode.goal)}`}
