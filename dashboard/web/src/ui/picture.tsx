@@ -73,7 +73,14 @@ function useAddress(picture: Picture): string | undefined {
   return address;
 }
 
-function PictureBox({ picture, alt, caption, waiting }: { picture: Picture; alt: string; caption: string; waiting: string }): JSX.Element {
+function PictureBox({ picture, wanted, alt, caption, waiting }: {
+  picture: Picture;
+  /** The frame that was asked for. */
+  wanted: number | undefined;
+  alt: string;
+  caption: string;
+  waiting: string;
+}): JSX.Element {
   const address = useAddress(picture);
   return (
     <figure class="picture">
@@ -86,7 +93,11 @@ function PictureBox({ picture, alt, caption, waiting }: { picture: Picture; alt:
       )}
       <figcaption class="row between">
         {caption}
-        {picture.state === 'ready' && <span class="hint number">frame {picture.frame}</span>}
+        {picture.state === 'ready' && (
+          <span class="hint number">
+            {picture.frame !== wanted && 'nearest stored: '}frame {picture.frame}
+          </span>
+        )}
       </figcaption>
     </figure>
   );
@@ -119,6 +130,7 @@ export function Pictures({ on, name, alt, frame, topic, sibling, waiting = 'Wait
     <div class="pictures" ref={room}>
       <PictureBox
         picture={on?.images ? own : { state: 'none', text: 'This traversal has features only.' }}
+        wanted={shown?.sight.frame}
         alt={alt}
         caption={name}
         waiting={waiting}
@@ -126,6 +138,7 @@ export function Pictures({ on, name, alt, frame, topic, sibling, waiting = 'Wait
       {sibling && (
         <PictureBox
           picture={shown?.fetched?.at(-1) ?? WAITING}
+          wanted={shown?.sight.frame}
           alt={`The same place on ${sibling.traversal}`}
           caption={`${sibling.traversal}, same place`}
           waiting={waiting}

@@ -89,6 +89,16 @@ describe('a past run', () => {
     expect(complaints).toEqual([]);
   });
 
+  it('says which place a picture shows where that of the place is not stored', async () => {
+    const { page } = await stage.page('overview');
+    await page.route('**/api/frames/**', (route) => route.continue({ url: route.request().url().replace(/\/\d+\?/, '/0?') })); // as if it were the only one
+    await page.goto(`${stage.url}#/${link('route')}`);
+    const slider = page.getByRole('slider', { name: 'Step' });
+    await slider.press('End');
+    if (/frame 0$/.test((await slider.getAttribute('aria-valuetext')) ?? '')) await slider.press('ArrowLeft');
+    await eventually(() => frames(page), (all) => all.length === 2 && all.every((one) => one === 'nearest stored: frame 0'));
+  });
+
   it('fits a telephone in the dark', async () => {
     const { page, complaints } = await stage.page(link('route', '&at=3000'), { viewport: { width: 400, height: 800 }, colorScheme: 'dark' });
     await page.getByRole('slider', { name: 'Step' }).waitFor();
