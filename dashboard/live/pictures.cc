@@ -27,7 +27,7 @@ void Pictures::fetch(const PictureKey& key, const Source& source) {
 bool Pictures::fetch_spare(const PictureKey& key, const Source& source) {
   const Clock::time_point now = Clock::now();
   if (!waiting_.empty() || !fetches_.empty() || now < std::max(next_, next_spare_)) return false;
-  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, timer(), true}).first->second;
+  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, timer(), now, true}).first->second;
   request(key, fetch, now);
   return true;
 }
@@ -66,7 +66,7 @@ void Pictures::poll(Clock::time_point now) {
   const auto [key, source] = newest_next_ ? waiting_.back() : waiting_.front();
   newest_next_ ? waiting_.pop_back() : waiting_.pop_front();
   next_ = now + options_.between;
-  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, timer()}).first->second;
+  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, timer(), now}).first->second;
   request(key, fetch, now);
 }
 
@@ -101,6 +101,7 @@ void Pictures::on_message(const msg::ImageChunk& chunk, Clock::time_point now) {
   if (fetch.file->take(chunk.chunk(), chunk.data()) != Taken::kYes) return;
   fetch.timer.answered(now);
   if (fetch.file->complete()) {
+    if (fetch.spare) next_spare_ = std::max(next_spare_, now + options_.spare_pause * (now - fetch.begun));
     shrink_later(found->first, fetch.file->release(), chunk.name().c_str());
     fetches_.erase(found);
   } else if (fetch.timer.is_due(now)) {

@@ -27,7 +27,10 @@ class Pictures {
     std::chrono::milliseconds between{100};          ///< requests of pictures
     std::chrono::milliseconds patience{500};         ///< until a missing chunk is requested again
     std::size_t most_waiting = 64;                   ///< beyond, the oldest are dropped
-    std::size_t spare_rate = std::size_t{1} << 20;   ///< bytes a second of pictures that nobody waits for, on average
+    /// Of pictures that nobody waits for: the pause after one, in times that it took, so that an env_service is busy
+    /// with them for 2 % of its time; and bytes a second, on average.
+    int spare_pause = 50;
+    std::size_t spare_rate = std::size_t{1} << 20;
   };
   struct Source {
     std::string session, environment;
@@ -52,6 +55,7 @@ class Pictures {
   struct Fetch {
     Source source;
     RequestTimer timer;
+    Clock::time_point begun;
     bool spare = false;
     std::optional<Blob> file = {};  // once a chunk has arrived
   };

@@ -19,7 +19,7 @@ class RouteArchive {
  public:
   struct Options {
     PictureLimits limits{320, std::size_t{16} << 10};  ///< of a stored picture
-    std::chrono::milliseconds between{250};            ///< two pictures
+    std::chrono::milliseconds between{100};            ///< two pictures, at least
     std::chrono::milliseconds poll_after{50};          ///< while a picture is on its way
     std::chrono::milliseconds look_again{2000};        ///< when nothing was missing
     std::chrono::milliseconds retry_after{60000};      ///< of a picture that did not come; of the store when it failed

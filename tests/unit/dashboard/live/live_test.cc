@@ -391,6 +391,31 @@ TEST_F(LiveRun, WhatARunShowsIsStoredWhileNobodyLooks) {
   EXPECT_EQ(read_image_header(std::as_bytes(std::span(picture->picture.bytes)), "picture").width, 80);
 }
 
+TEST_F(LiveRun, APauseFollowsAPictureThatNobodyWaitsFor) {
+  const std::uint64_t hash = street.hash();
+  Node own(node_options("other", run, "dashboard"));
+  Pictures::Options options;
+  options.spare_pause = 1'000'000;
+  Pictures pictures(own, options);
+  const Pictures::Source host{run, "env-street"};
+  ASSERT_TRUE(pictures.fetch_spare({hash, 3}, host));
+  EXPECT_FALSE(pictures.fetch_spare({hash, 4}, host)) << "one at a time";
+  const auto here = [&](std::uint32_t frame) {
+    return eventually(
+        [&] {
+          own.wait(Clock::now() + milliseconds(5));
+          pictures.poll(Clock::now());
+        },
+        [&] {
+          return pictures.find({hash, frame}) != nullptr;
+        });
+  };
+  ASSERT_TRUE(here(3));
+  EXPECT_FALSE(pictures.fetch_spare({hash, 4}, host)) << "the pause";
+  pictures.fetch({hash, 5}, host);
+  EXPECT_TRUE(here(5)) << "somebody waits for it";
+}
+
 TEST_F(LiveRun, WhoLooksGoesBeforeWhatIsStored) {
   const std::uint64_t hash = street.hash();
   ASSERT_TRUE(until([&] { return !live.hosted().empty(); }));
