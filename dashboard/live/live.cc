@@ -318,12 +318,10 @@ std::shared_ptr<const RouteMap> Live::route_map(std::uint64_t hash) {
 RouteSource::SparePicture Live::spare_picture(const PictureKey& key) {
   if (auto picture = pictures_.find(key)) return {std::move(picture), false};
   if (pictures_.fetching(key)) return {nullptr, true};
-  std::optional<Environment> host;
-  {
-    const std::lock_guard lock(mutex_);
-    host = host_of(key.hash, true, key.frame);
-  }
-  return {nullptr, host && pictures_.fetch_spare(key, {host->first, host->second})};
+  const std::lock_guard lock(mutex_);
+  const auto host = host_of(key.hash, true, key.frame);
+  return {nullptr, host && pictures_.fetch_spare(key, {host->first, host->second},
+                                                 !services_.is_working(host->first, host->second))};
 }
 
 LiveView::Picture Live::frame(std::uint64_t hash, std::uint32_t index) {

@@ -24,10 +24,12 @@ void Pictures::fetch(const PictureKey& key, const Source& source) {
   if (waiting_.size() > options_.most_waiting) waiting_.pop_front();
 }
 
-bool Pictures::fetch_spare(const PictureKey& key, const Source& source) {
+bool Pictures::fetch_spare(const PictureKey& key, const Source& source, bool idle) {
   const Clock::time_point now = Clock::now();
   if (!waiting_.empty() || !fetches_.empty() || now < std::max(next_, next_spare_)) return false;
-  Fetch& fetch = fetches_.try_emplace(key, Fetch{source, timer(), now, true}).first->second;
+  Fetch& fetch =
+      fetches_.try_emplace(key, Fetch{source, timer(), now, idle ? options_.idle_pause : options_.spare_pause})
+          .first->second;
   request(key, fetch, now);
   return true;
 }
@@ -47,7 +49,7 @@ void Pictures::poll(Clock::time_point now) {
     if (!fetch->second.timer.is_due(now)) {
       ++fetch;
     } else if (fetch->second.timer.gave_up(now)) {
-      spdlog::log(fetch->second.spare ? spdlog::level::debug : spdlog::level::warn,
+      spdlog::log(fetch->second.pause > 0 ? spdlog::level::debug : spdlog::level::warn,
                   "frame {} of {:016x} does not arrive from '{}'", fetch->first.frame, fetch->first.hash,
                   fetch->second.source.environment);
       fetch = fetches_.erase(fetch);
@@ -94,14 +96,14 @@ void Pictures::on_message(const msg::ImageChunk& chunk, Clock::time_point now) {
   Fetch& fetch = found->second;
   if (!fetch.file) {
     fetch.file.emplace(chunk.total_bytes());
-    if (fetch.spare)
+    if (fetch.pause > 0)
       next_spare_ = now + std::chrono::milliseconds(1000 * std::uint64_t{chunk.total_bytes()} / options_.spare_rate);
   }
   if (fetch.file->total_bytes() != chunk.total_bytes()) return;
   if (fetch.file->take(chunk.chunk(), chunk.data()) != Taken::kYes) return;
   fetch.timer.answered(now);
   if (fetch.file->complete()) {
-    if (fetch.spare) next_spare_ = std::max(next_spare_, now + options_.spare_pause * (now - fetch.begun));
+    if (fetch.pause > 0) next_spare_ = std::max(next_spare_, now + fetch.pause * (now - fetch.begun));
     shrink_later(found->first, fetch.file->release(), chunk.name().c_str());
     fetches_.erase(found);
   } else if (fetch.timer.is_due(now)) {

@@ -27,9 +27,9 @@ class Pictures {
     std::chrono::milliseconds between{100};          ///< requests of pictures
     std::chrono::milliseconds patience{500};         ///< until a missing chunk is requested again
     std::size_t most_waiting = 64;                   ///< beyond, the oldest are dropped
-    /// Of pictures that nobody waits for: the pause after one, in times that it took, so that an env_service is busy
-    /// with them for 2 % of its time; and bytes a second, on average.
-    int spare_pause = 50;
+    /// Of pictures that nobody waits for: the pause after one, in times that it took, so that an env_service that works
+    /// is busy with them for 2 % of its time, and an idle one for 20 %; and bytes a second, on average.
+    int spare_pause = 50, idle_pause = 4;
     std::size_t spare_rate = std::size_t{1} << 20;
   };
   struct Source {
@@ -41,9 +41,9 @@ class Pictures {
 
   /// Starts to fetch a picture unless it is here or under way. Waiting ones are taken newest and oldest by turns.
   void fetch(const PictureKey& key, const Source& source);
-  /// Starts to fetch a picture that nobody waits for. Returns false, having done nothing, while any other one is
-  /// fetched or the spare rate is used up.
-  bool fetch_spare(const PictureKey& key, const Source& source);
+  /// Starts to fetch a picture that nobody waits for, of an env_service that works or is idle. Returns false, having
+  /// done nothing, while any other one is fetched or the spare rate is used up.
+  bool fetch_spare(const PictureKey& key, const Source& source, bool idle);
   /// Takes chunks that arrived and requests what is due.
   void poll(Clock::time_point now);
   /// Returns the time of the next request, or time_point::max().
@@ -56,7 +56,7 @@ class Pictures {
     Source source;
     RequestTimer timer;
     Clock::time_point begun;
-    bool spare = false;
+    int pause = 0;                  // 0: somebody waits for it
     std::optional<Blob> file = {};  // once a chunk has arrived
   };
   RequestTimer timer() const;

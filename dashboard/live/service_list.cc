@@ -86,6 +86,11 @@ bool ServiceList::is_alive(const std::string& session, const std::string& id) co
   return found != services_.end() && !found->second.silent;
 }
 
+bool ServiceList::is_working(const std::string& session, const std::string& id) const {
+  const auto found = services_.find({session, id});
+  return found != services_.end() && found->second.status.service_state() == msg::RUNNING;
+}
+
 nlohmann::json ServiceList::json(Clock::time_point now) const {
   Json services = Json::array();
   for (const auto& [key, service] : services_) {

@@ -26,6 +26,8 @@ class ServiceList {
   bool poll(Clock::time_point now, std::vector<Event>& events);
   /// Returns whether heartbeats of this service arrive.
   bool is_alive(const std::string& session, const std::string& id) const;
+  /// Returns whether this service said last that it works.
+  bool is_working(const std::string& session, const std::string& id) const;
   /// Returns whether a heartbeat of this service has arrived.
   bool knows(const std::string& session, const std::string& id) const { return services_.contains({session, id}); }
   /// Returns what GET /api/services answers.

@@ -43,7 +43,7 @@ beforeAll(async () => {
     await restart();
     expect(await sql('SELECT COUNT(*) FROM places LEFT JOIN pictures ON id = picture WHERE id IS NULL')).toBe(0);
     expect(await sql('SELECT COUNT(*) FROM pictures WHERE id NOT IN (SELECT picture FROM places)')).toBe(0);
-    await eventually(places, (count) => count === 2 * FRAMES);
+    await eventually(places, (count) => count === 2 * FRAMES, 120_000); // a busy machine has little to spare
     expect(await sql('SELECT COUNT(*) FROM maps')).toBe(2);
   } finally {
     await Promise.all(services.map((service) => service.kill()));
@@ -51,7 +51,7 @@ beforeAll(async () => {
   await restart(); // so that nothing is left but what is stored
   [run] = (await api<{ runs: Run[] }>(stage.url, 'runs')).runs as [Run];
   detail = await api<RunDetail>(stage.url, `runs/${encodeURIComponent(run.id)}`);
-}, 180_000);
+}, 300_000);
 
 const frames = (page: Page): Promise<string[]> => page.locator('.picture figcaption .number').allInnerTexts();
 const hash = (page: Page): string => new URL(page.url()).hash.slice(2);

@@ -398,8 +398,8 @@ TEST_F(LiveRun, APauseFollowsAPictureThatNobodyWaitsFor) {
   options.spare_pause = 1'000'000;
   Pictures pictures(own, options);
   const Pictures::Source host{run, "env-street"};
-  ASSERT_TRUE(pictures.fetch_spare({hash, 3}, host));
-  EXPECT_FALSE(pictures.fetch_spare({hash, 4}, host)) << "one at a time";
+  ASSERT_TRUE(pictures.fetch_spare({hash, 3}, host, false));
+  EXPECT_FALSE(pictures.fetch_spare({hash, 4}, host, true)) << "one at a time";
   const auto here = [&](std::uint32_t frame) {
     return eventually(
         [&] {
@@ -411,7 +411,7 @@ TEST_F(LiveRun, APauseFollowsAPictureThatNobodyWaitsFor) {
         });
   };
   ASSERT_TRUE(here(3));
-  EXPECT_FALSE(pictures.fetch_spare({hash, 4}, host)) << "the pause";
+  EXPECT_FALSE(pictures.fetch_spare({hash, 4}, host, true)) << "the pause";
   pictures.fetch({hash, 5}, host);
   EXPECT_TRUE(here(5)) << "somebody waits for it";
 }

@@ -54,7 +54,10 @@ using Kinds = std::vector<std::string>;
 TEST(ServiceList, AServiceThatFallsSilentIsLostAndMayComeBack) {
   Beats beats;
   EXPECT_EQ(beats.beat("env", msg::WAITING), Kinds{"started"});
+  EXPECT_FALSE(beats.list.is_working("demo", "env"));
   EXPECT_EQ(beats.beat("env", msg::RUNNING), Kinds{});
+  EXPECT_TRUE(beats.list.is_working("demo", "env"));
+  EXPECT_FALSE(beats.list.is_working("demo", "another"));
   EXPECT_EQ(beats.state("env"), "running");
   EXPECT_EQ(beats.after(kSilence - milliseconds(1)), Kinds{});
   EXPECT_TRUE(beats.list.is_alive("demo", "env"));
