@@ -55,7 +55,7 @@ bool RouteArchive::store_gap(const TraversalRow& traversal) {
     const PictureKey key{traversal.hash, place.frame};
     const auto failed = failed_.find(key);
     if (failed != failed_.end() && now < failed->second) continue;
-    request_ = {key, place};
+    request_ = {key, place, now + options_.look_again};
     take_picture();
     return true;
   }
@@ -69,8 +69,10 @@ void RouteArchive::take_picture() {
     due_ = Clock::now() + options_.poll_after;
     return;
   }
+  // While others are fetched it waits, but not for an env_service that is gone.
+  if (!picture && !request_->coming && Clock::now() < request_->patience) return;
   const Request request = *std::exchange(request_, std::nullopt);
-  if (!picture && !request.coming) return;  // others are fetched: later
+  if (!picture && !request.coming) return;
   bool kept = false;
   if (picture && !picture->bytes.empty()) {
     const auto* bytes = reinterpret_cast<const std::byte*>(picture->bytes.data());

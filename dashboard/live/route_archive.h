@@ -37,6 +37,7 @@ class RouteArchive {
   struct Request {
     PictureKey key;
     RouteStore::Gaps::Place place;
+    Clock::time_point patience;  // until which it may be refused
     bool coming = false;
   };
   void take_next();
