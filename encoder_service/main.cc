@@ -28,7 +28,7 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.option_defaults()->group(encoding);
   app.add_option("--encoder", service.encoder, "One of " + encoder_names())->capture_default_str();
   add_encoder_options(app, service.files, line.parameters, encoding);
-  app.add_option("--threads", line.threads, "Threads for OpenCV's networks; 0 uses all processors")
+  app.add_option("--threads", line.threads, "Threads that decode and encode pictures; 0 uses all processors")
       ->capture_default_str()
       ->check(CLI::Range(0, 1024));
   app.add_option("--on-bad-frame", line.on_bad_frame,

@@ -16,10 +16,10 @@ class PatchNorm final : public PictureEncoder {
         height_(parameters.integer("height")),
         patch_(parameters.integer("patch")) {}
 
-  Spec spec() const override { return {name_, width_ * height_, 16}; }
+  Spec spec() const override { return {name_, width_ * height_, batch()}; }
 
  private:
-  void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) override {
+  void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) const override {
     cv::Mat grey = scaled_grey(picture, width_, height_);
     for (int y = 0; y < height_; y += patch_)
       for (int x = 0; x < width_; x += patch_) {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <opencv2/imgproc.hpp>
+#include <optional>
 
 #include "encoder_service/encoding/picture_encoder.h"
 #include "encoder_service/encoding/reduction.h"
+#include "encoder_service/encoding/sliding_normalisation.h"
 
 namespace citylearn {
 namespace {
@@ -11,23 +13,24 @@ namespace {
 /// baseline after Mirowski et al., NeurIPS 2018).
 class Raw84 final : public PictureEncoder {
  public:
-  explicit Raw84(const Parameters& parameters)
-      : name_(encoder_name("raw84-2", parameters)), sigma_(parameters["sigma"]) {}
-  Spec spec() const override { return {name_, kRaw84Side * kRaw84Side * 3, 16}; }
+  explicit Raw84(const Parameters& parameters) : name_(encoder_name("raw84-2", parameters)) {
+    if (parameters["sigma"] > 0) normalisation_.emplace(cv::Size(kRaw84Side, kRaw84Side), parameters["sigma"]);
+  }
+  Spec spec() const override { return {name_, kRaw84Side * kRaw84Side * 3, batch()}; }
 
  private:
-  void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) override {
+  void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) const override {
     cv::Mat colours, pixels(kRaw84Side, kRaw84Side, CV_32FC3, descriptor.data());
     cv::cvtColor(scaled(picture, kRaw84Side, kRaw84Side), colours, cv::COLOR_BGR2RGB);
     colours.convertTo(pixels, CV_32F, 1 / 255.0);
-    if (sigma_ == 0) return;
+    if (!normalisation_) return;
     colours.convertTo(colours, CV_32F);
-    sliding_normalised(colours, sigma_).convertTo(pixels, CV_32F, 1 / kRaw84Deviations, 0.5);
+    normalisation_->apply(colours).convertTo(pixels, CV_32F, 1 / kRaw84Deviations, 0.5);
     cv::min(cv::max(pixels, cv::Scalar::all(0)), cv::Scalar::all(1), pixels);
   }
 
   std::string name_;
-  double sigma_;  // of the window, pixels
+  std::optional<SlidingNormalisation> normalisation_;
 };
 
 const EncoderRegistry::Registration raw84_registration({

@@ -32,7 +32,7 @@ class Vlad final : public PictureEncoder {
         across_(across),
         down_(down) {}
 
-  Spec spec() const override { return {name_ + " learned=" + learned_, across_ * down_ * words_ * kLocal, 16}; }
+  Spec spec() const override { return {name_ + " learned=" + learned_, across_ * down_ * words_ * kLocal, batch()}; }
 
   int training_sample_count() const override { return kLessons; }
 
@@ -40,15 +40,19 @@ class Vlad final : public PictureEncoder {
     if (pictures.empty()) throw Error("no pictures to learn from", name_);
     try {
       Eigen::MatrixXf sample(kLocal, static_cast<Eigen::Index>(pictures.size()) * kFromEach);
+      std::vector<Eigen::Index> chosen;  // of each picture's local descriptors
       Random random{kSeed};
-      Eigen::Index taken = 0;
       for (const cv::Mat& picture : pictures) {
         check_picture(picture);
-        const Eigen::MatrixXf found = local_descriptors(picture).values;
+        const int found = dense_sift_count(scaled_size(picture), local_);
         for (int i = 0; i < kFromEach; ++i)
-          sample.col(taken++) =
-              found.col(static_cast<Eigen::Index>(random.below(static_cast<std::uint64_t>(found.cols()))));
+          chosen.push_back(static_cast<Eigen::Index>(random.below(static_cast<std::uint64_t>(found))));
       }
+      for_each_on_threads(static_cast<int>(pictures.size()), [&](int picture) {
+        const Eigen::MatrixXf found = local_descriptors(pictures[static_cast<std::size_t>(picture)]).values;
+        for (Eigen::Index i = picture * kFromEach; i < (picture + 1) * kFromEach; ++i)
+          sample.col(i) = found.col(chosen[static_cast<std::size_t>(i)]);
+      });
       vocabulary_ = kmeans(sample, words_, 25, kSeed);
     } catch (const cv::Exception& exception) {
       throw Error("OpenCV: " + exception.err, name_);
@@ -88,27 +92,34 @@ class Vlad final : public PictureEncoder {
     learned_ = text;
   }
 
-  LocalDescriptors local_descriptors(const cv::Mat& picture) {
-    // The longer side is brought to one length, so that a bin sees the same part of pictures of any size.
+  /// The longer side is brought to one length, so that a bin sees the same part of pictures of any size.
+  cv::Size scaled_size(const cv::Mat& picture) const {
     const double scale = static_cast<double>(side_) / std::max(picture.cols, picture.rows);
     const int least = 4 * local_.bin;
-    const int width = std::max(least, static_cast<int>(std::lround(picture.cols * scale)));
-    const int height = std::max(least, static_cast<int>(std::lround(picture.rows * scale)));
-    size_ = {width, height};
-    return dense_root_sift(scaled_grey(picture, width, height), local_);
+    return {std::max(least, static_cast<int>(std::lround(picture.cols * scale))),
+            std::max(least, static_cast<int>(std::lround(picture.rows * scale)))};
   }
 
-  void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) override {
+  LocalDescriptors local_descriptors(const cv::Mat& picture) const {
+    const cv::Size size = scaled_size(picture);
+    return dense_root_sift(scaled_grey(picture, size.width, size.height), local_);
+  }
+
+  void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) const override {
     if (vocabulary_.size() == 0) throw Error("has not learned its words yet", name_, "learn() or restore() first");
+    const cv::Size size = scaled_size(picture);
     const LocalDescriptors local = local_descriptors(picture);
     const std::vector<int> word = nearest(local.values, vocabulary_);
-    Eigen::Map<Eigen::MatrixXf> sums(descriptor.data(), kLocal, static_cast<Eigen::Index>(across_) * down_ * words_);
+    using Locals = Eigen::Matrix<float, kLocal, Eigen::Dynamic>;
+    Eigen::Map<Locals> sums(descriptor.data(), kLocal, static_cast<Eigen::Index>(across_) * down_ * words_);
+    const Eigen::Map<const Locals> values(local.values.data(), kLocal, local.values.cols()),
+        words(vocabulary_.data(), kLocal, words_);
     for (std::size_t i = 0; i < word.size(); ++i) {
       const cv::Point2f centre = local.centres[i];
-      const int column = std::min(across_ - 1, static_cast<int>(centre.x * static_cast<float>(across_)) / size_.width);
-      const int row = std::min(down_ - 1, static_cast<int>(centre.y * static_cast<float>(down_)) / size_.height);
+      const int column = std::min(across_ - 1, static_cast<int>(centre.x * static_cast<float>(across_)) / size.width);
+      const int row = std::min(down_ - 1, static_cast<int>(centre.y * static_cast<float>(down_)) / size.height);
       sums.col((row * across_ + column) * words_ + word[i]) +=
-          local.values.col(static_cast<Eigen::Index>(i)) - vocabulary_.col(word[i]);
+          values.col(static_cast<Eigen::Index>(i)) - words.col(word[i]);
     }
     for (auto sum : sums.colwise()) {
       const float length = sum.norm();
@@ -123,7 +134,6 @@ class Vlad final : public PictureEncoder {
   DenseSiftOptions local_;
   int across_, down_;           // cells of the spatial grid
   Eigen::MatrixXf vocabulary_;  // kLocal x words
-  cv::Size size_;               // of the scaled picture
 };
 
 std::vector<ParameterSpec> parameters(double words) {

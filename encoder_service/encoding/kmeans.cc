@@ -11,11 +11,24 @@ using Eigen::Index;
 using Eigen::MatrixXf;
 using Eigen::VectorXf;
 
+constexpr Index kPointsAtOnce = 512;  // points at a time, whose products stay in the processor's cache
+
 std::vector<int> nearest(const Eigen::Ref<const MatrixXf>& points, const MatrixXf& centres) {
   std::vector<int> result(static_cast<std::size_t>(points.cols()));
   const VectorXf halves = 0.5f * centres.colwise().squaredNorm().transpose();
-  const MatrixXf products = centres.transpose() * points;
-  for (Index i = 0; i < points.cols(); ++i) (products.col(i) - halves).maxCoeff(&result[static_cast<std::size_t>(i)]);
+  MatrixXf products(centres.cols(), std::min(points.cols(), kPointsAtOnce));
+  for (Index begin = 0; begin < points.cols(); begin += kPointsAtOnce) {
+    const Index count = std::min(kPointsAtOnce, points.cols() - begin);
+    products.leftCols(count).noalias() = centres.transpose() * points.middleCols(begin, count);
+    for (Index i = 0; i < count; ++i) {
+      products.col(i) -= halves;
+      // The greatest first: Eigen finds it many at a time, but not its place.
+      const float* values = products.col(i).data();
+      const float most = products.col(i).maxCoeff();
+      result[static_cast<std::size_t>(begin + i)] =
+          static_cast<int>(std::find(values, values + centres.cols() - 1, most) - values);
+    }
+  }
   return result;
 }
 

@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
+
+#include "encoder_service/encoding/area_means.h"
 
 namespace citylearn {
 
@@ -14,19 +17,26 @@ void check_picture(const cv::Mat& picture) {
 }
 
 Eigen::MatrixXf PictureEncoder::encode(std::span<const cv::Mat> pictures) {
-  Eigen::MatrixXf descriptors = Eigen::MatrixXf::Zero(spec().dimension, static_cast<Eigen::Index>(pictures.size()));
-  Eigen::Index column = 0;
-  for (const cv::Mat& picture : pictures) {
-    check_picture(picture);
+  const Spec spec = this->spec();
+  for (const cv::Mat& picture : pictures) check_picture(picture);
+  Eigen::MatrixXf descriptors = Eigen::MatrixXf::Zero(spec.dimension, static_cast<Eigen::Index>(pictures.size()));
+  for_each_on_threads(static_cast<int>(pictures.size()), [&](int i) {
     try {
-      describe(picture, descriptors.col(column));
+      describe(pictures[static_cast<std::size_t>(i)], descriptors.col(i));
     } catch (const cv::Exception& exception) {
-      throw Error("OpenCV: " + exception.err, spec().name);
+      throw Error("OpenCV: " + exception.err, spec.name);
     }
-    if (!descriptors.col(column).allFinite()) throw Error("a descriptor that is not finite", spec().name);
-    ++column;
-  }
+    if (!descriptors.col(i).allFinite()) throw Error("a descriptor that is not finite", spec.name);
+  });
   return descriptors;
+}
+
+int PictureEncoder::batch() { return std::max(16, 2 * cv::getNumThreads()); }
+
+void for_each_on_threads(int count, const std::function<void(int)>& work) {
+  cv::parallel_for_({0, count}, [&](const cv::Range& range) {
+    for (int i = range.start; i < range.end; ++i) work(i);
+  });
 }
 
 std::string encoder_name(const std::string& name_and_version, const Parameters& parameters) {
@@ -52,21 +62,12 @@ cv::Mat scaled(const cv::Mat& picture, int width, int height) {
 cv::Mat scaled_grey(const cv::Mat& picture, int width, int height) {
   cv::Mat grey, real;
   cv::cvtColor(picture, grey, cv::COLOR_BGR2GRAY);
+  const cv::Size size(width, height);
+  if (grey.size() != size && width <= grey.cols && height <= grey.rows) return area_means(grey, size);
   grey.convertTo(real, CV_32F);
   real = scaled(real, width, height);
   // Cubic interpolation overshoots at edges.
   return cv::min(cv::max(real, 0.f), 255.f);
-}
-
-cv::Mat sliding_normalised(const cv::Mat& picture, double sigma) {
-  // Variance as mean of squares minus square of mean loses few digits when the values are taken about a middle.
-  const cv::Mat shifted = picture - cv::Scalar::all(128);
-  cv::Mat mean, squares;
-  cv::GaussianBlur(shifted, mean, {}, sigma);
-  cv::GaussianBlur(shifted.mul(shifted), squares, {}, sigma);
-  cv::Mat deviation = cv::max(squares - mean.mul(mean), 0.f) + cv::Scalar::all(16);
-  cv::sqrt(deviation, deviation);
-  return (shifted - mean) / deviation;
 }
 
 }  // namespace citylearn

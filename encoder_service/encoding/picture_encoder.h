@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <opencv2/core.hpp>
 #include <span>
 #include <string>
@@ -10,16 +11,21 @@
 
 namespace citylearn {
 
-/// An encoder that encodes each picture by itself.
+/// An encoder that encodes each picture by itself, several at once on OpenCV's threads (cv::setNumThreads).
 class PictureEncoder : public Encoder {
  public:
   /// Throws Error when a picture is not 8-bit with 3 channels, OpenCV fails, or a descriptor is not finite.
   Eigen::MatrixXf encode(std::span<const cv::Mat> pictures) final;
 
  protected:
-  /// Fills `descriptor` (D numbers, zeros when called). May throw cv::Exception.
-  virtual void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) = 0;
+  /// Returns Spec::batch: pictures that keep all threads busy.
+  static int batch();
+  /// Fills `descriptor` (D numbers, zeros when called). May throw cv::Exception. Several threads may call it at once.
+  virtual void describe(const cv::Mat& picture, Eigen::Ref<Eigen::VectorXf> descriptor) const = 0;
 };
+
+/// Runs `work` for 0..count - 1, shared between OpenCV's threads. What it throws is thrown here.
+void for_each_on_threads(int count, const std::function<void(int)>& work);
 
 /// Throws Error when the picture is empty or not 8-bit with 3 channels.
 void check_picture(const cv::Mat& picture);
@@ -33,10 +39,6 @@ cv::Mat scaled(const cv::Mat& picture, int width, int height);
 
 /// Returns the grey values 0..255 in floating point (ITU-R BT.601) of a BGR picture, scaled.
 cv::Mat scaled_grey(const cv::Mat& picture, int width, int height);
-
-/// Returns (g - mean) / sqrt(variance + 16) of each channel (float, 0..255) under a Gaussian window of `sigma` pixels,
-/// which removes slow changes of light and of contrast.
-cv::Mat sliding_normalised(const cv::Mat& picture, double sigma);
 
 /// Of the encoder raw84: pixels of a side, and deviations from black to white where contrast is normalised.
 inline constexpr int kRaw84Side = 84;

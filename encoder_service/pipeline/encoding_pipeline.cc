@@ -10,6 +10,7 @@
 
 #include "core/files/files.h"
 #include "core/util/random.h"
+#include "encoder_service/encoding/picture_encoder.h"
 #include "encoder_service/pipeline/learned_files.h"
 
 namespace citylearn {
@@ -23,6 +24,30 @@ std::string_view as_text(const Bytes& bytes) { return {reinterpret_cast<const ch
 std::string duration(double seconds) {
   if (seconds < 90) return fmt::format("{:.0f} s", seconds);
   return seconds < 5400 ? fmt::format("{:.0f} min", seconds / 60) : fmt::format("{:.1f} h", seconds / 3600);
+}
+
+/// A frame's picture, or why there is none.
+struct DecodedImage {
+  int frame = 0;
+  cv::Mat picture;
+  std::string fault;
+};
+
+/// Decodes images on all threads.
+std::vector<DecodedImage> decode(const std::vector<FetchedImage>& images) {
+  std::vector<DecodedImage> result(images.size());
+  for_each_on_threads(static_cast<int>(images.size()), [&](int i) {
+    const FetchedImage& image = images[static_cast<std::size_t>(i)];
+    DecodedImage& decoded = result[static_cast<std::size_t>(i)];
+    decoded.frame = image.frame;
+    try {
+      if (image.file.empty()) throw Error(image.name);
+      decoded.picture = decode_picture(image.file, image.name);
+    } catch (const Error& error) {
+      decoded.fault = error.what();
+    }
+  });
+  return result;
 }
 
 }  // namespace
@@ -169,13 +194,11 @@ void EncodingPipeline::finish_training_sample() {
   encoding_.post(
       [this, images] {
         std::vector<cv::Mat> pictures;
-        for (const FetchedImage& image : *images) {
-          try {
-            if (!image.file.empty()) pictures.push_back(decode_picture(image.file, image.name));
-          } catch (const Error& error) {
-            spdlog::warn("{}", error.what());
-          }
-        }
+        for (const DecodedImage& image : decode(*images))
+          if (image.fault.empty())
+            pictures.push_back(image.picture);
+          else
+            spdlog::warn("{}", image.fault);
         if (pictures.empty()) throw Error("no picture can be read", "reference '" + options_.reference + "'");
         encoder_->learn(pictures);
       },
@@ -268,15 +291,13 @@ void EncodingPipeline::encode(EncodedTraversal& traversal, bool incomplete_batch
     encoding_.post(
         [this, batch] {
           std::vector<cv::Mat> pictures;
-          for (const FetchedImage& image : batch->images) {
-            try {
-              if (image.file.empty()) throw Error(image.name);
-              pictures.push_back(decode_picture(image.file, image.name));
+          for (const DecodedImage& image : decode(batch->images))
+            if (image.fault.empty()) {
+              pictures.push_back(image.picture);
               batch->frames.push_back(image.frame);
-            } catch (const Error& error) {
-              batch->faults.emplace_back(image.frame, error.what());
+            } else {
+              batch->faults.emplace_back(image.frame, image.fault);
             }
-          }
           if (!pictures.empty()) batch->descriptors = encoder_->encode(pictures);
         },
         [this, batch, &traversal] { store_batch(*batch, traversal); });
