@@ -27,6 +27,7 @@ REPEATED = {
     "threads": ["--rounds", "3"],
     "store": ["20000"],
     "encoder": ["--rounds", "5"],
+    "encoding": ["--rounds", "3"],
     "peers": ["--environments"],
 }
 
