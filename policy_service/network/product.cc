@@ -111,6 +111,13 @@ void set_math(std::string_view name) {
 
 Math used_math() { return chosen_math; }
 
+void prepare_math() {
+  if (used_math() == Math::kEigen) return;
+  const Eigen::MatrixXf zeros = Eigen::MatrixXf::Zero(32, 32);
+  Eigen::MatrixXf out(32, 32);
+  products::multiply(products::factor(zeros), products::factor(zeros), 0, out.data(), out.outerStride());
+}
+
 bool products::by_onednn(std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff_t cols) {
   // Measured with AVX-512: Eigen is as fast or faster at narrow and at small products.
   return chosen_math.load(std::memory_order_relaxed) != Math::kEigen && rows >= 16 && cols >= 2 &&

@@ -20,6 +20,9 @@ inline std::string_view name_of(Math math) { return kMathNames[static_cast<std::
 void set_math(std::string_view name);
 /// Returns what was set; at first kOneDnn.
 Math used_math();
+/// Computes a first product. oneDNN takes 50 ms and more for it, in which it writes code for this processor; what a
+/// service does meanwhile costs nothing if another thread calls this.
+void prepare_math();
 
 namespace products {
 

@@ -8,11 +8,14 @@
 #include <cmath>
 #include <iostream>
 #include <memory>
+#include <thread>
 
 #include "core/files/files.h"
+#include "core/util/machine.h"
 #include "core/wire/service.h"
 #include "policy_service/distributed/actor.h"
 #include "policy_service/distributed/final_status_guard.h"
+#include "policy_service/network/product.h"
 #include "policy_service/ranks/launcher.h"
 #include "policy_service/records/configuration.h"
 #include "policy_service/results/verdict.h"
@@ -100,6 +103,8 @@ PolicyServiceOptions checked_options(PolicyServiceOptions options) {
 
 int run_policy_service(const PolicyServiceOptions& options) {
   const PolicyServiceOptions complete = checked_options(options);
+  std::jthread preparation;  // while the services find each other
+  if (!Machine::simulated()) preparation = std::jthread(prepare_math);
   if (complete.role == "actor") return run_actor({complete.node, complete.stay, complete.threads});
   Node node(complete.node);
   const FinalStatusGuard final_status(node);
