@@ -57,6 +57,11 @@ const char* const kRepairs =
     "<HeartbeatInterval min=\"1ms\" minsched=\"1ms\" max=\"1s\">1ms</HeartbeatInterval><NackDelay>0s</NackDelay>"
     "<AckDelay>0s</AckDelay>";
 
+/// On loopback nothing is lost but what reaches a participant before it knows the sender, as the first words on readers
+/// and writers do. With the defaults a service that starts waits 100 ms for each of them.
+const char* const kFirstWords =
+    "<HeartbeatInterval min=\"5ms\" minsched=\"5ms\" max=\"1s\">5ms</HeartbeatInterval><NackDelay>0s</NackDelay>";
+
 std::string config_of(const Network& network) {
   std::string interfaces, peers;
   for (const std::string& address : network.addresses)
@@ -77,7 +82,7 @@ std::string config_of(const Network& network) {
          "<Discovery>" +
          index + "<Peers>" + peers + "</Peers>" + (network.loopback_only ? "" : kFoundAgain) +
          "</Discovery><Internal><SocketReceiveBufferSize max=\"4MB\"/><SocketSendBufferSize max=\"4MB\"/>" +
-         (network.loopback_only ? "" : kRepairs) +
+         (network.loopback_only ? kFirstWords : kRepairs) +
          "<Watermarks><WhcHigh>64MB</WhcHigh><WhcHighInit>64MB</WhcHighInit></Watermarks></Internal>";
 }
 

@@ -4,6 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstring>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
@@ -45,6 +46,10 @@ constexpr std::uint32_t kHeartbeat = 2'000'000;
 constexpr std::uint32_t kHeartbeatPerParticipant = 400'000;
 constexpr std::uint32_t kLongestHeartbeat = 100'000'000;
 constexpr std::uint32_t kHeartbeatToAll = 20'000'000;
+
+// Fast announces a new participant before it reads what others answer. An answer that comes at once is lost, and the
+// next one would come with the period of announcements. So each one is given twice.
+constexpr std::chrono::milliseconds kAnswerAgain{10};
 
 /// Sample for Fast: bytes to be written, or where to put bytes read.
 struct Raw {
@@ -122,9 +127,14 @@ class DiscoveryListener : public dds::DomainParticipantListener {
  public:
   explicit DiscoveryListener(DiscoveryMonitor& discovery) : discovery_(discovery) {}
 
+  /// Returns when to announce this participant once more because another one was discovered.
+  Clock::time_point answer_at() const { return answer_at_; }
+  void answered() { answer_at_ = Clock::time_point::max(); }
+
   void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& info) override {
     const std::string key = text_of(info.info.m_guid.guidPrefix);
     if (info.status == rtps::ParticipantDiscoveryInfo::DISCOVERED_PARTICIPANT) {
+      answer_at_ = Clock::now() + kAnswerAgain;
       DiscoveryMonitor::Participant participant{
           info.info.m_participantName.to_string(), vendor_name(info.info.m_VendorId[0], info.info.m_VendorId[1]), {}};
       for (const auto* locators : {&info.info.metatraffic_locators, &info.info.default_locators})
@@ -160,6 +170,7 @@ class DiscoveryListener : public dds::DomainParticipantListener {
   }
 
   DiscoveryMonitor& discovery_;
+  std::atomic<Clock::time_point> answer_at_{Clock::time_point::max()};
 };
 
 /// Returns what writers and readers have in common: nothing is lost of the last `depth` samples.
@@ -311,7 +322,8 @@ void listen_at(const Network& network, dds::WireProtocolConfigQos& wire) {
 
 class FastMiddleware : public Middleware {
  public:
-  explicit FastMiddleware(const Network& network) : heartbeat_(network.loopback_only ? kHeartbeatAtHome : kHeartbeat) {
+  explicit FastMiddleware(const Network& network)
+      : heartbeat_(network.loopback_only ? kHeartbeatAtHome : kHeartbeat), answers_again_(network.security.empty()) {
     forward_log_once();
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
@@ -375,11 +387,21 @@ class FastMiddleware : public Middleware {
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
     return std::make_unique<FastSubscription>(subscriber_, own(topic), topic, wakeup_);
   }
-  bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
+  bool wait(Clock::time_point deadline) override {
+    if (answers_again_ && Clock::now() >= discovery_listener_.answer_at()) announce();
+    return wakeup_.wait(deadline);
+  }
   DiscoveryMonitor& discovery() override { return discovery_; }
   std::string name() const override { return "fastdds"; }
 
  private:
+  /// Announces this participant to all. Fast does so when its user data change.
+  void announce() {
+    discovery_listener_.answered();
+    dds::DomainParticipantQos qos = participant_->get_qos();
+    qos.user_data().data_vec({++announcement_});
+    participant_->set_qos(qos);
+  }
   /// Returns the period for a new writer. One that all services read sends each of them every heartbeat until the last
   /// one has answered, and it has most often been created before any other participant was discovered. What a service
   /// says last must still be repeated many times within kLastMessages of core/wire/messenger.cc.
@@ -411,6 +433,8 @@ class FastMiddleware : public Middleware {
   }
 
   const std::uint32_t heartbeat_;  // ns, the shortest period
+  const bool answers_again_;       // in a secured session participants repeat what they say to prove who they are
+  rtps::octet announcement_ = 0;
   DiscoveryMonitor discovery_;
   DiscoveryListener discovery_listener_{discovery_};
   Wakeup wakeup_;
