@@ -28,6 +28,7 @@ REPEATED = {
     "store": ["20000"],
     "encoder": ["--rounds", "5"],
     "encoding": ["--rounds", "3"],
+    "startup": ["--rounds", "3"],
     "peers": ["--environments"],
 }
 
