@@ -26,6 +26,7 @@ std::string name_of(Profile profile) {
     case Profile::kDurable:
       return "durable";
     case Profile::kRos2:
+    case Profile::kRos2Reliable:
       break;  // not recorded
   }
   return "";
