@@ -36,7 +36,7 @@ class Store {
     file.take(chunk.chunk(), chunk.data());
     if (!file.complete()) return;
     try {
-      pictures_[key] = std::make_shared<PictureFile>(shrink(file.release(), widest_, chunk.name().c_str()));
+      pictures_[key] = std::make_shared<PictureFile>(shrink(file.release(), {widest_}, chunk.name().c_str()));
     } catch (const Error& error) {
       spdlog::warn("{}", error.what());
       pictures_[key] = nullptr;
