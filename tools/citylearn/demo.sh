@@ -298,10 +298,12 @@ demo() {
     recorders=(--recorders dashboard)
   fi
   while IFS= read -r traversal; do
-    local align=()
+    local align=() hosted=$agents
     [ "$aligned" = no ] || [ "$traversal" = "$route" ] || align=(--align-to "$route")
+    # What is evaluated is the same for any number of agents, and with more of them a step costs less on the wire.
+    [[ ,$train, == *",$traversal,"* ]] || hosted=$((agents < 32 ? 32 : agents))
     start "env-$traversal" \
-      "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" --agents "$agents" "${recorders[@]}"
+      "$env" "${wire[@]}" "${source[@]}" --traversal "$traversal" "${part[@]}" "${align[@]}" --agents "$hosted" "${recorders[@]}"
   done < <(tr ',' '\n' <<<"$train,$evaluate" | awk 'NF && !seen[$0]++')
   [ "$images" = no ] || start encoder "$encoder" "${wire[@]}" --reference "$route" "${encoding[@]}"
   "$policy" "${wire[@]}" --mode train --train "$train" --evaluate "$evaluate" --frames "0:$count" --controls all --wait 60 \
