@@ -39,7 +39,7 @@ class Teacher {
   const std::string pictures_, poses_path_;
   std::unique_ptr<GrowingFile> poses_;  // null: there was no frame yet, or there are no positions
   int frames_ = 0;
-  std::uint64_t picture_ = 0;                      // stamp of the last frame
+  std::uint64_t picture_ = 0;                        // stamp of the last frame
   std::optional<PositionTopic::Position> position_;  // of the last frame
 };
 
