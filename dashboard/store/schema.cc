@@ -282,8 +282,7 @@ std::string damage(SQLite::Database& database, const std::string& path) {
   SQLite::Statement all(database, "SELECT name FROM sqlite_schema WHERE type = 'table' AND name <> 'points'");
   while (all.executeStep()) tables.push_back(value_at<std::string>(all, 0));
   for (const std::string& table : tables)
-    if (std::string fault = database.execAndGet("PRAGMA quick_check(\"" + table + "\")").getString();
-        fault != "ok")
+    if (std::string fault = database.execAndGet("PRAGMA quick_check(\"" + table + "\")").getString(); fault != "ok")
       return fault;
   return "ok";
 }

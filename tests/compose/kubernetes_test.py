@@ -15,7 +15,7 @@ from support import COMPOSE, podman, wait_for
 
 FOLDER = COMPOSE / "kubernetes"
 SHORT = {"env-train.toml": {'"0:128"': '"0:48"'}, "env-evaluate.toml": {'"0:128"': '"0:48"'},
-         "policy.toml": {'"0:128"': '"0:48"', "seed = 1": "seed = 1\nsteps = 60000\ntasks = 50"}, "encoder.toml": {"store =": "dimension = 24\nstore ="}}
+         "policy.toml": {'"0:128"': '"0:48"', "seed = 1": "seed = 1\nsteps = 300000\ntasks = 50"}, "encoder.toml": {"store =": "dimension = 24\nstore ="}}
 
 
 def render(overlay):
@@ -117,7 +117,7 @@ class Played(unittest.TestCase):
             file.flush()
             podman("kube", "play", "--quiet", "--network", support.OWN, file.name)
         state = ["inspect", "--format", "{{.State.Status}} {{.State.ExitCode}}", f"{support.OWN}-policy-policy"]
-        wait_for("the policy_service has ended", 120, lambda: podman(*state, check=False).startswith("exited"), self.report)
+        wait_for("the policy_service has ended", 300, lambda: podman(*state, check=False).startswith("exited"), self.report)
         self.assertEqual(podman(*state), "exited 0", self.report())
         runs = podman("volume", "inspect", "--format", "{{.Mountpoint}}", f"{support.OWN}-runs")
         with open(f"{runs}/city/summary.json", encoding="utf-8") as file:
