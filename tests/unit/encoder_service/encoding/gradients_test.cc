@@ -89,7 +89,7 @@ TEST(Hog, IsWhatItsDefinitionSays) {
         for (int cell = 0; cell < 4; ++cell) {
           double weight = std::exp(-(std::pow(x - 7.5, 2) + std::pow(y - 7.5, 2)) / 32);
           weight *= std::max(0., 1 - std::abs(x - 3.5 - cell % 2 * 8) / 8);
-          weight *= std::max(0., 1 - std::abs(y - 3.5 - cell / 2 * 8) / 8);
+          weight *= std::max(0., 1 - std::abs(y - 3.5 - (cell < 2 ? 0 : 8)) / 8);
           add_gradient(grey, block % (across - 1) * 8 + x, block / (across - 1) * 8 + y, CV_PI, 0.5,
                        static_cast<float>(weight), expected.segment(cell * bins, bins));
         }
