@@ -46,9 +46,7 @@ std::string described(const AlarmRule& rule) {
 }
 
 std::optional<std::string> fault_of(const AlarmRule& rule) {
-  const bool control =
-      std::any_of(rule.runs.begin(), rule.runs.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7F'; });
-  if (rule.runs.empty() || rule.runs.size() > kLongestAlarmRuns || control)
+  if (rule.runs.empty() || rule.runs.size() > kLongestAlarmRuns || has_control(rule.runs))
     return fmt::format("'runs' must be the ID of a run, a pattern such as demo/* or a tag, of at most {} bytes",
                        kLongestAlarmRuns);
   if (!rule.figure.empty() && fault_of_metric(rule.figure))

@@ -19,11 +19,6 @@ constexpr std::size_t kMostTags = 32, kLongestTag = 64, kLongestNote = 2000;  //
 constexpr std::size_t kLongestTitle = 256;
 constexpr double kSlowest = 0.01, kFastest = 1000;
 
-bool has_control(const std::string& text, const std::string& allowed) {
-  return std::any_of(text.begin(), text.end(),
-                     [&](char c) { return ((c >= 0 && c < ' ') || c == '\x7F') && allowed.find(c) == allowed.npos; });
-}
-
 std::vector<std::string> tags_of(const Json& json) {
   const RequestError wrong(400, "'tags' must be at most " + std::to_string(kMostTags) + " different texts of 1 to " +
                                     std::to_string(kLongestTag) +
@@ -33,7 +28,7 @@ std::vector<std::string> tags_of(const Json& json) {
   for (const Json& one : json) {
     if (!one.is_string()) throw wrong;
     const auto& tag = one.get_ref<const std::string&>();
-    if (tag.empty() || tag.size() > kLongestTag || tag.front() == ' ' || tag.back() == ' ' || has_control(tag, "") ||
+    if (tag.empty() || tag.size() > kLongestTag || tag.front() == ' ' || tag.back() == ' ' || has_control(tag) ||
         tag.find(',') != tag.npos || std::find(tags.begin(), tags.end(), tag) != tags.end())
       throw wrong;
     tags.push_back(tag);
@@ -55,10 +50,11 @@ double number_of(const Json& json) { return json.is_number() ? json.get<double>(
 std::string text_member(const Json& object, const char* name, std::size_t longest) {
   if (!object.contains(name)) return "";
   const Json& json = object[name];
-  if (!json.is_string() || json.get_ref<const std::string&>().size() > longest || has_control(json, ""))
+  const auto* text = json.get_ptr<const std::string*>();
+  if (!text || text->size() > longest || has_control(*text))
     throw RequestError(400,
                        "'" + std::string(name) + "' must be one line of at most " + std::to_string(longest) + " bytes");
-  return json.get<std::string>();
+  return *text;
 }
 
 LogBeginning beginning_of(const Json& json) {
@@ -125,7 +121,7 @@ LogBatch batch_of_frame(const Query& query) {
   try {
     LogBatch batch = parse_log_frame(query.body);
     for (const std::string& text : {batch.source, batch.log})
-      if (text.size() > kLongestTag || has_control(text, ""))
+      if (text.size() > kLongestTag || has_control(text))
         throw RequestError(400, "'source' and 'log' are lines of at most " + std::to_string(kLongestTag) + " bytes");
     return batch;
   } catch (const Error& error) {

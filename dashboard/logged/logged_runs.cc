@@ -171,9 +171,13 @@ std::uint32_t LogBatch::index_of(std::string_view metric) {
   return place->second;
 }
 
+bool has_control(std::string_view text, std::string_view allowed) {
+  return std::any_of(text.begin(), text.end(),
+                     [&](char c) { return ((c >= 0 && c < ' ') || c == '\x7F') && allowed.find(c) == allowed.npos; });
+}
+
 std::optional<std::string> fault_of_metric(const std::string& name) {
-  const bool control = std::any_of(name.begin(), name.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7F'; });
-  if (!name.empty() && name.size() <= kLongestMetric && !control) return std::nullopt;
+  if (!name.empty() && name.size() <= kLongestMetric && !has_control(name)) return std::nullopt;
   return "a metric has a name of one line of 1 to " + std::to_string(kLongestMetric) + " bytes";
 }
 
@@ -182,9 +186,7 @@ std::optional<std::string> fault_of_logged_id(const std::string& id) {
   const std::string form = "the ID of a logged run is PROJECT/NAME, in which '/' and '%' of a name are %2F and %25";
   if (slash == id.npos || id.find('/', slash + 1) != id.npos) return form;
   for (const std::string& name : {unescaped(id.substr(0, slash)), unescaped(id.substr(slash + 1))}) {
-    const bool control =
-        std::any_of(name.begin(), name.end(), [](char c) { return (c >= 0 && c < ' ') || c == '\x7F'; });
-    if (name.empty() || name.size() > kLongestName || control || !is_text(name))
+    if (name.empty() || name.size() > kLongestName || has_control(name) || !is_text(name))
       return "a project and a run have names of 1 to " + std::to_string(kLongestName) +
              " bytes of UTF-8 without control characters";
   }

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "dashboard/logged/log_batch.h"
 #include "dashboard/store/store.h"
@@ -18,6 +19,9 @@ inline constexpr std::size_t kLongestConfig = 1 << 20;  ///< bytes of JSON, also
 /// Returns what is wrong with the ID of a logged run, which is PROJECT/NAME, both escaped as in run_id(); nothing when
 /// it is right.
 std::optional<std::string> fault_of_logged_id(const std::string& id);
+
+/// Returns whether a text has control characters (those of ASCII) but `allowed` ones.
+bool has_control(std::string_view text, std::string_view allowed = "");
 
 /// Returns what is wrong with the name of a metric, which is UTF-8; nothing when it is right.
 std::optional<std::string> fault_of_metric(const std::string& name);
