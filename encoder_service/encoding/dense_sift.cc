@@ -17,6 +17,11 @@ constexpr int kSize = kBins * kBins * kOrientations;
 
 /// Magnitudes of places along one axis, by orientation.
 using Histograms = Eigen::Matrix<float, kOrientations, Eigen::Dynamic>;
+/// Returns how many descriptors lie along an axis of `length` pixels.
+int count_along(int length, const DenseSiftOptions& options) {
+  return (length - kBins * options.bin) / options.step + 1;
+}
+
 /// The descriptors' grid along one axis, and the sums that they need of it: one at the middle of each of their bins.
 struct Axis {
   Axis(int length, const DenseSiftOptions& options);
@@ -30,7 +35,7 @@ struct Axis {
 };
 
 Axis::Axis(int length, const DenseSiftOptions& options)
-    : count((length - kBins * options.bin) / options.step + 1),
+    : count(count_along(length, options)),
       begin((length - kBins * options.bin) % options.step / 2),
       stride(std::gcd(options.step, options.bin)) {
   const int bin = options.bin, sums = ((count - 1) * options.step + (kBins - 1) * bin) / stride + 1;
@@ -77,7 +82,7 @@ Histograms bin_sums(const cv::Mat& grey, const Axis& across, const Axis& down) {
 }  // namespace
 
 int dense_sift_count(cv::Size size, const DenseSiftOptions& options) {
-  return Axis(size.width, options).count * Axis(size.height, options).count;
+  return count_along(size.width, options) * count_along(size.height, options);
 }
 
 LocalDescriptors dense_root_sift(const cv::Mat& grey, const DenseSiftOptions& options) {
