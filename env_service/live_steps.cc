@@ -8,7 +8,7 @@ namespace citylearn {
 LiveSteps::LiveSteps(Environment& environment, std::unique_ptr<Robot> robot)
     : environment_(environment), robot_(std::move(robot)) {
   if (environment.agents() != 1) throw Error("a robot is one agent", "--agents", "give 1");
-  if (!robot_->is_sent()) return;
+  if (!robot_->hears_goals()) return;
   environment.await_goals();
   robot_->tell("stopped");
 }
@@ -36,7 +36,7 @@ void LiveSteps::stop() {
   driven_ = false;
   goal_.reset();
   robot_->stop();
-  if (robot_->is_sent()) robot_->tell("stopped");
+  if (robot_->hears_goals()) robot_->tell("stopped");
 }
 
 bool LiveSteps::advance(Clock::time_point now) {
@@ -53,8 +53,10 @@ bool LiveSteps::advance(Clock::time_point now) {
   if (goal_ && seen && environment_.awaits_goal() && environment_.nearest(seen->place) == *goal_) {
     robot_->tell("arrived " + std::to_string(*goal_));  // it stands there
     goal_.reset();
-    if (doing_ == Doing::kStep) doing_ = Doing::kAwaitGoal;
-    if (awaits_goal()) return false;
+    if (doing_ == Doing::kStep) {
+      doing_ = Doing::kAwaitGoal;
+      return false;
+    }
   }
   finish();
   return true;
@@ -72,7 +74,7 @@ void LiveSteps::finish() {
   }
   if (!environment_.is_sent()) goal_.reset();
   environment_.send_to(std::nullopt);
-  if (robot_->is_sent()) tell(began);
+  if (robot_->hears_goals()) tell(began);
 }
 
 /// Hears where the robot is sent.

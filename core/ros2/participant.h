@@ -89,7 +89,8 @@ class Ros2Subscription {
   /// Says why nothing comes: "nobody publishes /camera/image_raw".
   std::string why_silent(const std::string& topic) const {
     if (publishers() == 0) return "nobody publishes " + topic;
-    return (unreadable_ > 0 ? "what comes is of another type: " : "nothing comes on ") + topic;
+    if (unreadable_ > 0) return "what comes on " + topic + " is of another type";
+    return "nothing comes on " + topic;
   }
   std::uint64_t unreadable() const { return unreadable_; }  ///< messages that were not of this type
 

@@ -42,7 +42,7 @@ class Robot {
   /// When poll() is to be called again.
   Clock::time_point due() const { return due_; }
   /// Returns whether somebody sends it to goals.
-  bool is_sent() const { return goals_.has_value(); }
+  bool hears_goals() const { return goals_.has_value(); }
   /// Returns the place to which it was sent last, once. A goal that is not on the route is refused.
   std::optional<int> take_goal();
   /// Tells those who sent it that this cannot be, and logs it.
