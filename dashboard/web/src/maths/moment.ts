@@ -8,7 +8,7 @@ import { lowerBound } from './seeds';
 /** How far a training was at a moment. */
 export type Moment = Record<XAxis, number>;
 
-/** Returns how far a run was at a point of an axis, as its update nearest to it said; null if there is no update. */
+/** Returns how far a run was at a point of an axis: the figures of the nearest update. Returns null if there is none. */
 export function momentAt(rows: Rows, x: XAxis, at: number): Moment | null {
   if (rows.length === 0) return null;
   const along = axis(rows, x);

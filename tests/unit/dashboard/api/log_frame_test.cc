@@ -87,7 +87,7 @@ TEST(LogFrame, WrongOnesAreToldWhatIsWrong) {
   expect_refused("twice", with("metrics", {"loss", "loss"}));
   expect_refused("one line", with("metrics", {"a\nb", "c"}));
   expect_refused("a name is a text", with("metrics", {1}));
-  expect_refused("point 1", with("metrics", {"loss"}));  // of which there is no second
+  expect_refused("point 1", with("metrics", {"loss"}));  // its metric is the second name of one
   std::string endless = whole, gap = whole;
   const std::size_t numbers = whole.size() - payload.size();
   const double infinite = HUGE_VAL;
