@@ -27,7 +27,7 @@ struct Workspace {
   virtual ~Workspace() = default;
   bool localise = false;  ///< asks for `heads.auxiliary`; only a training loss does
   /// When not 0, no backward pass follows, and the parameters stay the same as long as this number does: a network may
-  /// then cache what it computed from a feature vector.
+  /// then keep what it made of them, and of a feature vector.
   std::uint64_t fixed = 0;
   Heads<S> heads;
   Matrix<S> state;  ///< state_size x B, after the last step

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "policy_service/network/layers.h"
+#include "policy_service/network/packed_weights.h"
 
 namespace citylearn {
 
@@ -55,8 +56,9 @@ class LstmNetwork : public AgentNetwork<S> {
     Matrix<S> both;                           // 4 x TB: logits and value
     Matrix<S> h_gradient, embedded_gradient;  // cells x TB, hidden x TB
     Matrix<S> carried_h, carried_c;           // cells x B: from the later step
-    Matrix<S> recurrent_transposed;           // cells x 4 cells
-    Vector<S> column;                         // cells
+    PackedWeights<S> sensor_weights, input_weights, recurrent_weights, recurrent_back;
+    std::uint64_t packed_of = 0;  // the value of `fixed` for which the first three are packed
+    Vector<S> column;             // cells
   };
 
   /// Fills `sensed` (sensors x TB, already of that size). A subclass whose sensors learn overrides the two below

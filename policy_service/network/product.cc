@@ -29,8 +29,8 @@ class Bfloat16Products {
   using Factor = products::Factor;
 
   void multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {
-    round(a, a_);
-    round(b, b_);
+    products::round_to_bfloat16(a, a_);
+    products::round_to_bfloat16(b, b_);
     const std::ptrdiff_t rows = a.height(), inner = a.width(), cols = b.width();
     using dnnl::memory;
     using Type = memory::data_type;
@@ -54,19 +54,6 @@ class Bfloat16Products {
   }
 
  private:
-  /// Rounds to the nearest, column after column without gaps.
-  static void round(const Factor& from, std::vector<std::uint16_t>& to) {
-    to.resize(static_cast<std::size_t>(from.rows * from.cols));
-    for (std::ptrdiff_t col = 0; col < from.cols; ++col) {
-      const float* in = from.data + col * from.stride;
-      std::uint16_t* out = to.data() + col * from.rows;
-      for (std::ptrdiff_t row = 0; row < from.rows; ++row) {
-        const auto bits = std::bit_cast<std::uint32_t>(in[row]);
-        out[row] = static_cast<std::uint16_t>((bits + 0x7fff + (bits >> 16 & 1)) >> 16);
-      }
-    }
-  }
-
   dnnl::engine engine_{dnnl::engine::kind::cpu, 0};
   dnnl::stream stream_{engine_};
   std::map<std::tuple<std::ptrdiff_t, std::ptrdiff_t, std::ptrdiff_t, std::ptrdiff_t, bool, bool, bool>, dnnl::matmul>
@@ -124,12 +111,28 @@ bool products::by_onednn(std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff
          rows * inner * cols >= 1 << 15;
 }
 
-void products::multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {
+void products::prepare_thread() {
   // oneDNN starts threads by OpenMP, which counts for each of our threads. Ours divide the work already.
   thread_local const bool alone = (omp_set_num_threads(1), true);
   thread_local const SignalStack signal_stack;
   static_cast<void>(alone);
   static_cast<void>(signal_stack);
+}
+
+void products::round_to_bfloat16(const Factor& from, std::vector<std::uint16_t>& to) {
+  to.resize(static_cast<std::size_t>(from.rows * from.cols));
+  for (std::ptrdiff_t col = 0; col < from.cols; ++col) {
+    const float* in = from.data + col * from.stride;
+    std::uint16_t* out = to.data() + col * from.rows;
+    for (std::ptrdiff_t row = 0; row < from.rows; ++row) {
+      const auto bits = std::bit_cast<std::uint32_t>(in[row]);
+      out[row] = static_cast<std::uint16_t>((bits + 0x7fff + (bits >> 16 & 1)) >> 16);
+    }
+  }
+}
+
+void products::multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride) {
+  prepare_thread();
   const std::ptrdiff_t rows = a.height(), inner = a.width(), cols = b.width();
   constexpr std::ptrdiff_t kWide = 64;  // rounding the factors of a narrower product costs more than it saves
   if (used_math() == Math::kOneDnnBfloat16 && std::min({rows, inner, cols}) >= kWide) {

@@ -3,9 +3,11 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cstdint>
 #include <string_view>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 namespace citylearn {
 
@@ -49,6 +51,10 @@ Factor factor(const Eigen::Transpose<D>& m) {
 
 /// Returns whether oneDNN is in use and better at a product that takes so many multiplications.
 bool by_onednn(std::ptrdiff_t rows, std::ptrdiff_t inner, std::ptrdiff_t cols);
+/// Readies the calling thread for oneDNN; products do so themselves.
+void prepare_thread();
+/// Rounds to the nearest numbers of 8 bits, column after column without gaps.
+void round_to_bfloat16(const Factor& from, std::vector<std::uint16_t>& to);
 /// out = keep * out + a * b.
 void multiply(const Factor& a, const Factor& b, float keep, float* out, std::ptrdiff_t stride);
 

@@ -77,10 +77,8 @@ void read_observation(const msg::Observation& observation, int features, int fir
 
 NetworkPolicy::NetworkPolicy(TrainedAgent agent, const Options& options)
     : agent_(std::move(agent)), options_(options), workspace_(agent_.network->make_workspace()) {
-  if (agent_.network->normalises())
-    normaliser_ = FeatureNormaliser(agent_.task.reference);
-  else
-    workspace_->fixed = 1;
+  if (agent_.network->normalises()) normaliser_ = FeatureNormaliser(agent_.task.reference);
+  workspace_->fixed = 1;
 }
 
 void NetworkPolicy::act(const msg::Observation& observation, std::vector<std::uint8_t>& choice) {

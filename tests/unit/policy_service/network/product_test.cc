@@ -9,8 +9,11 @@
 #include <memory>
 #include <optional>
 #include <thread>
+#include <utility>
+#include <vector>
 
 #include "core/util/error.h"
+#include "policy_service/network/packed_weights.h"
 
 namespace citylearn {
 namespace {
@@ -138,6 +141,75 @@ TEST(Product, RoundsLargeFactorsToBfloat16Alone) {
   const Floats narrow = b.leftCols(8);
   set_product(out, a, narrow);
   EXPECT_LT(error(out, a * narrow), 1e-6F);
+}
+
+/// Who multiplies on this processor.
+std::vector<Math> usable_math() {
+  std::vector<Math> usable{Math::kEigen, Math::kOneDnn};
+  try {
+    const With with(Math::kOneDnnBfloat16);
+    usable.push_back(Math::kOneDnnBfloat16);
+  } catch (const Error&) {
+  }
+  return usable;
+}
+
+TEST(PackedWeights, MultiplyAsUnpackedOnesDo) {
+  for (const Math math : usable_math())
+    for (const auto& [rows, inner] :
+         {std::pair{256, 64}, std::pair{1024, 256}, std::pair{130, 257}, std::pair{3, 256}}) {
+      SCOPED_TRACE(std::string(name_of(math)) + ", " + std::to_string(rows) + " x " + std::to_string(inner));
+      const With with(math);
+      const float tolerance = math == Math::kOneDnnBfloat16 ? 4e-3F : 1e-6F;
+      const Floats a = Floats::Random(rows, inner), back = Floats::Random(inner, rows), all = Floats::Random(inner, 40);
+      PackedWeights<float> weights, transposed;
+      for (const int cols : {4, 1, 2, 33, 4}) {  // other numbers of columns, other layouts
+        const auto b = all.middleCols(3, cols);
+        Floats out(rows, cols), before = Floats::Random(rows + 2, cols);
+        weights.set_product(out, a, b);
+        EXPECT_LT(error(out, a * b), tolerance);
+        transposed.set_product(out, back.transpose(), b);
+        EXPECT_LT(error(out, back.transpose() * b), tolerance);
+        Floats sum = before;
+        weights.add_product(sum.middleRows(1, rows), a, b);
+        EXPECT_LT(error(sum.middleRows(1, rows), before.middleRows(1, rows) + a * b), tolerance);
+        EXPECT_EQ(sum.row(0), before.row(0));
+        EXPECT_EQ(sum.row(rows + 1), before.row(rows + 1));
+      }
+    }
+}
+
+TEST(PackedWeights, TakeOtherValuesWhenTold) {
+  for (const Math math : usable_math()) {
+    SCOPED_TRACE(name_of(math));
+    const With with(math);
+    Floats a = Floats::Random(256, 64), out(256, 8), again(256, 8);
+    const Floats b = Floats::Random(64, 8);
+    PackedWeights<float> weights, transposed;
+    weights.set_product(out, a, b);
+    transposed.set_product(again, Floats(a.transpose()).transpose(), b);
+    a *= 2;
+    weights.changed();
+    transposed.changed();
+    weights.set_product(out, a, b);
+    EXPECT_LT(error(out, a * b), 4e-3F);
+    const Floats back = a.transpose();
+    transposed.set_product(again, back.transpose(), b);
+    EXPECT_LT(error(again, a * b), 4e-3F);
+  }
+}
+
+TEST(PackedWeights, GoFromThreadToThread) {
+  for (const Math math : usable_math()) {
+    SCOPED_TRACE(name_of(math));
+    const With with(math);
+    const Floats a = Floats::Random(1024, 256), b = Floats::Random(256, 16);
+    Floats first(1024, 16), second(1024, 16);
+    PackedWeights<float> weights;  // of a workspace, which goes from thread to thread
+    weights.set_product(first, a, b);
+    std::thread([&] { weights.set_product(second, a, b); }).join();
+    EXPECT_EQ(first, second);
+  }
 }
 
 TEST(Product, UnknownLibrariesAreRefused) {
