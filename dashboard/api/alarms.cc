@@ -6,6 +6,8 @@
 
 #include "dashboard/api/api.h"
 #include "dashboard/api/parameters.h"
+#include "dashboard/api/text_member.h"
+#include "dashboard/logged/logged_runs.h"
 
 namespace citylearn {
 namespace {
@@ -14,6 +16,8 @@ using Json = nlohmann::json;
 
 constexpr std::initializer_list<const char*> kMembers = {"runs",   "when",  "figure", "value",
                                                          "points", "steps", "minutes"};
+
+constexpr std::size_t kLongestWhen = 16;
 
 Json rule_json(const AlarmRule& rule) {
   return {{"id", rule.id},
@@ -29,10 +33,8 @@ Json rule_json(const AlarmRule& rule) {
 }
 
 /// Takes a member, where it is given. Throws RequestError when it is of another type.
-void take_text(const Json& body, const char* name, std::string& text) {
-  if (!body.contains(name) || body[name].is_null()) return;
-  if (!body[name].is_string()) throw RequestError(400, "'" + std::string(name) + "' must be a text");
-  text = body[name].get<std::string>();
+void take_text(const Json& body, const char* name, std::size_t longest, std::string& text) {
+  text = read_request([&] { return text_member(body, name, longest); }).value_or(text);
 }
 void take_number(const Json& body, const char* name, double& number) {
   if (!body.contains(name) || body[name].is_null()) return;
@@ -44,12 +46,12 @@ AlarmRule rule_of(const Query& query) {
   const Json body = object_of(query, kMembers);
   AlarmRule rule;
   std::string when;
-  take_text(body, "when", when);
+  take_text(body, "when", kLongestWhen, when);
   const auto known = when_of(when);
   if (!known) throw RequestError(400, "'when' must be below, above, not_finite, silent or lost");
   rule.when = *known;
-  take_text(body, "runs", rule.runs);
-  take_text(body, "figure", rule.figure);
+  take_text(body, "runs", kLongestAlarmRuns, rule.runs);
+  take_text(body, "figure", kLongestMetric, rule.figure);
   const bool bounded = rule.when == AlarmRule::When::kBelow || rule.when == AlarmRule::When::kAbove;
   if (bounded && !(body.contains("value") && body["value"].is_number()))
     throw RequestError(400, "'value' is missing: the number that the figure must not be " + when);

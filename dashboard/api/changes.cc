@@ -9,14 +9,15 @@
 #include "dashboard/api/api.h"
 #include "dashboard/api/log_frame.h"
 #include "dashboard/api/parameters.h"
+#include "dashboard/api/text_member.h"
 
 namespace citylearn {
 namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::size_t kMostTags = 32, kLongestTag = 64, kLongestNote = 2000;  // bytes
-constexpr std::size_t kLongestTitle = 256;
+constexpr std::size_t kMostTags = 32;
+constexpr std::size_t kLongestTag = 64, kLongestNote = 2000, kLongestTitle = 256;  // bytes
 constexpr double kSlowest = 0.01, kFastest = 1000;
 
 std::vector<std::string> tags_of(const Json& json) {
@@ -36,25 +37,15 @@ std::vector<std::string> tags_of(const Json& json) {
   return tags;
 }
 
-std::string note_of(const Json& json) {
-  if (!json.is_string() || json.get_ref<const std::string&>().size() > kLongestNote ||
-      has_control(json.get_ref<const std::string&>(), "\n\t"))
-    throw RequestError(
-        400, "'note' must be a text of at most " + std::to_string(kLongestNote) + " bytes without control characters");
-  return json.get<std::string>();
+std::optional<std::string> note_of(const Json& object) {
+  return read_request([&] { return text_member(object, "note", kLongestNote, Lines::kAny); });
 }
 
 double number_of(const Json& json) { return json.is_number() ? json.get<double>() : std::nan(""); }
 
-/// Returns the text of a member, which may be missing.
-std::string text_member(const Json& object, const char* name, std::size_t longest) {
-  if (!object.contains(name)) return "";
-  const Json& json = object[name];
-  const auto* text = json.get_ptr<const std::string*>();
-  if (!text || text->size() > longest || has_control(*text))
-    throw RequestError(400,
-                       "'" + std::string(name) + "' must be one line of at most " + std::to_string(longest) + " bytes");
-  return *text;
+/// Returns the line of a member; empty where it is missing.
+std::string line_of(const Json& object, const char* name, std::size_t longest) {
+  return read_request([&] { return text_member(object, name, longest); }).value_or("");
 }
 
 LogBeginning beginning_of(const Json& json) {
@@ -63,9 +54,9 @@ LogBeginning beginning_of(const Json& json) {
   beginning.started = json.contains("started") ? number_of(json["started"]) : now;
   if (!(beginning.started > 0 && beginning.started < 1e11))
     throw RequestError(400, "'started' must be seconds since 1970");
-  beginning.title = text_member(json, "title", kLongestTitle);
+  beginning.title = line_of(json, "title", kLongestTitle);
   if (json.contains("tags")) beginning.tags = tags_of(json["tags"]);
-  if (json.contains("note")) beginning.note = note_of(json["note"]);
+  beginning.note = note_of(json).value_or("");
   return beginning;
 }
 
@@ -106,8 +97,8 @@ LogBatch batch_of_json(const Query& query) {
   if (!body.contains("records") || !body["records"].is_array())
     throw RequestError(400, "'records' must be a list of records");
   LogBatch batch(body["first"].get<std::uint64_t>());
-  batch.source = text_member(body, "source", kLongestTag);
-  batch.log = text_member(body, "log", kLongestTag);
+  batch.source = line_of(body, "source", kLongestSource);
+  batch.log = line_of(body, "log", kLongestSource);
   for (const Json& record : body["records"]) add_record(batch, record);
   if (body.contains("ended")) {
     if (!body["ended"].is_boolean()) throw RequestError(400, "'ended' must be true or false");
@@ -118,15 +109,7 @@ LogBatch batch_of_json(const Query& query) {
 
 LogBatch batch_of_frame(const Query& query) {
   allow_only(query, {});
-  try {
-    LogBatch batch = parse_log_frame(query.body);
-    for (const std::string& text : {batch.source, batch.log})
-      if (text.size() > kLongestTag || has_control(text))
-        throw RequestError(400, "'source' and 'log' are lines of at most " + std::to_string(kLongestTag) + " bytes");
-    return batch;
-  } catch (const Error& error) {
-    throw RequestError(400, error.what());
-  }
+  return read_request([&] { return parse_log_frame(query.body); });
 }
 
 Json speed_json(double speed) { return speed == 0 ? Json("max") : Json(speed); }
@@ -194,9 +177,8 @@ Answer Api::log(const std::string& name, const Query& query) {
 Answer Api::annotate(const std::string& name, const Query& query) {
   const Json wanted = object_of(query, {"tags", "note"});
   std::optional<std::vector<std::string>> tags;
-  std::optional<std::string> note;
   if (wanted.contains("tags")) tags = tags_of(wanted["tags"]);
-  if (wanted.contains("note")) note = note_of(wanted["note"]);
+  const auto note = note_of(wanted);
   if (!store_.annotate(name, tags, note)) not_found("run '" + name + "' not found (GET /api/runs lists them)");
   std::optional<RunRow> row;
   {

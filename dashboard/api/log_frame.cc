@@ -10,6 +10,7 @@
 #include "core/files/json.h"
 #include "core/util/error.h"
 #include "core/util/text.h"
+#include "dashboard/api/text_member.h"
 #include "dashboard/http/answer.h"
 #include "dashboard/http/frame.h"
 #include "dashboard/logged/logged_runs.h"
@@ -41,10 +42,6 @@ Value value_of(std::string_view payload, std::size_t at, std::size_t i) {
   Value value;
   std::memcpy(&value, payload.data() + at + i * sizeof value, sizeof value);
   return value;
-}
-
-std::string text_of_member(const Json& header, const char* name) {
-  return header.contains(name) && header[name].is_string() ? header[name].get<std::string>() : "";
 }
 
 std::uint64_t count_of_member(const Json& header, const char* name, std::uint64_t least, std::uint64_t most) {
@@ -82,8 +79,8 @@ LogBatch parse_log_frame(std::string_view frame) {
   const Json header = parse_json(text, "the header");
   if (!header.is_object()) throw Error("must be an object", "the header");
   LogBatch batch(count_of_member(header, "first", 1, kMostRecords));
-  batch.source = text_of_member(header, "source");
-  batch.log = text_of_member(header, "log");
+  batch.source = text_member(header, "source", kLongestSource).value_or("");
+  batch.log = text_member(header, "log", kLongestSource).value_or("");
   if (header.contains("ended")) {
     if (!header["ended"].is_boolean()) throw Error("must be true or false", "'ended' of the header");
     batch.ended = header["ended"].get<bool>();

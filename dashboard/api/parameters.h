@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 
+#include "core/util/error.h"
 #include "dashboard/http/answer.h"
 
 namespace citylearn {
@@ -60,6 +61,16 @@ std::optional<Number> number_parameter(const Query& query, const char* name, Num
     throw RequestError(400, "parameter '" + std::string(name) + "' must be a number " + range + ", is '" + *text + "'");
   }
   return value;
+}
+
+/// Returns what `read()` makes of what a client sent. Throws RequestError in place of Error: the client is wrong.
+template <class Read>
+auto read_request(Read read) {
+  try {
+    return read();
+  } catch (const Error& error) {
+    throw RequestError(400, error.what());
+  }
 }
 
 /// Returns the object in the request's body, which may have the members `known` alone.

@@ -14,6 +14,7 @@ namespace citylearn {
 /// Bounds of a logged run.
 inline constexpr std::size_t kMostMetrics = 10'000, kLongestMetric = 256;
 inline constexpr std::uint64_t kMostRecords = std::uint64_t{1} << 39;
+inline constexpr std::size_t kLongestSource = 64;       ///< bytes; also of what identifies the log
 inline constexpr std::size_t kLongestConfig = 1 << 20;  ///< bytes of JSON, also of the summary
 
 /// Returns what is wrong with the ID of a logged run, which is PROJECT/NAME, both escaped as in run_id(); nothing when

@@ -66,7 +66,9 @@ TEST_F(ApiAlarms, WrongRulesAreToldWhatIsWrong) {
   expect_refused("'odd' is not known", {{"when", "lost"}, {"odd", 1}});
   expect_refused("'value' is missing", {{"when", "above"}, {"figure", "spl"}});
   expect_refused("'figure' is missing", {{"when", "not_finite"}});
-  expect_refused("'figure' must be a text", {{"when", "not_finite"}, {"figure", 5}});
+  expect_refused("'figure' must be one line of at most 256 bytes", {{"when", "not_finite"}, {"figure", 5}});
+  expect_refused("'when' must be one line", {{"when", "lost\n"}});
+  expect_refused("'runs' must be one line of at most 512 bytes", {{"when", "lost"}, {"runs", std::string(513, 'a')}});
   expect_refused("'points' must be a whole number", {{"when", "not_finite"}, {"figure", "spl"}, {"points", 1.5}});
   expect_refused("'minutes' must be from", {{"when", "silent"}});
   expect_refused("'runs' must be", {{"when", "lost"}, {"runs", ""}});

@@ -84,6 +84,7 @@ TEST_F(ApiQueries, WrongLogsAreToldWhatIsWrong) {
   expect_refused("'loss' must be a number", "p/a", body(1, {{{"step", 1}, {"time", 5}, {"values", {{"loss", "1"}}}}}));
   expect_refused("one line", "p/a", body(1, {{{"step", 1}, {"time", 5}, {"values", {{"a\nb", 1}}}}}));
   expect_refused("'note' must be", "p/a", body(1, {{{"begin", {{"note", 5}}}}}));
+  expect_refused("'title' must be one line of at most 256 bytes", "p/a", body(1, {{{"begin", {{"title", 5}}}}}));
   Json nameless = body(1, Json::array());
   nameless.erase("log");
   expect_refused("'source' and 'log'", "p/a", nameless);

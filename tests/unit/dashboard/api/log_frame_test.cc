@@ -83,6 +83,10 @@ TEST(LogFrame, WrongOnesAreToldWhatIsWrong) {
   expect_refused("'first' of the header", with("first", 1e30));
   expect_refused("'points' of the header", with("points", 5));
   expect_refused("has 128 bytes, not 96", with("points", 3));
+  expect_refused("'source' must be one line of at most 64 bytes", with("source", 5));
+  expect_refused("'source' must be one line", with("source", "a\nb"));
+  expect_refused("'log' must be one line", with("log", std::string(65, 'a')));
+  EXPECT_EQ(parse_log_frame(with("log", nullptr)).log, "") << "missing";
   expect_refused("'ended'", with("ended", 1));
   expect_refused("twice", with("metrics", {"loss", "loss"}));
   expect_refused("one line", with("metrics", {"a\nb", "c"}));
