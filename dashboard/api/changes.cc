@@ -10,6 +10,7 @@
 #include "dashboard/api/log_frame.h"
 #include "dashboard/api/parameters.h"
 #include "dashboard/api/text_member.h"
+#include "dashboard/live/moment.h"
 
 namespace citylearn {
 namespace {
@@ -18,6 +19,7 @@ using Json = nlohmann::json;
 
 constexpr std::size_t kMostTags = 32;
 constexpr std::size_t kLongestTag = 64, kLongestNote = 2000, kLongestTitle = 256;  // bytes
+constexpr std::size_t kLongestRun = 1024;                                          // likewise, of an ID
 constexpr double kSlowest = 0.01, kFastest = 1000;
 
 std::vector<std::string> tags_of(const Json& json) {
@@ -122,6 +124,29 @@ double speed_of(const Json& json) {
   return speed;
 }
 
+Moment moment_of(const Json& json) {
+  const RequestError wrong(400, "'moment' must be the 'run' and one number from 0 on: " + joined(moment_axes()));
+  const std::string run = line_of(json, "run", kLongestRun);
+  if (run.empty() || json.size() != 2) throw wrong;
+  for (const std::string& axis : moment_axes())
+    if (json.contains(axis) && number_of(json[axis]) >= 0) return {run, axis, number_of(json[axis])};
+  throw wrong;
+}
+
+/// Returns where to go for a moment; nothing when the recording is there.
+std::optional<double> position_of(const Moment& moment, const PlaybackControl& playback) {
+  if (!playback.outline()) {
+    RequestError early(503, "the recording is still being read: ask again in a second");
+    early.answer.headers.emplace_back("Retry-After", "1");
+    throw early;
+  }
+  try {
+    return change_to(playback, moment).position;
+  } catch (const Error& error) {
+    not_found(error.what());
+  }
+}
+
 }  // namespace
 
 Json playback_json(const PlaybackControl& playback) {
@@ -133,13 +158,14 @@ Json playback_json(const PlaybackControl& playback) {
           {"paused", state.paused},
           {"seeking", state.seeking},
           {"ended", state.ended},
-          {"generation", playback.generation()}};
+          {"generation", playback.generation()},
+          {"runs", outline ? moments_at(*outline, state.position) : Json::object()}};
 }
 
 Answer Api::playback(const Query& query) {
   if (!options_.playback) not_found("no recording is open: start the dashboard with --open FILE");
   if (query.method == "PATCH") {
-    const Json wanted = object_of(query, {"paused", "speed", "position"});
+    const Json wanted = object_of(query, {"paused", "speed", "position", "moment"});
     PlaybackChange change;
     if (wanted.contains("paused")) {
       if (!wanted["paused"].is_boolean()) throw RequestError(400, "'paused' must be true or false");
@@ -152,6 +178,10 @@ Answer Api::playback(const Query& query) {
         throw RequestError(400, "'position' must be seconds from the beginning on, is " + text_of(position));
       change.position = position.get<double>();
     }
+    if (wanted.contains("moment")) {
+      if (change.position) throw RequestError(400, "'position' and 'moment' are two ways to say where: give one");
+      change.position = position_of(moment_of(wanted["moment"]), *options_.playback);
+    }
     options_.playback->change(change);
   } else {
     allow_only(query, {});
@@ -159,6 +189,7 @@ Answer Api::playback(const Query& query) {
   Json json = playback_json(*options_.playback);
   const auto outline = options_.playback->outline();
   json["marks"] = outline ? Json({{"updates", outline->updates}, {"episodes", outline->episodes}}) : Json(nullptr);
+  json["spans"] = outline ? moment_spans(*outline) : Json(nullptr);
   return json_answer(json);
 }
 

@@ -26,12 +26,12 @@ constexpr std::chrono::milliseconds kStopCheck{50};  // how often it checks whet
 }  // namespace
 
 void Timeline::read(const std::stop_token& stop) {
-  RecordingOutline outline = outline_of(files_, stop);
+  auto outline = std::make_shared<const RecordingOutline>(outline_of(files_, stop));
   const std::lock_guard lock(mutex_);
-  outline_ = outline;
+  outline_ = std::move(outline);
 }
 
-std::optional<RecordingOutline> Timeline::outline() const {
+std::shared_ptr<const RecordingOutline> Timeline::outline() const {
   const std::lock_guard lock(mutex_);
   return outline_;
 }

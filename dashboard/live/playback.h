@@ -18,15 +18,15 @@ namespace citylearn {
 class Timeline {
  public:
   explicit Timeline(std::vector<std::string> files) : files_(std::move(files)) {}
-  /// Returns nothing before all files were read. May be used by any thread.
-  std::optional<RecordingOutline> outline() const;
+  /// Returns null before all files were read. May be used by any thread.
+  std::shared_ptr<const RecordingOutline> outline() const;
 
  private:
   void read(const std::stop_token& stop);
 
   const std::vector<std::string> files_;
   mutable std::mutex mutex_;
-  std::optional<RecordingOutline> outline_;
+  std::shared_ptr<const RecordingOutline> outline_;
   std::jthread thread_{[this](const std::stop_token& stop) { read(stop); }};
 };
 
@@ -38,7 +38,7 @@ class Playback : public PlaybackControl {
 
   ReplayState state() const override;
   std::uint64_t generation() const override { return generation_; }
-  std::optional<RecordingOutline> outline() const override { return timeline_.outline(); }
+  std::shared_ptr<const RecordingOutline> outline() const override { return timeline_.outline(); }
   /// A message cannot be taken back: an earlier position is reached by another playback, see restart().
   void change(const PlaybackChange& change) override;
 

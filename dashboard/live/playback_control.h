@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 
 #include "core/recording/outline.h"
@@ -24,8 +25,8 @@ class PlaybackControl {
   /// Returns how often it was begun again, because an earlier position was asked for. What was shown before is not of
   /// this time any more.
   virtual std::uint64_t generation() const = 0;
-  /// Returns nothing while the recording is being read for it.
-  virtual std::optional<RecordingOutline> outline() const = 0;
+  /// Returns null while the recording is being read for it.
+  virtual std::shared_ptr<const RecordingOutline> outline() const = 0;
   virtual void change(const PlaybackChange& change) = 0;
 };
 

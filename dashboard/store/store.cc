@@ -60,8 +60,11 @@ std::string without_links(std::filesystem::path path) {
 }  // namespace
 
 std::string run_id(const msg::RunInfo& info) {
-  return escaped(info.header().session().c_str()) + "/" + escaped(info.header().sender().c_str()) + "/" +
-         std::to_string(info.seed()) + "/" + std::to_string(info.run_id());
+  return run_id(info.header().session().c_str(), info.header().sender().c_str(), info.seed(), info.run_id());
+}
+
+std::string run_id(const std::string& session, const std::string& policy, std::uint64_t seed, std::uint64_t run_id) {
+  return escaped(session) + "/" + escaped(policy) + "/" + std::to_string(seed) + "/" + std::to_string(run_id);
 }
 
 std::string run_id(const std::string& session) { return escaped(session); }

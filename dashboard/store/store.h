@@ -42,6 +42,7 @@ struct Sender {
 
 /// Returns the ID of a run in the API: SESSION/POLICY/SEED/RUN_ID. '/' and '%' in names are escaped.
 std::string run_id(const msg::RunInfo& info);
+std::string run_id(const std::string& session, const std::string& policy, std::uint64_t seed, std::uint64_t run_id);
 /// Returns the ID of the episodes of a session that no run has claimed: SESSION.
 std::string run_id(const std::string& session);
 

@@ -131,10 +131,41 @@ TEST(RecordingOutline, CountsUpdatesAndEpisodesByPart) {
   for (std::size_t i = 0; i < RecordingOutline::kParts; ++i) all += outline.episodes[i] + outline.updates[i];
   EXPECT_EQ(all, 12u);
 
+  ASSERT_EQ(outline.runs.size(), 1u);
+  EXPECT_EQ(outline.runs[0].policy, "policy");
+  EXPECT_EQ(outline.runs[0].seed, 1u);
+  EXPECT_EQ(outline.runs[0].run_id, kJob);
+  ASSERT_EQ(outline.runs[0].updates.size(), 2u);
+  EXPECT_EQ(outline.runs[0].updates[0].position, 5);
+  EXPECT_EQ(outline.runs[0].updates[1].steps, 1024u);
+  EXPECT_EQ(outline.runs[0].updates[1].episodes, 20u);
+  EXPECT_EQ(outline.runs[0].updates[1].wall, 0.5);
+
   const std::string whole = contents(folder / "a.mcap");
   make_file(folder / "b.mcap", whole.substr(0, 8));
   const RecordingOutline cut = outline_of({folder / "b.mcap", folder / "a.mcap"}, {});
   EXPECT_EQ(cut.seconds, 10) << "a file that is cut short has nothing";
+}
+
+TEST(RecordingOutline, HasEachUpdateOnceAndThoseOfAResumedRunAgain) {
+  const Folder folder;
+  {
+    Tape tape(folder / "a.mcap");
+    tape.say(training_stat(1), kStart);
+    tape.say(training_stat(1, 500, 0.5f, kJob + 1), kStart);  // of a run without RunInfo, which is not shown
+    tape.say(run_info(), kStart + kSecond);
+    tape.say(training_stat(2), kStart + kSecond);
+    tape.say(training_stat(3), kStart + 2 * kSecond);
+    tape.say(training_stat(2), kStart + 3 * kSecond);  // somebody had asked for it again
+    tape.say(training_stat(2, 600), kStart + 4 * kSecond);
+    tape.say(training_stat(3, 600), kStart + 5 * kSecond);
+    tape.writer.close();
+  }
+  const RecordingOutline outline = outline_of({folder / "a.mcap"}, {});
+  ASSERT_EQ(outline.runs.size(), 1u);
+  std::vector<std::pair<double, std::uint64_t>> updates;
+  for (const RecordedUpdate& one : outline.runs[0].updates) updates.emplace_back(one.position, one.update);
+  EXPECT_EQ(updates, (std::vector<std::pair<double, std::uint64_t>>{{0, 1}, {1, 2}, {2, 3}, {4, 2}, {5, 3}}));
 }
 
 }  // namespace

@@ -13,11 +13,11 @@ class FakePlayback : public PlaybackControl {
  public:
   ReplayState state() const override { return played; }
   std::uint64_t generation() const override { return 3; }
-  std::optional<RecordingOutline> outline() const override { return measured; }
+  std::shared_ptr<const RecordingOutline> outline() const override { return measured; }
   void change(const PlaybackChange& change) override { changed = change; }
 
   ReplayState played{1.5, 0, true};
-  std::optional<RecordingOutline> measured;
+  std::shared_ptr<RecordingOutline> measured;
   PlaybackChange changed;
 };
 
@@ -89,8 +89,9 @@ TEST_F(ApiChanges, ARecordingIsSteered) {
   };
   Json state = answered({"GET", {"playback"}, {}});
   EXPECT_EQ(state, Json::parse(R"({"position": 1.5, "length": null, "speed": "max", "paused": true, "seeking": false,
-                                   "ended": false, "generation": 3, "marks": null})"));
-  playback.measured.emplace().seconds = 60;
+                                   "ended": false, "generation": 3, "runs": {}, "marks": null, "spans": null})"));
+  playback.measured = std::make_shared<RecordingOutline>();
+  playback.measured->seconds = 60;
   playback.measured->episodes[99] = 7;
   state = answered({"PATCH", {"playback"}, {}, R"({"paused": false, "speed": 0.25, "position": 30})"});
   EXPECT_EQ(playback.changed.paused, false);
@@ -108,6 +109,68 @@ TEST_F(ApiChanges, ARecordingIsSteered) {
     EXPECT_EQ(answer.status, 400) << wrong << answer.body;
   }
   EXPECT_EQ(api.answer({"DELETE", {"playback"}, {}}).headers.at(0).second, "GET, PATCH");
+}
+
+TEST_F(ApiChanges, AMomentOfARunIsAPositionOfTheRecording) {
+  FakePlayback playback;
+  options_.playback = &playback;
+  Api api(options_, store_, &live_);
+  const auto change = [&](const Json& moment, const char* more = "{}") {
+    Json body = Json::parse(more);
+    body["moment"] = moment;
+    playback.changed = {};
+    return api.answer({"PATCH", {"playback"}, {}, body.dump()});
+  };
+  const auto at = [&](const char* axis, double value) { return Json{{"run", id_}, {axis, value}}; };
+  const Answer early = change(at("steps", 1));
+  EXPECT_EQ(early.status, 503) << "the file is being read";
+  EXPECT_EQ(early.headers.at(0).first, "Retry-After");
+
+  playback.measured = std::make_shared<RecordingOutline>();
+  playback.measured->seconds = 60;
+  // Resumed from the checkpoint after update 1: update 2 comes twice.
+  playback.measured->runs = {
+      {"demo",
+       "policy",
+       1,
+       kJob,
+       {{1, 1, 512, 10, .25}, {2, 2, 1024, 20, .5}, {9, 2, 1024, 21, .5}, {20, 3, 1536, 30, .75}}}};
+  Json state = Json::parse(api.answer({"GET", {"playback"}, {}}).body);
+  const Json first = {{"update", 1}, {"steps", 512}, {"episodes", 10}, {"wall", .25}};
+  EXPECT_EQ(state["runs"], (Json{{id_, first}})) << "at 1.5 s";
+  EXPECT_EQ(state["spans"][id_]["first"], first);
+  EXPECT_EQ(state["spans"][id_]["last"]["update"], 3);
+
+  ASSERT_EQ(change(at("steps", 1500), R"({"paused": true})").status, 200);
+  EXPECT_EQ(playback.changed.position, 20) << "of the nearest update";
+  EXPECT_EQ(playback.changed.paused, true);
+  change(at("wall", 1e9));
+  EXPECT_EQ(playback.changed.position, 20) << "of the last one";
+  change(at("update", 2));
+  EXPECT_EQ(playback.changed.position, 9) << "the newer one of two";
+  change(at("episodes", 3));
+  EXPECT_FALSE(playback.changed.position) << "it is there: at 1.5 s the first update is the newest";
+  playback.played.position = 5;
+  change(at("update", 2));
+  EXPECT_FALSE(playback.changed.position) << "it is there, at the older one of two";
+  playback.played.seeking = true;
+  change(at("update", 2));
+  EXPECT_EQ(playback.changed.position, 9) << "it was on its way to elsewhere";
+  playback.played.position = 0.5;
+  EXPECT_EQ(Json::parse(api.answer({"GET", {"playback"}, {}}).body)["runs"], Json::object())
+      << "before the first update";
+
+  for (const Json& wrong : {Json(5), Json::object(), Json{{"run", id_}}, Json{{"run", id_}, {"steps", -1}},
+                            Json{{"run", id_}, {"steps", 1}, {"wall", 1}}, Json{{"run", id_}, {"seconds", 1}}}) {
+    const Answer answer = change(wrong);
+    EXPECT_EQ(answer.status, 400) << wrong;
+    EXPECT_TRUE(contains(answer.body, "one number from 0 on: update, steps, episodes, wall")) << answer.body;
+  }
+  EXPECT_TRUE(contains(change({{"run", 5}, {"steps", 1}}).body, "'run' must be one line of at most 1024 bytes"));
+  EXPECT_EQ(change(at("steps", 1), R"({"position": 1})").status, 400);
+  const Answer unknown = change({{"run", "demo/other/1/1"}, {"steps", 1}});
+  EXPECT_EQ(unknown.status, 404);
+  EXPECT_TRUE(contains(unknown.body, "no update of run 'demo/other/1/1'")) << unknown.body;
 }
 
 TEST_F(ApiChanges, ARunOfARecordingGoesOnWhileItsPolicyServiceIsHeard) {
