@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <atomic>
 #include <filesystem>
+#include <functional>
 #include <iostream>
 #include <optional>
 #include <shared_mutex>
@@ -16,6 +17,7 @@
 #include "dashboard/http/server.h"
 #include "dashboard/live/json.h"
 #include "dashboard/live/live.h"
+#include "dashboard/live/page_link.h"
 #include "dashboard/live/playback.h"
 #include "dashboard/live/route_archive.h"
 #include "dashboard/live/runs_feed.h"
@@ -68,8 +70,8 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_option(
          "--open", line.open,
          "Show recordings (citylearn record) instead of live services, with a bar to pause them and to go to any "
-         "position; without --store nothing is kept")
-      ->type_name("FILE.mcap ...");
+         "position; without --store nothing is kept. With a LINK that was copied from the page, at its moment")
+      ->type_name("FILE.mcap ... [LINK]");
   app.add_option("--speed", line.speed, "Speed of recordings at first, relative to real time; max: as fast as possible")
       ->capture_default_str();
   app.add_option("--recognition", line.recognition,
@@ -81,6 +83,18 @@ void add_options(CLI::App& app, CommandLine& line) {
   add_node_options(app, line.node);
   add_metrics_option(app, line.node);
   app.get_option("--session")->description("Session to show and record, or all of the domain's");
+}
+
+/// Takes the link out of the values of --open, which leaves the files.
+std::optional<PageLink> take_link(std::vector<std::string>& open) {
+  const auto links = std::stable_partition(open.begin(), open.end(), std::not_fn(is_link));
+  if (links == open.end()) return std::nullopt;
+  if (open.end() - links > 1) throw Error("takes one link", "--open");
+  PageLink link = parse_page_link(*links);
+  open.erase(links, open.end());
+  if (open.empty())
+    throw Error("a link does not say where its recording is", "--open", "name its files too: --open FILE.mcap LINK");
+  return link;
 }
 
 /// Raises the limit of open files: a thousand clients and the middleware need more than the usual 1,024.
@@ -247,9 +261,11 @@ int serve(CommandLine& line) {
   allow_many_files();
   ReplayOptions replay;
   std::optional<Timeline> timeline;
+  std::optional<PageLink> link = take_link(line.open);
   if (!line.open.empty()) {
     line.node.middleware.name = "inprocess";
     replay = {line.open, replay_speed(line.speed), {}, ""};
+    replay.paused = link && link->moment;
     timeline.emplace(line.open);
   }
   ClientHub hub;
@@ -267,10 +283,14 @@ int serve(CommandLine& line) {
        },
        [&](bool alarms) { return current.with([&](Watch& now) { return now.node.metrics().problem(alarms); }); }});
   const RunsFeed runs(hub, [&] { return current.with([](Watch& now) { return now.api.runs(); }); });
-  std::cout << "dashboard: " << server.link() << std::endl;
+  std::cout << "dashboard: " << server.link() << (link ? link->fragment : "") << std::endl;
   watch->node.report(msg::RUNNING, "serving " + server.url());
   while (!stop_requested()) {
     watch->turn(hub);
+    if (link && link->moment && timeline->outline()) {
+      watch->playback->change(change_to(*watch->playback, *link->moment));
+      link.reset();
+    }
     if (const auto again = watch->playback ? watch->playback->restart() : std::nullopt) {
       const std::uint64_t begins = watch->generation + 1;
       watch = &current.renew(line, hub, timeline, *again, begins);
