@@ -248,6 +248,19 @@ export interface About {
   recording: boolean;
 }
 
+/** How far a run is: values of all axes of its curves. `wall` is in seconds of training. */
+export interface RunMoment {
+  update: number;
+  steps: number;
+  episodes: number;
+  wall: number;
+}
+/** The first and the last moment of a run that a recording has. */
+export interface MomentSpan {
+  first: RunMoment;
+  last: RunMoment;
+}
+
 /** How an open recording is played. */
 export interface Playback {
   /** Seconds since its beginning. */
@@ -261,12 +274,16 @@ export interface Playback {
   ended: boolean;
   /** How often an earlier position was asked for. What was fetched before is not of this time. */
   generation: number;
+  /** How far the runs are at the position, by their IDs. */
+  runs: { [run: string]: RunMoment };
 }
 export interface PlaybackAnswer extends Playback {
   /** How many there are in each hundredth of the recording. */
   marks: { updates: number[]; episodes: number[] } | null;
+  spans: { [run: string]: MomentSpan } | null;
 }
-export type PlaybackChange = Partial<Pick<Playback, 'position' | 'speed' | 'paused'>>;
+/** `moment` is a position, too: that of a run's update that is nearest to a point of an axis. */
+export type PlaybackChange = Partial<Pick<Playback, 'position' | 'speed' | 'paused'>> & { moment?: { run: string } & Partial<RunMoment> };
 
 /** Header of a `scene:` frame. */
 export interface SceneHeader {

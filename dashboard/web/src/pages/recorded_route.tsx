@@ -7,6 +7,7 @@ import { evaluationName } from '../maths/evaluations';
 import { integer, threeDecimals } from '../maths/format';
 import { routePart } from '../maths/scene';
 import { curveAxis, cursorAt, moved, setCursor, useEpisodesUntil, useMoment, type Seen } from '../state/cursor';
+import { spans } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { Card, Empty, Show, Tick, toneOf } from '../ui/basics';
@@ -44,7 +45,7 @@ export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.
         <Choice of={{ ...AXIS, also: (axis) => moved(seen, axis) }} />
       </div>
       <MomentBar run={run} seen={seen} clear={run.state === 'running' ? 'Back to live' : 'Back to the end'} />
-      <Curve run={run} seen={seen} />
+      <MomentCurve run={run} seen={seen} />
       {rowid > 0 ? (
         <Walk key={rowid} rowid={rowid} detail={detail} whole={whole} />
       ) : (
@@ -67,8 +68,22 @@ export function Recorded({ run, traversal, detail, whole }: RecordedProps): JSX.
   );
 }
 
+/** The moment of a run in an open recording, above what the recording shows of it. */
+export function RecordingMoment({ run }: { run: Run }): JSX.Element {
+  const seen = useMoment(run, true);
+  return (
+    <>
+      <div class="wrap card">
+        <Choice of={{ ...AXIS, also: (axis) => moved(seen, axis) }} />
+      </div>
+      <MomentBar run={run} seen={seen} clear="" />
+      <MomentCurve run={run} seen={seen} />
+    </>
+  );
+}
+
 /** The run's SPL, on which the cursor is set. */
-function Curve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX.Element | null {
+function MomentCurve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX.Element | null {
   const x = curveAxis();
   const version = training?.version;
   const lines = useMemo(
@@ -95,6 +110,7 @@ function Curve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX.Eleme
         height={150}
         mark={cursorAt()}
         onMark={setCursor}
+        xEnd={spans.value?.[run.id]?.last[x]}
         empty={training?.state === 'failed' ? training.error : 'No values yet'}
       />
     </div>

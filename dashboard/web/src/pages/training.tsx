@@ -9,11 +9,11 @@ import { fixed, percent, short, significant, threeDecimals } from '../maths/form
 import type { Group } from '../maths/groups';
 import { isLogged } from '../maths/logged';
 import { manifestNumber } from '../maths/manifest';
-import { momentAt } from '../maths/moment';
 import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
-import { curveAxis, cursorAt, moved, setCursor, type Seen } from '../state/cursor';
+import { curveAxis, cursorAt, momentOf, moved, setCursor, useCursorOf, type Seen } from '../state/cursor';
 import { useGroups } from '../state/groups';
+import { spans } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
@@ -130,11 +130,13 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   );
 
   // A mark on the curves of several runs leads to what the first of them did.
-  const marked = at === null ? undefined : fitting.flatMap((group) => group.runs).find((run) => ids.includes(run.id) && !hidden.has(run.id));
+  const first = fitting.flatMap((group) => group.runs).find((run) => ids.includes(run.id) && !hidden.has(run.id));
+  useCursorOf(first?.id ?? null);
+  const marked = at === null ? undefined : first;
   const rows = marked && training.get(marked.id)?.rows;
   const seen: Seen = {
     training: marked && training.get(marked.id),
-    moment: rows && at !== null ? momentAt(rows, x, at) : null,
+    moment: marked && at !== null ? momentOf(marked.id, rows, at) : null,
     pending: marked !== undefined && training.get(marked.id)?.state === 'loading',
   };
 
@@ -152,6 +154,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
         zoom={zoom}
         onZoom={setZoom}
         mark={at}
+        xEnd={first && spans.value?.[first.id]?.last[x]}
       />
     ));
   return (
@@ -213,7 +216,7 @@ function coloursOf(groups: readonly Group[], each: boolean): Map<string, string>
   return new Map(groups.flatMap((group, g) => group.runs.map((run) => [run.id, seriesColour(each ? n++ : g)] as const)));
 }
 
-function MetricChart({ metric, groups, options, references, zoom, onZoom, mark }: {
+function MetricChart({ metric, groups, options, references, zoom, onZoom, mark, xEnd }: {
   metric: Metric;
   groups: readonly GroupRows[];
   options: { x: XAxis; smoothing: number; display: Display; hidden: ReadonlySet<string> };
@@ -221,6 +224,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom, mark }
   zoom: Range | null;
   onZoom: (range: Range | null) => void;
   mark: number | null;
+  xEnd: number | undefined;
 }): JSX.Element {
   const { x, smoothing, display, hidden } = options;
   const lines = useMemo(
@@ -242,6 +246,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom, mark }
       sync="training"
       mark={mark}
       onMark={setCursor}
+      xEnd={xEnd}
       height={PERFORMANCE.includes(metric) ? 260 : 200}
     />
   );

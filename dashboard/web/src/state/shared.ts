@@ -4,6 +4,7 @@ import { getJson, unauthorised } from '../api/client';
 import { jsonPayload } from '../api/frame';
 import { live } from '../api/live';
 import type { About, Run, ServiceEvent, Services } from '../api/types';
+import { startCursor } from './cursor';
 import { startPlayback } from './playback';
 import { failure, type Resource } from './resource';
 import { forgetTraining } from './training';
@@ -66,6 +67,7 @@ function beginAgain(): void {
 
 export function start(): void {
   startPlayback(beginAgain);
+  startCursor();
   live.watch('services', (frame) => {
     services.value = { state: 'ready', value: seen(jsonPayload<Services>(frame)) };
   });

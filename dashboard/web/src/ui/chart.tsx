@@ -39,6 +39,8 @@ interface ChartProps {
   /** A point of the x axis that is marked on all lines. `onMark` is called when the user chooses another one, or none (null). */
   mark?: number | null;
   onMark?: (x: number | null) => void;
+  /** As far as the x axis reaches at least: points without values yet can be marked up to there. */
+  xEnd?: number | undefined;
   xRange?: [number, number];
   yRange?: [number, number];
   empty?: string;
@@ -200,7 +202,7 @@ function Plot(props: PlotProps): JSX.Element {
       plot.current = new uPlot(optionsOf(current, width, height), current.current.data, room.current);
       plot.current.root.dataset.structure = structure;
     } else plot.current.setData(current.current.data, true);
-  }, [data, structure, size.width, visible, zoom?.from, zoom?.to, references]);
+  }, [data, structure, size.width, visible, zoom?.from, zoom?.to, props.xEnd, references]);
 
   useEffect(
     () => () => {
@@ -285,8 +287,9 @@ function optionsOf(current: { current: Current | null }, width: number, height: 
       x: {
         time: false,
         range: (_, low, high) => {
-          const { zoom, xRange } = current.current as Current;
-          return zoom ? [zoom.from, zoom.to] : (xRange ?? (low === high ? [low - 1, high + 1] : [low, high]));
+          const { zoom, xRange, xEnd = high } = current.current as Current;
+          const end = Math.max(high, xEnd);
+          return zoom ? [zoom.from, zoom.to] : (xRange ?? (low === end ? [low - 1, end + 1] : [low, end]));
         },
       },
       y: {
@@ -384,8 +387,12 @@ function markClicks(u: uPlot, current: { current: Current | null }): void {
   let from = 0;
   u.over.addEventListener('mousedown', (event) => (from = event.clientX));
   u.over.addEventListener('click', (event) => {
-    const x = u.data[0][u.cursor.idx ?? -1];
-    if (x !== undefined && Math.abs(event.clientX - from) < DRAG) current.current?.onMark?.(x);
+    if (Math.abs(event.clientX - from) >= DRAG) return;
+    const { xEnd = -Infinity, onMark } = current.current ?? {};
+    const clicked = u.posToVal(u.cursor.left ?? 0, 'x');
+    const beyond = clicked > (u.data[0].at(-1) ?? Infinity) && clicked <= xEnd;
+    const x = beyond ? clicked : u.data[0][u.cursor.idx ?? -1];
+    if (x !== undefined) onMark?.(x);
   });
 }
 

@@ -2,6 +2,7 @@
 import type { JSX } from 'preact';
 import { useEffect, useState } from 'preact/hooks';
 import { timecode } from '../maths/format';
+import { beyond } from '../state/cursor';
 import { changePlayback, marks, playback, playbackError, seekPlayback, togglePlayback } from '../state/playback';
 import { Failed, IconButton, Select } from './basics';
 
@@ -38,6 +39,11 @@ export function PlaybackBar(): JSX.Element | null {
   return (
     <section class="playback" aria-label="Recording">
       {playbackError.value && <Failed error={playbackError.value} />}
+      {beyond.value && (
+        <p class="note" role="status">
+          {beyond.value}
+        </p>
+      )}
       <div class="row transport">
         <IconButton
           icon={now.paused || now.ended ? 'play' : 'pause'}
@@ -70,7 +76,7 @@ export function PlaybackBar(): JSX.Element | null {
           label="Speed"
           value={String(now.speed)}
           options={speeds.map((one) => ({ value: String(one), label: one === 'max' ? 'as fast as it can' : `${one} ×` }))}
-          onChange={(value) => changePlayback({ speed: value === 'max' ? value : Number(value) })}
+          onChange={(value) => void changePlayback({ speed: value === 'max' ? value : Number(value) })}
         />
       </div>
       <p class="fine keys">Space pauses and resumes, arrows go {JUMP} s back and on.</p>

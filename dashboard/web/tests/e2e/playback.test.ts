@@ -2,8 +2,8 @@
 import { join } from 'node:path';
 import type { Page } from 'playwright-core';
 import { describe, expect, inject, it } from 'vitest';
-import type { PlaybackAnswer, Run } from '../../src/api/types';
-import { Program } from './programs';
+import type { MomentSpan, PlaybackAnswer, Run } from '../../src/api/types';
+import { Program, startDashboard } from './programs';
 import { api, eventually, Stage, violations, wider } from './stage';
 
 // A recording of the city, opened by a dashboard of its own.
@@ -108,6 +108,140 @@ describe('an open recording', () => {
     const answer = await fetch(`${stage.url}api/playback`, { method: 'PATCH', body: '{"speed": -1}' });
     expect(answer.status).toBe(400);
     expect(((await answer.json()) as { error: string }).error).toContain("'speed' must be");
+  });
+});
+
+describe('the time cursor in a recording', () => {
+  let file = '';
+  const stage = Stage.ofProgram(async (folder) => ({ open: (file = await record(folder, 8)) }), { store: false });
+  const state = (): Promise<PlaybackAnswer> => api<PlaybackAnswer>(stage.url, 'playback');
+  const steer = (change: object): Promise<Response> => fetch(`${stage.url}api/playback`, { method: 'PATCH', body: JSON.stringify(change) });
+  const moment = (page: Page) => page.getByRole('group', { name: 'Moment', exact: true });
+  const at = (page: Page): string | null => new URLSearchParams(new URL(page.url()).hash.split('?')[1]).get('at');
+  const curve = (page: Page, name: RegExp): Promise<string> => page.getByRole('img', { name }).getAttribute('aria-label').then(String);
+  const link = (page: string, id: string, point: number | string, more = ''): string => `${page}?${page === 'training' ? 'runs' : 'run'}=${encodeURIComponent(id)}&at=${point}${more}`;
+
+  /** Returns the run of the recording that has the most updates, and its ends. */
+  async function recorded(): Promise<{ id: string; span: MomentSpan }> {
+    const { spans } = await eventually(state, (now) => now.spans !== null);
+    const [longest] = Object.entries(spans ?? {}).sort(([, a], [, b]) => b.last.update - b.first.update - (a.last.update - a.first.update));
+    const [id, span] = longest as [string, MomentSpan];
+    expect(span.last.update - span.first.update).toBeGreaterThan(4);
+    return { id, span };
+  }
+  /** Waits until the recording stands still at an update of a run. Returns how. */
+  const standing = (id: string, right: (update: number) => boolean): Promise<PlaybackAnswer> =>
+    eventually(state, (now) => now.paused && !now.seeking && right(now.runs[id]?.update ?? 0));
+  /** Waits until the address names the moment where the recording is. */
+  const named = (page: Page, id: string): Promise<unknown> => eventually(async () => [at(page), String((await state()).runs[id]?.steps)], ([there, here]) => there === here);
+
+  it('goes where a link says, and the curves are of that moment', async () => {
+    const { id, span } = await recorded();
+    const middle = Math.round((span.first.steps + span.last.steps) / 2);
+    const { page, complaints } = await stage.page(link('training', id, middle));
+    const there = await standing(id, (update) => update > span.first.update && update < span.last.update);
+    expect(Math.abs((there.runs[id]?.steps ?? 0) - middle)).toBeLessThanOrEqual(middle - span.first.steps);
+    await named(page, id);
+    for (const name of [/^Reward/, /^SPL/, /^Entropy/]) await eventually(() => curve(page, name), (label) => /; at [\d.]+[kM]?: .*: /.test(label));
+    expect(await moment(page).innerText()).toContain(`update ${there.runs[id]?.update?.toLocaleString('en')} `);
+    expect(await violations(page)).toEqual([]);
+    // Loading it again moves nothing: the recording is there.
+    await page.reload();
+    await moment(page).waitFor();
+    await named(page, id);
+    expect(await state()).toMatchObject({ generation: there.generation, position: there.position, paused: true });
+    expect(complaints).toEqual([]);
+  });
+
+  it('goes where a curve is clicked, ahead too, and the route shows that moment', async () => {
+    const { id, span } = await recorded();
+    await steer({ moment: { run: id, update: span.first.update + 1 }, paused: true });
+    const before = await standing(id, (update) => update === span.first.update + 1);
+    const { page } = await stage.page(link('training', id, before.runs[id]?.steps ?? 0));
+    await named(page, id);
+    await page.getByRole('img', { name: /^Entropy/ }).scrollIntoViewIfNeeded(); // it is drawn when it is in sight
+    const plot = page.getByRole('img', { name: /^Entropy/ }).locator('.u-over');
+    // The axis reaches to the end of the recording, though its figures have not come yet.
+    const box = await plot.boundingBox();
+    await plot.click({ position: { x: (box?.width ?? 0) * 0.95, y: 40 } });
+    const ahead = await standing(id, (update) => update > (before.runs[id]?.update ?? 0) + 1);
+    expect(ahead.generation).toBe(before.generation);
+    await named(page, id);
+    const said = await moment(page).locator('.hint').innerText();
+    expect(said).toContain(`update ${ahead.runs[id]?.update?.toLocaleString('en')} `);
+
+    await moment(page).getByRole('link', { name: 'Route' }).click();
+    await page.locator('.map .walker').first().waitFor();
+    expect(await moment(page).locator('.hint').innerText()).toBe(said);
+    await eventually(() => curve(page, /^SPL in training/), (label) => /; at [\d.]+[kM]?: /.test(label));
+    expect((await state()).position).toBe(ahead.position);
+    expect(await page.getByText(/No news/).count()).toBe(0);
+    await page.setViewportSize({ width: 400, height: 800 });
+    await eventually(() => wider(page), (pixels) => pixels <= 0);
+    expect(await violations(page)).toEqual([]);
+    // The other axes name the same moment.
+    await page.getByRole('radio', { name: 'Time' }).check({ force: true });
+    await eventually(() => Promise.resolve(Number(at(page))), (seconds) => Math.abs(seconds - (ahead.runs[id]?.wall ?? 0)) < 0.001);
+    expect((await state()).position).toBe(ahead.position);
+  });
+
+  it('moves while the recording is played, and when it is sent elsewhere', async () => {
+    const { id, span } = await recorded();
+    await steer({ moment: { run: id, update: span.first.update }, paused: true, speed: 0.5 });
+    await standing(id, (update) => update === span.first.update);
+    const { page } = await stage.page(link('training', id, span.first.steps));
+    await named(page, id);
+    const hint = (): Promise<string> => moment(page).locator('.hint').innerText();
+    const began = await hint();
+    await page.getByRole('button', { name: 'Resume' }).click();
+    await eventually(hint, (text) => text !== began && text.startsWith('update '));
+    await eventually(() => Promise.resolve(at(page)), (point) => point === null); // it passes
+    await page.getByRole('button', { name: 'Pause' }).click();
+    await eventually(state, (now) => now.paused);
+    await named(page, id);
+    const { position } = await state();
+    await page.locator('h1').focus();
+    await page.keyboard.press('ArrowRight'); // 5 s on
+    await eventually(state, (now) => !now.seeking && now.position > position);
+    await named(page, id);
+    await eventually(async () => [await hint(), (await state()).runs[id]?.update?.toLocaleString('en')], ([text, update]) => text?.startsWith(`update ${update} `) ?? false);
+  });
+
+  it('says what the recording does not have', async () => {
+    const { id, span } = await recorded();
+    const { page } = await stage.page(link('training', id, span.last.steps + 1_000_000));
+    await standing(id, (update) => update === span.last.update);
+    await page.locator('.playback .note', { hasText: `ends at ${span.last.steps.toLocaleString('en')} steps, before` }).waitFor();
+    await named(page, id);
+    expect(await violations(page)).toEqual([]);
+    // What it does not have is said no more where it is not meant.
+    await page.evaluate((hash) => (location.hash = hash), `#/${link('training', id, span.first.steps)}`);
+    await standing(id, (update) => update === span.first.update);
+    await page.locator('.playback .note').waitFor({ state: 'detached' });
+    await named(page, id);
+    await page.evaluate((hash) => (location.hash = hash), `#/${link('route', 'city/nobody/1/5', 5)}`);
+    await page.locator('.playback [role="alert"]', { hasText: "the recording has no update of run 'city/nobody/1/5'" }).waitFor();
+  });
+
+  it('begins where a link of the command line says', async () => {
+    const { id, span } = await recorded();
+    const middle = span.first.update + Math.floor((span.last.update - span.first.update) / 2);
+    const start = (name: string, open: string[]) => startDashboard({ open }, stage.folder, { name, store: false });
+    const opened = await start('linked', [file, `${stage.url}#/${link('route', id, middle, '&x=update')}`]);
+    try {
+      expect(opened.link).toContain(`#/route?run=${encodeURIComponent(id)}&at=${middle}&x=update`);
+      await eventually(() => api<PlaybackAnswer>(opened.url, 'playback'), (now) => now.paused && !now.seeking && now.runs[id]?.update === middle);
+      const { page } = await stage.page('overview');
+      await page.goto(opened.link);
+      await page.locator('.map .walker').first().waitFor();
+      expect(await moment(page).innerText()).toContain(`update ${middle.toLocaleString('en')} `);
+    } finally {
+      await opened.program.kill();
+    }
+    await expect(start('fileless', [`${stage.url}#/${link('route', id, 5)}`]).then(({ program }) => program.ended())).rejects.toThrow(/--open: a link does not say where its recording is \(name its files too/);
+    const stranger = await start('stranger', [file, `${stage.url}#/${link('route', 'city/nobody/1/5', 5)}`]);
+    await expect(stranger.program.ended()).rejects.toThrow(/the recording has no update of run 'city\/nobody\/1\/5'/);
+    await expect(start('wrong', [file, `${stage.url}#/${link('route', id, 'soon')}`]).then(({ program }) => program.ended())).rejects.toThrow(/at=soon is not a number from 0 on/);
   });
 });
 

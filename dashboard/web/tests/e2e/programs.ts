@@ -8,10 +8,10 @@ import { join, resolve } from 'node:path';
 export const PAGE = resolve(process.env.CITYLEARN_PAGE ?? '../../build/release/dashboard/page');
 const BUILD = resolve(PAGE, '../..');
 
-export type Options = Record<string, string | number | true>;
+export type Options = Record<string, string | number | true | readonly string[]>;
 
 const argumentsOf = (options: Options): string[] =>
-  Object.entries(options).flatMap(([name, value]) => (value === true ? [`--${name}`] : [`--${name}`, String(value)]));
+  Object.entries(options).flatMap(([name, value]) => (value === true ? [`--${name}`] : [`--${name}`, ...(typeof value === 'object' ? value : [String(value)])]));
 
 /** A program of the build, with its output in a file. */
 export class Program {
