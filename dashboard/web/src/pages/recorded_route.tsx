@@ -7,7 +7,7 @@ import { evaluationName } from '../maths/evaluations';
 import { integer, threeDecimals } from '../maths/format';
 import { routePart } from '../maths/scene';
 import { curveAxis, cursorAt, moved, setCursor, useEpisodesUntil, useMoment, type Seen } from '../state/cursor';
-import { spans } from '../state/playback';
+import { playback, spans } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { Card, Empty, Show, Tick, toneOf } from '../ui/basics';
@@ -110,6 +110,7 @@ function MomentCurve({ run, seen: { training } }: { run: Run; seen: Seen }): JSX
         height={150}
         mark={cursorAt()}
         onMark={setCursor}
+        keepsMark={playback.value !== null}
         xEnd={spans.value?.[run.id]?.last[x]}
         empty={training?.state === 'failed' ? training.error : 'No values yet'}
       />

@@ -13,7 +13,7 @@ import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
 import { curveAxis, cursorAt, momentOf, moved, setCursor, useCursorOf, type Seen } from '../state/cursor';
 import { useGroups } from '../state/groups';
-import { spans } from '../state/playback';
+import { playback, spans } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
@@ -246,6 +246,7 @@ function MetricChart({ metric, groups, options, references, zoom, onZoom, mark, 
       sync="training"
       mark={mark}
       onMark={setCursor}
+      keepsMark={playback.value !== null}
       xEnd={xEnd}
       height={PERFORMANCE.includes(metric) ? 260 : 200}
     />

@@ -73,6 +73,7 @@ function seek(run: string, x: XAxis, at: number): void {
 
 /** Keeps the address and the open recording at one point. */
 export function startCursor(): void {
+  let held: { run: string; update: number } | null = null; // where the recording stood last, since the address came from outside
   effect(() => {
     const now = playback.value;
     // Before the recording was read, it does not know where a moment is.
@@ -83,6 +84,7 @@ export function startCursor(): void {
       const run = param('run', '') || param('runs', '') || (subject.value ?? '');
       if (at !== null && run === '') return; // until a page shows a run
       heeded.value = arrivals.value;
+      held = null;
       const here = recorded(run);
       if (at !== null && !(here && pointText(x, here[x]) === pointText(x, at))) {
         seek(run, x, at);
@@ -90,11 +92,18 @@ export function startCursor(): void {
       }
     }
     if (now.seeking) return;
-    if (playing.value) clamped.value = null;
-    const moment = recorded(subject.value);
-    // While it goes on, the address names no moment: loading the page again would bring everybody back there.
-    const text = moment && !playing.value ? pointText(x, moment[x]) : '';
-    if (subject.value !== null && (moment || playing.value) && param('at', '') !== text) setParams({ at: text || null });
+    const run = subject.value;
+    const moment = recorded(run);
+    if (playing.value) {
+      clamped.value = null;
+      // While it goes on, the address names no moment: loading the page again would bring everybody back there.
+      if (run !== null && param('at', '') !== '') setParams({ at: null });
+    } else if (run !== null && moment) {
+      const text = pointText(x, moment[x]);
+      const left = held?.run === run && held.update !== moment.update; // with the episode that was chosen there
+      held = { run, update: moment.update };
+      if (left || param('at', '') !== text) setParams({ at: text, ...(left && { episode: null, step: null }) });
+    }
   });
 }
 

@@ -39,6 +39,8 @@ interface ChartProps {
   /** A point of the x axis that is marked on all lines. `onMark` is called when the user chooses another one, or none (null). */
   mark?: number | null;
   onMark?: (x: number | null) => void;
+  /** There always is a mark: it cannot be removed. */
+  keepsMark?: boolean;
   /** As far as the x axis reaches at least: points without values yet can be marked up to there. */
   xEnd?: number | undefined;
   xRange?: [number, number];
@@ -227,7 +229,7 @@ function Plot(props: PlotProps): JSX.Element {
     if (!u) return;
     const x = u.data[0];
     if (props.onMark && event.key === 'Enter' && u.cursor.idx != null) props.onMark(x[u.cursor.idx] ?? null);
-    if (props.onMark && event.key === 'Escape') props.onMark(null);
+    if (props.onMark && !props.keepsMark && event.key === 'Escape') props.onMark(null);
     if (!step) return;
     event.preventDefault();
     const from = u.cursor.idx ?? (mark !== null ? lowerBound(x as number[], mark) : step > 0 ? -1 : x.length);
@@ -242,7 +244,7 @@ function Plot(props: PlotProps): JSX.Element {
       role="img"
       tabIndex={0}
       style={{ minHeight: `${height}px` }}
-      aria-label={`${title} over ${xLabel}. ${summary.join('; ')}. Arrow keys move the cursor${props.onMark ? ', Enter marks its place, Escape removes the mark' : ''}.`}
+      aria-label={`${title} over ${xLabel}. ${summary.join('; ')}. Arrow keys move the cursor${props.onMark ? `, Enter marks its place${props.keepsMark ? '' : ', Escape removes the mark'}` : ''}.`}
       onKeyDown={move}
       onBlur={() => plot.current?.setCursor({ left: -10, top: -10 })}
     />

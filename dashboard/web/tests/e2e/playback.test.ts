@@ -80,8 +80,7 @@ describe('an open recording', () => {
     const updates = async (): Promise<number> => Math.max(0, ...(await api<{ runs: Run[] }>(stage.url, 'runs')).runs.map((run) => run.recorded_episodes ?? 0));
     const before = await eventually(updates, (count) => count > 0);
     const { generation } = await state();
-    await page.getByRole('slider', { name: 'Position' }).fill('1');
-    await page.getByRole('slider', { name: 'Position' }).dispatchEvent('change');
+    await page.getByRole('slider', { name: 'Position' }).fill('1'); // says that it has changed, too
     await reached(1);
     expect((await state()).generation).toBe(generation + 1);
     expect((await state()).paused).toBe(true);
@@ -189,8 +188,9 @@ describe('the time cursor in a recording', () => {
     const { id, span } = await recorded();
     await steer({ moment: { run: id, update: span.first.update }, paused: true, speed: 0.5 });
     await standing(id, (update) => update === span.first.update);
-    const { page } = await stage.page(link('training', id, span.first.steps));
+    const { page } = await stage.page(link('training', id, span.first.steps, '&episode=1&step=3'));
     await named(page, id);
+    expect(page.url()).toContain('&episode=1&step=3'); // a link leads to an episode of that moment
     const hint = (): Promise<string> => moment(page).locator('.hint').innerText();
     const began = await hint();
     await page.getByRole('button', { name: 'Resume' }).click();
@@ -205,6 +205,7 @@ describe('the time cursor in a recording', () => {
     await eventually(state, (now) => !now.seeking && now.position > position);
     await named(page, id);
     await eventually(async () => [await hint(), (await state()).runs[id]?.update?.toLocaleString('en')], ([text, update]) => text?.startsWith(`update ${update} `) ?? false);
+    expect(page.url()).not.toMatch(/episode=|step=/); // that was of the earlier moment
   });
 
   it('says what the recording does not have', async () => {
