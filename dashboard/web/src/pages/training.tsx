@@ -11,7 +11,7 @@ import { isLogged } from '../maths/logged';
 import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
-import { curveAxis, cursorAt, momentOf, moved, setCursor, useCursorOf, type Seen } from '../state/cursor';
+import { curveAxis, cursorAt, moved, seenAt, setCursor, useCursorOf } from '../state/cursor';
 import { useGroups } from '../state/groups';
 import { playback, spans } from '../state/playback';
 import { useJson, valueOf } from '../state/resource';
@@ -133,12 +133,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   const first = fitting.flatMap((group) => group.runs).find((run) => ids.includes(run.id) && !hidden.has(run.id));
   useCursorOf(first?.id ?? null);
   const marked = at === null ? undefined : first;
-  const rows = marked && training.get(marked.id)?.rows;
-  const seen: Seen = {
-    training: marked && training.get(marked.id),
-    moment: marked && at !== null ? momentOf(marked.id, rows, at) : null,
-    pending: marked !== undefined && training.get(marked.id)?.state === 'loading',
-  };
+  const seen = seenAt(marked?.id, marked && training.get(marked.id), at);
 
   const states = ids.map((id) => training.get(id)?.state);
   const failed = ids.map((id) => training.get(id)).find((one) => one?.state === 'failed');

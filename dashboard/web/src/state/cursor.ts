@@ -8,7 +8,7 @@ import { useEffect } from 'preact/hooks';
 import { runPath } from '../api/client';
 import type { Episode, Evaluation, Run } from '../api/types';
 import { beyondText, evaluationUntil, momentAt, pointText, type Moment } from '../maths/moment';
-import type { Rows, XAxis } from '../maths/rows';
+import type { XAxis } from '../maths/rows';
 import { AXIS, chosen } from '../ui/choice';
 import { changePlayback, playback, playing, spans } from './playback';
 import { useJson, valueOf, type Resource } from './resource';
@@ -133,9 +133,11 @@ export interface Seen {
   pending: boolean;
 }
 
-/** Returns how far a run was at a point of the curves' axis; null if it has no updates. */
-export function momentOf(run: string, rows: Rows | undefined, at: number): Moment | null {
-  return (underWay() ? null : recorded(run)) ?? (rows ? momentAt(rows, curveAxis(), at) : null);
+/** Returns a run at a point of the curves' axis. */
+export function seenAt(run: string | undefined, training: Training | undefined, at: number | null): Seen {
+  const coming = playback.value !== null && underWay();
+  const known = at === null || run === undefined || coming ? null : (recorded(run) ?? (training ? momentAt(training.rows, curveAxis(), at) : null));
+  return { training, moment: known, pending: at !== null && (coming || training?.state === 'loading') };
 }
 
 /** Returns how far a run was at the cursor, as far as its figures are known. With `curves` they are fetched without a cursor, too. */
@@ -143,11 +145,7 @@ export function useMoment(run: Run, curves = false): Seen {
   useCursorOf(run.id);
   const at = cursorAt();
   const training = useTraining(curves || at !== null ? [run.id] : []).get(run.id);
-  return {
-    training,
-    moment: at === null ? null : momentOf(run.id, training?.rows, at),
-    pending: at !== null && training?.state === 'loading',
-  };
+  return seenAt(run.id, training, at);
 }
 
 /** Returns the parameter of the same moment on another axis. */
