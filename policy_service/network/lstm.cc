@@ -48,6 +48,7 @@ void LstmNetwork<S>::forward(const Vector<S>& parameters, const NetworkInputs<S>
     for (PackedWeights<S>* weights : {&work.sensor_weights, &work.input_weights, &work.recurrent_weights})
       weights->changed();
   work.packed_of = work.fixed;
+  work.acts_packed = work.fixed && PackedWeights<S>::pay_for_steps(columns);
 
   auto embedded = work.lstm_input.topRows(hidden_);
   embed(parameters, inputs, work, embedded);
@@ -58,7 +59,7 @@ void LstmNetwork<S>::forward(const Vector<S>& parameters, const NetworkInputs<S>
   append_actions(inputs, work.lstm_input);
 
   const auto input_weights = layout_.view(parameters, input_weights_);
-  if (work.fixed)
+  if (work.acts_packed)
     work.input_weights.set_product(work.gates, input_weights, work.lstm_input);
   else
     set_product(work.gates, input_weights, work.lstm_input);
@@ -81,7 +82,7 @@ void LstmNetwork<S>::forward(const Vector<S>& parameters, const NetworkInputs<S>
       before_c.col(b).setZero();
     }
     auto gates = work.gates.middleCols(begin, agents);
-    if (work.fixed || inputs.steps > 1)
+    if (work.acts_packed || inputs.steps > 1)
       work.recurrent_weights.add_product(gates, recurrent, before_h);
     else
       add_product(gates, recurrent, before_h);
@@ -179,7 +180,7 @@ void LstmNetwork<S>::embed(const Vector<S>& parameters, const NetworkInputs<S>& 
   work.sensed.resize(sensors_, embedded.cols());
   sense(inputs, work.sensed);
   const auto weights = layout_.view(parameters, sensor_weights_);
-  if (work.fixed)
+  if (work.acts_packed)
     work.sensor_weights.set_product(embedded, weights, work.sensed);
   else
     set_product(embedded, weights, work.sensed);

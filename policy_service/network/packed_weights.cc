@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "policy_service/network/packed_weights.h"
 
+#include <algorithm>
 #include <cstdint>
 #include <oneapi/dnnl/dnnl.hpp>
 #include <unordered_map>
@@ -22,73 +23,87 @@ struct PackedFactor::Shape {
   std::ptrdiff_t rows, inner, cols;  // of a * b
   std::ptrdiff_t a_stride, b_stride, out_stride;
   bool transposed, rounded, adds;
-  bool operator==(const Shape&) const = default;
+  auto operator<=>(const Shape&) const = default;
+};
+
+/// A layout that some products want, and the weights in it.
+struct PackedFactor::Pack {
+  dnnl::memory packed;
+  bool stale = true;
 };
 
 /// The product of one shape: out' = b' a', since oneDNN takes matrices row after row.
 struct PackedFactor::Product {
-  explicit Product(const Shape& its_shape) : shape(its_shape) {
-    using dnnl::memory;
-    constexpr auto kFloat = memory::data_type::f32;
-    const auto type = shape.rounded ? memory::data_type::bf16 : kFloat;
-    const memory::desc in({shape.cols, shape.inner}, type, memory::dims{shape.b_stride, 1});
-    const memory::desc any({shape.inner, shape.rows}, type, memory::format_tag::any);
-    const memory::desc out({shape.cols, shape.rows}, kFloat, memory::dims{shape.out_stride, 1});
-    dnnl::primitive_attr attributes;
-    dnnl::post_ops after;
-    if (shape.adds) after.append_sum(1);
-    attributes.set_post_ops(after);
-    const dnnl::matmul::primitive_desc chosen(dnnl::matmul::desc(in, any, out), attributes, processor());
-    product = dnnl::matmul(chosen);
-    narrow = memory(in, processor(), DNNL_MEMORY_NONE);
-    packed = memory(chosen.weights_desc(), processor());
-    result = memory(out, processor(), DNNL_MEMORY_NONE);
-    plain = memory({{shape.inner, shape.rows},
-                    kFloat,
-                    shape.transposed ? memory::dims{1, shape.a_stride} : memory::dims{shape.a_stride, 1}},
-                   processor(), DNNL_MEMORY_NONE);
-    pack = dnnl::reorder(plain, packed);
-    arguments = {{DNNL_ARG_SRC, narrow}, {DNNL_ARG_WEIGHTS, packed}, {DNNL_ARG_DST, result}};
-  }
-
-  const Shape shape;
   dnnl::matmul product;
   dnnl::reorder pack;
-  dnnl::memory plain, packed, narrow, result;
+  dnnl::memory plain, narrow, result;
+  Pack* weights;
   std::unordered_map<int, dnnl::memory> arguments;
-  std::vector<std::uint16_t> rounded;  // the second factor
 };
 
 PackedFactor::PackedFactor() = default;
 PackedFactor::~PackedFactor() = default;
 
+void PackedFactor::changed() {
+  for (Pack& each : packs_) each.stale = true;
+}
+
+PackedFactor::Product& PackedFactor::product_of(const Shape& shape) {
+  const auto [known, is_new] = products_.try_emplace(shape);
+  Product& product = known->second;
+  if (!is_new) return product;
+  using dnnl::memory;
+  constexpr auto kFloat = memory::data_type::f32;
+  const auto type = shape.rounded ? memory::data_type::bf16 : kFloat;
+  const memory::desc in({shape.cols, shape.inner}, type, memory::dims{shape.b_stride, 1});
+  const memory::desc any({shape.inner, shape.rows}, type, memory::format_tag::any);
+  const memory::desc out({shape.cols, shape.rows}, kFloat, memory::dims{shape.out_stride, 1});
+  const memory::desc plain({shape.inner, shape.rows}, kFloat,
+                           shape.transposed ? memory::dims{1, shape.a_stride} : memory::dims{shape.a_stride, 1});
+  dnnl::primitive_attr attributes;
+  dnnl::post_ops after;
+  if (shape.adds) after.append_sum(1);
+  attributes.set_post_ops(after);
+  const dnnl::matmul::primitive_desc chosen(dnnl::matmul::desc(in, any, out), attributes, processor());
+  product.product = dnnl::matmul(chosen);
+  product.narrow = memory(in, processor(), DNNL_MEMORY_NONE);
+  product.result = memory(out, processor(), DNNL_MEMORY_NONE);
+  product.plain = memory(plain, processor(), DNNL_MEMORY_NONE);
+  auto same = std::ranges::find(packs_, chosen.weights_desc(), [](const Pack& each) { return each.packed.get_desc(); });
+  if (same == packs_.end()) same = packs_.insert(same, Pack{memory(chosen.weights_desc(), processor())});
+  product.weights = &*same;
+  product.pack = dnnl::reorder(product.plain, same->packed);
+  product.arguments = {
+      {DNNL_ARG_SRC, product.narrow}, {DNNL_ARG_WEIGHTS, same->packed}, {DNNL_ARG_DST, product.result}};
+  return product;
+}
+
 void PackedFactor::multiply(const products::Factor& a, const products::Factor& b, bool adds, float* out,
                             std::ptrdiff_t stride) {
   products::prepare_thread();
   thread_local dnnl::stream stream(processor());
+  thread_local std::vector<std::uint16_t> rounded_b;
   const bool rounded = used_math() == Math::kOneDnnBfloat16;
-  const Shape shape{.rows = a.height(),
-                    .inner = a.width(),
-                    .cols = b.cols,
-                    .a_stride = a.stride,
-                    .b_stride = rounded ? b.rows : b.stride,
-                    .out_stride = stride,
-                    .transposed = a.transposed,
-                    .rounded = rounded,
-                    .adds = adds};
-  if (!product_ || product_->shape != shape) {
-    product_ = std::make_unique<Product>(shape);  // oneDNN keeps the code of shapes that it has met
-    stale_ = true;
-  }
-  Product& product = *product_;
-  if (stale_) {
+  Product& product = product_of({.rows = a.height(),
+                                 .inner = a.width(),
+                                 .cols = b.cols,
+                                 .a_stride = a.stride,
+                                 .b_stride = rounded ? b.rows : b.stride,
+                                 .out_stride = stride,
+                                 .transposed = a.transposed,
+                                 .rounded = rounded,
+                                 .adds = adds});
+  if (product.weights->stale) {
     product.plain.set_data_handle(const_cast<float*>(a.data), stream);  // it is only read
-    product.pack.execute(stream, product.plain, product.packed);
-    stale_ = false;
+    product.pack.execute(stream, product.plain, product.weights->packed);
+    product.weights->stale = false;
   }
-  if (rounded) products::round_to_bfloat16(b, product.rounded);
-  product.narrow.set_data_handle(rounded ? static_cast<void*>(product.rounded.data()) : const_cast<float*>(b.data),
-                                 stream);
+  void* narrow = const_cast<float*>(b.data);
+  if (rounded) {
+    products::round_to_bfloat16(b, rounded_b);
+    narrow = rounded_b.data();
+  }
+  product.narrow.set_data_handle(narrow, stream);
   product.result.set_data_handle(out, stream);
   product.product.execute(stream, product.arguments);
   stream.wait();

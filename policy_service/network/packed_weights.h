@@ -2,7 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <memory>
+#include <list>
+#include <map>
 #include <type_traits>
 
 #include "policy_service/network/product.h"
@@ -15,16 +16,19 @@ class PackedFactor {
  public:
   PackedFactor();
   ~PackedFactor();
-  /// The next product lays out its first factor anew. So does one with another number of columns.
-  void changed() { stale_ = true; }
+  /// The next product lays out its first factor anew.
+  void changed();
   /// out = a * b, or out += a * b. Since changed(), `a` has been the same; `b` is not transposed.
   void multiply(const products::Factor& a, const products::Factor& b, bool adds, float* out, std::ptrdiff_t stride);
 
  private:
   struct Shape;
+  struct Pack;
   struct Product;
-  std::unique_ptr<Product> product_;
-  bool stale_ = true;
+  Product& product_of(const Shape& shape);
+
+  std::list<Pack> packs_;              // products refer to them
+  std::map<Shape, Product> products_;  // actors meet any number of columns, as observations come
 };
 
 /// Products of the same weights with many narrow matrices, as an LSTM's steps are. With 4 columns such a product takes
@@ -32,6 +36,11 @@ class PackedFactor {
 template <class S>
 class PackedWeights {
  public:
+  /// Returns whether they pay where single steps of so many columns share them, as an actor's do. Each actor has its
+  /// own, and many of them do not fit the processor's caches: they must at least be small.
+  static bool pay_for_steps(std::ptrdiff_t columns) {
+    return kByOneDnn && columns >= 8 && used_math() == Math::kOneDnnBfloat16;
+  }
   /// The weights have other values from now on.
   void changed() {
     if constexpr (kByOneDnn) packed_.changed();
@@ -55,7 +64,6 @@ class PackedWeights {
   template <class Out, class A, class B>
   bool multiply(Out& out, const A& weights, const B& b, bool adds) {
     if constexpr (kByOneDnn) {
-      // One column is left to Eigen where set_product() leaves it, too: then both round alike.
       if (!products::by_onednn(weights.rows(), weights.cols(), b.cols())) return false;
       packed_.multiply(products::factor(weights), products::factor(b), adds, out.data(), out.outerStride());
       return true;
