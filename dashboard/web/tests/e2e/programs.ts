@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 import { spawn, type ChildProcess } from 'node:child_process';
 import { once } from 'node:events';
-import { createWriteStream, readFileSync } from 'node:fs';
+import { closeSync, openSync, readFileSync } from 'node:fs';
 import { join, resolve } from 'node:path';
 
 /** The built page, and the folder of the build that it is in. */
@@ -25,10 +25,9 @@ export class Program {
   static start(path: string, options: Options, { folder, name, nice = false }: { folder: string; name: string; nice?: boolean }): Program {
     const log = join(folder, `${name}.log`);
     const command = [...(nice ? ['nice', '-n', '19'] : []), join(BUILD, path), ...argumentsOf(options)];
-    const child = spawn(command[0] as string, command.slice(1), { stdio: ['ignore', 'pipe', 'pipe'] });
-    const out = createWriteStream(log);
-    child.stdout?.pipe(out, { end: false });
-    child.stderr?.pipe(out, { end: false });
+    const out = openSync(log, 'w'); // not through a pipe: when the program has ended, all that it said is there
+    const child = spawn(command[0] as string, command.slice(1), { stdio: ['ignore', out, out] });
+    closeSync(out);
     return new Program(child, name, log);
   }
 
