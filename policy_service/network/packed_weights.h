@@ -44,7 +44,7 @@ class PackedWeights {
   /// The weights have other values from now on.
   void changed() {
     if constexpr (kByOneDnn) packed_.changed();
-    transposed_.resize(0, 0);
+    stale_ = true;
   }
   /// out = weights * b. The weights are a matrix, or the transpose of one; `b` and `out` are as for set_product().
   template <class Out, class A, class B>
@@ -77,12 +77,14 @@ class PackedWeights {
   /// A narrow product with a transposed matrix runs at half the speed of one with the matrix itself.
   template <class D>
   const Matrix& plain(const Eigen::Transpose<D>& weights) {
-    if (transposed_.size() == 0) transposed_ = weights;
+    if (stale_) transposed_ = weights;
+    stale_ = false;
     return transposed_;
   }
 
   std::conditional_t<kByOneDnn, PackedFactor, char> packed_;
   Matrix transposed_;
+  bool stale_ = true;  // `transposed_`
 };
 
 }  // namespace citylearn
