@@ -48,7 +48,10 @@ void LstmNetwork<S>::forward(const Vector<S>& parameters, const NetworkInputs<S>
     for (PackedWeights<S>* weights : {&work.sensor_weights, &work.input_weights, &work.recurrent_weights})
       weights->changed();
   work.packed_of = work.fixed;
-  work.acts_packed = work.fixed && PackedWeights<S>::pay_for_steps(columns);
+  const bool acts_packed = work.fixed && PackedWeights<S>::pay_for_steps(columns);
+  work.sensor_weights.share(acts_packed);
+  work.input_weights.share(acts_packed);
+  work.recurrent_weights.share(acts_packed || inputs.steps > 1);
 
   auto embedded = work.lstm_input.topRows(hidden_);
   embed(parameters, inputs, work, embedded);
@@ -58,11 +61,7 @@ void LstmNetwork<S>::forward(const Vector<S>& parameters, const NetworkInputs<S>
     embedded = embedded.array().tanh();
   append_actions(inputs, work.lstm_input);
 
-  const auto input_weights = layout_.view(parameters, input_weights_);
-  if (work.acts_packed)
-    work.input_weights.set_product(work.gates, input_weights, work.lstm_input);
-  else
-    set_product(work.gates, input_weights, work.lstm_input);
+  work.input_weights.set_product(work.gates, layout_.view(parameters, input_weights_), work.lstm_input);
   work.gates.colwise() += layout_.view(parameters, gate_bias_).col(0);
   const auto recurrent = layout_.view(parameters, recurrent_weights_);
   for (std::ptrdiff_t t = 0; t < inputs.steps; ++t) {
@@ -82,10 +81,7 @@ void LstmNetwork<S>::forward(const Vector<S>& parameters, const NetworkInputs<S>
       before_c.col(b).setZero();
     }
     auto gates = work.gates.middleCols(begin, agents);
-    if (work.acts_packed || inputs.steps > 1)
-      work.recurrent_weights.add_product(gates, recurrent, before_h);
-    else
-      add_product(gates, recurrent, before_h);
+    work.recurrent_weights.add_product(gates, recurrent, before_h);
     for (std::ptrdiff_t b = 0; b < agents; ++b) {  // column by column: what is just computed is still in the cache
       auto gate = gates.col(b);
       gate.head(3 * cells_) = gate.head(3 * cells_).array().logistic();
@@ -179,11 +175,7 @@ void LstmNetwork<S>::embed(const Vector<S>& parameters, const NetworkInputs<S>& 
                            Eigen::Block<Matrix<S>> embedded) const {
   work.sensed.resize(sensors_, embedded.cols());
   sense(inputs, work.sensed);
-  const auto weights = layout_.view(parameters, sensor_weights_);
-  if (work.acts_packed)
-    work.sensor_weights.set_product(embedded, weights, work.sensed);
-  else
-    set_product(embedded, weights, work.sensed);
+  work.sensor_weights.set_product(embedded, layout_.view(parameters, sensor_weights_), work.sensed);
   embedded.colwise() += layout_.view(parameters, sensor_bias_).col(0);
 }
 

@@ -58,7 +58,6 @@ class LstmNetwork : public AgentNetwork<S> {
     Matrix<S> carried_h, carried_c;           // cells x B: from the later step
     PackedWeights<S> sensor_weights, input_weights, recurrent_weights, recurrent_back;
     std::uint64_t packed_of = 0;  // the value of `fixed` for which the first three are packed
-    bool acts_packed = false;     // this forward pass uses them for all its products
     Vector<S> column;             // cells
   };
 

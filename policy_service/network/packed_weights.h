@@ -46,15 +46,24 @@ class PackedWeights {
     if constexpr (kByOneDnn) packed_.changed();
     stale_ = true;
   }
+  /// Says whether the next products share the weights. Those that do not are citylearn's set_product() and
+  /// add_product().
+  void share(bool shared) { shared_ = shared; }
   /// out = weights * b. The weights are a matrix, or the transpose of one; `b` and `out` are as for set_product().
   template <class Out, class A, class B>
   void set_product(Out&& out, const A& weights, const B& b) {
-    if (!multiply(out, weights, b, false)) out.noalias() = plain(weights) * b;
+    if (!shared_)
+      citylearn::set_product(out, weights, b);
+    else if (!multiply(out, weights, b, false))
+      out.noalias() = plain(weights) * b;
   }
   /// out += weights * b, likewise.
   template <class Out, class A, class B>
   void add_product(Out&& out, const A& weights, const B& b) {
-    if (!multiply(out, weights, b, true)) out.noalias() += plain(weights) * b;
+    if (!shared_)
+      citylearn::add_product(out, weights, b);
+    else if (!multiply(out, weights, b, true))
+      out.noalias() += plain(weights) * b;
   }
 
  private:
@@ -85,6 +94,7 @@ class PackedWeights {
   std::conditional_t<kByOneDnn, PackedFactor, char> packed_;
   Matrix transposed_;
   bool stale_ = true;  // `transposed_`
+  bool shared_ = true;
 };
 
 }  // namespace citylearn
