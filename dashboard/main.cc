@@ -17,10 +17,10 @@
 #include "dashboard/http/server.h"
 #include "dashboard/live/json.h"
 #include "dashboard/live/live.h"
-#include "dashboard/live/page_link.h"
-#include "dashboard/live/playback.h"
 #include "dashboard/live/route_archive.h"
 #include "dashboard/live/runs_feed.h"
+#include "dashboard/playback/page_link.h"
+#include "dashboard/playback/playback.h"
 #include "dashboard/store/recorder.h"
 
 namespace {
@@ -287,8 +287,10 @@ int serve(CommandLine& line) {
   watch->node.report(msg::RUNNING, "serving " + server.url());
   while (!stop_requested()) {
     watch->turn(hub);
-    if (link && link->moment && timeline->outline()) {
-      watch->playback->change(change_to(*watch->playback, *link->moment));
+    if (const auto outline = link && link->moment ? timeline->outline() : nullptr) {
+      PlaybackChange change;
+      change.position = position_of(*link->moment, *outline, watch->playback->state());
+      watch->playback->change(change);
       link.reset();
     }
     if (const auto again = watch->playback ? watch->playback->restart() : std::nullopt) {

@@ -10,7 +10,7 @@
 #include "dashboard/api/log_frame.h"
 #include "dashboard/api/parameters.h"
 #include "dashboard/api/text_member.h"
-#include "dashboard/live/moment.h"
+#include "dashboard/playback/moment.h"
 
 namespace citylearn {
 namespace {
@@ -135,13 +135,14 @@ Moment moment_of(const Json& json) {
 
 /// Returns where to go for a moment; nothing when the recording is there.
 std::optional<double> position_of(const Moment& moment, const PlaybackControl& playback) {
-  if (!playback.outline()) {
+  const auto outline = playback.outline();
+  if (!outline) {
     RequestError early(503, "the recording is still being read: ask again in a second");
     early.answer.headers.emplace_back("Retry-After", "1");
     throw early;
   }
   try {
-    return change_to(playback, moment).position;
+    return position_of(moment, *outline, playback.state());
   } catch (const Error& error) {
     not_found(error.what());
   }

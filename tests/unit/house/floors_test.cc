@@ -35,7 +35,7 @@ const std::vector<std::vector<std::string>> kOrders = {
      "policy_service/env_client", "policy_service/distributed", "policy_service/results", "policy_service/records",
      "policy_service/ranks", "policy_service/run", "policy_service"},
     {"dashboard/store", "dashboard/logged", "dashboard/alarms", "dashboard/query", "dashboard/http", "dashboard/live",
-     "dashboard/api", "dashboard"},
+     "dashboard/playback", "dashboard/api", "dashboard"},
 };
 
 constexpr int kMostLines = 500, kMostHeaderLines = 120;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "dashboard/live/page_link.h"
+#include "dashboard/playback/page_link.h"
 
 #include <algorithm>
 #include <charconv>
@@ -30,7 +30,7 @@ PageLink parse_page_link(const std::string& text) {
   const std::size_t hash = text.find("#/");
   const auto target = hash == text.npos ? std::nullopt : parse_target(text.substr(hash + 1));
   if (!target || std::any_of(text.begin(), text.end(), [](unsigned char c) { return c <= ' '; }))
-    throw Error("is no link to the dashboard's page", where,
+    throw Error("is not a link to the dashboard's page", where,
                 "copy all of the address line, such as 'http://127.0.0.1:8080/#/route?run=...&at=3000', and quote it");
   PageLink link{text.substr(hash), std::nullopt};
   const auto parameter = [&](const char* name) {
@@ -41,10 +41,10 @@ PageLink parse_page_link(const std::string& text) {
   if (at.empty()) return link;
   Moment moment{parameter("run"), parameter("x"), point_of(at, where)};
   if (moment.run.empty()) moment.run = parameter("runs");
-  if (moment.run.empty()) throw Error("its moment is of no run", where, "copy the link of a page that shows one run");
+  if (moment.run.empty()) throw Error("its moment names no run", where, "copy the link of a page that shows one run");
   if (moment.axis.empty()) moment.axis = "steps";
   if (std::find(moment_axes().begin(), moment_axes().end(), moment.axis) == moment_axes().end())
-    throw Error("its axis x=" + shortened(moment.axis) + " is none of " + joined(moment_axes()), where);
+    throw Error("its axis x=" + shortened(moment.axis) + " is not one of " + joined(moment_axes()), where);
   link.moment = std::move(moment);
   return link;
 }

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "core/recording/replayer.h"
-#include "dashboard/live/playback_control.h"
+#include "dashboard/playback/playback_control.h"
 
 namespace citylearn {
 

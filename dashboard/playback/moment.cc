@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "dashboard/live/moment.h"
+#include "dashboard/playback/moment.h"
 
 #include <algorithm>
 #include <cmath>
@@ -40,12 +40,10 @@ const std::vector<std::string>& moment_axes() {
   return axes;
 }
 
-PlaybackChange change_to(const PlaybackControl& playback, const Moment& moment) {
-  const auto outline = playback.outline();
-  if (!outline) throw Error("the recording is still being read");
-  const auto run = std::find_if(outline->runs.begin(), outline->runs.end(),
+std::optional<double> position_of(const Moment& moment, const RecordingOutline& outline, const ReplayState& state) {
+  const auto run = std::find_if(outline.runs.begin(), outline.runs.end(),
                                 [&](const RecordedRun& one) { return id_of(one) == moment.run; });
-  if (run == outline->runs.end()) throw Error("the recording has no update of run '" + moment.run + "'");
+  if (run == outline.runs.end()) throw Error("the recording has no update of run '" + moment.run + "'");
   const auto distance = [&](const RecordedUpdate& update) {
     return std::abs(value_on(moment.axis, update) - moment.at);
   };
@@ -54,11 +52,9 @@ PlaybackChange change_to(const PlaybackControl& playback, const Moment& moment) 
   for (const RecordedUpdate& update : run->updates)
     if (distance(update) <= distance(*nearest)) nearest = &update;
   // Where it stands behind such an update it stays: to go back to it means to play everything again.
-  const ReplayState state = playback.state();
   const RecordedUpdate* here = state.seeking ? nullptr : update_at(*run, state.position);
-  PlaybackChange change;
-  if (!here || distance(*here) > distance(*nearest)) change.position = nearest->position;
-  return change;
+  if (here && distance(*here) <= distance(*nearest)) return std::nullopt;
+  return nearest->position;
 }
 
 Json moments_at(const RecordingOutline& outline, double position) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "dashboard/live/playback.h"
+#include "dashboard/playback/playback.h"
 
 #include <stdlib.h>
 

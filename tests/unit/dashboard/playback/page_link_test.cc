@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "dashboard/live/page_link.h"
+#include "dashboard/playback/page_link.h"
 
 #include <gtest/gtest.h>
 
@@ -41,13 +41,13 @@ TEST(PageLink, IsRefusedInOneLine) {
       EXPECT_TRUE(contains(error.what(), "--open " + link.substr(0, 10))) << error.what();
     }
   };
-  refused("http://h/", "is no link to the dashboard's page");
-  refused("http://h/#/route?run=%ZZ", "is no link to the dashboard's page");
-  refused("http://h/#/route?run=a b", "is no link to the dashboard's page");
+  refused("http://h/", "is not a link to the dashboard's page");
+  refused("http://h/#/route?run=%ZZ", "is not a link to the dashboard's page");
+  refused("http://h/#/route?run=a b", "is not a link to the dashboard's page");
   for (const char* at : {"x", "-1", "3000x", "nan", "inf"})
     refused("http://h/#/route?run=a&at=" + std::string(at), "at=" + std::string(at) + " is not a number from 0 on");
-  refused("http://h/#/route?at=5", "its moment is of no run");
-  refused("http://h/#/route?run=a&at=5&x=miles", "x=miles is none of update, steps, episodes, wall");
+  refused("http://h/#/route?at=5", "its moment names no run");
+  refused("http://h/#/route?run=a&at=5&x=miles", "x=miles is not one of update, steps, episodes, wall");
 }
 
 }  // namespace

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "dashboard/live/playback_control.h"
+#include "core/recording/outline.h"
+#include "core/recording/replay_clock.h"
 
 namespace citylearn {
 
@@ -19,10 +21,10 @@ struct Moment {
 /// Returns "update", "steps", "episodes" and "wall" (seconds of training).
 const std::vector<std::string>& moment_axes();
 
-/// Returns what brings a recording to the update of the run that is nearest to the moment: nothing when it is there.
-/// Beyond the run's updates, the nearest is the first or the last. The outline must have been read. Throws Error when
-/// the recording has no update of the run.
-PlaybackChange change_to(const PlaybackControl& playback, const Moment& moment);
+/// Returns the position, in seconds, of the update of the run that is nearest to the moment; nothing when the recording
+/// is at that update. Beyond the run's updates, the nearest is the first or the last. Throws Error when the recording
+/// has no update of the run.
+std::optional<double> position_of(const Moment& moment, const RecordingOutline& outline, const ReplayState& state);
 
 /// Returns how far each run is at a position, in seconds: {ID: {"update", "steps", "episodes", "wall"}}, without those
 /// that have no update by then.

@@ -4,7 +4,7 @@
 #include <optional>
 #include <string>
 
-#include "dashboard/live/moment.h"
+#include "dashboard/playback/moment.h"
 
 namespace citylearn {
 
@@ -17,7 +17,7 @@ struct PageLink {
 /// Returns whether a value of --open is a link rather than a file.
 bool is_link(const std::string& text);
 
-/// Throws Error when the link is none of the page, or its moment is none.
+/// Throws Error when the text is not a link to the page, or its moment cannot be read.
 PageLink parse_page_link(const std::string& text);
 
 }  // namespace citylearn
