@@ -14,8 +14,8 @@
 #include "dashboard/api/recognition_results.h"
 #include "dashboard/http/answer.h"
 #include "dashboard/live/live_view.h"
-#include "dashboard/playback/playback_control.h"
 #include "dashboard/logged/logged_runs.h"
+#include "dashboard/playback/playback_control.h"
 #include "dashboard/store/store.h"
 #include "dashboard/store/store_reader.h"
 
