@@ -143,6 +143,7 @@ describe('the time cursor', () => {
     await eventually(() => moment.locator('b').innerText(), (text) => /^At [\d.]+ m?s$/.test(text));
     expect(await moment.locator('.hint').innerText()).toBe(said);
     await moment.getByRole('link', { name: 'Replay' }).click();
+    await page.getByRole('heading', { name: 'Deployment', level: 1 }).waitFor(); // the page before has such a choice, too
     await page.getByRole('radio', { name: 'Training' }).check({ force: true });
     await page.locator(`section[aria-label="Replay of episode ${last?.rowid}"]`).waitFor();
     await page.locator('.pictures').scrollIntoViewIfNeeded(); // pictures out of sight are not fetched
