@@ -11,5 +11,6 @@ export default defineConfig({
     minWorkers: 1,
     testTimeout: 120_000, // deadlines are for a busy machine with two processors
     hookTimeout: 120_000,
+    expect: { poll: { interval: 50, timeout: 60_000 } },
   },
 });

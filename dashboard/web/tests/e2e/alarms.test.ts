@@ -44,7 +44,7 @@ describe('alarms of runs', () => {
     await log(9, 9);
     const lasting = card.getByRole('list', { name: 'Alarms that last' });
     await lasting.getByText('loss above 5 for 2 points: 9 at step').waitFor();
-    expect(await page.locator('.alarm-badge').textContent()).toBe('1 alarm');
+    await expect.poll(() => page.locator('.alarm-badge').textContent()).toBe('1 alarm');
     await page.locator('.run-card .tone-bad', { hasText: 'loss above 5' }).waitFor();
     await page.locator('.event-alarm', { hasText: 'loss above 5 for 2 points: 9' }).waitFor();
     const metrics = await (await fetch(`${stage.url}metrics`)).text();
@@ -54,7 +54,7 @@ describe('alarms of runs', () => {
     await log(1, 1);
     await lasting.waitFor({ state: 'detached' });
     await card.getByRole('list', { name: 'Alarms that are over' }).getByText('loss above 5').waitFor();
-    expect(await page.locator('.alarm-badge').count()).toBe(0);
+    await expect.poll(() => page.locator('.alarm-badge').count()).toBe(0);
     expect(complaints).toEqual([]);
   });
 

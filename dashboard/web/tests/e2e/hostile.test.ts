@@ -71,7 +71,7 @@ describe.each(TEXTS)('names and texts of %s', (_, mark) => {
       await eventually(() => missing(page, places, mark), (none) => none.length === 0);
       expect(await strange(page), name).toEqual([]);
       expect(await wider(page), name).toBeLessThanOrEqual(0);
-      expect(await page.title()).toMatch(/^[\w ]+ – CityLearn-DDS$/);
+      await expect.poll(() => page.title()).toMatch(/^[\w ]+ – CityLearn-DDS$/);
     }
     for (const title of ['groups', 'manifests']) {
       const [download] = await Promise.all([page.waitForEvent('download'), page.getByRole('button', { name: `Download ${title} as CSV` }).click()]);

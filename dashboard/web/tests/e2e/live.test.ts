@@ -31,7 +31,7 @@ describe('live', () => {
     const caption = page.locator('.picture figcaption .number').first();
     const first = await caption.innerText();
     await eventually(() => caption.innerText(), (now) => now !== first);
-    expect(await page.locator('.picture img').first().evaluate((img: HTMLImageElement) => img.naturalWidth)).toBeGreaterThan(0);
+    await expect.poll(() => page.locator('.picture img').first().evaluate((img: HTMLImageElement) => img.naturalWidth)).toBeGreaterThan(0);
     // The sibling shows the same place of its own traversal.
     await eventually(() => page.locator('.picture img').count(), (count) => count === 2);
   });
@@ -55,7 +55,7 @@ describe('live', () => {
     await page.reload();
     await page.waitForSelector('.picture img');
     const pictures = (): Promise<boolean> => Promise.resolve(watched.some((topic) => topic.startsWith('picture:')));
-    expect(await pictures()).toBe(true);
+    await expect.poll(pictures).toBe(true);
     await page.goto(`${stage.url}#/compare`);
     await eventually(pictures, (now) => !now);
     expect(watched).toContain('services');
@@ -76,7 +76,7 @@ describe('live', () => {
     process.kill(encoder, 'SIGSTOP');
     try {
       await row.locator('.state-lost').waitFor();
-      expect(await row.getAttribute('class')).toContain('bad');
+      await expect.poll(() => row.getAttribute('class')).toContain('bad');
       await eventually(counted, ([badge, rows]) => badge > 0 && badge === rows);
       await eventually(() => lost.count(), (count) => count > before);
     } finally {
@@ -98,7 +98,7 @@ describe('a dashboard that is killed and started again', () => {
     const { port } = new URL(stage.url);
     await stage.dashboard.program.kill('SIGKILL');
     await page.locator('.banner', { hasText: 'does not answer' }).waitFor();
-    expect(await page.locator('[data-link]').getAttribute('data-link')).not.toBe('open');
+    await expect.poll(() => page.locator('[data-link]').getAttribute('data-link')).not.toBe('open');
     expect(await page.locator('.run-card').count()).toBeGreaterThan(0);
     stage.dashboard = await startDashboard({ ...inject('city').wire, id: 'second', leave: true, port }, stage.folder);
     await page.locator('[data-link="open"]').waitFor({ timeout: 15_000 });
@@ -118,7 +118,7 @@ describe('what a service seldom says', () => {
     expect(await row.locator('.alarm').count()).toBe(0);
     stage.mock.alarm('policy', 'checkpoint: No space left on device');
     await row.locator('.alarm', { hasText: 'No space left' }).waitFor({ timeout: 5000 });
-    expect(await row.getAttribute('class')).toContain('bad');
+    await expect.poll(() => row.getAttribute('class')).toContain('bad');
     await page.locator('.figures', { hasText: '1 alarm' }).waitFor();
     await page.locator('.event-alarm', { hasText: 'checkpoint' }).waitFor();
     stage.mock.alarm('policy', '');

@@ -31,7 +31,7 @@ describe('logged runs', () => {
     const { page, complaints } = await stage.page('training?runs=walks%2Fslow');
     const chart = page.getByRole('img', { name: /^loss/ });
     await chart.waitFor();
-    expect(await chart.getAttribute('aria-label')).toContain('a slow one · walks/slow');
+    await expect.poll(() => chart.getAttribute('aria-label')).toContain('a slow one · walks/slow');
     await page.getByRole('img', { name: /^test\/spl/ }).waitFor();
     expect(await page.getByRole('img', { name: /^SPL/ }).count()).toBe(0);
     await page.getByRole('checkbox', { name: /a fast one/ }).check();

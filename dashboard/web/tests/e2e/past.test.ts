@@ -44,7 +44,7 @@ beforeAll(async () => {
     expect(await sql('SELECT COUNT(*) FROM places LEFT JOIN pictures ON id = picture WHERE id IS NULL')).toBe(0);
     expect(await sql('SELECT COUNT(*) FROM pictures WHERE id NOT IN (SELECT picture FROM places)')).toBe(0);
     await eventually(places, (count) => count === 2 * FRAMES, 120_000); // a busy machine has little to spare
-    expect(await sql('SELECT COUNT(*) FROM maps')).toBe(2);
+    await eventually(() => sql('SELECT COUNT(*) FROM maps'), (count) => count === 2);
   } finally {
     await Promise.all(services.map((service) => service.kill()));
   }
@@ -74,7 +74,7 @@ describe('a past run', () => {
     await page.locator('.map .scale', { hasText: /\d m$/ }).first().waitFor();
     await pictured(page);
     expect(await page.locator('.picture img').count()).toBe(2);
-    expect(await page.locator('section[aria-label="Episodes of this moment"] tbody tr').count()).toBeGreaterThan(3);
+    await expect.poll(() => page.locator('section[aria-label="Episodes of this moment"] tbody tr').count()).toBeGreaterThan(3);
     expect(await page.getByText(/Waiting|yet/).count()).toBe(0);
     expect(await violations(page)).toEqual([]);
     // The pictures follow the episode.
@@ -125,7 +125,7 @@ describe('the time cursor', () => {
 
     await moment.getByRole('link', { name: 'Route' }).click();
     await page.locator('.map').waitFor();
-    expect(await moment.locator('.hint').innerText()).toBe(said);
+    await expect.poll(() => moment.locator('.hint').innerText()).toBe(said);
     // The newest training episode that had ended by then.
     const newest = page.locator('section[aria-label="Episodes of this moment"] tbody tr').first();
     await newest.waitFor();
@@ -137,11 +137,11 @@ describe('the time cursor', () => {
     await page.waitForFunction(() => location.hash.includes('step='));
     const { page: other } = await stage.page(hash(page));
     expect(await pictured(other)).toBe(frame);
-    expect(await other.getByRole('group', { name: 'Moment', exact: true }).locator('.hint').innerText()).toBe(said);
+    await expect.poll(() => other.getByRole('group', { name: 'Moment', exact: true }).locator('.hint').innerText()).toBe(said);
 
     await page.getByRole('radio', { name: 'Time' }).check({ force: true });
     await eventually(() => moment.locator('b').innerText(), (text) => /^At [\d.]+ m?s$/.test(text));
-    expect(await moment.locator('.hint').innerText()).toBe(said);
+    await expect.poll(() => moment.locator('.hint').innerText()).toBe(said);
     await moment.getByRole('link', { name: 'Replay' }).click();
     await page.getByRole('heading', { name: 'Deployment', level: 1 }).waitFor(); // the page before has such a choice, too
     await page.getByRole('radio', { name: 'Training' }).check({ force: true });

@@ -42,7 +42,7 @@ describe('an open recording', () => {
     expect(end.marks?.episodes.some((count) => count > 0)).toBe(true);
     const { page } = await stage.page('overview');
     await page.getByRole('img', { name: /^Episodes above, updates below/ }).waitFor();
-    expect(await output(page)).toMatch(/^0:0\d \/ 0:0\d$/);
+    await expect.poll(() => output(page)).toMatch(/^0:0\d \/ 0:0\d$/);
     await page.locator('[data-link]', { hasText: 'Recording' }).waitFor();
   });
 
@@ -99,7 +99,7 @@ describe('an open recording', () => {
     await page.locator('.map .walker').first().waitFor();
     await page.setViewportSize({ width: 400, height: 800 });
     await eventually(() => wider(page), (pixels) => pixels <= 0);
-    expect(await page.locator('.playback').boundingBox()).toMatchObject({ width: 400 });
+    await expect.poll(() => page.locator('.playback').boundingBox()).toMatchObject({ width: 400 });
     expect(await violations(page)).toEqual([]);
   });
 
@@ -142,7 +142,7 @@ describe('the time cursor in a recording', () => {
     expect(Math.abs((there.runs[id]?.steps ?? 0) - middle)).toBeLessThanOrEqual(middle - span.first.steps);
     await named(page, id);
     for (const name of [/^Reward/, /^SPL/, /^Entropy/]) await eventually(() => curve(page, name), (label) => /; at [\d.]+[kM]?: .*: /.test(label));
-    expect(await moment(page).innerText()).toContain(`update ${there.runs[id]?.update?.toLocaleString('en')} `);
+    await expect.poll(() => moment(page).innerText()).toContain(`update ${there.runs[id]?.update?.toLocaleString('en')} `);
     expect(await violations(page)).toEqual([]);
     // Loading it again moves nothing: the recording is there.
     await page.reload();
@@ -171,7 +171,7 @@ describe('the time cursor in a recording', () => {
 
     await moment(page).getByRole('link', { name: 'Route' }).click();
     await page.locator('.map .walker').first().waitFor();
-    expect(await moment(page).locator('.hint').innerText()).toBe(said);
+    await expect.poll(() => moment(page).locator('.hint').innerText()).toBe(said);
     await eventually(() => curve(page, /^SPL in training/), (label) => /; at [\d.]+[kM]?: /.test(label));
     expect((await state()).position).toBe(ahead.position);
     expect(await page.getByText(/No news/).count()).toBe(0);
@@ -235,7 +235,7 @@ describe('the time cursor in a recording', () => {
       const { page } = await stage.page('overview');
       await page.goto(opened.link);
       await page.locator('.map .walker').first().waitFor();
-      expect(await moment(page).innerText()).toContain(`update ${middle.toLocaleString('en')} `);
+      await expect.poll(() => moment(page).innerText()).toContain(`update ${middle.toLocaleString('en')} `);
     } finally {
       await opened.program.kill();
     }
