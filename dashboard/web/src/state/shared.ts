@@ -6,8 +6,8 @@ import { live } from '../api/live';
 import type { About, Run, ServiceEvent, Services } from '../api/types';
 import { startCursor } from './cursor';
 import { startPlayback } from './playback';
-import { failure, type Resource } from './resource';
-import { forgetTraining } from './training';
+import { failure, valueOf, type Resource } from './resource';
+import { forgetTraining, heedRuns } from './training';
 
 // What every page needs: services, runs and events, live from the start.
 
@@ -78,6 +78,7 @@ export function start(): void {
     const old = events.value.state === 'ready' ? events.value.value : [];
     events.value = { state: 'ready', value: [jsonPayload<ServiceEvent>(frame), ...old].slice(0, MAX_EVENTS) };
   });
+  effect(() => heedRuns(valueOf(runs.value) ?? []));
   live.onBack(reload);
   setInterval(() => (now.value = Date.now()), 1000);
   // When the page or the network is back, it reconnects at once instead of at the end of the back-off.

@@ -5,7 +5,7 @@ import { getJson, runPath } from '../api/client';
 import { trainingColumns } from '../api/frame';
 import { live } from '../api/live';
 import { TRAINING_COLUMNS } from '../api/training_figures';
-import type { TrainingAnswer } from '../api/types';
+import type { Run, TrainingAnswer } from '../api/types';
 import { append, noRows, rowsOf, type Rows, type XAxis } from '../maths/rows';
 import { failure, useJsons } from './resource';
 
@@ -29,6 +29,7 @@ class Series {
   private timer: ReturnType<typeof setTimeout> | undefined;
   private reload: ReturnType<typeof setTimeout> | undefined;
   private loading = false;
+  private missing = false; // rows between others
   private pending: ReadonlyMap<string, Float64Array>[] = [];
 
   constructor(private readonly id: string) {}
@@ -51,6 +52,7 @@ class Series {
   private async load(): Promise<void> {
     if (this.loading) return;
     this.loading = true;
+    this.missing = false;
     this.pending = [];
     try {
       const columns = TRAINING_COLUMNS.join(',');
@@ -65,6 +67,21 @@ class Series {
         this.value.value = { ...this.value.value, state: 'failed', error: failure(error).error };
     }
     this.loading = false;
+    this.catchUp();
+  }
+
+  /** Fetches the rows again, soon, if some are missing, or the store has newer ones: they were told before this page listened. */
+  catchUp(): void {
+    if (this.users === 0 || !this.behind()) return;
+    this.reload ??= setTimeout(() => {
+      this.reload = undefined;
+      if (this.behind()) void this.load();
+    }, PATIENCE);
+  }
+
+  private behind(): boolean {
+    const newest = this.value.peek().rows.columns.steps.at(-1) ?? -1;
+    return this.missing || newest < (stored.get(this.id) ?? -1);
   }
 
   private take(columns: ReadonlyMap<string, Float64Array>): void {
@@ -75,10 +92,8 @@ class Series {
     const { rows } = this.value.value;
     // Rows are missing, or there are so many that the server should decimate them.
     if (!append(rows, columns) || rows.length > 3 * POINTS) {
-      this.reload ??= setTimeout(() => {
-        this.reload = undefined;
-        void this.load();
-      }, PATIENCE);
+      this.missing = true;
+      this.catchUp();
     }
     this.timer ??= setTimeout(() => {
       this.timer = undefined;
@@ -114,6 +129,7 @@ export function useDetail(ids: readonly string[], detail: Detail | null): Map<st
 }
 
 const all = new Map<string, Series>();
+const stored = new Map<string, number>(); // steps of a run up to its newest row in the store
 
 function seriesOf(id: string): Series {
   let series = all.get(id);
@@ -129,6 +145,13 @@ function forget(): void {
     if (all.size <= MOST_KEPT) return;
     if (series.users === 0) all.delete(id);
   }
+}
+
+/** Fetches the figures of those runs that have newer ones in the store than are shown. */
+export function heedRuns(runs: readonly Run[]): void {
+  stored.clear();
+  for (const { id, steps } of runs) if (steps !== null) stored.set(id, steps);
+  all.forEach((series) => series.catchUp());
 }
 
 /** Forgets all figures, as they are of another time. */

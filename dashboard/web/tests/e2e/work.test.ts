@@ -2,7 +2,7 @@
 import { existsSync } from 'node:fs';
 import { beforeAll, describe, expect, it } from 'vitest';
 import type { Page } from 'playwright-core';
-import type { Episode, Evaluation, Run } from '../../src/api/types';
+import type { Episode, Evaluation, Run, TrainingAnswer } from '../../src/api/types';
 import { fixed } from '../../src/maths/format';
 import { api, eventually, Stage, violations } from './stage';
 
@@ -70,6 +70,24 @@ describe('training', () => {
     await expect.poll(() => page.locator('section[aria-label="Reward"] thead').innerText()).toContain('wall time');
     expect(complaints).toEqual([]);
     expect(await violations(page)).toEqual([]);
+  });
+
+  it('fetches the figures that the store got after it was asked', async () => {
+    const figures = (page: Page): Promise<string> => curve(page, /^Entropy/).then(String);
+    const whole = (text: string): boolean => text.includes('mean of 3: last');
+    const { page: before } = await stage.page(ended());
+    const newest = await eventually(() => figures(before), whole);
+    const { page } = await stage.page('overview');
+    let early = true;
+    await page.route('**/training?*', async (route) => {
+      const answer = (await (await route.fetch()).json()) as TrainingAnswer;
+      if (early) for (const name of Object.keys(answer.columns)) answer.columns[name] = answer.columns[name]?.slice(0, 10) ?? [];
+      await route.fulfill({ json: answer });
+    });
+    await page.goto(`${stage.url}#/${ended()}`);
+    expect(await eventually(() => figures(page), whole)).not.toBe(newest);
+    early = false;
+    await expect.poll(() => figures(page)).toBe(newest);
   });
 
   it('asks for the points of a part of a long run', async () => {
