@@ -10,8 +10,11 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstdio>
 #include <cstring>
+#include <future>
+#include <thread>
 
 #include "core/dds/middleware_internal.h"
 #include "core/dds/security.h"
@@ -198,6 +201,26 @@ std::vector<Network::Peer> resolve_peer(const std::string& peer, const std::stri
   return peers;
 }
 
+/// Returns the result of resolve_peer() for each of them. They are asked for at once: a name server that is silent
+/// costs its timeout once instead of once for each name.
+std::vector<std::vector<Network::Peer>> resolve_peers(const std::vector<std::string>& peers, const std::string& option,
+                                                      int standard) {
+  constexpr std::size_t kAtOnce = 32;
+  std::vector<std::packaged_task<std::vector<Network::Peer>()>> lookups;
+  for (const std::string& peer : peers) lookups.emplace_back([&] { return resolve_peer(peer, option, standard); });
+  std::atomic<std::size_t> next{0};
+  const auto work = [&] {
+    for (std::size_t i = next++; i < lookups.size(); i = next++) lookups[i]();
+  };
+  std::vector<std::jthread> helpers;
+  for (std::size_t i = 1; i < std::min(kAtOnce, lookups.size()); ++i) helpers.emplace_back(work);
+  work();
+  helpers.clear();
+  std::vector<std::vector<Network::Peer>> found;
+  for (auto& lookup : lookups) found.push_back(lookup.get_future().get());
+  return found;
+}
+
 /// Fills in the interfaces that the options name, and that this host's own addresses are peers.
 void use_named_interfaces(const MiddlewareOptions& options, Network& network) {
   if (options.interfaces.empty()) throw Error("name at least one", "interface");
@@ -238,18 +261,19 @@ Network resolve(const MiddlewareOptions& options) {
       throw Error("'" + peer.name + "' cannot be reached through interface '" + network.interfaces + "'", option,
                   "name the interface that leads there");
   };
-  for (const std::string& peer : options.peers)
-    for (const Network::Peer& each : resolve_peer(peer, "peers", 0)) {
+  for (const std::vector<Network::Peer>& found : resolve_peers(options.peers, "peers", 0))
+    for (const Network::Peer& each : found) {
       check_reachable(each, "peers");
       network.peers.push_back(each);
     }
-  for (const std::string& server : options.discovery_servers) {
+  const auto servers = resolve_peers(options.discovery_servers, "discovery-server", internal::kDiscoveryServerPort);
+  for (std::size_t i = 0; i < servers.size(); ++i) {
     // One entry each, because the position of a server is its id.
-    const std::vector<Network::Peer> found = resolve_peer(server, "discovery-server", internal::kDiscoveryServerPort);
-    if (found.empty())
-      throw Error("'" + server + "' has no IPv4 address", "discovery-server", "start the server first");
-    check_reachable(found.front(), "discovery-server");
-    network.discovery_servers.push_back(found.front());
+    if (servers[i].empty())
+      throw Error("'" + options.discovery_servers[i] + "' has no IPv4 address", "discovery-server",
+                  "start the server first");
+    check_reachable(servers[i].front(), "discovery-server");
+    network.discovery_servers.push_back(servers[i].front());
   }
   return network;
 }
