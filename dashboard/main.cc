@@ -154,6 +154,7 @@ struct Watch {
   /// Handles the messages that have arrived and does what is due.
   void turn(Hub& hub) {
     if (playback) heard_until = playback->now();
+    const auto arrival = playback ? playback->arrived() : std::nullopt;
     dispatch(node, status, recorder, live);
     dispatch(node, traversal, recorder, live);
     dispatch(node, run, recorder, live);
@@ -163,6 +164,7 @@ struct Watch {
     if (!temporary) archive.poll();
     recorded = recorder.recorded();
     failing = recorder.failing();
+    if (arrival && recorder.up_to_date()) playback->show(*arrival);
     if (playback) show_playback(hub);
   }
 

@@ -42,13 +42,25 @@ Playback::Playback(std::uint32_t domain, const ReplayOptions& options, std::uint
       generation_(generation),
       timeline_(timeline),
       middleware_(inprocess(domain)),
-      replayer_(*middleware_, options) {}
+      replayer_(*middleware_, options),
+      asked_(options.start > 0 ? 1 : 0) {}
 
 ReplayState Playback::state() const {
   const std::lock_guard lock(mutex_);
   ReplayState state = restart_ ? restart_->begin() : replayer_.clock().state();
-  state.seeking = state.seeking || restart_;
+  state.seeking = state.seeking || restart_ || shown_ != asked_;
   return state;
+}
+
+std::optional<std::uint64_t> Playback::arrived() const {
+  const std::lock_guard lock(mutex_);
+  if (restart_ || shown_ == asked_ || replayer_.clock().state().seeking) return std::nullopt;
+  return asked_;
+}
+
+void Playback::show(std::uint64_t arrival) {
+  const std::lock_guard lock(mutex_);
+  shown_ = arrival;
 }
 
 void Playback::change(const PlaybackChange& change) {
@@ -62,6 +74,7 @@ void Playback::change(const PlaybackChange& change) {
     restart_->start = *change.position;
   } else if (change.position) {
     clock.seek(*change.position);
+    ++asked_;
   }
   if (change.paused) clock.pause(*change.paused);
   if (change.speed) clock.set_speed(*change.speed);

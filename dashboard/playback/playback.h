@@ -42,6 +42,11 @@ class Playback : public PlaybackControl {
   /// A message cannot be taken back: an earlier position is reached by another playback, see restart().
   void change(const PlaybackChange& change) override;
 
+  /// Returns the number of the last position that was asked for, once everything up to it has been played; nothing
+  /// before, and while there is none but the beginning.
+  std::optional<std::uint64_t> arrived() const;
+  /// Says that what was played up to that position is shown. Until then state() says that it is on its way.
+  void show(std::uint64_t arrival);
   /// Returns what is to be played by another playback, in place of this one; nothing while this one goes on.
   std::optional<ReplayOptions> restart() const;
   /// As ReplayClock::now(). May be used by any thread.
@@ -60,6 +65,8 @@ class Playback : public PlaybackControl {
   Replayer replayer_;
   mutable std::mutex mutex_;
   std::optional<ReplayOptions> restart_;
+  std::uint64_t asked_;  // positions, of this playback
+  std::uint64_t shown_ = 0;
   std::vector<std::string> messages_;
   std::jthread thread_{[this](const std::stop_token& stop) { play(stop); }};
 };

@@ -221,6 +221,7 @@ void Recorder::poll() {
     const bool full = episodes_.size() >= options_.most_at_once;
     const bool waiting = !episodes_.empty() || !stats_.empty();
     const bool patient = waiting && episodes_.size() < kEnough && Clock::now() < first_waits_ + options_.gather;
+    behind_ = full || patient;
     if (patient) {
       wake_at(first_waits_ + options_.gather);
     } else {
