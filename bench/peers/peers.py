@@ -41,6 +41,11 @@ def main():
     for library in ("OMP", "OPENBLAS"):  # before they are loaded
         os.environ[f"{library}_NUM_THREADS"] = str(args.torch_threads)
     sys.path.insert(0, str(args.build / "python"))
+    try:
+        import citylearn
+        import numpy
+    except ImportError as error:
+        sys.exit(f"peers.py: {error} (./run bench peers builds and finds what it needs)")
     if args.environments or not args.learning:
         import environments
         environments.compare(args.build, WORLD, args.rounds, record_figure)
