@@ -33,7 +33,7 @@ describe('a dashboard with a token', () => {
   async function known(): Promise<{ context: BrowserContext; page: Page }> {
     const context = await stage.browser.newContext();
     const page = await context.newPage();
-    page.setDefaultTimeout(30_000);
+    page.setDefaultTimeout(60_000);
     await page.goto(stage.url);
     await page.getByLabel('Token').fill(token());
     await page.getByRole('button', { name: 'Open' }).click();
@@ -166,7 +166,7 @@ describe('a dashboard with a token', () => {
       // eslint-disable-next-line @typescript-eslint/no-implied-eval -- this is an attack
       quiet(() => setTimeout(hack));
       const wanted: Record<string, number> = { 'base-uri': 1, 'connect-src': 4, 'form-action': 1, 'frame-src': 1, 'img-src': 1, 'object-src': 1, 'script-src-attr': 2, 'script-src-elem': 4, 'style-src-attr': 1, 'style-src-elem': 2, 'worker-src': 1, 'script-src': 1 };
-      const end = Date.now() + 8000;
+      const end = Date.now() + 60_000;
       const lacking = (): string[] => Object.entries(wanted).flatMap(([name, count]) => ((seen.get(name) ?? 0) < count ? [`${name} ${seen.get(name) ?? 0}`] : []));
       while (lacking().length && Date.now() < end) await new Promise((done) => requestAnimationFrame(done));
       return [lacking(), (window as unknown as { hacked?: number }).hacked ?? null, document.baseURI];

@@ -101,7 +101,7 @@ describe('a dashboard that is killed and started again', () => {
     await expect.poll(() => page.locator('[data-link]').getAttribute('data-link')).not.toBe('open');
     expect(await page.locator('.run-card').count()).toBeGreaterThan(0);
     stage.dashboard = await startDashboard({ ...inject('city').wire, id: 'second', leave: true, port }, stage.folder);
-    await page.locator('[data-link="open"]').waitFor({ timeout: 15_000 });
+    await page.locator('[data-link="open"]').waitFor();
     await page.locator('.banner').waitFor({ state: 'detached' });
     const first = await steps(page);
     await eventually(() => steps(page), (now) => now !== first);
@@ -117,7 +117,7 @@ describe('what a service seldom says', () => {
     await row.locator('.state-running').waitFor();
     expect(await row.locator('.alarm').count()).toBe(0);
     stage.mock.alarm('policy', 'checkpoint: No space left on device');
-    await row.locator('.alarm', { hasText: 'No space left' }).waitFor({ timeout: 5000 });
+    await row.locator('.alarm', { hasText: 'No space left' }).waitFor();
     await expect.poll(() => row.getAttribute('class')).toContain('bad');
     await page.locator('.figures', { hasText: '1 alarm' }).waitFor();
     await page.locator('.event-alarm', { hasText: 'checkpoint' }).waitFor();

@@ -81,7 +81,7 @@ export class Stage {
   async page(hash: string, options?: BrowserContextOptions): Promise<Opened> {
     const open = (): Promise<BrowserContext> => this.browser.newContext({ viewport: { width: 1280, height: 900 }, ...options });
     const page = await (await (options ? open() : (this.shared ??= open()))).newPage();
-    page.setDefaultTimeout(30_000);
+    page.setDefaultTimeout(60_000);
     const complaints: string[] = [];
     const outside: string[] = [];
     page.on('console', (message) => {
