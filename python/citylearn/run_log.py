@@ -7,6 +7,7 @@ dashboard, and `sync` sends what a program left that was killed.
 
 import argparse
 import atexit
+import collections.abc
 import contextlib
 import http.client
 import json
@@ -30,6 +31,7 @@ LONGEST_PAUSE = 30.0    # seconds between two attempts to reach the dashboard
 ANSWER = 30.0           # seconds that one answer may take
 LONGEST_NAME = 128      # bytes of the name of a project or a run
 LONGEST_METRIC = 256    # bytes
+LARGEST_STEP = 1e300
 
 
 class DashboardError(Exception):
@@ -40,12 +42,16 @@ class Dashboard:
     """Sends records to one dashboard. Used by one thread at a time."""
 
     def __init__(self, url, token=None):
-        parts = urllib.parse.urlsplit(url if "://" in url else f"http://{url}")
-        if parts.scheme not in ("http", "https") or not parts.hostname:
+        try:
+            parts = urllib.parse.urlsplit(url if "://" in url else f"http://{url}")
+            self._host, self._port = parts.hostname, parts.port
+        except ValueError:
+            parts = self._host = None
+        if not self._host or parts.scheme not in ("http", "https"):
             raise ValueError(f"dashboard '{url}': give an address such as http://127.0.0.1:8080")
         self.url = f"{parts.scheme}://{parts.netloc}"
         self._kind = http.client.HTTPSConnection if parts.scheme == "https" else http.client.HTTPConnection
-        self._host, self._port, self._token = parts.hostname, parts.port, token
+        self._token = token
         self._connection = None
 
     def send(self, run, log, first, lines):
@@ -53,12 +59,13 @@ class Dashboard:
         dashboard has committed. Raises OSError when it cannot be reached or is not well."""
         body = '{"source":"python","log":%s,"first":%d,"records":[%s]}' % (json.dumps(log), first, ",".join(lines))
         status, answer = self._post("/api/runs/" + urllib.parse.quote(run, safe=""), body.encode())
-        if status == 200:
-            return json.loads(answer)["received"]
         try:
-            said = json.loads(answer)["error"]
+            said = json.loads(answer)
+            if status == 200:
+                return int(said["received"])
+            said = said["error"]
         except (ValueError, KeyError, TypeError):
-            said = f"status {status}"
+            said = f"answers with status {status}, unlike a dashboard of CityLearn-DDS"
         if status >= 500 or status == 429:
             raise OSError(f"{self.url}: {said}")
         raise DashboardError(f"{self.url}: {said}")
@@ -86,15 +93,26 @@ class Dashboard:
             self._connection = None
 
 
+def record_of(path, number, line, *texts):
+    """Returns a line of a log, a dictionary in JSON that has these texts. Raises ValueError naming the place."""
+    with contextlib.suppress(ValueError):
+        record = json.loads(line)
+        if isinstance(record, dict) and all(isinstance(record.get(name), str) for name in texts):
+            return record
+    raise ValueError(f"{path}:{number}: this line is damaged: it is no record of a run")
+
+
 class LogFile:
     """The file of a run's log: one record a line, numbered from 1 on. The first line identifies the log."""
 
     def __init__(self, folder):
         self.path = Path(folder, LOG)
+        with open(self.path, "rb") as file:
+            head = record_of(self.path, 1, file.readline(), "run", "log")
+            self._begin = file.tell()
         self._file = open(self.path, "rb")
-        head = json.loads(self._file.readline())
+        self._file.seek(self._begin)
         self.run, self.log = head["run"], head["log"]
-        self._begin = self._file.tell()
         self.next = 1  # number of the record that read() returns first
 
     def read(self):
@@ -106,7 +124,7 @@ class LogFile:
             if not line.endswith(b"\n") or (lines and size + len(line) > MOST_BYTES):
                 self._file.seek(place)  # nothing more, or a program is writing it
                 break
-            lines.append(line[:-1].decode())
+            lines.append(line[:-1].decode("ascii", "backslashreplace"))  # which JSON refuses
             size += len(line)
         self.next += len(lines)
         return lines
@@ -132,7 +150,13 @@ def send_rest(file, dashboard):
         lines = file.read()
         if not lines:
             return received
-        before, received = received, dashboard.send(file.run, file.log, first, lines)
+        before = received
+        try:
+            received = dashboard.send(file.run, file.log, first, lines)
+        except DashboardError:
+            for number, line in enumerate(lines, first + 1):
+                record_of(file.path, number, line)  # names the line that is damaged
+            raise
         if received <= before:
             raise DashboardError(f"{dashboard.url}: takes no more of {file.path}")
 
@@ -183,6 +207,8 @@ def plain(value):
 def figures(data, prefix=""):
     """Returns name -> number of what is logged: names of nested dictionaries are joined by '/'. Of what is no finite number
     the value is None."""
+    if not isinstance(data, collections.abc.Mapping):
+        raise TypeError(f"log: needs a dictionary of names and numbers, is {type(data).__name__}")
     found = {}
     for key, value in data.items():
         name = f"{prefix}{key}"
@@ -195,7 +221,9 @@ def figures(data, prefix=""):
             number = float(value.item() if hasattr(value, "item") else value)
         except (TypeError, ValueError):
             raise TypeError(f"log: '{name}' must be a number, is {type(value).__name__} (texts belong into config)") from None
-        if not 0 < len(name.encode()) <= LONGEST_METRIC or not name.isprintable():
+        except OverflowError:
+            number = math.inf  # a whole number beyond all floats
+        if not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_METRIC:
             raise ValueError(f"log: the name {name[:40]!r} must be one line of 1 to {LONGEST_METRIC} bytes")
         found[name] = number if math.isfinite(number) else None
     return found
@@ -232,8 +260,10 @@ class Run:
         with self._lock:
             if step is None:
                 step = self.step
-            elif not isinstance(step, (int, float)) or not math.isfinite(step):
-                raise TypeError(f"log: step must be a finite number, is {step!r}")
+            elif getattr(step, "size", 0) == 1:
+                step = step.item()  # of numpy
+            if not isinstance(step, (int, float)) or not -LARGEST_STEP <= step <= LARGEST_STEP:
+                raise TypeError(f"log: step must be a finite number, is {step!r:.40}")
             self._record({"step": step, "time": round(time.time(), 3), "values": values})
             self.step = math.floor(step) + 1
 
@@ -309,6 +339,8 @@ class Sender:
     def _work(self):
         try:
             self._send_until_finished()
+        except Exception as error:  # the program goes on, whatever it is, and finish() says it
+            self.problem = f"{type(error).__name__}: {error}"
         finally:
             self._file.close()
             self._dashboard.close()
@@ -356,14 +388,19 @@ class Sender:
 
 
 def escaped(name, what):
-    if not 0 < len(name.encode()) <= LONGEST_NAME or not name.isprintable():
+    if not isinstance(name, str):
+        raise TypeError(f"{what} must be a text, is {name!r}")
+    if not name.isprintable() or not 0 < len(name.encode()) <= LONGEST_NAME:
         raise ValueError(f"{what} {name[:40]!r} must be one line of 1 to {LONGEST_NAME} bytes")
     return name.replace("%", "%25").replace("/", "%2F")
 
 
 def default_token(token_file):
     file = token_file or os.environ.get("CITYLEARN_TOKEN_FILE")
-    return Path(file).read_text().strip() if file else os.environ.get("CITYLEARN_TOKEN")
+    token = Path(file).read_text().strip() if file else os.environ.get("CITYLEARN_TOKEN")
+    if token and not (token.isascii() and token.isprintable()):
+        raise ValueError(f"{file or '$CITYLEARN_TOKEN'}: a token is one line of ASCII letters, digits and signs")
+    return token
 
 
 def default_dashboard():
@@ -398,9 +435,17 @@ def init(project="default", name=None, config=None, *, title="", tags=(), note="
     global _current
     if _current is not None:
         _current.finish()
+    if not isinstance(config or {}, collections.abc.Mapping):
+        raise TypeError(f"config must be a dictionary, is {type(config).__name__}")
+    title, tags, note = title or "", tags or (), note or ""
+    if isinstance(tags, str) or not all(isinstance(tag, str) for tag in tags):
+        raise TypeError(f"tags must be a list of texts, is {tags!r}")
+    if not isinstance(title, str) or not isinstance(note, str):
+        raise TypeError(f"title and note must be texts, are {title!r} and {note!r}")
     name = name or f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}"
     run = f"{escaped(project, 'project')}/{escaped(name, 'name')}"
     folder = Path(dir or Path(os.environ.get("CITYLEARN_RUNS", "runs"), "logged", re.sub(r"[^\w.-]", "-", f"{project}-{name}")))
+    sender = None if offline else Dashboard(dashboard or default_dashboard(), default_token(token_file))
     folder.mkdir(parents=True, exist_ok=True)
     log = folder / LOG
     head, step = {"run": run, "log": secrets.token_hex(8), "started": round(time.time(), 3)}, 0
@@ -408,11 +453,12 @@ def init(project="default", name=None, config=None, *, title="", tags=(), note="
         if not resume:
             raise FileExistsError(f"{log} is the log of another run: choose another name or dir, or resume=True")
         repair(log)
-        with open(log, encoding="utf-8") as file:
-            head = json.loads(file.readline() or "{}") or head
-            for line in file:
-                step = max(step, math.floor(json.loads(line).get("step", -1)) + 1)
-    sender = None if offline else Dashboard(dashboard or default_dashboard(), default_token(token_file))
+        with open(log, "rb") as file:
+            if line := file.readline():
+                head = {**head, **record_of(log, 1, line, "run", "log")}
+            for number, line in enumerate(file, 2):
+                logged = record_of(log, number, line).get("step", -1)
+                step = max(step, math.floor(logged) + 1 if isinstance(logged, (int, float)) else 0)
     beginning = {"started": head["started"], "title": title, "tags": list(tags), "note": note}
     _current = Run(folder, head, sender, beginning)
     _current.step = step
@@ -450,17 +496,32 @@ if hasattr(os, "register_at_fork"):
 
 def sync(folder, dashboard=None, token_file=None):
     """Sends the logs of runs in a folder, and in those below it, as far as the dashboard does not have them. Returns
-    [(ID of the run, records that the dashboard has)]."""
-    to = Dashboard(dashboard or default_dashboard(), default_token(token_file))
+    [(ID of the run, records that the dashboard has)]. A log that is damaged (ValueError) or refused (DashboardError) is
+    an error after the others are sent."""
+    problems = []
+    sent = list(send_logs(folder, dashboard, token_file, problems))
+    if problems:
+        raise problems[0]
+    return sent
+
+
+def send_logs(folder, dashboard, token_file, problems):
+    """Yields what `sync` returns, and adds an exception to `problems` for each log that cannot be sent."""
     logs = sorted(Path(folder).rglob(LOG))
     if not logs:
         raise FileNotFoundError(f"{folder}: holds no {LOG}, the log of a run")
-    sent = []
-    for path in logs:
-        with contextlib.closing(LogFile(path.parent)) as file:
-            sent.append((file.run, send_rest(file, to)))
-    to.close()
-    return sent
+    with contextlib.closing(Dashboard(dashboard or default_dashboard(), default_token(token_file))) as to:
+        for path in logs:
+            with open(path, "rb") as begun:
+                if not begun.readline().endswith(b"\n"):
+                    continue  # its program was killed before it logged anything
+            try:
+                with contextlib.closing(LogFile(path.parent)) as file:
+                    yield file.run, send_rest(file, to)
+            except ValueError as error:
+                problems.append(error)
+            except DashboardError as error:
+                problems.append(DashboardError(f"{path}: {error}"))
 
 
 def main(arguments=None):
@@ -471,14 +532,16 @@ def main(arguments=None):
                         help="address of the dashboard (default: $CITYLEARN_DASHBOARD or http://127.0.0.1:8080)")
     parser.add_argument("--token-file", default=None, metavar="FILE", help="file with the dashboard's token")
     given = parser.parse_args(arguments)
+    problems = []
     try:
         for folder in given.DIR:
-            for run, records in sync(folder, given.dashboard, given.token_file):
+            for run, records in send_logs(folder, given.dashboard, given.token_file, problems):
                 print(f"{run}: the dashboard has all {records} records")
-    except (OSError, ValueError, DashboardError) as error:
-        print(f"citylearn sync: {error}", file=sys.stderr)
-        return 1
-    return 0
+    except (OSError, ValueError) as error:
+        problems.append(error)
+    for problem in problems:
+        print(f"citylearn sync: {problem}", file=sys.stderr)
+    return 1 if problems else 0
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@
 
 import contextlib
 import http.client
+import http.server
 import json
 import os
 import random
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
 import urllib.parse
@@ -152,6 +154,65 @@ class Logging(InAFolder):
         self.expect(ValueError, "give an address", citylearn.init, "p", dashboard="ftp://x")
         self.expect(FileNotFoundError, "holds no log.jsonl", citylearn.sync, self.folder / "nothing", "127.0.0.1:1")
 
+    def test_values_and_steps_of_other_types(self):
+        import numpy as np
+        run = citylearn.init("p", "n", offline=True, title=None, tags=None)
+        for step in (np.int64(3), np.float32(4.5), np.array([7])):
+            run.log({"a": np.float32(2), "huge": 10**400}, step=step)
+        records = [json.loads(line) for line in Path(run.dir, "log.jsonl").read_text().splitlines()]
+        self.assertEqual([(record["step"], record["values"]) for record in records if "step" in record],
+                         [(step, {"a": 2, "huge": None}) for step in (3, 4.5, 7)])
+        for what in (None, [1], "a"):
+            self.expect(TypeError, "log: needs a dictionary", run.log, what)
+        for step in (10**400, np.nan, np.zeros(2), [1]):
+            self.expect(TypeError, "step must be a finite number", run.log, {"a": 1}, step=step)
+        self.expect(ValueError, r"'a\\ud800' must be one line", run.log, {"a\ud800": 1})
+
+    def test_a_run_that_cannot_begin_leaves_nothing(self):
+        for kind, pattern, options in [
+                (TypeError, "config must be a dictionary, is str", {"config": "rate"}),
+                (TypeError, "tags must be a list of texts, is 'night'", {"tags": "night"}),
+                (TypeError, "title and note must be texts, are 3", {"title": 3}),
+                (TypeError, "name must be a text, is 3", {"name": 3}),
+                (TypeError, "project must be a text, is None", {"project": None}),
+                (ValueError, "give an address", {"dashboard": "http://host:port"}),
+                (ValueError, "give an address", {"dashboard": "http://127.0.0.1:99999"}),
+                (FileNotFoundError, "no-token", {"token_file": "no-token"})]:
+            self.expect(kind, pattern, citylearn.init, **{"project": "p", "name": "n", **options})
+            self.assertFalse(Path("runs").exists(), options)
+        Path("token").write_text("two\nlines")
+        self.expect(ValueError, "token: a token is one line", citylearn.init, "p", "n", token_file="token")
+
+    def test_another_server_is_told(self):
+        class Page(http.server.BaseHTTPRequestHandler):
+            def do_POST(self):
+                self.rfile.read(int(self.headers["Content-Length"]))
+                self.send_response(200)
+                self.end_headers()
+                self.wfile.write(b"<html>")
+
+            def log_message(self, *_):
+                pass
+
+        with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Page) as server:
+            threading.Thread(target=server.serve_forever, daemon=True).start()
+            run = citylearn.init("p", "n", dashboard=f"127.0.0.1:{server.server_port}")
+            self.assertFalse(run.finish(wait=PATIENCE))
+            self.assertRaisesRegex(run_log.DashboardError, "status 200, unlike a dashboard", citylearn.sync, "runs",
+                                   f"127.0.0.1:{server.server_port}")
+            server.shutdown()
+
+    def test_damaged_logs_are_named(self):
+        head = '{"run":"p/n","log":"a","started":1}\n'
+        for number, (text, place) in enumerate([
+                ("garbage\n", "1"), ("[1]\n", "1"), ('{"step":1}\n', "1"), ("\0\0\n", "1"), (head + "oops\n", "2"),
+                (head + '{"step":1}\n\xff\n', "3")]):
+            folder = Path(str(number))
+            folder.mkdir()
+            (folder / "log.jsonl").write_bytes(text.encode("latin-1"))
+            self.expect(ValueError, rf"{number}/log.jsonl:{place}: this line is damaged", citylearn.init, "p",
+                        dir=folder, resume=True, offline=True)
+
     def test_processes_that_are_forked_log_too(self):
         run = citylearn.init("p", "n", offline=True)
         child = os.fork()
@@ -204,6 +265,22 @@ class Faults(InAFolder):
         run.log({"x": 2})
         self.assertTrue(citylearn.finish())
         self.assertEqual(dashboard.points("p/n", "x"), [[0, 1], [1, 2]])
+
+    def test_a_damaged_log_does_not_keep_others(self):
+        for name, text in (("a", ""), ("b", '{"run":'), ("c", "garbage\n"), ("d", '{"run":"p/d","log":"d","started":1}\n\xff\n')):
+            Path("logs", name).mkdir(parents=True)
+            Path("logs", name, "log.jsonl").write_bytes(text.encode("latin-1"))
+        run = citylearn.init("p", "n", dir="logs/n", offline=True)
+        run.log({"x": 1})
+        citylearn.finish()
+        dashboard = self.dashboard()
+        done = subprocess.run([sys.executable, "-m", "citylearn.sync", "--dashboard", dashboard.url, "logs"],
+                              env={**os.environ, "PYTHONPATH": str(BUILD / "python")}, capture_output=True, text=True, check=False)
+        self.assertEqual((done.returncode, done.stdout), (1, "p/n: the dashboard has all 4 records\n"), done.stderr)
+        damaged, refused = done.stderr.splitlines()
+        self.assertRegex(damaged, "^citylearn sync: logs/c/log.jsonl:1: this line is damaged")
+        self.assertRegex(refused, "^citylearn sync: logs/d/log.jsonl:2: this line is damaged")
+        self.expect(ValueError, "logs/c/log.jsonl:1", citylearn.sync, "logs", dashboard.url)
 
     def test_what_the_dashboard_acknowledged_it_keeps(self):
         dashboard = self.dashboard()
