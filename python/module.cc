@@ -2,6 +2,7 @@
 // The module citylearn._native: what the package's Python files need of the C++ libraries.
 #include "python/module.h"
 
+#include <pthread.h>
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
@@ -10,6 +11,8 @@
 
 #include <atomic>
 #include <cctype>
+#include <cstdio>
+#include <cstdlib>
 #include <future>
 #include <optional>
 
@@ -27,6 +30,19 @@ namespace citylearn::python {
 void check_signals() {
   const py::gil_scoped_acquire gil;
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
+void keep_participants_of_forked() {
+  const auto in_child = [] {
+    on_exit(
+        [](int status, void*) {
+          std::fflush(nullptr);
+          _exit(status);
+        },
+        nullptr);
+  };
+  static const int registered = pthread_atfork(nullptr, nullptr, in_child);
+  (void)registered;
 }
 
 namespace {
@@ -172,12 +188,13 @@ void define_environments(py::module_& module) {
       .def_readonly("frames", &Route::frames)
       .def_readonly("max_steps", &Route::max_steps)
       .def_readonly("shuffle", &Route::shuffle);
-  py::class_<Envs>(module, "Envs")
+  py::class_<Envs, UnlessForked<Envs>>(module, "Envs")
       .def(py::init<std::shared_ptr<Recording>, int, int>())
       .def(py::init([](const Keywords& options, const std::string& traversal, int services, double wait) {
         const RemoteOptions remote{read_node_options(options), traversal, services, wait};
         const py::gil_scoped_release no_gil;
-        return std::make_unique<Envs>(remote);
+        keep_participants_of_forked();
+        return new Envs(remote);
       }))
       .def_property_readonly("agents", [](const Envs& envs) { return envs.shape().agents; })
       .def_property_readonly("features", [](const Envs& envs) { return envs.shape().features; })

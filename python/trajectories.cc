@@ -125,10 +125,11 @@ void define_trajectories(py::module_& module) {
       .def_readonly("features", &LearnedNetwork::features)
       .def_readonly("frames", &LearnedNetwork::frames)
       .def_readonly("state_size", &LearnedNetwork::state_size);
-  py::class_<LearnerThread>(module, "Learner")
+  py::class_<LearnerThread, UnlessForked<LearnerThread>>(module, "Learner")
       .def(py::init([](const Keywords& options) {
         const py::gil_scoped_release no_gil;
-        return std::make_unique<LearnerThread>(read_learner_options(options), check_signals);
+        keep_participants_of_forked();
+        return new LearnerThread(read_learner_options(options), check_signals);
       }))
       .def_property_readonly("network", &LearnerThread::network)
       .def_property_readonly("parameters", &LearnerThread::parameters)

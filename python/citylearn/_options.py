@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from . import _native
@@ -32,6 +33,21 @@ def count(name: str, value: Any, least: int, most: int = 2**30) -> int:
     return number
 
 
+def seconds(name: str, value: Any) -> float:
+    """Returns a time to wait. Raises TypeError or ValueError."""
+    if isinstance(value, str) or not hasattr(value, "__float__"):
+        raise TypeError(f"{name} must be a number of seconds, is {value!r}")
+    if not float(value) > 0:
+        raise ValueError(f"{name} must be more than 0 seconds, is {value}")
+    return float(value)
+
+
+def check_process(owner: int, what: str) -> None:
+    """Raises RuntimeError in a process that was forked from `owner`."""
+    if os.getpid() != owner:
+        raise RuntimeError(f"{what} belongs to process {owner}, from which this one was forked; make a new one here")
+
+
 def seed_of(seed: Any) -> int:
     """Returns a seed. Raises TypeError or ValueError."""
     return count("seed", seed, 0, 2**64 - 1)
@@ -42,12 +58,14 @@ def route_of(frames: int | str | None, max_steps: int, shuffle: bool, available:
     first, end = 0, min(DEFAULT_FRAMES, available)
     if isinstance(frames, str):
         try:
-            parts = [int(part) if part.strip() else None for part in frames.split(":")]
-            first, end = (parts[0] or 0), (available if parts[1] is None else parts[1])
-        except (ValueError, IndexError):
+            first, end = (int(part) if part.strip() else least for part, least in
+                          zip(frames.split(":"), (0, available), strict=True))
+        except ValueError:
             raise ValueError(f"frames: '{frames}' is not FIRST:END, of which one may be left out") from None
     elif frames is not None:
         end = count("frames", frames, 2)
     if not (0 <= first and first + 2 <= end <= available):
         raise ValueError(f"frames: {first}:{end} must be two frames or more of the {available} of traversal '{name}'")
-    return _native.Route(first, end - first, count("max_steps", max_steps, 0) or end - first, shuffle)
+    if shuffle not in (False, True):
+        raise TypeError(f"shuffle must be True or False, is {shuffle!r}")
+    return _native.Route(first, end - first, count("max_steps", max_steps, 0) or end - first, bool(shuffle))

@@ -45,6 +45,11 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
     train: the traversal whose features the controls' filters know, unless the policy is a checkpoint's own.
     options: as VectorEnv's in process.
     """
+    if not isinstance(policy, (*_LOADED, str)) and not callable(policy):
+        raise TypeError(f"policy must be of load_policy(), the name of a control or a function, is {policy!r}")
+    for what, names in (("traversals", traversals), ("controls", controls)):
+        if isinstance(names, str):
+            raise TypeError(f"{what} must be a list of names, is {names!r}")
     count("tasks", tasks, 1)
     seed_of(seed)
     agent = policy if isinstance(policy, _LOADED) else None

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import _native
-from ._options import as_text, count, seed_of
+from ._options import as_text, check_process, count, seconds, seed_of
 
 GOES_ON, AT_GOAL, AT_LIMIT = 0, 1, 2
 
@@ -100,15 +101,15 @@ class Trajectories:
         Raises TypeError for an unknown option, ValueError for a wrong one, FileNotFoundError and TimeoutError.
         """
         self._learner: _native.Learner | None = None
-        if not wait > 0:
-            raise ValueError(f"wait must be more than 0 seconds, is {wait}")
+        self._process = os.getpid()
+        wait = seconds("wait", wait)
         if frames is not None and not isinstance(frames, str):
             frames = f"0:{count('frames', frames, 2)}"
         if initial is not None:
             with open(initial, "rb"):  # Python's own errors for what cannot be opened
                 pass
         given = {"agent": agent, "train": traversal, "frames": frames, "seed": seed_of(seed), "output": output,
-                 "initial": initial, "wait": float(wait), **options}
+                 "initial": initial, "wait": wait, **options}
         self._learner = _native.Learner(as_text(given))
         network = self._learner.network
         self.agent: str = network.agent
@@ -195,9 +196,11 @@ class Trajectories:
     def _end(self, dismiss: bool) -> None:
         if self._learner is not None:
             learner, self._learner = self._learner, None
-            learner.end(dismiss)
+            if os.getpid() == self._process:
+                learner.end(dismiss)
 
     def _open(self) -> _native.Learner:
         if self._learner is None:
             raise RuntimeError("the learner is closed; make a new one")
+        check_process(self._process, "the learner")
         return self._learner

@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
 
 from . import _native
-from ._options import as_text, count, route_of, seed_of
+from ._options import as_text, check_process, count, route_of, seconds, seed_of
 from ._spaces import AutoresetMode, Discrete, EnvBase, VectorEnvBase, batch_space, observation_space
 
 STAY, NEXT, PREVIOUS = 0, 1, 2
+_MOST_SERVICES = 4096
 _WAIT = 255  # at the start of an episode: nothing of the agent changes
 _FIRST, _TERMINATED, _TRUNCATED = 1, 2, 4
 
@@ -52,10 +54,13 @@ class VectorEnv(VectorEnvBase):
         """
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_modes": []}
-        services = count("services", services, 1)
-        if options.keys() & set(_native.node_options()):
+        services = count("services", services, 1, _MOST_SERVICES)
+        wait = seconds("wait", wait)
+        self._process = os.getpid()
+        self._remote = bool(options.keys() & set(_native.node_options()))
+        if self._remote:
             traversal = options.pop("traversal", "summer")
-            self._envs = _native.Envs(as_text(options), traversal, services, float(wait))
+            self._envs = _native.Envs(as_text(options), traversal, services, wait)
         else:
             recording = _native.Recording(as_text(options))
             self._envs = _native.Envs(recording, count("agents", agents, 1, 256), services)
@@ -116,6 +121,8 @@ class VectorEnv(VectorEnvBase):
 
     def action_masks(self) -> np.ndarray:
         """Returns the action_mask of the last observation, bool (B, 3)."""
+        if not self._ready:
+            raise RuntimeError("call reset() first")
         return self._mask.astype(bool)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -125,6 +132,8 @@ class VectorEnv(VectorEnvBase):
     def _check_open(self) -> None:
         if self.closed:
             raise RuntimeError("the environment is closed; make a new one")
+        if self._remote or self._sent is not None:  # its threads are not in processes that are forked
+            check_process(self._process, "the environment")
 
     def _call(self, step: Any, *arguments: Any) -> Any:
         """Calls a step; after an error or an interrupt agents must be reset."""
@@ -216,6 +225,8 @@ class Env(EnvBase):
     metadata: dict[str, Any] = {"render_modes": []}
 
     def __init__(self, render_mode: None = None, **options: Any):
+        if render_mode is not None:
+            raise ValueError(f"render_mode must be None, is {render_mode!r}: the environment draws nothing")
         self.render_mode = render_mode
         self._envs = VectorEnv(**{"agents": 1, "autoreset_mode": AutoresetMode.DISABLED, **options})
         if self._envs.num_envs != 1:
@@ -230,7 +241,10 @@ class Env(EnvBase):
         return self._only(observation), self._only(infos)
 
     def step(self, action: Any) -> Any:
-        observation, rewards, terminated, truncated, infos = self._envs.step(np.asarray(action).reshape(1))
+        action = np.asarray(action)
+        if action.size != 1:
+            raise ValueError(f"the action has shape {action.shape}, must be one whole number")
+        observation, rewards, terminated, truncated, infos = self._envs.step(action.reshape(1))
         return (self._only(observation), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), self._only(infos))
 
     def action_masks(self) -> np.ndarray:

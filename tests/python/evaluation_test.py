@@ -97,6 +97,11 @@ class Evaluation(unittest.TestCase):
                 self.policy, **{**DATA, "synthetic_dimension": 8})),
             (ValueError, "must return .* whole numbers", lambda: citylearn.evaluate(lambda *_: [7], **DATA)),
             (ZeroDivisionError, "", lambda: citylearn.evaluate(lambda *_: 1 // 0, **DATA)),
+            (TypeError, "policy must be of load_policy.*, is None", lambda: citylearn.evaluate(None, **DATA)),
+            (TypeError, "traversals must be a list of names, is 'fall'",
+             lambda: citylearn.evaluate("blind", traversals="fall", **DATA)),
+            (TypeError, "controls must be a list of names, is 'all'",
+             lambda: citylearn.evaluate("blind", controls="all", **DATA)),
             (TypeError, "unknown option 'colour'", lambda: citylearn.evaluate("blind", colour=1, **DATA)),
         ):
             with self.subTest(pattern=pattern), self.assertRaisesRegex(error, pattern):

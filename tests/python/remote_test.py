@@ -2,6 +2,7 @@
 """VectorEnv over DDS: the same numbers as in process, and one clear error for each thing that goes wrong."""
 
 import contextlib
+import ctypes
 import os
 import signal
 import subprocess
@@ -146,11 +147,42 @@ class Errors(unittest.TestCase):
                 while True:
                     env.step(np.zeros(4, int))
 
+    def test_a_forked_process_leaves_the_environment_to_its_parent(self):
+        for middleware in MIDDLEWARES:
+            with self.subTest(middleware=middleware), env_services(middleware):
+                env = connect(middleware, wait=20)
+                env.reset(seed=1)
+                self.in_fork(lambda: self.assertRaisesRegex(RuntimeError, "belongs to process .* make a new one here",
+                                                            env.step, np.zeros(4, int)))
+                self.in_fork(lambda: self.assertRaisesRegex(RuntimeError, "belongs to process", env.reset))
+                self.in_fork(env.close)
+                self.in_fork(lambda: None)
+                for _ in range(20):
+                    env.step(np.zeros(4, int))
+                env.close()
+
+    def in_fork(self, call):
+        """Calls it in a forked process, which must end well and soon."""
+        child = os.fork()
+        if child == 0:
+            signal.alarm(30)
+            try:
+                call()
+                ctypes.CDLL(None).exit(0)  # with what libraries do then
+            finally:
+                os._exit(1)
+        self.assertEqual(os.waitpid(child, 0)[1], 0)
+
     def test_options(self):
         with self.assertRaisesRegex(TypeError, "unknown option 'slip' .known: .*middleware"):
             connect("cyclonedds", slip=0.1)
         with self.assertRaisesRegex(ValueError, "unknown middleware 'none'"):
             connect("none")
+        for kind, pattern, wait in ((ValueError, "wait must be more than 0 seconds, is nan", float("nan")),
+                                    (ValueError, "wait must be more than 0 seconds, is -1", -1),
+                                    (TypeError, "wait must be a number of seconds, is '3'", "3")):
+            with self.assertRaisesRegex(kind, pattern):
+                connect("cyclonedds", wait=wait)
         with env_services("cyclonedds"):
             with self.assertRaisesRegex(ValueError, "frames: 0:64 must be two frames or more of the 40"):
                 connect("cyclonedds", frames=64)

@@ -202,6 +202,8 @@ class Errors(ClearErrors):
         self.expect(ValueError, "^baseline_cells: Value 0 not in range", learner, baseline_cells=0)
         self.expect(ValueError, "^frames: '5:6' must be two frames or more", learner, frames="5:6")
         self.expect(ValueError, "wait must be more than 0 seconds, is 0", learner, wait=0)
+        self.expect(TypeError, "wait must be a number of seconds, is '1'", learner, wait="1")
+        self.expect(ValueError, "^steps: -1 is less than 0", learner, steps=-1)
         self.expect(TypeError, "seed must be a whole number, is 1.5", learner, seed=1.5)
         self.expect(ValueError, "unknown middleware 'none'", learner, middleware="none")
         self.expect(FileNotFoundError, "nowhere.clk", learner, initial="nowhere.clk", wait=1)
@@ -263,6 +265,21 @@ class Errors(ClearErrors):
             self.expect(RuntimeError, "take the next one first", source.publish, right)
             next(source)
             np.testing.assert_array_equal(source.parameters["heads.bias"][:, 0], [1, 2, 3, 4])
+
+    def test_a_forked_process_leaves_the_learner_to_its_parent(self):
+        with running(*env_services(1), actor(1)), learner() as source:
+            next(source)
+            for call in (lambda: self.expect(RuntimeError, "the learner belongs to process", next, source), source.close):
+                child = os.fork()
+                if child == 0:
+                    signal.alarm(30)
+                    try:
+                        call()
+                        os._exit(0)
+                    finally:
+                        os._exit(1)
+                self.assertEqual(os.waitpid(child, 0)[1], 0)
+            next(source)
 
     def test_closed(self):
         with running(*env_services(1)):

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """VectorEnv in process, with numpy alone."""
 
+import os
 import re
+import signal
 import tempfile
 import unittest
 from pathlib import Path
@@ -11,7 +13,7 @@ from support import DRAWN, SOURCE, ClearErrors, towards_goal, walk
 import numpy as np
 
 import citylearn
-from citylearn import VectorEnv
+from citylearn import Env, VectorEnv
 
 MODES = ["NextStep", "SameStep", "Disabled"]
 SPACES = {"features", "goal", "previous_action", "action_mask"}
@@ -231,6 +233,39 @@ class Errors(ClearErrors):
                     **{**DRAWN, "frames": 99})
         self.expect(ValueError, "'a:b' is not FIRST:END", VectorEnv, **{**DRAWN, "frames": "a:b"})
         self.expect(ValueError, "Sometimes", VectorEnv, autoreset_mode="Sometimes", **DRAWN)
+        self.expect(ValueError, "^slip: nan is not a number", VectorEnv, slip=float("nan"), **DRAWN)
+        self.expect(ValueError, "services must be 1..4096, is 1000000000", VectorEnv, services=10**9, **DRAWN)
+        self.expect(TypeError, "shuffle must be True or False, is 'no'", VectorEnv, shuffle="no", **DRAWN)
+        self.expect(TypeError, "wait must be a number of seconds, is None", VectorEnv, wait=None, **DRAWN)
+        self.expect(ValueError, "'1:20:2' is not FIRST:END", VectorEnv, **{**DRAWN, "frames": "1:20:2"})
+        self.expect(ValueError, "render_mode must be None, is 'human'", Env, render_mode="human", **DRAWN)
+
+    def test_one_environment(self):
+        env = Env(**DRAWN)
+        self.expect(RuntimeError, r"call reset\(\) first", env.action_masks)
+        env.reset(seed=0)
+        self.assertTrue(env.action_masks()[0])
+        self.expect(ValueError, r"has shape \(2,\), must be one whole number", env.step, [0, 1])
+        self.expect(TypeError, "must be whole numbers", env.step, 1.0)
+        env.close()
+        env.close()
+        self.expect(RuntimeError, "is closed", env.step, 0)
+
+    def test_a_forked_process_does_not_wait_for_a_step_of_its_parent(self):
+        env = VectorEnv(agents=2, **DRAWN)
+        env.reset(seed=0)
+        env.send(np.zeros(2, int))
+        child = os.fork()
+        if child == 0:
+            signal.alarm(30)
+            try:
+                self.expect(RuntimeError, "belongs to process", env.recv)
+                env.close()
+                os._exit(0)
+            finally:
+                os._exit(1)
+        self.assertEqual(os.waitpid(child, 0)[1], 0)
+        env.recv()
 
     def test_actions(self):
         env = VectorEnv(agents=2, **DRAWN)
