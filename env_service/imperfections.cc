@@ -5,8 +5,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cmath>
-#include <cstdlib>
 #include <memory>
 #include <opencv2/imgproc.hpp>
 #include <utility>
@@ -99,13 +97,7 @@ std::string suffix(const Imperfections& imperfections) {
 void add_imperfection_options(CLI::App& app, Imperfections& imperfections, const std::string& group) {
   const OptionGroup options(app, group);
   const auto probability = [&](const char* name, double& value, const char* help) {
-    app.add_option(name, value, help)
-        ->capture_default_str()
-        ->check(CLI::Range(0.0, 1.0))
-        ->check([](const std::string& given) {  // Range takes NaN
-          return std::isnan(std::strtod(given.c_str(), nullptr)) ? given + " is no probability" : std::string();
-        })
-        ->type_name("P");
+    app.add_option(name, value, help)->capture_default_str()->check(CLI::Range(0.0, 1.0))->type_name("P");
   };
   const auto count = [&](const char* name, int& value, const char* unit, const char* help) {
     app.add_option(name, value, help)->capture_default_str()->check(CLI::Range(0, 1000))->type_name(unit);

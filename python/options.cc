@@ -8,6 +8,7 @@
 #include <atomic>
 #include <opencv2/core.hpp>
 
+#include "core/command_line/number_check.h"
 #include "core/util/name.h"
 #include "core/wire/service.h"
 #include "encoder_service/encoder_options.h"
@@ -55,6 +56,7 @@ void parse(CLI::App& app, const Keywords& keywords) {
       throw UnknownOption("unknown option '" + name + "'", "", "known: " + joined(known));
     arguments.push_back("--" + with(name, '_', '-') + "=" + value);
   }
+  check_numbers(app);
   try {
     app.parse(arguments);
   } catch (const CLI::ParseError& error) {

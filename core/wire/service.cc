@@ -17,6 +17,7 @@
 #include <set>
 
 #include "core/command_line/help_text.h"
+#include "core/command_line/number_check.h"
 #include "core/util/log_format.h"
 #include "core/util/machine.h"
 #include "core/util/name.h"
@@ -275,6 +276,7 @@ int service_main(int argc, char** argv, const std::string& summary, const std::f
     app.set_config("--config", "", "TOML file with the same options, names without dashes");
     app.allow_config_extras(CLI::config_extras_mode::error);
     setup(app);
+    check_numbers(app);
     add_help(app);
     try {
       app.parse(argc, argv);

@@ -84,7 +84,7 @@ TEST_F(EnvProcess, BadOptionsEndWithOneLine) {
   EXPECT_TRUE(contains(complaint({"--agents", "257"}, 2), "--agents"));
   EXPECT_TRUE(contains(complaint({"--synthetic-colour", "3"}, 2), "--synthetic-colour"));
   EXPECT_TRUE(contains(complaint({"--slip", "1.1"}, 2), "--slip"));
-  EXPECT_TRUE(contains(complaint({"--slip", "nan"}, 2), "--slip: nan is no probability"));
+  EXPECT_TRUE(contains(complaint({"--slip", "nan"}, 2), "--slip: nan is not a number"));
   EXPECT_TRUE(contains(complaint({"--blurred-frames", "0.1", "--synthetic-images", "0"}), "only pictures"));
   EXPECT_TRUE(contains(complaint({"--middleware", "rtps"}), "rtps"));
   EXPECT_TRUE(contains(complaint({"--domain", "233"}, 2), "--domain"));
