@@ -42,6 +42,11 @@ Teacher::Teacher(const TeachOptions& options, Ros2Participant& ros)
   create_folder(pictures_);
 }
 
+Teacher::~Teacher() {
+  std::error_code ignored;
+  if (frames_ == 0) fs::remove(pictures_, ignored);  // so that the next attempt finds nothing there
+}
+
 void Teacher::poll() {
   senses_.poll();
   if (is_next()) write_frame();

@@ -24,6 +24,10 @@ class Teacher {
  public:
   /// `ros` must outlive it. Throws Error when the traversal is there already or cannot be written.
   Teacher(const TeachOptions& options, Ros2Participant& ros);
+  /// Without a frame nothing is left of the traversal.
+  ~Teacher();
+  Teacher(const Teacher&) = delete;
+  Teacher& operator=(const Teacher&) = delete;
 
   /// Takes what has come. Throws Error when the disk is full.
   void poll();

@@ -61,6 +61,16 @@ TEST_F(Teaching, AFrameEveryFewMetresWithItsPlace) {
   EXPECT_THROW(Teacher(teach_, ears), Error) << "a traversal is never overwritten";
 }
 
+TEST_F(Teaching, NothingIsLeftOfARouteWithoutFrames) {
+  Ros2Participant ears(ros_, "teach", nullptr);
+  {
+    Teacher teacher(teach_, ears);
+    teacher.poll();
+    EXPECT_TRUE(std::filesystem::exists(folder_ / "route/summer")) << "it can be written";
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder_ / "route/summer"));
+}
+
 TEST_F(Teaching, RobotsObeyCommandsAndStopWithoutThem) {
   Ros2Participant world(ros_, "world", nullptr), ears(ros_, "driver", nullptr);
   geometry_msgs::msg::dds_::Twist_ twist;
