@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -191,6 +192,18 @@ TEST_P(Ros2Bridges, ANodeHearsWhatAnAgentSeesAndDoes) {
   for (const Json& action : heard["action"]) EXPECT_TRUE(action["data"] == kNext || action["data"] == kPrevious);
   for (const Json& twist : heard["cmd_vel"]) EXPECT_EQ(std::abs(twist["x"].get<double>()), .5);
   for (const Json& reward : heard["reward"]) EXPECT_TRUE(std::isfinite(reward["data"].get<double>()));
+}
+
+TEST(Ros2Conversions, NothingIsLeftOfWhatCannotBeConverted) {
+  Trial trial("cyclonedds");
+  const std::string file = trial.folder() / "ros2.mcap", cut = trial.folder() / "cut.mcap";
+  std::ofstream(cut) << "no recording";
+  for (const std::string& recording : {cut, std::string(trial.folder() / "none.mcap")}) {
+    const auto converted = trial.program(CITYLEARN_ROS2, "ros2", {"--open", recording, "--output", file});
+    EXPECT_EQ(converted->wait(seconds(20)), 1);
+    EXPECT_TRUE(contains(converted->output(), recording + ": ")) << converted->output();
+    EXPECT_FALSE(std::filesystem::exists(file));
+  }
 }
 
 }  // namespace

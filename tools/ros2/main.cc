@@ -77,6 +77,7 @@ int convert(const CommandLine& line) {
     result = citylearn::convert({line.open, session, line.bridge.widest, line.bridge.translation}, file);
   } catch (const Error&) {
     file.close();  // what stands before the damage can be read
+    if (file.counts().empty()) std::filesystem::remove(line.output);
     throw;
   }
   file.close();
