@@ -269,7 +269,8 @@ class Errors(ClearErrors):
     def test_a_forked_process_leaves_the_learner_to_its_parent(self):
         with running(*env_services(1), actor(1)), learner() as source:
             next(source)
-            for call in (lambda: self.expect(RuntimeError, "the learner belongs to process", next, source), source.close):
+            for call in (lambda: self.expect(RuntimeError, "the learner belongs to process", next, source),
+                         source.close):
                 child = os.fork()
                 if child == 0:
                     signal.alarm(30)
