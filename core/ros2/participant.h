@@ -86,9 +86,9 @@ class Ros2Subscription {
     return false;
   }
   int publishers() const { return subscription_->matched(); }
-  /// Says why nothing comes: "nobody publishes /camera/image_raw".
+  /// Says why nothing comes: "nobody publishes sensor_msgs/msg/Image on /camera/image_raw".
   std::string why_silent(const std::string& topic) const {
-    if (publishers() == 0) return "nobody publishes " + topic;
+    if (publishers() == 0) return "nobody publishes " + ros2_type_of<Message>().name + " on " + topic;
     if (unreadable_ > 0) return "what comes on " + topic + " is of another type";
     return "nothing comes on " + topic;
   }

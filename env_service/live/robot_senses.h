@@ -37,7 +37,8 @@ class RobotSenses {
   const std::optional<Picture>& picture() const { return picture_; }
   const std::optional<PositionTopic::Position>& position() const { return position_; }
   const Counts& counts() const { return counts_; }
-  /// Says why nothing comes from the camera, or from the position: "nobody publishes /camera/image_raw".
+  /// Says why nothing comes from the camera, or from the position: "nobody publishes sensor_msgs/msg/Image on
+  /// /camera/image_raw".
   std::string why_no_picture() const;
   std::string why_no_position() const;
 

@@ -55,10 +55,7 @@ int teach(const CommandLine& line) {
     if (Clock::now() < next_report) continue;
     next_report = Clock::now() + seconds(2);
     if (teacher.frames() > 0 && teacher.frames() != reported) spdlog::info("{} frames", reported = teacher.frames());
-    if (!teacher.senses().picture())
-      spdlog::warn("{}", teacher.senses().why_no_picture());
-    else if (!line.teach.topics.position.empty() && !teacher.senses().position())
-      spdlog::warn("{}", teacher.senses().why_no_position());
+    if (const std::string trouble = teacher.trouble(Clock::now()); !trouble.empty()) spdlog::warn("{}", trouble);
   }
   const RobotSenses::Counts& counts = teacher.senses().counts();
   spdlog::info("{} frames in {}/{}; of {} pictures, {} came twice, {} late, {} were broken", teacher.frames(),

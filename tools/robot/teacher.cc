@@ -4,6 +4,7 @@
 #include <spdlog/fmt/fmt.h>
 
 #include <filesystem>
+#include <utility>
 
 #include "core/files/files.h"
 #include "core/files/image_header.h"
@@ -16,6 +17,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr double kSecond = 1e9;  // nanoseconds
+constexpr std::chrono::seconds kSilent{3};
 
 /// Returns the path of something new.
 std::string fresh(const TeachOptions& options, const std::string& suffix) {
@@ -49,7 +51,17 @@ Teacher::~Teacher() {
 
 void Teacher::poll() {
   senses_.poll();
+  const Clock::time_point now = Clock::now();
+  if (std::exchange(pictures_taken_, senses_.counts().pictures) != senses_.counts().pictures) picture_came_ = now;
+  const std::uint64_t stamp = senses_.position() ? senses_.position()->stamp : 0;
+  if (std::exchange(position_taken_, stamp) != stamp) position_came_ = now;
   if (is_next()) write_frame();
+}
+
+std::string Teacher::trouble(Clock::time_point now) const {
+  if (now - picture_came_ > kSilent) return senses_.why_no_picture();
+  if (!options_.topics.position.empty() && now - position_came_ > kSilent) return senses_.why_no_position();
+  return "";
 }
 
 /// Returns whether the newest picture is the next frame.

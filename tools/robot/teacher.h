@@ -32,6 +32,8 @@ class Teacher {
   /// Takes what has come. Throws Error when the disk is full.
   void poll();
   int frames() const { return frames_; }
+  /// Says which topic has been silent for three seconds, and why; empty: none has.
+  std::string trouble(Clock::time_point now) const;
   const RobotSenses& senses() const { return senses_; }
 
  private:
@@ -43,6 +45,8 @@ class Teacher {
   const std::string pictures_, poses_path_;
   std::unique_ptr<GrowingFile> poses_;  // null: there was no frame yet, or there are no positions
   int frames_ = 0;
+  std::uint64_t pictures_taken_ = 0, position_taken_ = 0;  // how many, and the stamp of the last
+  Clock::time_point picture_came_ = Clock::now(), position_came_ = picture_came_;
   std::uint64_t picture_ = 0;                        // stamp of the last frame
   std::optional<PositionTopic::Position> position_;  // of the last frame
 };

@@ -172,13 +172,13 @@ TEST_F(RobotTest, SaysWhatItWaitsFor) {
   robot.look();
   const auto later = [] { return Clock::now() + seconds(4); };
   EXPECT_EQ(robot.trouble(Clock::now()), "");
-  EXPECT_EQ(robot.trouble(later()), "nobody publishes /camera/compressed");
+  EXPECT_EQ(robot.trouble(later()), "nobody publishes sensor_msgs/msg/CompressedImage on /camera/compressed");
   send_picture(10, "no picture");
   seen_by(robot, milliseconds(20));
   EXPECT_TRUE(contains(robot.trouble(later()), "pictures on /camera/compressed are broken")) << robot.trouble(later());
   send_picture(11, file_);
   seen_by(robot, milliseconds(20));
-  EXPECT_EQ(robot.trouble(later()), "nobody publishes /pose");
+  EXPECT_EQ(robot.trouble(later()), "nobody publishes geometry_msgs/msg/PoseStamped on /pose");
   send_pose(11, 0);
   ASSERT_TRUE(seen_by(robot));
   EXPECT_EQ(robot.trouble(later()), "");

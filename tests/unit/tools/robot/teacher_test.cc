@@ -71,6 +71,21 @@ TEST_F(Teaching, NothingIsLeftOfARouteWithoutFrames) {
   EXPECT_FALSE(std::filesystem::exists(folder_ / "route/summer"));
 }
 
+TEST_F(Teaching, ATopicThatFallsSilentIsNamed) {
+  Ros2Participant world(ros_, "world", nullptr), ears(ros_, "teach", nullptr);
+  Teacher teacher(teach_, ears);
+  const auto later = [] { return Clock::now() + std::chrono::seconds(4); };
+  EXPECT_EQ(teacher.trouble(Clock::now()), "");
+  EXPECT_EQ(teacher.trouble(later()),
+            "nobody publishes sensor_msgs/msg/CompressedImage on /camera/image_raw/compressed");
+  robot_.drive = 5;
+  SimulatedRobot robot(robot_, world);
+  drive(robot, 1, [&] { teacher.poll(); });
+  EXPECT_GT(teacher.frames(), 0);
+  EXPECT_EQ(teacher.trouble(Clock::now()), "");
+  EXPECT_EQ(teacher.trouble(later()), "nothing comes on /camera/image_raw/compressed");
+}
+
 TEST_F(Teaching, RobotsObeyCommandsAndStopWithoutThem) {
   Ros2Participant world(ros_, "world", nullptr), ears(ros_, "driver", nullptr);
   geometry_msgs::msg::dds_::Twist_ twist;
