@@ -62,6 +62,11 @@ class Batch:
     def advantages(self, discount: float, decay: float) -> tuple[np.ndarray, np.ndarray]:
         """Returns generalised advantage estimates (Schulman et al., 2016) of `reward` and `value`, and the values'
         targets, advantage + value: both float32 (L, B). `decay` is the paper's lambda."""
+        for name, factor in (("discount", discount), ("decay", decay)):
+            if isinstance(factor, str) or not hasattr(factor, "__float__"):
+                raise TypeError(f"{name} must be a number, is {factor!r}")
+            if not 0 <= factor <= 1:
+                raise ValueError(f"{name} must be 0..1, is {factor}")
         return self._rollout.advantages(discount, decay)
 
 
@@ -164,6 +169,11 @@ class Trajectories:
         learner = self._open()
         if not self._pending:
             raise RuntimeError("publish() answers a batch; take the next one first")
+        if not isinstance(parameters, Mapping):
+            raise TypeError(f"parameters must be a dictionary of arrays by name, is {type(parameters).__name__}")
+        for name, figure in figures.items():
+            if isinstance(figure, str) or not hasattr(figure, "__float__"):
+                raise TypeError(f"figure '{name}' must be a number, is {figure!r}")
         flat = np.empty(sum(tensor.rows * tensor.cols for tensor in self._tensors.values()), np.float32)
         for name in parameters.keys() - self._tensors.keys():
             raise ValueError(f"network '{self.agent}' has no parameter '{name}'; it has {', '.join(self._tensors)}")
@@ -177,6 +187,8 @@ class Trajectories:
             shape = (tensor.rows, tensor.cols)
             if values.shape != shape and not (tensor.cols == 1 and values.shape == shape[:1]):
                 raise ValueError(f"parameter '{name}' has shape {values.shape}, must have {shape}")
+            with np.errstate(over="ignore"):
+                values = values.astype(np.float32)
             if not np.isfinite(values).all():
                 raise ValueError(f"parameter '{name}' has numbers that are not finite")
             flat[tensor.offset:tensor.offset + values.size] = values.ravel(order="F")

@@ -248,18 +248,25 @@ class Errors(ClearErrors):
         with running(*env_services(1), actor(1)), learner() as source:
             right = source.parameters
             self.expect(RuntimeError, r"publish\(\) answers a batch; take the next one first", source.publish, right)
-            next(source)
+            batch = next(source)
+            self.expect(ValueError, "discount must be 0..1, is nan", batch.advantages, float("nan"), 0.9)
+            self.expect(ValueError, "decay must be 0..1, is 2", batch.advantages, 0.9, 2)
+            self.expect(TypeError, "discount must be a number, is 'a'", batch.advantages, "a", 0.9)
             bias = right["heads.bias"]
             for kind, pattern, name, values in [
                     (ValueError, r"'heads.bias' has shape \(3, 1\), must have \(4, 1\)", "heads.bias", bias[:3]),
                     (ValueError, r"'lstm.input' has shape \(30, 64\), must have \(64, 30\)", "lstm.input",
                      right["lstm.input"].T),
                     (ValueError, "'heads.bias' has numbers that are not finite", "heads.bias", bias * np.nan),
+                    (ValueError, "'heads.bias' has numbers that are not finite", "heads.bias",
+                     bias.astype(np.float64) + 1e300),
                     (TypeError, "'heads.bias' is complex64, must be float32", "heads.bias", bias * 1j),
                     (ValueError, "'baseline' has no parameter 'more'; it has sensors.weight", "more", bias)]:
                 self.expect(kind, pattern, source.publish, {**right, name: values})
             self.expect(ValueError, "parameter 'lstm.input' of network 'baseline' is missing", source.publish,
                         {name: values for name, values in right.items() if name != "lstm.input"})
+            self.expect(TypeError, "parameters must be a dictionary of arrays by name, is list", source.publish, [bias])
+            self.expect(TypeError, "figure 'entropy' must be a number, is 'x'", source.publish, right, entropy="x")
             self.expect(TypeError, "unknown figure 'loss' .known: approx_kl", source.publish, right, loss=1)
             source.publish({**right, "heads.bias": [1, 2, 3, 4]})  # a list, and a bias without its second dimension
             self.expect(RuntimeError, "take the next one first", source.publish, right)
