@@ -194,6 +194,38 @@ TEST_P(Ros2Bridges, ANodeHearsWhatAnAgentSeesAndDoes) {
   for (const Json& reward : heard["reward"]) EXPECT_TRUE(std::isfinite(reward["data"].get<double>()));
 }
 
+TEST(Ros2Sessions, ThatThereIsNoEnvServiceIsSaid) {
+  Trial trial("cyclonedds");
+  const auto bridge = trial.program(CITYLEARN_ROS2, "ros2", {"--output", trial.folder() / "ros2.mcap"});
+  EXPECT_TRUE(bridge->says("no env_service yet in session '", seconds(20))) << bridge->output();
+  EXPECT_EQ(bridge->end(SIGTERM, seconds(10)), 0) << bridge->output();
+}
+
+TEST(Ros2Conversions, WhatStandsBeforeADamageIsConverted) {
+  Trial trial("cyclonedds");
+  const std::string recording = trial.folder() / "damaged.mcap", file = trial.folder() / "ros2.mcap";
+  {
+    Tape tape(recording);
+    msg::TrainingStat update;
+    update.header().protocol(msg::PROTOCOL);
+    update.header().session("demo");
+    update.header().sender("policy");
+    for (std::uint64_t number = 1; number <= 5'000; ++number) {
+      update.update(number);
+      tape.say(update, 1'000'000 * number);
+    }
+    tape.writer.close();
+  }
+  std::fstream bytes(recording, std::ios::in | std::ios::out | std::ios::binary);
+  bytes.seekp(static_cast<std::streamoff>(std::filesystem::file_size(recording) / 2));
+  bytes << std::string(100, 'x') << std::flush;
+  const auto converted = trial.program(CITYLEARN_ROS2, "ros2", {"--open", recording, "--output", file});
+  EXPECT_EQ(converted->wait(seconds(20)), 1);
+  EXPECT_TRUE(contains(converted->output(), "is damaged")) << converted->output();
+  EXPECT_TRUE(contains(converted->output(), file + " has only what came before that")) << converted->output();
+  EXPECT_GT(all_of(file).size(), 1000u);
+}
+
 TEST(Ros2Conversions, NothingIsLeftOfWhatCannotBeConverted) {
   Trial trial("cyclonedds");
   const std::string file = trial.folder() / "ros2.mcap", cut = trial.folder() / "cut.mcap";

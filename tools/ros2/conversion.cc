@@ -100,9 +100,12 @@ std::vector<std::string> read(const Ros2Conversion& conversion, std::uint64_t& u
 Ros2ConversionResult convert(const Ros2Conversion& conversion, Ros2Sink& sink) {
   Ros2ConversionResult result;
   Store store(conversion.widest);
-  const auto missing = read<msg::MapChunk, msg::ImageChunk>(
-      conversion, result.unreadable, [&](const auto& chunk, std::uint64_t) { store.add(chunk); });
-  for (const std::string& line : missing) spdlog::warn("{}", line);
+  try {
+    const auto missing = read<msg::MapChunk, msg::ImageChunk>(
+        conversion, result.unreadable, [&](const auto& chunk, std::uint64_t) { store.add(chunk); });
+    for (const std::string& line : missing) spdlog::warn("{}", line);
+  } catch (const Error&) {  // the second pass comes to the same damage, after all that stands before it
+  }
   Ros2Translation translation(sink, conversion.translation,
                               {[&](const std::string&, std::uint64_t hash) { return store.map(hash); },
                                [&](const std::string&, const PictureKey& key, bool&) { return store.picture(key); }});

@@ -76,8 +76,11 @@ int convert(const CommandLine& line) {
   try {
     result = citylearn::convert({line.open, session, line.bridge.widest, line.bridge.translation}, file);
   } catch (const Error&) {
-    file.close();  // what stands before the damage can be read
-    if (file.counts().empty()) std::filesystem::remove(line.output);
+    file.close();
+    if (file.counts().empty())
+      std::filesystem::remove(line.output);
+    else
+      spdlog::warn("{} has only what came before that", line.output);
     throw;
   }
   file.close();
@@ -90,8 +93,9 @@ int convert(const CommandLine& line) {
         result.missing_pictures, result.missing_pictures + result.pictures);
   if (!file.counts().empty()) return 0;
   std::filesystem::remove(line.output);
-  throw Error("has nothing of this session to convert", line.open.front(),
-              "record observations or scenes, and leave --session out to convert all sessions");
+  if (session.empty()) throw Error("has nothing to convert", line.open.front(), "record observations or scenes");
+  throw Error("has nothing of session '" + session + "' to convert", line.open.front(),
+              "leave --session out to convert all sessions");
 }
 
 /// Translates the session until the end is requested. `poll` does what is due on the other side.
@@ -101,10 +105,18 @@ void run(const CommandLine& line, Ros2Sink& sink, const std::string& activity, P
   Ros2Bridge bridge(node, sink, line.bridge);
   node.report(msg::RUNNING, activity);
   spdlog::info("{}", activity);
+  const Clock::time_point patience = Clock::now() + std::chrono::seconds(3);
+  bool told = false;
   while (!stop_requested()) {
     node.wait(bridge.due());
     bridge.poll();
     poll();
+    if (told || Clock::now() < patience) continue;
+    told = true;
+    if (bridge.environments() == 0)
+      spdlog::warn(
+          "no env_service yet in session '{}', domain {}: have others the same --session, --domain and --interface?",
+          line.node.session, line.node.middleware.domain);
   }
 }
 
