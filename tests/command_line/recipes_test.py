@@ -15,6 +15,7 @@ from support import PATIENCE, PREFIX, SOURCE, CommandLine, Scenery, commands, fr
 PAGES = SOURCE / "docs/how-to"
 OURS = {"./run", "env_service", "encoder_service", "policy_service", "dashboard", "compose/keystore"}
 SHORT = ["--frames", "0:64", "--steps", "8000", "--tasks", "50"]
+SHORT_CITY = ["--synthetic-frames", "128"]  # of 1000, all of which an encoder_service encodes
 
 # Commands that this test does not run, by their beginnings, and what runs them or why nothing does.
 ELSEWHERE = {
@@ -126,9 +127,9 @@ class Recipes(CommandLine):
                                      "policy_service --role actor")
         for words in self.take("run-on-a-cluster", "env_service --traversal winter --id winter-a",
                                "env_service --traversal winter --id winter-b"):
-            self.start(*words)
+            self.start(*words, *SHORT_CITY)
         for traversal in ("summer", "fall"):
-            self.start("env_service", "--traversal", traversal)
+            self.start("env_service", "--traversal", traversal, *SHORT_CITY)
         self.start("encoder_service")
         started = [self.start(*words, "--id", f"actor-{number}") for number, words in enumerate(actors)]
         self.learn(learner, "--evaluate", "summer,fall,winter")
@@ -154,8 +155,9 @@ class Recipes(CommandLine):
         encoder, *envs, policy = self.take("try-an-imperfect-world", "encoder_service &", "env_service --traversal summer",
                                            "env_service --traversal winter &", "env_service --traversal winter --slip",
                                            "policy_service --train summer --evaluate winter,winter-slip")
-        for words in (encoder, *envs):
-            self.start(*words)
+        self.start(*encoder)
+        for words in envs:
+            self.start(*words, *SHORT_CITY)
         self.learn(policy, "--output", "out")
         self.assertEqual(sorted(self.results("out")), ["winter", "winter-slip0.1-drop0.1-kidnap1"])
 
@@ -166,7 +168,7 @@ class Recipes(CommandLine):
         self.assertIn("nordland", self.run_command(*listed))
         self.assertIn("0 bad", self.run_command(*check))
         demo[demo.index("0:128")] = "0:80"  # as many as there are
-        self.assertIn("in summer, winter", self.run_command(*demo))
+        self.assertIn("in summer, winter", self.run_command(*demo, "--tasks", "200"))
         places, = self.take("measure-place-recognition", "./run vpr --data DIR")
         self.assertRegex(self.run_command(*places), r"patchnorm.*winter|winter.*patchnorm")
 
