@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ten first tasks of docs/tutorials/README.md, with the commands that the page has. What differs: `./run` is the installed
-`citylearn`, whose code is the same; names of hosts and folders are those of this test; of the demos, that of task 8 alone is
-evaluated on as many tasks as a user's. Tasks 6 and 7 point to pages with tests of their own: tests/tutorial, and
-tests/system/network/security_test.cc."""
+`citylearn`, whose code is the same; names of hosts and folders are those of this test; of the demos, that of task 8
+alone is evaluated on as many tasks as a user's. Tasks 6 and 7 point to pages with tests of their own: tests/tutorial,
+and tests/system/network/security_test.cc."""
 
 import json
 import re
