@@ -109,7 +109,8 @@ TEST_P(TeachAndRepeat, TaughtInSummerItArrivesInFallAndRain) {
   ASSERT_TRUE(lives[0]->says("evaluation tasks 2..3", kLong)) << lives[0]->output() << policy->output();
   encoder->send(SIGKILL);  // on the way
   encoder = trial_.encoder({"--reference", "summer"});
-  ASSERT_EQ(policy->wait(3 * kLong), 0) << policy->output() << lives[0]->output() << robots[0]->output();
+  ASSERT_EQ(policy->wait(3 * kLong), 0) << policy->output() << lives[0]->output() << lives[1]->output()
+                                        << encoder->output() << robots[0]->output() << robots[1]->output();
   const auto summary = nlohmann::json::parse(contents(trial_.folder() / "repeat/summary.json"));
   ASSERT_EQ(summary["evaluate"].size(), 2u) << summary;
   double arrived = 0;

@@ -20,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using paper::Json;
 
-constexpr seconds kLong{300};
+constexpr seconds kLong{600};
 
 /// A folder, and ./run paper that writes into it.
 class PaperReport : public ::testing::Test {
