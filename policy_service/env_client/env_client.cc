@@ -287,8 +287,8 @@ void EnvClient::set_refusal(EnvHandle& env, const std::string& why) {
   report_refusals();
 }
 
-/// Keeps an alarm for each env_service that is present and refused, that another policy_service has, or that does not
-/// do as it is told.
+/// Keeps an alarm for each env_service that is present and refused, that another policy_service has, that does not do
+/// as it is told, or whose pictures nobody encodes.
 void EnvClient::report_refusals() {
   next_refusals_ = Clock::now() + kRefusalsAgain;
   for (const auto& [id, env] : envs_) {
@@ -302,6 +302,10 @@ void EnvClient::report_refusals() {
     else if (env->alive() && !env->in_force && env->settings.settings().version() != 0 &&
              Clock::now() - env->unconfirmed > kNamed)
       trouble = "does not confirm its settings";
+    else if (env->alive() && env->in_force && env->settings.task_mode() != msg::IDLE && !env->settings.by_reference() &&
+             !answers_requests(*env))
+      trouble =
+          "waits: encoder_service '" + env->info.encoder_service().to_string() + "', which encodes for it, is silent";
     if (trouble.empty() ? alarms_.erase(id) > 0
                         : alarms_.contains(id) || (alarms_.size() < kMostAlarms && alarms_.insert(id).second))
       node_.alarm("env_service '" + id + "'", trouble);

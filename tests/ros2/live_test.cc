@@ -108,6 +108,7 @@ TEST_P(TeachAndRepeat, TaughtInSummerItArrivesInFallAndRain) {
                                      "--max-steps", "60", "--output", trial_.folder() / "repeat"});
   ASSERT_TRUE(lives[0]->says("evaluation tasks 2..3", kLong)) << lives[0]->output() << policy->output();
   encoder->send(SIGKILL);  // on the way
+  ASSERT_TRUE(policy->says("encoder_service 'encoder', which encodes for it, is silent", kLong)) << policy->output();
   encoder = trial_.encoder({"--reference", "summer"});
   ASSERT_EQ(policy->wait(3 * kLong), 0) << policy->output() << lives[0]->output() << lives[1]->output()
                                         << encoder->output() << robots[0]->output() << robots[1]->output();
