@@ -88,6 +88,9 @@ class Recipes(CommandLine):
         self.assertEqual(set(results), {"robot-fall", "robot-rain"})
         for look, result in results.items():
             self.assertGreaterEqual(result["completed"], 0.66, look)
+        for option, wrong in ("--places", "08"), ("--places", "9" * 20), ("--tasks", "0"), ("--middleware", "ros"):
+            said = self.run_command(*robot, option, wrong, "--no-wait", status=1)
+            self.assertRegex(said, rf"\A\w+: {option}: '{wrong}' is \w.*\n\Z")
 
     def test_each_command_is_run_or_named(self):
         read = ast.walk(ast.parse(Path(__file__).read_text()))

@@ -55,8 +55,9 @@ robot() {
       *) fail "robot: unknown option '$1'; $COMMAND robot --help lists them" ;;
     esac
   done
-  [[ $places =~ ^[0-9]+$ && $places -ge 8 ]] || fail "--places: '$places' is not a number of at least 8"
-  [[ $tasks =~ ^[0-9]+$ && $tasks -ge 1 ]] || fail "--tasks: '$tasks' is not a number of at least 1"
+  [[ $places =~ ^[1-9][0-9]{0,4}$ && $places -ge 8 ]] || fail "--places: '$places' is not a number from 8 to 99999"
+  [[ $tasks =~ ^[1-9][0-9]{0,4}$ ]] || fail "--tasks: '$tasks' is not a number from 1 to 99999"
+  [[ $middleware =~ ^(cyclonedds|fastdds)$ ]] || fail "--middleware: '$middleware' is neither cyclonedds nor fastdds"
   local ros=fastdds
   [ "$middleware" != fastdds ] || ros=cyclonedds
   local services=(env encoder policy teach simulated-robot)
