@@ -105,7 +105,7 @@ TEST_F(PaperReport, IsFilledAndTheSameAgain) {
   int charts = 0, pictures = 0;
   for (const auto& [name, hash] : manifest["files"].items()) {
     const std::string bytes = file(name);
-    EXPECT_EQ(sha256(bytes), hash) << name;
+    EXPECT_EQ(sha256(bytes), hash.get<std::string>()) << name;
     const std::string stem = name.substr(0, name.rfind('.'));
     if (name.ends_with(".svg")) {
       ++charts;
