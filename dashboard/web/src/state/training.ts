@@ -29,7 +29,7 @@ class Series {
   private timer: ReturnType<typeof setTimeout> | undefined;
   private reload: ReturnType<typeof setTimeout> | undefined;
   private loading = false;
-  private missing = false; // rows between others
+  private stale = false; // rows are missing between others, or there are so many that the server should decimate them
   private pending: ReadonlyMap<string, Float64Array>[] = [];
 
   constructor(private readonly id: string) {}
@@ -52,7 +52,7 @@ class Series {
   private async load(): Promise<void> {
     if (this.loading) return;
     this.loading = true;
-    this.missing = false;
+    this.stale = false;
     this.pending = [];
     try {
       const columns = TRAINING_COLUMNS.join(',');
@@ -70,7 +70,7 @@ class Series {
     this.catchUp();
   }
 
-  /** Fetches the rows again, soon, if some are missing, or the store has newer ones: they were told before this page listened. */
+  /** Fetches the rows again, soon, if they are stale, or the store has newer ones: these were told before this page listened. */
   catchUp(): void {
     if (this.users === 0 || !this.behind()) return;
     this.reload ??= setTimeout(() => {
@@ -81,7 +81,7 @@ class Series {
 
   private behind(): boolean {
     const newest = this.value.peek().rows.columns.steps.at(-1) ?? -1;
-    return this.missing || newest < (stored.get(this.id) ?? -1);
+    return this.stale || newest < (stored.get(this.id) ?? -1);
   }
 
   private take(columns: ReadonlyMap<string, Float64Array>): void {
@@ -90,9 +90,8 @@ class Series {
       return;
     }
     const { rows } = this.value.value;
-    // Rows are missing, or there are so many that the server should decimate them.
     if (!append(rows, columns) || rows.length > 3 * POINTS) {
-      this.missing = true;
+      this.stale = true;
       this.catchUp();
     }
     this.timer ??= setTimeout(() => {
