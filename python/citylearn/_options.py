@@ -33,10 +33,15 @@ def count(name: str, value: Any, least: int, most: int = 2**30) -> int:
     return number
 
 
+def check_number(name: str, value: Any, unit: str = "") -> None:
+    """Raises TypeError for what is no number, of `unit` (" of seconds") if that is given."""
+    if isinstance(value, str) or not hasattr(value, "__float__"):
+        raise TypeError(f"{name} must be a number{unit}, is {value!r}")
+
+
 def seconds(name: str, value: Any) -> float:
     """Returns a time to wait. Raises TypeError or ValueError."""
-    if isinstance(value, str) or not hasattr(value, "__float__"):
-        raise TypeError(f"{name} must be a number of seconds, is {value!r}")
+    check_number(name, value, " of seconds")
     if not float(value) > 0:
         raise ValueError(f"{name} must be more than 0 seconds, is {value}")
     return float(value)

@@ -107,11 +107,13 @@ class LogFile:
 
     def __init__(self, folder):
         self.path = Path(folder, LOG)
-        with open(self.path, "rb") as file:
-            head = record_of(self.path, 1, file.readline(), "run", "log")
-            self._begin = file.tell()
         self._file = open(self.path, "rb")
-        self._file.seek(self._begin)
+        try:
+            head = record_of(self.path, 1, self._file.readline(), "run", "log")
+        except ValueError:
+            self._file.close()
+            raise
+        self._begin = self._file.tell()
         self.run, self.log = head["run"], head["log"]
         self.next = 1  # number of the record that read() returns first
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import _native
-from ._options import as_text, check_process, count, seconds, seed_of
+from ._options import as_text, check_number, check_process, count, seconds, seed_of
 
 GOES_ON, AT_GOAL, AT_LIMIT = 0, 1, 2
 
@@ -63,8 +63,7 @@ class Batch:
         """Returns generalised advantage estimates (Schulman et al., 2016) of `reward` and `value`, and the values'
         targets, advantage + value: both float32 (L, B). `decay` is the paper's lambda."""
         for name, factor in (("discount", discount), ("decay", decay)):
-            if isinstance(factor, str) or not hasattr(factor, "__float__"):
-                raise TypeError(f"{name} must be a number, is {factor!r}")
+            check_number(name, factor)
             if not 0 <= factor <= 1:
                 raise ValueError(f"{name} must be 0..1, is {factor}")
         return self._rollout.advantages(discount, decay)
@@ -172,8 +171,7 @@ class Trajectories:
         if not isinstance(parameters, Mapping):
             raise TypeError(f"parameters must be a dictionary of arrays by name, is {type(parameters).__name__}")
         for name, figure in figures.items():
-            if isinstance(figure, str) or not hasattr(figure, "__float__"):
-                raise TypeError(f"figure '{name}' must be a number, is {figure!r}")
+            check_number(f"figure '{name}'", figure)
         flat = np.empty(sum(tensor.rows * tensor.cols for tensor in self._tensors.values()), np.float32)
         for name in parameters.keys() - self._tensors.keys():
             raise ValueError(f"network '{self.agent}' has no parameter '{name}'; it has {', '.join(self._tensors)}")
