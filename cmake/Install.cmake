@@ -5,7 +5,7 @@ include(GNUInstallDirs)
 set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME services)
 install(TARGETS dashboard RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT dashboard)
 set(programs env_service encoder_service policy_service
-  citylearn_data citylearn_doctor citylearn_export citylearn_import citylearn_paper citylearn_record citylearn_replay
+  citylearn_data citylearn_doctor citylearn_export citylearn_paper citylearn_record citylearn_replay
   citylearn_robot citylearn_ros2 citylearn_teach citylearn_vpr)
 foreach(program ${programs} citylearn_discovery_server)
   if(TARGET ${program})
@@ -33,7 +33,7 @@ install(DIRECTORY ${CMAKE_BINARY_DIR}/dashboard/page/ DESTINATION ${CMAKE_INSTAL
   COMPONENT dashboard OPTIONAL)
 install(FILES ${CMAKE_SOURCE_DIR}/tools/vpr/charts.py ${CMAKE_SOURCE_DIR}/tools/vpr/recognition_page.py
   DESTINATION ${tools}/vpr)
-install(FILES ${CMAKE_SOURCE_DIR}/python/citylearn/run_log.py DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/python/citylearn)
+install(FILES ${CMAKE_SOURCE_DIR}/python/citylearn/forward.py DESTINATION ${CMAKE_INSTALL_DATADIR}/citylearn/python/citylearn)
 install(DIRECTORY ${CMAKE_SOURCE_DIR}/tools/paper/report DESTINATION ${tools}/paper PATTERN __pycache__ EXCLUDE)
 file(GLOB units ${CMAKE_SOURCE_DIR}/compose/systemd/*.service ${CMAKE_SOURCE_DIR}/compose/systemd/*.target)
 list(FILTER units EXCLUDE REGEX citylearn-dashboard)

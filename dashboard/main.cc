@@ -141,11 +141,9 @@ struct Watch {
         node(line.node),
         recorder(node, *store),
         live(node, hub, live_options()),
-        alarms(playback ? nullptr : std::make_unique<Alarms>(*store, alarm_options(hub))),
         archive(RouteStore(*store), live),
         api({node.middleware_name(), line.node.session.empty() ? kAllRuns : line.node.session,
-             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence, playback.get(),
-             alarms.get()},
+             line.node.middleware.domain, line.recognition, [this] { return !failing; }, kRunSilence, playback.get()},
             *store, &live) {
     live.on_event = [this](const Event& event) { store->record(event); };
     recorder.on_event = [this](const Event& event) { live.publish(event); };
@@ -197,7 +195,6 @@ struct Watch {
   Node node;
   Recorder recorder;
   Live live;
-  std::unique_ptr<Alarms> alarms;  // null: what is shown is a recording
   RouteArchive archive;
   Api api;
   msg::ServiceStatus status;
@@ -206,14 +203,6 @@ struct Watch {
   msg::TrainingStat stat;
 
  private:
-  Alarms::Options alarm_options(Hub& hub) {
-    Alarms::Options options;
-    options.on_event = [this](const Event& event) { live.publish(event); };
-    options.on_change = [&hub](Alarms& changed) {
-      hub.publish("alarms", {}, bytes_of(text_of(alarms_json(changed))), Hub::Merge::kReplace);
-    };
-    return options;
-  }
   Live::Options live_options() {
     Live::Options options;
     if (playback) options.clock = [this] { return heard_until.load(); };
@@ -278,10 +267,7 @@ int serve(CommandLine& line) {
       line.server, hub,
       {[&](const Query& query) { return current.answer(query); },
        [&] {
-         return current.with([](Watch& now) {
-           return metrics(now.recorded, now.failing) + now.node.metrics().text() +
-                  (now.alarms ? now.alarms->metrics() : "");
-         });
+         return current.with([](Watch& now) { return metrics(now.recorded, now.failing) + now.node.metrics().text(); });
        },
        [&](bool alarms) { return current.with([&](Watch& now) { return now.node.metrics().problem(alarms); }); }});
   const RunsFeed runs(hub, [&] { return current.with([](Watch& now) { return now.api.runs(); }); });

@@ -54,7 +54,7 @@ Api::BorrowedReader::~BorrowedReader() {
 }
 
 Api::Api(const Options& options, Store& store, LiveView* live)
-    : options_(options), store_(store), logged_(store), live_(live), recognition_(options.recognition) {}
+    : options_(options), store_(store), live_(live), recognition_(options.recognition) {}
 Api::~Api() = default;
 
 Answer Api::answer(const Query& query) {
@@ -62,11 +62,8 @@ Answer Api::answer(const Query& query) {
     const std::string first = query.path.empty() ? "" : query.path[0];
     const std::size_t depth = query.path.size();
     std::vector<std::string> methods = {"GET"};
-    if (first == "runs" && depth == 2) methods = {"GET", "POST", "DELETE", "PATCH"};
-    if (first == "sql" && depth == 1) methods = {"GET", "POST"};
+    if (first == "runs" && depth == 2) methods = {"GET", "DELETE", "PATCH"};
     if (first == "playback" && depth == 1) methods = {"GET", "PATCH"};
-    if (first == "alarms" && depth == 1) methods = {"GET", "POST"};
-    if (first == "alarms" && depth == 2) methods = {"DELETE", "PATCH"};
     if (std::find(methods.begin(), methods.end(), query.method) == methods.end()) {
       Answer answer = error_answer(405, "method " + query.method + " is not possible here");
       answer.headers.emplace_back("Allow", joined(methods));
@@ -78,7 +75,6 @@ Answer Api::answer(const Query& query) {
     }
     if (first == "runs" && (depth == 2 || depth == 3)) return answer_run(query);
     if (first == "compare" && depth == 1) return compare(query);
-    if (first == "sql" && depth == 1) return sql(query);
     if (first == "episodes" && depth == 2) return episode(query);
     if (first == "controls" && depth == 1) return controls(query);
     if (first == "services" && depth == 1) return services();
@@ -87,7 +83,6 @@ Answer Api::answer(const Query& query) {
     if (first == "frames" && depth == 3) return frame(query);
     if (first == "recognition" && (depth == 1 || depth == 3)) return recognition(query);
     if (first == "playback" && depth == 1) return playback(query);
-    if (first == "alarms" && (depth == 1 || depth == 2)) return alarms(query);
     if (first == "about" && depth == 1) return about();
     not_found("there is nothing of this name (docs/reference/dashboard-api.md lists what there is)");
   } catch (RequestError& error) {

@@ -9,12 +9,10 @@
 #include <string>
 #include <vector>
 
-#include "dashboard/alarms/alarms.h"
 #include "dashboard/api/evaluations.h"
 #include "dashboard/api/recognition_results.h"
 #include "dashboard/http/answer.h"
 #include "dashboard/live/live_view.h"
-#include "dashboard/logged/logged_runs.h"
 #include "dashboard/playback/playback_control.h"
 #include "dashboard/store/store.h"
 #include "dashboard/store/store_reader.h"
@@ -35,7 +33,6 @@ class Api {
     /// What is shown is a recording. Whether a run goes on is then said by its policy_service's heartbeats alone, as
     /// a recording may stand still.
     PlaybackControl* playback = nullptr;
-    Alarms* alarms = nullptr;  ///< of runs; null: there are none
   };
   /// `store` and `live` must outlive it. `live` may be null: then no service is shown as alive.
   Api(const Options& options, Store& store, LiveView* live);
@@ -70,13 +67,8 @@ class Api {
   Answer run(const RunRow& row);
   Answer remove(const std::string& name);
   Answer annotate(const std::string& name, const Query& query);
-  Answer log(const std::string& name, const Query& query);
-  Answer metrics(const RunRow& row);
-  Answer curve(const RunRow& row, const Query& query);
   Answer compare(const Query& query);
-  Answer sql(const Query& query);
   Answer playback(const Query& query);
-  Answer alarms(const Query& query);
   Answer training(const RunRow& row, const Query& query);
   Answer all_training(const RunRow& row, bool csv);
   Answer episodes(const RunRow& row, const Query& query);
@@ -87,11 +79,9 @@ class Api {
 
   const Options options_;
   Store& store_;
-  LoggedRuns logged_;
   LiveView* const live_;
   const RecognitionResults recognition_;
 
-  std::mutex sql_mutex_;  // held while SQL runs
   std::mutex mutex_;
   std::vector<std::unique_ptr<StoreReader>> readers_;  // those not in use
   struct Figures {
@@ -105,8 +95,5 @@ class Api {
 
 /// Returns what GET /api/playback answers, but for its marks, for the live topic `playback`.
 nlohmann::json playback_json(const PlaybackControl& playback);
-
-/// Returns what GET /api/alarms answers, for the live topic `alarms`.
-nlohmann::json alarms_json(Alarms& alarms);
 
 }  // namespace citylearn

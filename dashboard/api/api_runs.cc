@@ -49,7 +49,7 @@ Json Api::run_json(const RunRow& row) {
   const double last = std::max(row.last, liveness.last);
   bool heard = seconds_since_epoch() - last < options_.silence;
   if (options_.playback && live_ && row.policy) heard = live_->alive(row.session, *row.policy).value_or(heard);
-  const char* state = row.ended ? "ended" : heard ? "running" : row.policy || !row.source.empty() ? "lost" : "ended";
+  const char* state = row.ended ? "ended" : heard ? "running" : row.policy ? "lost" : "ended";
   Json json = {{"id", row.name},
                {"session", row.session},
                {"policy", row.policy ? Json(*row.policy) : Json(nullptr)},
@@ -61,8 +61,6 @@ Json Api::run_json(const RunRow& row) {
                {"last", last},
                {"updates", std::max(row.updates, liveness.updates)},
                {"recorded_episodes", row.recorded},
-               {"source", row.source.empty() ? Json(nullptr) : Json(row.source)},
-               {"title", row.title},
                {"tags", row.tags},
                {"note", row.note}};
   const char* const names[] = {"steps", "episodes", "reward", "spl", "wall", "steps_per_second"};
@@ -84,7 +82,7 @@ Json Api::runs() {
   BorrowedReader reader(*this);
   for (const RunRow& row : reader->runs())
     // A row of unclaimed episodes that a run has claimed since is empty.
-    if (row.policy || !row.source.empty() || row.recorded > 0) list.push_back(run_json(row));
+    if (row.policy || row.recorded > 0) list.push_back(run_json(row));
   return {{"runs", std::move(list)}};
 }
 
@@ -95,7 +93,6 @@ Answer Api::answer_run(const Query& query) {
     return remove(name);
   }
   if (query.method == "PATCH") return annotate(name, query);
-  if (query.method == "POST") return log(name, query);
   std::optional<RunRow> row;
   {
     BorrowedReader reader(*this);
@@ -104,17 +101,15 @@ Answer Api::answer_run(const Query& query) {
   if (!row) not_found("run '" + name + "' not found (GET /api/runs lists them)");
   const std::string part = query.path.size() == 3 ? query.path[2] : "";
   if (part == "training") return training(*row, query);
-  if (part == "curve") return curve(*row, query);
   if (part == "episodes") return episodes(*row, query);
   allow_only(query, {});
   if (part.empty()) return run(*row);
   if (part == "training.csv" || part == "training.json") return all_training(*row, part == "training.csv");
   if (part == "episodes.csv" || part == "episodes.json") return all_episodes(*row, part == "episodes.csv");
   if (part == "evaluations") return evaluations(*row);
-  if (part == "metrics") return metrics(*row);
   not_found("a run has no '" + part +
             "' (training, training.csv, training.json, episodes, episodes.csv, episodes.json, "
-            "evaluations, metrics, curve)");
+            "evaluations)");
 }
 
 Answer Api::run(const RunRow& row) {

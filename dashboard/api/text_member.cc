@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/api/text_member.h"
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "core/util/error.h"
-#include "dashboard/logged/logged_runs.h"
 
 namespace citylearn {
+
+bool has_control(std::string_view text, std::string_view allowed) {
+  return std::any_of(text.begin(), text.end(),
+                     [&](char c) { return ((c >= 0 && c < ' ') || c == '\x7F') && allowed.find(c) == allowed.npos; });
+}
 
 std::optional<std::string> text_member(const nlohmann::json& object, const char* name, std::size_t longest,
                                        Lines lines) {

@@ -12,11 +12,10 @@ namespace citylearn {
 
 /// A request to the API, as the server passes it on: authorised, decoded, within limits.
 struct Query {
-  std::string method = "GET";                     ///< "GET", "POST", "DELETE", "PATCH"
+  std::string method = "GET";                     ///< "GET", "DELETE", "PATCH"
   std::vector<std::string> path;                  ///< segments behind /api/, percent-decoded: {"runs", ID, "training"}
   std::map<std::string, std::string> parameters;  ///< of the query string, percent-decoded
-  std::string body = "";                          ///< of "PATCH" and "POST"
-  std::string type = "";                          ///< Content-Type of the body
+  std::string body = "";                          ///< of "PATCH"
 };
 
 /// An answer of the API.

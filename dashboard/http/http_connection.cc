@@ -38,7 +38,6 @@ using boost::system::error_code;
 using Time = Connection::Time;
 
 constexpr int kSendBuffer = 256 << 10;  // what waits in the kernel is old when a slow client gets it
-constexpr std::string_view kNumbers = "application/octet-stream";
 constexpr std::size_t kLingerBytes = 1 << 20;
 constexpr std::chrono::milliseconds kLingerTime{2000};
 
@@ -174,15 +173,11 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     wait_for_client();
     http::request_parser<http::string_body> parser;
     parser.header_limit(context_.options.header_bytes);
-    const ServerOptions& options = context_.options;
-    parser.body_limit(std::max({options.post_bytes, options.frame_bytes, options.body_bytes}));
+    const std::size_t most_bytes = context_.options.body_bytes;
+    parser.body_limit(most_bytes);
     error_code error;
     co_await http::async_read_header(stream_, buffer_, parser, with(error));
-    const std::size_t most_bytes = body_limit(parser.get());
-    if (!error) {
-      parser.body_limit(most_bytes);
-      if (parser.content_length().value_or(0) > most_bytes) error = http::error::body_limit;
-    }
+    if (!error && parser.content_length().value_or(0) > most_bytes) error = http::error::body_limit;
     const auto target = error ? std::nullopt : parse_target(view(parser.get().target()));
     if (!error && parser.get().count(http::field::host) > 1) {
       const Reply reply = error_reply(400, "the header has more than one Host");
@@ -219,12 +214,6 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     co_return co_await send(reply, request, request.keep_alive());
   }
 
-  std::size_t body_limit(const Request& request) const {
-    const ServerOptions& options = context_.options;
-    if (request.method() != http::verb::post) return options.body_bytes;
-    return view(request[http::field::content_type]) == kNumbers ? options.frame_bytes : options.post_bytes;
-  }
-
   /// Returns nothing for a connection that just ended.
   std::optional<Reply> error_of(const error_code& error, std::size_t most_bytes) const {
     const ServerOptions& options = context_.options;
@@ -242,9 +231,7 @@ class HttpConnection : public Connection, public std::enable_shared_from_this<Ht
     Query& query = *shared;
     if (request.method() == http::verb::delete_) query.method = "DELETE";
     if (request.method() == http::verb::patch) query.method = "PATCH";
-    if (request.method() == http::verb::post) query.method = "POST";
-    if (query.method == "PATCH" || query.method == "POST") query.body = std::move(request.body());
-    query.type = view(request[http::field::content_type]);
+    if (query.method == "PATCH") query.body = std::move(request.body());
     query.path.assign(target.segments.begin() + 1, target.segments.end());
     query.parameters = target.parameters;
     const Call call = [this, shared] { return context_.handlers.api(*shared); };

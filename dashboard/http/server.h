@@ -28,8 +28,6 @@ struct ServerOptions {
   std::size_t connections_each = 256;  ///< of one address
   std::uint32_t header_bytes = 32 << 10;
   std::size_t body_bytes = 64 << 10;
-  std::size_t post_bytes = 1 << 20;      ///< of the body of a POST: points of a logged run
-  std::size_t frame_bytes = 4 << 20;     ///< of a POST that holds numbers: application/octet-stream
   std::size_t message_bytes = 64 << 10;  ///< of a WebSocket client's message
   std::chrono::milliseconds request_time{
       30'000};                                 ///< for a request to arrive, and for each part of the answer to leave

@@ -20,8 +20,6 @@ struct RunRow {
   std::uint64_t updates = 0, recorded = 0;
   std::vector<std::string> tags;  ///< as people gave them
   std::string note;               ///< likewise
-  std::string source;             ///< what logs the run over HTTP, or logged what was imported; empty: neither
-  std::string title;              ///< of a logged run, as its program named it; may be empty
   /// Of its newest update that is recorded.
   struct Newest {
     std::uint64_t update = 0, steps = 0, episodes = 0;

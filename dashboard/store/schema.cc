@@ -161,8 +161,7 @@ ALTER TABLE runs ADD COLUMN tags TEXT NOT NULL DEFAULT '';  -- one a line
 ALTER TABLE runs ADD COLUMN note TEXT NOT NULL DEFAULT '';
 )";
 
-// Runs that programs log (dashboard/logged): their figures have free names. A run's log is a list of records, which are
-// numbered from 1 on.
+// Runs that other programs logged here once. Their rows stay for SQLite's own tools; nothing shows them any more.
 const char* const kLogged = R"(
 ALTER TABLE runs ADD COLUMN source TEXT NOT NULL DEFAULT '';       -- what logs it: "python", "tensorboard", ...; '': none
 ALTER TABLE runs ADD COLUMN title TEXT NOT NULL DEFAULT '';        -- as its program named it
@@ -192,7 +191,7 @@ CREATE VIEW curves AS SELECT runs.name AS run, metrics.name AS metric, points.st
   JOIN points ON points.key BETWEEN metrics.id << 40 AND ((metrics.id + 1) << 40) - 1;
 )";
 
-// Alarms about runs (dashboard/alarms).
+// Alarms about runs, which are Prometheus' now (compose/prometheus). Likewise.
 const char* const kAlarms = R"(
 CREATE TABLE alarm_rules (
   id INTEGER PRIMARY KEY AUTOINCREMENT,  -- no later rule is taken for one that was removed
@@ -273,8 +272,8 @@ bool holds_something(const std::string& path) {
   return true;
 }
 
-/// Returns "ok", or what is damaged. Of a large file the points of logged runs are left out: reading them all would
-/// take long, and whoever reads damaged ones is told.
+/// Returns "ok", or what is damaged. Of a large file the points that were logged once are left out: reading them all
+/// would take long.
 std::string damage(SQLite::Database& database, const std::string& path) {
   if (std::filesystem::file_size(path) <= kCheckedWhole)
     return database.execAndGet("PRAGMA quick_check(1)").getString();

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "dashboard/store/store.h"
 
+#include <spdlog/spdlog.h>
+
 #include <filesystem>
 
 #include "core/task/training_figures.h"
@@ -78,6 +80,9 @@ Store::Impl::Impl(const Options& options)
   with_file_errors(path, [&] {
     statements = std::make_unique<Statements>(database);
     load_runs();
+    if (const int logged = database.execAndGet("SELECT COUNT(*) FROM runs WHERE source <> ''").getInt(); logged > 0)
+      spdlog::warn("{}: {} runs that other programs logged here once are kept, but not shown (tables metrics, points)",
+                   path, logged);
   });
 }
 
@@ -182,13 +187,6 @@ Store::Liveness Store::liveness(std::int64_t row) {
   return impl_->locked([&] {
     const auto known = impl_->liveness.find(row);
     return known == impl_->liveness.end() ? Liveness{} : known->second;
-  });
-}
-
-void Store::set_liveness(std::int64_t row, const Liveness& liveness) {
-  impl_->locked([&] {
-    impl_->liveness[row] = liveness;
-    impl_->unwritten.try_emplace(row, liveness.last);
   });
 }
 

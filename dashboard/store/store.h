@@ -103,7 +103,6 @@ class Store {
     std::uint64_t updates = 0;
   };
   Liveness liveness(std::int64_t row);
-  void set_liveness(std::int64_t row, const Liveness& liveness);
   /// Writes liveness that has waited for a few seconds, or all of it at once.
   void flush(bool at_once = false);
 

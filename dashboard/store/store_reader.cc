@@ -13,9 +13,8 @@ namespace citylearn {
 namespace {
 
 constexpr const char* kRunColumns =
-    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded, tags, note, "
-    "source, title "
-    "FROM runs ";
+    "SELECT id, name, session, policy, seed, agent, learner, started, last, ended, updates, recorded, tags, note "
+    "FROM runs WHERE source = '' ";
 
 /// Returns "SELECT COLUMNS`more` FROM episodes ... WHERE ", the columns being those of an EpisodeRow.
 std::string select_episodes(const char* more = "") {
@@ -95,7 +94,7 @@ StoreReader::Impl::Impl(const std::string& file)
     : path(file),
       database(open_database(file)),
       runs(database, std::string(kRunColumns) + "ORDER BY started DESC, id DESC"),
-      run(database, std::string(kRunColumns) + "WHERE name = ?"),
+      run(database, std::string(kRunColumns) + "AND name = ?"),
       newest(database,
              "SELECT key, steps, episodes, wall, reward, spl, steps_per_second FROM training WHERE key BETWEEN ? AND ? "
              "ORDER BY key DESC LIMIT 1"),
@@ -119,7 +118,7 @@ RunRow StoreReader::Impl::run_row(const SQLite::Statement& row) {
   RunRow r;
   std::string tags;
   read_row(row, r.id, r.name, r.session, r.policy, r.seed, r.agent, r.learner, r.started, r.last, r.ended, r.updates,
-           r.recorded, tags, r.note, r.source, r.title);
+           r.recorded, tags, r.note);
   for (std::size_t begin = 0, end; (end = tags.find('\n', begin)) != tags.npos; begin = end + 1)
     r.tags.push_back(tags.substr(begin, end - begin));
   if (bind_run(newest, r.id).executeStep()) {

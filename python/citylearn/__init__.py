@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """CityLearn's navigation task for Python: vector environments in process or over DDS, learners for actors in C++,
-trained policies, evaluation. And `init`, `log` and `finish`, which log runs of any program to the dashboard."""
+trained policies, evaluation."""
 
 from typing import TYPE_CHECKING
-
-from .run_log import Run, finish, init, log, sync
 
 if TYPE_CHECKING:
     from .evaluation import Scores, evaluate, load_policy
     from .trajectories import Batch, Trajectories
     from .vector_env import AutoresetMode, Env, VectorEnv
 
-__all__ = ["AutoresetMode", "Batch", "Env", "Run", "Scores", "Trajectories", "VectorEnv", "evaluate", "finish", "init",
-           "load_policy", "log", "sync"]
+__all__ = ["AutoresetMode", "Batch", "Env", "Scores", "Trajectories", "VectorEnv", "evaluate", "load_policy"]
 
-# Loaded at their first use, as they need numpy and the module in C++, and logging a run does not.
+# Loaded at their first use, as they need numpy and the module in C++, and `citylearn.forward` does not.
 _HOMES = {"AutoresetMode": "vector_env", "Batch": "trajectories", "Env": "vector_env", "Scores": "evaluation",
           "Trajectories": "trajectories", "VectorEnv": "vector_env", "evaluate": "evaluation", "load_policy": "evaluation"}
 

@@ -83,12 +83,6 @@ class Run(CommandLine):
     def logs(self):
         return "".join(f"--- {log.name}\n{log.read_text()[-1500:]}" for log in sorted(self.folder.glob("*.log")))
 
-    def ask_page(self, method, path, body=None):
-        request = urllib.request.Request(f"http://127.0.0.1:{self.ports['page']}/api/{path}", method=method,
-                                         data=json.dumps(body).encode() if body else None)
-        with urllib.request.urlopen(request, timeout=10) as answer:
-            return answer.read()
-
     def query(self, expression):
         """Value by instance."""
         status, text = get(self.ports["prometheus"], "/api/v1/query?query=" + urllib.parse.quote(expression))
@@ -109,13 +103,8 @@ class Run(CommandLine):
         settings, places = re.subn(r"    dns_sd_configs:\n(      .*\n)+", f"    static_configs: [{{targets: {json.dumps(targets)}}}]\n", settings)
         alerts, delays = re.subn(r"for: \w+", "for: 1s", (FILES / "alerts.yml").read_text())
         self.assertEqual((intervals, places), (1, 1))
-        guide = (FILES.parent.parent / "docs/how-to/watch-a-run-with-prometheus.md").read_text()
-        job = re.search(r"^scrape_configs:\n((?:  .*\n)+)```", guide, re.MULTILINE).group(1)
-        job, tokens = re.subn(r" *authorization: .*\n", "", job)
-        job, places = re.subn("dashboard.example:8080", f"127.0.0.1:{self.ports['page']}", job)
-        self.assertEqual((tokens, places), (1, 1))
         self.assertGreater(delays, 3)
-        (self.folder / "prometheus.yml").write_text(settings + job)
+        (self.folder / "prometheus.yml").write_text(settings)
         (self.folder / "alerts.yml").write_text(alerts)
         self.start_named("prometheus", PROMETHEUS, "--config.file=prometheus.yml", "--storage.tsdb.path=data",
                    f"--web.listen-address=127.0.0.1:{self.ports['prometheus']}")
@@ -134,16 +123,11 @@ class Run(CommandLine):
         self.wait_until("steps", lambda: services["env-train"] in self.query("citylearn_steps_per_second > 0"))
         self.wait_until("nothing is wrong", lambda: not self.firing())
 
-        page = f"127.0.0.1:{self.ports['page']}"
-        rule = json.loads(self.ask_page("POST", "alarms", {"when": "above", "figure": "steps", "value": 0}))
-        self.wait_until("an alert by a rule of the page", lambda: ("CitylearnRunAlarm", page) in self.firing())
         scraped = set(json.loads(get(self.ports["prometheus"], "/api/v1/label/__name__/values")[1])["data"])
         for file in ("grafana.json", "alerts.yml"):
             named = set(re.findall(r"\bcitylearn_[a-z_]+", (FILES / file).read_text()))
             self.assertGreater(len(named), 4)
             self.assertEqual(named - scraped, set(), file)
-        self.ask_page("DELETE", f"alarms/{rule['id']}")
-        self.wait_until("its end", lambda: not self.firing())
         for name, port in self.ports.items():
             if name != "prometheus":
                 self.assertEqual(get(port, "/healthz"), (200, "ok\n"), name)

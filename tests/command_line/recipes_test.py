@@ -8,9 +8,8 @@ import re
 import time
 import unittest
 from pathlib import Path
-from urllib.request import urlopen
 
-from support import PATIENCE, PREFIX, SOURCE, CommandLine, Scenery, commands, free_ports, own_domain
+from support import PATIENCE, SOURCE, CommandLine, Scenery, commands, free_ports, own_domain
 
 PAGES = SOURCE / "docs/how-to"
 OURS = {"./run", "env_service", "encoder_service", "policy_service", "dashboard", "compose/keystore"}
@@ -44,6 +43,7 @@ ELSEWHERE = {
     "policy_service --train summer --frames 0:128 --output out/rank": "tests/slurm",
     "policy_service --train summer,fall --evaluate winter ...": "the demo before it",
     "env_service --dataset synthetic --metrics": "prometheus_test.py",
+    "./run forward": "tests/python/forward_test.py",
 }
 
 
@@ -216,32 +216,6 @@ class Recipes(CommandLine):
         self.run_command(*trajectories[:trajectories.index("first") + 1])
         self.end(learner)
         self.assertIn("joins", log.read_text())
-
-    def test_runs_are_logged_and_imported(self):
-        dashboard, sync, stored, sent = self.take("log-runs-from-anywhere", "./run dashboard", "./run sync runs/logged",
-                                                  "./run import old-runs --store", "./run import old-runs --dashboard")
-        page = (PAGES / "log-runs-from-anywhere.md").read_text()
-        program = page.split("```python\n")[1].split("```")[0]
-        port, = free_ports(1)
-        address = f"http://127.0.0.1:{port}"
-        process, log = self.start(*dashboard, "--port", str(port))
-        self.wait_for("dashboard: http", log)
-        copied = PREFIX / "share/citylearn/python/citylearn/run_log.py"
-        (self.folder / "citylearn.py").write_text(copied.read_text())
-        self.environment |= {"CITYLEARN_DASHBOARD": address}
-        self.run_command("python3", "-c", program)
-        self.assertRegex(self.run_command(*sync), "^walks/.*has all [0-9]+ records")
-        # A folder that TensorBoard could read, as every training writes it.
-        self.learn(["citylearn", "demo", "--no-dashboard", "--evaluate", "summer"])
-        events = next(self.folder.glob("runs/*/tensorboard"))
-        events.rename(self.folder / "old-runs")
-        sent[sent.index("http://127.0.0.1:8080")] = address
-        self.assertRegex(self.run_command(*sent), r"tensorboard/old-runs: [1-9][0-9]* points")
-        with urlopen(f"{address}/api/sql?q=SELECT+DISTINCT+run+FROM+curves") as answer:
-            self.assertEqual(len(json.load(answer)["rows"]), 2)
-        self.assertIn("another dashboard", self.run_command(*stored, status=1))
-        self.end(process)
-        self.assertRegex(self.run_command(*stored), r"tensorboard/old-runs: [1-9][0-9]* points")
 
 
 if __name__ == "__main__":

@@ -38,7 +38,6 @@ bool mcap_file(Input input);
 bool web_request(Input input);
 /// A run of TensorBoard or W&B that is imported. The first byte chooses: an event file, an event of one, a file of W&B,
 /// a record of one. Taken when it is whole and has points.
-bool logged_run(Input input);
 /// A message of the type whose topic is citylearn/$CITYLEARN_FUZZ_MESSAGE, as it comes over the wire.
 bool message(Input input);
 
@@ -49,7 +48,7 @@ struct Target {
 inline constexpr Target kTargets[] = {
     {"features_csv", features_csv},   {"text_table", text_table},   {"dataset_folder", dataset_folder},
     {"feature_store", feature_store}, {"picture", picture},         {"encoder_file", encoder_file},
-    {"mcap_file", mcap_file},         {"web_request", web_request}, {"logged_run", logged_run},
+    {"mcap_file", mcap_file},         {"web_request", web_request},
 };
 
 /// Ends the process when something does not hold.

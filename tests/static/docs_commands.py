@@ -20,7 +20,6 @@ PROGRAMS = {
     "ros2": "tools/ros2/citylearn_ros2",
     "vpr": "tools/vpr/citylearn_vpr",
     "export": "tools/export/citylearn_export",
-    "import": "tools/import/citylearn_import",
     "paper": "tools/paper/citylearn_paper",
 }
 PLUGINS_OF_READERS = ("--mine-", "--a2c-", "--patch_means-", "--photo_log-", "--gru-")  # that the pages have them write
@@ -43,7 +42,7 @@ for name, path in PROGRAMS.items():
     KNOWN[name] = text | (options([str(BUILD / path), "--help-all"]) if "--help-all" in text else set())
 KNOWN["demo"] = options([str(SOURCE / "run"), "demo", "--help"]).union(*(KNOWN[name] for name in DEMO))
 KNOWN["again"] = KNOWN["demo"]
-KNOWN["sync"] = options([sys.executable, str(SOURCE / "python/citylearn/run_log.py"), "--help"])
+KNOWN["forward"] = options([sys.executable, str(SOURCE / "python/citylearn/forward.py"), "--help"])
 KNOWN["test"] = options([str(SOURCE / "run"), "test", "--help"])
 
 

@@ -11,10 +11,10 @@ NAME=$(basename "$COMMAND")   # begins messages
 declare -A PROGRAMS=(
   [env]=env_service/env_service [encoder]=encoder_service/encoder_service [policy]=policy_service/policy_service
   [dashboard]=dashboard/dashboard [data]=tools/data/citylearn_data [doctor]=tools/doctor/citylearn_doctor
-  [vpr]=tools/vpr/citylearn_vpr [import]=tools/import/citylearn_import [export]=tools/export/citylearn_export [paper]=tools/paper/citylearn_paper
+  [vpr]=tools/vpr/citylearn_vpr [export]=tools/export/citylearn_export [paper]=tools/paper/citylearn_paper
   [record]=tools/record/citylearn_record [replay]=tools/record/citylearn_replay [ros2]=tools/ros2/citylearn_ros2
   [teach]=tools/robot/citylearn_teach [simulated-robot]=tools/robot/citylearn_robot)
-COMMANDS=(demo again dashboard env encoder policy data vpr import sync export paper record replay robot teach simulated-robot ros2 doctor
+COMMANDS=(demo again dashboard env encoder policy data vpr export forward paper record replay robot teach simulated-robot ros2 doctor
   help)
 
 say() { printf '%s\n' "$*" >&2; }
@@ -38,8 +38,8 @@ Services, each a program of its own
 Data and results
   data        lists the supported datasets; checks a folder
   vpr         measures how well encoders recognise places
-  import      puts runs of TensorBoard and W&B onto the page; "sync" sends logs
   export      writes encoder and agent as one ONNX file
+  forward     copies runs to MLflow, Weights & Biases or Trackio
   paper       repeats the paper's experiments on your data
   record      records a run's messages; "replay" plays them again
   teach       records a route from a robot's camera; "simulated-robot" is one
@@ -97,9 +97,9 @@ main() {
       . "$PARTS/completion/complete.sh"
       completions "$@"
       return ;;
-    sync)
-      command -v python3 >/dev/null || fail "sync: python3 is missing (package python3)"
-      exec python3 "$PARTS/../../python/citylearn/run_log.py" "$@" ;;
+    forward)
+      command -v python3 >/dev/null || fail "forward: python3 is missing (package python3)"
+      exec python3 "$PARTS/../../python/citylearn/forward.py" "$@" ;;
     help|-h|--help) usage; return ;;
     --version) command='env'; set -- --version ;;
     *) [ -n "${PROGRAMS[$command]:-}" ] || fail "unknown command '$command'; there are: ${COMMANDS[*]}" ;;
@@ -107,7 +107,6 @@ main() {
   prepare "$command"
   case $command in
     doctor|record|ros2) [[ " $* " == *' --open'* ]] || find_demo "$@" ;;&
-    import) [[ " $* " == *" --dashboard"* ]] || add_default --store "$RUNS/dashboard.sqlite" "$@" ;;
     record) add_default --output "$RUNS/$(date +%Y%m%d-%H%M%S).mcap" "$@" ;;
     dashboard)
       # Without CITYLEARN_RUNS the program's own default is the same file.

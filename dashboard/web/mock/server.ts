@@ -47,12 +47,6 @@ const PARAMETERS: Record<string, string[]> = {
 const OWN = ['hash', 'incarnation', 'kind', 'state'];
 const CONTROL = 'sequence_filter';
 
-const ALARMED = 'demo-2211/policy/1/1763740800000000';
-const ALARMS = {
-  rules: [{ id: 1, runs: 'demo-2211/*', when: 'below', figure: 'spl', created: 1_763_740_000, text: 'spl below 0.2 for 10 points' }],
-  alarms: [{ id: 1, rule: 1, run: ALARMED, since: 1_763_740_900, over: 1_763_741_000, text: 'spl below 0.2 for 10 points: 0.1 at step 4096' }],
-};
-
 const ORDERS: Record<string, string> = { updates: 'update', episodes: 'episodes', steps: 'steps', wall: 'wall' };
 
 class HttpError extends Error {
@@ -322,8 +316,6 @@ export class Mock {
         return json(this.services());
       case 'events':
         return json({ events: world.events.slice(0, Number(query.get('limit') ?? 200)) });
-      case 'alarms':
-        return json(ALARMS);
       case 'controls':
         return json(CONTROLS);
       case 'map':

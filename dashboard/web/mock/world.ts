@@ -147,7 +147,7 @@ export class RunData {
     const started = this.now - ago;
     const figures = { steps: this.last('steps'), episodes: this.last('episodes'), reward: this.last('reward'), spl: this.last('spl'), wall: this.last('wall'), steps_per_second: this.last('steps_per_second') };
     const last = state === 'running' ? Date.now() / 1000 : started + (figures.wall ?? 0);
-    return { id: this.id, session, policy, seed, agent, learner, state, started, last, source: null, title: '', tags: ['mock', policy], note: 'a run of the mock', updates: this.length, recorded_episodes: this.episodes().length + (figures.episodes ?? 0), ...figures };
+    return { id: this.id, session, policy, seed, agent, learner, state, started, last, tags: ['mock', policy], note: 'a run of the mock', updates: this.length, recorded_episodes: this.episodes().length + (figures.episodes ?? 0), ...figures };
   }
 
   manifest(): Manifest {

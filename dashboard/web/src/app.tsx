@@ -14,10 +14,9 @@ import { TrainingPage } from './pages/training';
 import { valueOf } from './state/resource';
 import { hrefOf, PAGES, place, type PageName } from './state/router';
 import { playback } from './state/playback';
-import { about, beginnings, lostServices, now } from './state/shared';
+import { about, alarmedServices, beginnings, lostServices, now } from './state/shared';
 import { theme, type Theme } from './state/theme';
 import { classes, Guard, Icon, IconButton, toneOf, type IconName } from './ui/basics';
-import { AlarmBadge } from './ui/alarms';
 import { PlaybackBar } from './ui/playback_bar';
 
 const TITLES: Record<PageName, string> = {
@@ -112,7 +111,12 @@ function Side({ page }: { page: PageName }): JSX.Element {
                 <span class="visually-hidden"> lost or failed</span>
               </span>
             )}
-            {name === 'overview' && <AlarmBadge />}
+            {name === 'overview' && alarmedServices.value > 0 && (
+              <span class="alarm-badge" title={plural(alarmedServices.value, 'alarm')}>
+                {alarmedServices.value}
+                <span class="visually-hidden">{alarmedServices.value === 1 ? ' alarm' : ' alarms'}</span>
+              </span>
+            )}
           </a>
         ))}
       </nav>

@@ -6,12 +6,10 @@ import './styles/parts.css';
 import './styles/pages.css';
 import { render } from 'preact';
 import { App } from './app';
-import { startAlarms } from './state/alarms';
 import { start } from './state/shared';
 import { startTheme } from './state/theme';
 
 startTheme();
 start();
-startAlarms();
 const root = document.getElementById('app');
 if (root) render(<App />, root);

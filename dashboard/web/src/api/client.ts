@@ -56,12 +56,6 @@ export async function patchJson<T>(path: string, change: object): Promise<T> {
   return (await response.json()) as T;
 }
 
-/** Adds to what `path` names. */
-export async function postJson<T>(path: string, added: object): Promise<T> {
-  const response = await request(path, { method: 'POST', body: JSON.stringify(added) });
-  return (await response.json()) as T;
-}
-
 export async function remove(path: string): Promise<void> {
   await request(path, { method: 'DELETE' });
 }

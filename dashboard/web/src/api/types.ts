@@ -19,10 +19,6 @@ export interface Run {
   spl: number | null;
   wall: number | null;
   steps_per_second: number | null;
-  /** What logs it ("python", "tensorboard", ...); null for trainings. */
-  source: string | null;
-  /** Of a logged run, as its program named it; may be empty. */
-  title: string;
   /** As people gave them. */
   tags: string[];
   note: string;
@@ -54,20 +50,6 @@ export interface TrainingAnswer {
   total: number;
   columns: { [name: string]: (number | null)[] };
   decimated: boolean;
-}
-
-/** The metrics of a logged run. */
-export interface MetricsAnswer {
-  metrics: { name: string; points: number; step: number | null; value: number | null }[];
-}
-
-/** A metric of a logged run over an axis, in the order of its log. */
-export interface CurveAnswer {
-  id: string;
-  metric: string;
-  total: number;
-  decimated: boolean;
-  columns: { x: (number | null)[]; value: (number | null)[] };
 }
 
 /** A fact of several runs: an option, or a final figure. */

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Manifest, Run } from '../api/types';
 import { dateTime } from './format';
-import { isLogged } from './logged';
-import { runName } from './runs';
 
 export type GroupBy = 'sweep' | 'agent';
 
@@ -30,7 +28,6 @@ export function settingsOf(manifest: Manifest): string {
 
 /** Returns the key and the label that runs of one name share: of one policy_service, or of one agent and learner. */
 function nameOf(run: Run, by: GroupBy): { key: string; label: string } {
-  if (isLogged(run)) return { key: run.id, label: runName(run) };
   const kind = [run.agent, run.learner].filter(Boolean).join(' · ') || 'unknown agent';
   if (by === 'agent') return { key: kind, label: kind };
   return { key: JSON.stringify([run.session, run.policy, kind]), label: `${kind} · session ${run.session}` };

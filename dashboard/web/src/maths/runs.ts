@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import type { Run } from '../api/types';
-import { isLogged } from './logged';
 
-/** Returns a run's name: its network, its learner, its seed and the session of its services; of a logged run its title. */
-export function runName(run: Pick<Run, 'agent' | 'learner' | 'seed' | 'session'> & Partial<Pick<Run, 'id' | 'source' | 'title'>>): string {
-  if (isLogged(run)) return [run.title, run.id].filter(Boolean).join(' · ');
+/** Returns a run's name: its network, its learner, its seed and the session of its services. */
+export function runName(run: Pick<Run, 'agent' | 'learner' | 'seed' | 'session'>): string {
   const parts = [run.agent || 'unknown agent', run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`];
   return parts.filter(Boolean).join(' · ');
 }

@@ -8,11 +8,9 @@ import { newest } from '../maths/evaluations';
 import { dateTime, duration, fixed, integer, percent, plural, short, significant, threeDecimals } from '../maths/format';
 import { groupRuns, type Group } from '../maths/groups';
 import { artefactsOf } from '../maths/manifest';
-import { isLogged } from '../maths/logged';
 import { meanRate, runName } from '../maths/runs';
 import { deviation, mean, median } from '../maths/seeds';
 import { useGroups } from '../state/groups';
-import { useLoggedLines, useMetrics } from '../state/logged';
 import { failure, useJson, useJsons, valueOf } from '../state/resource';
 import { param, place, setParams, usePinned } from '../state/router';
 import { seriesColour } from '../state/theme';
@@ -49,7 +47,7 @@ function CompareRuns({ all }: { all: readonly Run[] }): JSX.Element {
   usePinned('runs', selected.map((run) => run.id).join('\n'));
   return (
     <>
-      {all.some((run) => !isLogged(run)) && <Groups all={all.filter((run) => !isLogged(run))} />}
+      <Groups all={all} />
       <Index all={all} selected={selected} />
       {selected.length > 0 ? (
         <>
@@ -228,19 +226,9 @@ const METRICS = [
 ];
 
 function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
-  const logging = selected.filter(isLogged);
-  const names = useMetrics(logging) ?? [];
-  const options = [...METRICS, ...names.filter((name) => !METRICS.some(({ value }) => value === name)).map((name) => ({ value: name, label: name }))];
-  // Where no training is among the runs, their first metric.
-  const [first = SPL] = logging.length < selected.length ? [SPL] : options.filter(({ value }) => names.includes(value));
-  const metric = options.find((one) => one.value === param('metric', first.value)) ?? first;
+  const metric = METRICS.find((one) => one.value === param('metric', SPL.value)) ?? SPL;
   const x = chosen(AXIS);
-  const logged = useLoggedLines(
-    selected.flatMap((run, i) => (isLogged(run) ? [{ run, label: runName(run), colour: seriesColour(i) }] : [])),
-    names.includes(metric.value) ? [metric.value] : [],
-    { x, smoothing: 0.9 },
-  );
-  const training = useTraining(selected.filter((run) => !isLogged(run)).map((run) => run.id));
+  const training = useTraining(selected.map((run) => run.id));
   const versions = selected.map((run) => training.get(run.id)?.version ?? 0).join();
   const lines: Line[] = useMemo(
     () =>
@@ -255,7 +243,7 @@ function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
   return (
     <div class="stack">
       <div class="wrap card">
-        <Select label="Figure" value={metric.value} options={options} onChange={(value) => setParams({ metric: value })} />
+        <Select label="Figure" value={metric.value} options={METRICS} onChange={(value) => setParams({ metric: value })} />
         <Choice of={AXIS} />
       </div>
       <Chart
@@ -265,16 +253,13 @@ function Curves({ selected }: { selected: readonly Run[] }): JSX.Element {
         {...axisProps(x)}
         yLabel={metric.label}
         format={metric.value === 'steps_per_second' ? short : (value) => significant(value)}
-        lines={[...lines, ...(logged.get(metric.value) ?? [])]}
+        lines={lines}
         height={300}
         legend
       />
     </div>
   );
 }
-
-/** Figures of trainings, which the table has in its own words. */
-const SHOWN = ['reward', 'spl', 'steps', 'episodes', 'wall'];
 
 interface Row {
   key: string;
@@ -313,14 +298,13 @@ function Path({ path }: { path: string }): JSX.Element {
 }
 
 function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
-  const trained = selected.filter((run) => !isLogged(run)); // the others have neither files nor evaluations
-  const details = useJsons<RunDetail>(trained.map((run) => runPath(run.id)));
-  const evaluations = useJsons<{ evaluations: Evaluation[] }>(trained.map((run) => runPath(run.id, '/evaluations')));
+  const details = useJsons<RunDetail>(selected.map((run) => runPath(run.id)));
+  const evaluations = useJsons<{ evaluations: Evaluation[] }>(selected.map((run) => runPath(run.id, '/evaluations')));
   const comparison = useJson<Comparison>(
     `api/compare?${new URLSearchParams({ all: '1', runs: selected.map((run) => run.id).join('\n') }).toString()}`,
     selected.map((run) => run.state).join(),
   );
-  const { config: rows, figures: finals } = valueOf(comparison) ?? { config: [], figures: [] };
+  const rows = valueOf(comparison)?.config ?? [];
   const differing = rows.filter((row) => row.differs);
   const files = selected.flatMap((run): RunFile[] => {
     const detail = details.get(runPath(run.id));
@@ -336,7 +320,6 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
     const values = selected.map(value);
     return { key, values, differs: new Set(values).size > 1 };
   };
-  const final = (value: string | null): string | null => (value !== null && Number.isFinite(Number(value)) ? significant(Number(value)) : value);
   const figures: Row[] = [
     of('State', (run) => run.state),
     of('Seed', (run) => String(run.seed ?? '–')),
@@ -351,7 +334,6 @@ function SideBySide({ selected }: { selected: readonly Run[] }): JSX.Element {
       of(`${name}: SPL of the last checkpoint`, (_, i) => fixed(last[i]?.get(name)?.spl, 3)),
       of(`${name}: completed`, (_, i) => percent(last[i]?.get(name)?.completed)),
     ]),
-    ...finals.filter(({ key }) => !SHOWN.includes(key) || selected.some(isLogged)).map(({ key, values, differs }) => ({ key, values: values.map(final), differs })),
   ].filter(({ values }) => values.some((value) => value !== null && value !== '–'));
   const differingFigures = figures.filter((row) => row.differs);
   const columns = (label: string, number: boolean): Column<Row>[] => [

@@ -3,16 +3,14 @@ import type { JSX } from 'preact';
 import type { Run, Service } from '../api/types';
 import { curveOf } from '../maths/curves';
 import { bytes, clock, dateTime, duration, fixed, integer, plural, short } from '../maths/format';
-import { isLogged } from '../maths/logged';
 import { meanRate, runName } from '../maths/runs';
 import { latest, type Rows } from '../maths/rows';
 import { valueOf } from '../state/resource';
 import { playback } from '../state/playback';
 import { hrefOf } from '../state/router';
-import { about, events, lostServices, now, runs, services, type SeenServices } from '../state/shared';
+import { about, alarmedServices, events, lostServices, now, runs, services, type SeenServices } from '../state/shared';
 import { useTraining } from '../state/training';
 import { Card, Empty, Show, State, toneOf } from '../ui/basics';
-import { Alarms, RunAlarms } from '../ui/alarms';
 import { RunNotes } from '../ui/run_notes';
 import { Spark } from '../ui/spark';
 import { figure, SaveTable, TableCard, text, type Column } from '../ui/table';
@@ -21,7 +19,7 @@ export function Overview(): JSX.Element {
   const all = valueOf(runs.value) ?? [];
   const running = all.filter((run) => run.state === 'running');
   // The rates of actors and learners are in their training. More than a dozen runs at once are not followed.
-  const training = useTraining(running.filter((run) => !isLogged(run)).slice(0, 12).map((run) => run.id));
+  const training = useTraining(running.slice(0, 12).map((run) => run.id));
   const rows = running.map((run) => training.get(run.id)?.rows);
   return (
     <>
@@ -43,7 +41,6 @@ export function Overview(): JSX.Element {
               }
             </Show>
           </Card>
-          <Alarms />
           <Services />
         </div>
         <Events />
@@ -57,7 +54,7 @@ function NothingRuns({ known }: { known: readonly Run[] }): JSX.Element {
   if (newest)
     return (
       <Empty title="No training in progress">
-        See the newest run, {isLogged(newest) ? runName(newest) : newest.agent} of {dateTime(newest.started)}, under{' '}
+        See the newest run, {newest.agent} of {dateTime(newest.started)}, under{' '}
         <a href={hrefOf('training')}>Training</a>.
       </Empty>
     );
@@ -88,7 +85,7 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
   const list = valueOf(services.value)?.services ?? [];
   const up = list.filter((service) => !['lost', 'stopped', 'failed'].includes(service.state)).length;
   const gone = lostServices.value;
-  const alarms = list.filter((service) => service.alarm).length;
+  const alarms = alarmedServices.value;
   const notes = [gone && `${gone} lost or failed`, alarms && plural(alarms, 'alarm')].filter(Boolean).join(', ');
   const lessons = rows.map((one) => (one ? latest(one, 'lesson') : null)).filter((lesson) => lesson !== null);
   const store = valueOf(about.value)?.store;
@@ -119,13 +116,7 @@ function Totals({ running, rows }: { running: readonly Run[]; rows: readonly (Ro
 }
 
 function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Element {
-  const pairs = isLogged(run)
-    ? ([
-        ['Logged with', run.source ?? ''],
-        ['Points', short(run.updates)],
-        ['Time', duration(run.last !== null && run.started !== null ? run.last - run.started : null)],
-      ] as const)
-    : ([
+  const pairs = [
     ['SPL', fixed(run.spl, 3)],
     ['Reward', fixed(run.reward, 3)],
     ['Steps', short(run.steps)],
@@ -134,19 +125,18 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
     ['Lesson', integer(rows && latest(rows, 'lesson'))],
     ['Policy lag', fixed(rows && latest(rows, 'policy_lag'), 1)],
     ['Time', duration(run.wall)],
-  ] as const);
+  ] as const;
   return (
     <article class="run-card">
       <header class="row between">
         <h3>
-          <a href={hrefOf('training', { runs: run.id })}>{isLogged(run) ? run.title || run.id : run.agent || 'unknown agent'}</a>
+          <a href={hrefOf('training', { runs: run.id })}>{run.agent || 'unknown agent'}</a>
         </h3>
         <State state={run.state} />
       </header>
       <p class="hint">
-        {(isLogged(run) ? [run.id] : [run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`]).filter(Boolean).join(' · ')}
+        {[run.learner, run.seed !== null && `seed ${run.seed}`, `session ${run.session}`].filter(Boolean).join(' · ')}
       </p>
-      <RunAlarms run={run.id} />
       <RunNotes run={run} name={runName(run)} />
       {rows && rows.length > 1 && (
         <Spark curve={curveOf(rows, { metric: 'spl', x: 'steps', smoothing: 0.9 })} low={0} high={1} />
@@ -161,8 +151,8 @@ function RunCard({ run, rows }: { run: Run; rows: Rows | undefined }): JSX.Eleme
       </dl>
       <nav class="row" aria-label={`${run.agent ?? ''} ${run.id}`}>
         <a href={hrefOf('training', { runs: run.id })}>Training</a>
-        {!isLogged(run) && <a href={hrefOf('route', { run: run.id })}>Route</a>}
-        {!isLogged(run) && <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>}
+        <a href={hrefOf('route', { run: run.id })}>Route</a>
+        <a href={hrefOf('deployment', { run: run.id })}>Deployment</a>
       </nav>
     </article>
   );

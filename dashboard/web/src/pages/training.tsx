@@ -7,7 +7,6 @@ import type { Controls, Evaluation, Run, RunDetail } from '../api/types';
 import { linesOf, type Display, type GroupRows } from '../maths/curves';
 import { fixed, percent, short, significant, threeDecimals } from '../maths/format';
 import type { Group } from '../maths/groups';
-import { isLogged } from '../maths/logged';
 import { manifestNumber } from '../maths/manifest';
 import type { XAxis } from '../maths/rows';
 import type { Range } from '../maths/seeds';
@@ -21,7 +20,6 @@ import { useDetail, useTraining } from '../state/training';
 import { Card, Failed, Loading, Slider } from '../ui/basics';
 import { Chart, type Reference } from '../ui/chart';
 import { AXIS, axisProps, Choice, chosen, GROUPS, type ChoiceOf } from '../ui/choice';
-import { LoggedCharts } from '../ui/logged_charts';
 import { MomentBar } from '../ui/moment_bar';
 import { RunPicker } from '../ui/run_picker';
 import { WithRuns } from '../ui/with_runs';
@@ -101,7 +99,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   usePinned('runs', newest?.id ?? null, place.value.params.has('groups'));
   let room = MAX_RUNS;
   const fitting = shown.filter((group) => (room -= group.runs.length) >= 0 || group === shown[0]);
-  const ids = fitting.flatMap((group) => group.runs.filter((run) => !isLogged(run)).map((run) => run.id));
+  const ids = fitting.flatMap((group) => group.runs.map((run) => run.id));
   const training = useTraining(ids);
   const versions = ids.map((id) => training.get(id)?.version ?? 0).join();
   // A zoomed part of a decimated run is fetched with all of its points. It begins further left, where the smoothing starts.
@@ -109,9 +107,6 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
   const detail = useDetail(decimated, zoom && { x, from: Math.max(0, 2 * zoom.from - zoom.to), to: zoom.to });
   const chosenIds = fitting.flatMap((group) => group.runs.map((run) => run.id)).join('\n');
   const coloured = useMemo(() => coloursOf(fitting, true), [chosenIds, by]);
-  const logged = fitting.flatMap((group, g) =>
-    group.runs.filter((run) => isLogged(run) && !hidden.has(run.id)).map((run) => ({ run, label: group.label, colour: seriesColour(g) })),
-  );
 
   const groupRows: GroupRows[] = useMemo(
     () =>
@@ -137,7 +132,7 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
 
   const states = ids.map((id) => training.get(id)?.state);
   const failed = ids.map((id) => training.get(id)).find((one) => one?.state === 'failed');
-  const references = useReferences(fitting.flatMap((group) => group.runs).find((run) => !isLogged(run)));
+  const references = useReferences(fitting[0]?.runs[0]);
   const charts = (list: readonly Metric[]): JSX.Element[] =>
     list.map((metric) => (
       <MetricChart
@@ -191,15 +186,12 @@ function Training({ all }: { all: readonly Run[] }): JSX.Element {
             <Loading lines={6} />
           </Card>
         ) : (
-          (ids.length > 0 || logged.length === 0) && (
-            <>
-              <div class="tiles charts charts-main">{charts(PERFORMANCE)}</div>
-              <h2>Optimisation</h2>
-              <div class="tiles charts">{charts(OPTIMISATION)}</div>
-            </>
-          )
+          <>
+            <div class="tiles charts charts-main">{charts(PERFORMANCE)}</div>
+            <h2>Optimisation</h2>
+            <div class="tiles charts">{charts(OPTIMISATION)}</div>
+          </>
         )}
-        {logged.length > 0 && <LoggedCharts drawn={logged} x={x} smoothing={smoothing} zoom={zoom} onZoom={setZoom} />}
       </div>
     </div>
   );

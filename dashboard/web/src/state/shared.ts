@@ -31,6 +31,10 @@ export const lostServices = computed(() =>
     : 0,
 );
 
+export const alarmedServices = computed(() =>
+  services.value.state === 'ready' ? services.value.value.services.filter((service) => service.alarm).length : 0,
+);
+
 const MAX_EVENTS = 500;
 
 async function load<T, U>(path: string, into: typeof about | object, turn: (answer: T) => U): Promise<void> {

@@ -3,7 +3,6 @@ import type { JSX } from 'preact';
 import { useState } from 'preact/hooks';
 import { dateTime, fixed, plural } from '../maths/format';
 import type { Group } from '../maths/groups';
-import { isLogged } from '../maths/logged';
 import { setParams } from '../state/router';
 import { Card, State, Swatch, Tick } from './basics';
 import { Choice, GROUPS } from './choice';
@@ -59,7 +58,7 @@ export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPicker
                 <span class="stack">
                   <b>{group.label}</b>
                   <span class="hint">
-                    {group.runs[0]?.source ?? plural(group.runs.length, 'seed')} · {dateTime(group.runs[0]?.started)}
+                    {plural(group.runs.length, 'seed')} · {dateTime(group.runs[0]?.started)}
                   </span>
                 </span>
               </Tick>
@@ -69,9 +68,9 @@ export function RunPicker({ groups, shown, hidden, colours, omitted }: RunPicker
                     <li key={run.id}>
                       <Tick checked={!hidden.has(run.id)} onChange={() => toggleRun(run.id)}>
                         <Swatch colour={colours.get(run.id) ?? 'text-soft'} />
-                        <span>{isLogged(run) ? 'line' : `seed ${run.seed ?? '?'}`}</span>
+                        <span>seed {run.seed ?? '?'}</span>
                         {run.state !== 'ended' && <State state={run.state} />}
-                        {!isLogged(run) && <span class="number">{fixed(run.spl, 3)}</span>}
+                        <span class="number">{fixed(run.spl, 3)}</span>
                       </Tick>
                     </li>
                   ))}

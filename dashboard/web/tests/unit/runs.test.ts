@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 import { describe, expect, it } from 'vitest';
 import { backOff } from '../../src/api/live';
-import type { CurveAnswer, Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
+import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '../../src/api/types';
 import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
-import { loggedCurve } from '../../src/maths/logged';
 import { meanRate, runName, tagsOf } from '../../src/maths/runs';
 import { artefactsOf } from '../../src/maths/manifest';
 import { routePart, sceneText } from '../../src/maths/scene';
@@ -158,20 +157,5 @@ describe('tags', () => {
   it('stand between commas, each once', () => {
     expect(tagsOf(' a, b c ,,a,')).toEqual(['a', 'b c']);
     expect(tagsOf('')).toEqual([]);
-  });
-});
-
-describe('logged runs', () => {
-  it('are named by their titles, and each is a group of its own', () => {
-    const logged = (id: string, title: string): Run => ({ ...run('p', 0, ''), id, source: 'python', title, seed: null, policy: null });
-    const runs = [logged('p/a', 'first try'), logged('p/b', '')];
-    expect(runs.map(runName)).toEqual(['first try · p/a', 'p/b']);
-    expect(groupRuns(runs, 'sweep').map((group) => group.runs.length)).toEqual([1, 1]);
-    expect(namesakes(runs, 'agent')).toEqual([]);
-  });
-  it('have curves in the order of x, with the last of equal points and gaps', () => {
-    const answer = { total: 5, columns: { x: [0, 2, 1, 2, null], value: [1, 5, null, 7, 9] } } as CurveAnswer;
-    expect(loggedCurve(answer, 0)).toEqual({ x: [0, 1, 2], y: [1, null, 7] });
-    expect(loggedCurve(answer, 0.5).y[2]).toBeCloseTo(7 * 0.8 + 1 * 0.2); // two points later: a weight of 0.25 to 1
   });
 });

@@ -12,27 +12,9 @@
 namespace citylearn::testing {
 namespace {
 
-const std::vector<std::string> kRunFields = sorted({"id",
-                                                    "session",
-                                                    "policy",
-                                                    "seed",
-                                                    "agent",
-                                                    "learner",
-                                                    "state",
-                                                    "started",
-                                                    "last",
-                                                    "updates",
-                                                    "steps",
-                                                    "episodes",
-                                                    "recorded_episodes",
-                                                    "reward",
-                                                    "spl",
-                                                    "wall",
-                                                    "steps_per_second",
-                                                    "source",
-                                                    "title",
-                                                    "tags",
-                                                    "note"});
+const std::vector<std::string> kRunFields =
+    sorted({"id", "session", "policy", "seed", "agent", "learner", "state", "started", "last", "updates", "steps",
+            "episodes", "recorded_episodes", "reward", "spl", "wall", "steps_per_second", "tags", "note"});
 const std::vector<std::string> kEpisodeFields =
     sorted({"rowid", "environment", "incarnation", "episode", "agent", "evaluation", "task", "traversal", "policy",
             "update", "shuffled", "start", "goal", "steps", "shortest", "reward", "completed", "spl", "recorded"});
