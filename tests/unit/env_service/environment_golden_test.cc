@@ -3,12 +3,10 @@
 // before no longer compare. Written anew with CITYLEARN_GOLDEN=write in the environment.
 #include <gtest/gtest.h>
 
-#include <cstdlib>
-#include <fstream>
 #include <sstream>
 
-#include "tests/paths.h"
 #include "tests/support/env/env.h"
+#include "tests/support/golden.h"
 
 namespace citylearn::testing {
 namespace {
@@ -61,32 +59,17 @@ std::string trace(const msg::TaskSettings& with, int agents, int ticks) {
   return text.str();
 }
 
-void compare(const std::string& name, const std::string& text) {
-  const std::string path = std::string(CITYLEARN_SOURCE_DIR) + "/tests/golden/" + name;
-  const char* mode = std::getenv("CITYLEARN_GOLDEN");
-  if (mode && std::string(mode) == "write") std::ofstream(path) << text;
-  std::ifstream file(path);
-  ASSERT_TRUE(file) << path;
-  std::istringstream now(text);
-  std::string expected, got;
-  for (int line = 1; std::getline(file, expected); ++line) {
-    ASSERT_TRUE(std::getline(now, got)) << path << ":" << line << ": the trace ends early";
-    ASSERT_EQ(got, expected) << path << ":" << line;
-  }
-  EXPECT_FALSE(std::getline(now, got)) << "the trace goes on: " << got;
-}
-
 TEST(EnvironmentGolden, Training) {
   msg::TaskSettings with = settings(msg::TRAIN, 6, 8, 3);
   with.first_frame() = 4;
-  compare("environment_training.txt", trace(with, 2, 40));
+  expect_golden("environment_training.txt", trace(with, 2, 40));
 }
 
 TEST(EnvironmentGolden, EvaluationOnShuffledFrames) {
   msg::TaskSettings with = settings(msg::EVALUATE, 12, 12, 4);
   with.tasks() = 5;
   with.shuffle() = true;
-  compare("environment_evaluation_shuffled.txt", trace(with, 2, 1000));
+  expect_golden("environment_evaluation_shuffled.txt", trace(with, 2, 1000));
 }
 
 }  // namespace
