@@ -33,6 +33,7 @@ constexpr int kEpisodesAtOnce = 32;  // before other messages get their turn
 constexpr seconds kInfoInterval{1};
 constexpr milliseconds kUnheardLinger{500};  // at the end, for acknowledgements of recorders that were never heard
 constexpr milliseconds kStopCheck{50};
+constexpr char kNotInCharge[] = "an action of a service that is not in charge";
 constexpr std::size_t kMostPolicies = 256;  // whose newest settings are remembered
 
 Node::Options node_options(Node::Options options, const Traversal& traversal) {
@@ -71,6 +72,7 @@ class EnvService {
   void take_messages();
   void on_settings(const msg::TaskSettings& settings);
   void watch_policy(const std::string& id);
+  void refuse(const msg::Header& header, const std::string& kind);
   bool start_task(const msg::TaskSettings& settings);
   void on_action(const msg::Action& action);
   void on_request(const msg::TraversalRequest& request);
@@ -112,12 +114,14 @@ class EnvService {
   msg::SettingsId newest_;      // of settings_
   msg::TaskSettings settings_;  // taken last, in force when info_.settings().version() != 0, else refused
   Incumbent holder_;            // the policy_service that sent them
+  std::uint64_t replaced_ = 0;  // incarnation of the one that had work before and lost it without giving it up
   std::string watched_;         // its id; empty: there was none yet
   std::map<std::uint64_t, std::uint32_t> versions_;  // newest version obeyed of each policy_service's, by incarnation
   msg::Observation observation_;                     // the last one sent
   std::string refusal_;                              // why the newest settings are not in force
   bool awaiting_action_ = false;
   bool policy_silent_ = false;
+  enum class Silence { kNone, kLogged, kOver } silence_ = Silence::kNone;  // of it, as logged under these settings
   bool masked_action_logged_ = false;
 
   EpisodeOutbox outbox_;
@@ -219,28 +223,40 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     ++node_.traffic.repeated;
     // Their sender has not seen yet that they are in force. Observations show it too, but not while idle.
     if (id == info_.settings()) send_info();
-    return;
-  }
-  if (!in_charge()) holder_.leave();
-  if (holder_.hear(id.incarnation(), now_) == Incumbent::Heard::kOther) {
-    rejections_.add(settings.header(), "settings while another policy_service is in charge");
+    if (in_charge() && id.incarnation() == replaced_)
+      refuse(settings.header(), "settings of a service that was replaced");
     return;
   }
   if (id.version() - version > kMostVersionsAhead) {
     rejections_.add(settings.header(), "settings with a version far ahead of the last ones");
     return;
   }
-  watch_policy(settings.header().sender().c_str());
+  if (!in_charge()) holder_.leave();
+  const std::uint64_t before = in_charge() ? holder_.incarnation() : 0;
+  const Clock::time_point last_heard = holder_.last_heard();
+  const Incumbent::Heard heard = holder_.hear(id.incarnation(), now_);
+  if (heard == Incumbent::Heard::kOther)
+    return refuse(settings.header(), "settings while another policy_service is in charge");
+  const std::string sender = settings.header().sender().c_str();
+  if (heard == Incumbent::Heard::kSuccessor) {
+    replaced_ = before;
+    if (before != 0)
+      spdlog::warn("policy_service '{}' takes over from {}, which was last heard {:.1f} s ago", sender,
+                   sender == watched_ ? "its earlier process" : "'" + watched_ + "'",
+                   std::chrono::duration<double>(now_ - last_heard).count());
+  }
+  watch_policy(sender);
   outbox_.believe(settings.header(), now_);  // that its predecessor stops may be lost
   newest_ = id;
   info_.settings() = msg::SettingsId();
   info_.by_reference() = false;
   settings_ = settings;
   awaiting_action_ = policy_silent_ = masked_action_logged_ = false;
+  silence_ = Silence::kNone;
   tasks_done_ = 0;
   refusal_.clear();
   const bool idle = settings.task_mode() == msg::IDLE;
-  if (idle) spdlog::info("settings {}: idle", newest_.version());
+  if (idle) spdlog::info("settings {} of '{}': idle", newest_.version(), sender);
   if (idle || start_task(settings)) {
     if (versions_.size() >= kMostPolicies) versions_.clear();
     versions_[id.incarnation()] = id.version();
@@ -255,6 +271,12 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     live_ ? live_->reset(settings_) : send_observation();
   }
   report();
+}
+
+/// Notes a message of a policy_service that is not in charge, and tells it, at most once a second, which one is.
+void EnvService::refuse(const msg::Header& header, const std::string& kind) {
+  rejections_.add(header, kind, "'" + watched_ + "' is in charge");
+  if (now_ >= next_info_) send_info();
 }
 
 /// Reads the heartbeats of the policy_service in charge, which show that it lives while it sends no actions.
@@ -272,14 +294,14 @@ bool EnvService::start_task(const msg::TaskSettings& settings) {
   } catch (const Error& error) {
     refusal_ = error.what();
     ++node_.traffic.rejected;
-    spdlog::error("settings {} of '{}' refused: {}", newest_.version(), settings.header().sender().c_str(), refusal_);
+    spdlog::error("settings {} of '{}' refused: {}", newest_.version(), watched_, refusal_);
     return false;
   }
   std::string what = "training";
   if (settings.task_mode() == msg::EVALUATE)
     what = fmt::format("evaluation tasks {}..{}", settings.first_task(), settings.first_task() + settings.tasks() - 1);
-  spdlog::info("settings {}: {}, {}, at most {} steps, seed {}{}", newest_.version(), what, route(settings),
-               settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
+  spdlog::info("settings {} of '{}': {}, {}, at most {} steps, seed {}{}", newest_.version(), watched_, what,
+               route(settings), settings.max_steps(), settings.seed(), settings.shuffle() ? ", frames shuffled" : "");
   return true;
 }
 
@@ -287,14 +309,14 @@ void EnvService::on_action(const msg::Action& action) {
   if (action.environment() != node_.options().id) return;
   if (!awaiting_action_ || action.environment_incarnation() != node_.incarnation() ||
       action.step() != observation_.step() || action.settings() != observation_.settings()) {
+    if (in_charge() && replaced_ != 0 && action.header().incarnation() == replaced_)
+      return refuse(action.header(), kNotInCharge);
     ++node_.traffic.repeated;
     return;
   }
   if (action.header().sender() != settings_.header().sender() ||
-      action.header().incarnation() != settings_.header().incarnation()) {
-    rejections_.add(action.header(), "an action of a service that is not in charge");
-    return;
-  }
+      action.header().incarnation() != settings_.header().incarnation())
+    return refuse(action.header(), kNotInCharge);
   try {
     live_ ? live_->step(action.choice()) : environment_.step(action.choice());
   } catch (const Error& error) {
@@ -315,9 +337,10 @@ void EnvService::on_action(const msg::Action& action) {
 void EnvService::finish_step() {
   send_observation();  // first: the policy_service waits for it
   record_episodes();
-  if (std::exchange(policy_silent_, false)) {
-    spdlog::info("the policy_service answers again");
-    report();
+  if (std::exchange(policy_silent_, false)) report();
+  if (silence_ == Silence::kLogged) {
+    silence_ = Silence::kOver;
+    spdlog::info("policy_service '{}' answers again (this is logged once under these settings)", watched_);
   }
   if (!awaiting_action_) {
     spdlog::info("evaluation of settings {} done", newest_.version());
@@ -402,8 +425,12 @@ void EnvService::do_due_work() {
   }
   if (running() && !policy_silent_ && !policy_.here(now_)) {
     policy_silent_ = true;
-    spdlog::warn("no action for {} s: waiting for the policy_service", kSilence.count());
     report();
+  }
+  // One whose heartbeats come thinks.
+  if (policy_silent_ && silence_ == Silence::kNone && !holder_.here(now_)) {
+    silence_ = Silence::kLogged;
+    spdlog::warn("nothing of policy_service '{}' for {} s: waiting for it", watched_, kSilence.count());
   }
   // A policy_service at work knows the info; while none is, another one may come.
   if ((!running() || policy_silent_) && now_ >= next_info_) send_info();

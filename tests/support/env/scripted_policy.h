@@ -20,8 +20,9 @@ inline bool same(const msg::SettingsId& a, const msg::SettingsId& b) {
 /// Drives one env_service with a Walker, and misbehaves as asked. Keeps all it heard.
 class ScriptedPolicy {
  public:
-  ScriptedPolicy(const MiddlewareOptions& middleware, const std::string& run, const std::string& environment)
-      : environment_(environment), node({middleware, "policy_service", "policy", run}) {
+  ScriptedPolicy(const MiddlewareOptions& middleware, const std::string& run, const std::string& environment,
+                 const std::string& id = "policy")
+      : environment_(environment), node({middleware, "policy_service", id, run}) {
     node.create_reader<msg::TraversalInfo>();
     node.create_reader<msg::TraversalChunk>();
     node.create_reader_at<msg::Observation>(environment);
