@@ -2,21 +2,29 @@
 #include "session.h"
 
 #include <dds/dds.h>
+#include <pthread.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
+#include <unistd.h>
 
 enum { kMaxEnvServices = 32 };
 
 static const int64_t kSettingsAgain = DDS_MSECS(100);
 static const int64_t kRefused = DDS_SECS(10);  // without confirmation of settings
 static const int64_t kSilence = DDS_SECS(30);  // of an env_service that is not idle
+static const int64_t kGone = DDS_SECS(3);      // a process that was silent for so long counts as gone,
+static const int64_t kHandover = DDS_SECS(2);  // or for so long, if another one with its id was heard all that time
+static const int64_t kHeartbeat = DDS_SECS(1);
 
 struct Session {
   dds_entity_t domain, participant, waitset;
-  dds_entity_t infos, episodes;                                 // readers
+  dds_entity_t infos, episodes;  // readers
+  dds_entity_t heartbeats[2];    // writers: on the learner's own topic, on that of all
+  dds_entity_t end, ending;      // of the heartbeats: a condition, its waitset
+  pthread_t heart;
   uint64_t sent_settings, sent_actions, sent_acknowledgements;  // counts, for the headers
   char name[65], id[65];
   uint64_t incarnation;
@@ -68,6 +76,50 @@ static dds_entity_t endpoint(Session* session, const dds_topic_descriptor_t* typ
   return entity;
 }
 
+// A name as it may stand in the name of a topic.
+static const char* escaped(const char* name, char* text) {
+  char* to = text;
+  for (; *name; ++name) {
+    const char code = *name == '-' ? 'm' : *name == '.' ? 'd' : *name == '_' ? 'u' : 0;
+    *to++ = code ? '_' : *name;
+    if (code) *to++ = code;
+  }
+  *to = 0;
+  return text;
+}
+
+static void stamp(const Session* session, citylearn_msg_Header* header, uint64_t number) {
+  header->protocol = citylearn_msg_PROTOCOL;
+  memcpy(header->session, session->name, sizeof header->session);
+  memcpy(header->sender, session->id, sizeof header->sender);
+  header->incarnation = session->incarnation;
+  header->message = number;
+}
+
+// Shows that the learner lives, however long it computes between two steps: an env_service gives a learner that is
+// silent to the next one that asks. A thread of its own.
+static void* send_heartbeats(void* argument) {
+  Session* session = argument;
+  citylearn_msg_ServiceStatus status;
+  memset(&status, 0, sizeof status);
+  strcpy(status.service, "policy_service");
+  strcpy(status.middleware, "cyclonedds");
+  strcpy(status.activity, "learning by counting");
+  gethostname(status.host, sizeof status.host - 1);
+  status.process = (uint32_t)getpid();
+  status.service_state = citylearn_msg_RUNNING;
+  const int64_t start = dds_time();
+  bool ends = false;
+  for (uint64_t number = 1;; ++number) {
+    if (ends) status.service_state = citylearn_msg_STOPPING;  // the next one need not wait
+    stamp(session, &status.header, number);
+    status.uptime = (double)(dds_time() - start) / 1e9;
+    for (int i = 0; i < 2; ++i) require(dds_write(session->heartbeats[i], &status), "send a heartbeat");
+    if (ends) return NULL;
+    ends = require(dds_waitset_wait(session->ending, NULL, 0, kHeartbeat), "wait") > 0;
+  }
+}
+
 Session* session_open(uint32_t domain, const char* name, const char* id) {
   Session* session = calloc(1, sizeof *session);
   if (!session) fail("out of memory");
@@ -75,7 +127,7 @@ Session* session_open(uint32_t domain, const char* name, const char* id) {
   snprintf(session->id, sizeof session->id, "%s", id);
   struct timespec now;
   clock_gettime(CLOCK_REALTIME, &now);
-  session->incarnation = (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;  // later starts are larger
+  session->incarnation = (uint64_t)now.tv_sec * 1000000u + (uint64_t)now.tv_nsec / 1000u;  // another one at each start
   // The services of a run use no multicast: each asks the discovery ports of the hosts it knows. CYCLONEDDS_URI may say
   // otherwise, for other hosts.
   const char* loopback =
@@ -87,19 +139,15 @@ Session* session_open(uint32_t domain, const char* name, const char* id) {
   session->waitset = require(dds_create_waitset(session->participant), "create a waitset");
   session->infos = endpoint(session, &citylearn_msg_TraversalInfo_desc, "citylearn/traversal_info", false, 1024);
   session->episodes = endpoint(session, &citylearn_msg_EpisodeStat_desc, "citylearn/episode_stat", false, 4096);
+  char own[512], session_name[130], own_id[130];
+  snprintf(own, sizeof own, "citylearn/%s/%s/service_status", escaped(name, session_name), escaped(id, own_id));
+  session->heartbeats[0] = endpoint(session, &citylearn_msg_ServiceStatus_desc, own, true, 1);
+  session->heartbeats[1] = endpoint(session, &citylearn_msg_ServiceStatus_desc, "citylearn/service_status", true, 1);
+  session->end = require(dds_create_guardcondition(session->participant), "create a condition");
+  session->ending = require(dds_create_waitset(session->participant), "create a waitset");
+  require(dds_waitset_attach(session->ending, session->end, session->end), "wait for the end");
+  if (pthread_create(&session->heart, NULL, send_heartbeats, session) != 0) fail("cannot start a thread");
   return session;
-}
-
-// A name as it may stand in the name of a topic.
-static const char* escaped(const char* name, char* text) {
-  char* to = text;
-  for (; *name; ++name) {
-    const char code = *name == '-' ? 'm' : *name == '.' ? 'd' : *name == '_' ? 'u' : 0;
-    *to++ = code ? '_' : *name;
-    if (code) *to++ = code;
-  }
-  *to = 0;
-  return text;
 }
 
 // What one env_service sends and is sent alone has topics of its own: citylearn/SESSION/ID/observation.
@@ -118,14 +166,6 @@ static void meet(Session* session, EnvService* env) {
       own_endpoint(session, env, &citylearn_msg_EpisodeAcknowledgement_desc, "episode_acknowledgement", true, 64);
 }
 
-static void stamp(const Session* session, citylearn_msg_Header* header, uint64_t number) {
-  header->protocol = citylearn_msg_PROTOCOL;
-  memcpy(header->session, session->name, sizeof header->session);
-  memcpy(header->sender, session->id, sizeof header->sender);
-  header->incarnation = session->incarnation;
-  header->message = number;
-}
-
 static bool same(const citylearn_msg_SettingsId* a, const citylearn_msg_SettingsId* b) {
   return a->incarnation == b->incarnation && a->version == b->version;
 }
@@ -140,13 +180,27 @@ static EnvService* env_by_id(Session* session, const char* id) {
   return NULL;
 }
 
-// Returns the sender; NULL when it is of another session, or when its process has been replaced.
+// Notes a message of a process. Returns whether it speaks for its id: the one that was heard first does, until it is
+// silent. Incarnations are only compared for equality, as a clock may have been set back.
+static bool hear(EnvService* env, uint64_t incarnation) {
+  const int64_t now = dds_time();
+  if (incarnation == 0) return false;
+  if (incarnation != env->incarnation && env->incarnation != 0 && now - env->heard < kGone) {
+    if (env->rival != incarnation) env->rival_since = now;
+    env->rival = incarnation;
+    if (now - env->rival_since < kHandover) return false;
+  }
+  env->incarnation = incarnation;
+  env->rival = 0;
+  env->heard = env->silent_since = now;
+  return true;
+}
+
+// Returns the sender; NULL when it is of another session, or of another process than the one that speaks for its id.
 static EnvService* sender(Session* session, const citylearn_msg_Header* header) {
   if (!of_this_session(session, header)) return NULL;
   EnvService* env = env_by_id(session, header->sender);
-  if (!env || env->incarnation != header->incarnation) return NULL;
-  env->silent_since = dds_time();
-  return env;
+  return env && env->incarnation == header->incarnation && hear(env, header->incarnation) ? env : NULL;
 }
 
 // ---- What is sent ---------------------------------------------------------------------------------------------------
@@ -165,7 +219,7 @@ void session_command(Session* session, EnvService* env, citylearn_msg_TaskSettin
   env->policy = policy;
   env->in_force = false;
   env->next_step = 0;
-  env->silent_since = dds_time();
+  env->commanded = env->silent_since = dds_time();
   send_settings(session, env);
 }
 
@@ -188,6 +242,8 @@ static void send_acknowledgement(Session* session, EnvService* env, bool leaving
 }
 
 void session_close(Session* session) {
+  require(dds_set_guardcondition(session->end, true), "end the heartbeats");
+  pthread_join(session->heart, NULL);
   // The env_services need not keep episodes for this learner any more.
   for (int i = 0; i < session->count; ++i) send_acknowledgement(session, &session->envs[i], true);
   dds_delete(session->participant);
@@ -196,6 +252,16 @@ void session_close(Session* session) {
 }
 
 // ---- What comes -----------------------------------------------------------------------------------------------------
+
+// Notes whose settings an env_service obeys. One that gave this learner's up for another's gets them again, under a new
+// id: it takes them when the other one is idle, ends or is silent.
+static void note_settings(Session* session, EnvService* env, const citylearn_msg_SettingsId* id) {
+  env->obeys_other = id->version != 0 && id->incarnation != session->incarnation;
+  if (same(id, &env->settings.settings)) env->in_force = true;
+  if (!env->in_force || !env->obeys_other) return;
+  fprintf(stderr, "foreign_learner: env_service '%s' was taken over by another policy_service\n", env->id);
+  session_command(session, env, env->settings, env->policy);
+}
 
 static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
   // Without features an encoder_service is at work: the announcement comes again, complete.
@@ -207,31 +273,32 @@ static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
     memcpy(env->id, info->header.sender, sizeof env->id);
     meet(session, env);
   }
-  if (info->header.incarnation < env->incarnation) return;  // of a dead process, kept for late joiners
-  const bool restarted = env->incarnation != 0 && info->header.incarnation > env->incarnation;
-  if (info->header.incarnation > env->incarnation) {
+  const uint64_t before = env->incarnation;
+  if (!hear(env, info->header.incarnation)) return;
+  const bool fresh = before != env->incarnation;
+  if (!fresh && info->header.message < env->info) return;  // overtaken on the way
+  env->info = info->header.message;
+  if (fresh) {
     env->recorded = 0;
     env->acknowledge = true;  // from now on it keeps what this learner has not recorded
   }
-  env->incarnation = info->header.incarnation;
   memcpy(env->traversal, info->traversal, sizeof env->traversal);
   env->frames = info->frames;
   env->dimension = info->feature_dimension;
   env->agents = info->agents;
-  env->silent_since = dds_time();
   if (env->settings.settings.version == 0) return;
-  if (restarted)
-    session_command(session, env, env->settings,
-                    env->policy);  // it has lost its settings: the same again, under a new id
-  else if (same(&info->settings, &env->settings.settings))
-    env->in_force = true;
+  if (fresh)
+    session_command(session, env, env->settings, env->policy);  // it has lost its settings: the same, under a new id
+  else
+    note_settings(session, env, &info->settings);
 }
 
 static void on_observation(Session* session, const citylearn_msg_Observation* seen) {
   EnvService* env = sender(session, &seen->header);
-  if (!env || env->settings.settings.version == 0 || !same(&seen->settings, &env->settings.settings)) return;
+  if (!env || env->settings.settings.version == 0) return;
+  note_settings(session, env, &seen->settings);
+  if (!same(&seen->settings, &env->settings.settings)) return;
   if (seen->feature_dimension != env->dimension || seen->frame._length != env->agents) return;
-  env->in_force = true;
   if (seen->step + 1 == env->next_step) {  // the answer was lost, or is on its way
     send_action(session, env);
     return;
@@ -287,7 +354,12 @@ void session_spin(Session* session) {
     if (env->settings.settings.version == 0) continue;
     if (!env->in_force) {
       if (now >= env->next_settings) send_settings(session, env);
-      if (now > env->silent_since + kRefused)
+      // An idle env_service, or one whose policy_service is gone, would have taken them by now.
+      const bool waits = env->obeys_other && now > env->commanded + kHeartbeat;
+      if (waits && !env->waiting)
+        fprintf(stderr, "foreign_learner: env_service '%s' works for another policy_service: waiting\n", env->id);
+      env->waiting = waits;
+      if (now > (waits ? env->silent_since : env->commanded) + kRefused)
         fail("env_service '%s' does not take its settings: its log says why", env->id);
     } else if (env->settings.task_mode != citylearn_msg_IDLE && now > env->silent_since + kSilence) {
       fail("env_service '%s' on %s went silent", env->id, env->traversal);

@@ -11,6 +11,7 @@
 #include "action.h"
 #include "episode.h"
 #include "observation.h"
+#include "status.h"
 #include "task_settings.h"
 #include "traversal.h"
 
@@ -29,12 +30,18 @@ typedef struct Policy {
 // One env_service.
 struct EnvService {
   char id[65];
-  uint64_t incarnation;  // of its running process
+  uint64_t incarnation;  // of the process that speaks for the id
+  int64_t heard;         // when it was, nanoseconds
+  uint64_t rival;        // incarnation of another process with the id; 0: none
+  int64_t rival_since;   // heard all the time since, while the first was not
+  uint64_t info;         // number of its newest TraversalInfo
   char traversal[65];
   uint32_t frames, dimension, agents;
   citylearn_msg_TaskSettings settings;  // last sent; settings.settings.version 0: none
   const Policy* policy;                 // acts under them; NULL when the env_service is idle
   bool in_force;                        // the env_service has confirmed the settings
+  int64_t commanded;                    // when they were first sent, nanoseconds
+  bool obeys_other, waiting;            // it shows somebody else's settings; that this learner waits was said
   uint64_t next_step;                   // of the observation to be answered next
   citylearn_msg_Action answer;          // the last one
   uint8_t choice[citylearn_msg_MAX_AGENTS];
