@@ -109,7 +109,7 @@ TEST_P(RustPeer, LearnsAndRecordsEveryEpisode) {
 TEST_P(RustPeer, TwoAtOnceTakeTurns) {
   const auto env = run_.env("summer");
   const auto c = in_c({"--ticks", "500"}), one = in_rust("one-1"), two = in_rust("two.2");
-  for (const auto* learner : {c.get(), one.get(), two.get()})
+  for (Service* learner : {c.get(), one.get(), two.get()})
     ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << env->output();
   ASSERT_EQ(env->end(SIGTERM, seconds(5)), 0);
   const std::string log = env->output();
@@ -122,7 +122,7 @@ TEST_P(RustPeer, TwoRecordEveryEpisodeOnce) {
   const auto env = run_.env("summer");
   const auto one = in_rust("one"), two = in_rust("two");
   std::vector<std::string> episodes;
-  for (const auto* learner : {one.get(), two.get()})
+  for (Service* learner : {one.get(), two.get()})
     ASSERT_EQ(learner->wait(kLong), 0) << learner->output() << env->output();
   ASSERT_EQ(env->end(SIGTERM, seconds(5)), 0);
   for (const std::string id : {"one", "two"})

@@ -3,6 +3,7 @@
 // asks in vain, and in its log. The learners are scripts, which are silent for as long as a test wants.
 #include <gtest/gtest.h>
 
+#include "tests/support/env/env.h"
 #include "tests/support/env/scripted_policy.h"
 #include "tests/support/processes/trial.h"
 #include "tests/support/records/witness.h"
