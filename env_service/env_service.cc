@@ -231,7 +231,8 @@ void EnvService::on_settings(const msg::TaskSettings& settings) {
     rejections_.add(settings.header(), "settings with a version far ahead of the last ones");
     return;
   }
-  if (!in_charge()) holder_.leave();
+  // Not the same one's: it would be left for good, and the next to ask would take over from it at once.
+  if (!in_charge() && id.incarnation() != holder_.incarnation()) holder_.leave();
   const std::uint64_t before = in_charge() ? holder_.incarnation() : 0;
   const Clock::time_point last_heard = holder_.last_heard();
   const Incumbent::Heard heard = holder_.hear(id.incarnation(), now_);

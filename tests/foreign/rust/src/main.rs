@@ -58,8 +58,8 @@ impl Incumbent {
     }
 }
 
-/// The topic of one service.
-fn topic(session: &str, id: &str, message: &str) -> String {
+/// Returns the name of a topic of one service.
+fn topic_of(session: &str, id: &str, message: &str) -> String {
     let escaped = |name: &str| name.replace('_', "_u").replace('-', "_m").replace('.', "_d");
     format!("citylearn/{}/{}/{message}", escaped(session), escaped(id))
 }
@@ -89,26 +89,22 @@ impl<M: Serialize> Writer<M> {
             eprintln!("foreign_rust: cannot send: {error}");
         }
     }
-    /// Waits until the readers have all of it.
-    fn flush(&self) {
-        let _ = self.writer.wait_for_acknowledgments(Duration::from_millis(500));
-    }
 }
 
 impl Wire {
+    fn topic(&self, name: &str, kind: &str, depth: i32) -> rustdds::Topic {
+        let (kind, qos) = (format!("citylearn::msg::{kind}"), quality(depth));
+        self.participant.create_topic(name.into(), kind, &qos, TopicKind::NoKey).expect("a topic")
+    }
     fn writer<M: Serialize>(&self, name: &str, kind: &str, depth: i32) -> Writer<M> {
-        let (qos, kind) = (quality(depth), format!("citylearn::msg::{kind}"));
-        let topic = self.participant.create_topic(name.into(), kind, &qos, TopicKind::NoKey).expect("a topic");
-        let publisher = self.participant.create_publisher(&qos).expect("a publisher");
-        let writer = publisher.create_datawriter_no_key_cdr::<M>(&topic, None).expect("a writer");
+        let publisher = self.participant.create_publisher(&quality(depth)).expect("a publisher");
+        let writer = publisher.create_datawriter_no_key_cdr(&self.topic(name, kind, depth), None).expect("a writer");
         Writer { writer, me: self.me.clone() }
     }
     /// A deep one, as all writers of a topic share its history.
     fn reader<M: for<'a> Deserialize<'a> + 'static>(&mut self, name: &str, kind: &str) -> DataReaderCdr<M> {
-        let (qos, kind) = (quality(1024), format!("citylearn::msg::{kind}"));
-        let topic = self.participant.create_topic(name.into(), kind, &qos, TopicKind::NoKey).expect("a topic");
-        let subscriber = self.participant.create_subscriber(&qos).expect("a subscriber");
-        let mut reader = subscriber.create_datareader_no_key_cdr::<M>(&topic, None).expect("a reader");
+        let subscriber = self.participant.create_subscriber(&quality(1024)).expect("a subscriber");
+        let mut reader = subscriber.create_datareader_no_key_cdr(&self.topic(name, kind, 1024), None).expect("a reader");
         let registry = self.poll.registry();
         registry.register(&mut reader, mio::Token(0), mio::Interest::READABLE).expect("a registration");
         reader
@@ -196,8 +192,8 @@ fn main() {
     let (session, id, train) = (text("--session", "default"), text("--id", "foreign-rust"), text("--train", "summer"));
     let (domain, steps) = (number("--domain", "0") as u16, number("--steps", "1000"));
     let deadline = Instant::now() + Duration::from_secs(number("--seconds", "120"));
-    let path = text("--record", "/dev/null");
-    let mut record = std::fs::File::create(&path).unwrap_or_else(|error| fail(format!("{path}: {error}")));
+    let record = text("--record", "/dev/null");
+    let mut file = std::fs::File::create(&record).unwrap_or_else(|error| fail(format!("{record}: {error}")));
 
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).expect("a clock after 1970");
     let incarnation = now.as_micros() as u64;
@@ -208,7 +204,7 @@ fn main() {
 
     // Heartbeats, however long a step takes: on the learner's own topic, by which it keeps its env_service, and on that
     // of all, by which others name it.
-    let own_status = topic(&session, &id, "service_status");
+    let own_status = topic_of(&session, &id, "service_status");
     let mut hearts = [own_status.as_str(), "citylearn/service_status"].map(|name| wire.writer(name, "ServiceStatus", 1));
     let (end, ended) = channel::<()>();
     let mut pause = Duration::ZERO;
@@ -227,7 +223,7 @@ fn main() {
             });
         }
         if ends {
-            return hearts[0].flush();
+            return hearts.iter().for_each(|heart| _ = heart.writer.wait_for_acknowledgments(SECOND / 2));
         }
     });
 
@@ -244,7 +240,7 @@ fn main() {
         }
     };
     let env = info.header.sender.clone();
-    let own = |message: &str| topic(&session, &env, message);
+    let own = |message: &str| topic_of(&session, &env, message);
     let mut observations = wire.reader::<Observation>(&own("observation"), "Observation");
     let mut commands = wire.writer::<TaskSettings>(&own("task_settings"), "TaskSettings", 64);
     let mut actions = wire.writer::<Action>(&own("action"), "Action", 1);
@@ -339,8 +335,8 @@ fn main() {
             }
             recorded += 1;
             if episode.settings.incarnation == incarnation {
-                let written = writeln!(record, "{},{}", episode.header.incarnation, episode.episode);
-                written.unwrap_or_else(|error| fail(format!("{path}: {error}")));
+                let written = writeln!(file, "{},{}", episode.header.incarnation, episode.episode);
+                written.unwrap_or_else(|error| fail(format!("{record}: {error}")));
                 finished += 1;
                 if episode.completed {
                     spl += f64::from(episode.shortest) / f64::from(episode.steps.max(episode.shortest).max(1));
@@ -354,7 +350,7 @@ fn main() {
     acknowledgements.send(|header| EpisodeAcknowledgement {
         header, environment: env.clone(), environment_incarnation: process.incarnation, episode: recorded, recorder: LEAVES,
     });
-    acknowledgements.flush();
+    let _ = acknowledgements.writer.wait_for_acknowledgments(SECOND / 2);
     drop(end);
     let _ = heart.join();
     println!("{} steps, {finished} episodes, SPL {:.3}", brain.steps, spl / finished as f64);
