@@ -253,12 +253,12 @@ void session_close(Session* session) {
 
 // ---- What comes -----------------------------------------------------------------------------------------------------
 
-// Notes whose settings an env_service obeys. One that gave this learner's up for another's gets them again, under a new
-// id: it takes them when the other one is idle, ends or is silent.
+// Notes whose settings an env_service obeys, by its newest announcement. One that gave this learner's up for another's
+// gets them again, under a new id: it takes them when the other one is idle, ends or is silent.
 static void note_settings(Session* session, EnvService* env, const citylearn_msg_SettingsId* id) {
   env->obeys_other = id->version != 0 && id->incarnation != session->incarnation;
   if (same(id, &env->settings.settings)) env->in_force = true;
-  if (!env->in_force || !env->obeys_other) return;
+  if (!env->in_force || !env->obeys_other || env->settings.task_mode == citylearn_msg_IDLE) return;
   fprintf(stderr, "foreign_learner: env_service '%s' was taken over by another policy_service\n", env->id);
   session_command(session, env, env->settings, env->policy);
 }
@@ -287,7 +287,7 @@ static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
   env->dimension = info->feature_dimension;
   env->agents = info->agents;
   if (env->settings.settings.version == 0) return;
-  if (fresh)
+  if (fresh && env->settings.task_mode != citylearn_msg_IDLE)
     session_command(session, env, env->settings, env->policy);  // it has lost its settings: the same, under a new id
   else
     note_settings(session, env, &info->settings);
@@ -295,10 +295,9 @@ static void on_info(Session* session, const citylearn_msg_TraversalInfo* info) {
 
 static void on_observation(Session* session, const citylearn_msg_Observation* seen) {
   EnvService* env = sender(session, &seen->header);
-  if (!env || env->settings.settings.version == 0) return;
-  note_settings(session, env, &seen->settings);
-  if (!same(&seen->settings, &env->settings.settings)) return;
+  if (!env || env->settings.settings.version == 0 || !same(&seen->settings, &env->settings.settings)) return;
   if (seen->feature_dimension != env->dimension || seen->frame._length != env->agents) return;
+  env->in_force = true;
   if (seen->step + 1 == env->next_step) {  // the answer was lost, or is on its way
     send_action(session, env);
     return;

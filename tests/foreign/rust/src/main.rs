@@ -282,22 +282,18 @@ fn main() {
         }
         wire.wait();
         let (mut lost, mut restarted) = (false, false);
-        let mut obeys = |id: &SettingsId| {
-            in_force |= *id == settings;
-            lost |= in_force && id.version != 0 && id.incarnation != incarnation;
-        };
         for new in take_all(&mut infos) {
             let before = process.incarnation;
             if new.header.sender != env || !wire.ours(&new.header) || !process.hear(new.header.incarnation) {
                 continue;
             }
-            if before == process.incarnation && new.header.message < info.header.message {
-                continue; // overtaken on the way
-            }
             if before != process.incarnation {
                 (recorded, next_acknowledgement, restarted) = (0, now, true); // it was restarted and knows nothing
+            } else if new.header.message < info.header.message {
+                continue; // overtaken on the way
             }
-            obeys(&new.settings);
+            in_force |= new.settings == settings;
+            lost |= in_force && new.settings.version != 0 && new.settings.incarnation != incarnation;
             info = new;
         }
         for seen in take_all(&mut observations) {
@@ -305,7 +301,7 @@ fn main() {
                 continue;
             }
             process.hear(seen.header.incarnation);
-            obeys(&seen.settings);
+            in_force |= seen.settings == settings;
             let next = answer.as_ref().filter(|last| last.settings == settings).map_or(0, |last| last.step + 1);
             if seen.settings != settings || task_mode == IDLE || (seen.step != next && seen.step + 1 != next) {
                 continue; // old
