@@ -252,14 +252,15 @@ fn main() {
     // The settings given last, whether they are in force, and the answer to the newest step under them.
     let (mut version, mut task_mode, mut in_force, mut answer) = (1, TRAIN, false, None::<Action>);
     let (mut next_settings, mut next_acknowledgement) = (Instant::now(), Instant::now());
-    let (mut recorded, mut finished, mut spl) = (0, 0u64, 0.0);
-    while task_mode != IDLE || !in_force {
+    let (mut recorded, mut finished, mut spl, mut newest) = (0, 0u64, 0.0, Instant::now());
+    // Its last episodes may come after the word that the env_service is idle.
+    while task_mode != IDLE || !in_force || newest.elapsed() < SECOND / 2 {
         let now = Instant::now();
         if now > deadline {
             fail(format!("env_service '{env}' did not answer, or works for another policy_service"));
         }
         if brain.steps >= steps && task_mode != IDLE {
-            (version, task_mode, in_force) = (version + 1, IDLE, false); // the next learner need not wait
+            (version, task_mode, in_force, newest) = (version + 1, IDLE, false, now); // the next learner need not wait
         }
         let settings = SettingsId { incarnation, version };
         if !in_force && now >= next_settings {
@@ -329,7 +330,7 @@ fn main() {
             if episode.episode != recorded + 1 {
                 continue; // known, or what is missing comes again
             }
-            recorded += 1;
+            (recorded, newest) = (recorded + 1, now);
             if episode.settings.incarnation == incarnation {
                 let written = writeln!(file, "{},{}", episode.header.incarnation, episode.episode);
                 written.unwrap_or_else(|error| fail(format!("{record}: {error}")));
