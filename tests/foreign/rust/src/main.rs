@@ -340,7 +340,7 @@ fn main() {
                 }
             }
         }
-        if lost || restarted {
+        if (lost || restarted) && task_mode != IDLE {
             (version, in_force) = (version + 1, false); // the same settings, under an id that it has not seen
         }
     }
