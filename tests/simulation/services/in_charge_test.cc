@@ -68,8 +68,8 @@ TEST_F(InCharge, TheOneThatWasSilentIsToldWhoTookOver) {
       << env_->output();
   // Its old settings are not taken, new ones only once the other one is gone.
   const int infos = one_.infos;
-  one_.node.publish(const_cast<msg::TaskSettings&>(one_.commanded()));
-  ASSERT_TRUE(both([&] { return one_.infos > infos; })) << "and what it repeats is answered";
+  msg::TaskSettings old = one_.commanded();
+  ASSERT_TRUE(both([&] { return one_.node.publish(old), one_.infos > infos; })) << "and what it repeats is answered";
   one_.command(settings(msg::TRAIN, 32, 64));
   EXPECT_FALSE(both([&] { return one_.in_force(); }, seconds(6)));
   two_.command(msg::TaskSettings());  // idle
@@ -80,6 +80,7 @@ TEST_F(InCharge, TheOneThatWasSilentIsToldWhoTookOver) {
 TEST_F(InCharge, ARestartedOneIsNamedToo) {
   train(one_, 32);
   ASSERT_TRUE(steps(one_)) << env_->output();
+  silence(milliseconds(100));  // another moment, another incarnation
   ScriptedPolicy again(trial_.middleware(), "default", "env-summer", "one");
   train(again, 16);
   ASSERT_TRUE(steps(again)) << env_->output();
