@@ -62,7 +62,7 @@ class EncoderService {
   void send_info(const Environment& environment);
   void report();
 
-  std::string find_host(std::uint64_t hash) const;
+  std::string find_host(std::uint64_t hash, const std::string& name) const;
   bool alive(const Environment& environment) const { return environment.presence.here(now_); }
   bool serving(const Environment& environment) const { return environment.server == node_.incarnation(); }
 
@@ -101,7 +101,8 @@ Node::Options node_options(Node::Options options) {
 EncoderService::EncoderService(const EncoderServiceOptions& options)
     : options_(options),
       node_(node_options(options.node)),
-      pipeline_(node_, options_, [this](std::uint64_t hash) { return find_host(hash); }) {
+      pipeline_(node_, options_,
+                [this](std::uint64_t hash, const std::string& name) { return find_host(hash, name); }) {
   node_.create_reader<msg::ServiceStatus>();
   node_.create_reader<msg::TraversalInfo>();
   node_.create_reader<msg::TraversalChunk>();
@@ -280,9 +281,11 @@ void EncoderService::on_status(const msg::ServiceStatus& status) {
     peers_[status.header().incarnation()] = {Presence(now_), true};
 }
 
-std::string EncoderService::find_host(std::uint64_t hash) const {
+std::string EncoderService::find_host(std::uint64_t hash, const std::string& name) const {
   for (const auto& [id, environment] : environments_)
-    if (environment.info.hash() == hash && alive(environment)) return id;
+    if (environment.info.hash() == hash && alive(environment) &&
+        (name.empty() || environment.info.traversal().c_str() == name))
+      return id;
   return "";
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/task/live.h"
+#include "core/util/text.h"
 #include "core/wire/transfer.h"
 #include "encoder_service/pipeline/image_fetch.h"
 #include "encoder_service/pipeline/live_features.h"
@@ -16,11 +17,10 @@
 
 namespace citylearn {
 
-/// One traversal on its way from images to features.
+/// The frames of one traversal, or of several of equal contents, on their way from images to features.
 struct EncodedTraversal {
   EncodedTraversal(Node& node, const msg::TraversalInfo& info)
-      : name(info.traversal().c_str()),
-        hash(info.hash()),
+      : hash(info.hash()),
         frames(static_cast<int>(info.frames())),
         is_live(citylearn::is_live(info)),
         images(node, hash, is_live ? std::numeric_limits<int>::max() : frames),
@@ -36,7 +36,10 @@ struct EncodedTraversal {
     return frame < static_cast<std::uint32_t>(features.cols()) ? features.col(frame).data() : nullptr;
   }
 
-  std::string name;
+  /// "summer", or "summer, winter" of equal contents; for messages.
+  std::string name() const { return joined(names); }
+
+  std::set<std::string> names;  // of the traversals that have these frames
   std::uint64_t hash;
   int frames;
   bool is_live;  // a robot's: pictures are encoded when observations name them

@@ -85,10 +85,20 @@ EncodingPipeline::EncodingPipeline(Node& node, const EncoderServiceOptions& opti
 }
 
 void EncodingPipeline::add(const msg::TraversalInfo& info) {
-  if (traversals_.contains(info.hash())) return;
-  spdlog::info("traversal {} of {}: {} frames, from '{}'", info.traversal().c_str(), info.dataset().c_str(),
-               info.frames(), info.header().sender().c_str());
-  traversals_[info.hash()] = std::make_unique<EncodedTraversal>(node_, info);
+  const std::string name = info.traversal().c_str();
+  std::unique_ptr<EncodedTraversal>& traversal = traversals_[info.hash()];
+  if (!traversal) traversal = std::make_unique<EncodedTraversal>(node_, info);
+  if (traversal->names.contains(name)) return;
+  spdlog::info("traversal {} of {}: {} frames{}, from '{}'", name, info.dataset().c_str(), info.frames(),
+               traversal->names.empty() ? "" : ", the same as " + traversal->name(), info.header().sender().c_str());
+  traversal->names.insert(name);
+  const bool learns = encoder_->training_sample_count() > 0 || (needs_reference() && options_.reduction_file.empty());
+  if (name != options_.reference || traversal->is_live || !learns) return;
+  for (const auto& [hash, other] : traversals_)
+    if (hash != info.hash() && !other->is_live && other->names.contains(name))
+      node_.alarm("reference", fmt::format("'{}' hosts other frames of the reference '{}' than those known before: "
+                                           "features may be made by either. Host one, and restart encoder_services",
+                                           info.header().sender().c_str(), name));
 }
 
 const EncodedTraversal* EncodingPipeline::find(std::uint64_t hash) const {
@@ -134,10 +144,13 @@ void EncodingPipeline::advance(Clock::time_point now) {
 }
 
 EncodedTraversal* EncodingPipeline::reference() const {
-  for (const auto& [hash, traversal] : traversals_)
-    if (!traversal->is_live && traversal->name == options_.reference && (has_host(*traversal) || traversal->ready))
-      return traversal.get();
-  return nullptr;
+  EncodedTraversal* encoded = nullptr;  // whose env_service may be gone
+  for (const auto& [hash, traversal] : traversals_) {
+    if (traversal->is_live || !traversal->names.contains(options_.reference)) continue;
+    if (!find_host_(hash, options_.reference).empty()) return traversal.get();
+    if (traversal->work && traversal->work->complete()) encoded = traversal.get();
+  }
+  return encoded;
 }
 
 /// Where the store has what the encoder learned on the traversal with this hash.
@@ -161,7 +174,7 @@ void EncodingPipeline::learn_encoder() {
   sampling_ = true;
   const std::vector<int> frames = training_frames(encoder_->training_sample_count(), traversal->frames);
   spdlog::info("encoder {} learns from {} of {} frames of {}", options_.encoder, frames.size(), traversal->frames,
-               traversal->name);
+               traversal->name());
   traversal->images.want(frames);
 }
 
@@ -224,7 +237,7 @@ void EncodingPipeline::encode_traversals() {
       forget(*traversal, traversal->work->give_back());
   // The others wait for the reference.
   std::stable_partition(order.begin(), order.end(),
-                        [this](EncodedTraversal* traversal) { return traversal->name == options_.reference; });
+                        [first = reference()](const EncodedTraversal* traversal) { return traversal == first; });
   int ahead = 0;
   for (EncodedTraversal* traversal : order)
     ahead += traversal->images.missing() + traversal->in_background + static_cast<int>(traversal->waiting.size());
@@ -237,7 +250,7 @@ void EncodingPipeline::encode_traversals() {
       traversal->since = now_;
       traversal->next_progress = now_ + kProgressInterval;
       if (traversal->work->done() > 0)
-        spdlog::info("{}: {} of {} frames were encoded before", traversal->name, traversal->work->done(),
+        spdlog::info("{}: {} of {} frames were encoded before", traversal->name(), traversal->work->done(),
                      traversal->frames);
     }
     divide_work(*traversal, ahead);
@@ -245,8 +258,8 @@ void EncodingPipeline::encode_traversals() {
     if (now_ < traversal->next_progress || traversal->work->complete()) continue;
     traversal->next_progress = now_ + kProgressInterval;
     if (!traversal->time_left(now_).empty())
-      spdlog::info("{}: {} of {} frames encoded, {} left", traversal->name, traversal->work->done(), traversal->frames,
-                   traversal->time_left(now_));
+      spdlog::info("{}: {} of {} frames encoded, {} left", traversal->name(), traversal->work->done(),
+                   traversal->frames, traversal->time_left(now_));
   }
 }
 
@@ -311,7 +324,7 @@ void EncodingPipeline::store_batch(const Batch& batch, EncodedTraversal& travers
     for (std::size_t i = 0; i < batch.frames.size(); ++i)
       traversal.live->put(batch.frames[i], batch.descriptors.col(static_cast<Eigen::Index>(i)));
     for (const auto& [frame, reason] : batch.faults) {
-      spdlog::warn("{}, frame {}: {}; the one before it takes its place", traversal.name, frame, reason);
+      spdlog::warn("{}, frame {}: {}; the one before it takes its place", traversal.name(), frame, reason);
       traversal.live->put_bad(frame);
     }
     for (const FetchedImage& image : batch.images) traversal.asked.erase(image.frame);
@@ -322,11 +335,11 @@ void EncodingPipeline::store_batch(const Batch& batch, EncodedTraversal& travers
     traversal.work->put(batch.frames[i], batch.descriptors.col(static_cast<Eigen::Index>(i)));
   encoded_ += batch.frames.size();
   for (const auto& [frame, reason] : batch.faults) {
-    spdlog::error("{}, frame {}: {}", traversal.name, frame, reason);
+    spdlog::error("{}, frame {}: {}", traversal.name(), frame, reason);
     traversal.work->put_bad(frame);
     if (!options_.skip_bad_frames && traversal.fault.empty())
       traversal.fault = fmt::format("{} is refused: frame {}: {} (--on-bad-frame skip puts its neighbour in its place)",
-                                    traversal.name, frame, reason);
+                                    traversal.name(), frame, reason);
   }
   if (!traversal.fault.empty()) spdlog::error("{}", traversal.fault);
 }
@@ -339,12 +352,12 @@ void EncodingPipeline::begin_live(EncodedTraversal& traversal) {
   try {
     traversal.live = std::make_unique<LiveFeatures>(options_.reduction, reduction_, spec_.dimension);
   } catch (const Error& error) {
-    traversal.fault = fmt::format("{} is refused: {}", traversal.name, error.what());
+    traversal.fault = fmt::format("{} is refused: {}", traversal.name(), error.what());
     spdlog::error("{}", traversal.fault);
     return;
   }
   traversal.ready = true;
-  spdlog::info("{}: ready, {} features for each picture of the robot", traversal.name, traversal.dimension());
+  spdlog::info("{}: ready, {} features for each picture of the robot", traversal.name(), traversal.dimension());
 }
 
 void EncodingPipeline::want(std::uint64_t hash, std::span<const std::uint32_t> frames) {
@@ -366,10 +379,10 @@ void EncodingPipeline::reduce_traversals() {
 }
 
 void EncodingPipeline::reduce(EncodedTraversal& traversal) {
-  if (needs_reference() && !reduction_ && traversal.name != options_.reference) return;  // the reference goes first
+  if (needs_reference() && !reduction_ && &traversal != reference()) return;  // the reference goes first
   if (!traversal.positions.complete()) return;
   traversal.reducing = true;
-  spdlog::info("{}: all {} frames encoded ({} of them now, {} by others, in {:.1f} s)", traversal.name,
+  spdlog::info("{}: all {} frames encoded ({} of them now, {} by others, in {:.1f} s)", traversal.name(),
                traversal.frames, traversal.work->made(), traversal.work->fetched(),
                std::chrono::duration<double>(now_ - traversal.since).count());
   auto features = std::make_shared<Eigen::MatrixXf>();
@@ -378,7 +391,7 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
   ReductionOptions reduction = options_.reduction;
   const int most = Reduction::largest_dimension(spec_.dimension, traversal.frames);
   if (options_.cap_dimension && !reduction_ && reduction.dimension > most) {
-    spdlog::info("reference '{}' has {} frames of {} numbers: --dimension is {} instead of {}", traversal.name,
+    spdlog::info("reference '{}' has {} frames of {} numbers: --dimension is {} instead of {}", traversal.name(),
                  traversal.frames, spec_.dimension, most, reduction.dimension);
     reduction.dimension = most;
   }
@@ -410,20 +423,20 @@ void EncodingPipeline::reduce(EncodedTraversal& traversal) {
       [this, &traversal, features, learned, lost] {
         traversal.reducing = false;
         if (!lost->empty()) {
-          spdlog::warn("{}: the store has lost {} frames; they are encoded again", traversal.name, lost->size());
+          spdlog::warn("{}: the store has lost {} frames; they are encoded again", traversal.name(), lost->size());
           traversal.work->lose(*lost);
           return;
         }
         if (needs_reference()) reduction_ = *learned;
         traversal.features = std::move(*features);
         traversal.ready = true;
-        spdlog::info("{}: ready, {} features a frame", traversal.name, traversal.features.rows());
+        spdlog::info("{}: ready, {} features a frame", traversal.name(), traversal.features.rows());
       });
 }
 
 void EncodingPipeline::send_requests() {
   for (const auto& [hash, traversal] : traversals_) {
-    const std::string host = find_host_(hash);
+    const std::string host = find_host_(hash, "");
     if (host.empty() || (traversal->ready && !traversal->is_live)) continue;
     if (!encoder_ready_ || traversal->bytes < kLargestBacklog) traversal->images.ask(host);
     if (traversal->is_live || !traversal->positions.ask(now_, request_)) continue;
@@ -447,12 +460,13 @@ std::optional<std::pair<msg::State, std::string>> EncodingPipeline::status(Clock
     const bool encoded = traversal->work && traversal->work->complete();
     if (traversal->work && !(encoded && needs_reference() && !reduction_ && !reference())) {
       const std::string left = traversal->time_left(now);
-      first.emplace(msg::RUNNING, fmt::format("{}: {} of {} frames encoded{}", traversal->name, traversal->work->done(),
-                                              traversal->frames, left.empty() ? "" : ", " + left + " left"));
+      first.emplace(msg::RUNNING,
+                    fmt::format("{}: {} of {} frames encoded{}", traversal->name(), traversal->work->done(),
+                                traversal->frames, left.empty() ? "" : ", " + left + " left"));
     } else if (!traversal->work && sampling_) {
       first.emplace(msg::RUNNING, "learning from " + options_.reference);
     } else {
-      first.emplace(msg::WAITING, fmt::format("{} waits for an env_service on the reference '{}'", traversal->name,
+      first.emplace(msg::WAITING, fmt::format("{} waits for an env_service on the reference '{}'", traversal->name(),
                                               options_.reference));
     }
   }

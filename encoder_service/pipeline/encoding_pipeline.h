@@ -22,13 +22,14 @@ namespace citylearn {
 /// run on threads of their own. Used by the node's thread.
 class EncodingPipeline {
  public:
-  /// Returns the id of a live env_service that has the images of the traversal with this hash; empty: there is none.
-  using FindHost = std::function<std::string(std::uint64_t hash)>;
+  /// Returns the id of a live env_service that has the images of the traversal with this hash, and calls it `name`
+  /// unless that is empty; empty: there is none.
+  using FindHost = std::function<std::string(std::uint64_t hash, const std::string& name)>;
 
   /// `node` must outlive it. Throws Error: an unknown encoder, wrong parameters or files, a store that cannot be made.
   EncodingPipeline(Node& node, const EncoderServiceOptions& options, FindHost find_host);
 
-  /// Adds a traversal unless it is known.
+  /// Adds a traversal unless it is known. Recordings of equal contents are encoded once, whatever their names.
   void add(const msg::TraversalInfo& info);
   /// Returns a traversal by its hash; null when it is unknown.
   const EncodedTraversal* find(std::uint64_t hash) const;
@@ -76,7 +77,7 @@ class EncodingPipeline {
            options_.reduction.centring == Centring::kRunning;
   }
   EncodedTraversal* reference() const;
-  bool has_host(const EncodedTraversal& traversal) const { return !find_host_(traversal.hash).empty(); }
+  bool has_host(const EncodedTraversal& traversal) const { return !find_host_(traversal.hash, "").empty(); }
   std::string encoder_path(std::uint64_t traversal) const;
 
   Node& node_;

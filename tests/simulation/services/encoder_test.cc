@@ -221,18 +221,84 @@ TEST(EncodingShared, AWireThatLosesRepeatsAndReordersOnlyCostsTime) {
             kLongWayFrames);
 }
 
-TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
-  Trial run("simulated");
-  // A route of 30 tiny pictures; one of them passes for a PNG file until it is decoded.
-  const std::string route = run.folder() / "data/summer";
+/// Writes a route of tiny pictures, the same under every name. Returns the options of env_services on such routes.
+Arguments tiny_route(const Trial& run, const std::string& name, int frames = 30) {
+  const std::string route = run.folder() / ("data/" + name);
   std::filesystem::create_directories(route);
-  for (int i = 0; i < 30; ++i) {
+  for (int i = 0; i < frames; ++i) {
     std::ofstream out(fmt::format("{}/{:03}.ppm", route, i), std::ios::binary);
     out << "P6 8 8 255\n";
     for (int k = 0; k < 8 * 8 * 3; ++k) out.put(static_cast<char>((k * (i + 3)) % 251));
   }
-  std::filesystem::resize_file(route + "/007.ppm", 60);
-  const auto summer = run.env("summer", {"--dataset", "plain", "--data", run.folder() / "data"});
+  return {"--dataset", "plain", "--data", run.folder() / "data"};
+}
+
+TEST(EncodingNames, RecordingsOfEqualContentsAreServedUnderEachName) {
+  std::vector<float> expected;
+  const std::vector<std::vector<std::string>> orders = {{"summer"},
+                                                        {"winter", "summer"},
+                                                        {"summer", "winter"},
+                                                        {"winter", "autumn", "summer"},
+                                                        {"winter", "summer", "summer"}};
+  for (const std::string encoder_name : {"patchnorm", "vlad"})  // the latter learns on the reference, too
+    for (const auto& order : orders) {
+      const std::string what = encoder_name + " " + joined(order);
+      Trial run("simulated");
+      EncodingWatch watch(run.middleware());
+      const auto encoder = run.encoder({"--encoder", encoder_name, "--dimension", "4", "--store", "none"});
+      std::vector<std::unique_ptr<Service>> envs;
+      for (std::size_t i = 0; i < order.size(); ++i) {
+        Arguments options = tiny_route(run, order[i]);
+        options.insert(options.end(), {"--id", fmt::format("env-{}", i)});
+        envs.push_back(run.env(order[i], options));
+        const auto begin = order.begin(), here = begin + static_cast<std::ptrdiff_t>(i);
+        if (std::find(begin, here, order[i]) == here) {  // its name is new: it is found before the next one comes
+          ASSERT_TRUE(encoder->says(fmt::format("from 'env-{}'", i), kSoon)) << what << encoder->output();
+        }
+      }
+      for (std::size_t i = 0; i < order.size(); ++i)
+        ASSERT_TRUE(encoder->says(fmt::format("serves 'env-{}'", i), kSoon)) << what << encoder->output();
+      for (const std::string& name : order) {
+        const std::vector<float> features = watch.features(name, "encoder", kSoon);
+        ASSERT_FALSE(features.empty()) << what << ", " << name;
+        if (order.size() == 1) expected = features;
+        EXPECT_TRUE(features == expected) << what << ", " << name;
+      }
+    }
+}
+
+TEST(EncodingNames, AnAgentIsTriedOnARecordingOfEqualContents) {
+  Trial run("simulated");
+  const auto winter = run.env("winter", tiny_route(run, "winter"));
+  const auto summer = run.env("summer", tiny_route(run, "summer"));
+  const auto encoder = run.encoder({"--encoder", "patchnorm", "--dimension", "4"});
+  const auto policy = run.train(4, "out", {"--train", "summer", "--evaluate", "summer,winter", "--frames", "0:30"});
+  ASSERT_EQ(policy->wait(kLong), 0) << policy->output() << encoder->output();
+  const Json traversals = Json::parse(contents(run.folder() / "out/manifest.json"))["traversals"];
+  ASSERT_EQ(traversals.size(), 2u) << traversals;
+  EXPECT_EQ(traversals["summer"], traversals["winter"]);
+}
+
+TEST(EncodingNames, OtherFramesUnderTheReferencesNameAreNamed) {
+  Trial run("simulated");
+  Arguments options = tiny_route(run, "summer");
+  auto summer = run.env("summer", options);
+  const auto encoder = run.encoder({"--encoder", "patchnorm", "--dimension", "4"});
+  ASSERT_TRUE(encoder->says("serves 'env-summer'", kSoon)) << encoder->output();
+  EXPECT_FALSE(contains(encoder->output(), "hosts other frames"));
+  ASSERT_EQ(summer->end(SIGTERM, seconds(5)), 0);
+  options.insert(options.end(), {"--frames", "0:20"});
+  summer = run.env("summer", options);
+  ASSERT_TRUE(encoder->says("'env-summer' hosts other frames of the reference 'summer'", kSoon)) << encoder->output();
+  EXPECT_TRUE(poll_until([&] { return occurrences(encoder->output(), "serves 'env-summer'") == 2; }, kSoon));
+}
+
+TEST(EncodingFaults, ABrokenPictureIsNamedAndRefusedOrReplaced) {
+  Trial run("simulated");
+  // One of the pictures passes for a PPM file until it is decoded.
+  const Arguments options = tiny_route(run, "summer");
+  std::filesystem::resize_file(run.folder() / "data/summer/007.ppm", 60);
+  const auto summer = run.env("summer", options);
   const auto strict = run.encoder({"--dimension", "8"});
   ASSERT_TRUE(strict->says("summer is refused", kSoon)) << strict->output() << summer->output();
   EXPECT_TRUE(contains(strict->output(), "007.ppm"));
