@@ -47,7 +47,7 @@ export class Trails {
   private trails: Trail[] = [];
 
   add(scene: Scene): void {
-    const key = `${scene.hash} ${scene.first_frame} ${scene.frames} ${scene.policy} ${scene.mode}`;
+    const key = `${scene.traversal} ${scene.hash} ${scene.first_frame} ${scene.frames} ${scene.policy} ${scene.mode}`;
     if (key !== this.key || scene.list.length !== this.trails.length) this.trails = [];
     this.key = key;
     this.trails = scene.list.map((agent, i) => extend(this.trails[i], agent));

@@ -6,6 +6,7 @@ import type { Line } from '../maths/curves';
 import { evaluationName } from '../maths/evaluations';
 import { fixed, integer } from '../maths/format';
 import { manifestNumber } from '../maths/manifest';
+import { sameTraversal } from '../maths/scene';
 import { useJson, valueOf, type Resource } from '../state/resource';
 import { param, setParams } from '../state/router';
 import { Card, Empty, IconButton, Select, Show } from '../ui/basics';
@@ -103,8 +104,8 @@ export function Player({ episode, positions, run, whole = false, focused = false
     setPlaying(false);
     setStep(to ?? 0);
   };
-  const own = run?.traversals.find((one) => one.hash === episode.hash);
-  const siblings = (run?.traversals ?? []).filter((one) => one.hash !== episode.hash && one.images);
+  const own = run?.traversals.find((one) => sameTraversal(one, episode));
+  const siblings = (run?.traversals ?? []).filter((one) => !sameTraversal(one, episode) && one.images);
   const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
   const map = useJson<TraversalMap>(episode.hash === null ? null : `api/map/${episode.hash}`);
   const least = Math.min(...positions, episode.goal);

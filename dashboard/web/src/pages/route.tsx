@@ -7,7 +7,7 @@ import { live } from '../api/live';
 import type { Run, RunDetail, RunTraversal, Scene, TraversalMap } from '../api/types';
 import type { Line } from '../maths/curves';
 import { integer } from '../maths/format';
-import { routePart, sceneText } from '../maths/scene';
+import { routePart, sameTraversal, sceneText } from '../maths/scene';
 import { idle, Trails, type Trail } from '../maths/trail';
 import { cursorAt } from '../state/cursor';
 import { playback, playing } from '../state/playback';
@@ -184,7 +184,7 @@ function Eyes({ source, traversal, all, agent, frame }: {
   agent: number;
   frame: number | null;
 }): JSX.Element {
-  const siblings = all.filter((one) => one.hash !== traversal.hash && one.images);
+  const siblings = all.filter((one) => !sameTraversal(one, traversal) && one.images);
   const sibling = siblings.find((one) => one.traversal === param('sibling', '')) ?? siblings[0];
   return (
     <Card

@@ -5,7 +5,7 @@ import type { Manifest, Run, RunDetail, RunTraversal, Scene, SceneAgent } from '
 import { groupRuns, namesakes, settingsOf } from '../../src/maths/groups';
 import { meanRate, runName, tagsOf } from '../../src/maths/runs';
 import { artefactsOf } from '../../src/maths/manifest';
-import { routePart, sceneText } from '../../src/maths/scene';
+import { routePart, sameTraversal, sceneText } from '../../src/maths/scene';
 import { extend, Trails } from '../../src/maths/trail';
 import { toneOf } from '../../src/ui/basics';
 
@@ -158,4 +158,11 @@ describe('tags', () => {
     expect(tagsOf(' a, b c ,,a,')).toEqual(['a', 'b c']);
     expect(tagsOf('')).toEqual([]);
   });
+});
+
+it('traversals of equal contents are two', () => {
+  const summer = { traversal: 'summer', hash: '0a' };
+  expect(sameTraversal(summer, { ...summer })).toBe(true);
+  expect(sameTraversal(summer, { traversal: 'winter', hash: '0a' })).toBe(false);
+  expect(sameTraversal(summer, { traversal: 'summer', hash: '0b' })).toBe(false); // other frames
 });
