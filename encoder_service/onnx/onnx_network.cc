@@ -13,6 +13,7 @@
 
 #include "core/util/text.h"
 #include "encoder_service/onnx/onnx_file.h"
+#include "encoder_service/onnx/onnx_refusals.h"
 
 namespace citylearn {
 namespace {
@@ -162,6 +163,8 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
   }
 
   const Silence silence;
+  const std::vector<std::int64_t> input = {1, 3, height_, width_};
+  refuse_misread_nodes(bytes, input, "", path_);
   try {
     parts_->net = cv::dnn::readNetFromONNX(reinterpret_cast<const char*>(bytes.data()), bytes.size());
     parts_->net.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
@@ -171,7 +174,11 @@ OnnxNetwork::OnnxNetwork(const Parameters& parameters, const EncoderFiles& files
                 "docs/how-to/use-an-onnx-encoder.md says how to export what OpenCV reads");
   }
   choose_layer(files.layer, preset.pooled);
-  const cv::Mat output = forward(cv::Mat(height_, width_, CV_8UC3, cv::Scalar::all(128)));
+  refuse_misread_nodes(bytes, input, layer_, path_);
+  const cv::Mat grey(height_, width_, CV_8UC3, cv::Scalar::all(128)), output = forward(grey).clone();
+  if (cv::norm(output, forward(grey), cv::NORM_INF) != 0)
+    throw Error("layer '" + layer_ + "' gives other numbers each time for the same picture", path_,
+                "export it by model.eval()");
   shape_.assign(output.size.p, output.size.p + output.dims);
 }
 

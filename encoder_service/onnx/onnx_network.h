@@ -20,8 +20,9 @@ std::string list_presets();
 /// else is encoded, and nothing is lost (docs/how-to/use-an-onnx-encoder.md). Used by one thread at a time.
 class OnnxNetwork {
  public:
-  /// Throws Error when the file is missing or not an ONNX model, OpenCV cannot import an operator (named), the layer or
-  /// preset is unknown, parameters contradict the model's input shape, or the network fails on a picture.
+  /// Throws Error when the file is missing or not an ONNX model, OpenCV cannot import an operator or computes it
+  /// otherwise than ONNX defines (named), the layer or preset is unknown, parameters contradict the model's input
+  /// shape, or the network fails on a picture.
   OnnxNetwork(const Parameters& parameters, const EncoderFiles& files);
   ~OnnxNetwork();
 

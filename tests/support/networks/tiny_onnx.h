@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -30,6 +31,11 @@ class Proto {
     bytes_ += value;
     return *this;
   }
+  Proto& real(std::uint32_t field, float value) {
+    varint(field << 3 | 5);
+    bytes_.append(reinterpret_cast<const char*>(&value), sizeof value);
+    return *this;
+  }
   Proto& message(std::uint32_t field, const Proto& value) { return text(field, value.bytes_); }
   const std::string& bytes() const { return bytes_; }
 
@@ -50,6 +56,13 @@ class TinyOnnx {
     if (last_.empty()) last_ = name;
     return *this;
   }
+  TinyOnnx& integers(const std::string& name, const std::vector<std::int64_t>& numbers) {
+    std::string raw(numbers.size() * sizeof numbers[0], '\0');
+    std::memcpy(raw.data(), numbers.data(), raw.size());
+    graph_.message(
+        5, Proto().number(1, static_cast<std::int64_t>(numbers.size())).number(2, 7).text(8, name).text(9, raw));
+    return *this;
+  }
   TinyOnnx& weights(const std::string& name, const std::vector<std::int64_t>& shape, const std::vector<float>& numbers,
                     bool elsewhere = false) {
     Proto tensor;
@@ -62,13 +75,17 @@ class TinyOnnx {
     graph_.message(5, tensor);
     return *this;
   }
-  /// `others`: names of its weights.
+  TinyOnnx& opset(std::int64_t version) { return opset_ = version, *this; }
+  TinyOnnx& producer(const std::string& name) { return producer_ = name, *this; }
+  /// `others`: names of its weights, after the output of the node before unless "@" says where that stands.
   TinyOnnx& node(const std::string& type, const std::string& name, const std::vector<std::string>& others = {},
                  const std::vector<std::pair<std::string, std::vector<std::int64_t>>>& lists = {},
-                 const std::vector<std::pair<std::string, std::int64_t>>& numbers = {}) {
+                 const std::vector<std::pair<std::string, std::int64_t>>& numbers = {},
+                 const std::vector<std::pair<std::string, std::string>>& words = {},
+                 const std::vector<std::pair<std::string, float>>& reals = {}) {
     Proto node;
-    node.text(1, last_);
-    for (const std::string& other : others) node.text(1, other);
+    if (std::find(others.begin(), others.end(), "@") == others.end()) node.text(1, last_);
+    for (const std::string& other : others) node.text(1, other == "@" ? last_ : other);
     last_ = name + "_out";
     node.text(2, last_).text(3, name).text(4, type);
     for (const auto& [key, list] : lists) {
@@ -78,6 +95,8 @@ class TinyOnnx {
       node.message(5, attribute);
     }
     for (const auto& [key, number] : numbers) node.message(5, Proto().text(1, key).number(20, 2).number(3, number));
+    for (const auto& [key, word] : words) node.message(5, Proto().text(1, key).number(20, 3).text(4, word));
+    for (const auto& [key, real] : reals) node.message(5, Proto().text(1, key).number(20, 1).real(2, real));
     graph_.message(1, node);
     return *this;
   }
@@ -86,9 +105,9 @@ class TinyOnnx {
     graph.text(2, "tiny").message(12, value(last_, {0}));
     return Proto()
         .number(1, 6)
-        .text(2, "citylearn")
+        .text(2, producer_)
         .message(7, graph)
-        .message(8, Proto().text(1, "").number(2, 11))
+        .message(8, Proto().text(1, "").number(2, opset_))
         .bytes();
   }
   std::string save(const std::string& path) const {
@@ -114,7 +133,8 @@ class TinyOnnx {
   }
 
   Proto graph_;
-  std::string last_;
+  std::string last_, producer_ = "citylearn";
+  std::int64_t opset_ = 11;
 };
 
 /// 3 x 3 convolution to `maps` maps ("conv"), ReLU ("relu") and global average ("pool"), with weights of no meaning.

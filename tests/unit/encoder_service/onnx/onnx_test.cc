@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <opencv2/dnn.hpp>
@@ -8,6 +9,7 @@
 
 #include "encoder_service/onnx/onnx_file.h"
 #include "encoder_service/onnx/onnx_network.h"
+#include "encoder_service/onnx/onnx_refusals.h"
 #include "tests/paths.h"
 #include "tests/support/data/real_data.h"
 #include "tests/support/networks/tiny_onnx.h"
@@ -266,6 +268,141 @@ TEST(Onnx, PicturesOfAnotherKindAreRefused) {
     EXPECT_THROW(encoder->encode(std::span(&picture, 1)), Error);
 }
 
+using Sides = std::vector<std::int64_t>;
+using Lists = std::vector<std::pair<std::string, Sides>>;
+
+TinyOnnx start(std::int64_t opset = 11) { return TinyOnnx().input({1, 3, 4, 4}).opset(opset); }
+
+/// What the network makes of a picture of red 30, green 20 and blue 10, as bytes, averaged over all places.
+std::vector<float> colours_of(const TinyOnnx& model, const std::string& layer = "") {
+  const Folder folder;
+  const Values plain = {{"scale", 255}, {"mean-red", 0},      {"mean-green", 0},      {"mean-blue", 0},
+                        {"rgb", 1},     {"deviation-red", 1}, {"deviation-green", 1}, {"deviation-blue", 1}};
+  const auto encoder = make(network(model.save(folder / "a.onnx"), layer), plain);
+  const cv::Mat picture(4, 4, CV_8UC3, cv::Scalar(10, 20, 30));
+  const Eigen::VectorXf found = encoder->encode(std::span(&picture, 1)).col(0);
+  return {found.begin(), found.end()};
+}
+
+TEST(OnnxRefusals, NodesThatOpencvComputesOtherwiseAreNamed) {
+  const Lists padded = {{"kernel_shape", {3, 3}}, {"pads", {1, 1, 1, 1}}}, open = {{"kernel_shape", {3, 3}}};
+  const Lists twos = {{"kernel_shape", {2, 2}}}, halving = {{"kernel_shape", {3, 3}}, {"strides", {2, 2}}};
+  const std::vector<float> nine(9, 1), kernel(27, 1);
+  const auto pooled = [](std::int64_t opset) {
+    return start(opset).node("GlobalAveragePool", "pool").node("Flatten", "flat");
+  };
+  const std::map<std::string, TinyOnnx> models = {
+      {"AveragePool counts", start().node("AveragePool", "it", {}, padded, {{"count_include_pad", 1}})},
+      {"AveragePool of PyTorch", start().producer("pytorch").node("AveragePool", "it", {}, padded)},
+      {"AveragePool same",
+       start().node("AveragePool", "it", {}, open, {{"count_include_pad", 1}}, {{"auto_pad", "SAME_UPPER"}})},
+      {"AveragePool lower", start().node("AveragePool", "it", {}, halving, {}, {{"auto_pad", "SAME_LOWER"}})},
+      {"MaxPool lower", start().node("MaxPool", "it", {}, twos, {}, {{"auto_pad", "SAME_LOWER"}})},
+      {"MaxPool dilated", start().node("MaxPool", "it", {}, {{"kernel_shape", {2, 2}}, {"dilations", {2, 2}}})},
+      {"Conv lower",
+       start().weights("w", {1, 3, 3, 3}, kernel).node("Conv", "it", {"w"}, halving, {}, {{"auto_pad", "SAME_LOWER"}})},
+      {"Conv dilated", start()
+                           .weights("w", {1, 3, 3, 3}, kernel)
+                           .node("Conv", "it", {"w"}, {{"kernel_shape", {3, 3}}, {"dilations", {2, 2}}}, {},
+                                 {{"auto_pad", "SAME_UPPER"}})},
+      {"ConvTranspose", start()
+                            .weights("w", {3, 1, 3, 3}, kernel)
+                            .node("ConvTranspose", "it", {"w"}, {{"kernel_shape", {3, 3}}, {"dilations", {2, 2}}})},
+      {"Softmax without axis", start().node("Softmax", "it")},
+      {"Softmax without axis, 13", start(13).node("Softmax", "it")},
+      {"Softmax of a map", start().node("Softmax", "it", {}, {}, {{"axis", 1}})},
+      {"LogSoftmax of a map", start().node("LogSoftmax", "it", {}, {}, {{"axis", 2}})},
+      {"Gemm alpha", pooled(11)
+                         .weights("w", {3, 3}, nine)
+                         .weights("b", {3}, {1, 2, 3})
+                         .node("Gemm", "it", {"w", "b"}, {}, {{"transB", 1}}, {}, {{"alpha", 0.5f}})},
+      {"Gemm beta", pooled(11)
+                        .weights("w", {3, 3}, nine)
+                        .weights("b", {3}, {1, 2, 3})
+                        .node("Gemm", "it", {"w", "b"}, {}, {{"transB", 1}}, {}, {{"beta", 2.0f}})},
+      {"Div constant first", start().weights("c", {1, 3, 1, 1}, {1, 2, 3}).node("Div", "it", {"c", "@"})},
+      {"Less constant first",
+       start().weights("c", {1}, {1}).node("Less", "it", {"c", "@"}).node("Cast", "c", {}, {}, {{"to", 1}})},
+      {"Mul by a row", start().weights("c", {4}, {1, 2, 3, 4}).node("Mul", "it", {"c"})},
+      {"Mul by a map", start().weights("c", {1, 1, 4, 4}, std::vector<float>(16, 1)).node("Mul", "it", {"c"})},
+      {"Add a row", start().weights("c", {1, 3, 1, 4}, std::vector<float>(12, 1)).node("Add", "it", {"c"})},
+      {"PRelu by a row", start().weights("c", {4}, {1, 2, 3, 4}).node("PRelu", "it", {"c"})},
+      {"Resize rounding",
+       start()
+           .weights("s", {4}, {1, 1, 2, 2})
+           .node("Resize", "it", {"@", "", "s"}, {}, {}, {{"mode", "nearest"}, {"nearest_mode", "floor"}})},
+      {"Resize scale", start()
+                           .weights("s", {4}, {1, 1, 1.3f, 1.3f})
+                           .node("Resize", "it", {"@", "", "s"}, {}, {},
+                                 {{"mode", "linear"}, {"coordinate_transformation_mode", "half_pixel"}})},
+      {"Cast to integer", start().node("Cast", "it", {}, {}, {{"to", 6}}).node("Cast", "back", {}, {}, {{"to", 1}})},
+      {"Concat",
+       start().weights("c", {1, 1, 4, 4}, std::vector<float>(16, 1)).node("Concat", "it", {"c"}, {}, {{"axis", 1}})},
+      {"CumSum", start().integers("i", {2}).node("CumSum", "it", {"i"})},
+      {"Squeeze",
+       start().node("AveragePool", "p", {}, {{"kernel_shape", {4, 4}}}).node("Squeeze", "it", {}, {{"axes", {-1}}})},
+      {"Gather", start().integers("i", {1}).node("Gather", "it", {"i"}, {}, {{"axis", -1}})},
+      {"lengths over a row",
+       start().node("Relu", "x").node("ReduceL2", "n", {}, {{"axes", {2}}}).node("Div", "it", {"x_out", "@"})},
+  };
+  for (const auto& [what, model] : models) {
+    const std::string error = error_of([&] { colours_of(model); });
+    for (const char* part : {"a.onnx: ", "OpenCV ", ", node 'it'", " ("})
+      EXPECT_TRUE(holds(error, part)) << what << ": " << error;
+    EXPECT_TRUE(contains(error, what.starts_with("lengths") ? "Div" : "operator " + what.substr(0, what.find(' '))));
+  }
+}
+
+TEST(OnnxRefusals, TheirRightTwinsGiveTheRightNumbers) {
+  const Lists padded = {{"kernel_shape", {3, 3}}, {"pads", {1, 1, 1, 1}}};
+  // Of 4 x 4 places four have 4 of 9 numbers within the picture, eight 6 and four all.
+  const float inside = (4 * 4 + 8 * 6 + 4 * 9) / 9.0f / 16;
+  const auto scales = [](float factor) { return start().weights("s", {4}, {1, 1, factor, factor}); };
+  const std::vector<std::tuple<std::string, TinyOnnx, std::vector<float>>> models = {
+      {"AveragePool", start().node("AveragePool", "it", {}, padded), {30, 20, 10}},
+      {"AveragePool of PyTorch",
+       start().producer("pytorch").node("AveragePool", "it", {}, padded, {{"count_include_pad", 1}}),
+       {30 * inside, 20 * inside, 10 * inside}},
+      {"AveragePool without padding",
+       start().producer("pytorch").node("AveragePool", "it", {}, {{"kernel_shape", {2, 2}}}),
+       {30, 20, 10}},
+      {"MaxPool lower",
+       start().node("MaxPool", "it", {}, {{"kernel_shape", {3, 3}}}, {}, {{"auto_pad", "SAME_LOWER"}}),
+       {30, 20, 10}},
+      {"Softmax of a row",
+       start().node("GlobalAveragePool", "p").node("Flatten", "f").node("Softmax", "it"),
+       {1 / (1 + std::exp(-10.0f) + std::exp(-20.0f)), std::exp(-10.0f), std::exp(-20.0f)}},
+      {"Softmax of the last side", start().node("Softmax", "it", {}, {}, {{"axis", 3}}), {0.25f, 0.25f, 0.25f}},
+      {"Softmax over channels",
+       start(13).node("Softmax", "it", {}, {}, {{"axis", 1}}),
+       {1 / (1 + std::exp(-10.0f) + std::exp(-20.0f)), std::exp(-10.0f), std::exp(-20.0f)}},
+      {"Div by channel", start().weights("c", {1, 3, 1, 1}, {3, 4, 5}).node("Div", "it", {"c"}), {10, 5, 2}},
+      {"one number first", start().weights("c", {1}, {60}).node("Div", "it", {"c", "@"}), {2, 3, 6}},
+      {"Mul by channel", start().weights("c", {3, 1, 1}, {1, 2, 3}).node("Mul", "it", {"c"}), {30, 40, 30}},
+      {"Mul by its own mean",
+       start().node("Relu", "x").node("GlobalAveragePool", "m").node("Mul", "it", {"x_out", "@"}),
+       {900, 400, 100}},
+      {"Add a row", start().weights("c", {4}, {1, 2, 3, 6}).node("Add", "it", {"c"}), {33, 23, 13}},
+      {"Resize", scales(2).node("Resize", "it", {"@", "", "s"}, {}, {}, {{"mode", "nearest"}}), {30, 20, 10}},
+      {"Cast", start().node("Cast", "it", {}, {}, {{"to", 1}}), {30, 20, 10}},
+      {"lengths over channels",
+       start().node("Relu", "x").node("ReduceL2", "n", {}, {{"axes", {1}}}).node("Div", "it", {"x_out", "@"}),
+       {30 / std::sqrt(1400.0f), 20 / std::sqrt(1400.0f), 10 / std::sqrt(1400.0f)}},
+  };
+  for (const auto& [what, model, expected] : models) {
+    std::vector<float> found;
+    ASSERT_EQ(error_of([&, &same = model] { found = colours_of(same); }), "") << what;
+    ASSERT_EQ(found.size(), expected.size()) << what;
+    for (std::size_t i = 0; i < found.size(); ++i) EXPECT_NEAR(found[i], expected[i], 1e-4f * expected[0]) << what << i;
+  }
+}
+
+TEST(OnnxRefusals, NodesBehindTheLayerDoNotCount) {
+  const TinyOnnx model = start().node("Relu", "early").node("Softmax", "late");
+  EXPECT_EQ(colours_of(model, "early"), (std::vector<float>{30, 20, 10}));
+  EXPECT_TRUE(contains(error_of([&] { colours_of(model, "late"); }), "node 'late'"));
+}
+
 TEST(OnnxFile, DamageIsFoundWithoutACrash) {
   const std::string good = tiny_convolution({1, 3, 6, 8}, 2).bytes();
   const auto read = [](const std::string& text) {
@@ -282,6 +419,7 @@ TEST(OnnxFile, DamageIsFoundWithoutACrash) {
       bad[static_cast<std::size_t>(random.uniform(0, static_cast<int>(bad.size())))] = static_cast<char>(random.next());
     try {
       read(bad);
+      if (i % 20 == 0) refuse_misread_nodes(std::as_bytes(std::span(bad)), {1, 3, 6, 8}, "onnx_node!pool", "x");
     } catch (const Error&) {
       ++refused;
     }
