@@ -45,6 +45,31 @@ std::vector<const onnx::NodeProto*> nodes_before(const onnx::GraphProto& graph, 
   return nodes;
 }
 
+/// Takes the padding of an AveragePool that counts it, and returns it as a Pad has it; empty: none. Throws Error when
+/// it depends on the picture's size.
+std::vector<std::int64_t> take_counted_padding(onnx::NodeProto& pool) {
+  std::vector<std::int64_t> pads;
+  onnx::AttributeProto *own = nullptr, *counts = nullptr;
+  bool same = false, ceil = false;
+  for (onnx::AttributeProto& one : *pool.mutable_attribute()) {
+    if (one.name() == "pads") own = &one;
+    if (one.name() == "count_include_pad" && one.i() != 0) counts = &one;
+    same |= one.name() == "auto_pad" && one.s().starts_with("SAME");
+    ceil |= one.name() == "ceil_mode" && one.i() != 0;
+  }
+  if (own) pads.assign(own->ints().begin(), own->ints().end());
+  const bool none = std::all_of(pads.begin(), pads.end(), [](std::int64_t pad) { return pad == 0; });
+  if (pool.op_type() != "AveragePool" || !counts || (none && !same)) return {};
+  if (same || ceil)
+    throw Error("counts padding, with auto_pad or ceil_mode", "operator AveragePool '" + pool.name() + "'",
+                "put a Pad before it, and leave its own pads at 0");
+  for (std::int64_t& pad : *own->mutable_ints()) pad = 0;
+  counts->set_i(0);
+  pads.insert(pads.begin() + static_cast<std::ptrdiff_t>(pads.size() / 2), {0, 0});  // of the batch and the channels
+  pads.insert(pads.begin(), {0, 0});
+  return pads;
+}
+
 }  // namespace
 
 struct OnnxGraph::Parts {
@@ -67,6 +92,10 @@ struct OnnxGraph::Parts {
     added.set_raw_data(numbers, bytes);
     return added;
   }
+  onnx::TensorProto& integers(const std::vector<std::int64_t>& numbers) {
+    return tensor("integers", onnx::TensorProto::INT64, {static_cast<std::int64_t>(numbers.size())}, numbers.data(),
+                  numbers.size() * sizeof(std::int64_t));
+  }
   /// Appends nodes of another graph and the weights that they read. `renamed`: tensors of that graph that are here
   /// already, by the name they have there; the appended ones are added to it.
   void append(const onnx::GraphProto& other, const std::vector<const onnx::NodeProto*>& nodes,
@@ -88,6 +117,17 @@ struct OnnxGraph::Parts {
           name = found->second;
         else if (!name.empty())  // an empty one is left out
           throw Error("reads '" + name + "', which nothing gives", "operator " + added.op_type());
+      if (const auto pads = take_counted_padding(added); !pads.empty()) {  // readers differ in whether they count it
+        if (opset < 11) throw Error("counts padding", "operator AveragePool", "export it with opset 11 or newer");
+        onnx::NodeProto& pad = *graph.add_node();
+        pad.set_op_type("Pad");
+        pad.set_name(fresh("Pad"));
+        pad.add_input(added.input(0));
+        pad.add_input(integers(pads).name());
+        pad.add_output(fresh(pad.name() + "_out"));
+        added.set_input(0, pad.output(0));
+        graph.mutable_node()->SwapElements(graph.node_size() - 2, graph.node_size() - 1);
+      }
       for (std::string& name : *added.mutable_output())
         if (!name.empty()) name = renamed[name] = fresh(name);
     }
@@ -132,9 +172,7 @@ OnnxValue OnnxGraph::constant(const std::string& name, const std::vector<std::in
 }
 
 OnnxValue OnnxGraph::integers(const std::vector<std::int64_t>& numbers) {
-  const auto& added = parts_->tensor("integers", onnx::TensorProto::INT64, {static_cast<std::int64_t>(numbers.size())},
-                                     numbers.data(), numbers.size() * sizeof(std::int64_t));
-  return {this, added.name()};
+  return {this, parts_->integers(numbers).name()};
 }
 
 OnnxValue OnnxGraph::node(const std::string& type, const std::vector<OnnxValue>& inputs,

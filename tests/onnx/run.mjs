@@ -1,14 +1,15 @@
-// node run.mjs: runs agent.onnx in ONNX Runtime on pictures.bin, and compares its actions with those of the services in
-// episodes.json (tests/onnx/sample.cc).
+// node run.mjs ENCODER: runs ENCODER/agent.onnx in ONNX Runtime on pictures.bin, and compares its actions with those of
+// the services in episodes.json (tests/onnx/sample.cc).
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 
 import * as ort from "onnxruntime-web";
 
+const folder = process.argv[2] + "/";
 ort.env.wasm.numThreads = 1;
-const { frames, steps } = JSON.parse(await readFile("episodes.json", "utf8"));
-const pictures = await readFile("pictures.bin");
-const agent = await ort.InferenceSession.create(new Uint8Array(await readFile("agent.onnx")));
+const { frames, steps } = JSON.parse(await readFile(folder + "episodes.json", "utf8"));
+const pictures = await readFile(folder + "pictures.bin");
+const agent = await ort.InferenceSession.create(new Uint8Array(await readFile(folder + "agent.onnx")));
 
 const shapes = Object.fromEntries(agent.inputMetadata.map((input) => [input.name, input.shape]));
 const zeros = (name) => new ort.Tensor("float32", new Float32Array(shapes[name][1]), shapes[name]);

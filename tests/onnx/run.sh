@@ -6,4 +6,4 @@ here=$(cd "$(dirname "$0")" && pwd) || exit 1
 . "$here/../support/npm.sh"
 npm_packages "$here" "$2"
 cp "$here/run.mjs" .
-rm -f agent.onnx && "$1" . && exec node run.mjs
+rm -rf patchnorm onnx && "$1" . && node run.mjs patchnorm && node run.mjs onnx

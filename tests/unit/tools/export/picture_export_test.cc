@@ -94,6 +94,37 @@ TEST_P(ExportedEncoder, GivesTheEncodersDescriptors) {
   }
 }
 
+TEST(PictureExportFile, PaddingThatCountsIsTheSameForEveryReader) {
+  const Folder folder;
+  const TinyOnnx model = TinyOnnx()
+                             .input({1, 3, 4, 4})
+                             .producer("pytorch")
+                             .node("AveragePool", "it", {}, {{"kernel_shape", {3, 3}}, {"pads", {1, 1, 1, 1}}},
+                                   {{"count_include_pad", 1}});
+  std::map<std::string, double> plain = {{"scale", 255}};
+  for (const std::string colour : {"red", "green", "blue"})
+    plain["mean-" + colour] = 0, plain["deviation-" + colour] = 1;
+  OnnxGraph graph("encoder");
+  const OnnxValue pixels = graph.input("picture", std::vector<std::int64_t>{3, 4, 4}, "");
+  graph.output(
+      "descriptor",
+      append_encoder({pixels, 3, 4, 4}, "onnx", parameters_of("onnx", plain), network(model.save(folder / "net.onnx"))),
+      3, "");
+  graph.close_batch();
+  onnx::ModelProto proto;
+  ASSERT_TRUE(proto.ParseFromString(graph.bytes("", {})));
+  EXPECT_NO_THROW(onnx::checker::check_model(proto));
+  // Of 4 x 4 places four have 4 of 9 numbers within the picture, eight 6 and four all.
+  const float inside = (4 * 4 + 8 * 6 + 4 * 9) / 9.0f / 16;
+  for (const std::string producer : {"citylearn", "pytorch"}) {
+    proto.set_producer_name(producer);
+    cv::dnn::Net net = read(proto.SerializeAsString());
+    net.setInput(planes(cv::Mat(4, 4, CV_8UC3, cv::Scalar(10, 20, 30))), "picture");
+    const cv::Mat found = net.forward("descriptor");
+    for (int c = 0; c < 3; ++c) EXPECT_NEAR(found.ptr<float>()[c], (30 - 10 * c) * inside, 1e-4f) << producer;
+  }
+}
+
 /// An exported file in OpenCV, given what the services' agent saw, takes the same actions.
 void expect_same_actions(const PictureAgent& agent, const std::string& model) {
   cv::dnn::Net net = read(model);
