@@ -124,7 +124,9 @@ McapWriter::McapWriter(const std::string& path, const Options& options) : path_(
   try {
     put(kMagic);
     put(Out().text(options_.profile).text(options_.library).record(kHeader));
+    about_ = at_;
     put(Out().text("recording").map(options_.about).record(kMetadata));
+    about_length_ = at_ - about_;
   } catch (const Error&) {
     ::close(file_);
     ::unlink(path.c_str());  // a recording without a beginning would only stand in the way of the next start
@@ -259,10 +261,7 @@ void McapWriter::close() {
                          .number(last)
                          .numbers(counts)
                          .record(kStatistics));
-  // The metadata follow the header.
-  const std::uint64_t about = kMagic.size() + Out().text("citylearn").text(options_.library).record(kHeader).size();
-  const std::uint64_t about_length = Out().text("recording").map(options_.about).record(kMetadata).size();
-  group(kMetadataIndex, Out().number(about).number(about_length).text("recording").record(kMetadataIndex));
+  group(kMetadataIndex, Out().number(about_).number(about_length_).text("recording").record(kMetadataIndex));
   group(kChunkIndex, indexes);
 
   Out footer;

@@ -59,6 +59,7 @@ class McapWriter {
   const Options options_;
   int file_ = -1;
   std::uint64_t at_ = 0;                          // bytes in the file
+  std::uint64_t about_ = 0, about_length_ = 0;    // of the metadata: where they are, and their bytes
   std::uint32_t crc_ = 0;                         // of them
   std::string schema_records_, channel_records_;  // for the summary
   std::vector<Channel> channels_;                 // number - 1

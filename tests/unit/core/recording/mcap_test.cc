@@ -43,8 +43,8 @@ const McapChannel kTwo{"two", "pkg::Two", "omgidl", "struct Two {};", "cdr", {}}
 class Mcap : public ::testing::Test {
  protected:
   /// Ten messages in five chunks; the second channel comes late.
-  void write_small(bool close = true) const {
-    McapWriter writer(path, {"test", {{"run", "demo"}}, 60, 1'000'000'000});
+  void write_small(bool close = true, const std::string& profile = "citylearn") const {
+    McapWriter writer(path, {"test", {{"run", "demo"}}, 60, 1'000'000'000, profile});
     const auto one = writer.add(kOne);
     writer.write(one, 100, bytes_of("a"));
     writer.write(one, 101, bytes_of("bc"));
@@ -82,8 +82,11 @@ TEST_F(Mcap, WhatIsWrittenIsRead) {
   EXPECT_EQ(reader.metadata().at("recording").at("run"), "demo");
 }
 
-TEST_F(Mcap, TheSummaryAndItsChecksumsAreRight) {
-  write_small();
+class McapProfile : public Mcap, public ::testing::WithParamInterface<const char*> {};
+INSTANTIATE_TEST_SUITE_P(All, McapProfile, ::testing::Values("citylearn", "ros2", "", "a longer profile"));
+
+TEST_P(McapProfile, TheSummaryAndItsChecksumsAreRight) {
+  write_small(true, GetParam());
   const std::string file = contents(path);
   const std::size_t footer = file.size() - 8 - 20 - 9;
   ASSERT_EQ(file[footer], 2);
@@ -102,12 +105,34 @@ TEST_F(Mcap, TheSummaryAndItsChecksumsAreRight) {
          record += 9 + number_at<std::uint64_t>(file, record + 1)) {
       ASSERT_EQ(file[record], file[at + 9]);
       ++groups[file[record]];
+      if (file[record] == 13) {
+        const auto about = number_at<std::uint64_t>(file, record + 9),
+                   bytes = number_at<std::uint64_t>(file, record + 17);
+        EXPECT_EQ(about, 8 + 9 + number_at<std::uint64_t>(file, 9)) << "after the magic bytes and the header";
+        ASSERT_EQ(file[about], 12);
+        EXPECT_EQ(bytes, 9 + number_at<std::uint64_t>(file, about + 1));
+      }
+      if (file[record] == 11) {
+        EXPECT_EQ(number_at<std::uint64_t>(file, record + 9), 10u) << "messages";
+        EXPECT_EQ(number_at<std::uint32_t>(file, record + 23), 0u) << "attachments";
+        EXPECT_EQ(number_at<std::uint32_t>(file, record + 27), 1u) << "metadata";
+        EXPECT_EQ(number_at<std::uint32_t>(file, record + 31), 5u) << "chunks";
+      }
       if (file[record] != 8) continue;
       const auto chunk = number_at<std::uint64_t>(file, record + 25),
                  size = number_at<std::uint64_t>(file, record + 33);
       EXPECT_EQ(file[chunk], 6);
       EXPECT_EQ(size, 9 + number_at<std::uint64_t>(file, chunk + 1));
-      EXPECT_EQ(file[chunk + size], 7);
+      const auto entries = number_at<std::uint32_t>(file, record + 41);
+      for (std::size_t entry = record + 45; entry < record + 45 + entries; entry += 10) {
+        const auto index = number_at<std::uint64_t>(file, entry + 2);
+        EXPECT_EQ(file[index], 7);
+        EXPECT_EQ(number_at<std::uint16_t>(file, index + 9), number_at<std::uint16_t>(file, entry));
+        // Its first entry points at a message in the chunk, past the 40 bytes of its other fields.
+        const auto message = chunk + 9 + 40 + number_at<std::uint64_t>(file, index + 23);
+        EXPECT_EQ(file[message], 5);
+        EXPECT_EQ(number_at<std::uint16_t>(file, message + 9), number_at<std::uint16_t>(file, entry));
+      }
     }
   }
   EXPECT_EQ(groups, (std::map<int, int>{{3, 2}, {4, 2}, {8, 5}, {11, 1}, {13, 1}})) << "and of chunks there are five";
