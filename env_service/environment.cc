@@ -97,9 +97,12 @@ int Environment::goal_to_begin(AgentState& agent) {
 
 void Environment::begin_episode(AgentState& agent) {
   agent.previous_action = kNoAction;
+  // One observation ends an episode and begins the next at the same place, so both have the same picture.
+  const bool goes_on = agent.flags != 0 && settings_.task_mode() == msg::TRAIN;
   if (sent_ && !next_goal_) {
     agent.flags |= msg::FLAG_IDLE;
-    return look(agent);
+    if (!goes_on) look(agent);
+    return;
   }
   const int frames = static_cast<int>(settings_.frames());
   agent.start = agent.frame;
@@ -113,11 +116,13 @@ void Environment::begin_episode(AgentState& agent) {
   agent.flags |= msg::FLAG_FIRST;
   if (settings_.shuffle()) {
     // From the identity, so that under EVALUATE the order is the task's alone and not of those the agent did before.
+    const int here = agent.order[agent.frame];
     std::iota(agent.order.begin(), agent.order.end(), 0);
     for (int i = frames - 1; i > 0; --i) std::swap(agent.order[i], agent.order[agent.random.below(i + 1)]);
+    if (goes_on) std::swap(agent.order[agent.frame], *std::find(agent.order.begin(), agent.order.end(), here));
   }
   agent.mishaps.plan_kidnappings(distance(agent, agent.start));
-  look(agent);
+  if (!goes_on) look(agent);
 }
 
 void Environment::begin_task(AgentState& agent, int task) {
