@@ -13,18 +13,36 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE.parent
+MODULE = f"_native{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
 def built_package():
-    """Returns the folder of the built package."""
-    build = os.environ.get("CITYLEARN_BUILD")
-    if not build:
-        build = str(SOURCE / "build/python")
+    """Returns the folder of the built package. Ends pip with one line where the build is not one for this Python."""
+    given = os.environ.get("CITYLEARN_BUILD")
+    if given:  # pip calls this in python/, but a relative path was typed elsewhere
+        places = [Path(start, given).absolute() for start in (os.environ.get("PWD", SOURCE), SOURCE)]
+        build = next((place for place in places if (place / "python/citylearn").is_dir()), None)
+        if not build:
+            sys.exit(f"CITYLEARN_BUILD: there is no build in {' or '.join(dict.fromkeys(map(str, places)))}; "
+                     "make one (./run build), or leave CITYLEARN_BUILD unset")
+    else:
+        build = SOURCE / "build" / f"python-{sys.implementation.cache_tag}"
         subprocess.run(["cmake", "-S", SOURCE, "-B", build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
                         "-DCITYLEARN_PYTHON=ON", "-DCITYLEARN_TESTS=OFF", "-DCITYLEARN_BENCH=OFF",
                         f"-DPython_EXECUTABLE={sys.executable}"], check=True)
         subprocess.run(["cmake", "--build", build, "--target", "citylearn_python"], check=True)
-    return Path(build).absolute() / "python/citylearn"
+    package = build / "python/citylearn"
+    for name in (MODULE, *(path.name for path in (HERE / "citylearn").glob("*.py"))):
+        if not (package / name).is_file():
+            others = ", ".join(path.name for path in package.glob("_native.*")) if name == MODULE else ""
+            sys.exit(f"CITYLEARN_BUILD: {package} has no {name}" + (
+                f", which {sys.executable} needs, but {others}; take the Python that it is for, or leave "
+                "CITYLEARN_BUILD unset" if others else "; finish the build, or leave CITYLEARN_BUILD unset"))
+    # In a process of its own, because a module that was not written whole may end it.
+    load = [sys.executable, "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])", package / MODULE]
+    if subprocess.run(load, check=False).returncode:
+        sys.exit(f"CITYLEARN_BUILD: {package / MODULE} does not load; remove it and build it again")
+    return package
 
 
 def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
@@ -33,10 +51,10 @@ def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     tag += re.sub(r"[-.]", "_", sysconfig.get_platform())
     info = f"citylearn-{version}.dist-info"
     files = {f"citylearn/{path.name}": path.read_bytes() for path in sorted(built_package().glob("*.*"))
-             if path.suffix in (".py", ".typed", ".so")}
+             if path.suffix in (".py", ".typed") or path.name == MODULE}
     files[f"{info}/METADATA"] = (f"Metadata-Version: 2.1\nName: citylearn\nVersion: {version}\n"
                                  "Summary: Visual navigation over recorded routes\nLicense: Apache-2.0\n"
-                                 "Requires-Python: >=3.9\nRequires-Dist: numpy\n").encode()
+                                 "Requires-Python: >=3.10\nRequires-Dist: numpy\n").encode()
     files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: citylearn\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
     files[f"{info}/LICENSE"] = (SOURCE / "LICENSE").read_bytes()
     digest = {name: base64.urlsafe_b64encode(hashlib.sha256(data).digest()).rstrip(b"=").decode()

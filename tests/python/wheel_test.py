@@ -2,30 +2,77 @@
 """pip makes and installs the package without a network."""
 
 import os
+import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import unittest
+from pathlib import Path
 
 from support import BUILD, SOURCE, need_modules
 
 need_modules("pip")
+MODULE = f"_native{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
 class Wheel(unittest.TestCase):
+    def setUp(self):
+        temporary = tempfile.TemporaryDirectory(prefix="citylearn-")
+        self.addCleanup(temporary.cleanup)
+        self.folder = Path(temporary.name).resolve()
+
+    def install(self, build, start=None):
+        """Lets pip install the package of a build, in a shell whose folder is `start`; returns how that ended."""
+        start = str(start or self.folder)
+        environment = {**os.environ, "CITYLEARN_BUILD": str(build), "PIP_NO_INDEX": "1", "PWD": start}
+        command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target",
+                   self.folder / "installed", SOURCE / "python"]
+        return subprocess.run(command, env=environment, cwd=start, capture_output=True, text=True, check=False)
+
+    def half(self, *missing):
+        """Returns a build folder that lacks these files."""
+        package = Path(tempfile.mkdtemp(dir=self.folder), "python/citylearn")
+        package.mkdir(parents=True)
+        for path in (BUILD / "python/citylearn").glob("*.*"):
+            if not any(path.match(name) for name in missing):
+                (package / path.name).symlink_to(path)
+        return package.parents[1]
+
     def test_pip_installs_a_package_that_works(self):
-        with tempfile.TemporaryDirectory(prefix="citylearn-") as folder:
-            environment = {**os.environ, "CITYLEARN_BUILD": str(BUILD), "PIP_NO_INDEX": "1"}
-            command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", folder,
-                       str(SOURCE / "python")]
-            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-            self.assertEqual(done.returncode, 0, done.stderr)
-            program = ("import citylearn\n"
-                       "env = citylearn.VectorEnv(synthetic_images=0, synthetic_frames=40, agents=2)\n"
-                       "print(citylearn.__file__, env.reset(seed=1)[0]['features'].shape)")
-            done = subprocess.run([sys.executable, "-c", program], env={**environment, "PYTHONPATH": folder},
-                                  cwd=folder, capture_output=True, text=True, check=False)
-            self.assertEqual(done.stdout, f"{folder}/citylearn/__init__.py (2, 64)\n", done.stderr)
+        for build, start in ((os.path.relpath(BUILD, SOURCE), SOURCE), (BUILD.name, BUILD.parent),
+                             (os.path.relpath(BUILD, SOURCE), self.folder)):
+            with self.subTest(build=build, start=start):
+                done = self.install(build, start)
+                self.assertEqual(done.returncode, 0, done.stderr)
+                installed = self.folder / "installed"
+                program = ("import citylearn\n"
+                           "env = citylearn.VectorEnv(synthetic_images=0, synthetic_frames=40, agents=2)\n"
+                           "print(citylearn.__file__, env.reset(seed=1)[0]['features'].shape)")
+                done = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(installed)},
+                                      cwd=self.folder, capture_output=True, text=True, check=False)
+                self.assertEqual(done.stdout, f"{installed}/citylearn/__init__.py (2, 64)\n", done.stderr)
+                shutil.rmtree(installed)
+
+    def test_a_build_that_is_none_installs_nothing(self):
+        other, cut = self.half("_native.*"), self.half("_native.*")
+        (other / "python/citylearn/_native.cpython-39-x86_64-linux-gnu.so").touch()
+        (cut / f"python/citylearn/{MODULE}").write_bytes((BUILD / f"python/citylearn/{MODULE}").read_bytes()[:100000])
+        for build, told in (
+            ("nowhere", f"there is no build in {self.folder}/nowhere or {SOURCE}/nowhere; make one"),
+            (self.half("_native.*"), f"/python/citylearn has no {MODULE}; finish the build"),
+            (self.half("evaluation.py"), "/python/citylearn has no evaluation.py; finish the build"),
+            (other, f"has no {MODULE}, which {sys.executable} needs, but _native.cpython-39-x86_64-linux-gnu.so; "
+                    "take the Python"),
+            (cut, f"{MODULE} does not load; remove it"),
+        ):
+            with self.subTest(told=told):
+                done = self.install(build)
+                self.assertNotEqual(done.returncode, 0)
+                lines = [line for line in done.stderr.splitlines() if "CITYLEARN_BUILD: " in line]
+                self.assertEqual(len(lines), 1, done.stderr)
+                self.assertIn(told, lines[0])
+                self.assertFalse((self.folder / "installed").exists())
 
 
 if __name__ == "__main__":
