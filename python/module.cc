@@ -3,7 +3,6 @@
 #include "python/module.h"
 
 #include <pthread.h>
-#include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
@@ -204,11 +203,13 @@ void define_environments(py::module_& module) {
       .def("step", &Envs::step)
       .def("send", &Envs::send)
       .def("receive", &Envs::receive);
+  module.def("sample_arrays", [] { return Columns(3, 2).tuple(); });
   module.def("recording_options", &recording_options);
   module.def("node_options", &node_option_names);
 }
 
 void define_evaluation(py::module_& module) {
+  py::class_<Matrix<float>>(module, "Reference").def(py::init<>());
   py::class_<TrainedAgent>(module, "Agent")
       .def(py::init(&load_agent))
       .def_readonly("name", &TrainedAgent::name)

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Batches of trajectories as numpy arrays, and the learner that they are for.
-#include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
 #include "core/task/action.h"
+#include "python/columns.h"
 #include "python/errors.h"
 #include "python/learner_thread.h"
 #include "python/module.h"
@@ -15,19 +15,18 @@ namespace py = pybind11;
 namespace citylearn::python {
 namespace {
 
-using Shape = std::vector<py::ssize_t>;
 using Shared = std::shared_ptr<Rollout>;
 
 /// Returns an array that lies in the rollout's own memory, which it keeps alive.
 template <class Number>
-py::array view(Number* numbers, const Shape& shape, const Shared& rollout) {
+py::array view(Number* numbers, const ArrayShape& shape, const Shared& rollout) {
   return py::array_t<Number>(shape, numbers, py::cast(rollout));
 }
 
 /// Returns what was observed, as VectorEnv has it; all arrays begin with the dimensions `shape`.
-py::dict observations(NetworkInputs<float>& inputs, const Shape& shape, const Shared& rollout) {
+py::dict observations(NetworkInputs<float>& inputs, const ArrayShape& shape, const Shared& rollout) {
   const auto with = [&shape](py::ssize_t last) {
-    Shape longer = shape;
+    ArrayShape longer = shape;
     longer.push_back(last);
     return longer;
   };
@@ -55,7 +54,7 @@ py::dict observations(NetworkInputs<float>& inputs, const Shape& shape, const Sh
 /// Returns the fields of the Python class Batch.
 py::dict batch_of(const Shared& rollout) {
   Rollout& r = *rollout;
-  const Shape both = {r.inputs.steps, r.inputs.agents}, agents = {r.inputs.agents};
+  const ArrayShape both = {r.inputs.steps, r.inputs.agents}, agents = {r.inputs.agents};
   py::dict named = observations(r.inputs, both, rollout);
   named["next"] = observations(r.next, agents, rollout);
   named["state"] = view(r.states.data(), {r.states.cols(), r.states.rows()}, rollout);
@@ -71,7 +70,7 @@ py::dict batch_of(const Shared& rollout) {
 
 py::tuple advantages_of(const Shared& rollout, double gamma, double lambda) {
   rollout->estimate_advantages(gamma, lambda);
-  const Shape both = {rollout->inputs.steps, rollout->inputs.agents};
+  const ArrayShape both = {rollout->inputs.steps, rollout->inputs.agents};
   return py::make_tuple(view(rollout->advantage.data(), both, rollout), view(rollout->target.data(), both, rollout));
 }
 
@@ -132,7 +131,11 @@ void define_trajectories(py::module_& module) {
         return new LearnerThread(read_learner_options(options), check_signals);
       }))
       .def_property_readonly("network", &LearnerThread::network)
-      .def_property_readonly("parameters", &LearnerThread::parameters)
+      .def_property_readonly("parameters",
+                             [](const LearnerThread& learner) {
+                               const Vector<float> flat = learner.parameters();
+                               return py::array_t<float>(ArrayShape{flat.size()}, flat.data());
+                             })
       .def_property_readonly("progress", &progress_of)
       .def_property_readonly("actors", &LearnerThread::actors)
       .def("next",
@@ -141,8 +144,8 @@ void define_trajectories(py::module_& module) {
              return learner.next(check_signals);
            })
       .def("publish",
-           [](LearnerThread& learner, Vector<float> parameters, const std::map<std::string, double>& figures) {
-             learner.publish(std::move(parameters), figures_of(figures));
+           [](LearnerThread& learner, const py::array_t<float>& flat, const std::map<std::string, double>& figures) {
+             learner.publish(Eigen::Map<const Vector<float>>(flat.data(), flat.size()), figures_of(figures));
            })
       .def("end", [](LearnerThread& learner, bool dismiss) {
         const py::gil_scoped_release no_gil;

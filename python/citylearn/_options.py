@@ -3,30 +3,64 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import sys
+from collections.abc import Callable
+from numbers import Number
+from pathlib import Path
 from typing import Any
 
-from . import _native
+import numpy as np
+
+try:
+    from . import _native
+except ImportError as error:
+    _there = ", ".join(path.name for path in Path(__file__).parent.glob("_native.*")) or "none"
+    raise ImportError(f"citylearn's module does not load in {sys.implementation.cache_tag} ({sys.executable}); there "
+                      f"is {_there}; build it for this Python, or take another: {error}") from None
+
+for _array in _native.sample_arrays():  # pybind11 before 2.12 reads the layout of NumPy 1
+    if _array.strides != np.empty(_array.shape, _array.dtype).strides:
+        raise ImportError(f"citylearn's arrays have wrong strides under NumPy {np.__version__}; install an older "
+                          "NumPy, or build citylearn with a newer pybind11")
 
 DEFAULT_FRAMES = 128
 
 
+def none_is_default(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Leaves out keyword arguments that are None, such as those of an argparse.Namespace that were not given."""
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        return function(*arguments, **{name: value for name, value in named.items() if value is not None})
+
+    return call
+
+
 def as_text(options: dict[str, Any]) -> dict[str, str]:
-    """Returns keyword arguments as the texts of a command line; None leaves an option out."""
+    """Returns keyword arguments as the texts of a command line; None leaves an option out. Raises TypeError."""
 
-    def text(value: Any) -> str:
+    def text(name: str, value: Any) -> str:
         if isinstance(value, (list, tuple)):
-            return ",".join(map(text, value))
-        return str(int(value)) if isinstance(value, bool) else str(value)
+            value = ",".join(text(name, one) for one in value)
+        if not isinstance(value, (str, os.PathLike, Number, np.bool_)):
+            raise TypeError(f"{name} must be a text, a number or a list of them, is {value!r}")
+        value = str(int(value) if isinstance(value, (bool, np.bool_)) else value)
+        if not value:  # would take the next option for its value
+            raise ValueError(f"{name} is empty; leave it out")
+        return value
 
-    return {name: text(value) for name, value in options.items() if value is not None}
+    return {name: text(name, value) for name, value in options.items() if value is not None}
 
 
 def count(name: str, value: Any, least: int, most: int = 2**30) -> int:
     """Returns a whole number of this range. Raises TypeError or ValueError."""
     try:
         number = value.__index__()
-    except AttributeError:
+        if isinstance(value, bool):
+            raise TypeError
+    except (AttributeError, TypeError):
         raise TypeError(f"{name} must be a whole number, is {value!r}") from None
     if not least <= number <= most:
         raise ValueError(f"{name} must be {least}..{most}, is {number}")

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _native
-from ._options import as_text, count, route_of, seed_of
+from ._options import _native, as_text, check_number, count, none_is_default, route_of, seed_of
 
 _LOADED = (_native.Agent, _native.ExportedPolicy)
 Act = Callable[[dict[str, np.ndarray], np.ndarray], Any]
@@ -30,14 +29,15 @@ def load_policy(path: Any) -> _native.Agent | _native.ExportedPolicy:
         return (_native.ExportedPolicy if str(path).endswith(".onnx") else _native.Agent)(str(path))
 
 
+@none_is_default
 def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, traversals: Sequence[str] = (),
              controls: Sequence[str] = (), tasks: int = 2000, seed: int = 1, frames: int | str | None = None,
              max_steps: int = 0, train: str = "summer", name: str = "policy",
              control_parameters: dict[str, dict[str, float]] | None = None, **options: Any) -> Scores:
     """Lets a policy perform numbered tasks, and returns its figures as policy_service --mode evaluate has them.
 
-    policy: of load_policy(); a control's name ("random"); or a function of observations, as VectorEnv's, and episode
-      starts, bool (B,), that returns actions (B,). `name` is the function's in the results.
+    policy: of load_policy(); a control's name ("shortest_path"); or a function of observations, as VectorEnv's, and
+      episode starts, bool (B,), that returns actions (B,). `name` is the function's in the results.
     traversals: to walk on; `traversal` alone by default.
     controls: evaluated on the same tasks; "shuffled" is the policy on shuffled frames, "all" means every one.
     tasks, seed: the same seed gives every policy the same tasks.
@@ -66,7 +66,7 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
         if control == "oracle_filter":
             return recording.reference(route)
         if not control.endswith("_filter"):
-            return np.zeros((0, 0), np.float32)
+            return _native.Reference()
         if isinstance(agent, _native.Agent):
             return agent.reference
         return (recordings.get(train) or _native.Recording(as_text({**options, "traversal": train}))).reference(route)

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _native
-from ._options import as_text, check_number, check_process, count, seconds, seed_of
+from ._options import _native, as_text, check_number, check_process, count, none_is_default, seconds, seed_of
 
 GOES_ON, AT_GOAL, AT_LIMIT = 0, 1, 2
 
@@ -87,6 +86,7 @@ class Trajectories:
     Attributes: agent, the network's name; values, its parameters by name; features (D), frames (N) and state_size (S).
     """
 
+    @none_is_default
     def __init__(self, *, agent: str = "features", traversal: str = "summer", frames: int | str | None = None,
                  seed: int = 1, output: Any = None, initial: Any = None, wait: float = 30, **options: Any):
         """Waits until an env_service on `traversal` has told what it is about.
