@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -37,17 +38,19 @@ class EnvGroup {
  public:
   /// Called about every 50 ms while receive() waits; what it throws ends the wait.
   using Interrupt = std::function<void()>;
+  using Seeds = std::vector<std::optional<std::uint64_t>>;
   struct Shape {
     std::string traversal;
-    int agents = 0;    ///< B, of all environments
-    int features = 0;  ///< D
+    int agents = 0;                   ///< B, of all environments
+    std::vector<int> service_agents;  ///< of each environment
+    int features = 0;                 ///< D
     int traversal_frames = 0;
   };
 
   virtual ~EnvGroup() = default;
   virtual const Shape& shape() const = 0;
-  /// Begins anew: environment i gets seed + i. receive() then gives the first observations.
-  virtual void reset(const msg::TaskSettings& settings) = 0;
+  /// Begins anew: environment i gets seeds[i]; one without stays as it is. receive() then gives what agents see.
+  virtual void reset(const msg::TaskSettings& settings, const Seeds& seeds) = 0;
   /// Gives each agent its action, B in the order of the batch; kNoAction as Environment::step() allows it.
   virtual void send(std::span<const std::uint8_t> actions) = 0;
   /// Writes the observations that follow. Throws ServiceMissing or ServiceLost; reset() may then begin anew.

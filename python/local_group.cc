@@ -7,21 +7,23 @@ namespace {
 
 class LocalGroup : public EnvGroup {
  public:
-  LocalGroup(const Recording& recording, int agents, int services) {
+  LocalGroup(const Recording& recording, int agents, int services)
+      : environments_(services, Environment(recording.traversal, agents, recording.imperfections)) {
     const Traversal& traversal = recording.traversal;
-    for (int i = 0; i < services; ++i) environments_.emplace_back(traversal, agents, recording.imperfections);
-    shape_ = {traversal.name, agents * services, traversal.dimension, traversal.frames};
+    shape_ = {traversal.name, agents * services, std::vector(static_cast<std::size_t>(services), agents),
+              traversal.dimension, traversal.frames};
   }
 
   const Shape& shape() const override { return shape_; }
 
-  void reset(const msg::TaskSettings& settings) override {
+  void reset(const msg::TaskSettings& settings, const Seeds& seeds) override {
     msg::TaskSettings own = settings;
     own.by_reference() = true;  // the features are here
     first_frame_ = settings.first_frame();
-    for (Environment& environment : environments_) {
-      environment.reset(own);
-      ++own.seed();
+    for (std::size_t i = 0; i < environments_.size(); ++i) {
+      if (!seeds[i]) continue;
+      own.seed() = *seeds[i];
+      environments_[i].reset(own);
     }
   }
 

@@ -58,19 +58,18 @@ class Envs {
 
   const EnvGroup::Shape& shape() const { return group_->shape(); }
 
-  py::tuple reset(const Route& route, std::uint64_t seed) {
+  py::tuple reset(const Route& route, const EnvGroup::Seeds& seeds) {
     msg::TaskSettings settings;
     settings.task_mode() = msg::TRAIN;
     settings.first_frame() = static_cast<std::uint32_t>(route.first_frame);
     settings.frames() = static_cast<std::uint32_t>(route.frames);
     settings.max_steps() = static_cast<std::uint32_t>(route.max_steps);
     settings.shuffle() = route.shuffle;
-    settings.seed() = seed;
     Columns columns = make_columns();
     const Batch batch = columns.batch();
     {
       const py::gil_scoped_release no_gil;
-      group_->reset(settings);
+      group_->reset(settings, seeds);
       group_->receive(batch, check_signals);
     }
     return columns.tuple();
@@ -196,6 +195,7 @@ void define_environments(py::module_& module) {
         return new Envs(remote);
       }))
       .def_property_readonly("agents", [](const Envs& envs) { return envs.shape().agents; })
+      .def_property_readonly("service_agents", [](const Envs& envs) { return envs.shape().service_agents; })
       .def_property_readonly("features", [](const Envs& envs) { return envs.shape().features; })
       .def_property_readonly("traversal", [](const Envs& envs) { return envs.shape().traversal; })
       .def_property_readonly("frames", [](const Envs& envs) { return envs.shape().traversal_frames; })

@@ -74,6 +74,13 @@ void add_recording_options(CLI::App& app, RecordingOptions& options) {
   add_reduction_options(app, options.reduction, kGroup);
 }
 
+/// Returns the traversal that --reference names. An Error names the option, which may have been left out.
+Traversal reference_traversal(Dataset& dataset, const std::string& name, const Selection& selection) try {
+  return select(dataset, name, selection);
+} catch (const Error& error) {
+  throw Error(error.what(), "--reference '" + name + "'");
+}
+
 /// Turns pictures into features as an encoder_service with these options does.
 Traversal encoded(const Traversal& pictures, Dataset& dataset, RecordingOptions& options) {
   const auto& entry = EncoderRegistry::instance().find("encoder", options.encoder);
@@ -87,7 +94,7 @@ Traversal encoded(const Traversal& pictures, Dataset& dataset, RecordingOptions&
   Selection selection = options.source.selection;
   selection.align.clear();
   const bool own = choice.reference == pictures.name;
-  const Traversal reference = own ? pictures : select(dataset, choice.reference, selection);
+  const Traversal reference = own ? pictures : reference_traversal(dataset, choice.reference, selection);
   if (!reference.images) throw Error("has no pictures to learn from", "reference '" + choice.reference + "'");
   std::vector<cv::Mat> sample;
   for (const int frame : training_frames(encoder->training_sample_count(), reference.frames))
@@ -117,6 +124,9 @@ Recording load_recording(const Keywords& keywords) {
   if (!traversal.turns.empty())
     throw Error("crosses itself, which agents cannot be told yet", "traversal '" + traversal.name + "'",
                 "leave its turns empty");
+  for (const char* option : {"--encoder", "--reference", "--dimension"})
+    if (!traversal.images && app.count(option) > 0)
+      throw Error("is for pictures, but traversal '" + traversal.name + "' has features", option, "leave it out");
   if (traversal.images) traversal = encoded(traversal, *dataset, options);
   return recording;
 }

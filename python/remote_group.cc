@@ -41,7 +41,8 @@ class RemoteGroup : public EnvGroup {
     shape_.traversal = options.traversal;
     shape_.features = static_cast<int>(envs_.front()->info.feature_dimension());
     shape_.traversal_frames = static_cast<int>(envs_.front()->info.frames());
-    for (const EnvHandle* env : envs_) shape_.agents += static_cast<int>(env->info.agents());
+    for (const EnvHandle* env : envs_)
+      shape_.agents += shape_.service_agents.emplace_back(static_cast<int>(env->info.agents()));
     node_.report(msg::RUNNING, "driven by Python");
     idle_ = std::jthread([this](const std::stop_token& stop) { answer_wire(stop); });
   }
@@ -56,13 +57,14 @@ class RemoteGroup : public EnvGroup {
 
   const Shape& shape() const override { return shape_; }
 
-  void reset(const msg::TaskSettings& settings) override {
+  void reset(const msg::TaskSettings& settings, const Seeds& seeds) override {
     const std::lock_guard lock(mutex_);
     msg::TaskSettings own = settings;
     first_frame_ = settings.first_frame();
-    for (EnvHandle* env : envs_) {
-      client_.command(*env, own);
-      ++own.seed();
+    for (std::size_t i = 0; i < envs_.size(); ++i) {
+      if (!seeds[i]) continue;
+      own.seed() = *seeds[i];
+      client_.command(*envs_[i], own);
     }
   }
 

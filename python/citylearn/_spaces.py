@@ -10,7 +10,7 @@ import numpy as np
 
 try:
     import gymnasium
-    from gymnasium.spaces import Box, Dict, Discrete, MultiBinary
+    from gymnasium.spaces import Box, Dict, Discrete
     from gymnasium.vector import AutoresetMode, VectorEnv as VectorEnvBase
     from gymnasium.vector.utils import batch_space
 
@@ -22,7 +22,7 @@ except ImportError:
         SAME_STEP = "SameStep"
         DISABLED = "Disabled"
 
-    class _Space:
+    class Box:  # type: ignore[no-redef]
         """An array of one shape and type between two bounds, both included."""
 
         def __init__(self, low: Any, high: Any, shape: tuple[int, ...], dtype: Any):
@@ -45,14 +45,8 @@ except ImportError:
         def __contains__(self, x: Any) -> bool:
             return self.contains(x)
 
-    def Box(low: float, high: float, shape: tuple[int, ...], dtype: Any) -> _Space:  # type: ignore[no-redef]
-        return _Space(low, high, shape, dtype)
-
-    def Discrete(n: int) -> _Space:  # type: ignore[no-redef]
-        return _Space(0, n - 1, (), np.int64)
-
-    def MultiBinary(n: int) -> _Space:  # type: ignore[no-redef]
-        return _Space(0, 1, (n,), np.int8)
+    def Discrete(n: int) -> Box:  # type: ignore[no-redef]
+        return Box(0, n - 1, (), np.int64)
 
     class Dict(dict):  # type: ignore[no-redef]
         """Named spaces."""
@@ -71,7 +65,7 @@ except ImportError:
     def batch_space(space: Any, n: int) -> Any:  # type: ignore[no-redef]
         if isinstance(space, Dict):
             return Dict({name: batch_space(one, n) for name, one in space.items()})
-        return _Space(space.low, space.high, (n, *space.shape), space.dtype)
+        return Box(space.low, space.high, (n, *space.shape), space.dtype)
 
     class _Seeded:
         metadata: dict[str, Any] = {}
@@ -93,8 +87,7 @@ except ImportError:
         def unwrapped(self) -> Any:
             return self
 
-    class EnvBase(_Seeded):  # type: ignore[no-redef]
-        pass
+    EnvBase = _Seeded
 
     class VectorEnvBase(_Seeded):  # type: ignore[no-redef]
         closed = False
@@ -111,5 +104,5 @@ def observation_space(features: int, frames: int) -> Any:
         "features": Box(-np.inf, np.inf, (features,), np.float32),
         "goal": Discrete(frames),
         "previous_action": Discrete(4),
-        "action_mask": MultiBinary(3),
+        "action_mask": Box(0, 1, (3,), np.int8),
     })

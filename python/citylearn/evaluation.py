@@ -58,6 +58,12 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
         frames, max_steps = f"{agent.first_frame}:{agent.first_frame + agent.frames}", max_steps or agent.frames
     if "all" in controls:
         controls = ["shuffled", *_native.controls()]
+    for control, values in (control_parameters or {}).items():
+        if control not in (own, *controls):
+            raise ValueError(f"control_parameters: '{control}' is not one of what is evaluated, "
+                             + ", ".join((own, *controls)))
+        for parameter, value in values.items():
+            check_number(f"control_parameters: {parameter} of {control}", value)
     scores = Scores()
     shown = options.pop("traversal", "summer")
     recordings = {each: _native.Recording(as_text({**options, "traversal": each})) for each in traversals or [shown]}
@@ -69,7 +75,11 @@ def evaluate(policy: _native.Agent | _native.ExportedPolicy | str | Act, *, trav
             return _native.Reference()
         if isinstance(agent, _native.Agent):
             return agent.reference
-        return (recordings.get(train) or _native.Recording(as_text({**options, "traversal": train}))).reference(route)
+        try:
+            known = recordings.get(train) or _native.Recording(as_text({**options, "traversal": train}))
+        except ValueError as error:
+            raise ValueError(f"train '{train}', whose features control {control} knows: {error}") from None
+        return known.reference(route)
 
     for label in [own, *(control for control in controls if control != own)]:
         for traversal, recording in recordings.items():

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from . import _native
-from ._options import as_text, check_process, count, route_of, seconds, seed_of
+from ._options import _native, as_text, check_process, count, none_is_default, route_of, seconds, seed_of
 from ._spaces import AutoresetMode, Discrete, EnvBase, VectorEnvBase, batch_space, observation_space
 
 STAY, NEXT, PREVIOUS = 0, 1, 2
@@ -37,16 +37,20 @@ class VectorEnv(VectorEnvBase):
     DDS, whatever the middleware.
     """
 
-    def __init__(self, *, agents: int = 16, services: int = 1, frames: int | str | None = None, max_steps: int = 0,
-                 shuffle: bool = False, autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, wait: float = 30,
-                 **options: Any):
-        """Loads the traversal, or finds the env_services.
+    @none_is_default
+    def __init__(self, *, num_envs: int | None = None, agents: int | None = None, services: int | None = None,
+                 frames: int | str | None = None, max_steps: int = 0, shuffle: bool = False,
+                 autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP, wait: float = 30,
+                 render_mode: None = None, **options: Any):
+        """Loads the traversal, or finds the env_services. None leaves an argument out.
 
-        agents: of each service, 1..256; over DDS the env_services say how many.
-        services: environments that step together, each with random numbers of its own.
+        agents: of each service, 1..256, 16 by default; over DDS the env_services say how many.
+        services: environments that step together, each with random numbers of its own; 1 by default.
+        num_envs: agents x services, for gymnasium.make_vec; alone it makes so many services of one agent.
         frames: the route, a number of frames from the first on or "FIRST:END"; the first 128 by default.
         max_steps: step limit of an episode; 0: as many as the route has places.
-        shuffle: show the frames in a random order, another one in each episode.
+        shuffle: show the frames in a random order, another one in each episode; the place where an episode begins
+          keeps its frame of the last episode, which ended there.
         wait: seconds until a missing or silent env_service raises TimeoutError.
         options: those of env_service (dataset, data, traversal, step_metres, slip ...) and, for pictures, of
           encoder_service (encoder, dimension ...), with _ for -. With one of a service's own (session, middleware,
@@ -54,50 +58,71 @@ class VectorEnv(VectorEnvBase):
         """
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_modes": []}
-        services = count("services", services, 1, _MOST_SERVICES)
+        if render_mode is not None:  # a TypeError makes Stable-Baselines3 leave it out
+            raise TypeError(f"render_mode must be None, is {render_mode!r}: the environment draws nothing")
+        if "max_episode_steps" in options:
+            raise TypeError("max_episode_steps cuts no episode here; give max_steps, by which rewards scale too")
+        self._remote = bool(options.keys() & set(_native.node_options()))
+        if num_envs is not None and agents is None and services is None and not self._remote:
+            agents, services = 1, count("num_envs", num_envs, 1, _MOST_SERVICES)
+        services = count("services", 1 if services is None else services, 1, _MOST_SERVICES)
         wait = seconds("wait", wait)
         self._process = os.getpid()
-        self._remote = bool(options.keys() & set(_native.node_options()))
         if self._remote:
-            traversal = options.pop("traversal", "summer")
-            self._envs = _native.Envs(as_text(options), traversal, services, wait)
+            texts = as_text(options)
+            self._envs = _native.Envs(texts, texts.pop("traversal", "summer"), services, wait)
         else:
             recording = _native.Recording(as_text(options))
-            self._envs = _native.Envs(recording, count("agents", agents, 1, 256), services)
+            self._envs = _native.Envs(recording, count("agents", 16 if agents is None else agents, 1, 256), services)
         self._route = route_of(frames, max_steps, shuffle, self._envs.frames, self._envs.traversal)
         self.num_envs: int = self._envs.agents
         self.single_observation_space = observation_space(self._envs.features, self._route.frames)
         self.single_action_space = Discrete(3)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
+        if num_envs is not None and count("num_envs", num_envs, 1) != self.num_envs:
+            raise ValueError(f"num_envs is {num_envs}, but {services} services have {self.num_envs} agents")
         self._rows = np.arange(self.num_envs)
+        self._service = np.repeat(np.arange(services), self._envs.service_agents)  # of each agent
+        self._steps, self._shortest = np.zeros((2, self.num_envs), np.int64)
+        self._ended = np.zeros(self.num_envs, bool)
         self._ready = False  # agents have been reset
         self._sent: np.ndarray | None = None  # the actions under way
 
-    def reset(self, *, seed: int | None = None,
+    def reset(self, *, seed: int | Sequence[int | None] | None = None,
               options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Begins anew: service i draws from seed + i. Without a seed, from the next of the environment's own.
+        """Begins anew: service i draws from seed + i, or from seed[i]. Without a seed, from the next of the
+        environment's own.
 
-        options["reset_mask"], bool (B,): only these agents begin their next episode (AutoresetMode.DISABLED). Their
-        last one must have ended.
+        options["reset_mask"], bool (B,): only these agents begin an episode. One whose last has ended begins its next.
+        Where an episode goes on, or with a seed, the service begins anew, and so all of its agents must be in the mask.
         """
         self._check_open()
         if self._sent is not None:
             raise RuntimeError("reset() between send() and recv(); call recv() first")
-        if options and options.get("reset_mask") is not None:
-            return self._reset_ended(options["reset_mask"], seed)
-        if seed is not None:
-            seed = seed_of(seed)
-        super().reset(seed=seed)
-        if seed is None:
-            seed = int(self.np_random.integers(2**63))
+        seeds, given = self._seeds(seed), (options or {}).get("reset_mask")
+        mask = self._reset_mask(given)
+        anew = np.full(len(seeds), given is None or not self._ready)  # by service
+        seeded = np.array([one is not None for one in seeds])[self._service]
+        anew[self._service[mask & (seeded | ~self._ended)]] = True
+        begins = anew[self._service]
+        if (begins & ~mask).any():
+            raise ValueError(f"reset_mask: agent {int(np.argmax(begins & ~mask))} is not in the mask, but in a service "
+                             "that begins anew; mask all of its agents, or make services of one agent")
+        super().reset(seed=next((one for one in seeds if one is not None), None))
+        if anew.any() and None in seeds:
+            drawn = int(self.np_random.integers(2**63))
+            seeds = [drawn + i if one is None else one for i, one in enumerate(seeds)]
         self._ready = False
-        observation, position, _, _ = self._unpack(self._envs.reset(self._route, seed))
-        self._steps = np.zeros(self.num_envs, np.int64)
-        self._shortest = np.abs(observation["goal"] - position)
-        self._ended = np.zeros(self.num_envs, bool)
+        observation, position, _, _ = self._unpack(self._envs.reset(
+            self._route, [one if new else None for one, new in zip(seeds, anew)]))
+        self._steps[begins] = 0
+        self._shortest = np.where(begins, np.abs(observation["goal"] - position), self._shortest)
+        self._ended &= ~mask
+        for name, values in self._final.items() if self._ended.any() else ():
+            observation[name] = np.where(self._ended, values, observation[name])
         self._ready = True
-        return observation, self._infos(position)
+        return observation, {"position": np.where(mask, position, 0), "_position": mask.copy()}
 
     def step(self, actions: Any) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Steps all agents by actions, whole numbers (B,). Returns observations, rewards float64 (B,), terminations and
@@ -169,20 +194,22 @@ class VectorEnv(VectorEnvBase):
         """Returns observation, position, reward and flags, and keeps what the next step needs."""
         features, goal, previous_action, mask, position, reward, flags = columns
         # Copies, because callers may write into theirs.
-        self._goal, self._mask, self._position = goal.copy(), mask.copy(), position.copy()
-        self._last = {"features": features, "goal": goal, "previous_action": previous_action, "action_mask": mask}
-        return dict(self._last), position, reward, flags
+        self._goal, self._mask = goal.copy(), mask.copy()
+        return {"features": features, "goal": goal, "previous_action": previous_action,
+                "action_mask": mask}, position, reward, flags
 
     def _finish(self, chosen: np.ndarray, columns: tuple[np.ndarray, ...]) -> Any:
         goal_before = self._goal
         observation, position, rewards, flags = self._unpack(columns)
         terminated, truncated = (flags & _TERMINATED) != 0, (flags & _TRUNCATED) != 0
-        self._ended = ended = terminated | truncated
+        ended = terminated | truncated
+        self._ended = ended & (self.autoreset_mode != AutoresetMode.SAME_STEP)  # and do not yet begin the next
         self._steps += chosen != _WAIT
         infos = self._infos(position)
         if ended.any():
-            final = {**observation, "goal": np.where(ended, goal_before, observation["goal"]),
-                     "previous_action": np.where(ended, chosen, observation["previous_action"])}
+            self._final = {"goal": np.where(ended, goal_before, observation["goal"]),
+                           "previous_action": np.where(ended, chosen, observation["previous_action"])}
+            final = {**observation, **{name: values.copy() for name, values in self._final.items()}}
             spl = np.where(terminated, self._shortest / np.maximum(self._steps, self._shortest), 0.0)
             self._steps[ended] = 0
             self._shortest = np.where(ended, np.abs(observation["goal"] - position), self._shortest)
@@ -201,22 +228,29 @@ class VectorEnv(VectorEnvBase):
     def _infos(self, position: np.ndarray) -> dict[str, Any]:
         return {"position": position, "_position": np.ones(self.num_envs, bool)}
 
-    def _reset_ended(self, mask: Any, seed: int | None) -> tuple[Observation, dict[str, Any]]:
+    def _seeds(self, seed: Any) -> list[int | None]:
+        """Returns one seed, or None, for each service."""
+        services = len(self._envs.service_agents)
+        if np.ndim(seed):
+            if len(seed) != services:
+                raise ValueError(f"seed must be one number or a list of {services}, one for each service, has "
+                                 f"{len(seed)}")
+            return [None if one is None else seed_of(one) for one in seed]
+        return [None if seed is None else (seed_of(seed) + i) % 2**64 for i in range(services)]
+
+    def _reset_mask(self, mask: Any) -> np.ndarray:
+        """Returns the agents that begin an episode."""
+        if mask is None:
+            return np.ones(self.num_envs, bool)
         if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
             raise TypeError("reset_mask must be a numpy array of bool")
         if mask.shape != (self.num_envs,):
             raise ValueError(f"reset_mask has shape {mask.shape}, must have ({self.num_envs},)")
-        if not self._ready:
-            raise RuntimeError("call reset() without a reset_mask first")
-        if seed is not None:
-            raise ValueError("seed: agents that begin their next episode go on with their random numbers; leave it out")
-        if (mask & ~self._ended).any():
-            raise ValueError(f"reset_mask: the episode of agent {int(np.argmax(mask & ~self._ended))} goes on; "
-                             "only agents whose episode has ended can begin the next one alone")
-        self._ended &= ~mask
-        # What these agents see next has arrived with the end of the last episode.
-        infos = {"position": np.where(mask, self._position, 0), "_position": mask.copy()}
-        return {name: values.copy() for name, values in self._last.items()}, infos
+        if not mask.any():
+            raise ValueError("reset_mask must name an agent")
+        if not self._ready and not mask.all():
+            raise RuntimeError("call reset() for all agents first")
+        return mask
 
 
 class Env(EnvBase):
@@ -224,10 +258,8 @@ class Env(EnvBase):
 
     metadata: dict[str, Any] = {"render_modes": []}
 
-    def __init__(self, render_mode: None = None, **options: Any):
-        if render_mode is not None:
-            raise ValueError(f"render_mode must be None, is {render_mode!r}: the environment draws nothing")
-        self.render_mode = render_mode
+    @none_is_default
+    def __init__(self, **options: Any):
         self._envs = VectorEnv(**{"agents": 1, "autoreset_mode": AutoresetMode.DISABLED, **options})
         if self._envs.num_envs != 1:
             raise ValueError(f"Env has one agent, these are {self._envs.num_envs}; use VectorEnv")

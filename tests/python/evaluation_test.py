@@ -2,6 +2,7 @@
 """Policies and their figures: those of policy_service's own evaluation."""
 
 import json
+import re
 import subprocess
 import tempfile
 import unittest
@@ -82,6 +83,30 @@ class Evaluation(unittest.TestCase):
         self.assertTrue(0.2 < score.completed < 0.8, "goals ahead are reached, those behind are not")
         self.assertAlmostEqual(score.spl, score.completed, 12)
 
+    def test_the_documentation_names_what_there_is(self):
+        controls = {"shuffled", "all", *citylearn._options._native.controls()}
+        self.assertLessEqual(set(re.findall(r'"(\w+)"', citylearn.evaluate.__doc__)), controls)
+
+    def test_a_function_sees_the_goal_of_each_agent_and_may_return_any_whole_numbers(self):
+        goals = []
+
+        def act(observation, _):
+            goals.append(len(set(observation["goal"].tolist())))
+            return np.where(observation["action_mask"][:, 1], 1, 2)
+
+        def score(kind):
+            scores = citylearn.evaluate(lambda *seen: kind(act(*seen)), tasks=TASKS, frames=32, **DATA)
+            return scores["policy", "summer"]
+
+        expected = score(np.asarray)
+        self.assertGreater(np.mean(goals), 4)
+        for kind in (list, np.asfortranarray, np.int8, np.uint64, lambda a: np.repeat(a, 2)[::2],
+                     lambda a: np.frombuffer(a.tobytes(), a.dtype)):
+            self.assertEqual(score(kind).spl, expected.spl)
+        for kind in (np.float64, np.bool_, str, lambda a: a[:0], lambda a: a[:, None], lambda a: a - 3):
+            with self.assertRaisesRegex(ValueError, "must return .* whole numbers"):
+                score(kind)
+
     def test_a_policy_says_what_it_is(self):
         policy = self.policy
         self.assertEqual((policy.name, policy.frames, policy.features, policy.first_frame),
@@ -102,6 +127,13 @@ class Evaluation(unittest.TestCase):
              lambda: citylearn.evaluate("blind", traversals="fall", **DATA)),
             (TypeError, "controls must be a list of names, is 'all'",
              lambda: citylearn.evaluate("blind", controls="all", **DATA)),
+            (TypeError, "control_parameters: slip of sequence_filter must be a number, is 'x'",
+             lambda: citylearn.evaluate("sequence_filter", control_parameters={"sequence_filter": {"slip": "x"}},
+                                        **DATA)),
+            (ValueError, "slip.*nan", lambda: citylearn.evaluate(
+                "sequence_filter", control_parameters={"sequence_filter": {"slip": float("nan")}}, **DATA)),
+            (ValueError, "control_parameters: 'other' is not one of what is evaluated, blind",
+             lambda: citylearn.evaluate("blind", control_parameters={"other": {}}, **DATA)),
             (TypeError, "unknown option 'colour'", lambda: citylearn.evaluate("blind", colour=1, **DATA)),
         ):
             with self.subTest(pattern=pattern), self.assertRaisesRegex(error, pattern):

@@ -44,6 +44,55 @@ class Checks(unittest.TestCase):
             citylearn.Env(services=2, **OPTIONS)
 
 
+class Makers(unittest.TestCase):
+    def test_make_vec_makes_what_sync_makes(self):
+        gymnasium.register("City-v0", entry_point="citylearn:Env", vector_entry_point="citylearn:VectorEnv",
+                           kwargs=OPTIONS)
+        ours, theirs = (gymnasium.make_vec("City-v0", num_envs=4, vectorization_mode=mode)
+                        for mode in ("vector_entry_point", "sync"))
+        self.assertIsInstance(ours, citylearn.VectorEnv)
+        self.assertEqual(ours.observation_space, theirs.observation_space)
+        self.assertTrue(data_equivalence(ours.reset(seed=2), theirs.reset(seed=2)))
+
+    def test_render_mode_is_a_type_error(self):
+        """At which Stable-Baselines3 makes the environment without one."""
+        with self.assertRaisesRegex(TypeError, "render_mode must be None"):
+            citylearn.Env(render_mode="rgb_array", **OPTIONS)
+
+
+class Resets(unittest.TestCase):
+    """reset() takes what SyncVectorEnv takes, and answers the same."""
+
+    def test_lists_of_seeds_and_masks(self):
+        ours = citylearn.VectorEnv(agents=1, services=4, autoreset_mode="Disabled", **OPTIONS)
+        theirs = gymnasium.vector.SyncVectorEnv([lambda: citylearn.Env(**OPTIONS)] * 4, autoreset_mode="Disabled")
+        both, one = (ours, theirs), np.array([False, True, False, False])
+
+        def same(call):
+            own, other = (call(env) for env in both)
+            self.assertTrue(data_equivalence(own, other), f"{own}\n{other}")
+            return own
+
+        same(lambda env: env.reset(seed=5, options={"reset_mask": np.ones(4, bool)}))
+        same(lambda env: env.reset(seed=[4, 3, 2, 1]))
+        observation, infos = same(lambda env: env.reset(seed=6))
+        position, ended = infos["position"], np.zeros(4, bool)
+        while not ended.any():
+            actions = towards_goal(observation, position)
+            observation, _, terminated, truncated, infos = same(lambda env: env.step(actions))
+            position, ended = infos["position"], terminated | truncated
+        self.assertGreater(ended.sum(), 1)
+        for agent in np.flatnonzero(ended):  # the others that have ended still show their last observation
+            same(lambda env: env.reset(options={"reset_mask": np.arange(4) == agent}))
+        same(lambda env: env.reset(seed=9, options={"reset_mask": one.copy()}))
+        same(lambda env: env.step(env.action_space.sample() * 0))
+        for env in both:  # an episode that goes on; there is no seed
+            env.step(np.zeros(4, np.int64))
+            observation, infos = env.reset(options={"reset_mask": one.copy()})
+            self.assertEqual(infos["_position"].tolist(), one.tolist())
+            self.assertEqual((observation["previous_action"] == 3).tolist(), one.tolist())
+
+
 class AutoresetModes(unittest.TestCase):
     """SyncVectorEnv is Gymnasium's own model of all three modes: service i and environment i draw from seed + i."""
 

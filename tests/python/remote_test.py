@@ -9,7 +9,7 @@ import subprocess
 import threading
 import unittest
 
-from support import BUILD, DRAWN, walk
+from support import BUILD, DRAWN, towards_goal, walk
 from domain import own_domain
 
 import numpy as np
@@ -63,6 +63,35 @@ class Equality(unittest.TestCase):
                     self.assertEqual(walk(env, 7, 150), expected)
                     self.assertEqual(walk(env, 7, 150), expected, "the same again")
                     env.close()
+
+    def test_shuffled_frames_lists_of_seeds_and_masks(self):
+        task = {"services": 2, "shuffle": True, "autoreset_mode": "Disabled", "max_steps": 20}
+        here = citylearn.VectorEnv(agents=4, **task, **DRAWN)
+        with env_services("cyclonedds", 2):
+            there = connect("cyclonedds", **task)
+
+            def same(call):
+                own, other = call(here), call(there)
+                for name in own[0]:
+                    np.testing.assert_array_equal(own[0][name], other[0][name], name)
+                np.testing.assert_array_equal(own[-1]["position"], other[-1]["position"])
+                return own
+
+            observation, infos = same(lambda env: env.reset(seed=[7, 3]))
+            position, ends = infos["position"], 0
+            for step in range(100):
+                actions = towards_goal(observation, position)
+                observation, _, terminated, truncated, infos = same(lambda env: env.step(actions))
+                position, ended = infos["position"], terminated | truncated
+                ends += ended.sum()
+                second = np.arange(8) >= 4
+                if step == 50:  # the second service begins anew
+                    observation, infos = same(lambda env: env.reset(seed=[1, 5], options={"reset_mask": second}))
+                    position, ended = np.where(second, infos["position"], position), ended & ~second
+                if ended.any():
+                    observation, _ = same(lambda env: env.reset(options={"reset_mask": ended.copy()}))
+            self.assertGreater(ends, 20)
+            there.close()
 
     def test_pictures_are_seen_as_an_encoder_service_encodes_them(self):
         data = {"synthetic_frames": 40, "synthetic_width": 64, "synthetic_height": 48, "frames": 32}

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """VectorEnv in process, with numpy alone."""
 
+import argparse
 import os
 import re
 import signal
@@ -101,6 +102,13 @@ class Seeds(unittest.TestCase):
     def test_service_i_draws_from_seed_plus_i(self):
         both = VectorEnv(agents=4, services=2, **DRAWN).reset(seed=3)[0]["goal"]
         np.testing.assert_array_equal(both[4:], VectorEnv(agents=4, **DRAWN).reset(seed=4)[0]["goal"])
+
+    def test_a_list_has_a_seed_for_each_service(self):
+        env = VectorEnv(agents=4, services=2, **DRAWN)
+        both = env.reset(seed=[8, 3])[0]["goal"]
+        for part, seed in ((both[:4], 8), (both[4:], 3)):
+            np.testing.assert_array_equal(part, VectorEnv(agents=4, **DRAWN).reset(seed=seed)[0]["goal"])
+        np.testing.assert_array_equal(env.reset(seed=[None, 3])[0]["goal"][4:], both[4:])
 
     def test_without_a_seed_resets_differ_but_repeat_after_one(self):
         env = VectorEnv(agents=16, **DRAWN)
@@ -206,6 +214,61 @@ class Steps(unittest.TestCase):
             self.assertTrue((observation["previous_action"][at_end] == 0).all())
         self.assertGreater(off, 10)
 
+    def test_with_shuffled_frames_an_episode_ends_with_its_own(self):
+        """One frame is seen at each place of an episode, from its first observation to its last."""
+        for mode in MODES:
+            env = VectorEnv(agents=1, shuffle=True, max_steps=60, autoreset_mode=mode, **{**DRAWN, "frames": 8})
+            observation, infos = env.reset(seed=3)
+            seen, ends, way = {}, 0, 1
+            for _ in range(600):
+                seen.setdefault(int(infos["position"][0]), observation["features"][0].tobytes())
+                mask = env.action_masks()[0]
+                way = 2 if not mask[1] else 1 if not mask[2] else way
+                observation, _, terminated, truncated, infos = env.step([way])
+                ended = bool(terminated[0] | truncated[0])
+                final = (infos["final_obs"][0], infos["final_info"]) if "final_obs" in infos else (
+                    {"features": observation["features"][0]}, infos)
+                features = final[0]["features"].tobytes()
+                self.assertEqual(seen.setdefault(int(final[1]["position"][0]), features), features, mode)
+                self.assertEqual(len(set(seen.values())), len(seen), "no frame is seen at two places")
+                if ended:
+                    ends += 1
+                    seen = {}
+                    if mode == "Disabled":
+                        observation, infos = env.reset(options={"reset_mask": np.ones(1, bool)})
+            self.assertGreater(ends, 40)
+
+    def test_dropped_frames_are_dropped_at_the_end_too(self):
+        env = VectorEnv(agents=32, dropped_frames=0.5, autoreset_mode="SameStep", **DRAWN)
+        observation, infos = env.reset(seed=1)
+        again = ends = 0
+        for _ in range(200):
+            before = observation["features"]
+            actions = np.where(observation["goal"] > infos["position"], 1, 2)
+            observation, _, terminated, _, infos = env.step(actions)
+            for agent in np.flatnonzero(terminated):
+                again += np.array_equal(infos["final_obs"][agent]["features"], before[agent])
+                ends += 1
+        self.assertGreater(ends, 400)
+        self.assertAlmostEqual(again / ends, 0.5, 1)
+
+    def test_actions_of_any_whole_type_and_layout(self):
+        def goals(kind):
+            env = VectorEnv(agents=5, **DRAWN)
+            _, infos = env.reset(seed=4)
+            for _ in range(40):
+                actions = np.array([1, 2, 0, 2, 1])
+                observation, _, _, _, infos = env.step(kind(actions))
+            return observation["goal"].tolist(), infos["position"].tolist()
+
+        def read_only(actions):
+            return np.frombuffer(actions.astype(np.uint8).tobytes(), np.uint8)
+
+        expected = goals(np.asarray)
+        for kind in (list, tuple, np.int8, np.int32, np.uint8, np.uint64, lambda a: a.astype(">i4"), read_only,
+                     lambda a: np.repeat(a, 3)[::3], lambda a: np.asfortranarray(np.stack([a, a]))[0]):
+            self.assertEqual(goals(kind), expected)
+
     def test_send_and_recv_are_step(self):
         one, other = (VectorEnv(agents=4, services=3, **DRAWN) for _ in range(2))
         observation, infos = one.reset(seed=2)
@@ -236,9 +299,48 @@ class Errors(ClearErrors):
         self.expect(ValueError, "^slip: nan is not a number", VectorEnv, slip=float("nan"), **DRAWN)
         self.expect(ValueError, "services must be 1..4096, is 1000000000", VectorEnv, services=10**9, **DRAWN)
         self.expect(TypeError, "shuffle must be True or False, is 'no'", VectorEnv, shuffle="no", **DRAWN)
-        self.expect(TypeError, "wait must be a number of seconds, is None", VectorEnv, wait=None, **DRAWN)
+        self.expect(TypeError, "wait must be a number of seconds, is '3'", VectorEnv, wait="3", **DRAWN)
+        self.expect(TypeError, "agents must be a whole number, is True", VectorEnv, agents=True, **DRAWN)
+        self.expect(TypeError, r"slip must be a text, a number or a list of them, is \{\}", VectorEnv, slip={},
+                    **DRAWN)
+        self.expect(ValueError, "^slip: .*inf", VectorEnv, slip=float("inf"), **DRAWN)
+        self.expect(ValueError, "^slip: .*-1", VectorEnv, slip=-1, **DRAWN)
+        self.expect(ValueError, "^slip: .*abc", VectorEnv, slip="abc", **DRAWN)
+        self.expect(ValueError, "^slip is empty; leave it out", VectorEnv, slip="", **DRAWN)
+        self.expect(ValueError, "^slip is empty; leave it out", VectorEnv, slip=[], **DRAWN)
+        self.expect(ValueError, "^encoder: is for pictures, but traversal 'summer' has features", VectorEnv,
+                    encoder="patchnorm", **DRAWN)
+
+    def test_an_encoder_needs_a_reference_and_a_control_what_it_knows(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for name in ("one", "two"):
+                drawn = np.random.default_rng(0).integers(0, 255, (12, 32, 32), np.uint8)
+                Path(folder, name).mkdir()
+                for frame, picture in enumerate(drawn):
+                    Path(folder, name, f"{frame:04d}.pgm").write_bytes(b"P5 32 32 255 " + picture.tobytes())
+            data = {"data": folder, "store": "none", "encoder": "patchnorm"}
+            there = r"no traversal 'summer' \(there are: one, two\)"
+            self.expect(ValueError, there, VectorEnv, **data)
+            self.expect(ValueError, "^reference 'summer': .*" + there, VectorEnv, traversal="one", **data)
+            data.update(traversal="one", reference="two")
+            self.assertEqual(VectorEnv(**data).num_envs, 16)
+            self.expect(ValueError, "^train 'summer', whose features control sequence_filter knows: .*" + there,
+                        citylearn.evaluate, "sequence_filter", tasks=5, **data)
         self.expect(ValueError, "'1:20:2' is not FIRST:END", VectorEnv, **{**DRAWN, "frames": "1:20:2"})
-        self.expect(ValueError, "render_mode must be None, is 'human'", Env, render_mode="human", **DRAWN)
+        self.expect(TypeError, "render_mode must be None, is 'human'", Env, render_mode="human", **DRAWN)
+        self.expect(TypeError, "max_episode_steps cuts no episode here; give max_steps", VectorEnv,
+                    max_episode_steps=5, **DRAWN)
+        self.expect(ValueError, "num_envs is 6, but 2 services have 8 agents", VectorEnv, num_envs=6, agents=4,
+                    services=2, **DRAWN)
+
+    def test_none_leaves_an_option_out(self):
+        parser = argparse.ArgumentParser()
+        for name in ("agents", "services", "frames", "max-steps", "shuffle", "wait", "autoreset-mode", "session",
+                     "domain", "slip", "render-mode", "num-envs"):
+            parser.add_argument(f"--{name}")
+        given = {**vars(parser.parse_args([])), **DRAWN}
+        self.assertEqual(walk(VectorEnv(**given), 1, 20), walk(VectorEnv(**DRAWN), 1, 20))
+        self.assertEqual(Env(**given).observation_space.keys(), SPACES)
 
     def test_one_environment(self):
         env = Env(**DRAWN)
@@ -289,16 +391,22 @@ class Errors(ClearErrors):
         mask = np.ones(2, bool)
         self.expect(ValueError, "seed must be 0", env.reset, seed=-1)
         self.expect(TypeError, "seed must be a whole number", env.reset, seed=1.5)
-        self.expect(RuntimeError, "without a reset_mask first", env.reset, options={"reset_mask": mask})
+        self.expect(RuntimeError, "for all agents first", env.reset, options={"reset_mask": np.array([True, False])})
+        self.expect(ValueError, "seed must be one number or a list of 1, one for each service, has 2", env.reset,
+                    seed=[1, 2])
+        self.expect(TypeError, "seed must be a whole number, is 1.5", env.reset, seed=[1.5])
         env.reset(seed=0)
+        self.expect(ValueError, "must name an agent", env.reset, options={"reset_mask": ~mask})
         self.expect(TypeError, "array of bool", env.reset, options={"reset_mask": [True, True]})
         self.expect(ValueError, r"shape \(1,\)", env.reset, options={"reset_mask": mask[:1]})
-        self.expect(ValueError, "episode of agent 0 goes on", env.reset, options={"reset_mask": mask})
+        self.expect(ValueError, "agent 1 is not in the mask, but in a service that begins anew", env.reset,
+                    options={"reset_mask": np.array([True, False])})
         for _ in range(2):
             _, _, terminated, truncated, _ = env.step(np.zeros(2, int))
         self.assertTrue((terminated | truncated).all())
         self.expect(RuntimeError, "episode of agent 0 has ended; call reset", env.step, np.zeros(2, int))
-        self.expect(ValueError, "seed: ", env.reset, seed=1, options={"reset_mask": mask})
+        self.expect(ValueError, "agent 0 is not in the mask", env.reset, seed=1,
+                    options={"reset_mask": np.array([False, True])})
 
 
 if __name__ == "__main__":
