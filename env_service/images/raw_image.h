@@ -13,11 +13,13 @@ namespace citylearn {
 struct RawImage {
   std::uint32_t width = 0, height = 0;
   std::uint32_t step = 0;  ///< bytes from one row to the next
-  std::string encoding;    ///< as in ROS 2's sensor_msgs/image_encodings.hpp: rgb8, bgr8, rgba8, bgra8 or mono8
+  std::string encoding;    ///< as in ROS 2's sensor_msgs/image_encodings.hpp: rgb8, bayer_rggb8, yuv422, 16UC1 ...
   std::span<const std::uint8_t> data;
+  bool is_bigendian = false;  ///< of numbers of 16 bits
 };
 
-/// Writes a picture as a PNG file. Returns what is wrong with it; empty when nothing is.
+/// Writes a picture as a PNG file of 8 bits: of numbers of 16 bits the high byte. Returns what is wrong with it, as
+/// "has encoding 'x'"; empty when nothing is.
 std::string encode_raw(const RawImage& image, Bytes& file);
 
 }  // namespace citylearn
