@@ -426,6 +426,7 @@ void EnvService::do_due_work() {
   }
   if (running() && !policy_silent_ && !policy_.here(now_)) {
     policy_silent_ = true;
+    if (live_) live_->release();
     report();
   }
   // One whose heartbeats come thinks.

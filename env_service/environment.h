@@ -69,8 +69,6 @@ class Environment {
   bool is_sent() const { return next_goal_.has_value(); }  ///< No episode has begun for that.
   /// Returns whether the robot has tasks left and waits to be sent.
   bool awaits_goal() const;
-  /// Returns the place of the route that is nearest to a place, as sight() has them.
-  int nearest(int place) const { return static_cast<int>(settings_.first_frame()) + on_route(place); }
   /// Returns the frame to which an agent goes.
   int goal(int agent) const {
     return static_cast<int>(settings_.first_frame()) + agents_[static_cast<std::size_t>(agent)].goal;

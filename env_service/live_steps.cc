@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/live_steps.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace citylearn {
@@ -22,6 +23,7 @@ void LiveSteps::reset(const msg::TaskSettings& settings) {
 
 void LiveSteps::step(std::span<const std::uint8_t> actions) {
   environment_.check(actions);
+  if (!std::exchange(driven_, true) && robot_->hears_goals()) tell(true);
   actions_.assign(actions.begin(), actions.end());
   doing_ = environment_.awaits_goal() ? Doing::kAwaitGoal : Doing::kStep;
   if (doing_ == Doing::kAwaitGoal) return;
@@ -33,15 +35,20 @@ void LiveSteps::step(std::span<const std::uint8_t> actions) {
 
 void LiveSteps::stop() {
   doing_ = Doing::kNothing;
-  driven_ = false;
-  goal_.reset();
   robot_->stop();
-  if (robot_->hears_goals()) robot_->tell("stopped");
+  release();
+}
+
+void LiveSteps::release() {
+  driven_ = false;
+  if (!robot_->hears_goals()) return;
+  if (std::exchange(goal_, std::nullopt)) robot_->refuse_goal("the policy_service no longer drives the robot");
+  robot_->tell("stopped");
 }
 
 bool LiveSteps::advance(Clock::time_point now) {
   const auto seen = robot_->poll(now);
-  take_goal();
+  take_goals();
   if (doing_ == Doing::kAwaitGoal && goal_) {
     doing_ = Doing::kStep;
     robot_->look();  // it may have been carried elsewhere
@@ -50,7 +57,8 @@ bool LiveSteps::advance(Clock::time_point now) {
   const bool waits = doing_ == Doing::kStep && actions_.front() == kNoAction && !environment_.awaits_goal();
   if (!busy() || awaits_goal() || (!seen && !waits)) return false;
   if (seen) environment_.sight(*seen);
-  if (goal_ && seen && environment_.awaits_goal() && environment_.nearest(seen->place) == *goal_) {
+  const bool begins = doing_ == Doing::kReset || environment_.awaits_goal();
+  if (goal_ && seen && begins && nearest(seen->place) == *goal_) {
     robot_->tell("arrived " + std::to_string(*goal_));  // it stands there
     goal_.reset();
     if (doing_ == Doing::kStep) {
@@ -78,14 +86,24 @@ void LiveSteps::finish() {
 }
 
 /// Hears where the robot is sent.
-void LiveSteps::take_goal() {
-  const auto sent = robot_->take_goal();
-  if (!sent) return;
-  if (!driven_) return robot_->refuse_goal("no policy_service drives the robot");
-  const int goal = environment_.nearest(*sent);
-  const bool idle = environment_.awaits_goal() || environment_.done();
-  const bool under_way = !goal_ && !idle && environment_.goal(0) == goal;
-  if (!under_way) goal_ = goal;
+void LiveSteps::take_goals() {
+  const bool resets = doing_ == Doing::kReset;  // the environment has what was before
+  for (const int sent : robot_->take_goals()) {
+    if (!driven_ || (!resets && environment_.done())) {
+      robot_->refuse_goal(driven_ ? "the policy_service has done its tasks" : "no policy_service drives the robot");
+      continue;
+    }
+    const int goal = nearest(sent);
+    if (goal_ && *goal_ != goal) robot_->tell_once("replaced " + std::to_string(*goal_));
+    const bool under_way = !resets && !environment_.awaits_goal() && environment_.goal(0) == goal;
+    goal_ = under_way ? std::nullopt : std::optional(goal);
+  }
+}
+
+/// Returns the place of the task's route that is nearest to a place.
+int LiveSteps::nearest(int place) const {
+  const int first = static_cast<int>(settings_.first_frame()), last = first + static_cast<int>(settings_.frames()) - 1;
+  return std::clamp(place, first, last);
 }
 
 /// Tells what became of the robot's goals. `began`: where an episode is under way, it has just begun.

@@ -24,6 +24,8 @@ class LiveSteps {
   void step(std::span<const std::uint8_t> actions);
   /// Ends what has begun: the robot stands.
   void stop();
+  /// Refuses goals until the next step: the policy_service has fallen silent.
+  void release();
 
   /// Returns true when what has begun is done: the environment then shows what the robot sees.
   bool advance(Clock::time_point now);
@@ -37,7 +39,8 @@ class LiveSteps {
  private:
   enum class Doing { kNothing, kReset, kStep, kAwaitGoal };
 
-  void take_goal();
+  void take_goals();
+  int nearest(int place) const;
   void finish();
   void tell(bool began);
 

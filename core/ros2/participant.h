@@ -57,8 +57,6 @@ class Ros2Participant : public Ros2Sink {
 
   /// Waits until there may be something to take (true) or the deadline has passed.
   bool wait(Clock::time_point deadline) { return middleware_->wait(deadline); }
-  /// Returns how many subscriptions a topic has that was advertised or published.
-  int subscribers(const std::string& topic) const { return publishers_.at(topic)->matched(); }
   /// Middleware faults since the last call, a line each: others use a topic with another type.
   std::vector<std::string> faults() { return middleware_->discovery().faults(); }
 
@@ -92,7 +90,6 @@ class Ros2Subscription {
     if (unreadable_ > 0) return "what comes on " + topic + " is of another type";
     return "nothing comes on " + topic;
   }
-  std::uint64_t unreadable() const { return unreadable_; }  ///< messages that were not of this type
 
  private:
   std::unique_ptr<Subscription> subscription_;

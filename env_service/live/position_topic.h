@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 
@@ -20,6 +21,9 @@ class PositionTopic {
   struct Position {
     std::uint64_t stamp = 0;  ///< as stamp_of()
     double x = 0, y = 0;      ///< metres, or degrees: latitude and longitude
+    std::string frame = {};   ///< in which metres are, as "map"; may be empty
+    std::string fault = {};   ///< why it is no position: it "has no fix"; empty: it is one
+    std::string doubt = {};   ///< what else is wrong with it: it "has no stamp"
   };
   /// Returns the metres between two positions of one source.
   static double metres_between(PositionSource source, const Position& a, const Position& b);
@@ -27,9 +31,8 @@ class PositionTopic {
   /// `ros` must outlive it. `profile`: kRos2, or kRos2Reliable where each message counts.
   PositionTopic(Ros2Participant& ros, std::string topic, PositionSource source, Profile profile);
 
-  /// Takes what has come, and returns the newest of it. Positions that are not numbers, and fixes without satellites,
-  /// do not count.
-  std::optional<Position> take();
+  /// Takes what has come, each message in turn, those with a fault too.
+  void take(const std::function<void(const Position&)>& use);
   /// Says why nothing comes, as Ros2Subscription::why_silent().
   std::string why_silent() const;
   const std::string& name() const { return topic_; }

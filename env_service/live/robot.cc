@@ -10,6 +10,7 @@
 
 #include "core/task/action.h"
 #include "core/util/error.h"
+#include "core/util/text.h"
 
 namespace citylearn {
 namespace {
@@ -128,12 +129,19 @@ void Robot::begin_to_look(Clock::time_point now, std::uint64_t settle) {
 
 std::optional<Sighting> Robot::poll(Clock::time_point now) {
   senses_.poll();
-  for (const std::string& fault : ros_.faults()) spdlog::error("{}", fault);
+  for (const std::string& fault : ros_.faults()) {
+    spdlog::error("{}", fault);
+    if (goals_ && fault.starts_with("topic rt" + goals_->name() + ":")) refuse_goal("it is of another type");
+  }
   if (!status_.empty() && now >= next_status_) tell(status_);
   if (doing_ == Doing::kDriving && now >= until_) look();
   if (doing_ == Doing::kLooking && has_picture() && has_position()) {
-    doing_ = Doing::kNothing;
-    return Sighting{place(*senses_.position()), images_.add(senses_.picture()->file)};
+    const auto [place, metres] = nearest_place(*senses_.position());
+    off_route_ = metres > kFar * spacing_ ? metres : 0;
+    if (off_route_ == 0) {
+      doing_ = Doing::kNothing;
+      return Sighting{place, images_.add(senses_.picture()->file)};
+    }
   }
   if (doing_ != Doing::kNothing && now >= next_command_) command(speed_);  // one may be lost
   due_ = now + (doing_ == Doing::kNothing ? kRest : kGlance);
@@ -151,27 +159,30 @@ std::pair<int, double> Robot::nearest_place(const PositionTopic::Position& posit
   return nearest;
 }
 
-int Robot::place(const PositionTopic::Position& position) {
-  const auto [place, metres] = nearest_place(position);
-  const bool far = metres > kFar * spacing_;
-  if (far && !far_) spdlog::warn("the robot is {:.0f} m from the nearest place that it was taught", metres);
-  far_ = far;
-  return place;
-}
-
-std::optional<int> Robot::take_goal() {
-  const auto position = goals_ ? goals_->take() : std::nullopt;
-  if (!position) return std::nullopt;
-  const auto [place, metres] = nearest_place(*position);
-  if (metres <= kFar * spacing_) return place;
-  refuse_goal(fmt::format("it is {:.0f} m from the nearest place that was taught", metres));
-  return std::nullopt;
+std::vector<int> Robot::take_goals() {
+  std::vector<int> places;
+  if (!goals_) return places;
+  goals_->take([&](const PositionTopic::Position& goal) {
+    if (!goal.fault.empty()) return refuse_goal("it is no position: it " + goal.fault);
+    if (!goal.frame.empty() && !senses_.frame().empty() && goal.frame != senses_.frame())
+      return refuse_goal("it is in frame '" + one_line(goal.frame) + "', the robot's position in '" + senses_.frame() +
+                         "'");
+    const auto [place, metres] = nearest_place(goal);
+    if (metres > kFar * spacing_)
+      return refuse_goal(fmt::format("it is {:.0f} m from the nearest place that was taught", metres));
+    places.push_back(place);
+  });
+  return places;
 }
 
 void Robot::refuse_goal(const std::string& why) {
   spdlog::warn("a goal on {} is refused: {}", goals_->name(), why);
+  tell_once("refused");
+}
+
+void Robot::tell_once(const std::string& status) {
   const std::string before = status_;
-  tell("refused");
+  tell(status);
   status_ = before;
 }
 
@@ -187,7 +198,8 @@ void Robot::tell(const std::string& status) {
 std::string Robot::trouble(Clock::time_point now) const {
   if (doing_ != Doing::kLooking || now < looking_ + kTrouble) return "";
   if (!has_picture()) return senses_.why_no_picture();
-  return has_position() ? "" : senses_.why_no_position();
+  if (!has_position()) return senses_.why_no_position();
+  return fmt::format("it stands {:.0f} m from the nearest place that it was taught", off_route_);
 }
 
 }  // namespace citylearn

@@ -43,16 +43,18 @@ class Robot {
   Clock::time_point due() const { return due_; }
   /// Returns whether somebody sends it to goals.
   bool hears_goals() const { return goals_.has_value(); }
-  /// Returns the place to which it was sent last, once. A goal that is not on the route is refused.
-  std::optional<int> take_goal();
+  /// Returns the places to which it was sent since the last call. A goal that is not on the route is refused.
+  std::vector<int> take_goals();
   /// Tells those who sent it that this cannot be, and logs it.
   void refuse_goal(const std::string& why);
+  /// Tells something once; the status is then as it was.
+  void tell_once(const std::string& status);
   /// Tells those who send it what becomes of their goal, now and once a second.
   void tell(const std::string& status);
   /// Says what it has been waiting for, for longer than three seconds: "nobody publishes /camera/image_raw"; else
   /// empty.
   std::string trouble(Clock::time_point now) const;
-  const RobotSenses::Counts& counts() const { return senses_.counts(); }
+  const RobotSenses& senses() const { return senses_; }
 
  private:
   enum class Doing { kNothing, kDriving, kLooking };
@@ -67,7 +69,6 @@ class Robot {
   }
   double metres_between_places(int from, int to) const;
   std::pair<int, double> nearest_place(const PositionTopic::Position& position) const;
-  int place(const PositionTopic::Position& position);
 
   const RobotOptions options_;
   const Traversal& taught_;
@@ -77,7 +78,7 @@ class Robot {
   std::optional<PositionTopic> goals_;
   const std::vector<double>&x_, &y_;  // of the places, as positions come
   double spacing_ = 0;                // metres between places, median
-  bool far_ = false;                  // from all places, when it was seen last
+  double off_route_ = 0;              // metres from the nearest place while that is far; else 0
 
   std::string status_;
   Clock::time_point next_status_;

@@ -3,9 +3,12 @@
 
 #include <spdlog/spdlog.h>
 
+#include <utility>
+
 #include "core/files/image_header.h"
 #include "core/ros2/header.h"
 #include "core/util/error.h"
+#include "core/util/text.h"
 #include "env_service/images/raw_image.h"
 
 namespace citylearn {
@@ -22,9 +25,50 @@ RobotTopics named(const RobotTopics& topics) {
   return result;
 }
 
+constexpr const char* kNoStamp = "has no stamp: the time of its arrival counts";
+constexpr const char* kSetBack = "is older than the one before: a clock was set back, or two cameras send";
+constexpr std::size_t kMaxFaults = 8;  // of a topic: some hold what a sender wrote
+
+/// Returns why a message is not used after another one; empty: it is.
+std::string order_fault(std::uint64_t stamp, std::uint64_t before) {
+  if (RobotSenses::follows(stamp, before)) return "";
+  return stamp == before ? "came twice" : "came late";
+}
+
+/// Returns what is wrong with a picture, else its file.
+std::string read_picture(const sensor_msgs::msg::dds_::CompressedImage_& image, Bytes& file) {
+  const std::span<const std::byte> bytes = std::as_bytes(std::span(image.data()));
+  file.assign(bytes.begin(), bytes.end());
+  std::string fault = image_fault(file).value_or("");
+  if (file.size() > kMaxImageBytes) fault = std::to_string(file.size()) + " bytes";
+  return fault.empty() ? "" : "has format '" + one_line(image.format().substr(0, 40)) + "': " + fault;
+}
+std::string read_picture(const sensor_msgs::msg::dds_::Image_& image, Bytes& file) {
+  return encode_raw(
+      {image.width(), image.height(), image.step(), image.encoding(), image.data(), image.is_bigendian() != 0}, file);
+}
+
 }  // namespace
 
-RobotSenses::RobotSenses(Ros2Participant& ros, const RobotTopics& topics) : topics_(named(topics)) {
+void MessageFaults::count(const std::string& fault, bool used) {
+  ++came_;
+  used_ += used;
+  refused_ = !used;
+  if (fault.empty()) return;
+  const std::string& kind = counts_.size() < kMaxFaults || counts_.contains(fault) ? fault : "has other faults";
+  if (++counts_[kind] == 1)
+    spdlog::warn("{}: a message is {}used: it {} (more are counted, not logged)", topic_, used ? "" : "not ", kind);
+}
+
+std::string MessageFaults::text() const {
+  const auto one = [](const auto& each) {
+    return each.first + " (" + std::to_string(each.second) + (each.second == 1 ? " message)" : " messages)");
+  };
+  return counts_.empty() ? "" : topic_ + " " + joined(counts_, one);
+}
+
+RobotSenses::RobotSenses(Ros2Participant& ros, const RobotTopics& topics)
+    : topics_(named(topics)), picture_faults_(topics_.camera), position_faults_(topics_.position) {
   if (topics_.camera.ends_with("/compressed"))
     compressed_ = ros.subscribe<Compressed>(topics_.camera);
   else
@@ -33,59 +77,44 @@ RobotSenses::RobotSenses(Ros2Participant& ros, const RobotTopics& topics) : topi
 }
 
 void RobotSenses::poll() {
-  while (compressed_ && compressed_->take(compressed_message_)) take(compressed_message_);
-  while (raw_ && raw_->take(raw_message_)) take(raw_message_);
-  if (!position_topic_) return;
-  if (const auto position = position_topic_->take()) position_ = position;
+  while (compressed_ && compressed_->take(compressed_message_)) take_picture(compressed_message_);
+  while (raw_ && raw_->take(raw_message_)) take_picture(raw_message_);
+  if (position_topic_) position_topic_->take([this](const PositionTopic::Position& position) { take(position); });
+}
+
+void RobotSenses::take(const PositionTopic::Position& position) {
+  std::string fault = position.fault;
+  if (fault.empty() && frame_.empty()) frame_ = position.frame;
+  if (fault.empty() && !position.frame.empty() && position.frame != frame_)
+    fault = "is in frame '" + position.frame + "', the first in '" + frame_ + "'";
+  if (fault.empty() && position_) fault = order_fault(position.stamp, position_->stamp);
+  position_faults_.count(fault.empty() ? position.doubt : fault, fault.empty());
+  if (fault.empty()) position_ = position;
+}
+
+template <class Image>
+void RobotSenses::take_picture(const Image& image) {
+  Picture picture{stamp_of(image.header()), {}};
+  std::string fault = picture_ ? order_fault(picture.stamp, picture_->stamp) : "";
+  if (fault.empty()) fault = read_picture(image, picture.file);
+  const bool back = picture_ && picture.stamp < picture_->stamp;
+  const std::string doubt = ros2_time(image.header()) == 0 ? kNoStamp : back ? kSetBack : "";
+  picture_faults_.count(fault.empty() ? doubt : fault, fault.empty());
+  if (fault.empty()) picture_ = std::move(picture);
 }
 
 bool RobotSenses::follows(std::uint64_t stamp, std::uint64_t before) {
   return stamp > before || before - stamp > kLatest;
 }
 
-/// Returns whether a picture comes after the newest one, and counts those that do not.
-bool RobotSenses::is_next(std::uint64_t stamp) {
-  if (!picture_) return true;
-  if (follows(stamp, picture_->stamp)) {
-    if (stamp < picture_->stamp)
-      spdlog::warn("the camera's clock was set back by {} s", (picture_->stamp - stamp) / kRos2Second);
-    return true;
-  }
-  ++(stamp == picture_->stamp ? counts_.repeated : counts_.late);
-  return false;
-}
-
-void RobotSenses::take(const Compressed& image) {
-  const std::uint64_t stamp = stamp_of(image.header());
-  if (!is_next(stamp)) return;
-  const std::span<const std::byte> file = std::as_bytes(std::span(image.data()));
-  if (file.size() > kMaxImageBytes) return note_broken("has " + std::to_string(file.size()) + " bytes");
-  if (const auto fault = image_fault(file)) return note_broken(*fault);
-  picture_ = Picture{stamp, Bytes(file.begin(), file.end())};
-  ++counts_.pictures;
-}
-
-void RobotSenses::take(const Raw& image) {
-  const std::uint64_t stamp = stamp_of(image.header());
-  if (!is_next(stamp)) return;
-  Picture picture{stamp, {}};
-  const std::string fault =
-      encode_raw({image.width(), image.height(), image.step(), image.encoding(), image.data()}, picture.file);
-  if (!fault.empty()) return note_broken(fault);
-  picture_ = std::move(picture);
-  ++counts_.pictures;
-}
-
-void RobotSenses::note_broken(const std::string& why) {
-  if (++counts_.broken == 1) spdlog::warn("a picture on {}: {} (more are counted, not logged)", topics_.camera, why);
-  fault_ = why;
-}
-
 std::string RobotSenses::why_no_picture() const {
-  if (!picture_ && !fault_.empty()) return "pictures on " + topics_.camera + " are broken: " + fault_;
+  if (picture_faults_.refused()) return picture_faults_.text();
   return compressed_ ? compressed_->why_silent(topics_.camera) : raw_->why_silent(topics_.camera);
 }
 
-std::string RobotSenses::why_no_position() const { return position_topic_ ? position_topic_->why_silent() : ""; }
+std::string RobotSenses::why_no_position() const {
+  if (position_faults_.refused()) return position_faults_.text();
+  return position_topic_ ? position_topic_->why_silent() : "";
+}
 
 }  // namespace citylearn

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "core/ros2/participant.h"
 #include "env_service/live/position_topic.h"
@@ -12,17 +14,33 @@
 
 namespace citylearn {
 
-/// Hears a robot: what its camera takes and where it is. A picture that comes twice, or after a later one, is counted
-/// and not used. Used by the participant's thread.
+/// Counts what is wrong with the messages of a topic, and logs each fault when it comes first.
+class MessageFaults {
+ public:
+  explicit MessageFaults(std::string topic) : topic_(std::move(topic)) {}
+
+  /// Counts a message: it "has no fix" and is `used` or not. Empty: nothing is wrong with it.
+  void count(const std::string& fault, bool used);
+  bool refused() const { return refused_; }     ///< The last message was not used.
+  std::uint64_t came() const { return came_; }  ///< messages
+  std::uint64_t used() const { return used_; }
+  /// Returns all faults as "/fix has no fix (110 messages)"; empty when there were none.
+  std::string text() const;
+
+ private:
+  const std::string topic_;
+  std::map<std::string, std::uint64_t> counts_;
+  std::uint64_t came_ = 0, used_ = 0;
+  bool refused_ = false;
+};
+
+/// Hears a robot: what its camera takes and where it is. What comes twice, or after a later one, or has another fault
+/// is counted and not used. Used by the participant's thread.
 class RobotSenses {
  public:
   struct Picture {
     std::uint64_t stamp = 0;  ///< as stamp_of()
     Bytes file;               ///< JPEG, PNG, PNM or BMP
-  };
-  struct Counts {
-    std::uint64_t pictures = 0;  ///< used
-    std::uint64_t repeated = 0, late = 0, broken = 0;
   };
 
   /// `ros` must outlive it. Throws Error when a topic is not one.
@@ -36,9 +54,14 @@ class RobotSenses {
   /// The newest of each; empty: none came yet.
   const std::optional<Picture>& picture() const { return picture_; }
   const std::optional<PositionTopic::Position>& position() const { return position_; }
-  const Counts& counts() const { return counts_; }
-  /// Says why nothing comes from the camera, or from the position: "nobody publishes sensor_msgs/msg/Image on
-  /// /camera/image_raw".
+  /// Returns how many publishers the camera's topic has.
+  int cameras() const { return compressed_ ? compressed_->publishers() : raw_->publishers(); }
+  /// Returns the frame in which positions are, "map"; empty: not known.
+  const std::string& frame() const { return frame_; }
+  const MessageFaults& picture_faults() const { return picture_faults_; }
+  const MessageFaults& position_faults() const { return position_faults_; }
+  /// Says why nothing that can be used comes from the camera, or from the position: "nobody publishes
+  /// sensor_msgs/msg/Image on /camera/image_raw", "/fix has no fix (110 messages)".
   std::string why_no_picture() const;
   std::string why_no_position() const;
 
@@ -46,10 +69,9 @@ class RobotSenses {
   using Compressed = sensor_msgs::msg::dds_::CompressedImage_;
   using Raw = sensor_msgs::msg::dds_::Image_;
 
-  bool is_next(std::uint64_t stamp);
-  void take(const Compressed& image);
-  void take(const Raw& image);
-  void note_broken(const std::string& why);
+  void take(const PositionTopic::Position& position);
+  template <class Image>
+  void take_picture(const Image& image);
 
   const RobotTopics topics_;
   std::optional<Ros2Subscription<Compressed>> compressed_;
@@ -57,8 +79,8 @@ class RobotSenses {
   std::optional<PositionTopic> position_topic_;
   std::optional<Picture> picture_;
   std::optional<PositionTopic::Position> position_;
-  Counts counts_;
-  std::string fault_;  // of the last broken picture
+  MessageFaults picture_faults_, position_faults_;
+  std::string frame_;  // of positions
   Compressed compressed_message_;
   Raw raw_message_;
 };

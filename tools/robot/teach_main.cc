@@ -4,6 +4,7 @@
 
 #include <CLI/CLI.hpp>
 #include <limits>
+#include <utility>
 
 #include "core/wire/service.h"
 #include "tools/robot/teacher.h"
@@ -47,22 +48,26 @@ int teach(const CommandLine& line) {
   Teacher teacher(line.teach, ros);
   spdlog::info("listens to {} in domain {} of ROS 2 over {}", line.teach.topics.camera, line.ros.domain, line.ros.name);
   Clock::time_point next_report = Clock::now() + seconds(2);
-  int reported = -1;
+  int reported = -1, cameras = 0;
   while (!stop_requested() && teacher.frames() < line.frames) {
     ros.wait(Clock::now() + std::chrono::milliseconds(20));
     teacher.poll();
     for (const std::string& fault : ros.faults()) spdlog::error("{}", fault);
+    if (std::exchange(cameras, teacher.senses().cameras()) != teacher.senses().cameras())
+      spdlog::log(cameras > 1 ? spdlog::level::warn : spdlog::level::info, "listens to {} camera{} on {}", cameras,
+                  cameras == 1 ? "" : "s", line.teach.topics.camera);
     if (Clock::now() < next_report) continue;
     next_report = Clock::now() + seconds(2);
     if (teacher.frames() > 0 && teacher.frames() != reported) spdlog::info("{} frames", reported = teacher.frames());
     if (const std::string trouble = teacher.trouble(Clock::now()); !trouble.empty()) spdlog::warn("{}", trouble);
   }
-  const RobotSenses::Counts& counts = teacher.senses().counts();
-  spdlog::info("{} frames in {}/{}; of {} pictures, {} came twice, {} late, {} were broken", teacher.frames(),
-               line.teach.folder, line.teach.traversal, counts.pictures, counts.repeated, counts.late, counts.broken);
+  const MessageFaults& pictures = teacher.senses().picture_faults();
+  const std::string route = line.teach.folder + "/" + line.teach.traversal;
+  spdlog::info("{} frames in {}; of {} pictures, {} were not used", teacher.frames(), route, pictures.came(),
+               pictures.came() - pictures.used());
+  for (const std::string& shortcoming : teacher.shortcomings()) spdlog::warn("{}", shortcoming);
   if (teacher.frames() >= 2) return 0;
-  throw Error("has " + std::to_string(teacher.frames()) + " frames; a route needs 2",
-              line.teach.folder + "/" + line.teach.traversal, "let the robot drive while this records");
+  throw Error("has " + std::to_string(teacher.frames()) + " frames; a route needs 2", route, teacher.why_no_route());
 }
 
 }  // namespace

@@ -3,6 +3,8 @@
 
 #include <spdlog/fmt/fmt.h>
 
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <utility>
 
@@ -18,6 +20,16 @@ namespace fs = std::filesystem;
 
 constexpr double kSecond = 1e9;  // nanoseconds
 constexpr std::chrono::seconds kSilent{3};
+constexpr std::chrono::milliseconds kFresh{1500};  // a position that a picture is used with
+constexpr double kLeap = 0.75;                     // seconds: a hole of a shorter silence is no silence's
+constexpr double kLate = 2;                        // seconds by which one topic begins or ends before the other
+
+double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
+
+/// Returns "4 s without a position".
+std::string silence(double seconds, bool of_position) {
+  return fmt::format("{:.{}f} s without a {}", seconds, seconds < 1 ? 2 : 0, of_position ? "position" : "picture");
+}
 
 /// Returns the path of something new.
 std::string fresh(const TeachOptions& options, const std::string& suffix) {
@@ -49,13 +61,15 @@ Teacher::~Teacher() {
   if (frames_ == 0) fs::remove(pictures_, ignored);  // so that the next attempt finds nothing there
 }
 
-void Teacher::poll() {
+void Teacher::poll(Clock::time_point now) {
   senses_.poll();
-  const Clock::time_point now = Clock::now();
-  if (std::exchange(pictures_taken_, senses_.counts().pictures) != senses_.counts().pictures) picture_came_ = now;
-  const std::uint64_t stamp = senses_.position() ? senses_.position()->stamp : 0;
-  if (std::exchange(position_taken_, stamp) != stamp) position_came_ = now;
-  if (is_next()) write_frame();
+  const auto note = [now](std::uint64_t& before, const auto& newest, Clock::time_point& came, double& longest) {
+    if (!newest || std::exchange(before, newest->stamp) == newest->stamp) return;
+    longest = std::max(longest, seconds(now - std::exchange(came, now)));
+  };
+  note(picture_taken_, senses_.picture(), picture_came_, no_picture_);
+  note(position_taken_, senses_.position(), position_came_, no_position_);
+  if (is_next(now)) write_frame(now);
 }
 
 std::string Teacher::trouble(Clock::time_point now) const {
@@ -64,21 +78,64 @@ std::string Teacher::trouble(Clock::time_point now) const {
   return "";
 }
 
-/// Returns whether the newest picture is the next frame.
-bool Teacher::is_next() const {
-  if (!senses_.picture() || senses_.picture()->stamp == picture_) return false;
-  if (options_.topics.position.empty())
-    return frames_ == 0 ||
-           static_cast<double>(senses_.picture()->stamp) >= static_cast<double>(picture_) + kSecond * options_.interval;
-  if (!senses_.position()) return false;
-  if (!position_) return true;
-  return PositionTopic::metres_between(options_.topics.source, *position_, *senses_.position()) >= options_.spacing;
+/// Returns whether the newest picture is the next frame. Only one that has just come shows where the robot is.
+bool Teacher::is_next(Clock::time_point now) const {
+  if (!senses_.picture() || picture_came_ != now) return false;
+  const std::uint64_t stamp = senses_.picture()->stamp;
+  if (options_.topics.position.empty())  // earlier: the camera's clock was set back
+    return stamp < picture_ ||
+           static_cast<double>(stamp) >= static_cast<double>(picture_) + kSecond * options_.interval;
+  if (!senses_.position() || now - position_came_ > kFresh) return false;
+  return !position_ || metres_to(*senses_.position()) >= options_.spacing;
 }
 
-void Teacher::write_frame() {
+/// Notes that frames are missing before this one, where they are.
+void Teacher::note_hole(const std::string& file, Clock::time_point now) {
+  const bool placed = !options_.topics.position.empty();
+  const double begin = no_position_ - no_picture_;  // both since this program started
+  if (frames_ == 0) {
+    if (placed && std::abs(begin) > kLate)
+      first_hole_ = silence(std::abs(begin), begin > 0) + ": no frames before " + file;
+    return;
+  }
+  const double size = placed ? metres_to(*senses_.position()) : seconds(now - frame_came_);
+  if (size <= 2 * (placed ? options_.spacing : options_.interval)) return;
+  ++holes_;
+  if (size <= longest_) return;
+  longest_ = size;
+  const double silent = std::max(no_picture_, no_position_);
+  longest_hole_ = placed && silent < kLeap ? "the position leapt" : silence(silent, no_position_ > no_picture_);
+  longest_hole_ +=
+      placed ? fmt::format(": {:.1f} m without frames before {}", size, file) : ": no frames before " + file;
+}
+
+std::vector<std::string> Teacher::shortcomings() const {
+  std::vector<std::string> lines = {senses_.picture_faults().text(), senses_.position_faults().text(), first_hole_,
+                                    longest_hole_};
+  if (holes_ > 1) lines.back() += fmt::format(", the longest of {} holes", holes_);
+  const double end = seconds(picture_came_ - position_came_);
+  if (frames_ > 0 && !options_.topics.position.empty() && std::abs(end) > kLate)
+    lines.push_back(silence(std::abs(end), end > 0) + ": no frames after " + file_);
+  std::erase(lines, "");
+  return lines;
+}
+
+std::string Teacher::why_no_route() const {
+  const MessageFaults& pictures = senses_.picture_faults();
+  if (pictures.used() < 2 && pictures.came() > 2)
+    return fmt::format("{} of {} pictures were refused: {}", pictures.came() - pictures.used(), pictures.came(),
+                       pictures.text());
+  if (pictures.used() == 0) return senses_.why_no_picture();
+  const bool lost = !senses_.position() || senses_.position_faults().refused();
+  return !options_.topics.position.empty() && lost ? senses_.why_no_position()
+                                                   : "let the robot drive while this records";
+}
+
+void Teacher::write_frame(Clock::time_point now) {
   const RobotSenses::Picture& picture = *senses_.picture();
   const std::string file = fmt::format("{:06}{}", frames_, suffix_of(picture.file));
   write_file(pictures_ + "/" + file, {reinterpret_cast<const char*>(picture.file.data()), picture.file.size()});
+  note_hole(file, now);
   if (!options_.topics.position.empty()) {
     const bool fix = options_.topics.source == PositionSource::kFix;
     if (!poses_) {
@@ -91,6 +148,9 @@ void Teacher::write_frame() {
     if (!poses_->sync()) throw Error(poses_->problem(), poses_path_);
   }
   picture_ = picture.stamp;
+  frame_came_ = now;
+  file_ = file;
+  no_picture_ = no_position_ = 0;
   ++frames_;
 }
 

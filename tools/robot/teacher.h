@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "core/files/growing_file.h"
 #include "env_service/live/robot_senses.h"
@@ -29,26 +30,40 @@ class Teacher {
   Teacher(const Teacher&) = delete;
   Teacher& operator=(const Teacher&) = delete;
 
-  /// Takes what has come. Throws Error when the disk is full.
-  void poll();
+  /// Takes what has come by `now`. Throws Error when the disk is full.
+  void poll(Clock::time_point now = Clock::now());
   int frames() const { return frames_; }
   /// Says which topic has been silent for three seconds, and why; empty: none has.
   std::string trouble(Clock::time_point now) const;
   const RobotSenses& senses() const { return senses_; }
+  /// Says what came and was not used, and where frames are missing, a line each: "4 s without a position: 9.8 m without
+  /// frames before 000004.png". Frames are missing where two are more than twice as far apart as was asked.
+  std::vector<std::string> shortcomings() const;
+  /// Says why there are fewer than the two frames that a route needs.
+  std::string why_no_route() const;
 
  private:
-  bool is_next() const;
-  void write_frame();
+  bool is_next(Clock::time_point now) const;
+  void write_frame(Clock::time_point now);
+  void note_hole(const std::string& file, Clock::time_point now);
+  double metres_to(const PositionTopic::Position& position) const {
+    return position_ ? PositionTopic::metres_between(options_.topics.source, *position_, position) : 0;
+  }
 
   const TeachOptions options_;
   RobotSenses senses_;
   const std::string pictures_, poses_path_;
   std::unique_ptr<GrowingFile> poses_;  // null: there was no frame yet, or there are no positions
   int frames_ = 0;
-  std::uint64_t pictures_taken_ = 0, position_taken_ = 0;  // how many, and the stamp of the last
-  Clock::time_point picture_came_ = Clock::now(), position_came_ = picture_came_;
+  std::uint64_t picture_taken_ = 0, position_taken_ = 0;  // stamps of the last
+  Clock::time_point picture_came_ = Clock::now(), position_came_ = picture_came_, frame_came_;
   std::uint64_t picture_ = 0;                        // stamp of the last frame
   std::optional<PositionTopic::Position> position_;  // of the last frame
+  std::string file_;                                 // of the last frame
+  double no_picture_ = 0, no_position_ = 0;          // longest silences since the last frame, seconds
+  int holes_ = 0;
+  double longest_ = 0;                     // of the holes, metres, or seconds without positions
+  std::string longest_hole_, first_hole_;  // first_hole_: before the first frame
 };
 
 }  // namespace citylearn

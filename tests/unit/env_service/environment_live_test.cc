@@ -145,7 +145,6 @@ TEST_F(SentRobot, GoesToTheNearestPlaceOfItsRoute) {
   send_to(19);
   environment_.reset(part);
   EXPECT_EQ(environment_.goal(0), 14);
-  EXPECT_EQ(environment_.nearest(2), 10);
 }
 
 TEST_F(LiveEnvironment, AForbiddenActionIsRefusedBeforeTheRobotDrives) {

@@ -4,11 +4,16 @@
 
 #include <gtest/gtest.h>
 
+#include <limits>
+#include <tuple>
+
 #include "core/task/action.h"
 #include "core/util/wall_clock.h"
+#include "env_service/live_steps.h"
 #include "tests/support/data/fake_images.h"
 #include "tests/support/data/pictures.h"
 #include "tests/support/env/env.h"
+#include "tests/support/log.h"
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
@@ -17,6 +22,7 @@ namespace citylearn::testing {
 namespace {
 
 using Picture = sensor_msgs::msg::dds_::CompressedImage_;
+using Fix = sensor_msgs::msg::dds_::NavSatFix_;
 using Pose = geometry_msgs::msg::dds_::PoseStamped_;
 using Twist = geometry_msgs::msg::dds_::Twist_;
 
@@ -64,6 +70,16 @@ class RobotTest : public ::testing::Test {
     robot.settle = 0.5;
     return robot;
   }
+  /// A robot whose places are 1.57 m apart on the 45th parallel, and which hears fixes and goals.
+  RobotOptions with_fixes() {
+    taught_.latitude.assign(kPlaces, 45);
+    for (int i = 0; i < kPlaces; ++i) taught_.longitude.push_back(11 + 2e-5 * i);
+    RobotOptions robot = options();
+    robot.topics.position = "/fix";
+    robot.topics.source = PositionSource::kFix;
+    robot.goal = "/goal_fix";
+    return robot;
+  }
   Robot make(const RobotOptions& robot) { return Robot(robot, "robot", own_, taught_, images_); }
 
   void send_picture(double seconds, const std::string& file) {
@@ -78,6 +94,27 @@ class RobotTest : public ::testing::Test {
     pose.pose().position().x(x);
     pose.pose().position().y(5);
     world_.publish("/pose", pose);
+  }
+  void send_fix(const std::string& topic, double seconds, int status, double latitude, double longitude) {
+    Fix fix;
+    stamp(fix.header(), seconds);
+    fix.status().status(static_cast<std::uint8_t>(status));
+    fix.latitude(latitude);
+    fix.longitude(longitude);
+    world_.publish(topic, fix);
+  }
+  void send_goal(double x, const std::string& frame = "map") {
+    Pose goal;
+    goal.header().frame_id(frame);
+    goal.pose().position().x(x);
+    goal.pose().position().y(5);
+    world_.publish("/goal", goal);
+  }
+  /// What is said on the status topic since the last call.
+  std::vector<std::string> said() {
+    std::vector<std::string> all;
+    for (std_msgs::msg::dds_::String_ status; status_.take(status);) all.push_back(status.data());
+    return all;
   }
   /// Polls until the robot has seen something, or half a second is over.
   static std::optional<Sighting> seen_by(Robot& robot, milliseconds patience = milliseconds(500)) {
@@ -95,6 +132,8 @@ class RobotTest : public ::testing::Test {
   Traversal taught_ = taught();
   LiveImages images_{std::make_shared<FakeImages>(kPlaces), "robot", 1};
   Ros2Participant world_{ros_, "world", nullptr};
+  Ros2Subscription<std_msgs::msg::dds_::String_> status_ =
+      world_.subscribe<std_msgs::msg::dds_::String_>("/citylearn/status", Profile::kRos2Reliable);
   Ros2Subscription<Twist> twists_ = world_.subscribe<Twist>("/cmd_vel");
   const std::string file_ = grey_file();
 };
@@ -157,10 +196,12 @@ TEST_F(RobotTest, PicturesThatComeTwiceLateOrBrokenAreCounted) {
   send_picture(10.2, file_);
   ASSERT_TRUE(seen_by(robot));
   seen_by(robot, milliseconds(20));
-  EXPECT_EQ(robot.counts().broken, 1u);
-  EXPECT_EQ(robot.counts().pictures, 1u);
-  EXPECT_EQ(robot.counts().repeated, 1u);
-  EXPECT_EQ(robot.counts().late, 1u);
+  EXPECT_EQ(robot.senses().picture_faults().came(), 4u);
+  EXPECT_EQ(robot.senses().picture_faults().used(), 1u);
+  EXPECT_EQ(
+      robot.senses().picture_faults().text(),
+      "/camera/compressed came late (1 message), came twice (1 message), has format '': neither a JPEG, PNG, PNM nor "
+      "BMP file (1 message)");
   robot.look();
   send_pose(11, 6);
   send_picture(2, file_);
@@ -175,13 +216,232 @@ TEST_F(RobotTest, SaysWhatItWaitsFor) {
   EXPECT_EQ(robot.trouble(later()), "nobody publishes sensor_msgs/msg/CompressedImage on /camera/compressed");
   send_picture(10, "no picture");
   seen_by(robot, milliseconds(20));
-  EXPECT_TRUE(contains(robot.trouble(later()), "pictures on /camera/compressed are broken")) << robot.trouble(later());
+  EXPECT_EQ(robot.trouble(later()),
+            "/camera/compressed has format '': neither a JPEG, PNG, PNM nor BMP file (1 message)");
   send_picture(11, file_);
   seen_by(robot, milliseconds(20));
   EXPECT_EQ(robot.trouble(later()), "nobody publishes geometry_msgs/msg/PoseStamped on /pose");
   send_pose(11, 0);
   ASSERT_TRUE(seen_by(robot));
   EXPECT_EQ(robot.trouble(later()), "");
+}
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kInfinite = std::numeric_limits<double>::infinity();
+
+TEST_F(RobotTest, SaysWhyPositionsAreNotUsed) {
+  const Log log;
+  Robot robot = make(with_fixes());
+  robot.look();
+  send_picture(10, file_);
+  for (int i = 0; i < 3; ++i) send_fix("/fix", 10 + 0.1 * i, -1, kNan, kNan);
+  send_fix("/fix", 10.3, 0, kNan, 11);
+  send_fix("/fix", 10.4, 0, 45, -kInfinite);
+  send_fix("/fix", 10.5, 0, 90.5, 11);
+  send_fix("/fix", 10.6, 0, 45, 180.5);
+  send_fix("/fix", 10.7, 0, 0, 0);
+  EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "it is nowhere";
+  EXPECT_EQ(
+      robot.trouble(Clock::now() + seconds(4)),
+      "/fix has no fix (3 messages), is NaN or infinite (2 messages), is at 0,0, where receivers without a fix are "
+      "(1 message), is beyond latitude 90 or longitude 180 (2 messages)");
+  EXPECT_EQ(occurrences(log.text(), "/fix: a message is not used: it "), 4) << "each reason once: " << log.text();
+  send_fix("/fix", 11, 0, 45, 11.00006);
+  const auto seen = seen_by(robot);
+  ASSERT_TRUE(seen);
+  EXPECT_EQ(seen->place, 3);
+}
+
+TEST_F(RobotTest, PositionsOfAnotherFrameOrTimeAreNotUsed) {
+  const Log log;
+  Robot robot = make(options());
+  robot.look();
+  send_picture(10, file_);
+  for (const auto& [seconds, frame, x] : std::vector<std::tuple<double, std::string, double>>{
+           {10, "/map", 6}, {11, "odom", 2}, {10.5, "map", 2}, {11, "", 8}}) {
+    Pose pose;
+    stamp(pose.header(), seconds);
+    pose.header().frame_id(frame);
+    pose.pose().position().x(x);
+    pose.pose().position().y(5);
+    world_.publish("/pose", pose);
+    robot.poll(Clock::now());
+  }
+  EXPECT_TRUE(log.has("/pose: a message is not used: it is in frame 'odom', the first in 'map'")) << log.text();
+  EXPECT_EQ(occurrences(log.text(), "not used"), 1) << "10.5 s came before 11 s of frame odom: " << log.text();
+  robot.look();
+  send_picture(12, file_);
+  send_pose(10.9, 0);
+  EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "it comes late";
+  EXPECT_EQ(robot.trouble(Clock::now() + seconds(4)),
+            "/pose came late (1 message), is in frame 'odom', the first in 'map' (1 message)");
+  send_pose(12, 4);
+  const auto seen = seen_by(robot);
+  ASSERT_TRUE(seen);
+  EXPECT_EQ(seen->place, 2);
+}
+
+TEST_F(RobotTest, GoalsThatAreNoPlaceAreRefused) {
+  const Log log;
+  RobotOptions with_goals = options();
+  with_goals.goal = "/goal";
+  Robot robot = make(with_goals);
+  robot.tell("waiting");
+  send_pose(10, 0);
+  robot.poll(Clock::now());
+  said();
+  for (const double x : {kNan, kInfinite, -kInfinite, 1e9, 1e4}) {
+    send_goal(x);
+    EXPECT_EQ(robot.take_goals(), std::vector<int>()) << x;
+    EXPECT_EQ(said(), std::vector<std::string>{"refused"}) << x;
+  }
+  EXPECT_EQ(occurrences(log.text(), "a goal on /goal is refused: it is no position: it is NaN or infinite"), 3);
+  EXPECT_EQ(occurrences(log.text(), "it is no position: it is over 100,000 km from the origin"), 1);
+  EXPECT_EQ(occurrences(log.text(), "a goal on /goal is refused: it is 9982 m from the nearest place"), 1)
+      << log.text();
+  send_goal(4);
+  send_goal(kNan);
+  send_goal(12);
+  send_goal(12);
+  EXPECT_EQ(robot.take_goals(), (std::vector{2, 6, 6})) << "each is answered";
+  EXPECT_EQ(said(), std::vector<std::string>{"refused"});
+}
+
+TEST_F(RobotTest, GoalsInAnotherFrameOrWithoutAFixAreRefused) {
+  const Log log;
+  RobotOptions with_goals = options();
+  with_goals.goal = "/goal";
+  {
+    Robot robot = make(with_goals);
+    Pose pose;
+    pose.header().frame_id("map");
+    world_.publish("/pose", pose);
+    robot.poll(Clock::now());
+    send_goal(4, "odom");
+    send_goal(4, "");
+    EXPECT_EQ(robot.take_goals(), std::vector{2}) << "one without a frame is taken as one of the robot's";
+    EXPECT_TRUE(log.has("a goal on /goal is refused: it is in frame 'odom', the robot's position in 'map'"))
+        << log.text();
+  }
+  Robot robot = make(with_fixes());
+  said();
+  send_fix("/goal_fix", 1, -1, 45, 11);
+  send_fix("/goal_fix", 2, 0, kNan, 11);
+  send_fix("/goal_fix", 3, 0, 0, 0);
+  send_fix("/goal_fix", 4, 0, 45, 11.00004);
+  EXPECT_EQ(robot.take_goals(), std::vector{2});
+  EXPECT_EQ(said(), std::vector<std::string>(3, "refused"));
+  EXPECT_TRUE(log.has("a goal on /goal_fix is refused: it is no position: it has no fix")) << log.text();
+}
+
+/// A robot that a policy_service may drive and others send to goals.
+class SentToGoals : public RobotTest {
+ protected:
+  SentToGoals() {
+    RobotOptions with_goals = options();
+    with_goals.goal = "/goal";
+    steps_.emplace(environment_, std::make_unique<Robot>(with_goals, "robot", own_, taught_, images_));
+    tasks_.tasks() = 2;
+    send_goal(0);
+    EXPECT_FALSE(steps_->advance(Clock::now()));
+    EXPECT_EQ(said(), (std::vector<std::string>{"stopped", "refused"})) << "nobody drives it";
+  }
+  /// The robot is seen at a place, again and again, until what has begun is done.
+  void advance(int place) {
+    const auto done = [&] {
+      send_picture(++now_, file_);
+      send_pose(now_, kMetres * place);
+      return steps_->advance(Clock::now()) || !steps_->busy() || steps_->awaits_goal();
+    };
+    EXPECT_TRUE(poll_until(done, milliseconds(5000)));
+  }
+  void step(std::uint8_t action) { steps_->step(std::span(&action, 1)); }
+
+  Environment environment_{taught_, 1};
+  std::optional<LiveSteps> steps_;
+  msg::TaskSettings tasks_ = settings(msg::EVALUATE, kPlaces, 100);
+  double now_ = 10;
+};
+
+TEST_F(SentToGoals, EveryGoalIsAnswered) {
+  steps_->reset(tasks_);
+  send_goal(kMetres * 4);  // before the robot was seen
+  send_goal(kMetres * 4);
+  send_goal(kMetres * 6);
+  steps_->advance(Clock::now());
+  EXPECT_EQ(said(), std::vector<std::string>{"replaced 4"});
+  advance(5);
+  EXPECT_EQ(said(), std::vector<std::string>{"driving 6"});
+  send_goal(kMetres * 8);
+  send_goal(kMetres * 6);
+  send_goal(kNan);
+  steps_->advance(Clock::now());
+  EXPECT_EQ(said(), (std::vector<std::string>{"refused", "replaced 8"})) << "6 goes on";
+  step(kNext);
+  advance(6);
+  EXPECT_EQ(said(), (std::vector<std::string>{"arrived 6", "waiting"}));
+  step(kStay);
+  send_goal(kMetres * 6);
+  steps_->advance(Clock::now());
+  advance(6);
+  EXPECT_EQ(said(), std::vector<std::string>{"arrived 6"}) << "it stands there";
+}
+
+TEST_F(SentToGoals, GoalsAreRefusedWhenNobodyDrivesOnAndWhenTheTasksAreDone) {
+  steps_->reset(tasks_);
+  send_goal(kMetres * 6);
+  steps_->advance(Clock::now());
+  steps_->stop();
+  EXPECT_EQ(said(), (std::vector<std::string>{"refused", "stopped"}));
+  steps_->reset(tasks_);
+  advance(5);
+  EXPECT_EQ(said(), std::vector<std::string>{"waiting"});
+  steps_->release();  // the policy_service is silent
+  send_goal(kMetres * 6);
+  steps_->advance(Clock::now());
+  EXPECT_EQ(said(), (std::vector<std::string>{"stopped", "refused"}));
+  step(kStay);  // it is back
+  EXPECT_EQ(said(), std::vector<std::string>{"waiting"});
+  for (const int goal : {6, 5}) {
+    send_goal(kMetres * goal);
+    steps_->advance(Clock::now());
+    advance(11 - goal);
+    step(goal == 6 ? kNext : kPrevious);
+    advance(goal);
+    if (goal == 6) step(kStay);
+  }
+  EXPECT_TRUE(environment_.done());
+  said();
+  send_goal(kMetres * 7);
+  steps_->advance(Clock::now());
+  EXPECT_EQ(said(), std::vector<std::string>{"refused"});
+}
+
+TEST_F(RobotTest, FarFromItsRouteItStandsAndSaysSo) {
+  Robot robot = make(options());
+  robot.look();
+  send_picture(10, file_);
+  send_pose(10, 1e5);
+  EXPECT_FALSE(seen_by(robot, milliseconds(20))) << "no place is near";
+  EXPECT_EQ(robot.trouble(Clock::now() + seconds(4)), "it stands 99982 m from the nearest place that it was taught");
+  send_pose(11, 37);
+  const auto seen = seen_by(robot);
+  ASSERT_TRUE(seen) << "19 m beyond the last place, less than ten times the distance of two";
+  EXPECT_EQ(seen->place, kPlaces - 1);
+  EXPECT_EQ(robot.trouble(Clock::now() + seconds(4)), "");
+}
+
+TEST_F(RobotTest, ClocksThatCannotBeAreToldOnce) {
+  const Log log;
+  Robot robot = make(options());
+  for (int i = 0; i < 4; ++i) {  // two cameras on one topic
+    send_picture(1000 + i, file_);
+    send_picture(10 + i, file_);
+  }
+  robot.poll(Clock::now());
+  EXPECT_EQ(occurrences(log.text(), "a clock was set back, or two cameras send"), 1) << log.text();
+  for (int i = 0; i < 4; ++i) send_pose(0, 6);
+  robot.poll(Clock::now());
+  EXPECT_EQ(occurrences(log.text(), "/pose: a message is used: it has no stamp: the time of its arrival counts"), 1);
 }
 
 TEST_F(RobotTest, WrongOptionsAreOneClearError) {
