@@ -137,11 +137,12 @@ std::optional<Sighting> Robot::poll(Clock::time_point now) {
   if (doing_ == Doing::kDriving && now >= until_) look();
   if (doing_ == Doing::kLooking && has_picture() && has_position()) {
     const auto [place, metres] = nearest_place(*senses_.position());
-    off_route_ = metres > kFar * spacing_ ? metres : 0;
-    if (off_route_ == 0) {
+    if (metres <= kFar * spacing_) {
+      off_route_ = 0;
       doing_ = Doing::kNothing;
       return Sighting{place, images_.add(senses_.picture()->file)};
     }
+    if (off_route_ == 0) off_route_ = metres;  // an alarm that does not change with each message
   }
   if (doing_ != Doing::kNothing && now >= next_command_) command(speed_);  // one may be lost
   due_ = now + (doing_ == Doing::kNothing ? kRest : kGlance);
@@ -197,8 +198,8 @@ void Robot::tell(const std::string& status) {
 
 std::string Robot::trouble(Clock::time_point now) const {
   if (doing_ != Doing::kLooking || now < looking_ + kTrouble) return "";
-  if (!has_picture()) return senses_.why_no_picture();
-  if (!has_position()) return senses_.why_no_position();
+  if (!has_picture()) return senses_.why_no_picture(false);
+  if (!has_position()) return senses_.why_no_position(false);
   return fmt::format("it stands {:.0f} m from the nearest place that it was taught", off_route_);
 }
 

@@ -78,7 +78,7 @@ class Robot {
   std::optional<PositionTopic> goals_;
   const std::vector<double>&x_, &y_;  // of the places, as positions come
   double spacing_ = 0;                // metres between places, median
-  double off_route_ = 0;              // metres from the nearest place while that is far; else 0
+  double off_route_ = 0;              // metres from the nearest place, when that became far; else 0
 
   std::string status_;
   Clock::time_point next_status_;

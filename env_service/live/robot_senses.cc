@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/live/robot_senses.h"
 
+#include <spdlog/fmt/fmt.h>
 #include <spdlog/spdlog.h>
 
 #include <utility>
@@ -60,9 +61,9 @@ void MessageFaults::count(const std::string& fault, bool used) {
     spdlog::warn("{}: a message is {}used: it {} (more are counted, not logged)", topic_, used ? "" : "not ", kind);
 }
 
-std::string MessageFaults::text() const {
-  const auto one = [](const auto& each) {
-    return each.first + " (" + std::to_string(each.second) + (each.second == 1 ? " message)" : " messages)");
+std::string MessageFaults::text(bool counted) const {
+  const auto one = [counted](const auto& each) {
+    return each.first + (counted ? fmt::format(" ({} message{})", each.second, each.second == 1 ? "" : "s") : "");
   };
   return counts_.empty() ? "" : topic_ + " " + joined(counts_, one);
 }
@@ -107,13 +108,13 @@ bool RobotSenses::follows(std::uint64_t stamp, std::uint64_t before) {
   return stamp > before || before - stamp > kLatest;
 }
 
-std::string RobotSenses::why_no_picture() const {
-  if (picture_faults_.refused()) return picture_faults_.text();
+std::string RobotSenses::why_no_picture(bool counted) const {
+  if (picture_faults_.refused()) return picture_faults_.text(counted);
   return compressed_ ? compressed_->why_silent(topics_.camera) : raw_->why_silent(topics_.camera);
 }
 
-std::string RobotSenses::why_no_position() const {
-  if (position_faults_.refused()) return position_faults_.text();
+std::string RobotSenses::why_no_position(bool counted) const {
+  if (position_faults_.refused()) return position_faults_.text(counted);
   return position_topic_ ? position_topic_->why_silent() : "";
 }
 

@@ -24,8 +24,8 @@ class MessageFaults {
   bool refused() const { return refused_; }     ///< The last message was not used.
   std::uint64_t came() const { return came_; }  ///< messages
   std::uint64_t used() const { return used_; }
-  /// Returns all faults as "/fix has no fix (110 messages)"; empty when there were none.
-  std::string text() const;
+  /// Returns all faults as "/fix has no fix (110 messages)", or without how many; empty when there were none.
+  std::string text(bool counted = true) const;
 
  private:
   const std::string topic_;
@@ -61,9 +61,9 @@ class RobotSenses {
   const MessageFaults& picture_faults() const { return picture_faults_; }
   const MessageFaults& position_faults() const { return position_faults_; }
   /// Says why nothing that can be used comes from the camera, or from the position: "nobody publishes
-  /// sensor_msgs/msg/Image on /camera/image_raw", "/fix has no fix (110 messages)".
-  std::string why_no_picture() const;
-  std::string why_no_position() const;
+  /// sensor_msgs/msg/Image on /camera/image_raw", "/fix has no fix (110 messages)", `counted` or not.
+  std::string why_no_picture(bool counted) const;
+  std::string why_no_position(bool counted) const;
 
  private:
   using Compressed = sensor_msgs::msg::dds_::CompressedImage_;

@@ -2,6 +2,7 @@
 // Teach and repeat: a robot of another vendor, in other seasons, with wheels that slip and messages that are lost.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
@@ -195,8 +196,11 @@ TEST_P(TeachAndRepeat, NodesSendItToGoals) {
   person.send_to(5);
   EXPECT_TRUE(person.hears("driving 5")) << env->output();
   EXPECT_TRUE(person.hears("arrived 5")) << env->output();
-  person.send_to(1e4, 0);
-  EXPECT_TRUE(person.hears("refused")) << "it is not on the route";
+  for (const double x : {1e4, std::nan(""), HUGE_VAL}) {
+    person.send_to(x, 0);
+    EXPECT_TRUE(person.hears("refused")) << x << " is not on the route, or nowhere";
+    EXPECT_TRUE(person.hears("waiting")) << person.heard();
+  }
   person.send_to(5);
   EXPECT_TRUE(person.hears("arrived 5")) << "it stands there";
   person.send_to(18);

@@ -65,9 +65,10 @@ int teach(const CommandLine& line) {
   const std::string route = line.teach.folder + "/" + line.teach.traversal;
   spdlog::info("{} frames in {}; of {} pictures, {} were not used", teacher.frames(), route, pictures.came(),
                pictures.came() - pictures.used());
+  if (teacher.frames() < 2)
+    throw Error("has " + std::to_string(teacher.frames()) + " frames; a route needs 2", route, teacher.why_no_route());
   for (const std::string& shortcoming : teacher.shortcomings()) spdlog::warn("{}", shortcoming);
-  if (teacher.frames() >= 2) return 0;
-  throw Error("has " + std::to_string(teacher.frames()) + " frames; a route needs 2", route, teacher.why_no_route());
+  return 0;
 }
 
 }  // namespace

@@ -73,8 +73,8 @@ void Teacher::poll(Clock::time_point now) {
 }
 
 std::string Teacher::trouble(Clock::time_point now) const {
-  if (now - picture_came_ > kSilent) return senses_.why_no_picture();
-  if (!options_.topics.position.empty() && now - position_came_ > kSilent) return senses_.why_no_position();
+  if (now - picture_came_ > kSilent) return senses_.why_no_picture(true);
+  if (!options_.topics.position.empty() && now - position_came_ > kSilent) return senses_.why_no_position(true);
   return "";
 }
 
@@ -125,9 +125,9 @@ std::string Teacher::why_no_route() const {
   if (pictures.used() < 2 && pictures.came() > 2)
     return fmt::format("{} of {} pictures were refused: {}", pictures.came() - pictures.used(), pictures.came(),
                        pictures.text());
-  if (pictures.used() == 0) return senses_.why_no_picture();
+  if (pictures.used() == 0) return senses_.why_no_picture(true);
   const bool lost = !senses_.position() || senses_.position_faults().refused();
-  return !options_.topics.position.empty() && lost ? senses_.why_no_position()
+  return !options_.topics.position.empty() && lost ? senses_.why_no_position(true)
                                                    : "let the robot drive while this records";
 }
 
