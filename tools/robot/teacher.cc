@@ -20,9 +20,9 @@ namespace fs = std::filesystem;
 
 constexpr double kSecond = 1e9;  // nanoseconds
 constexpr std::chrono::seconds kSilent{3};
-constexpr std::chrono::milliseconds kFresh{1500};  // a position that a picture is used with
-constexpr double kLeap = 0.75;                     // seconds: a hole of a shorter silence is no silence's
-constexpr double kLate = 2;                        // seconds by which one topic begins or ends before the other
+constexpr std::chrono::milliseconds kFresh{250};  // what is older may not be of this place
+constexpr double kLeap = 0.75;                    // seconds: a hole of a shorter silence is no silence's
+constexpr double kLate = 2;                       // seconds by which one topic begins or ends before the other
 
 double seconds(Clock::duration duration) { return std::chrono::duration<double>(duration).count(); }
 
@@ -61,40 +61,51 @@ Teacher::~Teacher() {
   if (frames_ == 0) fs::remove(pictures_, ignored);  // so that the next attempt finds nothing there
 }
 
+template <class Message>
+void Teacher::Topic::hear(const std::optional<Message>& newest, Clock::time_point now) {
+  if (!newest || newest->stamp == stamp) return;
+  silence = std::max(silence, now - came);
+  if (stamp != 0) interval = now - came;
+  stamp = newest->stamp;
+  came = now;
+}
+
+/// Returns whether the next message is late.
+bool Teacher::Topic::silent(Clock::time_point now) const {
+  return now - came > std::max<Clock::duration>(kFresh, interval + interval / 2);
+}
+
 void Teacher::poll(Clock::time_point now) {
   senses_.poll();
-  const auto note = [now](std::uint64_t& before, const auto& newest, Clock::time_point& came, double& longest) {
-    if (!newest || std::exchange(before, newest->stamp) == newest->stamp) return;
-    longest = std::max(longest, seconds(now - std::exchange(came, now)));
-  };
-  note(picture_taken_, senses_.picture(), picture_came_, no_picture_);
-  note(position_taken_, senses_.position(), position_came_, no_position_);
+  pictures_heard_.hear(senses_.picture(), now);
+  positions_heard_.hear(senses_.position(), now);
   if (is_next(now)) write_frame(now);
 }
 
 std::string Teacher::trouble(Clock::time_point now) const {
-  if (now - picture_came_ > kSilent) return senses_.why_no_picture(true);
-  if (!options_.topics.position.empty() && now - position_came_ > kSilent) return senses_.why_no_position(true);
+  if (now - pictures_heard_.came > kSilent) return senses_.why_no_picture(true);
+  if (!options_.topics.position.empty() && now - positions_heard_.came > kSilent) return senses_.why_no_position(true);
   return "";
 }
 
-/// Returns whether the newest picture is the next frame. Only one that has just come shows where the robot is.
+/// Returns whether the newest picture is the next frame. One of a topic that fell silent does not show where the robot
+/// is.
 bool Teacher::is_next(Clock::time_point now) const {
-  if (!senses_.picture() || picture_came_ != now) return false;
+  if (!senses_.picture() || senses_.picture()->stamp == picture_) return false;
   const std::uint64_t stamp = senses_.picture()->stamp;
   if (options_.topics.position.empty())  // earlier: the camera's clock was set back
     return stamp < picture_ ||
            static_cast<double>(stamp) >= static_cast<double>(picture_) + kSecond * options_.interval;
-  if (!senses_.position() || now - position_came_ > kFresh) return false;
+  if (!senses_.position() || pictures_heard_.silent(now) || positions_heard_.silent(now)) return false;
   return !position_ || metres_to(*senses_.position()) >= options_.spacing;
 }
 
 /// Notes that frames are missing before this one, where they are.
 void Teacher::note_hole(const std::string& file, Clock::time_point now) {
   const bool placed = !options_.topics.position.empty();
-  const double begin = no_position_ - no_picture_;  // both since this program started
-  if (frames_ == 0) {
-    if (placed && std::abs(begin) > kLate)
+  const double no_picture = seconds(pictures_heard_.silence), no_position = seconds(positions_heard_.silence);
+  if (frames_ == 0) {  // both since this program started
+    if (const double begin = no_position - no_picture; placed && std::abs(begin) > kLate)
       first_hole_ = silence(std::abs(begin), begin > 0) + ": no frames before " + file;
     return;
   }
@@ -103,8 +114,8 @@ void Teacher::note_hole(const std::string& file, Clock::time_point now) {
   ++holes_;
   if (size <= longest_) return;
   longest_ = size;
-  const double silent = std::max(no_picture_, no_position_);
-  longest_hole_ = placed && silent < kLeap ? "the position leapt" : silence(silent, no_position_ > no_picture_);
+  const double silent = std::max(no_picture, no_position);
+  longest_hole_ = placed && silent < kLeap ? "the position leapt" : silence(silent, no_position > no_picture);
   longest_hole_ +=
       placed ? fmt::format(": {:.1f} m without frames before {}", size, file) : ": no frames before " + file;
 }
@@ -113,7 +124,7 @@ std::vector<std::string> Teacher::shortcomings() const {
   std::vector<std::string> lines = {senses_.picture_faults().text(), senses_.position_faults().text(), first_hole_,
                                     longest_hole_};
   if (holes_ > 1) lines.back() += fmt::format(", the longest of {} holes", holes_);
-  const double end = seconds(picture_came_ - position_came_);
+  const double end = seconds(pictures_heard_.came - positions_heard_.came);
   if (frames_ > 0 && !options_.topics.position.empty() && std::abs(end) > kLate)
     lines.push_back(silence(std::abs(end), end > 0) + ": no frames after " + file_);
   std::erase(lines, "");
@@ -122,7 +133,7 @@ std::vector<std::string> Teacher::shortcomings() const {
 
 std::string Teacher::why_no_route() const {
   const MessageFaults& pictures = senses_.picture_faults();
-  if (pictures.used() < 2 && pictures.came() > 2)
+  if (pictures.used() < 2 && pictures.came() > pictures.used())
     return fmt::format("{} of {} pictures were refused: {}", pictures.came() - pictures.used(), pictures.came(),
                        pictures.text());
   if (pictures.used() == 0) return senses_.why_no_picture(true);
@@ -150,7 +161,7 @@ void Teacher::write_frame(Clock::time_point now) {
   picture_ = picture.stamp;
   frame_came_ = now;
   file_ = file;
-  no_picture_ = no_position_ = 0;
+  pictures_heard_.silence = positions_heard_.silence = {};
   ++frames_;
 }
 

@@ -43,6 +43,16 @@ class Teacher {
   std::string why_no_route() const;
 
  private:
+  /// When a topic was heard.
+  struct Topic {
+    std::uint64_t stamp = 0;  // of the newest message, and when it came
+    Clock::time_point came = Clock::now();
+    Clock::duration interval{}, silence{};  // between the last two messages; the longest one since the last frame
+    template <class Message>
+    void hear(const std::optional<Message>& newest, Clock::time_point now);
+    bool silent(Clock::time_point now) const;
+  };
+
   bool is_next(Clock::time_point now) const;
   void write_frame(Clock::time_point now);
   void note_hole(const std::string& file, Clock::time_point now);
@@ -55,12 +65,11 @@ class Teacher {
   const std::string pictures_, poses_path_;
   std::unique_ptr<GrowingFile> poses_;  // null: there was no frame yet, or there are no positions
   int frames_ = 0;
-  std::uint64_t picture_taken_ = 0, position_taken_ = 0;  // stamps of the last
-  Clock::time_point picture_came_ = Clock::now(), position_came_ = picture_came_, frame_came_;
+  Topic pictures_heard_, positions_heard_;
+  Clock::time_point frame_came_;
   std::uint64_t picture_ = 0;                        // stamp of the last frame
   std::optional<PositionTopic::Position> position_;  // of the last frame
   std::string file_;                                 // of the last frame
-  double no_picture_ = 0, no_position_ = 0;          // longest silences since the last frame, seconds
   int holes_ = 0;
   double longest_ = 0;                     // of the holes, metres, or seconds without positions
   std::string longest_hole_, first_hole_;  // first_hole_: before the first frame

@@ -177,6 +177,18 @@ TEST_F(TeachingByFix, APictureIsNotUsedWithAPositionOfAnotherTime) {
   EXPECT_TRUE(contains(contents(folder_ / "route/summer.poses.csv"), "000005.png,48.000141643,"));
 }
 
+TEST_F(TeachingByFix, SlowTopicsAreUsedTogether) {
+  Teacher teacher(teach_, ears_);
+  // A picture each 2 s, and a position 1.5 s after it: that is each 4.2 m, once it is known how often they come.
+  drive(teacher, 100, [](int tenth, Sent& sent) {
+    sent.picture = tenth % 20 == 0;
+    sent.position = tenth % 20 == 15;
+  });
+  EXPECT_EQ(teacher.frames(), 4);
+  EXPECT_EQ(teacher.shortcomings(),
+            Lines{"2 s without a picture: 4.2 m without frames before 000001.png, the longest of 3 holes"});
+}
+
 TEST_F(TeachingByFix, WithoutAnyFixThatIsTheReason) {
   Teacher teacher(teach_, ears_);
   drive(teacher, 110, [](int, Sent& sent) { lose(sent.fix); });
