@@ -61,12 +61,11 @@ Teacher::~Teacher() {
   if (frames_ == 0) fs::remove(pictures_, ignored);  // so that the next attempt finds nothing there
 }
 
-template <class Message>
-void Teacher::Topic::hear(const std::optional<Message>& newest, Clock::time_point now) {
-  if (!newest || newest->stamp == stamp) return;
+void Teacher::Topic::hear(std::uint64_t newest, Clock::time_point now) {
+  if (newest == stamp) return;
   silence = std::max(silence, now - came);
   if (stamp != 0) interval = now - came;
-  stamp = newest->stamp;
+  stamp = newest;
   came = now;
 }
 
@@ -77,8 +76,8 @@ bool Teacher::Topic::silent(Clock::time_point now) const {
 
 void Teacher::poll(Clock::time_point now) {
   senses_.poll();
-  pictures_heard_.hear(senses_.picture(), now);
-  positions_heard_.hear(senses_.position(), now);
+  pictures_heard_.hear(senses_.picture() ? senses_.picture()->stamp : 0, now);
+  positions_heard_.hear(senses_.position() ? senses_.position()->stamp : 0, now);
   if (is_next(now)) write_frame(now);
 }
 

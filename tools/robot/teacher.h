@@ -48,8 +48,7 @@ class Teacher {
     std::uint64_t stamp = 0;  // of the newest message, and when it came
     Clock::time_point came = Clock::now();
     Clock::duration interval{}, silence{};  // between the last two messages; the longest one since the last frame
-    template <class Message>
-    void hear(const std::optional<Message>& newest, Clock::time_point now);
+    void hear(std::uint64_t newest, Clock::time_point now);
     bool silent(Clock::time_point now) const;
   };
 
