@@ -254,6 +254,28 @@ TEST_F(RobotTest, SaysWhyPositionsAreNotUsed) {
   EXPECT_EQ(seen->place, 3);
 }
 
+TEST_F(RobotTest, OdometryIsCheckedLikewise) {
+  PositionTopic topic(world_, "/odom", PositionSource::kOdometry, Profile::kRos2);
+  Ros2Participant robot(ros_, "wheels", nullptr);
+  nav_msgs::msg::dds_::Odometry_ odometry;
+  odometry.header().frame_id("odom");
+  odometry.pose().covariance()[7] = 101;  // of y: 10.05 m
+  for (const double x : {kNan, 1.5}) {
+    odometry.pose().pose().position().x(x);
+    robot.publish("/odom", odometry);
+    stamp(odometry.header(), 7);
+  }
+  std::vector<PositionTopic::Position> came;
+  topic.take([&](const PositionTopic::Position& position) { came.push_back(position); });
+  ASSERT_EQ(came.size(), 2u);
+  EXPECT_EQ(came[0].fault, "is NaN or infinite");
+  EXPECT_EQ(came[1].fault, "");
+  EXPECT_EQ(came[1].x, 1.5);
+  EXPECT_EQ(came[1].frame, "odom");
+  EXPECT_EQ(came[1].stamp, 7'000'000'000u);
+  EXPECT_EQ(came[1].doubt, "may be 10 m off or more, by its covariance");
+}
+
 TEST_F(RobotTest, PositionsOfAnotherFrameOrTimeAreNotUsed) {
   const Log log;
   Robot robot = make(options());
