@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "core/ros2/header.h"
+#include "core/util/text.h"
 #include "core/util/wall_clock.h"
 #include "env_service/geometry/geometry.h"
 
@@ -55,7 +56,7 @@ void PositionTopic::take(const std::function<void(const Position&)>& use) {
   const auto note = [&](const auto& header, double x, double y, double variance, bool has_fix = true) {
     Position position{stamp_of(header), x, y};
     position.fault = has_fix ? fault_of(x, y, fix_.has_value()) : "has no fix";
-    if (!fix_) position.frame = header.frame_id().substr(header.frame_id().starts_with("/") ? 1 : 0);
+    if (!fix_) position.frame = one_line(header.frame_id().substr(header.frame_id().starts_with("/") ? 1 : 0, 40));
     if (ros2_time(header) == 0) position.doubt = "has no stamp: the time of its arrival counts";
     if (variance > kMaxVariance) position.doubt = "may be 10 m off or more, by its covariance";
     use(position);

@@ -10,7 +10,6 @@
 
 #include "core/task/action.h"
 #include "core/util/error.h"
-#include "core/util/text.h"
 
 namespace citylearn {
 namespace {
@@ -166,8 +165,7 @@ std::vector<int> Robot::take_goals() {
   goals_->take([&](const PositionTopic::Position& goal) {
     if (!goal.fault.empty()) return refuse_goal("it is no position: it " + goal.fault);
     if (!goal.frame.empty() && !senses_.frame().empty() && goal.frame != senses_.frame())
-      return refuse_goal("it is in frame '" + one_line(goal.frame) + "', the robot's position in '" + senses_.frame() +
-                         "'");
+      return refuse_goal("it is in frame '" + goal.frame + "', the robot's position in '" + senses_.frame() + "'");
     const auto [place, metres] = nearest_place(goal);
     if (metres > kFar * spacing_)
       return refuse_goal(fmt::format("it is {:.0f} m from the nearest place that was taught", metres));
