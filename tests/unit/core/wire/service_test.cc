@@ -195,7 +195,17 @@ TEST(ServiceLimits, AThreadThatFailsEndsTheServiceWithOneLine) {
   EXPECT_EXIT(service_of([] { throw std::bad_alloc(); }), ::testing::ExitedWithCode(1), "^[^:]*: out of memory\n$");
   EXPECT_EXIT(service_of([] { throw std::runtime_error("no more"); }), ::testing::ExitedWithCode(1),
               "^[^:]*: unexpected failure of a thread: no more\n$");
-  EXPECT_EXIT(service_of([] { std::abort(); }), ::testing::KilledBySignal(SIGABRT), "^[^:]*: aborted by a library");
+  EXPECT_EXIT(service_of([] { std::abort(); }), ::testing::KilledBySignal(SIGABRT),
+              "^[^:]*: aborted by a library, in which a check failed\n$");
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // which take all addresses
+  const auto without_memory = [] {
+    const rlimit limit{1 << 20, 1 << 20};
+    ::setrlimit(RLIMIT_AS, &limit);
+    std::abort();
+  };
+  EXPECT_EXIT(service_of(without_memory), ::testing::KilledBySignal(SIGABRT),
+              "^[^:]*: aborted by a library, which is out of memory\n$");
+#endif
   EXPECT_EXIT(
       service_of([] { throw std::runtime_error("no \"more\""); }, "json"), ::testing::ExitedWithCode(1),
       "^.\"level\":\"critical\",\"service\":\"[^\"]*\",\"message\":\"unexpected failure of a thread: no .more.\".\n$");
