@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/dds/discovery_monitor.h"
 
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
 
+#include "core/dds/middleware.h"
+#include "core/dds/middleware_internal.h"
 #include "core/util/error.h"
 
 namespace citylearn {
@@ -16,11 +19,38 @@ constexpr auto kReported =
 /// A process that floods a domain with participants is reported this often, and costs no more memory.
 constexpr std::size_t kMostStrangers = 1000;
 
+std::string quoted(const std::string& name) { return name.empty() ? "an unnamed participant" : "'" + name + "'"; }
+
 std::string describe(const DiscoveryMonitor::Participant& participant) {
-  std::string who = participant.name.empty() ? "an unnamed participant" : "'" + participant.name + "'";
+  std::string who = quoted(participant.name);
   if (!participant.vendor.empty()) who += ", " + participant.vendor;
   for (const std::string& address : participant.addresses) who += ", at " + address;
   return who;
+}
+
+/// Returns what keeps a remote endpoint and one of ours from matching, "VOLATILE, expected TRANSIENT_LOCAL", by the
+/// rule of DDS 1.4, 2.2.3: a writer offers at least what a reader requests. Returns an empty text when they match.
+std::string mismatch(const EndpointQos& remote, bool remote_writes, const EndpointQos& ours) {
+  static constexpr const char* kReliability[] = {"BEST_EFFORT", "RELIABLE"};
+  static constexpr const char* kDurability[] = {"VOLATILE", "TRANSIENT_LOCAL", "TRANSIENT", "PERSISTENT"};
+  static constexpr const char* kOwnership[] = {"SHARED", "EXCLUSIVE"};
+  static constexpr const char* kLiveliness[] = {"AUTOMATIC", "MANUAL_BY_PARTICIPANT", "MANUAL_BY_TOPIC"};
+  const EndpointQos& offered = remote_writes ? remote : ours;
+  const EndpointQos& requested = remote_writes ? ours : remote;
+  std::string text;
+  const auto check = [&](bool match, const std::string& found, const std::string& expected) {
+    if (!match) text += (text.empty() ? "" : "; ") + found + ", expected " + expected;
+  };
+  check(offered.reliable >= requested.reliable, kReliability[remote.reliable], kReliability[ours.reliable]);
+  check(offered.durability >= requested.durability, kDurability[remote.durability], kDurability[ours.durability]);
+  check(remote.exclusive == ours.exclusive, kOwnership[remote.exclusive], kOwnership[ours.exclusive]);
+  check(offered.liveliness >= requested.liveliness, kLiveliness[remote.liveliness], kLiveliness[ours.liveliness]);
+  check(offered.lease <= requested.lease, fmt::format("a liveliness lease of {:g} s", remote.lease), "none");
+  check(offered.deadline <= requested.deadline, fmt::format("a deadline of {:g} s", remote.deadline), "none");
+  check(remote.partition == ours.partition, "partition '" + one_line(remote.partition) + "'", "none");
+  check(remote.xcdr1, "XCDR2", "XCDR1");
+  check(!remote.keyed, "a topic with a key", "one without");
+  return text;
 }
 
 }  // namespace
@@ -30,9 +60,14 @@ std::string DiscoveryMonitor::name_of(const std::string& participant) const {
   return found == participants_.end() ? "" : found->second.name;
 }
 
-bool DiscoveryMonitor::differs(const Remote& remote) const {
-  const auto expected = local_topics_.find(remote.topic);
-  return expected != local_topics_.end() && expected->second != remote.type;
+/// Returns "type A, expected B" or what is wrong with its quality of service; an empty text when nothing is.
+std::string DiscoveryMonitor::fault_of(const Remote& remote) const {
+  const auto found = local_topics_.find(remote.topic);
+  if (found == local_topics_.end()) return "";
+  const Local& local = found->second;
+  if (local.type != remote.type) return "type " + remote.type + ", expected " + local.type;
+  const auto& ours = remote.writes ? local.requested : local.offered;
+  return ours && remote.qos ? mismatch(*remote.qos, remote.writes, *ours) : "";
 }
 
 std::vector<DiscoveryMonitor::Participant> DiscoveryMonitor::participants() {
@@ -46,7 +81,7 @@ std::vector<DiscoveryMonitor::Endpoint> DiscoveryMonitor::endpoints() {
   std::lock_guard lock(mutex_);
   std::vector<Endpoint> all;
   for (const auto& [key, remote] : endpoints_)
-    all.push_back({name_of(remote.participant), remote.writes, remote.topic, remote.type, differs(remote)});
+    all.push_back({name_of(remote.participant), remote.writes, remote.topic, remote.type});
   return all;
 }
 
@@ -57,12 +92,11 @@ std::vector<std::string> DiscoveryMonitor::faults() {
   std::lock_guard lock(mutex_);
   report_strangers(lines);
   for (auto& [key, remote] : endpoints_) {
-    if (remote.reported || !differs(remote)) continue;
+    const std::string fault = remote.reported ? "" : fault_of(remote);
+    if (fault.empty()) continue;
     remote.reported = true;
-    const std::string name = name_of(remote.participant);
-    const std::string who = name.empty() ? "an unnamed participant" : "'" + name + "'";
-    lines.push_back("topic " + remote.topic + ": " + who + (remote.writes ? " publishes" : " reads") + " type " +
-                    remote.type + ", expected " + local_topics_.at(remote.topic));
+    lines.push_back("topic " + remote.topic + ": " + quoted(name_of(remote.participant)) +
+                    (remote.writes ? " publishes " : " reads ") + fault);
   }
   const Clock::time_point now = Clock::now();
   expecting_ = false;
@@ -131,9 +165,11 @@ void DiscoveryMonitor::participant_lost(const std::string& key) {
 }
 
 void DiscoveryMonitor::endpoint_found(const std::string& key, const std::string& participant, bool writes,
-                                      const std::string& topic, const std::string& type) {
+                                      const std::string& topic, const std::string& type,
+                                      const std::optional<EndpointQos>& qos) {
   std::lock_guard lock(mutex_);
-  if (endpoints_.try_emplace(key, Remote{participant, writes, one_line(topic), one_line(type)}).second) changed_ = true;
+  if (endpoints_.try_emplace(key, Remote{participant, writes, one_line(topic), one_line(type), qos}).second)
+    changed_ = true;
   if (const auto stranger = strangers_.find(participant); stranger != strangers_.end()) {
     if (stranger->second.told)
       spdlog::info("security: {}: has shown a trusted identity after all", stranger->second.who);
@@ -146,12 +182,17 @@ void DiscoveryMonitor::endpoint_lost(const std::string& key) {
   endpoints_.erase(key);
 }
 
-void DiscoveryMonitor::register_local_topic(const std::string& topic, const std::string& type) {
+void DiscoveryMonitor::register_local_topic(const Topic& topic, bool writes) {
   std::lock_guard lock(mutex_);
-  const auto [known, added] = local_topics_.try_emplace(topic, type);
-  if (!added && known->second != type)
-    throw Error("type is " + type + ", but this process already uses it with " + known->second, "topic " + topic);
-  if (added) changed_ = true;
+  Local& local = local_topics_.try_emplace(topic.name, Local{topic.type, {}, {}}).first->second;
+  if (local.type != topic.type)
+    throw Error("type is " + topic.type + ", but this process already uses it with " + local.type,
+                "topic " + topic.name);
+  std::optional<EndpointQos>& qos = writes ? local.offered : local.requested;
+  if (qos) return;
+  qos = EndpointQos{.reliable = writes || topic.profile != Profile::kRos2,
+                    .durability = internal::is_kept(topic.profile)};
+  changed_ = true;
 }
 
 void DiscoveryMonitor::expect_peer(const std::string& peer, const std::string& address) {

@@ -3,12 +3,29 @@
 
 #include <atomic>
 #include <chrono>
+#include <limits>
 #include <map>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
 namespace citylearn {
+
+struct Topic;
+
+/// What of the quality of service of a writer and a reader decides whether they match. Enumerators are those of DDS.
+struct EndpointQos {
+  bool reliable = true;
+  int durability = 1;                                      ///< 0..3: VOLATILE, TRANSIENT_LOCAL, TRANSIENT, PERSISTENT
+  bool exclusive = false;                                  ///< ownership
+  int liveliness = 0;                                      ///< 0..2: AUTOMATIC, MANUAL_BY_PARTICIPANT, MANUAL_BY_TOPIC
+  double lease = std::numeric_limits<double>::infinity();  ///< of the liveliness, in seconds
+  double deadline = std::numeric_limits<double>::infinity();  ///< seconds
+  std::string partition = {};                                 ///< the first one
+  bool xcdr1 = true;                                          ///< writes or reads this encoding
+  bool keyed = false;                                         ///< of a topic with a key
+};
 
 /// Keeps the participants and endpoints that a middleware has discovered in its DDS domain, and reports what is wrong
 /// with them. All methods may be called from any thread.
@@ -23,14 +40,14 @@ class DiscoveryMonitor {
     std::string participant;  ///< name
     bool writes = false;
     std::string topic, type;
-    bool mismatch = false;  ///< of another type than ours of that topic
   };
 
   std::vector<Participant> participants();
   std::vector<Endpoint> endpoints();
 
-  /// Returns what went wrong since the last call, a line each: "topic X: Y publishes type A, expected B", or a peer at
-  /// whose address no participant was discovered for kPatience.
+  /// Returns what went wrong since the last call, a line each: "topic X: Y publishes type A, expected B", "topic X: Y
+  /// publishes VOLATILE, expected TRANSIENT_LOCAL", or a peer at whose address no participant was discovered for
+  /// kPatience.
   std::vector<std::string> faults();
   static constexpr std::chrono::seconds kPatience{4};
 
@@ -43,10 +60,10 @@ class DiscoveryMonitor {
   void participant_found(const std::string& key, const Participant& participant);
   void participant_lost(const std::string& key);
   void endpoint_found(const std::string& key, const std::string& participant, bool writes, const std::string& topic,
-                      const std::string& type);
+                      const std::string& type, const std::optional<EndpointQos>& qos = {});
   void endpoint_lost(const std::string& key);
-  /// Registers a topic of this process. Throws Error when it was registered with another type.
-  void register_local_topic(const std::string& topic, const std::string& type);
+  /// Registers a topic that this process writes or reads. Throws Error when it was registered with another type.
+  void register_local_topic(const Topic& topic, bool writes);
   /// From here on reports participants whose endpoints stay unknown (security encrypts them) as untrusted.
   void require_identity();
   /// Reports a fault when no participant is discovered at this IPv4 address; `peer` is what the user wrote.
@@ -58,21 +75,26 @@ class DiscoveryMonitor {
     std::string participant;  // key
     bool writes;
     std::string topic, type;
+    std::optional<EndpointQos> qos;
     bool reported = false;
+  };
+  struct Local {
+    std::string type;
+    std::optional<EndpointQos> offered, requested;  // of our writers and readers, where there are some
   };
   struct Expected {
     std::string peer;
     Clock::time_point until;
   };
   std::string name_of(const std::string& participant) const;
-  bool differs(const Remote& remote) const;
+  std::string fault_of(const Remote& remote) const;
   void report_strangers(std::vector<std::string>& lines);
 
   std::mutex mutex_;
   std::map<std::string, Participant> participants_;
   std::map<std::string, Remote> endpoints_;
-  std::map<std::string, std::string> local_topics_;  // topic -> type
-  std::map<std::string, Expected> expected_;         // address -> not heard yet, not told yet
+  std::map<std::string, Local> local_topics_;
+  std::map<std::string, Expected> expected_;  // address -> not heard yet, not told yet
   std::atomic<bool> changed_{false};
   std::atomic<bool> expecting_{false};
   struct Stranger {

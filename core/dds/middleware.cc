@@ -305,6 +305,7 @@ std::unique_ptr<Middleware> create_middleware(const MiddlewareOptions& options) 
   if (name == "inprocess" && !options.security.empty())
     throw Error("inprocess has no wire to protect", "security", "leave it out, or choose another middleware");
   if (name == "inprocess") return internal::create_inprocess(options.domain, options.participant);
+  const internal::ForeignVariables ignored(options.multicast);
   if (name == "fastdds") return internal::create_fastdds(resolve(options));
   if (name == "cyclonedds") return internal::create_cyclonedds(resolve(options));
   const std::string known = joined(list_middlewares(), &std::pair<std::string, std::string>::first);

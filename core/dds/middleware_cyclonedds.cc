@@ -3,6 +3,7 @@
 #include <dds/dds.h>
 #include <dds/ddsi/ddsi_serdata.h>
 #include <dds/ddsi/ddsi_sertype.h>
+#include <dds/ddsi/ddsi_xqos.h>
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
@@ -62,6 +63,9 @@ const char* const kRepairs =
 const char* const kFirstWords =
     "<HeartbeatInterval min=\"5ms\" minsched=\"5ms\" max=\"1s\">5ms</HeartbeatInterval><NackDelay>0s</NackDelay>";
 
+/// Lets others know what is deleted: Fast DDS looks up an endpoint that goes by this hash alone.
+const char* const kTellDeleted = "<GenerateKeyhash>true</GenerateKeyhash>";
+
 std::string config_of(const Network& network) {
   std::string interfaces, peers;
   for (const std::string& address : network.addresses)
@@ -72,7 +76,8 @@ std::string config_of(const Network& network) {
                             std::to_string(kParticipants - 1) + "</MaxAutoParticipantIndex>";
   // Cyclone DDS does not multicast on loopback, so where there is nothing else it asks this host.
   if (network.multicast)
-    return "<Discovery>" + index + "<Peers><Peer address=\"localhost\"/>" + peers + "</Peers></Discovery>";
+    return "<Discovery>" + index + "<Peers><Peer address=\"localhost\"/>" + peers + "</Peers></Discovery><Internal>" +
+           kTellDeleted + "</Internal>";
   const int fragment = network.loopback_only ? 64000 : network.datagram - kAroundFragment;
   // A smaller send buffer than asked for is not a failure, so only the upper bound of the socket buffers is set. The
   // watermarks are above what the deepest history holds: a writer never waits for a reader.
@@ -82,7 +87,7 @@ std::string config_of(const Network& network) {
          "<Discovery>" +
          index + "<Peers>" + peers + "</Peers>" + (network.loopback_only ? "" : kFoundAgain) +
          "</Discovery><Internal><SocketReceiveBufferSize max=\"4MB\"/><SocketSendBufferSize max=\"4MB\"/>" +
-         (network.loopback_only ? kFirstWords : kRepairs) +
+         kTellDeleted + (network.loopback_only ? kFirstWords : kRepairs) +
          "<Watermarks><WhcHigh>64MB</WhcHigh><WhcHighInit>64MB</WhcHighInit></Watermarks></Internal>";
 }
 
@@ -265,6 +270,26 @@ void take_all(dds_entity_t reader, Visit visit) {
   }
 }
 
+/// Of a built-in sample, in which Cyclone DDS has filled in the defaults of what was left out.
+EndpointQos qos_of(const dds_builtintopic_endpoint_t& endpoint) {
+  const dds_qos_t& qos = *endpoint.qos;
+  const auto seconds = [](dds_duration_t time) {
+    return time == DDS_INFINITY ? std::numeric_limits<double>::infinity() : static_cast<double>(time) / 1e9;
+  };
+  const dds_data_representation_id_t* const encodings = qos.data_representation.value.ids;
+  const std::uint32_t count = qos.present & QP_DATA_REPRESENTATION ? qos.data_representation.value.n : 0;
+  const unsigned char kind = endpoint.key.v[sizeof endpoint.key.v - 1] & 0x0F;  // RTPS 2.2, 9.3.1.2: 2, 7 with a key
+  return {qos.reliability.kind == DDS_RELIABILITY_RELIABLE,
+          qos.durability.kind,
+          qos.ownership.kind == DDS_OWNERSHIP_EXCLUSIVE,
+          qos.liveliness.kind,
+          seconds(qos.liveliness.lease_duration),
+          seconds(qos.deadline.deadline),
+          qos.present & QP_PARTITION && qos.partition.n > 0 ? qos.partition.strs[0] : "",
+          std::find(encodings, encodings + count, DDS_DATA_REPRESENTATION_XCDR1) != encodings + count || count == 0,
+          kind == 2 || kind == 7};
+}
+
 class CycloneMiddleware : public Middleware {
  public:
   explicit CycloneMiddleware(const Network& network) : domain_(Domain::of(network)), addresses_(network.addresses) {
@@ -298,11 +323,11 @@ class CycloneMiddleware : public Middleware {
   }
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    discovery_.register_local_topic(topic.name, topic.type);
+    discovery_.register_local_topic(topic, true);
     return std::make_unique<CyclonePublisher>(participant_, topic);
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
-    discovery_.register_local_topic(topic.name, topic.type);
+    discovery_.register_local_topic(topic, false);
     return std::make_unique<CycloneSubscription>(participant_, topic, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }
@@ -341,7 +366,7 @@ class CycloneMiddleware : public Middleware {
         if (text_of(found.participant_key) == self_) return;
         if (!alive) return discovery_.endpoint_lost(text_of(found.key));
         discovery_.endpoint_found(text_of(found.key), text_of(found.participant_key), writes, found.topic_name,
-                                  found.type_name);
+                                  found.type_name, qos_of(found));
       });
     };
     endpoints(publications_, true);

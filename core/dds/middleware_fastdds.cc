@@ -21,6 +21,7 @@
 #include <fastdds/dds/topic/TypeSupport.hpp>
 #include <sstream>
 
+#include "core/dds/middleware_fastdds_transport.h"
 #include "core/dds/middleware_internal.h"
 #include "core/dds/security.h"
 #include "core/dds/wakeup.h"
@@ -35,7 +36,8 @@ using eprosima::fastrtps::Duration_t;
 using eprosima::fastrtps::types::ReturnCode_t;
 
 constexpr std::uint32_t kSocketBuffer = 4 << 20;
-constexpr int kHandshake = 16384;  // bytes; twice what a service's certificate and permissions take
+constexpr int kHandshake = 16384;    // bytes; twice what a service's certificate and permissions take
+constexpr int kAnnouncement = 1252;  // bytes; a participant's announcement is not cut, and smaller packets lost it
 
 // While a sample is not acknowledged, a writer sends its readers a heartbeat so often, in nanoseconds. A reader asks
 // for what it lacks once each time. Packets get lost between hosts, hardly ever on loopback.
@@ -166,7 +168,27 @@ class DiscoveryListener : public dds::DomainParticipantListener {
   template <class Info>
   void found(const Info& info, bool writes) {
     discovery_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes,
-                              info.topicName().to_string(), info.typeName().to_string());
+                              info.topicName().to_string(), info.typeName().to_string(),
+                              qos_of(info.m_qos, info.topicKind() == rtps::WITH_KEY));
+  }
+  template <class Qos>
+  static EndpointQos qos_of(const Qos& from, bool keyed) {
+    const auto seconds = [](const Duration_t& time) {
+      return time == eprosima::fastrtps::c_TimeInfinite ? std::numeric_limits<double>::infinity()
+                                                        : static_cast<double>(time.to_ns()) / 1e9;
+    };
+    const auto& encodings = from.representation.m_value;
+    // Kinds come over the wire as they are.
+    return {from.m_reliability.kind == dds::RELIABLE_RELIABILITY_QOS,
+            std::clamp(static_cast<int>(from.m_durability.kind), 0, 3),
+            from.m_ownership.kind == dds::EXCLUSIVE_OWNERSHIP_QOS,
+            std::clamp(static_cast<int>(from.m_liveliness.kind), 0, 2),
+            seconds(from.m_liveliness.lease_duration),
+            seconds(from.m_deadline.period),
+            from.m_partition.empty() ? "" : from.m_partition.begin()->name(),
+            encodings.empty() ||
+                std::find(encodings.begin(), encodings.end(), dds::XCDR_DATA_REPRESENTATION) != encodings.end(),
+            keyed};
   }
 
   DiscoveryMonitor& discovery_;
@@ -330,13 +352,15 @@ class FastMiddleware : public Middleware {
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     if (!network.multicast) udp->interfaceWhiteList = network.addresses;
     udp->maxInitialPeersRange = kParticipants;
-    // Fast does not cut what two sides say to prove who they are: certificate and permissions must fit one message.
-    udp->maxMessageSize = static_cast<std::uint32_t>(network.security.empty() ? network.datagram
-                                                                              : std::max(network.datagram, kHandshake));
     udp->sendBufferSize = kSocketBuffer;
     udp->receiveBufferSize = kSocketBuffer;
+    // Fast does not cut what two sides say to prove who they are: certificate and permissions must fit one message.
+    const int largest = std::max(network.datagram, network.security.empty() ? kAnnouncement : kHandshake);
+    const auto everybody =
+        network.multicast ? locator("239.255.0.1", announcement_port(network.domain)) : rtps::Locator_t();
     qos.transport().use_builtin_transports = false;
-    qos.transport().user_transports = {udp};
+    qos.transport().user_transports = {
+        std::make_shared<UnicastDescriptor>(udp, static_cast<std::uint32_t>(largest), everybody)};
     qos.transport().send_socket_buffer_size = kSocketBuffer;
     qos.transport().listen_socket_buffer_size = kSocketBuffer;
 
@@ -347,7 +371,7 @@ class FastMiddleware : public Middleware {
     wire.participant_id = started++;
     if (!network.multicast) listen_at(network, wire);
     // Peers would replace Fast's own, which is everybody at the address of RTPS 2.2, 9.6.1.4.1.
-    if (network.multicast && !network.peers.empty()) wire.builtin.initialPeersList.push_back(locator("239.255.0.1", 0));
+    if (network.multicast && !network.peers.empty()) wire.builtin.initialPeersList.push_back(everybody);
     if (network.discovery_servers.empty())
       for (const Network::Peer& peer : network.peers)
         wire.builtin.initialPeersList.push_back(locator(peer.address, peer.port));
@@ -382,10 +406,10 @@ class FastMiddleware : public Middleware {
   }
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    return std::make_unique<FastPublisher>(publisher_, own(topic), topic, heartbeat_period(topic));
+    return std::make_unique<FastPublisher>(publisher_, own(topic, true), topic, heartbeat_period(topic));
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
-    return std::make_unique<FastSubscription>(subscriber_, own(topic), topic, wakeup_);
+    return std::make_unique<FastSubscription>(subscriber_, own(topic, false), topic, wakeup_);
   }
   bool wait(Clock::time_point deadline) override {
     if (answers_again_ && Clock::now() >= discovery_listener_.answer_at()) announce();
@@ -410,8 +434,8 @@ class FastMiddleware : public Middleware {
     const auto participants = static_cast<std::uint32_t>(std::min<std::size_t>(discovery_.participants().size(), 1000));
     return std::clamp(kHeartbeatPerParticipant * participants, heartbeat_, kLongestHeartbeat);
   }
-  TopicOwner own(const Topic& topic) {
-    discovery_.register_local_topic(topic.name, topic.type);
+  TopicOwner own(const Topic& topic, bool writes) {
+    discovery_.register_local_topic(topic, writes);
     if (TopicOwner known = topics_[topic.name].lock()) return known;  // Fast refuses a second topic of one name
     // One type may serve several topics; Fast keeps one description of it.
     dds::TypeSupport type = participant_->find_type(topic.type);

@@ -134,11 +134,11 @@ class InprocessMiddleware : public Middleware {
       : bus_(Bus::of(domain)), participant_(std::move(participant)) {}
 
   std::unique_ptr<Publisher> create_publisher(const Topic& topic) override {
-    discovery_.register_local_topic(topic.name, topic.type);
+    discovery_.register_local_topic(topic, true);
     return std::make_unique<InprocessPublisher>(bus_, topic, participant_);
   }
   std::unique_ptr<Subscription> create_subscription(const Topic& topic) override {
-    discovery_.register_local_topic(topic.name, topic.type);
+    discovery_.register_local_topic(topic, false);
     return std::make_unique<InprocessSubscription>(bus_, topic, participant_, wakeup_);
   }
   bool wait(Clock::time_point deadline) override { return wakeup_.wait(deadline); }

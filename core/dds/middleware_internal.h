@@ -3,7 +3,9 @@
 
 // What the middlewares share among themselves. It is private to core/dds; the doctor reads its ports.
 
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "core/dds/middleware.h"
@@ -32,6 +34,8 @@ inline bool is_kept(Profile profile) { return profile != Profile::kRos2 && profi
 inline int discovery_port(std::uint32_t domain, int index) {
   return 7400 + 250 * static_cast<int>(domain) + 10 + 2 * index;
 }
+/// Returns the UDP port at which participants announce themselves by multicast.
+inline int announcement_port(std::uint32_t domain) { return discovery_port(domain, 0) - 10; }
 
 /// The port of Fast DDS's discovery server by default.
 inline constexpr int kDiscoveryServerPort = 11811;
@@ -76,6 +80,22 @@ std::string vendor_name(std::uint8_t major, std::uint8_t minor);
 
 /// Throws Error when the sample is larger than its topic allows.
 void check_size(const Topic& topic, std::size_t size);
+
+/// Keeps a vendor from what the user of another program has told it by the environment, from here until the end of
+/// this object (docs/how-to/connect-hosts.md has the table). With `ros2` ROS_DISCOVERY_SERVER holds, as for the nodes
+/// that are to be met. As setenv(), it must not meet another thread that reads or changes the environment.
+class ForeignVariables {
+ public:
+  explicit ForeignVariables(bool ros2);
+  ~ForeignVariables();
+  ForeignVariables(const ForeignVariables&) = delete;
+  ForeignVariables& operator=(const ForeignVariables&) = delete;
+  /// Returns a line for each such variable that is set (or file that is here), which says what is done with it.
+  static std::vector<std::string> found();
+
+ private:
+  std::vector<std::pair<const char*, std::optional<std::string>>> before_;
+};
 
 std::unique_ptr<Middleware> create_fastdds(const Network& network);
 std::unique_ptr<Middleware> create_cyclonedds(const Network& network);

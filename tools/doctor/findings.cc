@@ -101,6 +101,21 @@ void look_at_services(Findings& findings) {
   }
 }
 
+/// Makes the doctor look at all topics of services, also at those of single services that were discovered.
+void expect_topics(DiscoveryMonitor& discovery) {
+  std::map<std::string, Topic> known;
+  for (const Topic& topic : all_topics()) known[topic.name] = topic;
+  std::map<std::string, Topic> expected = known;
+  for (const DiscoveryMonitor::Endpoint& endpoint : discovery.endpoints())
+    if (const auto base = known.find(base_topic(endpoint.topic));
+        base != known.end() && endpoint.topic.starts_with("citylearn/")) {
+      Topic& topic = expected[endpoint.topic] = base->second;
+      topic.name = endpoint.topic;
+    }
+  for (const auto& [name, topic] : expected)
+    for (const bool writes : {true, false}) discovery.register_local_topic(topic, writes);
+}
+
 }  // namespace
 
 Heartbeats::Heartbeats(Middleware& middleware)
@@ -139,7 +154,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& session, d
 
   std::unique_ptr<Middleware> middleware = create_middleware(as_doctor(options));
   findings.middleware = middleware->name();
-  for (const Topic& topic : all_topics()) middleware->discovery().register_local_topic(topic.name, topic.type);
+  expect_topics(middleware->discovery());
   std::optional<Heartbeats> heard(std::in_place, *middleware);
   Heartbeats& heartbeats = *heard;
   for (const Clock::time_point deadline = in_seconds(seconds); Clock::now() < deadline && !stop_requested();) {
@@ -148,6 +163,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& session, d
     heartbeats.take();
   }
 
+  expect_topics(middleware->discovery());
   findings.participants = middleware->discovery().participants();
   findings.ports = ports_taken(findings.first_port, findings.last_port, getpid());
   for (const auto& [name, service] : heartbeats.services())
@@ -173,6 +189,7 @@ Findings examine(const MiddlewareOptions& options, const std::string& session, d
         fmt::format("domain {} has no more room on this host: {} participants (other sessions may have "
                     "another --domain)",
                     options.domain, internal::kParticipants));
+  for (const std::string& line : internal::ForeignVariables::found()) findings.hints.push_back(line);
   for (const Limit& limit : limits_too_small())
     findings.hints.push_back(fmt::format("{} is {}: {} (sudo sysctl -w {}={})", limit.name, limit.value, limit.why,
                                          limit.name, limit.wanted));

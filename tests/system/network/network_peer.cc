@@ -165,6 +165,7 @@ int main(int argc, char** argv) {
         app.add_option("--rate", line.rate);
         app.add_option("--count", line.count);
         app.add_option("--size", line.size);
+        app.add_flag("--own-sizes", line.node.middleware.multicast, "Leaves the vendor's settings as they are");
         add_node_options(app, line.node);
       },
       [&] {

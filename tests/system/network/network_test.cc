@@ -180,6 +180,30 @@ TEST_P(Pairing, LargeSamplesArriveWholeThoughOnePacketInTwentyIsLost) {
   RecordProperty("delays", reader->output());
 }
 
+// A peer that was not configured for packets of 1500 bytes sends larger messages, which the kernel cuts.
+TEST_P(Vendor, SamplesOfAPeerWithItsOwnSizesComeAtOnce) {
+  const Hosts hosts(2);
+  const auto reader =
+      peer(hosts, 1, GetParam(), "receive", {"--peers", Hosts::address(0), "--size", "8192", "--count", "30"});
+  const auto writer = peer(hosts, 0, "cyclonedds", "send",
+                           {"--own-sizes", "--peers", Hosts::address(1), "--size", "8192", "--count", "30"});
+  ASSERT_TRUE(reader->says("received ", kPatience)) << reader->output() << writer->output();
+  EXPECT_TRUE(contains(reader->output(), "received 30 of 30 whole and in order, 0 not"));
+  EXPECT_LT(number_after(reader->output(), "median "), 50 * kSlowness) << reader->output();
+}
+
+// A participant's announcement is larger than the smallest packets.
+TEST_P(Vendor, HostsMeetThroughPacketsOfAnySize) {
+  for (const int size : {576, 1280, 9000}) {
+    const Hosts hosts(2);
+    for (const int host : {0, 1}) hosts.run(host, "ip link set " + Hosts::interface() + " mtu " + std::to_string(size));
+    const auto first = peer(hosts, 0, GetParam(), "meet", {"--peers", Hosts::address(1)});
+    const auto second = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
+    for (const auto* each : {&first, &second})
+      EXPECT_TRUE((*each)->says("met 1 in ", kPatience)) << size << (*each)->output();
+  }
+}
+
 /// What the doctor says on host 0 of a peer, and that it is not content.
 std::string diagnosis(const Hosts& hosts, const Folder& folder, const std::string& vendor, const std::string& peer) {
   const auto doctor = hosts.start(0,

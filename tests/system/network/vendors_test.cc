@@ -9,6 +9,7 @@
 #include "tests/support/processes/domain.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/records/readers.h"
+#include "tests/support/text.h"
 #include "tests/support/wait.h"
 
 namespace citylearn::testing {
@@ -102,6 +103,55 @@ TEST_P(Vendors, ADifferentTypeIsToldWithinFiveSeconds) {
                             "' reads type citylearn::msg::TrainingStat, expected citylearn::msg::Reaction"}));
   expect_echo(node, sample_of<msg::TrainingStat>(Size::kTypical));  // nobody else is disturbed
   EXPECT_EQ(peer.finish(seconds(10)), 0);
+}
+
+/// Two services of a vendor in a shell in which others have configured it.
+class Surrounded : public ::testing::TestWithParam<std::string> {
+ protected:
+  void SetUp() override {
+    write_file(folder_ / "cyclone.xml",
+               "<CycloneDDS><Domain id=\"any\"><General><Interfaces><NetworkInterface name=\"nowhere\"/></Interfaces>"
+               "</General></Domain></CycloneDDS>");
+    // A publisher in a partition of its own, in a participant that listens at no address of ours.
+    const std::string profiles =
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?><dds><profiles "
+        "xmlns=\"http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles\">"
+        "<publisher profile_name=\"p\" "
+        "is_default_profile=\"true\"><qos><partition><names><name>elsewhere</name></names>"
+        "</partition></qos></publisher></profiles></dds>";
+    write_file(folder_ / "fast.xml", profiles);
+    write_file(folder_ / "DEFAULT_FASTRTPS_PROFILES.xml", profiles);
+    write_file(folder_ / "fast.json", "{\"ROS_DISCOVERY_SERVER\": \"127.0.0.1:11998\"}");
+  }
+  std::unique_ptr<Service> start(const std::string& id, const Arguments& variables) {
+    Arguments command = {"/usr/bin/env", "-C", folder_.path()};
+    command.insert(command.end(), variables.begin(), variables.end());
+    command.insert(command.end(),
+                   {NETWORK_PEER, "meet", "--id", id, "--middleware", GetParam(), "--domain", std::to_string(domain_)});
+    return std::make_unique<Service>(command, folder_ / (id + ".log"));
+  }
+  const Folder folder_;
+  const std::uint32_t domain_ = own_domain();
+};
+INSTANTIATE_TEST_SUITE_P(All, Surrounded, ::testing::Values("cyclonedds", "fastdds"),
+                         [](const auto& param_info) { return param_info.param; });
+
+TEST_P(Surrounded, ServicesMeetWhateverTheEnvironmentSays) {
+  const std::vector<Arguments> settings = {
+      {"ROS_DISCOVERY_SERVER=127.0.0.1:11999"},
+      {"FASTRTPS_DEFAULT_PROFILES_FILE=" + folder_ / "fast.xml", "SKIP_DEFAULT_XML_FILE=1"},
+      {"FASTDDS_ENVIRONMENT_FILE=" + folder_ / "fast.json", "SKIP_DEFAULT_XML_FILE=0",
+       "FASTDDS_STATISTICS=HISTORY_LATENCY_TOPIC;NETWORK_LATENCY_TOPIC", "FASTDDS_BUILTIN_TRANSPORTS=SHM",
+       "CYCLONEDDS_URI=" + folder_ / "cyclone.xml", "ROS_DOMAIN_ID=3", "ROS_LOCALHOST_ONLY=1",
+       "RMW_IMPLEMENTATION=rmw_none", "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF", "ROS_STATIC_PEERS=10.1.1.1",
+       "ROS_SUPER_CLIENT=TRUE"},
+      {"CYCLONEDDS_URI=<General><MaxMessageSize>1"}};
+  for (std::size_t i = 0; i < settings.size(); ++i) {
+    const auto plain = start("plain-" + std::to_string(i), {"--ignore-environment"});
+    const auto set = start("set-" + std::to_string(i), settings[i]);
+    for (const auto* each : {&plain, &set})
+      EXPECT_TRUE((*each)->says("met 1 in ", kPatience)) << settings[i].front() << (*each)->output();
+  }
 }
 
 }  // namespace

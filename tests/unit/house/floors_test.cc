@@ -121,7 +121,7 @@ TEST(Floors, VendorHeadersStayInTheirOwnMiddlewareFiles) {
   for (const std::string& folder : kProduct)
     for (const Include& include : includes_below(folder)) {
       if (include.target.starts_with("fastdds/") || include.target.starts_with("fastrtps/")) {
-        EXPECT_EQ(include.file, "core/dds/middleware_fastdds.cc") << include.line;
+        EXPECT_TRUE(include.file.starts_with("core/dds/middleware_fastdds")) << include.file << ": " << include.line;
       }
       if (include.target.starts_with("dds/") || include.target.starts_with("ddsi/")) {
         EXPECT_TRUE(include.file.starts_with("core/dds/middleware_cyclonedds")) << include.file << ": " << include.line;

@@ -134,6 +134,30 @@ TEST_F(Doctor, AlarmsFailuresTypesAndProtocolsAreProblems) {
   EXPECT_EQ(findings.services.size(), 2u);
 }
 
+TEST_F(Doctor, QualitiesThatDoNotMatchAreProblemsOnTopicsOfSingleServicesToo) {
+  options_.name = "cyclonedds";
+  options_.domain = kDomain + 1;
+  options_.participant = "stranger";
+  const auto stranger = create_middleware(options_);
+  Topic topic = topic_at(topic_of<msg::TaskSettings>(), "walk", "env-summer");
+  topic.profile = Profile::kRos2;  // VOLATILE
+  const auto publisher = stranger->create_publisher(topic);
+  const Findings findings = examine(options_, "", 1);
+  EXPECT_EQ(problem_with("topic", findings),
+            "topic citylearn/walk/env_msummer/task_settings: 'stranger' publishes VOLATILE, expected TRANSIENT_LOCAL");
+}
+
+TEST_F(Doctor, VariablesOfOtherProgramsAreNamed) {
+  ::setenv("ROS_DISCOVERY_SERVER", "10.0.0.1:11811", 1);
+  const Findings findings = examine(options_, "", 0.1);
+  ::unsetenv("ROS_DISCOVERY_SERVER");
+  EXPECT_EQ(std::count_if(findings.hints.begin(), findings.hints.end(),
+                          [](const std::string& hint) {
+                            return hint.starts_with("ROS_DISCOVERY_SERVER is set: ignored, but by what meets");
+                          }),
+            1);
+}
+
 TEST_F(Doctor, TakenPortsHaveANameAndAProcess) {
   const int handle = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   sockaddr_in address{};

@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: Apache-2.0
+// What holds between a writer and a reader of either vendor: who is gone is noticed, and what does not match is told.
+#include <dds/dds.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+
+#include "core/dds/middleware.h"
+#include "tests/support/options.h"
+#include "tests/support/wait.h"
+
+namespace citylearn::testing {
+namespace {
+
+constexpr std::uint32_t kDomain = 106;
+const std::string kType = "citylearn::test::Bytes";
+
+Topic topic(Profile profile) {
+  const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
+  std::string name = "test/" + std::string(test->name()) + "/" + std::to_string(getpid());
+  std::replace_if(
+      name.begin(), name.end(), [](char c) { return c == '-'; }, '_');
+  return {name, kType, profile, 4096};
+}
+
+class Pairs : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {
+ protected:
+  const std::unique_ptr<Middleware> writing_ =
+      create_middleware(middleware_options(std::get<0>(GetParam()), kDomain, "writer"));
+  const std::unique_ptr<Middleware> reading_ =
+      create_middleware(middleware_options(std::get<1>(GetParam()), kDomain, "reader"));
+
+  /// Asks both until it holds.
+  bool eventually_both(const std::function<bool()>& condition, milliseconds patience = kPatience) {
+    return eventually(
+        [&] {
+          for (Middleware* each : {writing_.get(), reading_.get()}) {
+            each->wait(Clock::now() + milliseconds(5));
+            each->discovery();
+          }
+        },
+        condition, patience);
+  }
+};
+
+const auto kVendors = ::testing::Values("cyclonedds", "fastdds");
+INSTANTIATE_TEST_SUITE_P(All, Pairs, ::testing::Combine(kVendors, kVendors), [](const auto& param_info) {
+  return std::get<0>(param_info.param) + "_to_" + std::get<1>(param_info.param);
+});
+
+/// What a monitor has said of this test's topic, once there are so many lines or the deadline has passed.
+std::vector<std::string> faults(Middleware& middleware, std::size_t count) {
+  std::vector<std::string> lines;
+  const std::string begin = "topic " + topic(Profile::kState).name + ": ";
+  eventually(
+      middleware,
+      [&] {
+        for (const std::string& line : middleware.discovery().faults())
+          if (line.starts_with(begin)) lines.push_back(line.substr(begin.size()));
+        return lines.size() >= count;
+      },
+      seconds(5 * kSlowness));
+  std::sort(lines.begin(), lines.end());
+  return lines;
+}
+
+TEST_P(Pairs, WhatWasDeletedIsUnmatchedWithinASecond) {
+  auto publisher = writing_->create_publisher(topic(Profile::kState));
+  auto subscription = reading_->create_subscription(topic(Profile::kState));
+  const auto matched = [&] { return publisher->matched() == 1 && subscription->matched() == 1; };
+  ASSERT_TRUE(eventually_both(matched));
+  subscription.reset();
+  EXPECT_TRUE(eventually_both([&] { return publisher->matched() == 0; }, seconds(kSlowness)));
+  subscription = reading_->create_subscription(topic(Profile::kState));
+  ASSERT_TRUE(eventually_both(matched));
+  publisher.reset();
+  EXPECT_TRUE(eventually_both([&] { return subscription->matched() == 0; }, seconds(kSlowness)));
+}
+
+TEST_P(Pairs, AVolatileWriterIsToldOnBothSides) {
+  const auto publisher = writing_->create_publisher(topic(Profile::kRos2));
+  const auto subscription = reading_->create_subscription(topic(Profile::kState));
+  EXPECT_EQ(faults(*reading_, 1), std::vector<std::string>{"'writer' publishes VOLATILE, expected TRANSIENT_LOCAL"});
+  EXPECT_EQ(faults(*writing_, 1), std::vector<std::string>{"'reader' reads TRANSIENT_LOCAL, expected VOLATILE"});
+  EXPECT_EQ(publisher->matched() + subscription->matched(), 0);
+}
+
+TEST_P(Pairs, AReaderThatRequestsLessIsNotAFault) {
+  const auto publisher = writing_->create_publisher(topic(Profile::kState));
+  const auto subscription = reading_->create_subscription(topic(Profile::kRos2));  // VOLATILE, BEST_EFFORT
+  ASSERT_TRUE(eventually_both([&] { return publisher->matched() == 1 && subscription->matched() == 1; }));
+  EXPECT_TRUE(writing_->discovery().faults().empty());
+  EXPECT_TRUE(reading_->discovery().faults().empty());
+}
+
+/// An endpoint of a program that has set its quality of service itself, in Cyclone DDS without our settings of it.
+class Raw {
+ public:
+  using Qos = std::function<void(dds_qos_t*)>;
+
+  Raw(bool writes, bool keyed, const Qos& change) {
+    static const std::uint32_t kOps[] = {0u | DDS_OP_ADR | DDS_OP_TYPE_4BY, 0, DDS_OP_RTS};
+    static const std::uint32_t kKeyedOps[] = {0u | DDS_OP_ADR | DDS_OP_FLAG_KEY | DDS_OP_FLAG_MU | DDS_OP_TYPE_4BY, 0,
+                                              DDS_OP_RTS, 0u | DDS_OP_KOF | 1, 0};
+    static const dds_key_descriptor_t kKeys[] = {{"number", 3, 0}};
+    const dds_topic_descriptor_t type{
+        .m_size = 4,
+        .m_align = 4,
+        .m_flagset = DDS_TOPIC_FIXED_SIZE | (keyed ? DDS_TOPIC_FIXED_KEY | DDS_TOPIC_FIXED_KEY_XCDR2 : 0u),
+        .m_nkeys = keyed ? 1u : 0u,
+        .m_typename = kType.c_str(),
+        .m_keys = keyed ? kKeys : nullptr,
+        .m_nops = 2,
+        .m_ops = keyed ? kKeyedOps : kOps,
+        .m_meta = "",
+        .type_information = {},
+        .type_mapping = {},
+        .restrict_data_representation = 0};
+    participant_ = dds_create_participant(kDomain, nullptr, nullptr);  // in the domain of our own middleware
+    dds_qos_t* const qos = dds_create_qos();
+    dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, 0);
+    dds_qset_durability(qos, DDS_DURABILITY_TRANSIENT_LOCAL);
+    change(qos);
+    const dds_entity_t on =
+        dds_create_topic(participant_, &type, topic(Profile::kState).name.c_str(), nullptr, nullptr);
+    const dds_entity_t parent =
+        writes ? dds_create_publisher(participant_, qos, nullptr) : dds_create_subscriber(participant_, qos, nullptr);
+    endpoint_ = writes ? dds_create_writer(parent, on, qos, nullptr) : dds_create_reader(parent, on, qos, nullptr);
+    dds_delete_qos(qos);
+  }
+  ~Raw() { dds_delete(participant_); }
+  bool is_made() const { return endpoint_ > 0; }
+
+ private:
+  dds_entity_t participant_ = 0, endpoint_ = 0;
+};
+
+/// Reads and writes by one vendor, and meets raw endpoints of Cyclone DDS.
+class Misfits : public ::testing::TestWithParam<std::string> {
+ protected:
+  const std::unique_ptr<Middleware> domain_ = create_middleware(middleware_options("cyclonedds", kDomain, "domain"));
+  const std::unique_ptr<Middleware> ours_ = create_middleware(middleware_options(GetParam(), kDomain, "ours"));
+
+  void expect(bool remote_writes, const std::string& fault, const Raw::Qos& change, bool keyed = false) {
+    std::unique_ptr<Publisher> publisher;
+    std::unique_ptr<Subscription> subscription;
+    if (remote_writes)
+      subscription = ours_->create_subscription(topic(Profile::kState));
+    else
+      publisher = ours_->create_publisher(topic(Profile::kState));
+    const Raw raw(remote_writes, keyed, change);
+    ASSERT_TRUE(raw.is_made()) << fault;
+    EXPECT_EQ(faults(*ours_, 1), std::vector<std::string>{"an unnamed participant " + fault});
+    EXPECT_EQ(subscription ? subscription->matched() : publisher->matched(), 0) << fault;
+  }
+};
+INSTANTIATE_TEST_SUITE_P(All, Misfits, ::testing::Values("cyclonedds", "fastdds"),
+                         [](const auto& param_info) { return param_info.param; });
+
+TEST_P(Misfits, EveryPolicyOfAWriterIsTold) {
+  expect(true, "publishes BEST_EFFORT, expected RELIABLE",
+         [](dds_qos_t* qos) { dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0); });
+  expect(true, "publishes BEST_EFFORT, expected RELIABLE; VOLATILE, expected TRANSIENT_LOCAL", [](dds_qos_t* qos) {
+    dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
+    dds_qset_durability(qos, DDS_DURABILITY_VOLATILE);
+  });
+  expect(true, "publishes EXCLUSIVE, expected SHARED",
+         [](dds_qos_t* qos) { dds_qset_ownership(qos, DDS_OWNERSHIP_EXCLUSIVE); });
+  expect(true, "publishes partition 'robots', expected none",
+         [](dds_qos_t* qos) { dds_qset_partition1(qos, "robots"); });
+  expect(
+      true, "publishes a topic with a key, expected one without", [](dds_qos_t*) {}, true);
+}
+
+TEST_P(Misfits, EveryPolicyOfAReaderIsTold) {
+  expect(false, "reads a deadline of 0.5 s, expected none",
+         [](dds_qos_t* qos) { dds_qset_deadline(qos, DDS_MSECS(500)); });
+  expect(false, "reads MANUAL_BY_TOPIC, expected AUTOMATIC; a liveliness lease of 2 s, expected none",
+         [](dds_qos_t* qos) { dds_qset_liveliness(qos, DDS_LIVELINESS_MANUAL_BY_TOPIC, DDS_SECS(2)); });
+  expect(false, "reads EXCLUSIVE, expected SHARED",
+         [](dds_qos_t* qos) { dds_qset_ownership(qos, DDS_OWNERSHIP_EXCLUSIVE); });
+}
+
+TEST_P(Misfits, AnEncodingThatIsNotOursIsTold) {
+  const auto subscription = ours_->create_subscription(topic(Profile::kState));
+  const Raw raw(true, false, [](dds_qos_t* qos) {
+    const dds_data_representation_id_t encoding = DDS_DATA_REPRESENTATION_XCDR2;
+    dds_qset_data_representation(qos, 1, &encoding);
+  });
+  ASSERT_TRUE(raw.is_made());
+  EXPECT_EQ(faults(*ours_, 1), std::vector<std::string>{"an unnamed participant publishes XCDR2, expected XCDR1"});
+}
+
+}  // namespace
+}  // namespace citylearn::testing
