@@ -33,7 +33,6 @@ std::string describe(const DiscoveryMonitor::Participant& participant) {
 std::string mismatch(const EndpointQos& remote, bool remote_writes, const EndpointQos& ours) {
   static constexpr const char* kReliability[] = {"BEST_EFFORT", "RELIABLE"};
   static constexpr const char* kDurability[] = {"VOLATILE", "TRANSIENT_LOCAL", "TRANSIENT", "PERSISTENT"};
-  static constexpr const char* kOwnership[] = {"SHARED", "EXCLUSIVE"};
   static constexpr const char* kLiveliness[] = {"AUTOMATIC", "MANUAL_BY_PARTICIPANT", "MANUAL_BY_TOPIC"};
   const EndpointQos& offered = remote_writes ? remote : ours;
   const EndpointQos& requested = remote_writes ? ours : remote;
@@ -43,11 +42,11 @@ std::string mismatch(const EndpointQos& remote, bool remote_writes, const Endpoi
   };
   check(offered.reliable >= requested.reliable, kReliability[remote.reliable], kReliability[ours.reliable]);
   check(offered.durability >= requested.durability, kDurability[remote.durability], kDurability[ours.durability]);
-  check(remote.exclusive == ours.exclusive, kOwnership[remote.exclusive], kOwnership[ours.exclusive]);
+  check(!remote.exclusive, "EXCLUSIVE", "SHARED");
   check(offered.liveliness >= requested.liveliness, kLiveliness[remote.liveliness], kLiveliness[ours.liveliness]);
-  check(offered.lease <= requested.lease, fmt::format("a liveliness lease of {:g} s", remote.lease), "none");
-  check(offered.deadline <= requested.deadline, fmt::format("a deadline of {:g} s", remote.deadline), "none");
-  check(remote.partition == ours.partition, "partition '" + one_line(remote.partition) + "'", "none");
+  for (const auto& [name, time] : {std::pair{"liveliness lease", remote.lease}, {"deadline", remote.deadline}})
+    check(remote_writes || time >= EndpointQos::kForever, fmt::format("a {} of {:g} s", name, time), "none");
+  check(remote.partition.empty(), "partition '" + one_line(remote.partition) + "'", "none");
   check(remote.xcdr1, "XCDR2", "XCDR1");
   check(!remote.keyed, "a topic with a key", "one without");
   return text;

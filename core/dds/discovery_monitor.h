@@ -3,7 +3,6 @@
 
 #include <atomic>
 #include <chrono>
-#include <limits>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -14,17 +13,19 @@ namespace citylearn {
 
 struct Topic;
 
-/// What of the quality of service of a writer and a reader decides whether they match. Enumerators are those of DDS.
+/// What of the quality of service of a writer and a reader decides whether they match. By default that of our own
+/// endpoints. Enumerators are those of DDS; durations are seconds, and kForever or more is infinite.
 struct EndpointQos {
+  static constexpr double kForever = 1e9;
   bool reliable = true;
-  int durability = 1;                                      ///< 0..3: VOLATILE, TRANSIENT_LOCAL, TRANSIENT, PERSISTENT
-  bool exclusive = false;                                  ///< ownership
-  int liveliness = 0;                                      ///< 0..2: AUTOMATIC, MANUAL_BY_PARTICIPANT, MANUAL_BY_TOPIC
-  double lease = std::numeric_limits<double>::infinity();  ///< of the liveliness, in seconds
-  double deadline = std::numeric_limits<double>::infinity();  ///< seconds
-  std::string partition = {};                                 ///< the first one
-  bool xcdr1 = true;                                          ///< writes or reads this encoding
-  bool keyed = false;                                         ///< of a topic with a key
+  int durability = 1;       ///< 0..3: VOLATILE, TRANSIENT_LOCAL, TRANSIENT, PERSISTENT
+  bool exclusive = false;   ///< ownership
+  int liveliness = 0;       ///< 0..2: AUTOMATIC, MANUAL_BY_PARTICIPANT, MANUAL_BY_TOPIC
+  double lease = kForever;  ///< of the liveliness
+  double deadline = kForever;
+  std::string partition = {};  ///< the first one
+  bool xcdr1 = true;           ///< writes or reads this encoding
+  bool keyed = false;          ///< of a topic with a key
 };
 
 /// Keeps the participants and endpoints that a middleware has discovered in its DDS domain, and reports what is wrong

@@ -273,9 +273,6 @@ void take_all(dds_entity_t reader, Visit visit) {
 /// Of a built-in sample, in which Cyclone DDS has filled in the defaults of what was left out.
 EndpointQos qos_of(const dds_builtintopic_endpoint_t& endpoint) {
   const dds_qos_t& qos = *endpoint.qos;
-  const auto seconds = [](dds_duration_t time) {
-    return time == DDS_INFINITY ? std::numeric_limits<double>::infinity() : static_cast<double>(time) / 1e9;
-  };
   const dds_data_representation_id_t* const encodings = qos.data_representation.value.ids;
   const std::uint32_t count = qos.present & QP_DATA_REPRESENTATION ? qos.data_representation.value.n : 0;
   const unsigned char kind = endpoint.key.v[sizeof endpoint.key.v - 1] & 0x0F;  // RTPS 2.2, 9.3.1.2: 2, 7 with a key
@@ -283,8 +280,8 @@ EndpointQos qos_of(const dds_builtintopic_endpoint_t& endpoint) {
           qos.durability.kind,
           qos.ownership.kind == DDS_OWNERSHIP_EXCLUSIVE,
           qos.liveliness.kind,
-          seconds(qos.liveliness.lease_duration),
-          seconds(qos.deadline.deadline),
+          static_cast<double>(qos.liveliness.lease_duration) / 1e9,
+          static_cast<double>(qos.deadline.deadline) / 1e9,
           qos.present & QP_PARTITION && qos.partition.n > 0 ? qos.partition.strs[0] : "",
           std::find(encodings, encodings + count, DDS_DATA_REPRESENTATION_XCDR1) != encodings + count || count == 0,
           kind == 2 || kind == 7};

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstdlib>
 #include <cstring>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
@@ -152,39 +153,31 @@ class DiscoveryListener : public dds::DomainParticipantListener {
     }
   }
   void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) override {
-    if (info.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER)
-      found(info.info, true);
-    else if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER)
-      discovery_.endpoint_lost(text_of(info.info.guid()));
+    changed(info.info, true, info.status == info.DISCOVERED_WRITER, info.status == info.REMOVED_WRITER);
   }
   void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& info) override {
-    if (info.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER)
-      found(info.info, false);
-    else if (info.status == rtps::ReaderDiscoveryInfo::REMOVED_READER)
-      discovery_.endpoint_lost(text_of(info.info.guid()));
+    changed(info.info, false, info.status == info.DISCOVERED_READER, info.status == info.REMOVED_READER);
   }
 
  private:
   template <class Info>
-  void found(const Info& info, bool writes) {
-    discovery_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes,
-                              info.topicName().to_string(), info.typeName().to_string(),
-                              qos_of(info.m_qos, info.topicKind() == rtps::WITH_KEY));
+  void changed(const Info& info, bool writes, bool found, bool lost) {
+    if (lost) discovery_.endpoint_lost(text_of(info.guid()));
+    if (found)
+      discovery_.endpoint_found(text_of(info.guid()), text_of(info.guid().guidPrefix), writes,
+                                info.topicName().to_string(), info.typeName().to_string(),
+                                qos_of(info.m_qos, info.topicKind() == rtps::WITH_KEY));
   }
   template <class Qos>
   static EndpointQos qos_of(const Qos& from, bool keyed) {
-    const auto seconds = [](const Duration_t& time) {
-      return time == eprosima::fastrtps::c_TimeInfinite ? std::numeric_limits<double>::infinity()
-                                                        : static_cast<double>(time.to_ns()) / 1e9;
-    };
     const auto& encodings = from.representation.m_value;
     // Kinds come over the wire as they are.
     return {from.m_reliability.kind == dds::RELIABLE_RELIABILITY_QOS,
             std::clamp(static_cast<int>(from.m_durability.kind), 0, 3),
             from.m_ownership.kind == dds::EXCLUSIVE_OWNERSHIP_QOS,
             std::clamp(static_cast<int>(from.m_liveliness.kind), 0, 2),
-            seconds(from.m_liveliness.lease_duration),
-            seconds(from.m_deadline.period),
+            static_cast<double>(from.m_liveliness.lease_duration.to_ns()) / 1e9,
+            static_cast<double>(from.m_deadline.period.to_ns()) / 1e9,
             from.m_partition.empty() ? "" : from.m_partition.begin()->name(),
             encodings.empty() ||
                 std::find(encodings.begin(), encodings.end(), dds::XCDR_DATA_REPRESENTATION) != encodings.end(),
@@ -345,7 +338,8 @@ void listen_at(const Network& network, dds::WireProtocolConfigQos& wire) {
 class FastMiddleware : public Middleware {
  public:
   explicit FastMiddleware(const Network& network)
-      : heartbeat_(network.loopback_only ? kHeartbeatAtHome : kHeartbeat), answers_again_(network.security.empty()) {
+      : heartbeat_(network.loopback_only ? kHeartbeatAtHome : kHeartbeat),
+        answers_again_(network.security.empty() && !(network.multicast && std::getenv("ROS_DISCOVERY_SERVER"))) {
     forward_log_once();
     dds::DomainParticipantQos qos;
     qos.name(network.participant);
@@ -457,7 +451,8 @@ class FastMiddleware : public Middleware {
   }
 
   const std::uint32_t heartbeat_;  // ns, the shortest period
-  const bool answers_again_;       // in a secured session participants repeat what they say to prove who they are
+  // In a secured session participants repeat what they say to prove who they are; servers tell of everybody.
+  const bool answers_again_;
   rtps::octet announcement_ = 0;
   DiscoveryMonitor discovery_;
   DiscoveryListener discovery_listener_{discovery_};

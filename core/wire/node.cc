@@ -67,8 +67,9 @@ bool Node::wait(Clock::time_point deadline) {
     const bool ready = middleware_->wait(std::min(deadline, next_heartbeat_));
     for (const std::string& line : middleware_->discovery().faults()) {
       spdlog::error("{}", line);
-      // A peer may still come; a foreign type on our topics will not go away by waiting.
-      if (line.starts_with("topic ")) faults_.push_back(line);
+      // A peer may still come, and who has another quality of service may be nobody of ours; a foreign type on our
+      // topics will not go away by waiting.
+      if (line.starts_with("topic ") && line.find(" type ") != line.npos) faults_.push_back(line);
     }
     if (ready) return true;
     if (Clock::now() >= deadline) return false;

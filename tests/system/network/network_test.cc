@@ -197,8 +197,9 @@ TEST_P(Vendor, HostsMeetThroughPacketsOfAnySize) {
   for (const int size : {576, 1280, 9000}) {
     const Hosts hosts(2);
     for (const int host : {0, 1}) hosts.run(host, "ip link set " + Hosts::interface() + " mtu " + std::to_string(size));
-    const auto first = peer(hosts, 0, GetParam(), "meet", {"--peers", Hosts::address(1)});
-    const auto second = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0)});
+    const std::string longest(63, 'x');
+    const auto first = peer(hosts, 0, GetParam(), "meet", {"--peers", Hosts::address(1), "--id", longest + "1"});
+    const auto second = peer(hosts, 1, GetParam(), "meet", {"--peers", Hosts::address(0), "--id", longest + "2"});
     for (const auto* each : {&first, &second})
       EXPECT_TRUE((*each)->says("met 1 in ", kPatience)) << size << (*each)->output();
   }
