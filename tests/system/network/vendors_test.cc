@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include "core/files/files.h"
 #include "core/wire/node.h"
 #include "tests/paths.h"
 #include "tests/support/options.h"
