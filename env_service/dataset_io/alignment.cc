@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/alignment.h"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -25,38 +27,42 @@ std::string rounded(double number) {
   return text;
 }
 
-/// The cheapest choice of one candidate a step that never goes back, or else the fewest times (Viterbi's algorithm).
-/// Candidates of a step are sorted by frame.
+/// The cheapest choice of one candidate a step (Viterbi's algorithm). A path runs along the frames or against them: it
+/// never goes the other way, or else the fewest times. Against them metres count twice: there and back, a route runs
+/// both ways. Candidates of a step are sorted by frame.
 class Path {
  public:
   void add_step(const std::vector<Grid::Near>& candidates) {
-    const std::size_t before = begins_.empty() ? 0 : begins_.back(), now = entries_.size();
-    if (now + candidates.size() > kMaxCandidates)
+    const std::size_t before = begins_.empty() ? 0 : begins_.back(), now = entries_.size(), count = candidates.size();
+    if (now + 2 * count > kMaxCandidates)
       throw Error("too many frames are near each other", "--align-by gps",
                   "lower --align-within, or cut with --frames");
     std::size_t best_any = before;
     for (std::size_t i = before; i < now; ++i)
       if (costs_[i - before] < costs_[best_any - before]) best_any = i;
-    std::vector<Cost> costs(candidates.size());
+    // Entries of a step: the candidates of paths along the frames, then in reverse those of paths against them.
+    std::vector<Cost> costs(2 * count);
     std::size_t best = now, at = before;  // best: the cheapest predecessor that does not lie ahead
-    for (std::size_t c = 0; c < candidates.size(); ++c) {
-      for (; at < now && entries_[at].frame <= candidates[c].frame; ++at)
+    for (std::size_t c = 0; c < 2 * count; ++c) {
+      const bool against = c >= count;
+      const std::size_t end = against ? now : before + (now - before) / 2;
+      if (c == count) {
+        at = before + (now - before) / 2;
+        best = now;
+      }
+      const auto& [frame, metres] = candidates[against ? 2 * count - 1 - c : c];
+      for (; at < end && (against ? entries_[at].frame >= frame : entries_[at].frame <= frame); ++at)
         if (best == now || costs_[at - before] < costs_[best - before]) best = at;
       std::size_t from = best;
-      Cost cost;
+      Cost& cost = costs[c];
       if (now > before) {
         Cost back = costs_[best_any - before];
         ++back.returns;
-        if (best == now || back < costs_[best - before]) {
-          from = best_any;
-          cost = back;
-        } else {
-          cost = costs_[best - before];
-        }
+        if (best == now || back < costs_[best - before]) from = best_any;
+        cost = from == best ? costs_[best - before] : back;
       }
-      cost.metres += candidates[c].metres;
-      costs[c] = cost;
-      entries_.push_back({candidates[c].frame, static_cast<std::uint32_t>(from)});
+      cost.metres += against ? 2 * metres : metres;
+      entries_.push_back({frame, static_cast<std::uint32_t>(from)});
     }
     begins_.push_back(now);
     costs_ = std::move(costs);
@@ -87,6 +93,14 @@ class Path {
   std::vector<std::size_t> begins_;  ///< of each step
   std::vector<Cost> costs_;          ///< of the last step's entries
 };
+
+bool known(const Traversal& one, int frame) {
+  const auto i = static_cast<std::size_t>(frame);
+  return i < one.latitude.size() && std::isfinite(one.latitude[i]) && std::isfinite(one.longitude[i]);
+}
+Point place(const Traversal& one, int frame) {
+  return on_earth(one.latitude[static_cast<std::size_t>(frame)], one.longitude[static_cast<std::size_t>(frame)]);
+}
 
 }  // namespace
 
@@ -166,32 +180,59 @@ std::vector<int> align_by_gps(const Traversal& sibling, const std::vector<int>& 
   for (const Traversal* one : {&sibling, &traversal})
     if (one->latitude.empty() || one->longitude.empty())
       throw Error("latitude and longitude of " + one->name + " are not known", where, "align by index or distance");
-  const auto known = [](const Traversal& one, std::size_t frame) {
-    return std::isfinite(one.latitude[frame]) && std::isfinite(one.longitude[frame]);
-  };
-  std::size_t origin = 0;
-  while (origin < traversal.latitude.size() && !known(traversal, origin)) ++origin;
-  if (origin == traversal.latitude.size())
-    throw Error("latitude and longitude of " + traversal.name + " are not known", where, "align by index or distance");
-  const Plane plane(traversal.latitude[origin]);
   Grid grid(tolerance);
-  for (std::size_t i = origin; i < traversal.latitude.size(); ++i)
-    if (known(traversal, i))
-      grid.add(plane.x(traversal.longitude[i]), plane.y(traversal.latitude[i]), static_cast<int>(i));
+  int known_frames = 0;
+  for (int frame = 0; frame < traversal.frames; ++frame)
+    if (known(traversal, frame)) {
+      grid.add(place(traversal, frame), frame);
+      ++known_frames;
+    }
+  if (known_frames == 0)
+    throw Error("latitude and longitude of " + traversal.name + " are not known", where, "align by index or distance");
   Path path;
   std::vector<Grid::Near> near;
   for (const int frame : frames) {
-    const auto i = static_cast<std::size_t>(frame);
-    if (!known(sibling, i))
+    if (!known(sibling, frame))
       throw Error("the position of " + frame_of(sibling, frame) + " is not known", where, "cut with --frames");
-    grid.near(plane.x(sibling.longitude[i]), plane.y(sibling.latitude[i]), near);
-    if (near.empty())
-      throw Error(
-          "no frame of " + traversal.name + " within " + rounded(tolerance) + " m of " + frame_of(sibling, frame),
-          where, "cut with --frames, or raise --align-within");
+    grid.near(place(sibling, frame), near);
+    if (near.empty()) {
+      double nearest = std::numeric_limits<double>::infinity();
+      for (int other = 0; other < traversal.frames; ++other)
+        if (known(traversal, other))
+          nearest = std::min(nearest, metres_between(place(traversal, other), place(sibling, frame)));
+      throw Error("no frame of " + traversal.name + " within " + rounded(tolerance) + " m of " +
+                      frame_of(sibling, frame) + ", the nearest is " + rounded(nearest) + " m away",
+                  where, "cut with --frames, or raise --align-within");
+    }
     path.add_step(near);
   }
-  return path.frames();
+  const std::vector<int> found = path.frames();
+  std::size_t steps_back = 0;
+  for (std::size_t i = 1; i < found.size(); ++i) steps_back += found[i] < found[i - 1];
+  if (steps_back * 10 > found.size())
+    spdlog::warn("{}: {} of {} steps of {} go the other way than those of {}: cameras that look ahead see other things",
+                 where, steps_back, found.size() - 1, sibling.name, traversal.name);
+  return found;
+}
+
+void warn_if_apart(const Traversal& sibling, const std::vector<int>& frames, const Traversal& traversal,
+                   const std::vector<int>& found, double tolerance) {
+  std::vector<double> apart;
+  for (std::size_t i = 0; i < found.size(); ++i)
+    if (known(sibling, frames[i]) && known(traversal, found[i]))
+      apart.push_back(metres_between(place(sibling, frames[i]), place(traversal, found[i])));
+  if (apart.size() < 2) return;
+  double length = 0;
+  for (std::size_t i = 1; i < frames.size(); ++i)
+    if (known(sibling, frames[i]) && known(sibling, frames[i - 1]))
+      length += metres_between(place(sibling, frames[i - 1]), place(sibling, frames[i]));
+  const auto middle = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() / 2);
+  std::nth_element(apart.begin(), middle, apart.end());
+  if (*middle > std::max(tolerance, length / 20))
+    spdlog::warn(
+        "half of the frames of {} and {} that are taken for the same places are {} m apart or more by latitude "
+        "and longitude: one begins elsewhere, runs the other way, or has its columns exchanged",
+        sibling.name, traversal.name, rounded(*middle));
 }
 
 }  // namespace citylearn

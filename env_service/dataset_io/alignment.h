@@ -24,10 +24,16 @@ std::vector<int> align_by_matches(const Traversal& sibling, const std::vector<in
 std::vector<int> align_by_distance(const Traversal& sibling, const std::vector<int>& frames, const Traversal& traversal,
                                    double tolerance);
 
-/// Matches the nearest latitude and longitude along the route: of all choices within `tolerance` metres those that go
-/// back the fewest times, and of these the nearest, so that a crossing does not mislead it. Throws Error when positions
-/// are unknown or none is within `tolerance` metres.
+/// Matches the nearest latitude and longitude along the route: of all choices within `tolerance` metres those that turn
+/// round or go back the fewest times, and of these the nearest, so that a crossing does not mislead it. A drive the
+/// other way is followed backwards, with a warning. Throws Error when positions are unknown or none is within
+/// `tolerance` metres.
 std::vector<int> align_by_gps(const Traversal& sibling, const std::vector<int>& frames, const Traversal& traversal,
                               double tolerance);
+
+/// Warns when half of the pairs frames[i] and found[i] are farther apart by latitude and longitude than `tolerance` and
+/// a twentieth of the route.
+void warn_if_apart(const Traversal& sibling, const std::vector<int>& frames, const Traversal& traversal,
+                   const std::vector<int>& found, double tolerance);
 
 }  // namespace citylearn

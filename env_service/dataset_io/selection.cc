@@ -78,17 +78,14 @@ std::vector<int> aligned(Dataset& dataset, const Traversal& traversal, const Sel
   } else if (selection.by != "dataset") {
     throw Error("unknown way '" + selection.by + "'", "--align-by", "known: dataset, index, matches, distance, gps");
   }
-  switch (by) {
-    case Correspondence::kMatches:
-      return align_by_matches(sibling, frames, traversal, dataset.matches(sibling.name, traversal.name));
-    case Correspondence::kDistance:
-      return align_by_distance(sibling, frames, traversal, selection.tolerance);
-    case Correspondence::kGps:
-      return align_by_gps(sibling, frames, traversal, selection.tolerance);
-    case Correspondence::kIndex:
-      break;
-  }
-  return align_by_index(sibling, frames, traversal);
+  const std::vector<int> found =
+      by == Correspondence::kGps ? align_by_gps(sibling, frames, traversal, selection.tolerance)
+      : by == Correspondence::kMatches
+          ? align_by_matches(sibling, frames, traversal, dataset.matches(sibling.name, traversal.name))
+      : by == Correspondence::kDistance ? align_by_distance(sibling, frames, traversal, selection.tolerance)
+                                        : align_by_index(sibling, frames, traversal);
+  if (by != Correspondence::kGps) warn_if_apart(sibling, frames, traversal, found, selection.tolerance);
+  return found;
 }
 
 /// Returns the nearest frame of the recording without a fault; the earlier of two.

@@ -23,33 +23,14 @@ struct Pair {
   }
 };
 
-/// A route's frames on a plane.
-class Route {
- public:
-  Route(const std::vector<double>& latitude, const std::vector<double>& longitude) {
-    const double unknown = std::numeric_limits<double>::quiet_NaN();
-    x_.assign(latitude.size(), unknown);
-    y_.assign(latitude.size(), unknown);
-    std::size_t origin = 0;
-    const auto known = [&](std::size_t i) { return std::isfinite(latitude[i]) && std::isfinite(longitude[i]); };
-    while (origin < latitude.size() && !known(origin)) ++origin;
-    if (origin == latitude.size()) return;
-    const Plane plane(latitude[origin]);
-    for (std::size_t i = origin; i < latitude.size(); ++i) {
-      if (!known(i)) continue;
-      x_[i] = plane.x(longitude[i]);
-      y_[i] = plane.y(latitude[i]);
-    }
+/// A route's frames, NaN where unknown.
+struct RoutePoints : std::vector<Point> {
+  RoutePoints(const std::vector<double>& latitude, const std::vector<double>& longitude) {
+    for (std::size_t i = 0; i < latitude.size(); ++i) push_back(on_earth(latitude[i], longitude[i]));
   }
-
-  int frames() const { return static_cast<int>(x_.size()); }
-  bool known(int frame) const { return std::isfinite(x(frame)); }
-  double x(int frame) const { return x_[static_cast<std::size_t>(frame)]; }
-  double y(int frame) const { return y_[static_cast<std::size_t>(frame)]; }
-  double metres(int a, int b) const { return std::hypot(x(a) - x(b), y(a) - y(b)); }  ///< NaN where unknown
-
- private:
-  std::vector<double> x_, y_;
+  int frames() const { return static_cast<int>(size()); }
+  const Point& point(int frame) const { return (*this)[static_cast<std::size_t>(frame)]; }
+  double metres(int a, int b) const { return metres_between(point(a), point(b)); }  ///< NaN where unknown
 };
 
 /// Two stretches that run within reach of each other, as far as the route has been followed.
@@ -60,17 +41,17 @@ struct Approach {
 };
 
 /// The nearest pair of each approach of the route to itself, nearest first.
-std::vector<Pair> nearest_pairs(const Route& route, const CrossingOptions& options) {
+std::vector<Pair> nearest_pairs(const RoutePoints& route, const CrossingOptions& options) {
   Grid grid(options.metres);
   std::vector<Grid::Near> near;
   std::vector<Approach> open;
   std::vector<Pair> found;
   for (int frame = 0; frame < route.frames(); ++frame) {
-    if (!route.known(frame)) continue;
+    if (std::isnan(route.point(frame).x)) continue;
     // What comes before the way's last frame far off is another stretch.
     int out = frame - 1;
     while (out >= 0 && !(route.metres(out, frame) > 2 * options.metres)) --out;
-    grid.near(route.x(frame), route.y(frame), near);
+    grid.near(route.point(frame), near);
     std::erase_if(near, [&](const Grid::Near& one) { return one.frame >= std::min(out, frame - options.spacing); });
     for (std::size_t begin = 0, end = 0; begin < near.size(); begin = end) {
       Approach here{{near[begin].metres, near[begin].frame, frame}, near[begin].frame, near[begin].frame, frame};
@@ -97,7 +78,7 @@ std::vector<Pair> nearest_pairs(const Route& route, const CrossingOptions& optio
       if (over) found.push_back(one.nearest);
       return over;
     });
-    grid.add(route.x(frame), route.y(frame), frame);
+    grid.add(route.point(frame), frame);
   }
   for (const Approach& one : open) found.push_back(one.nearest);
   std::sort(found.begin(), found.end());
@@ -114,7 +95,7 @@ std::vector<int> find_turns(const std::vector<double>& latitude, const std::vect
                 "crossings of a route");
   if (!(options.metres > 0) || options.spacing < 1)
     throw Error("metres and spacing must be positive", "crossings of a route");
-  const Route route(latitude, longitude);
+  const RoutePoints route(latitude, longitude);
   std::vector<std::vector<int>> junctions;
   // The junction that the road at `frame` passes already, or none.
   const auto passed = [&](int frame) {
@@ -149,7 +130,7 @@ std::vector<int> find_turns(const std::vector<double>& latitude, const std::vect
 }
 
 double crossing_reach(const std::vector<double>& latitude, const std::vector<double>& longitude) {
-  const Route route(latitude, longitude);
+  const RoutePoints route(latitude, longitude);
   double sum = 0;
   int steps = 0;
   for (int frame = 1; frame < route.frames(); ++frame)

@@ -4,24 +4,64 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
+
+#include "env_service/geometry/plane.h"
 
 namespace citylearn {
 namespace {
 
-constexpr double kEarthRadius = 6'371'008.8;  // metres; mean radius of WGS 84
+constexpr double kMaxLegs = 30, kLeastNoise = 10;  // metres: of two legs of a vehicle that stands; that these add
+constexpr std::size_t kLeastTurns = 6;
+
+/// Forgets, of the points of a route, those that are the noise of a vehicle that stands.
+template <class Distance>
+void forget_noise(std::vector<std::size_t>& points, double noise, Distance distance) {
+  std::vector<double> along(points.size());
+  std::vector<std::size_t> turns;  // points where it turns back
+  double before = kMaxLegs;
+  for (std::size_t i = 0; i + 1 < points.size(); ++i) {
+    const double after = distance(points[i], points[i + 1]);
+    along[i + 1] = along[i] + after;
+    if (before < kMaxLegs && after < kMaxLegs &&
+        std::pow(distance(points[i - 1], points[i + 1]), 2) < before * before + after * after)
+      turns.push_back(i);
+    before = after;
+  }
+  std::vector<bool> kept(points.size(), true);
+  for (std::size_t first = 0, last = 0; first < turns.size(); first = last + 1) {
+    last = first;
+    while (last + 2 < turns.size() && along[turns[last + 2]] - along[turns[last]] < kMaxLegs) ++last;
+    if (++last - first + 1 < kLeastTurns || last == turns.size()) continue;
+    const std::size_t begin = turns[first] - 1, end = turns[last];
+    const double leg = (along[end] - along[turns[first]]) / static_cast<double>(last - first);
+    std::vector<std::size_t> still;
+    double metres = along[end] - along[begin];  // that noise adds
+    for (std::size_t i = begin + 1, anchor = begin; i <= end; ++i)
+      if (const double away = distance(points[anchor], points[i]); away > std::max(noise, 4 * leg)) {
+        metres -= away;
+        anchor = i;
+      } else {
+        still.push_back(i);
+      }
+    for (std::size_t i = 0; metres >= kLeastNoise && i < still.size(); ++i) kept[still[i]] = false;
+  }
+  std::erase_if(points, [&, i = std::size_t{0}](std::size_t) mutable { return !kept[i++]; });
+}
 
 /// Sums distances between neighbours that are known.
 template <class Distance>
-std::vector<float> summed(const std::vector<double>& a, const std::vector<double>& b, Distance distance) {
+std::vector<float> summed(const std::vector<double>& a, const std::vector<double>& b, double noise, Distance distance) {
+  const auto known = [&](std::size_t i) { return std::isfinite(a[i]) && std::isfinite(b[i]); };
+  std::vector<std::size_t> points;  // that differ from the one before
+  for (std::size_t i = 0; i < a.size(); ++i)
+    if (known(i) && (points.empty() || a[i] != a[points.back()] || b[i] != b[points.back()])) points.push_back(i);
+  forget_noise(points, noise, distance);
   std::vector<float> metres(a.size(), std::numeric_limits<float>::quiet_NaN());
   double sum = 0;
-  std::size_t last = a.size();
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    if (!std::isfinite(a[i]) || !std::isfinite(b[i])) continue;
-    if (last != a.size()) sum += distance(last, i);
+  for (std::size_t i = 0, next = 0; i < a.size(); ++i) {
+    if (!known(i)) continue;
+    if (next < points.size() && points[next] == i && next++ > 0) sum += distance(points[next - 2], i);
     metres[i] = static_cast<float>(sum);
-    last = i;
   }
   return metres;
 }
@@ -30,22 +70,21 @@ std::vector<float> summed(const std::vector<double>& a, const std::vector<double
 
 double metres_between(double latitude_a, double longitude_a, double latitude_b, double longitude_b) {
   // Haversine: exact for near points too.
-  constexpr double kRadian = std::numbers::pi / 180;
-  const double north = std::sin((latitude_b - latitude_a) * kRadian / 2);
-  const double east = std::sin((longitude_b - longitude_a) * kRadian / 2);
-  const double h = north * north + std::cos(latitude_a * kRadian) * std::cos(latitude_b * kRadian) * east * east;
+  const double north = std::sin((latitude_b - latitude_a) * kDegree / 2);
+  const double east = std::sin((longitude_b - longitude_a) * kDegree / 2);
+  const double h = north * north + std::cos(latitude_a * kDegree) * std::cos(latitude_b * kDegree) * east * east;
   return 2 * kEarthRadius * std::asin(std::min(1.0, std::sqrt(h)));
 }
 
 std::vector<float> metres_along(const std::vector<double>& latitude, const std::vector<double>& longitude) {
-  return summed(latitude, longitude, [&](std::size_t i, std::size_t j) {
+  return summed(latitude, longitude, 5, [&](std::size_t i, std::size_t j) {
     return metres_between(latitude[i], longitude[i], latitude[j], longitude[j]);
   });
 }
 
 std::vector<float> metres_along_plane(const std::vector<double>& x, const std::vector<double>& y,
                                       const std::vector<double>& z) {
-  return summed(x, y, [&](std::size_t i, std::size_t j) {
+  return summed(x, y, 0, [&](std::size_t i, std::size_t j) {
     return z.empty() ? std::hypot(x[j] - x[i], y[j] - y[i]) : std::hypot(x[j] - x[i], y[j] - y[i], z[j] - z[i]);
   });
 }
@@ -68,6 +107,19 @@ std::vector<double> interpolate(const std::vector<double>& times, const std::vec
       found[i] = share == 0 ? values[after - 1] : (1 - share) * values[after - 1] + share * values[after];
     }
   }
+  return found;
+}
+
+std::vector<double> interpolate_longitude(const std::vector<double>& times, std::vector<double> degrees,
+                                          const std::vector<double>& at, double reach) {
+  double last = 0, turns = 0;
+  for (double& degree : degrees) {
+    if (std::isnan(degree)) continue;
+    if (std::abs(degree + turns - last) > 180) turns += degree + turns > last ? -360 : 360;
+    last = degree += turns;
+  }
+  std::vector<double> found = interpolate(times, degrees, at, reach);
+  for (double& degree : found) degree = std::remainder(degree, 360);
   return found;
 }
 

@@ -6,58 +6,62 @@
 #include <cstdint>
 #include <numbers>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 namespace citylearn {
 
-/// Points of the earth on a plane in metres, near enough for distances of some hundred metres between them.
-class Plane {
- public:
-  explicit Plane(double latitude) : width_(std::cos(latitude * kDegree) * kEarth * kDegree) {}
-  double x(double longitude) const { return longitude * width_; }
-  double y(double latitude) const { return latitude * kEarth * kDegree; }
+inline constexpr double kEarthRadius = 6'371'008.8;  ///< metres; mean radius of WGS 84
+inline constexpr double kDegree = std::numbers::pi / 180;
 
- private:
-  static constexpr double kDegree = std::numbers::pi / 180;
-  static constexpr double kEarth = 6'371'008.8;  // metres
-  double width_;
+/// A point in space, metres.
+struct Point {
+  double x, y = 0, z = 0;
 };
+/// Returns the point of the earth from its middle: distances are right everywhere, at longitude 180 and the poles too.
+inline Point on_earth(double latitude, double longitude) {
+  const double out = kEarthRadius * std::cos(latitude * kDegree);
+  return {out * std::cos(longitude * kDegree), out * std::sin(longitude * kDegree),
+          kEarthRadius * std::sin(latitude * kDegree)};
+}
+inline double metres_between(const Point& a, const Point& b) { return std::hypot(a.x - b.x, a.y - b.y, a.z - b.z); }
 
-/// Points in squares of side `side`: those within it of a place are in its square and the eight around it.
+/// Points in cubes of side `side`: those within it of a place are in its cube and those around it.
 class Grid {
  public:
   explicit Grid(double side) : side_(side) {}
-  void add(double x, double y, int frame) { squares_[key(square(x), square(y))].push_back({x, y, frame}); }
+  void add(const Point& point, int frame) {
+    cubes_[key(cube(point.x), cube(point.y), cube(point.z))].push_back({point, frame});
+  }
 
   struct Near {
     int frame;
     double metres;
   };
   /// Frames within `side`, by frame.
-  void near(double x, double y, std::vector<Near>& found) const {
+  void near(const Point& point, std::vector<Near>& found) const {
     found.clear();
-    for (std::int64_t i = square(x) - 1; i <= square(x) + 1; ++i)
-      for (std::int64_t j = square(y) - 1; j <= square(y) + 1; ++j)
-        if (const auto points = squares_.find(key(i, j)); points != squares_.end())
-          for (const Point& point : points->second)
-            if (const double metres = std::hypot(point.x - x, point.y - y); metres <= side_)
-              found.push_back({point.frame, metres});
+    for (int around = 0; around < 27; ++around) {
+      const auto places = cubes_.find(
+          key(cube(point.x) + around / 9 - 1, cube(point.y) + around / 3 % 3 - 1, cube(point.z) + around % 3 - 1));
+      if (places == cubes_.end()) continue;
+      for (const auto& [place, frame] : places->second)
+        if (const double metres = metres_between(place, point); metres <= side_) found.push_back({frame, metres});
+    }
     std::sort(found.begin(), found.end(), [](const Near& a, const Near& b) { return a.frame < b.frame; });
   }
 
  private:
-  struct Point {
-    double x, y;
-    int frame;
-  };
-  std::int64_t square(double at) const { return static_cast<std::int64_t>(std::floor(at / side_)); }
-  static std::int64_t key(std::int64_t i, std::int64_t j) {
-    return static_cast<std::int64_t>(static_cast<std::uint64_t>(i) << 32 ^
-                                     (static_cast<std::uint64_t>(j) & 0xFFFFFFFF));
+  std::uint64_t cube(double at) const {
+    return static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(at / side_)));
+  }
+  /// Different for cubes that are near each other.
+  static std::uint64_t key(std::uint64_t i, std::uint64_t j, std::uint64_t k) {
+    return i * 0x9E3779B97F4A7C15 + j * 0xC2B2AE3D27D4EB4F + k * 0x165667B19E3779F9;
   }
 
   double side_;
-  std::unordered_map<std::int64_t, std::vector<Point>> squares_;
+  std::unordered_map<std::uint64_t, std::vector<std::pair<Point, int>>> cubes_;
 };
 
 }  // namespace citylearn

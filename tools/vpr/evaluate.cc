@@ -25,24 +25,22 @@ namespace {
 /// coordinates, else along the route.
 std::vector<std::pair<int, int>> pairs_within(const Traversal& reference, const Traversal& query, double radius) {
   const auto known = [](double number) { return std::isfinite(number); };
-  const auto origin = std::find_if(reference.latitude.begin(), reference.latitude.end(), known);
-  const bool on_map = origin != reference.latitude.end() && !query.latitude.empty();
-  const Plane plane(on_map ? *origin : 0);
-  const auto each = [&](const Traversal& traversal, const auto& take) {
-    for (std::size_t i = 0; i < static_cast<std::size_t>(traversal.frames); ++i) {
-      const double x = on_map ? plane.x(traversal.longitude[i]) : static_cast<double>(traversal.positions[i]);
-      const double y = on_map ? plane.y(traversal.latitude[i]) : 0;
-      if (known(x) && known(y)) take(x, y, static_cast<int>(i));
-    }
+  const bool on_map =
+      std::any_of(reference.latitude.begin(), reference.latitude.end(), known) && !query.latitude.empty();
+  const auto point = [&](const Traversal& traversal, int frame) {
+    const auto i = static_cast<std::size_t>(frame);
+    return on_map ? on_earth(traversal.latitude[i], traversal.longitude[i]) : Point{traversal.positions[i]};
   };
   Grid grid(radius);
-  each(reference, [&](double x, double y, int frame) { grid.add(x, y, frame); });
+  for (int frame = 0; frame < reference.frames; ++frame)
+    if (const Point at = point(reference, frame); known(at.x)) grid.add(at, frame);
   std::vector<std::pair<int, int>> pairs;
   std::vector<Grid::Near> near;
-  each(query, [&](double x, double y, int frame) {
-    grid.near(x, y, near);
-    for (const Grid::Near& one : near) pairs.push_back({one.frame, frame});
-  });
+  for (int frame = 0; frame < query.frames; ++frame)
+    if (const Point at = point(query, frame); known(at.x)) {
+      grid.near(at, near);
+      for (const Grid::Near& one : near) pairs.push_back({one.frame, frame});
+    }
   if (pairs.empty())
     throw Error("no frame of " + query.name + " is known to lie so near to one of " + reference.name, "--radius",
                 "choose a larger one, or --tolerance in frames when positions are not known");

@@ -12,10 +12,11 @@
 namespace citylearn::paper {
 namespace {
 
-constexpr double kStep = 10;        // metres between drawn places
-constexpr double kHome = 50;        // degrees north and east of the drawn map's middle
-constexpr double kLeftOpen = 0.02;  // share of the figure, so that its ends do not meet
-constexpr int kPieces = 200'000;    // the figure's length is the sum of so many
+constexpr double kStep = 10;                             // metres between drawn places
+constexpr double kHome = 50;                             // degrees north and east of the drawn map's middle
+constexpr double kLeftOpen = 0.02;                       // share of the figure, so that its ends do not meet
+constexpr double kDegreeNorth = kEarthRadius * kDegree;  // metres
+constexpr int kPieces = 200'000;                         // the figure's length is the sum of so many
 
 CrossingOptions reach_of(const std::vector<double>& latitude, const std::vector<double>& longitude) {
   CrossingOptions options;
@@ -69,10 +70,9 @@ Layout drawn_layout(int places) {
   const double step = whole / (places - 1), metres = kStep / step;
   Layout layout;
   layout.frames = places;
-  const Plane plane(kHome);
   const auto add = [&](double t) {
-    layout.latitude.push_back(kHome + metres * y(t) / plane.y(1));
-    layout.longitude.push_back(kHome + metres * x(t) / plane.x(1));
+    layout.latitude.push_back(kHome + metres * y(t) / kDegreeNorth);
+    layout.longitude.push_back(kHome + metres * x(t) / (std::cos(kHome * kDegree) * kDegreeNorth));
   };
   double walked = 0;
   for (int i = 0; i < kPieces && static_cast<int>(layout.latitude.size()) + 1 < places; ++i) {
@@ -87,11 +87,11 @@ Layout drawn_layout(int places) {
 std::pair<std::vector<double>, std::vector<double>> metres_of(const Layout& layout) {
   std::size_t origin = 0;
   while (origin + 1 < layout.latitude.size() && !std::isfinite(layout.latitude[origin])) ++origin;
-  const Plane plane(layout.latitude.at(origin));
+  const double width = std::cos(layout.latitude.at(origin) * kDegree) * kDegreeNorth;
   std::vector<double> east, north;
   for (std::size_t i = 0; i < layout.latitude.size(); ++i) {
-    east.push_back(plane.x(layout.longitude[i] - layout.longitude[origin]));
-    north.push_back(plane.y(layout.latitude[i] - layout.latitude[origin]));
+    east.push_back(width * std::remainder(layout.longitude[i] - layout.longitude[origin], 360));
+    north.push_back(kDegreeNorth * (layout.latitude[i] - layout.latitude[origin]));
   }
   return {east, north};
 }

@@ -6,9 +6,11 @@
 #include <cmath>
 #include <map>
 #include <numbers>
+#include <numeric>
 
 #include "tests/support/data/fake_images.h"
 #include "tests/support/env/env.h"
+#include "tests/support/log.h"
 #include "tests/support/text.h"
 
 namespace citylearn::testing {
@@ -243,6 +245,68 @@ TEST(SelectAligned, ByGpsGoesBackWhenItMust) {
   EXPECT_EQ(returns, 1);
   EXPECT_NEAR(frames[25], 300, 3);
   EXPECT_NEAR(frames[75], 100, 3);
+}
+
+/// Places of a straight road, 5 m apart.
+void draw_road(Traversal& traversal, const std::vector<int>& places) {
+  constexpr double kMetre = 180 / (6'371'008.8 * std::numbers::pi);
+  traversal.latitude.clear();
+  for (const int place : places) traversal.latitude.push_back(45 + 5 * place * kMetre);
+  traversal.longitude.assign(places.size(), 7);
+}
+
+TEST(SelectAligned, ByGpsFollowsADriveTheOtherWay) {
+  std::vector<int> there(40), back(40), both;
+  std::iota(there.begin(), there.end(), 0);
+  std::iota(back.rbegin(), back.rend(), 0);
+  both = there;
+  both.insert(both.end(), back.begin(), back.end());
+  struct Case {
+    const char* what;
+    std::vector<int> sibling, traversal, frames;
+    const char* told;
+  };
+  const std::vector<int> begin(there.begin(), there.begin() + 9), end(begin.rbegin(), begin.rend());
+  std::vector<int> all(80);
+  std::iota(all.begin(), all.end(), 0);
+  for (const Case& one : {Case{"back", there, back, back, "39 of 39 steps of a go the other way than those of b"},
+                          Case{"a short way back", begin, end, end, "8 of 8 steps"},
+                          Case{"there and back, there", both, there, both, "39 of 79 steps"},
+                          Case{"there, there and back", there, both, there, ""},
+                          Case{"back, there and back", back, both, {all.begin() + 40, all.end()}, ""},
+                          Case{"both there and back", both, both, all, ""}}) {
+    SCOPED_TRACE(one.what);
+    Fake fake;
+    draw_road(fake.add("a", static_cast<int>(one.sibling.size()), 5), one.sibling);
+    draw_road(fake.add("b", static_cast<int>(one.traversal.size()), 5), one.traversal);
+    const Log log;
+    EXPECT_EQ(shown(select(fake, "b", {.align = "a", .by = "gps"})), one.frames);
+    EXPECT_EQ(log.lines(), *one.told ? 1 : 0) << log.text();
+    EXPECT_TRUE(log.has(one.told)) << log.text();
+  }
+}
+
+TEST(SelectAligned, TellsThatPlacesAreApart) {
+  std::vector<int> there(40), later(40), back(40);
+  std::iota(there.begin(), there.end(), 0);
+  std::iota(later.begin(), later.end(), 1);
+  std::iota(back.rbegin(), back.rend(), 0);
+  Fake fake;
+  draw_road(fake.add("a", 40, 5), there);
+  draw_road(fake.add("back", 40, 5), back);
+  draw_road(fake.add("later", 40, 5), later);
+  for (const std::string by : {"index", "distance"}) {
+    const Log log;
+    select(fake, "later", {.align = "a", .by = by});
+    EXPECT_EQ(log.text(), "") << "5 m";
+    select(fake, "back", {.align = "a", .by = by});
+    EXPECT_EQ(log.lines(), 1);
+    EXPECT_TRUE(log.has("frames of a and back that are taken for the same places are 105.0 m apart")) << log.text();
+  }
+  std::swap(fake.traversals["later"].latitude, fake.traversals["later"].longitude);
+  const Log log;
+  select(fake, "later", {.align = "a"});
+  EXPECT_TRUE(log.has("columns exchanged")) << log.text();
 }
 
 TEST(SelectAligned, ByGpsNeedsPositions) {

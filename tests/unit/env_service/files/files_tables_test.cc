@@ -2,13 +2,16 @@
 // Folders, tables and geometry that readers of datasets share.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <limits>
 
 #include "core/files/files.h"
+#include "core/util/random.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
+#include "env_service/geometry/plane.h"
 #include "tests/support/data/pictures.h"
 #include "tests/support/processes/service.h"
 #include "tests/support/text.h"
@@ -123,7 +126,56 @@ TEST(Geometry, MetresInAPlane) {
   EXPECT_EQ(along[4], 6);
 }
 
+// 20 places 5 m apart, then a stand of 200 places, then 20 places on.
+TEST(Geometry, AVehicleThatStandsDoesNotGetOn) {
+  const double degree = 6'371'008.8 * 3.14159265358979 / 180;
+  for (const double noise : {0.0, 0.3, 1.5}) {
+    std::vector<double> north, east;
+    Random random(7);
+    const auto off = [&] { return noise * (static_cast<double>(random.below(2001)) / 500 - 2); };
+    const auto add = [&](double metres) {
+      north.push_back(50 + (metres + off()) / degree);
+      east.push_back(8 + off() / (degree * std::cos(50 * M_PI / 180)));
+    };
+    for (int i = 0; i < 20; ++i) add(5.0 * i);
+    for (int i = 0; i < 200; ++i) add(95);
+    for (int i = 20; i < 40; ++i) add(5.0 * i);
+    // Driven, the noise of 1.5 m adds about 6 % to steps of 5 m.
+    EXPECT_NEAR(metres_along(north, east).back(), 195, 1 + 20 * noise) << noise;
+    EXPECT_NEAR(metres_along(north, east)[119], 95, 1 + 12 * noise) << noise;
+    for (double& metres : north) metres = (metres - 50) * degree;
+    for (double& metres : east) metres = (metres - 8) * degree * std::cos(50 * M_PI / 180);
+    EXPECT_NEAR(metres_along_plane(north, east).back(), 195, 1 + 20 * noise) << noise;
+  }
+  // Slow circles and turns on the spot are no noise: all of 2 m x 100 and 100 x 0.1 m count.
+  std::vector<double> x, y;
+  for (int i = 0; i <= 100; ++i) {
+    x.push_back(2 * std::cos(i));
+    y.push_back(2 * std::sin(i));
+  }
+  EXPECT_NEAR(metres_along_plane(x, y).back(), 100 * 4 * std::sin(0.5), 1e-3);
+  x.assign(101, 0);
+  for (int i = 0; i <= 100; ++i) x[static_cast<std::size_t>(i)] = i % 2 ? 0.1 : 0;
+  EXPECT_NEAR(metres_along_plane(x, std::vector<double>(101)).back(), 10, 1e-3);
+}
+
+TEST(Geometry, PlacesThatAreNearWhereverTheyAre) {
+  std::vector<Grid::Near> near;
+  for (const auto& [north, east, other_north, other_east] :
+       {std::array{-16.8, 179.99999, -16.8, -179.99999}, std::array{89.99999, 0.0, 89.99999, 180.0},
+        std::array{70.0, 20.0, 70.00001, 20.00002}, std::array{0.0, -0.00001, 0.0, 0.00001}}) {
+    Grid grid(3);
+    grid.add(on_earth(north, east), 7);
+    grid.near(on_earth(other_north, other_east), near);
+    ASSERT_EQ(near.size(), 1u) << north;
+    EXPECT_NEAR(near[0].metres, metres_between(north, east, other_north, other_east), 1e-6);
+  }
+}
+
 TEST(Geometry, InterpolatesBetweenSamples) {
+  EXPECT_EQ(interpolate_longitude({0, 2, 4}, {179, -179, 179}, {0, 1, 2, 3}, 0),
+            (std::vector<double>{179, 180, -179, 180}));
+
   const std::vector<double> found =
       interpolate({1, 2, 2, 4}, {10, 20, 30, 50}, {0, 0.5, 1, 1.5, 2, 3, 4, 4.5, 5.1, kNan}, 1);
   const std::vector<double> expected{10, 10, 10, 15, 30, 40, 50, 50};
