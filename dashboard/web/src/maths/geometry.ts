@@ -22,13 +22,15 @@ export function project(
   if (known.length < 2) return null;
   const rad = Math.PI / 180;
   const lats = known.map((pair) => pair[0]);
-  const lons = known.map((pair) => pair[1]);
+  const first = known[0]?.[1] ?? 0;
+  const turned = (lon: number) => lon + 360 * Math.round((first - lon) / 360); // a road may cross longitude 180
+  const lons = known.map((pair) => turned(pair[1]));
   const lat0 = (least(lats) + greatest(lats)) / 2;
   const lon0 = (least(lons) + greatest(lons)) / 2;
   return latitude.map((lat, i) => {
     const lon = longitude[i] ?? null;
     if (lat === null || lon === null) return null;
-    return { x: (lon - lon0) * rad * EARTH * Math.cos(lat0 * rad), y: -(lat - lat0) * rad * EARTH };
+    return { x: (turned(lon) - lon0) * rad * EARTH * Math.cos(lat0 * rad), y: -(lat - lat0) * rad * EARTH };
   });
 }
 

@@ -14,6 +14,10 @@ describe('project', () => {
     const [west, east] = project([60, 60], [10, 10.001]) as [Point, Point];
     expect(east.x - west.x).toBeCloseTo(111.19 * Math.cos(Math.PI / 3), 1);
   });
+  it('goes on across longitude 180', () => {
+    const [west, east] = project([0, 0], [179.9995, -179.9995]) as [Point, Point];
+    expect(east.x - west.x).toBeCloseTo(111.19, 1);
+  });
   it('keeps places that are unknown', () => {
     expect((project([60, null, 61], [10, 10, 10]) as (Point | null)[])[1]).toBeNull();
     expect(project([60, null], [10, 10])).toBeNull();
