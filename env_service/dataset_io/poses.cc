@@ -8,6 +8,7 @@
 
 #include "core/util/error.h"
 #include "core/wire/messages.h"
+#include "env_service/dataset_io/places.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
 
@@ -62,17 +63,21 @@ std::vector<int> frames_of(const TextTable& table, const Traversal& traversal) {
 void read_poses(const std::string& path, Traversal& traversal) {
   const TextTable table(path, {});
   const std::vector<int> frames = frames_of(table, traversal);
+  const auto number = [&](int row, const std::string& name) {
+    const std::string_view text = table.text(row, name);
+    return text.empty() || text == "nan" || text == "NaN" ? kNan : table.number(row, name);
+  };
   const auto column = [&](const std::string& name) {
     std::vector<double> values(static_cast<std::size_t>(traversal.frames), kNan);
     for (int row = 0; row < table.rows(); ++row)
-      values[static_cast<std::size_t>(frames[static_cast<std::size_t>(row)])] = table.number(row, name);
+      values[static_cast<std::size_t>(frames[static_cast<std::size_t>(row)])] = number(row, name);
     return values;
   };
   if (table.has("time")) traversal.times = column("time");
   if (table.has("lat") || table.has("lon")) {
     for (int row = 0; row < table.rows(); ++row)
-      if (std::abs(table.number(row, "lat")) > 90 || std::abs(table.number(row, "lon")) > 180)
-        table.fail(row, "not a latitude and a longitude in degrees");
+      if (std::abs(number(row, "lat")) > 90 || std::abs(number(row, "lon")) > 180)
+        table.fail(row, "not a latitude and a longitude in degrees", "leave both empty where there was no fix");
     traversal.latitude = column("lat");
     traversal.longitude = column("lon");
     traversal.positions = metres_along(traversal.latitude, traversal.longitude);
@@ -86,8 +91,11 @@ void read_poses(const std::string& path, Traversal& traversal) {
     const std::vector<double> metres = column("metres");
     for (std::size_t i = 0; i < metres.size(); ++i) traversal.positions[i] = static_cast<float>(metres[i]);
   } else if (in_plane) {
-    traversal.positions =
-        metres_along_plane(traversal.x, traversal.y, table.has("z") ? column("z") : std::vector<double>());
+    const std::vector<double> z = table.has("z") ? column("z") : std::vector<double>();
+    if (!z.empty())
+      forget_impossible({traversal.x, traversal.y, traversal.times, false, path, "places",
+                         [](std::size_t row) { return "frame " + std::to_string(row); }, false});
+    traversal.positions = metres_along_plane(traversal.x, traversal.y, z);
   } else if (traversal.latitude.empty()) {
     throw Error("no column gives places", path, "its header needs lat,lon or x,y or metres");
   }

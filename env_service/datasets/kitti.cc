@@ -8,9 +8,11 @@
 
 #include "core/util/text.h"
 #include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/places.h"
 #include "env_service/dataset_io/ranges.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
+#include "env_service/geometry/geometry.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {
@@ -231,14 +233,16 @@ class Kitti : public FolderDataset {
       throw Error("has " + std::to_string(poses.rows()) + " poses, times.txt lists " +
                       std::to_string(traversal.frames) + " frames",
                   path);
-    double metres = 0, last[3] = {};
+    std::vector<double> x, y, z;
     for (int frame = 0; frame < traversal.frames; ++frame) {
       if (poses.columns(frame) != 12) poses.fail(frame, "not the 12 numbers of a pose");
-      const double at[3] = {poses.number(frame, 3), poses.number(frame, 7), poses.number(frame, 11)};
-      if (frame > 0) metres += std::hypot(at[0] - last[0], at[1] - last[1], at[2] - last[2]);
-      std::copy(at, at + 3, last);
-      traversal.positions[static_cast<std::size_t>(frame)] = static_cast<float>(metres);
+      x.push_back(poses.number(frame, 3));
+      y.push_back(poses.number(frame, 7));
+      z.push_back(poses.number(frame, 11));
     }
+    forget_impossible({x, z, traversal.times, false, path, "poses",
+                       [&poses](std::size_t row) { return "in " + poses.place(static_cast<int>(row)); }, false});
+    traversal.positions = metres_along_plane(x, y, z);
   }
 
   const int camera_;

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "env_service/dataset_io/folder_dataset.h"
+#include "env_service/dataset_io/places.h"
 #include "env_service/files/files.h"
 #include "env_service/files/text_table.h"
 #include "env_service/geometry/geometry.h"
@@ -169,7 +170,6 @@ class OxfordRobotcar : public FolderDataset {
       fixes.push_back({row, table.number(row, "timestamp") * kMicroseconds, north, east, table.number(row, "northing"),
                        table.number(row, "easting")});
     }
-    if (fixes.empty()) return;
     const auto earlier = [](const Fix& a, const Fix& b) { return a.time < b.time; };
     if (const auto late = std::is_sorted_until(fixes.begin(), fixes.end(), earlier); late != fixes.end()) {
       spdlog::warn("{}: its time is before that of the row before; rows are sorted by time", table.place(late->row));
@@ -180,10 +180,15 @@ class OxfordRobotcar : public FolderDataset {
       for (const Fix& fix : fixes) values.push_back(fix.*value);
       return values;
     };
+    std::vector<double> north = all(&Fix::latitude), east = all(&Fix::longitude);
+    forget_impossible({north, east, all(&Fix::time), true, path, "GPS fixes",
+                       [&](std::size_t i) { return "in " + table.place(fixes[i].row); }, false});
+    std::erase_if(fixes, [&, i = std::size_t{0}](const Fix& fix) mutable { return north[i++] != fix.latitude; });
+    if (fixes.empty()) return;
     const std::vector<double> times = all(&Fix::time);
     const auto at = [&](double Fix::*value) { return interpolate(times, all(value), traversal.times, kRobotCarReach); };
     traversal.latitude = at(&Fix::latitude);
-    traversal.longitude = at(&Fix::longitude);
+    traversal.longitude = interpolate_longitude(times, all(&Fix::longitude), traversal.times, kRobotCarReach);
     traversal.positions = metres_along_plane(at(&Fix::easting), at(&Fix::northing));
   }
 

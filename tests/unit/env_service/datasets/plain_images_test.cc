@@ -118,6 +118,16 @@ TEST_F(PlainImages, PosesOnTheEarthAndInMetres) {
   EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "feat"}));
 }
 
+TEST_F(PlainImages, PosesWithoutAFixAreEmptyOrNan) {
+  write_drive("day");
+  std::string rows = "lat,lon\n";
+  for (int i = 0; i < 12; ++i) rows += i == 4 ? ",\n" : i == 5 ? "nan,nan\n" : std::to_string(50 + 0.001 * i) + ",7\n";
+  make_file(folder_ / "day.poses.csv", rows);
+  const Traversal day = load("day");
+  EXPECT_TRUE(std::isnan(day.positions[4]) && std::isnan(day.latitude[4]) && std::isnan(day.longitude[5]));
+  EXPECT_NEAR(day.positions[11], 11 * 111.195, 0.1);
+}
+
 TEST_F(PlainImages, WrongPoses) {
   write_drive("day");
   const auto told = [&](const std::string& text) {
@@ -127,7 +137,8 @@ TEST_F(PlainImages, WrongPoses) {
   EXPECT_EQ(told("a,b\n1,2\n"), "day.poses.csv: no column gives places (its header needs lat,lon or x,y or metres)");
   EXPECT_EQ(told("frame,x\n1,2\n"), "day.poses.csv: no column 'y' (there are: frame, x)");
   EXPECT_EQ(told("frame,lat\n1,2\n"), "day.poses.csv: no column 'lon' (there are: frame, lat)");
-  EXPECT_EQ(told("lat,lon\n1,2\n91,2\n"), "day.poses.csv:3: not a latitude and a longitude in degrees");
+  EXPECT_EQ(told("lat,lon\n1,2\n91,2\n"),
+            "day.poses.csv:3: not a latitude and a longitude in degrees (leave both empty where there was no fix)");
   EXPECT_EQ(told("frame,metres\n1,2\n1,3\n"), "day.poses.csv:3: a second row for frame 1");
   EXPECT_EQ(told("frame,metres\n12,2\n"), "day.poses.csv:2: frame 12 is beyond day, which has 12 frames");
   EXPECT_EQ(told("frame,metres\n-1,2\n"),
