@@ -10,6 +10,7 @@
 #include <string>
 
 #include "core/util/error.h"
+#include "env_service/geometry/geometry.h"
 #include "env_service/geometry/plane.h"
 
 namespace citylearn {
@@ -100,6 +101,10 @@ bool known(const Traversal& one, int frame) {
 }
 Point place(const Traversal& one, int frame) {
   return on_earth(one.latitude[static_cast<std::size_t>(frame)], one.longitude[static_cast<std::size_t>(frame)]);
+}
+double metres_apart(const Traversal& a, int frame_a, const Traversal& b, int frame_b) {
+  const auto i = static_cast<std::size_t>(frame_a), j = static_cast<std::size_t>(frame_b);
+  return metres_between(a.latitude[i], a.longitude[i], b.latitude[j], b.longitude[j]);
 }
 
 }  // namespace
@@ -198,8 +203,7 @@ std::vector<int> align_by_gps(const Traversal& sibling, const std::vector<int>& 
     if (near.empty()) {
       double nearest = std::numeric_limits<double>::infinity();
       for (int other = 0; other < traversal.frames; ++other)
-        if (known(traversal, other))
-          nearest = std::min(nearest, metres_between(place(traversal, other), place(sibling, frame)));
+        if (known(traversal, other)) nearest = std::min(nearest, metres_apart(traversal, other, sibling, frame));
       throw Error("no frame of " + traversal.name + " within " + rounded(tolerance) + " m of " +
                       frame_of(sibling, frame) + ", the nearest is " + rounded(nearest) + " m away",
                   where, "cut with --frames, or raise --align-within");
@@ -220,12 +224,10 @@ void warn_if_apart(const Traversal& sibling, const std::vector<int>& frames, con
   std::vector<double> apart;
   for (std::size_t i = 0; i < found.size(); ++i)
     if (known(sibling, frames[i]) && known(traversal, found[i]))
-      apart.push_back(metres_between(place(sibling, frames[i]), place(traversal, found[i])));
+      apart.push_back(metres_apart(sibling, frames[i], traversal, found[i]));
   if (apart.size() < 2) return;
-  double length = 0;
-  for (std::size_t i = 1; i < frames.size(); ++i)
-    if (known(sibling, frames[i]) && known(sibling, frames[i - 1]))
-      length += metres_between(place(sibling, frames[i - 1]), place(sibling, frames[i]));
+  const auto metres = [&](int frame) { return sibling.positions[static_cast<std::size_t>(frame)]; };
+  const double length = std::abs(metres(frames.back()) - metres(frames.front()));
   const auto middle = apart.begin() + static_cast<std::ptrdiff_t>(apart.size() / 2);
   std::nth_element(apart.begin(), middle, apart.end());
   if (*middle > std::max(tolerance, length / 20))

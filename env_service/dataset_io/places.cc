@@ -18,7 +18,7 @@ namespace {
 
 constexpr double kFixError = 100, kPoseError = 10;  // metres that a place may be off
 constexpr double kMaxSpeedRatio = 25;               // to the usual speed
-constexpr double kStrained = 0.4;                   // of the farthest way that is possible
+constexpr double kStrained = 0.3;                   // of the farthest way that is possible
 constexpr double kSimulatedExtent = 10'000;         // metres around 0, 0
 constexpr double kMaxJump = 30'000;                 // metres; zones of UTM are farther apart
 constexpr std::size_t kMaxJumps = 3, kLeastCopies = 4, kLeastKnown = 5, kMaxLookBack = 50;
@@ -72,8 +72,9 @@ class Drive {
     return metres(from, to) / std::max(error, kMaxSpeedRatio * speed_ * (to.time - from.time));
   }
   std::string apart(const Place& from, const Place& to) const {
-    return fmt::format("{:.3f} km lie between {} and {}", metres(from, to) / 1000, places_.name(from.row),
-                       places_.name(to.row));
+    return fmt::format("{:.3f} km lie between {} and {}",
+                       (places_.on_earth ? metres_between(from.a, from.b, to.a, to.b) : metres(from, to)) / 1000,
+                       places_.name(from.row), places_.name(to.row));
   }
 
   template <class Why>
@@ -184,7 +185,9 @@ class Drive {
     if (jumps.size() > kMaxJumps || farthest > kMaxJump)
       throw Error(text, places_.where, "mend the places; do units, signs or zones of UTM change?");
     if (!jumps.empty() && places_.warns_of_jumps) spdlog::warn("{}: {}", places_.where, text);
-    forget(bad, [&](std::size_t at) { return apart(kept_[at > 0 ? at - 1 : 0], kept_[at > 0 ? at : 1]); });
+    const auto good = static_cast<std::size_t>(std::find(bad.begin(), bad.end(), false) - bad.begin());
+    forget(bad,
+           [&](std::size_t at) { return at > 0 ? apart(kept_[at - 1], kept_[at]) : apart(kept_[at], kept_[good]); });
     return jumps;
   }
 

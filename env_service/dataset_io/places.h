@@ -24,7 +24,7 @@ struct Places {
 /// Those between places at most 100 m apart are put between them, the others are unknown. Such are
 ///   - 0, 0 on the earth, unless other places are within 10 km of it, as in simulators;
 ///   - short stretches too far from those before and after: more than 100 m (on a plane 10 m) and 25 times the way at
-///     the drive's usual speed; for one place there and back 2/5 of that. The most places possible are kept, and a
+///     the drive's usual speed; for one place there and back 3/10 of that. The most places possible are kept, and a
 ///     stretch of a tenth of them is believed;
 ///   - copies of one place, 4 or more, from which the drive then jumps as far as it should have come meanwhile.
 /// Returns the rows before which the drive still jumps, of which it warns. Throws Error when a place is not on the

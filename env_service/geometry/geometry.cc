@@ -54,7 +54,7 @@ std::vector<float> summed(const std::vector<double>& a, const std::vector<double
   const auto known = [&](std::size_t i) { return std::isfinite(a[i]) && std::isfinite(b[i]); };
   std::vector<std::size_t> points;  // that differ from the one before
   for (std::size_t i = 0; i < a.size(); ++i)
-    if (known(i) && (points.empty() || a[i] != a[points.back()] || b[i] != b[points.back()])) points.push_back(i);
+    if (known(i) && (points.empty() || distance(points.back(), i) > 0)) points.push_back(i);
   forget_noise(points, noise, distance);
   std::vector<float> metres(a.size(), std::numeric_limits<float>::quiet_NaN());
   double sum = 0;

@@ -60,9 +60,10 @@ TEST(ImpossiblePlaces, AreForgottenInOneLine) {
              "1 of 40 places are ignored, the first frame 9: 1.072 km lie between frame 8"},
         Case{"two fixes", {{9, far}, {10, far}}, "2 of 40 places are ignored, the first frame 9: 33"},
         Case{"many of them", {{5, far}, {12, near}, {13, far}, {20, near}, {30, far}}, "5 of 40 places are ignored"},
-        Case{"60 m aside", {{9, {50 + kStep * 9 / kDegree, 8.00084}}}, "1 of 40 places are ignored, the first frame 9"},
+        Case{"50 m aside", {{9, {50 + kStep * 9 / kDegree, 8.0007}}}, "1 of 40 places are ignored, the first frame 9"},
         Case{"an empty field read as 0", {{9, equator}}, "1 of 40 places are ignored, the first frame 9: 55"},
         Case{"wrong first", {{0, near}}, "1 of 40 places are ignored, the first frame 0: 1.107 km lie between frame 0"},
+        Case{"two wrong first", {{0, far}, {1, far}}, "2 of 40 places are ignored, the first frame 0: 33"},
         Case{"wrong last", {{38, far}, {39, far}}, "2 of 40 places are ignored, the first frame 38"}}) {
     SCOPED_TRACE(one.what);
     const Log log;
