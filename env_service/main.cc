@@ -56,7 +56,8 @@ void add_options(CLI::App& app, CommandLine& line) {
   app.add_flag("--list", line.list, "Print datasets and middlewares, then exit")->configurable(false);
   app.add_flag("--list-traversals", line.list_traversals, "Print the dataset's traversals, then exit")
       ->configurable(false);
-  app.add_flag("--show", line.show, "Print name, frames, images and features of the traversal, a line each, then exit")
+  app.add_flag("--show", line.show,
+               "Print dataset, name, frames, images and features of the traversal, a line each, then exit")
       ->configurable(false);
   line.service.node.service = "env_service";
   add_node_options(app, line.service.node);
@@ -96,8 +97,8 @@ int serve(CommandLine& line) {
   Traversal traversal = imperfect(select(*dataset, chosen_traversal(*dataset, line.source), line.source.selection),
                                   line.service.imperfections);
   if (line.show) {
-    std::cout << "traversal " << traversal.name << "\nframes " << traversal.frames << "\nimages "
-              << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension << "\n";
+    std::cout << "dataset " << traversal.dataset << "\ntraversal " << traversal.name << "\nframes " << traversal.frames
+              << "\nimages " << (traversal.images ? "yes" : "no") << "\nfeatures " << traversal.dimension << "\n";
     return 0;
   }
   traversal.name = name_from(traversal.name);  // folders and files may be called anything

@@ -13,17 +13,24 @@ void add_dataset_options(CLI::App& app, Source& source, const std::string& group
   const std::string names = joined(DatasetRegistry::instance().entries(), &DatasetRegistry::Entry::name);
   const auto* dataset =
       app.add_option("--dataset", source.dataset,
-                     "Dataset that traversals come from: " + names + "; plain unless given with --data")
+                     "Dataset that traversals come from: " + names + "; with --data what the folder is recognised as")
           ->capture_default_str();
+  add_dataset_parameters(app, source);
   app.add_option_function<std::string>(
          "--data",
          [&source, dataset](const std::string& folder) {
            source.folder = folder;
-           if (dataset->empty()) source.dataset = "plain";
+           if (dataset->empty()) source.dataset = dataset_of(source);
          },
          "Folder of the dataset's files")
       ->type_name("DIR");
-  add_dataset_parameters(app, source);
+}
+
+std::string dataset_of(const Source& source) {
+  for (const auto& [name, given] : source.parameters)
+    if (!given.empty()) return name;
+  const std::vector<std::string> found = recognised(source.folder);
+  return found.empty() ? "plain" : found.front();
 }
 
 void add_source_options(CLI::App& app, Source& source, const std::string& group) {

@@ -3,13 +3,18 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <cstring>
 #include <string_view>
 
 #include "core/util/error.h"
 
 namespace citylearn {
 namespace {
+
+using namespace std::string_view_literals;
+
+std::string_view text_of(std::span<const std::byte> bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
 
 /// Bytes with a place to read from; every read checks that it stays inside.
 class Cursor {
@@ -32,9 +37,12 @@ class Cursor {
     return number;
   }
   void skip(std::size_t count) { take(count); }
-  bool begins(std::string_view text) const {
-    return bytes_.size() >= text.size() && std::memcmp(bytes_.data(), text.data(), text.size()) == 0;
+  std::span<const std::byte> take(std::size_t count) {
+    if (count > bytes_.size() - at_) fail("the image file is cut short in its header");
+    at_ += count;
+    return bytes_.subspan(at_ - count, count);
   }
+  bool begins(std::string_view text) const { return text_of(bytes_).starts_with(text); }
   /// A number in the text of a PNM header: blanks and comments go before it.
   std::uint64_t decimal() {
     std::uint32_t c = byte();
@@ -53,19 +61,32 @@ class Cursor {
   }
 
  private:
-  std::span<const std::byte> take(std::size_t count) {
-    if (count > bytes_.size() - at_) fail("the image file is cut short in its header");
-    at_ += count;
-    return bytes_.subspan(at_ - count, count);
-  }
-
   std::span<const std::byte> bytes_;
   const std::string& where_;
   std::size_t at_ = 0;
 };
 
-/// The frame header (SOFn) among the segments of a JPEG file (ITU-T T.81, B.2).
-void find_jpeg_size(Cursor& cursor, std::int64_t& width, std::int64_t& height) {
+/// The first directory of EXIF data (CIPA DC-008, 4.6) tells the orientation, in tag 274; 1 where it does not.
+int orientation_in(std::span<const std::byte> exif) {
+  const bool little = exif.size() > 8 && exif[0] == std::byte{'I'};
+  const auto number = [&](std::size_t at, std::size_t size) {
+    std::size_t value = 0;
+    for (std::size_t i = 0; i < size && at + size <= exif.size(); ++i)
+      value = value << 8 | std::to_integer<std::size_t>(exif[little ? at + size - 1 - i : at + i]);
+    return value;
+  };
+  const std::size_t directory = number(4, 4), fields = number(directory, 2);
+  for (std::size_t i = 0; i < fields; ++i) {
+    const std::size_t at = directory + 2 + 12 * i, type = number(at + 2, 2);
+    if (number(at, 2) != 0x0112) continue;
+    const std::size_t value = number(at + 8, type == 4 ? 4 : type == 1 ? 1 : 2);
+    return value >= 1 && value <= 8 ? static_cast<int>(value) : 1;
+  }
+  return 1;
+}
+
+/// The frame header (SOFn) among the segments of a JPEG file (ITU-T T.81, B.2), and the orientation in those before it.
+void find_jpeg_size(Cursor& cursor, std::int64_t& width, std::int64_t& height, int& orientation) {
   cursor.skip(2);
   while (true) {
     std::uint32_t marker = cursor.byte();
@@ -82,7 +103,9 @@ void find_jpeg_size(Cursor& cursor, std::int64_t& width, std::int64_t& height) {
       width = cursor.big16();
       return;
     }
-    cursor.skip(length - 2);
+    const std::span<const std::byte> segment = cursor.take(length - 2);
+    if (marker == 0xE1 && orientation == 0 && text_of(segment).starts_with("Exif\0\0"sv))
+      orientation = orientation_in(segment.subspan(6));
   }
 }
 
@@ -94,22 +117,19 @@ bool is_pnm(std::span<const std::byte> bytes) {
 }
 
 bool ends_with(std::span<const std::byte> file, std::string_view text, std::size_t within) {
-  const std::size_t size = std::min(file.size(), within);
-  const std::string_view tail(reinterpret_cast<const char*>(file.data() + file.size() - size), size);
-  return tail.find(text) != std::string_view::npos;
+  return text_of(file.last(std::min(file.size(), within))).find(text) != std::string_view::npos;
 }
 
 }  // namespace
 
 ImageHeader read_image_header(std::span<const std::byte> bytes, const std::string& where) {
-  using namespace std::string_view_literals;
   Cursor cursor(bytes, where);
   ImageHeader header;
   std::int64_t width = 0, height = 0;
   if (bytes.empty()) cursor.fail("an empty file");
   if (cursor.begins("\xFF\xD8\xFF"sv)) {
     header.format = "jpeg";
-    find_jpeg_size(cursor, width, height);
+    find_jpeg_size(cursor, width, height, header.orientation);
   } else if (cursor.begins("\x89PNG\r\n\x1A\n"sv)) {
     header.format = "png";
     cursor.skip(16);  // signature, length and name of IHDR
@@ -141,10 +161,19 @@ ImageHeader read_image_header(std::span<const std::byte> bytes, const std::strin
   return header;
 }
 
+int read_orientation(std::span<const std::byte> head, std::span<const std::byte> tail) {
+  const ImageHeader header = read_image_header(head, "");
+  if (header.format == "png")  // in a chunk before the pixels or behind them
+    for (const std::span<const std::byte> end : {head, tail})
+      for (const std::string_view begin : {"eXIfII*\0"sv, "eXIfMM\0*"sv})
+        if (const std::size_t at = text_of(end).find(begin); at != std::string_view::npos)
+          return orientation_in(end.subspan(at + 4));
+  return std::max(header.orientation, 1);
+}
+
 std::optional<std::string> image_fault(std::span<const std::byte> file) { return image_fault(file, file); }
 
 std::optional<std::string> image_fault(std::span<const std::byte> head, std::span<const std::byte> tail) {
-  using namespace std::string_view_literals;
   try {
     const std::string format = read_image_header(head, "").format;
     // Cameras pad JPEG files with zeros; 4 KiB of them are passed over.

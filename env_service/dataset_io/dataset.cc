@@ -1,9 +1,35 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "env_service/dataset_io/dataset.h"
 
+#include "core/task/live.h"
 #include "core/util/text.h"
 
 namespace citylearn {
+namespace {
+
+enum class Fit { kNone, kPossible, kDistinctive };
+
+Fit fit_of(const DatasetRegistry::Entry& entry, const std::string& folder) {
+  try {
+    const auto dataset = entry.create(Parameters("dataset " + entry.name, entry.parameters, {}), folder);
+    return dataset->names().empty() ? Fit::kNone : dataset->distinctive() ? Fit::kDistinctive : Fit::kPossible;
+  } catch (const Error&) {
+    return Fit::kNone;
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> recognised(const std::string& folder) {
+  std::vector<std::string> distinctive, possible;
+  for (const auto* entry : DatasetRegistry::instance().entries()) {
+    const Fit fit = entry->name == kLive || fit_of(*entry, "") != Fit::kNone ? Fit::kNone : fit_of(*entry, folder);
+    if (fit == Fit::kDistinctive) distinctive.push_back(entry->name);
+    if (fit == Fit::kPossible) possible.insert(entry->name == "plain" ? possible.begin() : possible.end(), entry->name);
+  }
+  distinctive.insert(distinctive.end(), possible.begin(), possible.end());
+  return distinctive;
+}
 
 Error unknown_traversal(const std::string& name, const std::string& where, const std::vector<std::string>& known) {
   if (known.empty()) return Error("no traversals found; expected NAME/, NAME.mp4 or NAME.csv", where);

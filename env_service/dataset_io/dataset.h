@@ -28,6 +28,9 @@ class Dataset {
   /// characters. Throws Error that says what is missing when the folder is not of this dataset, so this also recognises
   /// it.
   virtual std::vector<std::string> names() = 0;
+  /// Returns whether its folder can be nothing else. If not, recognised() has "plain" first, which reads the user's own
+  /// recordings in a folder like it.
+  virtual bool distinctive() { return true; }
   /// Reads or generates a whole recording: 2..msg::MAX_FRAMES frames, each of the same 1..kMaxDimension finite features
   /// or with images; positions are always filled. Reads no picture as a whole; Images::fault reports broken ones.
   /// Throws Error when the name is unknown (listing the known ones) or the data are not so (naming file and line).
@@ -43,6 +46,10 @@ class Dataset {
 /// Factories get the folder given by --data, or an empty text. Entry::about says where to get the data: "paper",
 /// "address", "licence", "size".
 using DatasetRegistry = Registry<Dataset, const std::string&>;
+
+/// Returns the datasets that `folder` may be: distinctive ones, "plain", others; without generated ones and "live",
+/// which reads what "plain" does.
+std::vector<std::string> recognised(const std::string& folder);
 
 /// Returns the Error for a `name` that is not among `known`.
 Error unknown_traversal(const std::string& name, const std::string& where, const std::vector<std::string>& known);

@@ -26,11 +26,36 @@ class Table {
     });
     if (traversal_.frames == 0) throw Error("has no frames", path_);
     if (traversal_.frames == 1) throw Error("has only one frame, a route needs two", path_);
+    refuse_header_and_index();
   }
 
  private:
   [[noreturn]] void fail(const std::string& what, const std::string& remedy = "") const {
     throw Error(what, path_ + ":" + std::to_string(line_), remedy);
+  }
+
+  /// Refuses a first line that numbers the columns and a first column that numbers the lines or has times, as pandas
+  /// writes them beside features. Features that are all whole numbers may look so too, but for a header of 8 columns.
+  void refuse_header_and_index() const {
+    const auto& values = traversal_.features;
+    const auto frames = static_cast<std::size_t>(traversal_.frames),
+               columns = static_cast<std::size_t>(traversal_.dimension);
+    const auto whole = [](float value) { return value == std::floor(value); };
+    if (columns < 2) return;
+    bool header = values[0] == 0 || values[0] == 1, index = frames > 2, times = true, fractions = false;
+    for (std::size_t i = 1; i < columns; ++i) header = header && values[i] == values[i - 1] + 1;
+    for (std::size_t i = columns; i < values.size(); ++i) {
+      const float step = values[i] - values[i - columns];
+      if (i % columns != 0)
+        fractions = fractions || !whole(values[i]);
+      else if (times = times && step >= 0 && values[i - columns] >= 1e8; index)
+        index = whole(values[0]) && step >= 1 && step == values[columns] - values[0];
+    }
+    if (header && (fractions || columns >= 8))
+      throw Error("numbers the columns", path_ + ":1", "remove this line, as features have no header");
+    if (fractions && (index || times))
+      throw Error(std::string("column 1 has ") + (index ? "the numbers of lines" : "times") + ", not a feature", path_,
+                  "remove it; of pandas: to_csv(index=False, header=False)");
   }
 
   void parse_line(std::string_view line) {
@@ -74,7 +99,8 @@ class Table {
     while (error != std::errc::invalid_argument && after != end && blank(*after)) ++after;
     if (error == std::errc::invalid_argument || (after != end && *after != ',')) {
       const std::string_view token(at, static_cast<std::size_t>(std::find(at, end, ',') - at));
-      fail(token.empty() ? "nothing" + where() : "'" + printable(token) + "'" + where() + " is not a number");
+      fail(token.empty() ? "nothing" + where() : "'" + printable(token) + "'" + where() + " is not a number",
+           "features are numbers between commas, without a header or names");
     }
     if (!std::isfinite(value)) fail("a number that is not finite" + where());
     traversal_.features.push_back(value);

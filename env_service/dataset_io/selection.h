@@ -59,6 +59,8 @@ void add_source_options(CLI::App& app, Source& source, const std::string& group)
 void add_dataset_parameters(CLI::App& app, Source& source);
 /// Adds --frames, --metres, --step, --step-metres, --align-to, --align-by, --align-within and --on-bad-frame.
 void add_selection_options(CLI::App& app, Selection& selection, const std::string& group);
+/// Returns the dataset to read the folder as: that of the parameters given, else the first recognised, else "plain".
+std::string dataset_of(const Source& source);
 /// Opens the dataset. Throws Error when it is unknown or parameters of another dataset were given.
 std::unique_ptr<Dataset> open_dataset(const Source& source);
 /// Returns the name of the traversal. Throws Error when none or several were recorded under the condition.

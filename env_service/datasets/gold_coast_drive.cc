@@ -29,6 +29,7 @@ class GoldCoastDrive : public FolderDataset {
   }
 
   std::string condition(const std::string&) override { return "day"; }
+  bool distinctive() override { return false; }
 
  private:
   Traversal read(const std::string& name) override { return recorded(name, recordings().at(name)); }

@@ -40,6 +40,8 @@ class MultilaneRoad : public FolderDataset {
     return small.find("day") != std::string::npos ? "day" : "";
   }
 
+  bool distinctive() override { return correspondence() == Correspondence::kGps; }
+
   Correspondence correspondence() const override {
     const std::map<std::string, std::string> all = recordings();
     const bool located =

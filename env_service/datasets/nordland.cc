@@ -20,15 +20,6 @@ bool tells(const std::string& name, const std::string& season) {
          (season == "fall" && lower(name).find("autumn") != std::string::npos);
 }
 
-/// The last number in a picture's name, -1 without one.
-double number_in(const std::string& name) {
-  const std::size_t end = name.find_last_of("0123456789");
-  if (end == name.npos) return -1;
-  const std::size_t before = name.find_last_not_of("0123456789", end);
-  const std::size_t begin = before == name.npos ? 0 : before + 1;
-  return end - begin < 9 ? std::stod(name.substr(begin, end - begin + 1)) : -1;
-}
-
 /// Nordland: 729 km of railway in Norway (Trondheim to Bodo), filmed from the engine once in each season; the films
 /// were aligned so that frame i of all is the same place (Suenderhauf, Neubert, Protzel 2013). Letter case does not
 /// matter:
@@ -55,18 +46,27 @@ class Nordland : public FolderDataset {
     return names;
   }
 
+  /// By names that are not just a season's, or GPS logs.
+  bool distinctive() override {
+    const std::map<std::string, std::string> known = sources();
+    return std::any_of(known.begin(), known.end(), [&](const auto& one) {
+      const std::string name = lower(path_below(one.second, folder_));
+      return name.find("nordland") != name.npos || name.find("_images_") != name.npos || !gps_log(one.first).empty();
+    });
+  }
+
   /// Pictures of the same number.
   std::vector<std::pair<int, int>> matches(const std::string& a, const std::string& b) override {
     require_known(a);
     require_known(b);
     const std::map<std::string, std::string> known = sources();
-    std::map<double, int> frames;
+    std::map<long, int> frames;
     std::vector<std::pair<int, int>> pairs;
     for (const std::string& name : {a, b}) {
-      const std::vector<std::string> pictures = pictures_in(known.at(name));
+      const std::vector<std::string> pictures = season_pictures(known.at(name));
       if (pictures.empty()) return Dataset::matches(a, b);
       for (std::size_t i = 0; i < pictures.size(); ++i) {
-        const double number = number_in(stem_of(pictures[i]));
+        const long number = last_number(stem_of(pictures[i]));
         if (name == a)
           frames.emplace(number, static_cast<int>(i));
         else if (const auto found = frames.find(number); found != frames.end())
@@ -79,10 +79,11 @@ class Nordland : public FolderDataset {
  private:
   Traversal read(const std::string& name) override {
     const std::string path = sources().at(name);
-    std::vector<std::string> pictures = pictures_in(path);
+    std::vector<std::string> pictures = season_pictures(path);
     if (pictures.empty()) return with_gps(filmed(name, is_folder(path) ? the_film_in(path) : path));
     std::vector<double> times;
-    for (const std::string& picture : pictures) times.push_back(number_in(stem_of(picture)) / rate_);
+    for (const std::string& picture : pictures)
+      times.push_back(static_cast<double>(last_number(stem_of(picture))) / rate_);
     Traversal traversal = pictured(name, std::move(pictures), path);
     // Sections count anew, and names may hold no numbers: then there is no clock.
     if (std::is_sorted(times.begin(), times.end()) && times.front() >= 0) traversal.times = std::move(times);
@@ -96,14 +97,12 @@ class Nordland : public FolderDataset {
   }
 
   /// Paths of a folder's pictures, or of those in its folders, section by section.
-  static std::vector<std::string> pictures_in(const std::string& path) {
-    std::vector<std::string> paths;
-    if (!is_folder(path)) return paths;
-    for (const std::string& file : files_in(path, image_suffixes())) paths.push_back(path + "/" + file);
-    if (paths.empty())
-      for (const std::string& section : folders_in(path))
-        for (const std::string& file : files_in(path + "/" + section, image_suffixes()))
-          paths.push_back(path + "/" + section + "/" + file);
+  static std::vector<std::string> season_pictures(const std::string& path) {
+    std::vector<std::string> folders, paths;
+    if (is_folder(path)) folders = picture_folders(path, 1);
+    if (!folders.empty() && folders[0] == path) folders.resize(1);
+    for (const std::string& folder : folders)
+      for (const std::string& file : pictures_in(folder)) paths.push_back(folder + "/" + file);
     return paths;
   }
 
@@ -138,7 +137,7 @@ class Nordland : public FolderDataset {
   }
 
   static bool has_frames(const std::string& path) {
-    return !pictures_in(path).empty() || !files_in(path, video_suffixes()).empty();
+    return !picture_folders(path, 1).empty() || !files_in(path, video_suffixes()).empty();
   }
   /// Folders of the training and of the test part may lie side by side.
   bool tells_part(const std::string& name) const {
@@ -151,7 +150,9 @@ class Nordland : public FolderDataset {
     for (const std::string folder : {"/gpsData", "/gps", ""}) {
       if (!is_folder(folder_ + folder)) continue;
       for (const std::string& file : files_in(folder_ + folder, {".csv"}))
-        if (tells(file, season)) return folder_ + folder + "/" + file;
+        if (const std::string path = folder_ + folder + "/" + file;
+            tells(file, season) && (!folder.empty() || TextTable(path, {}).has("tid")))
+          return path;
     }
     return "";
   }

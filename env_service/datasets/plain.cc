@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <cctype>
 #include <filesystem>
@@ -7,6 +9,7 @@
 #include <map>
 
 #include "core/task/live.h"
+#include "core/util/text.h"
 #include "env_service/dataset_io/features.h"
 #include "env_service/dataset_io/folder_dataset.h"
 #include "env_service/dataset_io/poses.h"
@@ -19,10 +22,11 @@ namespace fs = std::filesystem;
 
 const std::string kMatches = "matches.csv";
 const std::string kPoses = ".poses.csv";
+constexpr int kDepth = 3;  // folders below that of a traversal in which its pictures may lie
 
 /// Your own traversals. Each is one of
 ///   NAME.csv           features: a frame a line, separated by commas, no header
-///   NAME/              a folder of pictures, in natural order of their names
+///   NAME/              a folder of pictures, or that holds one with them, in the order of pictures_in()
 ///   NAME.mp4, .avi ... a video
 /// Beside it NAME.poses.csv (or NAME/poses.csv) may say where frames are, and matches.csv which frames of two
 /// traversals are the same place (poses.h).
@@ -35,6 +39,8 @@ class Plain : public FolderDataset {
     for (const auto& [name, path] : sources()) names.push_back(name);
     return names;
   }
+
+  bool distinctive() override { return false; }
 
   Correspondence correspondence() const override {
     return is_file(folder_ + "/" + kMatches) ? Correspondence::kMatches : Correspondence::kIndex;
@@ -52,20 +58,29 @@ class Plain : public FolderDataset {
  private:
   Traversal read(const std::string& name) override {
     const std::string path = sources().at(name);
-    Traversal traversal = is_folder(path)          ? pictured(name, pictures_in(path), path)
-                          : path.ends_with(".csv") ? featured(name, path)
-                                                   : filmed(name, path);
-    const std::string beside = folder_ + "/" + name + kPoses, inside = folder_ + "/" + name + "/poses.csv";
-    const bool is_beside = is_file(beside), is_inside = is_file(inside);
+    Traversal traversal = is_folder(path)                 ? photographed(name, path)
+                          : lower(path).ends_with(".csv") ? featured(name, path)
+                                                          : filmed(name, path);
+    const std::string inside = folder_ + "/" + name + "/poses.csv";
+    std::string beside;
+    for (const std::string& file : files_in(folder_, {kPoses}))
+      if (file.starts_with(name) && file.size() == name.size() + kPoses.size()) beside = folder_ + "/" + file;
+    const bool is_beside = !beside.empty(), is_inside = is_file(inside);
     if (is_beside && is_inside) throw Error("there is " + inside + " too", beside, "remove one of them");
     if (is_beside || is_inside) read_poses(is_beside ? beside : inside, traversal);
     return traversal;
   }
 
-  static std::vector<std::string> pictures_in(const std::string& path) {
-    std::vector<std::string> paths = files_in(path, image_suffixes());
-    for (std::string& file : paths) file.insert(0, path + "/");
-    return paths;
+  /// The pictures of a folder, or of the only folder below it that has any.
+  Traversal photographed(const std::string& name, const std::string& path) const {
+    const std::vector<std::string> folders = picture_folders(path, kDepth);
+    if (folders.size() > 1 && folders[0] != path)
+      throw Error("has pictures in " + path_below(folders[0], path) + " and in " + path_below(folders[1], path), path,
+                  "leave one of them; or give a folder below with --data");
+    if (folders.size() > 1) spdlog::warn("{}: pictures in {} are not read", path, path_below(folders[1], path));
+    std::vector<std::string> paths = pictures_in(folders[0]);
+    for (std::string& file : paths) file.insert(0, folders[0] + "/");
+    return pictured(name, std::move(paths), path);
   }
 
   Traversal featured(const std::string& name, const std::string& path) const {
@@ -96,19 +111,19 @@ class Plain : public FolderDataset {
     try {
       for (const std::string& file : files_in(folder_, video_suffixes())) add(stem_of(file), file);
       for (const std::string& name : folders_in(folder_))
-        if (!files_in(folder_ + "/" + name, image_suffixes()).empty()) add(name, name);
+        if (!picture_folders(folder_ + "/" + name, kDepth).empty()) add(name, name);
       // Beside pictures, a table whose columns have names describes them. Where there are no pictures, it is meant
       // as features, and reading it will say what is wrong.
       const bool pictures = !found.empty();
       for (const std::string& file : files_in(folder_, {".csv"}))
-        if (file.ends_with(".csv") && file != kMatches && !file.ends_with(kPoses) &&
+        if (file != kMatches && !lower(file).ends_with(kPoses) &&
             !(pictures && begins_with_a_letter(folder_ + "/" + file)))
           add(file.substr(0, file.size() - 4), file);
     } catch (const Error& error) {
       if (is_folder(folder_)) throw;
       throw Error(error.what(), "", "--data names the folder that holds the NAME.csv files");
     }
-    if (found.empty() && !files_in(folder_, image_suffixes()).empty())
+    if (found.empty() && !picture_folders(folder_, 0).empty())
       throw Error("holds pictures itself", folder_,
                   "--data names the folder above, in which each folder is a traversal");
     return found;

@@ -33,6 +33,12 @@ class StLuciaMultipleTimes : public FolderDataset {
   std::string condition(const std::string& name) override {
     return has_form(name, "000000_0000") ? name.substr(7, 2) + ":" + name.substr(9, 2) : "";
   }
+  bool distinctive() override {
+    const std::vector<std::string> all = names();
+    return std::any_of(all.begin(), all.end(), [&](const std::string& name) {
+      return !first_file(below(folder_, name), {"webcam_video.avi", "fGPS.txt", "fgps.txt"}).empty();
+    });
+  }
   Correspondence correspondence() const override { return Correspondence::kGps; }
 
  private:

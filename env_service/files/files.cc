@@ -83,7 +83,16 @@ std::string path_below(const std::string& path, const std::string& root) {
 }
 
 const std::vector<std::string>& image_suffixes() {
-  static const std::vector<std::string> suffixes{".jpg", ".jpeg", ".png", ".bmp", ".pgm", ".ppm", ".pbm", ".pnm"};
+  static const std::vector<std::string> suffixes{".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".bmp",
+                                                 ".dib", ".pgm",  ".ppm", ".pbm",  ".pnm"};
+  return suffixes;
+}
+
+const std::vector<std::string>& unread_image_suffixes() {
+  static const std::vector<std::string> suffixes{".tif", ".tiff", ".webp", ".heic", ".heif", ".hif", ".avif",
+                                                 ".gif", ".jp2",  ".j2k",  ".jxl",  ".exr",  ".hdr", ".pfm",
+                                                 ".dng", ".cr2",  ".cr3",  ".nef",  ".arw",  ".orf", ".rw2",
+                                                 ".raf", ".pef",  ".srw",  ".raw",  ".tga",  ".mpo", ".ras"};
   return suffixes;
 }
 
@@ -135,7 +144,7 @@ long last_number(const std::string& text) {
 
 std::vector<NumberedFile> numbered_files(const std::string& folder, const std::vector<std::string>& suffixes) {
   std::vector<NumberedFile> files;
-  for (const std::string& file : files_in(folder, suffixes)) {
+  for (const std::string& file : suffixes == image_suffixes() ? pictures_in(folder) : files_in(folder, suffixes)) {
     const long number = last_number(stem_of(file));
     if (number >= 0) files.push_back({number, below(folder, file)});
   }

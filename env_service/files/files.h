@@ -16,8 +16,15 @@ inline constexpr std::size_t kLargestText = std::size_t{1} << 30;
 std::vector<std::string> files_in(const std::string& folder, const std::vector<std::string>& suffixes);
 /// Returns the names of a folder's folders, likewise.
 std::vector<std::string> folders_in(const std::string& folder);
-/// Suffixes of files that image_files() reads, and of those that video_frames() reads.
+/// Returns the paths of `folder` and of those up to `depth` below it that hold pictures, also such as cannot be read.
+std::vector<std::string> picture_folders(const std::string& folder, int depth);
+/// Returns the names of a folder's pictures in the order of the recording: natural, or by number where names differ in
+/// one decimal number ("9.5" before "10.25"). Warns where names give no order. Throws Error naming files when pictures
+/// of other kinds would be left out, two have one name, or a counter seems to have wrapped.
+std::vector<std::string> pictures_in(const std::string& folder);
+/// Suffixes of files that image_files() reads, of pictures that it does not, and of those that video_frames() reads.
 const std::vector<std::string>& image_suffixes();
+const std::vector<std::string>& unread_image_suffixes();
 const std::vector<std::string>& video_suffixes();
 
 bool is_folder(const std::string& path);

@@ -68,6 +68,16 @@ class File {
   std::size_t size_ = 0;
 };
 
+/// Makes a file whose EXIF orientation is 2..8 one whose pixels lie upright.
+void turn_upright(Bytes& bytes, int orientation, const std::string& name) {
+  constexpr int kMirrored[] = {2, 1, -1, 0, 2, 1, -1, 0};  // cv::flip()'s code, after transposition from 5 on; 2: none
+  cv::Mat picture = decode_image(bytes, name);
+  if (orientation >= 5) cv::transpose(picture, picture);
+  if (const int code = kMirrored[orientation - 1]; code != 2) cv::flip(picture, picture, code);
+  encode_png(picture, bytes);
+  if (bytes.size() > kMaxImageBytes) throw Error("too large when it is turned upright", name, "shrink the picture");
+}
+
 /// Image files of few folders: each path is its folder's index and its name, all names in one text.
 class ImageFiles : public Images {
  public:
@@ -82,7 +92,9 @@ class ImageFiles : public Images {
       if (added) folders_.push_back(folder->first);
       Entry entry{names_.size(), 0, folder->second, static_cast<std::uint32_t>(path.size() - slash)};
       names_.append(path, slash);
-      std::string fault = look(path, head, tail, entry.fingerprint);
+      int orientation = 1;
+      std::string fault = look(path, head, tail, entry.fingerprint, orientation);
+      if (orientation > 1) turned_.emplace(static_cast<int>(entries_.size()), orientation);
       if (!fault.empty()) faults_.emplace(static_cast<int>(entries_.size()), std::move(fault));
       entries_.push_back(entry);
       std::string().swap(path);
@@ -91,7 +103,14 @@ class ImageFiles : public Images {
   }
 
   int frames() const override { return static_cast<int>(entries_.size()); }
-  std::uint64_t fingerprint(int frame) const override { return at(frame).fingerprint; }
+  std::uint64_t fingerprint(int frame) const override {
+    const auto turned = turned_.find(frame);
+    if (turned == turned_.end()) return at(frame).fingerprint;
+    Sha256 sha;
+    sha.add(at(frame).fingerprint);
+    sha.add(static_cast<std::uint64_t>(turned->second));
+    return sha.first_8_bytes();
+  }
   std::string name(int frame) const override { return path_below(path_of(frame), root_); }
   std::string fault(int frame) const override {
     const auto found = faults_.find(frame);
@@ -108,6 +127,7 @@ class ImageFiles : public Images {
     const std::size_t head = std::min(all.size(), kEnds), tail = std::min(all.size() - head, kEnds);
     if (fingerprint_of(all.size(), all.first(head), all.last(tail)) != at(frame).fingerprint)
       throw Error("has changed since this traversal was opened", path, "restart what reads it");
+    if (const auto turned = turned_.find(frame); turned != turned_.end()) turn_upright(bytes, turned->second, path);
   }
 
  private:
@@ -133,7 +153,8 @@ class ImageFiles : public Images {
   }
 
   /// Returns the fault. A file that cannot be looked at has the fingerprint 0.
-  static std::string look(const std::string& path, Bytes& head, Bytes& tail, std::uint64_t& fingerprint) {
+  static std::string look(const std::string& path, Bytes& head, Bytes& tail, std::uint64_t& fingerprint,
+                          int& orientation) {
     try {
       const File file(path);
       file.read(0, std::min(file.size(), kEnds), head);
@@ -149,6 +170,7 @@ class ImageFiles : public Images {
         reason = image_fault(head);
         if (head.capacity() > (std::size_t{1} << 20)) Bytes().swap(head);
       }
+      if (!reason) orientation = read_orientation(head, tail);
       return reason.value_or("");
     } catch (const Error& error) {
       const std::string text = error.what();  // without the path, which name() gives
@@ -161,6 +183,7 @@ class ImageFiles : public Images {
   std::string names_;
   std::vector<Entry> entries_;
   std::map<int, std::string> faults_;
+  std::map<int, int> turned_;  ///< EXIF orientation, where it is not 1
 };
 
 /// Decodes a picture as it is stored: grey or in colour, 8-bit. Throws Error, or lets out OpenCV's.
@@ -330,6 +353,8 @@ cv::Mat decode_image(const Bytes& file, const std::string& where) {
   if (const auto reason = image_fault(file)) throw Error(*reason, where, "replace the file");
   cv::Mat picture;
   try {
+    picture = cv::Mat(header.format == "jpeg" ? header.height : 0, header.width, CV_8UC3);
+    if (decode_jpeg(file, header, where, picture.data)) return picture;
     // OpenCV only reads from it.
     const cv::Mat bytes(1, static_cast<int>(file.size()), CV_8UC1, const_cast<std::byte*>(file.data()));
     picture = cv::imdecode(bytes, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);  // as pixels lie

@@ -14,7 +14,8 @@ class Mat;
 
 namespace citylearn {
 
-/// Images of one file a frame. Looks at each file's first and last bytes at once, for its fingerprint and fault().
+/// Images of one file a frame. Looks at each file's first and last bytes at once, for its fingerprint and fault(), and
+/// turns those upright that have an EXIF orientation; no other reader turns pictures.
 /// `paths` may name files that are missing: those have a fault. `root` is what names leave out.
 std::shared_ptr<Images> image_files(std::vector<std::string> paths, const std::string& root);
 

@@ -10,8 +10,8 @@ What it runs on
   --data DIR           recordings: each traversal is a folder of images or a
                        video, DIR/NAME/ or DIR/NAME.mp4, or features,
                        DIR/NAME.csv, one frame a row (default: a drawn city)
-  --dataset NAME       format of DIR (default plain); "$COMMAND data list"
-                       shows all
+  --dataset NAME       format of DIR (default: what it is recognised as, as
+                       by "$COMMAND data check"); "$COMMAND data list" shows all
   --train A[,B]        traversal to train on (default summer); A,B trains on
                        both, as experiences of the route of A
   --evaluate A,B       traversals to evaluate on (default all)
@@ -219,7 +219,7 @@ demo() {
   prepare "${services[@]}"
   local env encoder policy; env=$(program env) encoder=$(program encoder) policy=$(program policy)
   local source=(--dataset synthetic)
-  [ -z "$data" ] || source=(--dataset "${dataset:-plain}" --data "$data")
+  [ -z "$data" ] || source=(--data "$data" ${dataset:+--dataset "$dataset"})
   # Each plug-in is for the services that can load it; the policy_service says what is wrong with one that none can.
   local file used plug_env=() plug_encoder=()
   while IFS= read -r -d , file; do
@@ -253,9 +253,10 @@ demo() {
   local route=${train%%,*}   # the others are aligned to it, and the encoder learns from it
   # As many agents as the chosen agent trains best with; it says so itself, and complains of options it does not know.
   local agents; agents=$("$policy" "${pass[@]}" --recommended-agents) || exit 1
-  # Sets `kind` (whether it has images, yes or no) and `length` of the traversal $1.
+  # Sets `dataset`, `kind` (whether it has images, yes or no) and `length` of the traversal $1.
   look_at() {
     local shown; shown=$("$env" "${source[@]}" --traversal "$1" "${part[@]}" --show) || return 1
+    dataset=$(sed -n 's/^dataset //p' <<<"$shown")
     kind=$(sed -n 's/^images //p' <<<"$shown") length=$(sed -n 's/^frames //p' <<<"$shown")
   }
   local kind length; look_at "$route" || exit 1
@@ -268,7 +269,7 @@ demo() {
         look_at "$name" || exit 1
       else
         # Pictures and features in one folder do not mix: what is of the other kind is something else.
-        look_at "$name" 2>/dev/null || continue
+        look_at "$name" || { say "$NAME: '$name' is left out"; continue; }
         [ "$kind" = "$images" ] || continue
         evaluate+=${evaluate:+,}$name
       fi
@@ -280,7 +281,7 @@ demo() {
     say "$NAME: the shortest traversal has $count frames: --frames is 0:$count instead of 0:128"
   fi
   local aligned=$images   # frames of equal index in tables of features show the same place already
-  [ "${dataset:-plain}" = plain ] || aligned=yes
+  [[ $dataset =~ ^(plain|synthetic)$ ]] || aligned=yes
   # No more pictures, and no more places to align, than the agents will see.
   [ "$aligned" = no ] || [ ${#part[@]} -gt 0 ] || part=(--frames "0:$count")
   if [ "$images" = yes ]; then

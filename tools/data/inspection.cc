@@ -3,14 +3,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <iomanip>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
+#include <unordered_set>
 
 #include "core/files/image_header.h"
-#include "core/task/live.h"
 #include "core/util/text.h"
+#include "env_service/files/files.h"
 #include "env_service/images/image_sources.h"
 
 namespace citylearn {
@@ -21,14 +25,6 @@ using Json = nlohmann::ordered_json;
 /// Text of names and messages that is not UTF-8 is shown with replacements.
 std::string dumped(const Json& json) { return json.dump(2, ' ', false, Json::error_handler_t::replace); }
 
-bool finds(const DatasetRegistry::Entry& entry, const std::string& folder) {
-  try {
-    return !entry.create(Parameters("dataset " + entry.name, entry.parameters, {}), folder)->names().empty();
-  } catch (const Error&) {
-    return false;
-  }
-}
-
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 std::string fixed(double value, int digits) {
@@ -38,18 +34,40 @@ std::string fixed(double value, int digits) {
   return text.str();
 }
 
-}  // namespace
-
-std::vector<std::string> recognised(const std::string& folder) {
-  std::vector<std::string> found;
-  for (const auto* entry : DatasetRegistry::instance().entries())
-    if (entry->name != kLive && !finds(*entry, "") && finds(*entry, folder)) found.push_back(entry->name);
-  std::stable_partition(found.begin(), found.end(), [](const std::string& name) { return name != "plain"; });
-  return found;
+/// Adds a line for each kind of file in the folder whose path, with its suffix or without, is not among `taken`.
+void find_left_out(const std::string& folder, const std::unordered_set<std::string>& taken, bool own,
+                   Inspection& found) {
+  namespace fs = std::filesystem;
+  static const std::set<std::string> passed_over{".csv", ".json", ".xml", ".yaml", ".yml", ".toml", ".ini",
+                                                 ".db",  ".xmp",  ".aae", ".thm",  ".log", ".md"},
+      texts{"", ".txt", ".tsv", ".pdf", ".html"};
+  std::map<std::string, std::set<std::string>> kinds;  // paths by suffix
+  std::error_code error;
+  for (fs::recursive_directory_iterator at(folder, fs::directory_options::skip_permission_denied, error), end;
+       !error && at != end; at.increment(error)) {
+    const std::string path = path_below(at->path().string(), folder), suffix = lower(at->path().extension().string());
+    std::error_code ignored;
+    const bool is_folder = at->is_directory(ignored), hidden = at->path().filename().string().starts_with('.');
+    if (hidden && is_folder) at.disable_recursion_pending();
+    if (hidden || (is_folder ? !fs::is_empty(at->path(), ignored) : passed_over.contains(suffix))) continue;
+    if (!taken.contains(path) && !taken.contains(path.substr(0, path.size() - suffix.size())))
+      kinds[is_folder ? "/" : suffix].insert(path);
+  }
+  for (const auto& [kind, paths] : kinds) {
+    const std::string line = std::to_string(paths.size()) + (kind == "/" ? " empty folders" : " " + kind + " files") +
+                             ", the first " + *paths.begin();
+    if (own && !texts.contains(kind))
+      found.faults.push_back({"not taken", -1, "", line});
+    else
+      found.left_out.push_back(line);
+  }
 }
 
-Inspection inspect(Dataset& dataset, const std::function<bool(long, long)>& progress) {
+}  // namespace
+
+Inspection inspect(Dataset& dataset, const std::string& folder, const std::function<bool(long, long)>& progress) {
   Inspection inspection;
+  std::unordered_set<std::string> taken;
   std::vector<Traversal> traversals;
   long all = 0;
   for (const std::string& name : dataset.names()) try {
@@ -62,11 +80,16 @@ Inspection inspect(Dataset& dataset, const std::function<bool(long, long)>& prog
   Bytes bytes;
   for (const Traversal& traversal : traversals)
     for (int frame = 0; frame < traversal.frames; ++frame) {
-      if (traversal.images)
+      if (traversal.images) {
+        const std::string name = traversal.images->name(frame);
+        taken.insert(name.find(", frame ") == name.npos ? name.substr(0, name.rfind('.'))
+                                                        : name.substr(0, name.rfind(',')));
         if (const std::string what = decoding_fault(*traversal.images, frame, bytes); !what.empty())
-          inspection.faults.push_back({traversal.name, frame, traversal.images->name(frame), what});
+          inspection.faults.push_back({traversal.name, frame, name, what});
+      }
       if (!progress(++inspection.frames, all)) return inspection;
     }
+  find_left_out(folder, taken, !dataset.distinctive(), inspection);
   return inspection;
 }
 
@@ -148,7 +171,8 @@ std::string to_json(const std::string& dataset, const Inspection& inspection) {
     }
     faults.push_back(json);
   }
-  return dumped({{"dataset", dataset}, {"frames", inspection.frames}, {"faults", faults}});
+  return dumped(
+      {{"dataset", dataset}, {"frames", inspection.frames}, {"faults", faults}, {"left_out", inspection.left_out}});
 }
 
 std::string to_json(const std::string& dataset, const std::vector<Summary>& summaries) {

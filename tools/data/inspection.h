@@ -9,10 +9,6 @@
 
 namespace citylearn {
 
-/// Returns the datasets that `folder` may be, with "plain", which accepts nearly anything, last; without generated
-/// ones and "live", which reads what "plain" does.
-std::vector<std::string> recognised(const std::string& folder);
-
 /// A frame or a whole traversal (frame -1) that cannot be read.
 struct Fault {
   std::string traversal;
@@ -24,11 +20,14 @@ struct Fault {
 struct Inspection {
   long frames = 0;  ///< looked at
   std::vector<Fault> faults;
+  std::vector<std::string> left_out;  ///< lines on files that are not taken, on purpose
 };
 
-/// Loads every traversal and decodes every frame. Calls `progress` with the frames done and in all after each frame,
-/// and ends when it returns false.
-Inspection inspect(Dataset& dataset, const std::function<bool(long done, long all)>& progress);
+/// Loads every traversal of the dataset in `folder`, decodes every frame, and looks for files that are not taken: of
+/// the user's own recordings they are faults, but for texts. Tables and side files are passed over. Calls `progress`
+/// with the frames done and in all after each frame, and ends when it returns false.
+Inspection inspect(Dataset& dataset, const std::string& folder,
+                   const std::function<bool(long done, long all)>& progress);
 
 /// What `info` prints of a traversal.
 struct Summary {

@@ -23,8 +23,10 @@ struct CommandLine {
 void add_options(CLI::App& app, CommandLine& line) {
   app.require_subcommand(1);
   line.list = app.add_subcommand("list", "List every dataset: its paper, where to get it, licence, size");
-  line.check =
-      app.add_subcommand("check", "Recognise the dataset of a folder and decode every frame; status 1 when one is bad");
+  line.check = app.add_subcommand(
+      "check",
+      "Recognise the dataset of a folder, decode every frame and list what is not taken; status 0 only when "
+      "all is good and, of your own recordings, taken");
   line.info = app.add_subcommand("info", "Print a table of a folder's traversals");
   for (CLI::App* command : {line.check, line.info}) {
     command->add_option("DIR", line.source.folder, "Folder of the dataset")->required();
@@ -45,33 +47,21 @@ void list() {
   }
 }
 
-/// Fills in the dataset to read the folder as.
-void find_dataset(Source& source) {
-  if (!source.dataset.empty()) return;
-  for (const auto& [name, given] : source.parameters)
-    if (!given.empty()) {
-      source.dataset = name;
-      return;
-    }
-  const std::vector<std::string> found = recognised(source.folder);
-  if (found.empty()) {
-    // "plain" accepts nearly anything, so what it lacks is the most useful message.
-    source.dataset = "plain";
-    const std::vector<std::string> names = open_dataset(source)->names();
-    throw Error("is not recognised as a dataset", source.folder,
-                "'citylearn_data list' shows them; --dataset NAME says what is missing");
-  }
-  std::cerr << source.folder << ": recognised as " << found.front();
-  for (std::size_t i = 1; i < found.size(); ++i) std::cerr << (i == 1 ? " (also as " : ", ") << found[i];
-  std::cerr << (found.size() > 1 ? ")" : "") << "\n";
-  source.dataset = found.front();
+/// Opens the folder as the dataset given, else as the one that it is recognised as. Throws Error when it has nothing.
+std::unique_ptr<Dataset> open_source(Source& source) {
+  const bool given = !source.dataset.empty();
+  if (!given) source.dataset = dataset_of(source);
+  std::unique_ptr<Dataset> dataset = open_dataset(source);
+  if (dataset->names().empty()) throw unknown_traversal("", source.folder, {});
+  if (!given) std::cerr << source.folder << ": recognised as " << source.dataset << "\n";
+  return dataset;
 }
 
 int check(CommandLine& line) {
-  find_dataset(line.source);
+  const std::unique_ptr<Dataset> dataset = open_source(line.source);
   const std::string& name = line.source.dataset;
   std::optional<Progress> progress;
-  const Inspection inspection = inspect(*open_dataset(line.source), [&](long done, long all) {
+  const Inspection inspection = inspect(*dataset, line.source.folder, [&](long done, long all) {
     if (done == 1) progress.emplace("frames", static_cast<int>(all));
     progress->done(1);
     return !stop_requested();
@@ -84,6 +74,7 @@ int check(CommandLine& line) {
                             (fault.frame < 0 ? "" : ", frame " + std::to_string(fault.frame) + ", " + fault.name) +
                             ": " + fault.what)
                 << "\n";
+    for (const std::string& line : inspection.left_out) std::cout << one_line("left out: " + line) << "\n";
     std::cout << name << ": " << inspection.frames << " frames, " << inspection.faults.size() << " bad\n";
   }
   if (stop_requested()) throw Error("stopped before the end", line.source.folder);
@@ -91,8 +82,7 @@ int check(CommandLine& line) {
 }
 
 int info(CommandLine& line) {
-  find_dataset(line.source);
-  const std::unique_ptr<Dataset> dataset = open_dataset(line.source);
+  const std::unique_ptr<Dataset> dataset = open_source(line.source);
   std::vector<Summary> summaries;
   for (const std::string& name : dataset->names()) summaries.push_back(summarise(*dataset, name));
   const bool broken =

@@ -71,6 +71,15 @@ TEST_F(Nordland, OtherFolders) {
   EXPECT_NE(error_of([&] { make_dataset("nordland")->names(); }), "");
 }
 
+TEST_F(Nordland, PosesOfOnesOwnAreNoLog) {
+  write_season("summer");
+  make_file(folder_ / "summer.poses.csv", "lat,lon\n1,2\n");
+  EXPECT_TRUE(nordland()->load("summer").latitude.empty());
+  EXPECT_FALSE(nordland()->distinctive());
+  make_file(folder_ / "summer_gps.csv", "tid,lat,lon\n5595900,6300000,1000000\n");
+  EXPECT_TRUE(nordland()->distinctive());
+}
+
 TEST_F(Nordland, GpsLog) {
   write_season("summer", 0, 6);
   // CR alone, degrees times 100,000; a row without sense, and a clock put forward by an hour.

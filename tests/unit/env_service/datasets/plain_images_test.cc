@@ -87,6 +87,19 @@ TEST_F(PlainImages, PicturesWhereFoldersShouldBe) {
   EXPECT_EQ(complaint("one"), "one: has only one frame, a route needs two");
 }
 
+TEST_F(PlainImages, PicturesInAFolderBelow) {
+  write_drive("day/run/camera");
+  make_file(folder_ / "day/poses.csv", "frame,metres\n0,0\n");
+  EXPECT_EQ(plain()->names(), std::vector<std::string>{"day"});
+  EXPECT_EQ(load("day").images->name(2), "day/run/camera/img2.png");
+  EXPECT_EQ(load("day").positions[0], 0);
+  write_drive("day/run/right");
+  EXPECT_TRUE(contains(complaint("day"), "day: has pictures in run/camera and in run/right (leave one of them"));
+  make_file(folder_ / "night/0.heic", "x");
+  EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "night"}));
+  EXPECT_TRUE(contains(complaint("night"), "night: 1 of its pictures are of kinds that are not read, as 0.heic"));
+}
+
 TEST_F(PlainImages, PosesInAPlane) {
   write_drive("day");
   make_file(folder_ / "day.poses.csv", "frame,x,y\n2,0,0\n3,3,4\n7,3,10\n");

@@ -57,17 +57,18 @@ TEST_F(Plain, TinyNumbersAreZero) {
 }
 
 TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {
+  const std::string kOnly = " (features are numbers between commas, without a header or names)";
   EXPECT_EQ(complaint("1,2\n3\n"), "x.csv:2: 1 columns, the lines before have 2");
   EXPECT_EQ(complaint("1,2\r3,4,5\r"), "x.csv:2: 3 columns, the lines before have 2");
-  EXPECT_EQ(complaint("1,2\n3,four\n"), "x.csv:2: 'four' in column 2 is not a number");
-  EXPECT_EQ(complaint("1,2\n3,4x\n"), "x.csv:2: '4x' in column 2 is not a number");
-  EXPECT_EQ(complaint("1 2\n3 4\n"), "x.csv:1: '1 2' in column 1 is not a number");
-  EXPECT_EQ(complaint("1;2\n3;4\n"), "x.csv:1: '1;2' in column 1 is not a number");
-  EXPECT_EQ(complaint("a,b\n3,4\n"), "x.csv:1: 'a' in column 1 is not a number");
-  EXPECT_EQ(complaint("1,2\n3,\n"), "x.csv:2: nothing in column 2");
-  EXPECT_EQ(complaint("1,2\n,3\n"), "x.csv:2: nothing in column 1");
-  EXPECT_EQ(complaint("1,2\n3,,4\n"), "x.csv:2: nothing in column 2");
-  EXPECT_EQ(complaint("1,2\n3,+-4\n"), "x.csv:2: '+-4' in column 2 is not a number");
+  EXPECT_EQ(complaint("1,2\n3,four\n"), "x.csv:2: 'four' in column 2 is not a number" + kOnly);
+  EXPECT_EQ(complaint("1,2\n3,4x\n"), "x.csv:2: '4x' in column 2 is not a number" + kOnly);
+  EXPECT_EQ(complaint("1 2\n3 4\n"), "x.csv:1: '1 2' in column 1 is not a number" + kOnly);
+  EXPECT_EQ(complaint("1;2\n3;4\n"), "x.csv:1: '1;2' in column 1 is not a number" + kOnly);
+  EXPECT_EQ(complaint("a,b\n3,4\n"), "x.csv:1: 'a' in column 1 is not a number" + kOnly);
+  EXPECT_EQ(complaint("1,2\n3,\n"), "x.csv:2: nothing in column 2" + kOnly);
+  EXPECT_EQ(complaint("1,2\n,3\n"), "x.csv:2: nothing in column 1" + kOnly);
+  EXPECT_EQ(complaint("1,2\n3,,4\n"), "x.csv:2: nothing in column 2" + kOnly);
+  EXPECT_EQ(complaint("1,2\n3,+-4\n"), "x.csv:2: '+-4' in column 2 is not a number" + kOnly);
   EXPECT_EQ(complaint("1,2\nnan,4\n"), "x.csv:2: a number that is not finite in column 1");
   EXPECT_EQ(complaint("1,2\n3,-inf\n"), "x.csv:2: a number that is not finite in column 2");
   EXPECT_EQ(complaint("1,2\n3,1e39\n"), "x.csv:2: a number that is not finite in column 2");
@@ -79,7 +80,34 @@ TEST_F(Plain, NamesFileLineAndColumnOfWhatIsWrong) {
   EXPECT_EQ(complaint("1,2\n"), "x.csv: has only one frame, a route needs two");
   EXPECT_EQ(complaint("1,2\n\n3,4\n"),
             "x.csv:2: an empty line between frames (remove it, or put the missing frame there)");
-  EXPECT_EQ(complaint(std::string("1,2\n3,\0\x1b[2J\n", 12)), "x.csv:2: '??[2J' in column 2 is not a number");
+  EXPECT_EQ(complaint(std::string("1,2\n3,\0\x1b[2J\n", 12)), "x.csv:2: '??[2J' in column 2 is not a number" + kOnly);
+}
+
+/// As pandas writes them: to_csv(index=False), with the names 0..D-1 of columns; to_csv(header=False), with those of
+/// rows.
+TEST_F(Plain, HeadersAndIndexesAreNotFeatures) {
+  const std::string header = "x.csv:1: numbers the columns (remove this line, as features have no header)";
+  EXPECT_EQ(complaint("0,1,2\n0.5,1,2\n3,4,5\n"), header);
+  EXPECT_EQ(complaint("1,2\n3.5,4\n5,6.25\n"), header);
+  EXPECT_EQ(complaint("0.0,1.0\n3,4.5\n"), header);
+  EXPECT_EQ(complaint("0,1,2,3,4,5,6,7\n7,0,3,0,3,0,2,4\n1,1,1,1,1,1,1,1\n"), header);
+  const std::string of_pandas = ", not a feature (remove it; of pandas: to_csv(index=False, header=False))";
+  EXPECT_EQ(complaint("0,.25\n1,.5\n2,.125\n"), "x.csv: column 1 has the numbers of lines" + of_pandas);
+  EXPECT_EQ(complaint("10,.25\n15,.5\n20,.125\n"), "x.csv: column 1 has the numbers of lines" + of_pandas);
+  EXPECT_EQ(complaint("1700000000.25,.25\n1700000000.75,.5\n"), "x.csv: column 1 has times" + of_pandas);
+  EXPECT_TRUE(contains(complaint(",0,1\n0,.5,.25\n1,.5,.75\n"), "x.csv:1: nothing in column 1 (features are numbers"));
+  EXPECT_TRUE(contains(complaint("000.jpg,.5\n001.jpg,.25\n"), "x.csv:1: '000.jpg' in column 1 is not a number"));
+  for (const std::string text :
+       {"0,1\n2,3\n4,5\n", "0\n1\n2.5\n", "0,.5\n1,.5\n3,.5\n", "0,2\n.5,.5\n", "3,.5\n2,.25\n1,.5\n"})
+    EXPECT_GT(load(text).frames, 1) << text;
+}
+
+TEST_F(Plain, AnyLetterCaseOfSuffixes) {
+  make_file(folder_ / "night.CSV", "1,2\n3,4\n");
+  make_file(folder_ / "night.Poses.CSV", "metres\n0\n2.5\n");
+  const auto dataset = make_dataset("plain", folder_.path());
+  EXPECT_EQ(dataset->names(), std::vector<std::string>{"night"});
+  EXPECT_EQ(dataset->load("night").positions, (std::vector<float>{0, 2.5f}));
 }
 
 TEST_F(Plain, RefusesPlacesInfinitelyFarApart) {

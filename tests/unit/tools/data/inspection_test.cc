@@ -30,17 +30,50 @@ TEST(Inspection, RecognisesFolders) {
   EXPECT_TRUE(recognised(folder.path()).empty());
   EXPECT_TRUE(recognised(folder / "missing").empty());
   write_drives(folder);
-  EXPECT_EQ(recognised(folder.path()).back(), "plain");
+  EXPECT_EQ(recognised(folder.path()), std::vector<std::string>{"plain"});
+  // Seasons of one's own come first as what plain reads; what only Nordland has makes it Nordland.
   std::filesystem::rename(folder / "day", folder / "Summer");
-  const std::vector<std::string> found = recognised(folder.path());
-  EXPECT_NE(std::find(found.begin(), found.end(), "nordland"), found.end());
-  EXPECT_EQ(found.back(), "plain");
+  EXPECT_EQ(recognised(folder.path()), (std::vector<std::string>{"plain", "nordland"}));
+  make_file(folder / "Summer.poses.csv", "lat,lon\n1,2\n");
+  EXPECT_EQ(recognised(folder.path()).front(), "plain");
+  make_file(folder / "gpsData/summer.csv", "tid,lat,lon\n5595900,6300000,1000000\n");
+  EXPECT_EQ(recognised(folder.path()), (std::vector<std::string>{"nordland", "plain"}));
+  for (const std::string own : {"260815_0845", "Gold_Coast_1", "highway_1"}) {
+    const Folder other;
+    for (int i = 0; i < 3; ++i) write_grey(other / (own + "/" + std::to_string(i) + ".png"), 10 * i);
+    EXPECT_EQ(recognised(other.path()).front(), "plain") << own;
+  }
+}
+
+TEST(Inspection, ListsWhatIsNotTaken) {
+  const Folder folder;
+  write_drives(folder);
+  const auto inspected = [&] { return inspect(*make_dataset("plain", folder.path()), folder.path(), kOn); };
+  // What belongs to other things is no loss.
+  for (const std::string file : {"notes.md", "matches.csv", "day.poses.csv", "day/Thumbs.db", "day/.DS_Store",
+                                 "day/._0.png", "day/0.xmp", "day/1.json", "day/2.dng", ".cache/x.png"})
+    make_file(folder / file, file == std::string("day.poses.csv") ? "metres\n1\n" : "x");
+  EXPECT_TRUE(inspected().faults.empty());
+  EXPECT_TRUE(inspected().left_out.empty());
+  make_file(folder / "readme.txt", "x");
+  EXPECT_TRUE(inspected().faults.empty());
+  EXPECT_EQ(inspected().left_out, std::vector<std::string>{"1 .txt files, the first readme.txt"});
+  for (const std::string file : {"day/more/9.JPG", "day/more/8.jpg", "dusk.npy", "night/film.mkv"})
+    make_file(folder / file, "x");
+  std::filesystem::create_directory(folder / "dawn");
+  std::vector<std::string> lines;
+  for (const Fault& fault : inspected().faults) lines.push_back(fault.traversal + ": " + fault.what);
+  EXPECT_EQ(lines, (std::vector<std::string>{"not taken: 2 .jpg files, the first day/more/8.jpg",
+                                             "not taken: 1 .mkv files, the first night/film.mkv",
+                                             "not taken: 1 .npy files, the first dusk.npy",
+                                             "not taken: 1 empty folders, the first dawn"}));
+  EXPECT_EQ(nlohmann::json::parse(to_json("plain", inspected()))["left_out"].size(), 1u);
 }
 
 TEST(Inspection, NamesEachBadFrame) {
   const Folder folder;
   write_drives(folder);
-  EXPECT_TRUE(inspect(*make_dataset("plain", folder.path()), kOn).faults.empty());
+  EXPECT_TRUE(inspect(*make_dataset("plain", folder.path()), folder.path(), kOn).faults.empty());
   const std::string png = contents(folder / "day/2.png");
   make_file(folder / "day/2.png", png.substr(0, 40));
   // A file whose ends look fine and whose middle does not.
@@ -49,11 +82,12 @@ TEST(Inspection, NamesEachBadFrame) {
   make_file(folder / "night/1.png", hollow);
   make_file(folder / "table.csv", "1,2\n3,x\n");
   long last = 0, all = 0;
-  const Inspection inspection = inspect(*make_dataset("plain", folder.path()), [&](long done, long total) {
-    last = done;
-    all = total;
-    return true;
-  });
+  const Inspection inspection =
+      inspect(*make_dataset("plain", folder.path()), folder.path(), [&](long done, long total) {
+        last = done;
+        all = total;
+        return true;
+      });
   EXPECT_EQ(inspection.frames, 8);
   EXPECT_EQ(last, 8);
   EXPECT_EQ(all, 8);
@@ -67,7 +101,7 @@ TEST(Inspection, NamesEachBadFrame) {
   EXPECT_EQ(json["frames"], 8);
   EXPECT_EQ(json["faults"][1]["frame"], 2);
   EXPECT_FALSE(json["faults"][0].contains("frame"));
-  EXPECT_EQ(inspect(*make_dataset("plain", folder.path()), [](long, long) { return false; }).frames, 1);
+  EXPECT_EQ(inspect(*make_dataset("plain", folder.path()), folder.path(), [](long, long) { return false; }).frames, 1);
 }
 
 TEST(Inspection, Summarises) {
@@ -135,6 +169,25 @@ TEST(Inspection, ProgramTakesParametersOfDatasets) {
     all.insert(all.begin(), CITYLEARN_DATA);
     all.push_back(folder.path());
     Service program(all, folder / "log");
+    EXPECT_EQ(program.wait(seconds(30)), status) << program.output();
+    EXPECT_TRUE(contains(program.output(), text)) << program.output();
+  }
+}
+
+TEST(Inspection, NothingIsNotGood) {
+  const Folder folder;
+  for (int i = 0; i < 3; ++i) write_grey(folder / ("morning/camera/" + std::to_string(i) + ".png"), 10 * i);
+  std::filesystem::create_directories(folder / "empty");
+  for (const auto& [arguments, status, text] :
+       {std::tuple<Arguments, int, const char*>{{"check", folder.path(), "--dataset", "plain"},
+                                                1,
+                                                "not taken: 1 empty folders, the first empty\nplain: 3 frames, 1 bad"},
+        {{"check", folder / "empty", "--dataset", "plain"}, 1, "no traversals found"},
+        {{"info", folder / "empty"}, 1, "no traversals found"},
+        {{"info", folder.path()}, 0, "morning"}}) {
+    Arguments all = arguments;
+    all.insert(all.begin(), CITYLEARN_DATA);
+    Service program(all, folder / "../log-of-" + std::filesystem::path(folder.path()).filename().string());
     EXPECT_EQ(program.wait(seconds(30)), status) << program.output();
     EXPECT_TRUE(contains(program.output(), text)) << program.output();
   }

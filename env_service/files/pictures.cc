@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which files of a folder are the pictures of a traversal, and in which order.
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <numeric>
+#include <set>
+#include <unordered_set>
+
+#include "core/util/error.h"
+#include "env_service/files/files.h"
+
+namespace citylearn {
+namespace {
+
+using Names = std::vector<std::string>;
+using Numbers = std::vector<long double>;
+
+/// Returns the decimal numbers in which alone names differ, in `texts` as they are written: "9.5" and "10.25" of
+/// "cam1_9.5" and "cam1_10.25". Empty when names differ otherwise.
+Numbers varying_numbers(const Names& names, Names& texts) {
+  const std::string& one = names.front();
+  auto begin = one.end() - one.begin();
+  for (const std::string& name : names)
+    begin = std::min(begin, std::mismatch(one.begin(), one.end(), name.begin(), name.end()).first - one.begin());
+  auto first = static_cast<std::size_t>(begin);
+  while (first > 0 && (std::isdigit(one[first - 1]) || one[first - 1] == '.')) --first;
+  if (first > 0 && one[first - 1] == '-' && (first == 1 || !std::isalnum(one[first - 2]))) --first;  // a sign
+  std::set<std::string> ends;
+  Numbers numbers(names.size());
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const char *const at = names[i].data() + first, *const end = names[i].data() + names[i].size();
+    const auto [after, error] = std::from_chars(at, end, numbers[i]);
+    if (ends.emplace(after, end); ends.size() > 1 || error != std::errc() || !std::isdigit(at[*at == '-'])) return {};
+    texts.emplace_back(at, after);
+  }
+  return numbers;
+}
+
+/// Whether decimals may be two counters, as "1.10" behind "1.9", or seconds and nanoseconds: some are padded, some not.
+bool may_be_two_counters(const Names& texts) {
+  std::set<std::size_t> lengths;
+  bool padded = false;
+  for (const std::string& text : texts) {
+    const std::size_t length = text.size() - std::min(text.find('.'), text.size());
+    lengths.insert(length);
+    padded = padded || (length > 2 && text.back() == '0');
+  }
+  return padded && lengths.size() > 1;
+}
+
+/// Returns where a counter seems to have begun that went on from its highest number at a low one: its numbers, all of
+/// one width, lie at both ends of what it can count, with one large hole between. 0 where it does not.
+std::size_t begin_of_wrapped_counter(const Names& texts, const Numbers& numbers) {
+  std::size_t hole = 0;
+  long double largest = 0, second = 0;
+  for (std::size_t i = 1; i < numbers.size(); ++i) {
+    if (texts[i].size() != texts[0].size() || texts[i].find('.') != std::string::npos) return 0;
+    const long double gap = numbers[i] - numbers[i - 1];
+    second = std::max(second, std::min(gap, largest));
+    if (gap > largest) hole = i, largest = gap;
+  }
+  if (numbers.size() < 3 || texts[0].size() < 3 || largest <= 10 * second) return 0;
+  const bool ends = texts.back()[texts.back().find_first_not_of('0')] == '9' && numbers[0] <= numbers.back() / 10;
+  return ends && largest >= numbers.back() / 4 ? hole : 0;
+}
+
+/// Whether names give no order: words that differ, as hashes do; numbers of different units, or too spread for times;
+/// places, as @utm@easting@northing@.
+bool without_order(const Names& names, const Numbers& numbers) {
+  std::set<std::string> words;
+  std::size_t longest = 0;
+  for (std::string name : names) {
+    longest = std::max(longest, name.size());
+    std::erase_if(name, [](unsigned char c) { return std::isdigit(c); });
+    words.insert(std::move(name));
+  }
+  if (names.size() > 2 && longest > 2 && words.size() * 2 > names.size()) return true;
+  if (numbers.empty()) return names[0].starts_with("@");
+  return numbers.back() > 1e19L || (numbers[0] >= 1e9L && numbers.back() > 500 * numbers[0]) ||
+         (numbers[0] >= 1e13L && numbers.back() > 2 * numbers[0]);
+}
+
+}  // namespace
+
+Names picture_folders(const std::string& folder, int depth) {
+  Names found;
+  if (!files_in(folder, image_suffixes()).empty() || !files_in(folder, unread_image_suffixes()).empty())
+    found.push_back(folder);
+  for (const std::string& name : depth > 0 ? folders_in(folder) : Names())
+    for (std::string& path : picture_folders(folder + "/" + name, depth - 1)) found.push_back(std::move(path));
+  return found;
+}
+
+Names pictures_in(const std::string& folder) {
+  Names files = files_in(folder, image_suffixes()), stems, unread = files_in(folder, unread_image_suffixes());
+  std::transform(files.begin(), files.end(), std::back_inserter(stems), stem_of);
+  const std::unordered_set<std::string> read(stems.begin(), stems.end());
+  std::erase_if(unread, [&](const std::string& file) { return read.contains(stem_of(file)); });  // the same picture
+  if (!unread.empty())
+    throw Error(std::to_string(unread.size()) + " of its pictures are of kinds that are not read, as " +
+                    unread.front() + (unread.size() > 1 ? " and " + unread.back() : ""),
+                folder, "convert them to PNG or JPEG, or move them away");
+  if (files.size() < 2) return files;
+  for (std::size_t i = 1; i < files.size(); ++i)
+    if (stems[i] == stems[i - 1])
+      throw Error(files[i - 1] + " and " + files[i] + " have one name", folder, "move one of them away");
+  Names texts;
+  const Numbers numbers = varying_numbers(stems, texts);
+  if (!std::is_sorted(numbers.begin(), numbers.end())) {
+    if (may_be_two_counters(texts))
+      throw Error("the numbers from " + files.front() + " to " + files.back() + " may be decimals or two counters",
+                  folder, "rename the files, with as many digits behind each point");
+    std::vector<std::size_t> order(files.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::stable_sort(order.begin(), order.end(), [&](auto a, auto b) { return numbers[a] < numbers[b]; });
+    std::transform(order.begin(), order.end(), stems.begin(), [&](auto i) { return files[i]; });
+    return stems;
+  }
+  if (const std::size_t begin = begin_of_wrapped_counter(texts, numbers))
+    throw Error("the counter seems to have begun anew: " + files.front() + " would come before " + files[begin], folder,
+                "rename those behind " + files.back() + " so that numbers go on, as " + texts[0] + " to 1" + texts[0]);
+  if (without_order(stems, numbers))
+    spdlog::warn("{}: the names of its pictures give no order ({}, {} ...); number them as they were recorded", folder,
+                 files[0], files[1]);
+  return files;
+}
+
+}  // namespace citylearn

@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which files are a traversal's pictures, and in which order: right values are by hand.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "env_service/files/files.h"
+#include "tests/support/files.h"
+#include "tests/support/log.h"
+#include "tests/support/text.h"
+
+namespace citylearn::testing {
+namespace {
+
+using Names = std::vector<std::string>;
+
+/// What pictures_in() makes of files with these names: in its order, or the Error's line.
+struct Listing {
+  explicit Listing(const Names& names) {
+    const Folder folder;
+    for (const std::string& name : names) make_file(folder / name, "x");
+    error = error_of([&] { files = pictures_in(folder.path()); });
+  }
+  Names files;
+  std::string error;
+};
+
+TEST(Pictures, NumbersAreSortedAsNumbers) {
+  const std::vector<Names> orders{
+      {"1700000000.0.png", "1700000000.25.png", "1700000000.5.png", "1700000000.75.png", "1700000001.0.png"},
+      {"9.5.jpg", "10.25.JPG", "10.5.jpg", "100.jpg"},
+      {"left_9.75.png", "left_10.5.png", "left_10.75.png", "left_11.png"},
+      {"9.5_left.png", "10.25_left.png", "10.5_left.png"},
+      {"5e-05.png", "0.0001.png", "0.25.png", "0.5.png", "1e+16.png"},
+      {"-10.png", "-9.5.png", "-2.png", "3.png", "20.png"},
+      {"frame_-10.png", "frame_-9.png", "frame_4.png"},
+      {"1700000000.123456788.png", "1700000000.123456789.png", "1700000000.2.png"},
+      {"img-9.png", "img-10.png", "img-11.png"},
+      {"img.9.png", "img.10.png", "img.11.png"},
+      {"cam1_9.png", "cam1_010.png", "cam1_11.png", "cam2_1.png"},
+      {"2024-01-02_9-11-12.png", "2024-01-02_10-01-02.png", "2024-02-01_0-0-0.png"},
+      {"a.png", "b.png", "c.png"}};
+  for (const Names& order : orders) {
+    Names given = order;
+    std::reverse(given.begin(), given.end());
+    EXPECT_EQ(Listing(given).files, order) << Listing(given).error;
+  }
+}
+
+TEST(Pictures, OtherKindsAreNotLeftOut) {
+  EXPECT_TRUE(contains(Listing({"0.jpg", "1.tif", "2.WEBP", "3.jpg"}).error,
+                       ": 2 of its pictures are of kinds that are"
+                       " not read, as 1.tif and 2.WEBP (convert"));
+  EXPECT_TRUE(contains(Listing({"0.heic", "1.heic"}).error, "as 0.heic and 1.heic"));
+  // Raw beside its JPEG is the same picture; AppleDouble, thumbnails and notes are no pictures.
+  EXPECT_EQ(Listing({"0.jpg", "0.dng", "1.jpg", "1.heic", "._0.tif", "Thumbs.db", "0.xmp", "notes.txt"}).files,
+            (Names{"0.jpg", "1.jpg"}));
+  EXPECT_TRUE(contains(Listing({"0.jpg", "0.png", "1.jpg"}).error, ": 0.jpg and 0.png have one name"));
+}
+
+TEST(Pictures, ACounterThatWrappedIsRefused) {
+  for (const Names& names : {Names{"IMG_9998.JPG", "IMG_9999.JPG", "IMG_0001.JPG", "IMG_0002.JPG"},
+                             Names{"IMG_9997.JPG", "IMG_9999.JPG", "IMG_0000.JPG", "IMG_0001.JPG"},
+                             Names{"DJI_0990.JPG", "DJI_0999.JPG", "DJI_0001.JPG", "DJI_0012.JPG"}}) {
+    const std::string error = Listing(names).error;
+    EXPECT_TRUE(contains(error, "the counter seems to have begun anew: " + names[2] + " would come before " + names[0]))
+        << error;
+    EXPECT_TRUE(contains(error, "as " + names[2].substr(4, 4) + " to 1" + names[2].substr(4, 4))) << error;
+  }
+  for (const Names& names :
+       {Names{"00001.jpg", "00002.jpg", "09998.jpg", "09999.jpg", "10000.jpg"},  // thinned
+        Names{"000.jpg", "001.jpg", "002.jpg", "900.jpg", "901.jpg", "1000.jpg"}, Names{"0.jpg", "1.jpg", "99.jpg"},
+        Names{"000.jpg", "450.jpg", "900.jpg"}, Names{"IMG_9998.jpg", "IMG_9999.jpg", "IMG_10001.jpg"}})
+    EXPECT_EQ(Listing(names).files, names);
+}
+
+TEST(Pictures, NumbersThatMayBeTwoAreRefused) {
+  EXPECT_TRUE(contains(Listing({"5.9000000.png", "5.100000000.png"}).error, "may be decimals or two counters"));
+  EXPECT_EQ(Listing({"5.900000000.png", "5.009000000.png"}).files, (Names{"5.009000000.png", "5.900000000.png"}));
+}
+
+TEST(Pictures, NamesWithoutAnOrderAreWarnedOf) {
+  for (const Names& names :
+       {Names{"c4ca4238a0.jpg", "c81e728d9d.jpg", "eccbc87e4b.jpg"},
+        Names{"0000635340061525167377.jpg", "0001663341875487337577.jpg", "7003326683750974675154.jpg"},
+        Names{"1700000000.jpg", "1700000001000.jpg"},
+        Names{"@utm@0691230.10@5341670.20@32@U@.jpg", "@utm@0691231.10@5341660.20@32@U@.jpg"}}) {
+    const Log log;
+    EXPECT_EQ(Listing(names).files.size(), names.size());
+    EXPECT_TRUE(log.has("give no order (" + names[0] + ", " + names[1])) << log.text();
+  }
+}
+
+}  // namespace
+}  // namespace citylearn::testing
