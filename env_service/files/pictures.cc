@@ -100,8 +100,8 @@ Names pictures_in(const std::string& folder) {
   const std::unordered_set<std::string> read(stems.begin(), stems.end());
   std::erase_if(unread, [&](const std::string& file) { return read.contains(stem_of(file)); });  // the same picture
   if (!unread.empty())
-    throw Error(std::to_string(unread.size()) + " of its pictures are of kinds that are not read, as " +
-                    unread.front() + (unread.size() > 1 ? " and " + unread.back() : ""),
+    throw Error("has pictures of kinds that are not read: " + unread.front() +
+                    (unread.size() > 1 ? " and " + std::to_string(unread.size() - 1) + " more" : ""),
                 folder, "convert them to PNG or JPEG, or move them away");
   if (files.size() < 2) return files;
   for (std::size_t i = 1; i < files.size(); ++i)

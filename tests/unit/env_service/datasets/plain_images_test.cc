@@ -97,7 +97,7 @@ TEST_F(PlainImages, PicturesInAFolderBelow) {
   EXPECT_TRUE(contains(complaint("day"), "day: has pictures in run/camera and in run/right (leave one of them"));
   make_file(folder_ / "night/0.heic", "x");
   EXPECT_EQ(plain()->names(), (std::vector<std::string>{"day", "night"}));
-  EXPECT_TRUE(contains(complaint("night"), "night: 1 of its pictures are of kinds that are not read, as 0.heic"));
+  EXPECT_TRUE(contains(complaint("night"), "night: has pictures of kinds that are not read: 0.heic (convert"));
 }
 
 TEST_F(PlainImages, PosesInAPlane) {

@@ -107,7 +107,7 @@ TEST(Orientation, ChangesTheFingerprintAndNothingElseDoes) {
     EXPECT_EQ(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()), contents(folder / "x.jpg"));
   }
   // Broken EXIF data: counts and offsets beyond their end.
-  for (const std::string data :
+  for (const std::string& data :
        {std::string("II*\0\xFF\xFF\xFF\xFF", 8), std::string("MM\0*\0\0\0\x8\xFF\xFF\1\x12", 12), std::string()}) {
     make_file(folder / "x.jpg", plain.substr(0, 2) + "\xFF\xE1" + big(static_cast<unsigned>(data.size()) + 8, 2) +
                                     std::string("Exif\0\0", 6) + data + plain.substr(2));
