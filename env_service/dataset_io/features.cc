@@ -37,19 +37,17 @@ class Table {
   /// Refuses a first line that numbers the columns and a first column that numbers the lines or has times, as pandas
   /// writes them beside features. Features that are all whole numbers may look so too, but for a header of 8 columns.
   void refuse_header_and_index() const {
-    const auto& values = traversal_.features;
     const auto frames = static_cast<std::size_t>(traversal_.frames),
                columns = static_cast<std::size_t>(traversal_.dimension);
-    const auto whole = [](float value) { return value == std::floor(value); };
     if (columns < 2) return;
-    bool header = values[0] == 0 || values[0] == 1, index = frames > 2, times = true, fractions = false;
-    for (std::size_t i = 1; i < columns; ++i) header = header && values[i] == values[i - 1] + 1;
-    for (std::size_t i = columns; i < values.size(); ++i) {
-      const float step = values[i] - values[i - columns];
-      if (i % columns != 0)
-        fractions = fractions || !whole(values[i]);
-      else if (times = times && step >= 0 && values[i - columns] >= 1e8; index)
-        index = whole(values[0]) && step >= 1 && step == values[columns] - values[0];
+    const float* const first = traversal_.features.data();
+    bool header = first[0] == 0 || first[0] == 1, index = frames > 2, times = true, fractions = false;
+    for (std::size_t i = 1; i < columns; ++i) header = header && first[i] == first[i - 1] + 1;
+    for (const float* row = first + columns; row != first + frames * columns; row += columns) {
+      const float before = *(row - columns), step = *row - before;
+      index = index && step >= 1 && step == first[columns] - first[0] && *row == std::floor(*row);
+      times = times && step >= 0 && before >= 1e8F;
+      fractions = fractions || std::any_of(row + 1, row + columns, [](float x) { return x != std::floor(x); });
     }
     if (header && (fractions || columns >= 8))
       throw Error("numbers the columns", path_ + ":1", "remove this line, as features have no header");
