@@ -47,7 +47,7 @@ class Table {
       const float before = *(row - columns), step = *row - before;
       index = index && step >= 1 && step == first[columns] - first[0] && *row == std::floor(*row);
       times = times && step >= 0 && before >= 1e8F;
-      fractions = fractions || std::any_of(row + 1, row + columns, [](float x) { return x != std::floor(x); });
+      fractions = fractions || std::any_of(row, row + columns, [](float x) { return x != std::floor(x); });
     }
     if (header && (fractions || columns >= 8))
       throw Error("numbers the columns", path_ + ":1", "remove this line, as features have no header");

@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 
 const std::string kMatches = "matches.csv";
 const std::string kPoses = ".poses.csv";
-constexpr int kDepth = 3;  // folders below that of a traversal in which its pictures may lie
+constexpr int kPictureDepth = 3;  // folders below that of a traversal in which its pictures may lie
 
 /// Your own traversals. Each is one of
 ///   NAME.csv           features: a frame a line, separated by commas, no header
@@ -73,7 +73,7 @@ class Plain : public FolderDataset {
 
   /// The pictures of a folder, or of the only folder below it that has any.
   Traversal photographed(const std::string& name, const std::string& path) const {
-    const std::vector<std::string> folders = picture_folders(path, kDepth);
+    const std::vector<std::string> folders = picture_folders(path, kPictureDepth);
     if (folders.size() > 1 && folders[0] != path)
       throw Error("has pictures in " + path_below(folders[0], path) + " and in " + path_below(folders[1], path), path,
                   "leave one of them; or give a folder below with --data");
@@ -111,7 +111,7 @@ class Plain : public FolderDataset {
     try {
       for (const std::string& file : files_in(folder_, video_suffixes())) add(stem_of(file), file);
       for (const std::string& name : folders_in(folder_))
-        if (!picture_folders(folder_ + "/" + name, kDepth).empty()) add(name, name);
+        if (!picture_folders(folder_ + "/" + name, kPictureDepth).empty()) add(name, name);
       // Beside pictures, a table whose columns have names describes them. Where there are no pictures, it is meant
       // as features, and reading it will say what is wrong.
       const bool pictures = !found.empty();

@@ -59,7 +59,7 @@ TEST_F(EnvProcess, ListsWhatThereIs) {
   write("b.csv", "1\n2\n");
   write("a.csv", "1\n2\n");
   EXPECT_EQ(output({"--list-traversals", "--dataset", "plain", "--data", folder_.path()}, 0), "a\nb\n");
-  EXPECT_EQ(output({"--list-traversals", "--data", folder_.path()}, 0), "a\nb\n") << "plain unless given";
+  EXPECT_EQ(output({"--list-traversals", "--data", folder_.path()}, 0), "a\nb\n") << "as what it is recognised";
   EXPECT_TRUE(contains(output({"--help-all"}, 0), "--synthetic-frames"));
   EXPECT_FALSE(output({"--version"}, 0).empty());
 }
