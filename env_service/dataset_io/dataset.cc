@@ -3,6 +3,7 @@
 
 #include "core/task/live.h"
 #include "core/util/text.h"
+#include "env_service/files/files.h"
 
 namespace citylearn {
 namespace {
@@ -14,7 +15,8 @@ Fit fit_of(const DatasetRegistry::Entry& entry, const std::string& folder) {
     const auto dataset = entry.create(Parameters("dataset " + entry.name, entry.parameters, {}), folder);
     return dataset->names().empty() ? Fit::kNone : dataset->distinctive() ? Fit::kDistinctive : Fit::kPossible;
   } catch (const Error&) {
-    return Fit::kNone;
+    // What "plain" says of a folder, as of one name twice, goes before what others take of it.
+    return entry.name == "plain" && is_folder(folder) ? Fit::kPossible : Fit::kNone;
   }
 }
 

@@ -40,22 +40,27 @@ void find_left_out(const std::string& folder, const std::unordered_set<std::stri
   namespace fs = std::filesystem;
   static const std::set<std::string> passed_over{".csv", ".json", ".xml", ".yaml", ".yml", ".toml", ".ini",
                                                  ".db",  ".xmp",  ".aae", ".thm",  ".log", ".md"},
-      texts{"", ".txt", ".tsv", ".pdf", ".html"};
-  std::map<std::string, std::set<std::string>> kinds;  // paths by suffix
+      texts{"files without a suffix", ".txt files", ".tsv files", ".pdf files", ".html files"};
+  std::map<std::string, std::set<std::string>> kinds;  // paths by kind
   std::error_code error;
   for (fs::recursive_directory_iterator at(folder, fs::directory_options::skip_permission_denied, error), end;
        !error && at != end; at.increment(error)) {
-    const std::string path = path_below(at->path().string(), folder), suffix = lower(at->path().extension().string());
+    const std::string path = path_below(at->path().string(), folder);
+    const bool poses = lower(path).ends_with(".poses.csv"), hidden = at->path().filename().string().starts_with('.');
+    const std::string suffix = poses ? ".poses.csv" : lower(at->path().extension().string());
+    const std::string stem = path.substr(0, path.size() - suffix.size());
     std::error_code ignored;
-    const bool is_folder = at->is_directory(ignored), hidden = at->path().filename().string().starts_with('.');
+    const bool is_folder = at->is_directory(ignored);
     if (hidden && is_folder) at.disable_recursion_pending();
-    if (hidden || (is_folder ? !fs::is_empty(at->path(), ignored) : passed_over.contains(suffix))) continue;
-    if (!taken.contains(path) && !taken.contains(path.substr(0, path.size() - suffix.size())))
-      kinds[is_folder ? "/" : suffix].insert(path);
+    if (hidden || (is_folder ? !fs::is_empty(at->path(), ignored) : passed_over.contains(suffix)) ||
+        taken.contains(path) || taken.contains(stem) || taken.contains(stem + suffix))
+      continue;
+    const std::string unnamed =
+        path.find('/') == path.npos ? "files without a suffix" : "files in folders without a suffix";
+    kinds[is_folder ? "empty folders" : suffix.empty() ? unnamed : suffix + " files"].insert(path);
   }
   for (const auto& [kind, paths] : kinds) {
-    const std::string line = std::to_string(paths.size()) + (kind == "/" ? " empty folders" : " " + kind + " files") +
-                             ", the first " + *paths.begin();
+    const std::string line = std::to_string(paths.size()) + " " + kind + ", the first " + *paths.begin();
     if (own && !texts.contains(kind))
       found.faults.push_back({"not taken", -1, "", line});
     else
@@ -71,6 +76,7 @@ Inspection inspect(Dataset& dataset, const std::string& folder, const std::funct
   std::vector<Traversal> traversals;
   long all = 0;
   for (const std::string& name : dataset.names()) try {
+      taken.insert(name + ".poses.csv");
       traversals.push_back(dataset.load(name));
       all += traversals.back().frames;
       traversals.back().features = {};  // they were checked as they were read

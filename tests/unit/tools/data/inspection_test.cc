@@ -38,6 +38,9 @@ TEST(Inspection, RecognisesFolders) {
   EXPECT_EQ(recognised(folder.path()).front(), "plain");
   make_file(folder / "gpsData/summer.csv", "tid,lat,lon\n5595900,6300000,1000000\n");
   EXPECT_EQ(recognised(folder.path()), (std::vector<std::string>{"nordland", "plain"}));
+  make_file(folder / "Summer.mp4", "x");  // one name twice is refused, not read as Nordland
+  std::filesystem::remove_all(folder / "gpsData");
+  EXPECT_EQ(recognised(folder.path()).front(), "plain");
   for (const std::string own : {"260815_0845", "Gold_Coast_1", "highway_1"}) {
     const Folder other;
     for (int i = 0; i < 3; ++i) write_grey(other / (own + "/" + std::to_string(i) + ".png"), 10 * i);
@@ -58,7 +61,7 @@ TEST(Inspection, ListsWhatIsNotTaken) {
   make_file(folder / "readme.txt", "x");
   EXPECT_TRUE(inspected().faults.empty());
   EXPECT_EQ(inspected().left_out, std::vector<std::string>{"1 .txt files, the first readme.txt"});
-  for (const std::string file : {"day/more/9.JPG", "day/more/8.jpg", "dusk.npy", "night/film.mkv"})
+  for (const std::string file : {"day/more/9.JPG", "day/more/8.jpg", "dusk.npy", "night/film.mkv", "Day.poses.csv"})
     make_file(folder / file, "x");
   std::filesystem::create_directory(folder / "dawn");
   std::vector<std::string> lines;
@@ -66,6 +69,7 @@ TEST(Inspection, ListsWhatIsNotTaken) {
   EXPECT_EQ(lines, (std::vector<std::string>{"not taken: 2 .jpg files, the first day/more/8.jpg",
                                              "not taken: 1 .mkv files, the first night/film.mkv",
                                              "not taken: 1 .npy files, the first dusk.npy",
+                                             "not taken: 1 .poses.csv files, the first Day.poses.csv",
                                              "not taken: 1 empty folders, the first dawn"}));
   EXPECT_EQ(nlohmann::json::parse(to_json("plain", inspected()))["left_out"].size(), 1u);
 }
